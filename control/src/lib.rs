@@ -1,0 +1,8 @@
+//! The mathematics of OQTAL: pure functions and small state machines over static matrices.
+//!
+//! No clock, no I/O, no thread, no allocation in a step; time arrives as an argument. Equation numbers are those of
+//! OQTAL (IEEE TAES 2015); where the printed equation is wrong the line cites the erratum in `docs/errata.md`.
+#![forbid(unsafe_code)]
+
+pub mod quantity;
+pub mod quaternion;

@@ -1,0 +1,99 @@
+//! Attitude as a unit quaternion, Eq. (5): Hamilton product, scalar last, body to world.
+
+use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// How far from 1 the norm of four numbers may be and still be an attitude. Single-precision poses are well inside.
+pub const NORM_TOLERANCE: f64 = 1e-2;
+
+/// Orientation of the body in the world: the rotation that takes body components to world components.
+///
+/// `q` and `-q` are one attitude; no result in this crate depends on the sign.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Attitude(UnitQuaternion<f64>);
+
+impl Default for Attitude {
+    fn default() -> Self {
+        Self::LEVEL
+    }
+}
+
+impl Attitude {
+    /// Body axes along world axes.
+    pub const LEVEL: Self = Self(UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)));
+
+    /// The attitude `[q1 q2 q3 eta]` of Eq. (5), scalar last, body to world: the one place where numbers become an attitude.
+    ///
+    /// The norm is brought to one. `None` unless all four are finite and the norm is within [`NORM_TOLERANCE`] of one.
+    #[must_use]
+    pub fn from_xyzw([x, y, z, w]: [f64; 4]) -> Option<Self> {
+        let quaternion = Quaternion::new(w, x, y, z);
+        let norm = quaternion.norm();
+        // A comparison with NaN is false, so non-finite numbers end here too.
+        ((norm - 1.0).abs() <= NORM_TOLERANCE).then(|| Self(UnitQuaternion::new_unchecked(quaternion / norm)))
+    }
+
+    /// The same attitude as a nalgebra rotation, body to world.
+    #[must_use]
+    pub fn from_unit_quaternion(body_to_world: UnitQuaternion<f64>) -> Self {
+        Self(body_to_world)
+    }
+
+    /// The attitude reached from level by the rotation vector (axis times angle) \[rad\].
+    #[must_use]
+    pub fn from_rotation_vector(rotation: Vector3<f64>) -> Self {
+        Self(UnitQuaternion::from_scaled_axis(rotation))
+    }
+
+    /// The attitude of a body whose rotation matrix, body to world, is `matrix`.
+    #[must_use]
+    pub fn from_rotation_matrix(matrix: &Rotation3<f64>) -> Self {
+        Self(UnitQuaternion::from_rotation_matrix(matrix))
+    }
+
+    /// `[q1 q2 q3 eta]`, scalar last, body to world.
+    #[must_use]
+    pub fn xyzw(&self) -> [f64; 4] {
+        let q = self.0.quaternion();
+        [q.i, q.j, q.k, q.w]
+    }
+
+    /// The nalgebra quaternion, body to world.
+    #[must_use]
+    pub fn unit_quaternion(&self) -> &UnitQuaternion<f64> {
+        &self.0
+    }
+
+    /// World components of a vector given in body components.
+    #[must_use]
+    pub fn to_world(&self, body: &Vector3<f64>) -> Vector3<f64> {
+        self.0 * body
+    }
+
+    /// Body components of a vector given in world components.
+    #[must_use]
+    pub fn to_body(&self, world: &Vector3<f64>) -> Vector3<f64> {
+        self.0.inverse_transform_vector(world)
+    }
+
+    /// The attitude after the body turns by the rotation vector `rotation` \[rad, body axes\]: `q (x) exp(rotation / 2)`.
+    #[must_use]
+    pub fn turned_by(&self, rotation: Vector3<f64>) -> Self {
+        let mut turned = self.0 * UnitQuaternion::from_scaled_axis(rotation);
+        turned.renormalize_fast();
+        Self(turned)
+    }
+
+    /// The rotation vector that takes `self` to `other`, the short way round \[rad, body axes of `self`\]:
+    /// `other = self.turned_by(v)`.
+    #[must_use]
+    pub fn rotation_to(&self, other: &Self) -> Vector3<f64> {
+        (self.0.inverse() * other.0).scaled_axis()
+    }
+
+    /// The angle between two attitudes, 0..pi \[rad\].
+    #[must_use]
+    pub fn angle_to(&self, other: &Self) -> f64 {
+        self.0.angle_to(&other.0)
+    }
+}

@@ -1,0 +1,1 @@
+//! The motion-capture process: six cameras as noise, latency and dropouts, or a recording.
