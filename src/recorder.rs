@@ -20,8 +20,8 @@ const REST: Span = Span::from_millis(500);
 const TURNED_OVER: f64 = 0.17;
 /// Further from the origin than this is a crash \[m\].
 const ROOM_M: f64 = 20.0;
-/// Ticks that may wait for their truth before they go without.
-const WAITING_TICKS: usize = 256;
+/// Samples of the truth that a late tick can still find its own among.
+const TRUTHS_KEPT: usize = 64;
 
 /// Records one flight.
 #[derive(Debug)]
@@ -34,7 +34,8 @@ pub struct Recorder {
     commands_lost: u64,
     battery: Vec<(Time, f64)>,
     waiting: VecDeque<TelemetryV1>,
-    last_truth: Option<TruthV1>,
+    /// The newest samples of the truth, oldest first.
+    truths: VecDeque<TruthV1>,
     flown: bool,
     resting_since: Option<Time>,
     outcome: Option<Outcome>,
@@ -53,28 +54,20 @@ impl Recorder {
             commands_lost: 0,
             battery: Vec::new(),
             waiting: VecDeque::new(),
-            last_truth: None,
+            truths: VecDeque::with_capacity(TRUTHS_KEPT),
             flown: false,
             resting_since: None,
             outcome: None,
         }
     }
 
-    /// Takes a sample of the truth. Ticks up to it now know where the vehicle was: at the sample nearest in time.
+    /// Takes a sample of the truth. Ticks up to it now know where the vehicle was.
     pub fn truth(&mut self, truth: &TruthV1) {
-        while let Some(telemetry) = self.waiting.front().copied() {
-            if telemetry.time > truth.time {
-                break;
-            }
-            self.waiting.pop_front();
-            let after = truth.time.since(telemetry.time);
-            let nearest = match self.last_truth {
-                Some(before) if telemetry.time.since(before.time) < after => before,
-                _ => *truth,
-            };
-            self.push(Sample { telemetry, truth: Some(nearest) });
+        if self.truths.len() == TRUTHS_KEPT {
+            self.truths.pop_front();
         }
-        self.last_truth = Some(*truth);
+        self.truths.push_back(*truth);
+        self.join();
     }
 
     /// Takes a tick of the daemon.
@@ -85,9 +78,7 @@ impl Recorder {
             return;
         }
         self.waiting.push_back(*telemetry);
-        if self.waiting.len() > WAITING_TICKS {
-            self.flush();
-        }
+        self.join();
     }
 
     /// Takes a pose.
@@ -120,8 +111,8 @@ impl Recorder {
 
     /// Closes the record; a flight that has not ended by itself ended with `otherwise`.
     #[must_use]
-    pub fn finish(mut self, otherwise: Outcome, speed_factor: f64) -> Flight {
-        self.flush();
+    pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
+        // Ticks after the last sample of the truth belong to no flight.
         Flight {
             outcome: self.outcome.unwrap_or(otherwise),
             config: self.config,
@@ -135,10 +126,15 @@ impl Recorder {
         }
     }
 
-    /// Lets ticks go without a truth later than theirs.
-    fn flush(&mut self) {
-        while let Some(telemetry) = self.waiting.pop_front() {
-            self.push(Sample { telemetry, truth: self.last_truth });
+    /// Gives every tick that the truth has caught up with the sample nearest in time; in virtual time that is the very
+    /// instant.
+    fn join(&mut self) {
+        let Some(newest) = self.truths.back().map(|truth| truth.time) else { return };
+        while let Some(telemetry) = self.waiting.front().copied().filter(|t| t.time <= newest) {
+            self.waiting.pop_front();
+            let distance = |truth: &&TruthV1| truth.time.since(telemetry.time).nanos().abs();
+            let truth = self.truths.iter().min_by_key(distance).copied();
+            self.push(Sample { telemetry, truth });
         }
     }
 

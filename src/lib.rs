@@ -1,0 +1,10 @@
+//! The front door of oqtal: flies, judges and shows.
+#![forbid(unsafe_code)]
+
+pub mod check;
+pub mod cli;
+pub mod ctl;
+pub mod flight;
+pub mod fly;
+pub mod recorder;
+pub mod summary;
