@@ -1,1 +1,3 @@
 //! The motion-capture process: six cameras as noise, latency and dropouts, or a recording.
+
+pub mod recording;
