@@ -3,8 +3,11 @@
 
 pub mod check;
 pub mod cli;
+pub mod csv;
 pub mod ctl;
 pub mod flight;
 pub mod fly;
 pub mod recorder;
+pub mod report;
 pub mod summary;
+pub mod table;

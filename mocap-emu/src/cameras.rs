@@ -9,7 +9,7 @@ use oqtal_bus::random::{Generator, Source, normal3, stream};
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::quaternion::Attitude;
 use rand::RngExt;
-use rand_distr::{Distribution, Exp1, Geometric};
+use rand_distr::{Distribution, Geometric};
 
 use crate::Delivery;
 
@@ -42,12 +42,13 @@ impl Cameras {
     pub fn capture(&mut self, truth: &TruthV1) {
         self.generator.set_word_pos(u128::from(truth.capture) * WORDS_PER_FRAME);
         let pose = self.measure(truth);
-        let latency_s = 1e-3 * (self.mocap.latency_ms + self.jitter_ms());
+        let jitter: f64 = self.generator.random();
+        let latency_ms = self.mocap.latency_ms + jitter * self.mocap.jitter_ms;
         if self.loses_frame() {
             return;
         }
         // Frames travel on one connection: none overtakes another, so that a late one makes a burst.
-        let arrival = truth.time + Span::from_seconds(latency_s);
+        let arrival = self.polled(truth.time + Span::from_seconds(latency_ms * 1e-3));
         let deliver_at = self.in_flight.back().map_or(arrival, |(previous, _)| arrival.max(*previous));
         let stamps = Stamps { captured_at: truth.time, ..Stamps::default() };
         self.in_flight.push_back((deliver_at, Delivery { frame: truth.capture, stamps, pose }));
@@ -66,6 +67,15 @@ impl Cameras {
             return None;
         }
         self.in_flight.pop_front().map(|(_, delivery)| delivery)
+    }
+
+    /// The instant at which the receiver next looks.
+    fn polled(&self, arrival: Time) -> Time {
+        let period = Span::from_seconds(self.mocap.poll_ms * 1e-3).nanos().unsigned_abs();
+        if period == 0 {
+            return arrival;
+        }
+        Time::from_nanos(arrival.nanos().div_ceil(period) * period)
     }
 
     fn measure(&mut self, truth: &TruthV1) -> PoseV1 {
@@ -90,11 +100,6 @@ impl Cameras {
             attitude: attitude.map_or([f64::NAN; 4], |attitude| attitude.xyzw()),
             tracked: u8::from(attitude.is_some()),
         }
-    }
-
-    fn jitter_ms(&mut self) -> f64 {
-        let unit: f64 = Exp1.sample(&mut self.generator);
-        unit * self.mocap.jitter_ms
     }
 
     /// Whether this frame is part of a gap; gaps begin by chance and have a geometric length.

@@ -18,8 +18,10 @@ pub struct Mocap {
     pub attitude_noise_deg: f64,
     /// Capture to pose \[ms\].
     pub latency_ms: f64,
-    /// Mean of an exponential addition to the latency \[ms\].
+    /// Greatest addition to the latency \[ms\], uniform from zero.
     pub jitter_ms: f64,
+    /// Poses are handed on at multiples of this \[ms\], as by a receiver that polls; 0 hands them on at once.
+    pub poll_ms: f64,
     /// Probability that a frame starts a gap.
     pub dropout_probability: f64,
     /// Mean length of a gap \[frames\], geometric.
@@ -47,6 +49,7 @@ impl Mocap {
         not_negative("mocap.attitude-noise-deg", self.attitude_noise_deg)?;
         not_negative("mocap.latency-ms", self.latency_ms)?;
         not_negative("mocap.jitter-ms", self.jitter_ms)?;
+        not_negative("mocap.poll-ms", self.poll_ms)?;
         probability("mocap.dropout-probability", self.dropout_probability)?;
         if !(self.dropout_frames >= 1.0 && self.dropout_frames.is_finite()) {
             return Err(Violation::new("mocap.dropout-frames", "must be at least 1"));
