@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Config;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::port::Bus;
+use oqtal_bus::bus::Bus;
 use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
 use oqtal_bus::time::Span;
 

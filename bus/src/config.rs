@@ -9,6 +9,12 @@ mod vehicle;
 
 use std::path::Path;
 
+use oqtal_control::controller::{
+    ControllerName, ControllerOptions, LqrOptions, OqtalOptions, PidOptions,
+};
+use oqtal_control::estimator::EstimatorOptions;
+use oqtal_control::position::PositionOptions;
+use oqtal_control::trajectory::TrajectoryOptions;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -62,7 +68,7 @@ impl Violation {
 pub struct Instance {
     /// Name, `[a-z0-9-]{1,32}`.
     pub name: String,
-    /// Directory of the instance's files; empty for the default rule of [`crate::port::Place`].
+    /// Directory of the instance's files; empty for the default rule of [`crate::place::Place`].
     pub root: String,
 }
 
@@ -88,12 +94,31 @@ pub struct Clock {
     pub seed: u64,
 }
 
-/// `[control]`: the loop and its law.
+/// `[control]`: the loop, its law and its estimator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Control {
     /// Rate of the loop \[Hz\].
     pub rate_hz: f64,
+    /// The law that flies.
+    pub controller: ControllerName,
+    /// `[control.pid]`.
+    pub pid: PidOptions,
+    /// `[control.lqr]`.
+    pub lqr: LqrOptions,
+    /// `[control.oqtal]`.
+    pub oqtal: OqtalOptions,
+    /// `[control.estimator]`.
+    pub estimator: EstimatorOptions,
+}
+
+impl Control {
+    /// The law that flies, and the options of all laws.
+    #[must_use]
+    pub fn controller_options(&self) -> ControllerOptions {
+        let Self { controller, pid, lqr, oqtal, .. } = *self;
+        ControllerOptions { controller, pid, lqr, oqtal }
+    }
 }
 
 /// `[safety]`: what the daemon believes.
@@ -146,6 +171,10 @@ pub struct Config {
     pub mocap: Mocap,
     /// `[control]`.
     pub control: Control,
+    /// `[position]`: the outer loops.
+    pub position: PositionOptions,
+    /// `[trajectory]`: what is flown.
+    pub trajectory: TrajectoryOptions,
     /// `[safety]`.
     pub safety: Safety,
     /// `[log]`.

@@ -7,9 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::conductor::{Conductor, Done};
 use crate::message::{DoneV1, GrantV1, Message, Stamps};
-use crate::port::{Bus, BusError, Doorbell, Reader, Writer};
+use crate::bus::Bus;
+use crate::error::BusError;
+use crate::port::{Reader, Writer};
 use crate::time::{Span, Time};
 use crate::topic::{Party, Topic};
+use crate::wake::Doorbell;
 
 /// A sleeping process looks this often whether it was asked to stop.
 const STOP_CHECK: Span = Span::from_millis(20);

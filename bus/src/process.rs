@@ -10,7 +10,9 @@ use rustix::process::Signal;
 use crate::config::{ClockKind, Config, ConfigError, LogLevel, Setting};
 use crate::message::Message;
 use crate::pace::{Pace, StopFlag};
-use crate::port::{Bus, BusError, Place};
+use crate::bus::Bus;
+use crate::error::BusError;
+use crate::place::Place;
 use crate::topic::{Party, Topic};
 
 /// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).

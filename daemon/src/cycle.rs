@@ -87,7 +87,11 @@ impl Cycle {
             fresh: None,
             missing: Cause::NoPose,
             held: CommandV1::default(),
-            telemetry: TelemetryV1::default(),
+            telemetry: TelemetryV1 {
+                mission_s: f64::NAN,
+                pose_age_s: f64::NAN,
+                ..TelemetryV1::default()
+            },
         })
     }
 

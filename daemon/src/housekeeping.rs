@@ -7,7 +7,10 @@ use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, Stamps, TelemetryV1};
 use oqtal_bus::pace::StopFlag;
-use oqtal_bus::port::{Bus, BusError, Place, Writer};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
+use oqtal_bus::place::Place;
+use oqtal_bus::port::Writer;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
 

@@ -11,7 +11,8 @@ use std::path::Path;
 
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::pace::Pace;
-use oqtal_bus::port::{Bus, Writer};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::port::Writer;
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{POSE, TRUTH};

@@ -8,7 +8,9 @@ use oqtal_bus::code::{Answer, Verb};
 use oqtal_bus::config::ClockKind;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::pace::{Pace, StopFlag};
-use oqtal_bus::port::{Bus, ControlClient, Place};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::control::ControlClient;
+use oqtal_bus::place::Place;
 use oqtal_bus::process::{Exit, Failure, place_of};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
@@ -36,8 +38,8 @@ const WATCH: Duration = Duration::from_millis(20);
 pub fn fly(mission: &Mission, output: &Output) -> Result<Flight, Failure> {
     let place = place_of(&mission.config)?;
     let result = fly_at(mission, output, &place);
-    // A killed process cleans up nothing; a bus that joins does.
-    Bus::open(&place)?.clean_up_dead();
+    // A killed process cleans up nothing.
+    Bus::open(&place)?.leave();
     result
 }
 
@@ -51,7 +53,8 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     let stop = StopFlag::default();
     let watch = Watch { place, stop: &stop, over: AtomicBool::new(false), fallen: Mutex::new(None) };
     let flight = std::thread::scope(|threads| {
-        threads.spawn(|| watch.run(&mut crew, &interrupts));
+        let (watch, crew) = (&watch, &mut crew);
+        threads.spawn(move || watch.run(crew, &interrupts));
         let flight = record(mission, &bus, &mut observer, &stop);
         watch.over.store(true, Ordering::Release);
         flight
