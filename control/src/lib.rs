@@ -4,5 +4,8 @@
 //! OQTAL (IEEE TAES 2015); where the printed equation is wrong the line cites the erratum in `docs/errata.md`.
 #![forbid(unsafe_code)]
 
+pub mod estimator;
+pub mod pid;
 pub mod quantity;
 pub mod quaternion;
+pub mod range;
