@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod estimator;
+pub mod metrics;
 pub mod pid;
 pub mod quantity;
 pub mod quaternion;
