@@ -10,3 +10,4 @@ pub mod pid;
 pub mod quantity;
 pub mod quaternion;
 pub mod range;
+pub mod trajectory;
