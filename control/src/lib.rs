@@ -7,6 +7,7 @@
 pub mod estimator;
 pub mod metrics;
 pub mod pid;
+pub mod position;
 pub mod quantity;
 pub mod quaternion;
 pub mod range;
