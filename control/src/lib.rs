@@ -4,5 +4,11 @@
 //! OQTAL (IEEE TAES 2015); where the printed equation is wrong the line cites the erratum in `docs/errata.md`.
 #![forbid(unsafe_code)]
 
+pub mod estimator;
+pub mod metrics;
+pub mod pid;
+pub mod position;
 pub mod quantity;
 pub mod quaternion;
+pub mod range;
+pub mod trajectory;
