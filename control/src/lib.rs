@@ -4,5 +4,11 @@
 //! OQTAL (IEEE TAES 2015); where the printed equation is wrong the line cites the erratum in `docs/errata.md`.
 #![forbid(unsafe_code)]
 
+pub mod error;
+pub mod error_model;
+pub mod euler;
+pub mod integral;
 pub mod quantity;
 pub mod quaternion;
+pub mod rigid_body;
+pub mod schedule;

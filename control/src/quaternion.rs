@@ -20,7 +20,9 @@ impl Default for Attitude {
 
 impl Attitude {
     /// Body axes along world axes.
-    pub const LEVEL: Self = Self(UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)));
+    pub const LEVEL: Self = Self(UnitQuaternion::new_unchecked(Quaternion::new(
+        1.0, 0.0, 0.0, 0.0,
+    )));
 
     /// The attitude `[q1 q2 q3 eta]` of Eq. (5), scalar last, body to world: the one place where numbers become an attitude.
     ///
@@ -30,7 +32,8 @@ impl Attitude {
         let quaternion = Quaternion::new(w, x, y, z);
         let norm = quaternion.norm();
         // A comparison with NaN is false, so non-finite numbers end here too.
-        ((norm - 1.0).abs() <= NORM_TOLERANCE).then(|| Self(UnitQuaternion::new_unchecked(quaternion / norm)))
+        ((norm - 1.0).abs() <= NORM_TOLERANCE)
+            .then(|| Self(UnitQuaternion::new_unchecked(quaternion / norm)))
     }
 
     /// The same attitude as a nalgebra rotation, body to world.
