@@ -6,3 +6,4 @@
 
 pub mod quantity;
 pub mod quaternion;
+pub mod riccati;
