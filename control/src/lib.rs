@@ -10,5 +10,6 @@ pub mod euler;
 pub mod integral;
 pub mod quantity;
 pub mod quaternion;
+pub mod riccati;
 pub mod rigid_body;
 pub mod schedule;
