@@ -24,6 +24,15 @@ pub struct AttitudeState {
     pub rate: BodyRate,
 }
 
+impl AttitudeState {
+    /// Whether every number is finite.
+    #[inline]
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.attitude.is_finite() && is_finite(&self.rate.0)
+    }
+}
+
 /// Where the body should be.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AttitudeReference {
@@ -33,6 +42,20 @@ pub struct AttitudeReference {
     pub rate: BodyRate,
     /// Time derivative of `omega_d` \[rad/s^2, desired-body axes\].
     pub acceleration: AngularAcceleration,
+}
+
+impl AttitudeReference {
+    /// Whether every number is finite.
+    #[inline]
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.attitude.is_finite() && is_finite(&self.rate.0) && is_finite(&self.acceleration.0)
+    }
+}
+
+#[inline]
+fn is_finite(vector: &Vector3<f64>) -> bool {
+    vector.iter().all(|component| component.is_finite())
 }
 
 /// The attitude error `q_e = [eps, lambda]` of Eq. (12), the short way round: `lambda >= 0`.
@@ -47,6 +70,7 @@ impl AttitudeError {
     ///
     /// `q` and `-q` are one attitude, so of the two signs of `q_e` the one whose first non-zero number of
     /// `[lambda, eps]` is positive is taken. Half a turn away, where `lambda = 0`, that still is one of the two.
+    #[inline]
     #[must_use]
     pub fn between(desired: &Attitude, actual: &Attitude) -> Self {
         // Eqs. (8), (9), (10), erratum E-10
@@ -77,6 +101,7 @@ impl AttitudeError {
     }
 
     /// `C`: takes desired-body components to body components.
+    #[inline]
     #[must_use]
     pub fn rotation(&self) -> Matrix3<f64> {
         let Self { eps, lambda } = self;
@@ -86,6 +111,7 @@ impl AttitudeError {
     }
 
     /// `omega_e`: the body rate relative to the desired rate \[rad/s, body axes\].
+    #[inline]
     #[must_use]
     pub fn rate_error(&self, omega: BodyRate, omega_d: BodyRate) -> Vector3<f64> {
         // Eq. (36)

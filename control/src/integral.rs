@@ -29,6 +29,7 @@ impl Integral {
     ///
     /// `excess` is the command that was wanted less the one that was given, `push` the rate at which the wanted command
     /// moves because of this integral. An `error` or a `dt_s` that is not finite adds nothing.
+    #[inline]
     pub fn step(
         &mut self,
         error: &Vector3<f64>,

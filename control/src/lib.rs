@@ -4,6 +4,7 @@
 //! OQTAL (IEEE TAES 2015); where the printed equation is wrong the line cites the erratum in `docs/errata.md`.
 #![forbid(unsafe_code)]
 
+pub mod controller;
 pub mod error;
 pub mod error_model;
 pub mod euler;

@@ -61,6 +61,13 @@ impl Attitude {
         [q.i, q.j, q.k, q.w]
     }
 
+    /// Whether every number is finite. Made by [`from_xyzw`](Self::from_xyzw) they are; computed, they may not be.
+    #[inline]
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.0.coords.iter().all(|number| number.is_finite())
+    }
+
     /// The nalgebra quaternion, body to world.
     #[must_use]
     pub fn unit_quaternion(&self) -> &UnitQuaternion<f64> {

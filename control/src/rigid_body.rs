@@ -79,6 +79,7 @@ impl Inertia {
     }
 
     /// `omega x J omega`: the torque that keeps a turning body's rate constant.
+    #[inline]
     #[must_use]
     pub fn gyroscopic_torque(&self, omega: BodyRate) -> Torque {
         Torque(omega.0.cross(&(self.matrix * omega.0)))

@@ -49,6 +49,7 @@ pub struct Grid {
 
 impl Grid {
     /// The operating point that `x` calls for, if it is not `current`.
+    #[inline]
     fn next<const D: usize>(
         &self,
         x: &SVector<f64, D>,
@@ -62,7 +63,8 @@ impl Grid {
             (Cells::Centred, _) => x.map(|xi| (xi / delta).round() * delta),
             // The unnumbered rule of Section II.F.3: n delta <= xi < (n + 1) delta.
             (Cells::Floor, _) => x.map(|xi| (xi / delta).floor() * delta),
-            (Cells::Truncated, _) => x.map(|xi| (xi / delta).trunc() * delta),
+            // A cast truncates, and unlike `trunc` without a call.
+            (Cells::Truncated, _) => x.map(|xi| (xi / delta) as i64 as f64 * delta),
             (Cells::Deadband, Some(centre)) if (x - centre).amax() <= delta => *centre,
             (Cells::Deadband, _) => *x,
         };
@@ -95,17 +97,14 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
 
     /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain stays, and the next
     /// attempt is at the next operating point. An `x` that is not finite changes nothing.
+    #[inline]
     pub fn gain<E>(
         &mut self,
         x: &SVector<f64, D>,
         solve: impl FnOnce(&SVector<f64, D>) -> Result<G, E>,
     ) -> &G {
-        let finite = x.iter().all(|xi| xi.is_finite());
-        if let Some(point) = self
-            .grid
-            .next(x, self.operating_point.as_ref())
-            .filter(|_| finite)
-        {
+        let next = self.grid.next(x, self.operating_point.as_ref());
+        if let Some(point) = next.filter(|_| x.iter().all(|xi| xi.is_finite())) {
             self.solves = self.solves.saturating_add(1);
             match solve(&point) {
                 Ok(gain) => self.gain = gain,
