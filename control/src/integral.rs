@@ -1,0 +1,52 @@
+//! Integral action that does not wind up.
+
+use nalgebra::Vector3;
+
+/// The time integral of an error, each component within a limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Integral {
+    value: Vector3<f64>,
+    limit: f64,
+}
+
+impl Integral {
+    /// An integral at zero whose components stay within `limit` \[the unit of the error times s\], which is not negative.
+    #[must_use]
+    pub fn new(limit: f64) -> Self {
+        Self {
+            value: Vector3::zeros(),
+            limit,
+        }
+    }
+
+    /// The integral \[the unit of the error times s\].
+    #[must_use]
+    pub fn value(&self) -> &Vector3<f64> {
+        &self.value
+    }
+
+    /// Adds `error` over `dt_s` seconds, unless the command is saturated and this would drive it further out of range.
+    ///
+    /// `excess` is the command that was wanted less the one that was given, `push` the rate at which the wanted command
+    /// moves because of this integral. An `error` or a `dt_s` that is not finite adds nothing.
+    #[inline]
+    pub fn step(
+        &mut self,
+        error: &Vector3<f64>,
+        push: &Vector3<f64>,
+        excess: &Vector3<f64>,
+        dt_s: f64,
+    ) {
+        let increment = error * dt_s;
+        let winds_up = push.dot(excess) > 0.0;
+        if !winds_up && increment.iter().all(|component| component.is_finite()) {
+            self.value =
+                (self.value + increment).map(|component| component.clamp(-self.limit, self.limit));
+        }
+    }
+
+    /// Back to zero.
+    pub fn reset(&mut self) {
+        self.value = Vector3::zeros();
+    }
+}

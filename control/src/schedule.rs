@@ -1,0 +1,140 @@
+//! Gain scheduling by cells (paper, Section II.F.3): a gain is computed for the cell of the operating space the vehicle is
+//! in, and again only when it leaves that cell.
+//!
+//! The schedule knows nothing of the law: it is given the vector that selects the cell and a function from an operating
+//! point to a gain.
+
+use nalgebra::SVector;
+use serde::{Deserialize, Serialize};
+
+/// How a value is assigned to a cell of width `delta`, and which value stands for the cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Cells {
+    /// `[(n - 1/2) delta, (n + 1/2) delta)`, stood for by `n delta`.
+    Centred,
+    /// `[n delta, (n + 1) delta)`, stood for by `n delta`: the rule the paper prints. Zero is on a border, so noise alone
+    /// changes the cell.
+    Floor,
+    /// As [`Cells::Floor`] but mirrored for negative values, so zero is in the middle of a cell of double width. It agrees
+    /// with the number of solutions the paper reports.
+    #[default]
+    Truncated,
+    /// The cell reaches `delta` to either side of the vector at which the last gain was computed, which stands for it.
+    /// Being centred on that vector it has hysteresis: noise cannot take the schedule back and forth.
+    Deadband,
+}
+
+/// When a gain is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Resolve {
+    /// When the cell changes.
+    #[default]
+    OnCellChange,
+    /// In every step, at the vector itself and not at what stands for its cell. Not in the paper.
+    EveryTick,
+}
+
+/// The cells of an operating space and when to compute a gain in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// How the space is divided.
+    pub cells: Cells,
+    /// `delta`, the width of a cell \[the unit of the vector\], positive.
+    pub delta: f64,
+    /// When a gain is computed.
+    pub resolve: Resolve,
+}
+
+impl Grid {
+    /// The operating point that `x` calls for, if it is not `current`.
+    #[inline]
+    fn next<const D: usize>(
+        &self,
+        x: &SVector<f64, D>,
+        current: Option<&SVector<f64, D>>,
+    ) -> Option<SVector<f64, D>> {
+        if self.resolve == Resolve::EveryTick {
+            return Some(*x);
+        }
+        let delta = self.delta;
+        let point = match (self.cells, current) {
+            (Cells::Centred, _) => x.map(|xi| (xi / delta).round() * delta),
+            // The unnumbered rule of Section II.F.3: n delta <= xi < (n + 1) delta.
+            (Cells::Floor, _) => x.map(|xi| (xi / delta).floor() * delta),
+            // A cast truncates, and unlike `trunc` without a call.
+            (Cells::Truncated, _) => x.map(|xi| (xi / delta) as i64 as f64 * delta),
+            (Cells::Deadband, Some(centre)) if (x - centre).amax() <= delta => *centre,
+            (Cells::Deadband, _) => *x,
+        };
+        (current != Some(&point)).then_some(point)
+    }
+}
+
+/// A gain that follows the operating point from cell to cell, over an operating space of `D` dimensions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GainSchedule<const D: usize, G> {
+    grid: Grid,
+    operating_point: Option<SVector<f64, D>>,
+    gain: G,
+    solves: u32,
+    failed_solves: u32,
+}
+
+impl<const D: usize, G: Default> GainSchedule<D, G> {
+    /// A schedule that has not computed a gain; until it has, the gain is the default of its type.
+    #[must_use]
+    pub fn new(grid: Grid) -> Self {
+        Self {
+            grid,
+            operating_point: None,
+            gain: G::default(),
+            solves: 0,
+            failed_solves: 0,
+        }
+    }
+
+    /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain stays, and the next
+    /// attempt is at the next operating point. An `x` that is not finite changes nothing.
+    #[inline]
+    pub fn gain<E>(
+        &mut self,
+        x: &SVector<f64, D>,
+        solve: impl FnOnce(&SVector<f64, D>) -> Result<G, E>,
+    ) -> &G {
+        let next = self.grid.next(x, self.operating_point.as_ref());
+        if let Some(point) = next.filter(|_| x.iter().all(|xi| xi.is_finite())) {
+            self.solves = self.solves.saturating_add(1);
+            match solve(&point) {
+                Ok(gain) => self.gain = gain,
+                Err(_) => self.failed_solves = self.failed_solves.saturating_add(1),
+            }
+            self.operating_point = Some(point);
+        }
+        &self.gain
+    }
+
+    /// Forgets the operating point, so that the next step computes a gain. The counts go on.
+    pub fn reset(&mut self) {
+        self.operating_point = None;
+    }
+
+    /// The operating point of the current gain, if one was computed.
+    #[must_use]
+    pub fn operating_point(&self) -> Option<&SVector<f64, D>> {
+        self.operating_point.as_ref()
+    }
+
+    /// How often a gain was computed, the first time and failures included.
+    #[must_use]
+    pub fn solves(&self) -> u32 {
+        self.solves
+    }
+
+    /// How often computing a gain failed.
+    #[must_use]
+    pub fn failed_solves(&self) -> u32 {
+        self.failed_solves
+    }
+}
