@@ -1,4 +1,6 @@
 //! r
 use crate::flight::Flight;
 /// x
-pub fn write(_f:&Flight,_o: impl std::io::Write)->Result<(),String>{Ok(())}
+pub fn write(_f: &Flight, _o: impl std::io::Write) -> Result<(), String> {
+    Ok(())
+}

@@ -1,4 +1,7 @@
 //! r
-use crate::flight::Flight; use crate::summary::Summary;
+use crate::flight::Flight;
+use crate::summary::Summary;
 /// x
-pub fn html(_f:&Flight,_s:&Summary)->String{String::new()}
+pub fn html(_f: &Flight, _s: &Summary) -> String {
+    String::new()
+}

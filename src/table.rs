@@ -1,4 +1,6 @@
 //! r
 use crate::summary::Summary;
 /// x
-pub fn closing(s:&Summary)->String{s.to_json()}
+pub fn closing(s: &Summary) -> String {
+    s.to_json()
+}

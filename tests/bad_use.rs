@@ -36,10 +36,12 @@ fn a_missing_configuration_file_is_named() {
 
 #[test]
 fn an_instance_name_must_be_plain() {
-    let output = Testbed::new("bad").fly(&["--set", "instance.name=a/b"]);
-    // The testbed's own --instance comes last and wins; the rule is checked on a bus of its own.
-    assert!(output.status.code().is_some());
-    assert!(oqtal_bus::place::Place::new("a/b", None).is_err());
+    let output =
+        Testbed::new("bad").oqtal(&["ctl", "status"]).arg("--instance").arg("a/b").output();
+    // Given twice, it is a usage error before its value matters; alone, the rule is named.
+    assert_eq!(output.unwrap().status.code(), Some(64));
+    let error = oqtal_bus::place::Place::new("a/b", None).unwrap_err();
+    assert!(error.to_string().contains("a-z, 0-9 and -"), "{error}");
 }
 
 /// A configuration file with these lines is refused, naming the line and the rule.
@@ -75,8 +77,7 @@ fn f30_a_bad_configuration_is_refused_with_file_and_line() {
 #[test]
 fn a_variable_is_named_when_it_is_wrong() {
     let testbed = Testbed::new("bad-variable");
-    let output =
-        testbed.oqtal(&["fly"]).env("OQTAL_VEHICLE__MASS_KG", "-1").output().unwrap();
+    let output = testbed.oqtal(&["fly"]).env("OQTAL_VEHICLE__MASS_KG", "-1").output().unwrap();
     assert_eq!(output.status.code(), Some(78));
     assert!(stderr(&output).contains("OQTAL_VEHICLE__MASS_KG"), "{}", stderr(&output));
 }

@@ -43,7 +43,8 @@ fn lockstep_stands_still_while_the_daemon_is_stopped_and_goes_on_after() {
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     let mut truth = bus.observer(&TRUTH).unwrap();
-    let long = ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "600", "--json"];
+    let long =
+        ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "600", "--json"];
     let flight = testbed.start(&long);
     let daemon = wait_for("the daemon", || {
         telemetry.next().unwrap().map(|(header, _)| header.source.try_into().unwrap())
@@ -60,7 +61,9 @@ fn lockstep_stands_still_while_the_daemon_is_stopped_and_goes_on_after() {
     std::thread::sleep(std::time::Duration::from_millis(300));
     assert!(truth.latest().unwrap().is_none(), "time went on without the daemon");
     signal(daemon, Signal::CONT);
-    wait_for("time to go on", || truth.latest().unwrap().filter(|(_, truth)| Some(truth.time) > last));
+    wait_for("time to go on", || {
+        truth.latest().unwrap().filter(|(_, truth)| Some(truth.time) > last)
+    });
     let output = flight.wait();
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["outcome"], "landed");

@@ -18,7 +18,8 @@ fn airborne(testbed: &Testbed) -> (Running, Bus, u32, u32) {
     let flight = testbed.start(&[&LONG[..], &["--json"]].concat());
     let daemon = wait_for("take-off", || {
         let (header, telemetry) = telemetry.latest().unwrap()?;
-        (telemetry.mode == Mode::Flying.code() && telemetry.position[2] > 0.3).then_some(header.source)
+        (telemetry.mode == Mode::Flying.code() && telemetry.position[2] > 0.3)
+            .then_some(header.source)
     });
     let plant = wait_for("the truth", || truth.latest().unwrap().map(|(header, _)| header.source));
     (flight, bus, daemon.try_into().unwrap(), plant.try_into().unwrap())

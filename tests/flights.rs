@@ -97,8 +97,8 @@ fn f01_short_dropouts_are_coasted_through() {
 fn f02_a_long_dropout_stops_the_motors() {
     let testbed = Testbed::new("blind");
     let words = ["--clock", "in-process", "--set", "mocap.dropout-probability=0.002"];
-    let output = testbed
-        .fly(&[&words[..], &["--set", "mocap.dropout-frames=1000", "--json"]].concat());
+    let output =
+        testbed.fly(&[&words[..], &["--set", "mocap.dropout-frames=1000", "--json"]].concat());
     assert_eq!(output.status.code(), Some(1));
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["outcome"], "stopped");
@@ -116,16 +116,39 @@ fn f09_outliers_are_refused_and_flown_through() {
 fn a_summary_has_every_field_of_its_description() {
     let summary = fly(&[]);
     for field in [
-        "controller", "trajectory", "vehicle", "clock", "seed", "ticks", "duration_s", "scored_s",
-        "outcome", "error_source", "position_error_m", "velocity_error_m_s", "attitude_error_deg",
-        "effort", "riccati_solves", "speed_factor", "deadline_misses", "lost", "hops",
-        "wakeup_lateness", "state_sequence", "config_hash", "trajectory_hash",
+        "controller",
+        "trajectory",
+        "vehicle",
+        "clock",
+        "seed",
+        "ticks",
+        "duration_s",
+        "scored_s",
+        "outcome",
+        "error_source",
+        "position_error_m",
+        "velocity_error_m_s",
+        "attitude_error_deg",
+        "effort",
+        "riccati_solves",
+        "speed_factor",
+        "deadline_misses",
+        "lost",
+        "hops",
+        "wakeup_lateness",
+        "state_sequence",
+        "config_hash",
+        "trajectory_hash",
     ] {
         assert!(summary.get(field).is_some(), "{field} is missing");
     }
     for hop in [
-        "capture_to_publish", "publish_to_daemon", "compute", "command_to_vehicle",
-        "vehicle_to_applied", "sensor_to_actuator",
+        "capture_to_publish",
+        "publish_to_daemon",
+        "compute",
+        "command_to_vehicle",
+        "vehicle_to_applied",
+        "sensor_to_actuator",
     ] {
         assert!(number(&summary, &format!("/hops/{hop}/count")) > 1000.0);
     }

@@ -6,8 +6,8 @@ use iceoryx2::node::{NodeCreationFailure, NodeView};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
-    CallbackProgression, EventId, Node, NodeBuilder, NodeState, ServiceName,
-    SignalHandlingMode, ipc,
+    CallbackProgression, EventId, Node, NodeBuilder, NodeState, ServiceName, SignalHandlingMode,
+    ipc,
 };
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
@@ -89,12 +89,14 @@ impl Bus {
     /// # Errors
     /// The topic has a writer already, or speaks another version.
     pub fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<Writer<M>, BusError> {
-        let publisher = self.topic_service(topic)?.publisher_builder().create().map_err(|error| match error {
-            PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                BusError::Held { topic: topic.name, instance: self.place.instance.clone() }
-            }
-            other => system(format!("writing topic `{}`", topic.name), &other),
-        })?;
+        let publisher = self.topic_service(topic)?.publisher_builder().create().map_err(
+            |error| match error {
+                PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                    BusError::Held { topic: topic.name, instance: self.place.instance.clone() }
+                }
+                other => system(format!("writing topic `{}`", topic.name), &other),
+            },
+        )?;
         Ok(Writer::new(publisher, self.ringer(topic.name)?, topic.name))
     }
 
@@ -120,7 +122,9 @@ impl Bus {
     /// The operating system refuses.
     pub fn doorbell<M: Message>(&self, topic: &Topic<M>) -> Result<Doorbell, BusError> {
         let listener = self.event_service(topic.name)?.listener_builder().create();
-        Ok(Doorbell::new(listener.map_err(|e| system(format!("listening to `{}`", topic.name), &e))?))
+        Ok(Doorbell::new(
+            listener.map_err(|e| system(format!("listening to `{}`", topic.name), &e))?,
+        ))
     }
 
     /// The daemon's end of the control service.
@@ -141,9 +145,17 @@ impl Bus {
         Ok(ControlClient::new(client.map_err(|e| system(format!("asking `{CONTROL}`"), &e))?))
     }
 
-    fn reader_with_buffer<M: Message>(&self, topic: &Topic<M>, buffer: usize) -> Result<Reader<M>, BusError> {
-        let subscriber = self.topic_service(topic)?.subscriber_builder().buffer_size(buffer).create();
-        Ok(Reader::new(subscriber.map_err(|e| system(format!("reading topic `{}`", topic.name), &e))?, topic.name))
+    fn reader_with_buffer<M: Message>(
+        &self,
+        topic: &Topic<M>,
+        buffer: usize,
+    ) -> Result<Reader<M>, BusError> {
+        let subscriber =
+            self.topic_service(topic)?.subscriber_builder().buffer_size(buffer).create();
+        Ok(Reader::new(
+            subscriber.map_err(|e| system(format!("reading topic `{}`", topic.name), &e))?,
+            topic.name,
+        ))
     }
 
     fn ringer(&self, name: &'static str) -> Result<Notifier<ipc::Service>, BusError> {
@@ -211,9 +223,9 @@ impl Bus {
             PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
                 Open::IncompatibleTypes | Open::VersionMismatch | Open::ServiceInCorruptedState,
             ) => BusError::Version { topic: topic.to_owned() },
-            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(Open::InsufficientPermissions) => {
-                BusError::Permission { path: self.place.root.clone() }
-            }
+            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
+                Open::InsufficientPermissions,
+            ) => BusError::Permission { path: self.place.root.clone() },
             other => system(format!("opening topic `{topic}`"), &other),
         }
     }
@@ -234,4 +246,3 @@ fn remove_node_counter(prefix: &str) {
         }
     }
 }
-

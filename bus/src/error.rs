@@ -52,4 +52,3 @@ pub enum BusError {
 pub(crate) fn system(action: impl Into<String>, reason: &dyn std::fmt::Debug) -> BusError {
     BusError::System { action: action.into(), reason: format!("{reason:?}") }
 }
-

@@ -5,10 +5,10 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::conductor::{Conductor, Done};
-use crate::message::{DoneV1, GrantV1, Message, Stamps};
 use crate::bus::Bus;
+use crate::conductor::{Conductor, Done};
 use crate::error::BusError;
+use crate::message::{DoneV1, GrantV1, Message, Stamps};
 use crate::port::{Reader, Writer};
 use crate::time::{Span, Time};
 use crate::topic::{Party, Topic};
@@ -57,7 +57,11 @@ impl Pace {
     ///
     /// # Errors
     /// The bus refuses.
-    pub fn real<M: Message>(bus: &Bus, wakes_on: &Topic<M>, stop: StopFlag) -> Result<Self, BusError> {
+    pub fn real<M: Message>(
+        bus: &Bus,
+        wakes_on: &Topic<M>,
+        stop: StopFlag,
+    ) -> Result<Self, BusError> {
         Ok(Self::new(Clock::Real(bus.doorbell(wakes_on)?), stop, Time::now()))
     }
 

@@ -73,4 +73,3 @@ fn default_root() -> PathBuf {
         _ => PathBuf::from(format!("/tmp/oqtal-{}", rustix::process::getuid().as_raw())),
     }
 }
-

@@ -32,7 +32,9 @@ impl<M: Message> Writer<M> {
     /// # Errors
     /// The shared memory is gone.
     pub fn send(&mut self, pose_sequence: u64, stamps: Stamps, body: M) -> Result<u64, BusError> {
-        let failed = |reason: &dyn std::fmt::Debug| system(format!("publishing on `{}`", self.topic), reason);
+        let failed = |reason: &dyn std::fmt::Debug| {
+            system(format!("publishing on `{}`", self.topic), reason)
+        };
         let mut sample = self.publisher.loan_uninit().map_err(|e| failed(&e))?;
         let sequence = self.sequence + 1;
         *sample.user_header_mut() =
@@ -74,7 +76,8 @@ impl<M: Message> Reader<M> {
     /// The writer speaks another version, or the connection broke.
     pub fn next(&mut self) -> Result<Option<(Header, M)>, BusError> {
         let sample = self.subscriber.receive();
-        let Some(sample) = sample.map_err(|e| system(format!("reading `{}`", self.topic), &e))? else {
+        let Some(sample) = sample.map_err(|e| system(format!("reading `{}`", self.topic), &e))?
+        else {
             return Ok(None);
         };
         let header = *sample.user_header();

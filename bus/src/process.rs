@@ -7,11 +7,11 @@ use std::process::ExitCode;
 use clap::{Args, Subcommand};
 use rustix::process::Signal;
 
+use crate::bus::Bus;
 use crate::config::{ClockKind, Config, ConfigError, LogLevel, Setting};
+use crate::error::BusError;
 use crate::message::Message;
 use crate::pace::{Pace, StopFlag};
-use crate::bus::Bus;
-use crate::error::BusError;
 use crate::place::Place;
 use crate::topic::{Party, Topic};
 
@@ -234,8 +234,9 @@ fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
 
 /// Ends this process when the one that started it dies: a front door that is killed leaves no orphans.
 fn die_with_parent() -> Result<(), Failure> {
-    rustix::process::set_parent_process_death_signal(Some(Signal::TERM))
-        .map_err(|e| Failure::new(Exit::System, format!("binding to the parent's life failed: {e}")))
+    rustix::process::set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| {
+        Failure::new(Exit::System, format!("binding to the parent's life failed: {e}"))
+    })
 }
 
 /// Sets the flag on SIGINT or SIGTERM.

@@ -27,11 +27,7 @@ pub struct EstimatorOptions {
 impl Default for EstimatorOptions {
     fn default() -> Self {
         // At 60 Hz two lost frames in a row are bridged.
-        Self {
-            velocity_cutoff_hz: 6.0,
-            rate_cutoff_hz: 6.0,
-            gap_ms: 60.0,
-        }
+        Self { velocity_cutoff_hz: 6.0, rate_cutoff_hz: 6.0, gap_ms: 60.0 }
     }
 }
 
@@ -71,11 +67,7 @@ impl Estimator {
     /// An estimator that has seen no pose.
     #[must_use]
     pub fn new(options: EstimatorOptions) -> Self {
-        Self {
-            options,
-            last_t_s: None,
-            estimate: Estimate::default(),
-        }
+        Self { options, last_t_s: None, estimate: Estimate::default() }
     }
 
     /// Takes the pose captured at `t_s` \[s, any origin\]: `position` \[m, world\] and `attitude`, and returns the motion
@@ -93,20 +85,10 @@ impl Estimator {
             _ => (self.estimate.velocity, self.estimate.rate.0),
         };
         let vectors = [position, velocity, rate];
-        let mut numbers = vectors
-            .iter()
-            .flatten()
-            .copied()
-            .chain(attitude.xyzw())
-            .chain([t_s]);
+        let mut numbers = vectors.iter().flatten().copied().chain(attitude.xyzw()).chain([t_s]);
         if numbers.all(f64::is_finite) && dt_s.is_none_or(|dt_s| dt_s > 0.0) {
             self.last_t_s = Some(t_s);
-            self.estimate = Estimate {
-                position,
-                velocity,
-                attitude,
-                rate: BodyRate(rate),
-            };
+            self.estimate = Estimate { position, velocity, attitude, rate: BodyRate(rate) };
         }
         self.estimate
     }
@@ -127,11 +109,7 @@ impl Estimator {
         position: &Vector3<f64>,
         attitude: &Attitude,
     ) -> (Vector3<f64>, Vector3<f64>) {
-        let Estimate {
-            velocity,
-            rate: BodyRate(rate),
-            ..
-        } = self.estimate;
+        let Estimate { velocity, rate: BodyRate(rate), .. } = self.estimate;
         let raw_velocity = (position - self.estimate.position) / dt_s;
         let raw_rate = self.estimate.attitude.rotation_to(attitude) / dt_s;
         (
@@ -172,10 +150,7 @@ mod tests {
         let estimate = estimator.update(3.0, Vector3::new(1.0, 2.0, 3.0), Attitude::LEVEL);
         assert_eq!(
             estimate,
-            Estimate {
-                position: Vector3::new(1.0, 2.0, 3.0),
-                ..Estimate::default()
-            }
+            Estimate { position: Vector3::new(1.0, 2.0, 3.0), ..Estimate::default() }
         );
         assert_eq!(estimator.latest(), estimate);
     }
@@ -206,11 +181,8 @@ mod tests {
         let after = estimator.update(3.0, Vector3::new(-5.0, 0.0, 0.0), Attitude::LEVEL);
         assert_eq!(after.velocity, before);
         assert_eq!(after.position.x, -5.0);
-        let next = estimator.update(
-            3.0 + DT_S,
-            Vector3::new(-5.0 + DT_S, 0.0, 0.0),
-            Attitude::LEVEL,
-        );
+        let next =
+            estimator.update(3.0 + DT_S, Vector3::new(-5.0 + DT_S, 0.0, 0.0), Attitude::LEVEL);
         assert!((next.velocity - before).norm() < 1e-6);
     }
 
@@ -232,10 +204,7 @@ mod tests {
     #[test]
     fn default_options_pass_and_bad_ones_name_their_key() {
         assert_eq!(EstimatorOptions::default().check(), Ok(()));
-        let bad = EstimatorOptions {
-            gap_ms: f64::NAN,
-            ..EstimatorOptions::default()
-        };
+        let bad = EstimatorOptions { gap_ms: f64::NAN, ..EstimatorOptions::default() };
         assert_eq!(bad.check().unwrap_err().key, "gap-ms");
     }
 

@@ -155,11 +155,7 @@ mod tests {
     #[test]
     fn printed_fitness_is_the_cost_of_norms() {
         for ([q, r], quaternion_error, effort, fitness) in TABLE_3 {
-            let printed = TableTwo {
-                quaternion_error,
-                effort,
-                ..TableTwo::default()
-            };
+            let printed = TableTwo { quaternion_error, effort, ..TableTwo::default() };
             // The columns are printed with four decimals; q scales their rounding.
             assert!(
                 (printed.cost_of_norms(CostWeights { q, r }) - fitness).abs() <= 5e-5 * (q + 2.0)

@@ -71,9 +71,7 @@ impl Pid {
     ///
     /// Without a finite result or a positive, finite `dt_s` nothing changes and the last output (at first 0) stands.
     pub fn update(&mut self, error: f64, dt_s: f64) -> f64 {
-        let slope = self
-            .previous_error
-            .map_or(0.0, |previous| (error - previous) / dt_s);
+        let slope = self.previous_error.map_or(0.0, |previous| (error - previous) / dt_s);
         let derivative =
             self.derivative + low_pass_weight(self.cutoff_hz, dt_s) * (slope - self.derivative);
         let demand = self.gains.kp * error + self.integral + self.gains.kd * derivative;
@@ -99,10 +97,7 @@ impl Pid {
 
     /// Forgets every past error. Gains, limits and [`Pid::freeze`] stay.
     pub fn reset(&mut self) {
-        *self = Self {
-            frozen: self.frozen,
-            ..Self::new(self.gains, self.limits, self.cutoff_hz)
-        };
+        *self = Self { frozen: self.frozen, ..Self::new(self.gains, self.limits, self.cutoff_hz) };
     }
 }
 
@@ -120,14 +115,7 @@ mod tests {
     const DT_S: f64 = 1.0 / 60.0;
 
     fn pid(kp: f64, ki: f64, kd: f64) -> Pid {
-        Pid::new(
-            PidGains { kp, ki, kd },
-            PidLimits {
-                integral: 2.0,
-                output: 3.0,
-            },
-            6.0,
-        )
+        Pid::new(PidGains { kp, ki, kd }, PidLimits { integral: 2.0, output: 3.0 }, 6.0)
     }
 
     #[test]
@@ -145,10 +133,7 @@ mod tests {
     #[test]
     fn derivative_of_a_ramp_settles_at_its_slope() {
         let mut pid = pid(0.0, 0.0, 0.5);
-        let last = (0..60)
-            .map(|k| pid.update(1.2 * f64::from(k) * DT_S, DT_S))
-            .last()
-            .unwrap();
+        let last = (0..60).map(|k| pid.update(1.2 * f64::from(k) * DT_S, DT_S)).last().unwrap();
         assert!((last - 0.5 * 1.2).abs() < 1e-9);
     }
 
@@ -190,21 +175,10 @@ mod tests {
 
     #[test]
     fn negative_and_non_finite_gains_fail_the_check() {
-        let gains = PidGains {
-            kp: 1.0,
-            ki: 0.0,
-            kd: 0.0,
-        };
+        let gains = PidGains { kp: 1.0, ki: 0.0, kd: 0.0 };
         assert_eq!(gains.check("x"), Ok(()));
         assert!(PidGains { kp: -1.0, ..gains }.check("x").is_err());
-        assert!(
-            PidGains {
-                kd: f64::NAN,
-                ..gains
-            }
-            .check("x")
-            .is_err()
-        );
+        assert!(PidGains { kd: f64::NAN, ..gains }.check("x").is_err());
     }
 
     proptest! {

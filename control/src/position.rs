@@ -13,9 +13,6 @@ use crate::quaternion::Attitude;
 use crate::range::{OutOfRange, check_range};
 use crate::trajectory::Reference;
 
-/// Acceleration of gravity in the laboratory \[m/s^2\].
-pub const GRAVITY_M_S2: f64 = 9.81;
-
 /// Greatest tilt that the loops may be configured to command \[deg\].
 const GREATEST_TILT_DEG: f64 = 60.0;
 
@@ -55,16 +52,8 @@ impl Default for PositionOptions {
         // Not in the paper. Chosen from a grid over simulated squares and hovers of a quadrotor whose body rate lags by
         // 50 ms behind a delay of 35 ms, for margin as well as error: kp = 4 on the velocity is hardly stable if the lag
         // is 80 ms, and a derivative of the measured velocity is mostly noise.
-        let position = PidGains {
-            kp: 1.4,
-            ki: 0.02,
-            kd: 0.0,
-        };
-        let velocity = PidGains {
-            kp: 3.0,
-            ki: 1.0,
-            kd: 0.0,
-        };
+        let position = PidGains { kp: 1.4, ki: 0.02, kd: 0.0 };
+        let velocity = PidGains { kp: 3.0, ki: 1.0, kd: 0.0 };
         Self {
             horizontal_position: position,
             vertical_position: position,
@@ -89,42 +78,22 @@ impl PositionOptions {
         self.vertical_position.check("vertical-position")?;
         self.horizontal_velocity.check("horizontal-velocity")?;
         self.vertical_velocity.check("vertical-velocity")?;
-        check_range(
-            "position-integral-limit-m-s",
-            self.position_integral_limit_m_s,
-            0.0..=1.0,
-        )?;
-        check_range(
-            "velocity-integral-limit-m-s2",
-            self.velocity_integral_limit_m_s2,
-            0.0..=5.0,
-        )?;
-        check_range(
-            "derivative-cutoff-hz",
-            self.derivative_cutoff_hz,
-            0.1..=1000.0,
-        )?;
+        check_range("position-integral-limit-m-s", self.position_integral_limit_m_s, 0.0..=1.0)?;
+        check_range("velocity-integral-limit-m-s2", self.velocity_integral_limit_m_s2, 0.0..=5.0)?;
+        check_range("derivative-cutoff-hz", self.derivative_cutoff_hz, 0.1..=1000.0)?;
         check_range(
             "horizontal-velocity-limit-m-s",
             self.horizontal_velocity_limit_m_s,
             0.05..=20.0,
         )?;
-        check_range(
-            "vertical-velocity-limit-m-s",
-            self.vertical_velocity_limit_m_s,
-            0.05..=20.0,
-        )?;
+        check_range("vertical-velocity-limit-m-s", self.vertical_velocity_limit_m_s, 0.05..=20.0)?;
         // Well below gravity, so that the lift is never zero.
         check_range(
             "vertical-acceleration-limit-m-s2",
             self.vertical_acceleration_limit_m_s2,
             0.1..=9.0,
         )?;
-        check_range(
-            "tilt-limit-deg",
-            self.tilt_limit_deg,
-            1.0..=GREATEST_TILT_DEG,
-        )
+        check_range("tilt-limit-deg", self.tilt_limit_deg, 1.0..=GREATEST_TILT_DEG)
     }
 }
 
@@ -144,6 +113,7 @@ pub struct PositionCommand {
 pub struct PositionLoops {
     options: PositionOptions,
     mass_kg: f64,
+    gravity_m_s2: f64,
     frozen: bool,
     horizontal_position: HorizontalPids,
     horizontal_velocity: HorizontalPids,
@@ -152,23 +122,19 @@ pub struct PositionLoops {
 }
 
 impl PositionLoops {
-    /// Loops at rest for a vehicle of `mass_kg` \[kg\], with options that pass their check.
+    /// Loops at rest for a vehicle of `mass_kg` \[kg\] under `gravity_m_s2` \[m/s^2\], with options that pass their check.
     #[must_use]
-    pub fn new(options: &PositionOptions, mass_kg: f64) -> Self {
+    pub fn new(options: &PositionOptions, mass_kg: f64, gravity_m_s2: f64) -> Self {
         let pid = |gains, limits| Pid::new(gains, limits, options.derivative_cutoff_hz);
-        let position = |output| PidLimits {
-            integral: options.position_integral_limit_m_s,
-            output,
-        };
-        let velocity = |output| PidLimits {
-            integral: options.velocity_integral_limit_m_s2,
-            output,
-        };
+        let position = |output| PidLimits { integral: options.position_integral_limit_m_s, output };
+        let velocity =
+            |output| PidLimits { integral: options.velocity_integral_limit_m_s2, output };
         let climb = options.vertical_velocity_limit_m_s;
         let lift = options.vertical_acceleration_limit_m_s2;
         Self {
             options: *options,
             mass_kg,
+            gravity_m_s2,
             frozen: false,
             horizontal_position: HorizontalPids::new(pid(
                 options.horizontal_position,
@@ -203,10 +169,7 @@ impl PositionLoops {
             }
             None => {
                 let specific_force = acceleration.push(lift);
-                (
-                    attitude_along(&specific_force, reference.yaw_rad),
-                    specific_force.norm(),
-                )
+                (attitude_along(&specific_force, reference.yaw_rad), specific_force.norm())
             }
         };
         PositionCommand {
@@ -238,10 +201,7 @@ impl PositionLoops {
         let correction = self.vertical_position.update(error, dt_s);
         let climb = (reference.velocity.z + correction).clamp(-limit, limit);
         let error = climb - estimate.velocity.z;
-        (
-            climb,
-            GRAVITY_M_S2 + self.vertical_velocity.update(error, dt_s),
-        )
+        (climb, self.gravity_m_s2 + self.vertical_velocity.update(error, dt_s))
     }
 
     /// The velocity \[m/s\] and the acceleration \[m/s^2\] commanded by the loops for X, Y, V_X and V_Y, the latter as
@@ -257,9 +217,7 @@ impl PositionLoops {
         let error = (reference.position - estimate.position).xy();
         let correction = self.horizontal_position.update(error, dt_s, held);
         let limit = self.options.horizontal_velocity_limit_m_s;
-        let velocity = self
-            .horizontal_position
-            .cap(reference.velocity.xy() + correction, limit);
+        let velocity = self.horizontal_position.cap(reference.velocity.xy() + correction, limit);
         let error = velocity - estimate.velocity.xy();
         let acceleration = self.horizontal_velocity.update(error, dt_s, held);
         let limit = lift * self.options.tilt_limit_deg.to_radians().tan();
@@ -278,11 +236,7 @@ struct HorizontalPids {
 
 impl HorizontalPids {
     fn new(pid: Pid) -> Self {
-        Self {
-            x: pid,
-            y: pid,
-            capped: false,
-        }
+        Self { x: pid, y: pid, capped: false }
     }
 
     fn update(&mut self, error: Vector2<f64>, dt_s: f64, held: bool) -> Vector2<f64> {

@@ -17,12 +17,7 @@ pub struct OutOfRange {
 impl fmt::Display for OutOfRange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { key, value, range } = self;
-        write!(
-            f,
-            "{key} is {value}, it must lie between {} and {}",
-            range.start(),
-            range.end()
-        )
+        write!(f, "{key} is {value}, it must lie between {} and {}", range.start(), range.end())
     }
 }
 
@@ -34,11 +29,7 @@ pub(crate) fn check_range(
     value: f64,
     range: RangeInclusive<f64>,
 ) -> Result<(), OutOfRange> {
-    if range.contains(&value) {
-        Ok(())
-    } else {
-        Err(OutOfRange { key, value, range })
-    }
+    if range.contains(&value) { Ok(()) } else { Err(OutOfRange { key, value, range }) }
 }
 
 #[cfg(test)]
@@ -56,9 +47,6 @@ mod tests {
     #[test]
     fn message_names_key_value_and_range() {
         let error = check_range("tilt-limit-deg", 75.0, 1.0..=60.0).unwrap_err();
-        assert_eq!(
-            error.to_string(),
-            "tilt-limit-deg is 75, it must lie between 1 and 60"
-        );
+        assert_eq!(error.to_string(), "tilt-limit-deg is 75, it must lie between 1 and 60");
     }
 }

@@ -56,10 +56,7 @@ impl Inertia {
         if (matrix - matrix.transpose()).amax() > tolerance {
             return Err(InertiaError::NotSymmetric);
         }
-        let inverse = matrix
-            .cholesky()
-            .ok_or(InertiaError::NotPositiveDefinite)?
-            .inverse();
+        let inverse = matrix.cholesky().ok_or(InertiaError::NotPositiveDefinite)?.inverse();
         if 2.0 * matrix.symmetric_eigenvalues().max() > matrix.trace() + tolerance {
             return Err(InertiaError::NotABody);
         }

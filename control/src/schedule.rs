@@ -86,13 +86,7 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
     /// A schedule that has not computed a gain; until it has, the gain is the default of its type.
     #[must_use]
     pub fn new(grid: Grid) -> Self {
-        Self {
-            grid,
-            operating_point: None,
-            gain: G::default(),
-            solves: 0,
-            failed_solves: 0,
-        }
+        Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
 
     /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain stays, and the next

@@ -36,13 +36,7 @@ impl Reference {
     /// Rest at `position` \[m, world\], body axes along the world's.
     #[must_use]
     pub fn rest(position: Vector3<f64>, phase: Phase) -> Self {
-        Self {
-            position,
-            velocity: Vector3::zeros(),
-            yaw_rad: 0.0,
-            attitude: None,
-            phase,
-        }
+        Self { position, velocity: Vector3::zeros(), yaw_rad: 0.0, attitude: None, phase }
     }
 }
 

@@ -5,18 +5,17 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 use oqtal_control::estimator::{Estimate, Estimator, EstimatorOptions};
 use oqtal_control::metrics::Statistics;
-use oqtal_control::position::{
-    GRAVITY_M_S2, PositionCommand, PositionLoops, PositionOptions, attitude_along,
-};
+use oqtal_control::position::{PositionCommand, PositionLoops, PositionOptions, attitude_along};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{FlightPlan, Phase, Place, Reference, TrajectoryOptions};
 use proptest::prelude::*;
 
 const MASS_KG: f64 = 0.5;
+const GRAVITY_M_S2: f64 = 9.81;
 const DT_S: f64 = 1.0 / 60.0;
 
 fn loops() -> PositionLoops {
-    PositionLoops::new(&PositionOptions::default(), MASS_KG)
+    PositionLoops::new(&PositionOptions::default(), MASS_KG, GRAVITY_M_S2)
 }
 
 fn rest_at(position: Vector3<f64>) -> Reference {
@@ -54,19 +53,11 @@ fn at_rest_on_the_reference_the_command_is_level_with_the_weight_as_thrust() {
 #[test]
 fn default_options_pass_and_bad_ones_name_their_key() {
     assert_eq!(PositionOptions::default().check(), Ok(()));
-    let steep = PositionOptions {
-        tilt_limit_deg: 61.0,
-        ..PositionOptions::default()
-    };
+    let steep = PositionOptions { tilt_limit_deg: 61.0, ..PositionOptions::default() };
     assert_eq!(steep.check().unwrap_err().key, "tilt-limit-deg");
-    let falling = PositionOptions {
-        vertical_acceleration_limit_m_s2: 9.81,
-        ..PositionOptions::default()
-    };
-    assert_eq!(
-        falling.check().unwrap_err().key,
-        "vertical-acceleration-limit-m-s2"
-    );
+    let falling =
+        PositionOptions { vertical_acceleration_limit_m_s2: 9.81, ..PositionOptions::default() };
+    assert_eq!(falling.check().unwrap_err().key, "vertical-acceleration-limit-m-s2");
 }
 
 #[test]
@@ -86,10 +77,7 @@ fn integrals_remove_a_constant_push() {
 #[test]
 fn velocity_of_the_reference_is_fed_forward() {
     let velocity = Vector3::new(0.3, -0.2, 0.1);
-    let reference = Reference {
-        velocity,
-        ..rest_at(Vector3::zeros())
-    };
+    let reference = Reference { velocity, ..rest_at(Vector3::zeros()) };
     let command = loops().update(&Estimate::default(), &reference, DT_S);
     assert_eq!(command.velocity, velocity);
 }
@@ -110,10 +98,7 @@ fn integral_stands_still_while_the_velocity_is_capped() {
 #[test]
 fn frozen_loops_command_the_same_for_the_same_estimate() {
     let mut loops = loops();
-    let estimate = Estimate {
-        position: Vector3::new(0.1, -0.2, 0.05),
-        ..Estimate::default()
-    };
+    let estimate = Estimate { position: Vector3::new(0.1, -0.2, 0.05), ..Estimate::default() };
     let reference = rest_at(Vector3::zeros());
     loops.update(&estimate, &reference, DT_S);
     loops.freeze(true);
@@ -129,32 +114,20 @@ fn frozen_loops_command_the_same_for_the_same_estimate() {
 #[test]
 fn reset_loops_are_as_new() {
     let mut used = loops();
-    let estimate = Estimate {
-        position: Vector3::new(3.0, -0.2, 0.05),
-        ..Estimate::default()
-    };
+    let estimate = Estimate { position: Vector3::new(3.0, -0.2, 0.05), ..Estimate::default() };
     for _ in 0..100 {
         used.update(&estimate, &rest_at(Vector3::zeros()), DT_S);
     }
     used.reset();
     let near = rest_at(Vector3::new(3.0, 0.0, 0.0));
-    assert_eq!(
-        used.update(&estimate, &near, DT_S),
-        loops().update(&estimate, &near, DT_S)
-    );
+    assert_eq!(used.update(&estimate, &near, DT_S), loops().update(&estimate, &near, DT_S));
 }
 
 #[test]
 fn attitude_reference_is_passed_on_and_height_is_kept() {
     let attitude = Attitude::from_rotation_vector(Vector3::new(10.0_f64.to_radians(), 0.0, 0.0));
-    let reference = Reference {
-        attitude: Some(attitude),
-        ..rest_at(Vector3::zeros())
-    };
-    let away = Estimate {
-        position: Vector3::new(0.7, -0.4, 0.0),
-        ..Estimate::default()
-    };
+    let reference = Reference { attitude: Some(attitude), ..rest_at(Vector3::zeros()) };
+    let away = Estimate { position: Vector3::new(0.7, -0.4, 0.0), ..Estimate::default() };
     let command = loops().update(&away, &reference, DT_S);
     assert_eq!(command.attitude, attitude);
     assert!(acceleration_of(&command).z.abs() < 1e-12);
@@ -163,20 +136,14 @@ fn attitude_reference_is_passed_on_and_height_is_kept() {
 #[test]
 fn open_horizontal_loops_do_not_wind_up() {
     let attitude = Attitude::from_rotation_vector(Vector3::new(0.1, 0.0, 0.0));
-    let away = Estimate {
-        position: Vector3::new(0.1, -0.2, 0.0),
-        ..Estimate::default()
-    };
+    let away = Estimate { position: Vector3::new(0.1, -0.2, 0.0), ..Estimate::default() };
     let mut loops = loops();
     let first = loops.update(&away, &rest_at(Vector3::zeros()), DT_S);
     loops.reset();
     for _ in 0..600 {
         loops.update(
             &away,
-            &Reference {
-                attitude: Some(attitude),
-                ..rest_at(Vector3::zeros())
-            },
+            &Reference { attitude: Some(attitude), ..rest_at(Vector3::zeros()) },
             DT_S,
         );
     }
@@ -186,10 +153,7 @@ fn open_horizontal_loops_do_not_wind_up() {
 #[test]
 fn without_a_force_or_with_one_to_the_side_the_attitude_is_level() {
     let level = Attitude::from_rotation_vector(Vector3::z() * 0.4);
-    for force in [
-        Vector3::zeros(),
-        Vector3::new(-0.4_f64.sin(), 0.4_f64.cos(), 0.0),
-    ] {
+    for force in [Vector3::zeros(), Vector3::new(-0.4_f64.sin(), 0.4_f64.cos(), 0.0)] {
         assert!(attitude_along(&force, 0.4).angle_to(&level) < 1e-9);
     }
 }
@@ -289,10 +253,7 @@ impl PointMass {
 
 #[test]
 fn point_mass_flies_the_square_as_well_as_table_5_and_lands() {
-    let start = Place {
-        position: Vector3::new(0.4, -0.3, 0.1),
-        yaw_rad: 0.5,
-    };
+    let start = Place { position: Vector3::new(0.4, -0.3, 0.1), yaw_rad: 0.5 };
     let options = TrajectoryOptions::default();
     let plan = FlightPlan::new(&options, options.trajectory(None).unwrap(), start);
     let mut estimator = Estimator::new(EstimatorOptions::default());
@@ -315,11 +276,7 @@ fn point_mass_flies_the_square_as_well_as_table_5_and_lands() {
         vehicle.step(command, start.position.z);
     }
     assert!(error.mean() <= 0.33, "mean error {} m", error.mean());
-    assert!(
-        vehicle.position.z - start.position.z < 0.05,
-        "ended at {}",
-        vehicle.position
-    );
+    assert!(vehicle.position.z - start.position.z < 0.05, "ended at {}", vehicle.position);
     assert!(
         (vehicle.position - start.position).xy().norm() < 0.05,
         "ended at {}",

@@ -9,10 +9,7 @@ use proptest::prelude::*;
 const HOVER_POINT: Vector3<f64> = Vector3::new(0.0, 0.0, 1.0);
 
 fn options(kind: TrajectoryKind) -> TrajectoryOptions {
-    TrajectoryOptions {
-        kind,
-        ..TrajectoryOptions::default()
-    }
+    TrajectoryOptions { kind, ..TrajectoryOptions::default() }
 }
 
 fn trajectory(kind: TrajectoryKind) -> Trajectory {
@@ -46,67 +43,41 @@ fn defaults_pass_the_check_and_bad_options_name_their_key() {
 fn keys_are_kebab_case_and_unknown_ones_are_errors() {
     let text = r#"{"kind": "circle", "height-m": 1.5, "circle": {"radius-m": 0.4}}"#;
     let options: TrajectoryOptions = serde_json::from_str(text).unwrap();
-    assert_eq!(
-        options.circle,
-        Circle {
-            radius_m: 0.4,
-            ..Circle::default()
-        }
-    );
-    assert_eq!(
-        options.trajectory(None).unwrap().sample(0.0).position.z,
-        1.5
-    );
+    assert_eq!(options.circle, Circle { radius_m: 0.4, ..Circle::default() });
+    assert_eq!(options.trajectory(None).unwrap().sample(0.0).position.z, 1.5);
     assert!(serde_json::from_str::<TrajectoryOptions>(r#"{"circle": {"radius": 0.4}}"#).is_err());
 }
 
 #[test]
 fn waypoints_are_needed_by_their_kind_alone() {
-    assert!(
-        options(TrajectoryKind::Waypoints)
-            .trajectory(None)
-            .is_none()
-    );
+    assert!(options(TrajectoryKind::Waypoints).trajectory(None).is_none());
     assert!(options(TrajectoryKind::Hover).trajectory(None).is_some());
 }
 
 #[test]
 fn hover_rests_at_the_hover_point() {
     let hover = trajectory(TrajectoryKind::Hover);
-    assert_eq!(
-        hover.sample(17.0),
-        Reference::rest(HOVER_POINT, Phase::Trajectory)
-    );
+    assert_eq!(hover.sample(17.0), Reference::rest(HOVER_POINT, Phase::Trajectory));
     assert_eq!(hover.duration_s(), Hover::default().duration_s);
 }
 
 #[test]
 fn step_prescribes_the_attitude_while_it_holds() {
-    for (axis, direction) in [
-        (StepAxis::Roll, Vector3::x()),
-        (StepAxis::Pitch, Vector3::y()),
-    ] {
+    for (axis, direction) in [(StepAxis::Roll, Vector3::x()), (StepAxis::Pitch, Vector3::y())] {
         let mut options = options(TrajectoryKind::Step);
         options.step.axis = axis;
         let step = options.trajectory(None).unwrap();
         let expected = Attitude::from_rotation_vector(direction * 10.0_f64.to_radians());
         assert!(step.sample(0.0).attitude.unwrap().angle_to(&expected) < 1e-9);
         assert!(step.sample(0.99).attitude.is_some());
-        assert_eq!(
-            step.sample(1.0),
-            Reference::rest(HOVER_POINT, Phase::Trajectory)
-        );
+        assert_eq!(step.sample(1.0), Reference::rest(HOVER_POINT, Phase::Trajectory));
     }
 }
 
 #[test]
 fn yaw_step_leaves_the_position_loops_closed() {
     let mut options = options(TrajectoryKind::Step);
-    options.step = Step {
-        axis: StepAxis::Yaw,
-        angle_deg: -90.0,
-        ..Step::default()
-    };
+    options.step = Step { axis: StepAxis::Yaw, angle_deg: -90.0, ..Step::default() };
     let reference = options.trajectory(None).unwrap().sample(0.5);
     assert_eq!(reference.attitude, None);
     assert!((reference.yaw_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
@@ -115,12 +86,7 @@ fn yaw_step_leaves_the_position_loops_closed() {
 #[test]
 fn square_jumps_to_the_next_corner_every_five_seconds() {
     let square = trajectory(TrajectoryKind::Square);
-    let corners = [
-        (0.0, 1.3, 0.0),
-        (5.0, 1.3, 1.3),
-        (10.0, 0.0, 1.3),
-        (15.0, 0.0, 0.0),
-    ];
+    let corners = [(0.0, 1.3, 0.0), (5.0, 1.3, 1.3), (10.0, 0.0, 1.3), (15.0, 0.0, 0.0)];
     for (t_s, x, y) in corners {
         let at_corner = Reference::rest(Vector3::new(x, y, 1.0), Phase::Trajectory);
         assert_eq!(square.sample(t_s), at_corner);

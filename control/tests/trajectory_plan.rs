@@ -13,16 +13,10 @@ const KINDS: [TrajectoryKind; 5] = [
     TrajectoryKind::Lemniscate,
 ];
 
-const START: Place = Place {
-    position: Vector3::new(2.0, -1.0, 0.2),
-    yaw_rad: 0.3,
-};
+const START: Place = Place { position: Vector3::new(2.0, -1.0, 0.2), yaw_rad: 0.3 };
 
 fn options(kind: TrajectoryKind) -> TrajectoryOptions {
-    TrajectoryOptions {
-        kind,
-        ..TrajectoryOptions::default()
-    }
+    TrajectoryOptions { kind, ..TrajectoryOptions::default() }
 }
 
 fn plan(options: &TrajectoryOptions) -> FlightPlan {
@@ -77,10 +71,7 @@ fn flight_is_relative_to_where_the_vehicle_stands() {
 
 #[test]
 fn attitude_step_is_about_the_heading_at_the_start() {
-    let attitude = plan(&options(TrajectoryKind::Step))
-        .sample(6.5)
-        .attitude
-        .unwrap();
+    let attitude = plan(&options(TrajectoryKind::Step)).sample(6.5).attitude.unwrap();
     let expected = Attitude::from_rotation_vector(Vector3::z() * START.yaw_rad)
         .turned_by(Vector3::x() * 10.0_f64.to_radians());
     assert!(attitude.angle_to(&expected) < 1e-9);
@@ -88,16 +79,12 @@ fn attitude_step_is_about_the_heading_at_the_start() {
 
 #[test]
 fn duration_replaces_that_of_the_trajectory() {
-    let short = plan(&TrajectoryOptions {
-        duration_s: Some(3.0),
-        ..options(TrajectoryKind::Square)
-    });
+    let short =
+        plan(&TrajectoryOptions { duration_s: Some(3.0), ..options(TrajectoryKind::Square) });
     assert_eq!(short.sample(9.5).phase, Phase::Trajectory);
     assert_eq!(short.sample(9.51).phase, Phase::Landing);
-    let long = plan(&TrajectoryOptions {
-        duration_s: Some(60.0),
-        ..options(TrajectoryKind::Circle)
-    });
+    let long =
+        plan(&TrajectoryOptions { duration_s: Some(60.0), ..options(TrajectoryKind::Circle) });
     let held = long.sample(6.5 + 50.0);
     assert_eq!(held.phase, Phase::Trajectory);
     assert!((held.position - START.position - Vector3::z()).norm() < 1e-9);
@@ -106,10 +93,8 @@ fn duration_replaces_that_of_the_trajectory() {
 
 #[test]
 fn square_is_scored_for_22_s_from_the_first_corner() {
-    let plan = plan(&TrajectoryOptions {
-        duration_s: Some(40.0),
-        ..options(TrajectoryKind::Square)
-    });
+    let plan =
+        plan(&TrajectoryOptions { duration_s: Some(40.0), ..options(TrajectoryKind::Square) });
     let scored = [(6.49, false), (6.5, true), (28.5, true), (28.51, false)];
     for (t_s, expected) in scored {
         assert_eq!(plan.scored(t_s), expected, "at {t_s} s");
@@ -118,17 +103,9 @@ fn square_is_scored_for_22_s_from_the_first_corner() {
 
 #[test]
 fn hover_is_scored_from_10_s_after_its_height_is_reached_until_its_end() {
-    let plan = plan(&TrajectoryOptions {
-        duration_s: Some(60.0),
-        ..options(TrajectoryKind::Hover)
-    });
-    let scored = [
-        (6.5, false),
-        (12.49, false),
-        (12.5, true),
-        (66.5, true),
-        (66.51, false),
-    ];
+    let plan =
+        plan(&TrajectoryOptions { duration_s: Some(60.0), ..options(TrajectoryKind::Hover) });
+    let scored = [(6.5, false), (12.49, false), (12.5, true), (66.5, true), (66.51, false)];
     for (t_s, expected) in scored {
         assert_eq!(plan.scored(t_s), expected, "at {t_s} s");
     }

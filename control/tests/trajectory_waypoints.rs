@@ -9,13 +9,9 @@ use oqtal_control::trajectory::{
 use proptest::prelude::*;
 
 fn trajectory(text: &str) -> Trajectory {
-    let options = TrajectoryOptions {
-        kind: TrajectoryKind::Waypoints,
-        ..TrajectoryOptions::default()
-    };
-    options
-        .trajectory(Some(Waypoints::parse(text).unwrap()))
-        .unwrap()
+    let options =
+        TrajectoryOptions { kind: TrajectoryKind::Waypoints, ..TrajectoryOptions::default() };
+    options.trajectory(Some(Waypoints::parse(text).unwrap())).unwrap()
 }
 
 #[test]
@@ -27,10 +23,8 @@ fn path_passes_through_its_points_and_rests_at_its_ends() {
     assert_eq!(path.sample(4.0).position, Vector3::new(1.0, 0.5, 1.2));
     assert_eq!(path.sample(4.0).yaw_rad, 0.1);
     assert!(path.sample(4.0).velocity.x > 0.1);
-    for (t_s, position) in [
-        (0.0, Vector3::new(0.0, 0.0, 1.0)),
-        (9.0, Vector3::new(2.0, 0.5, 1.0)),
-    ] {
+    for (t_s, position) in [(0.0, Vector3::new(0.0, 0.0, 1.0)), (9.0, Vector3::new(2.0, 0.5, 1.0))]
+    {
         assert_eq!(path.sample(t_s).position, position);
         assert_eq!(path.sample(t_s).velocity, Vector3::zeros());
     }
@@ -40,12 +34,7 @@ fn path_passes_through_its_points_and_rests_at_its_ends() {
 
 #[test]
 fn yaw_is_zero_without_its_column_and_turns_the_short_way() {
-    assert_eq!(
-        trajectory("t,x,y,z\n0,0,0,1\n1,1,0,1\n")
-            .sample(0.7)
-            .yaw_rad,
-        0.0
-    );
+    assert_eq!(trajectory("t,x,y,z\n0,0,0,1\n1,1,0,1\n").sample(0.7).yaw_rad, 0.0);
     let path = trajectory("t,x,y,z,yaw\n0,0,0,1,3\n1,0,0,1,-3\n");
     assert!((path.sample(0.5).yaw_rad - std::f64::consts::PI).abs() < 1e-9);
 }
@@ -80,16 +69,8 @@ fn bad_tables_are_refused_with_line_and_reason() {
         ("t,x,y,z\n0,0,0,1\n", 2, P::TooFew),
         ("t,x,y,z\n0,0,0,1\n\n1,0,0\n", 4, count(4, 3)),
         ("t,x,y,z,yaw\n0,0,0,1\n", 2, count(5, 4)),
-        (
-            "t,x,y,z\n0,0,0,1\n1,0,oops,1\n",
-            3,
-            P::Number { column: "y" },
-        ),
-        (
-            "t,x,y,z\n0,0,0,1\n1,0,0,NaN\n",
-            3,
-            P::Number { column: "z" },
-        ),
+        ("t,x,y,z\n0,0,0,1\n1,0,oops,1\n", 3, P::Number { column: "y" }),
+        ("t,x,y,z\n0,0,0,1\n1,0,0,NaN\n", 3, P::Number { column: "z" }),
         ("t,x,y,z\n0,inf,0,1\n", 2, P::Number { column: "x" }),
         ("t,x,y,z,yaw\n0,0,0,1,1e5\n", 2, P::Number { column: "yaw" }),
         ("t,x,y,z\n0.5,0,0,1\n", 2, P::FirstTime),

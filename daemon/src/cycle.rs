@@ -3,11 +3,10 @@
 
 use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Config;
-use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1,
-};
+use oqtal_bus::message::{CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::estimator::Estimator;
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::trajectory::{FlightPlan, Place, Reference, Trajectory, TrajectoryOptions};
 
 use crate::guard::Guard;
@@ -192,7 +191,8 @@ impl Cycle {
 
     fn tick(&mut self, now: Time, arrival: Option<&Header>) -> Tick {
         let deadline = self.next_event();
-        let dt = now.since(self.last_tick).min(self.period.scaled(2.0)).max(self.period.scaled(0.5));
+        let dt =
+            now.since(self.last_tick).min(self.period.scaled(2.0)).max(self.period.scaled(0.5));
         let fresh = self.fresh.take();
         if arrival.is_none() {
             self.missing = Cause::NoPose;
@@ -247,7 +247,10 @@ impl Cycle {
                 self.mode = Mode::Flying;
             }
             (Mode::Waiting, SafetyState::Nominal) => {
-                let start = Place { position: estimate.position, yaw_rad: 0.0 };
+                let start = Place {
+                    position: estimate.position,
+                    yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
+                };
                 let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
                 self.pilot.reset();
                 self.mission = Some(Mission::fly(plan, estimate.position.z, now));

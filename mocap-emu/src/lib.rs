@@ -9,9 +9,9 @@ mod replay;
 
 use std::path::Path;
 
+use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::pace::Pace;
-use oqtal_bus::bus::Bus;
 use oqtal_bus::port::Writer;
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::Time;
@@ -96,7 +96,11 @@ pub fn is_frame(truth: &TruthV1) -> bool {
     truth.capture > 0
 }
 
-fn publish(poses: &mut Writer<PoseV1>, pace: &mut Pace, delivery: &Delivery) -> Result<(), Failure> {
+fn publish(
+    poses: &mut Writer<PoseV1>,
+    pace: &mut Pace,
+    delivery: &Delivery,
+) -> Result<(), Failure> {
     poses.send(delivery.frame, delivery.stamps_at(pace.now()), delivery.pose)?;
     Ok(pace.announce(poses)?)
 }

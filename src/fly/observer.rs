@@ -1,8 +1,8 @@
 //! The front door's ears on the bus: everything goes to the recorder, nothing comes back.
 
-use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
+use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::topic::{POSE, TELEMETRY, TRUTH, VEHICLE};
 

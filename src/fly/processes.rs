@@ -4,12 +4,12 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Verb};
 use oqtal_bus::config::ClockKind;
+use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::pace::{Pace, StopFlag};
-use oqtal_bus::bus::Bus;
-use oqtal_bus::control::ControlClient;
 use oqtal_bus::place::Place;
 use oqtal_bus::process::{Exit, Failure, place_of};
 use oqtal_bus::time::{Span, Time};
@@ -48,10 +48,10 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     let bus = Bus::open(place)?;
     // The ears are open before anybody speaks.
     let mut observer = Observer::new(&bus)?;
-    let mut crew =
-        Crew::start(mission.config.parties(), &output.config(), output.directory())?;
+    let mut crew = Crew::start(mission.config.parties(), &output.config(), output.directory())?;
     let stop = StopFlag::default();
-    let watch = Watch { place, stop: &stop, over: AtomicBool::new(false), fallen: Mutex::new(None) };
+    let watch =
+        Watch { place, stop: &stop, over: AtomicBool::new(false), fallen: Mutex::new(None) };
     let flight = std::thread::scope(|threads| {
         let (watch, crew) = (&watch, &mut crew);
         threads.spawn(move || watch.run(crew, &interrupts));
@@ -64,7 +64,10 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
         return Err(failure);
     }
     if observer.lost() > 0 {
-        eprintln!("oqtal: {} samples were not recorded: this machine is overloaded", observer.lost());
+        eprintln!(
+            "oqtal: {} samples were not recorded: this machine is overloaded",
+            observer.lost()
+        );
     }
     flight
 }
@@ -158,7 +161,8 @@ fn ask_to_fly(client: &ControlClient, stop: &StopFlag) -> Result<(), Failure> {
 
 fn never_came(mission: &Mission) -> Failure {
     let instance = &mission.config.instance.name;
-    let message = format!("nothing is heard of the daemon on instance `{instance}`; see its daemon.log");
+    let message =
+        format!("nothing is heard of the daemon on instance `{instance}`; see its daemon.log");
     Failure::new(Exit::Peer, message)
 }
 
@@ -186,7 +190,10 @@ impl Watch<'_> {
                     Err(_) => false,
                 };
                 if !asked {
-                    self.give_up(Failure::new(Exit::Flight, "interrupted; the daemon did not answer"));
+                    self.give_up(Failure::new(
+                        Exit::Flight,
+                        "interrupted; the daemon did not answer",
+                    ));
                     return;
                 }
             }

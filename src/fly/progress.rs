@@ -36,7 +36,8 @@ impl Progress {
         if telemetry.mission_s.is_finite() {
             self.bar.set_position(telemetry.mission_s.max(0.0) as u64);
         }
-        let mode = Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
+        let mode =
+            Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
         let phase = Phase::from_number(telemetry.phase).filter(|_| sample.is_armed());
         let phase = phase.map_or_else(String::new, |phase| format!(", {phase}"));
         let state = match SafetyState::from_code(telemetry.state) {
@@ -86,7 +87,10 @@ impl Interrupts {
         }
         self.seen.set(count);
         let verb = if count == 1 { Verb::Land } else { Verb::Stop };
-        eprintln!("{}", if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" });
+        eprintln!(
+            "{}",
+            if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" }
+        );
         Some(verb)
     }
 }

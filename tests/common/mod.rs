@@ -1,8 +1,9 @@
 //! A testbed of its own for every test: its own instance, root and output, so that tests run side by side.
 #![allow(dead_code)]
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use oqtal_bus::bus::Bus;
@@ -20,8 +21,10 @@ pub struct Testbed {
 
 impl Testbed {
     pub fn new(name: &str) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
         let directory = tempfile::tempdir().unwrap();
-        Self { directory, instance: format!("{name}-{}", std::process::id()) }
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        Self { directory, instance: format!("{name}-{}-{number}", std::process::id()) }
     }
 
     pub fn instance(&self) -> &str {
@@ -142,8 +145,4 @@ pub fn stderr(output: &Output) -> String {
 
 pub fn number(summary: &Value, path: &str) -> f64 {
     summary.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {path}"))
-}
-
-pub fn exists(path: &Path) -> bool {
-    path.exists()
 }

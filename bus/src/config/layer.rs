@@ -37,8 +37,10 @@ impl Setting {
 
     /// Writes this value into `table`, which says a configuration, and sees whether it still does.
     pub(super) fn apply(&self, table: &mut Table) -> Result<(), ConfigError> {
-        let failed =
-            |reason: &str| ConfigError { origin: self.origin.clone(), reason: format!("`{}`: {reason}", self.key) };
+        let failed = |reason: &str| ConfigError {
+            origin: self.origin.clone(),
+            reason: format!("`{}`: {reason}", self.key),
+        };
         let mut path: Vec<&str> = self.key.split('.').collect();
         let key = path.pop().unwrap_or_default();
         let mut section = &mut *table;
@@ -93,11 +95,9 @@ fn collect(
             (DeValue::Table(inner), Some(Value::Table(values))) => {
                 collect(inner, values, &key, at, settings);
             }
-            (_, Some(value)) => settings.push(Setting {
-                key,
-                value: value.clone(),
-                origin: at(name.span().start),
-            }),
+            (_, Some(value)) => {
+                settings.push(Setting { key, value: value.clone(), origin: at(name.span().start) })
+            }
             (_, None) => {}
         }
     }

@@ -58,12 +58,7 @@ impl PidOptions {
     /// For the paper's spacecraft in torque form: Table IV.
     #[must_use]
     pub fn spacecraft() -> Self {
-        Self {
-            gain: 5.95,
-            integral_time_s: 1.15,
-            rate_gain_per_s: 50.0,
-            ..Self::default()
-        }
+        Self { gain: 5.95, integral_time_s: 1.15, rate_gain_per_s: 50.0, ..Self::default() }
     }
 
     /// Whether a law can be built with these options.
@@ -98,31 +93,20 @@ impl<I: InputForm> QuaternionPid<I> {
     /// The first option whose value has no meaning.
     pub fn new(options: PidOptions, input: I) -> Result<Self, InvalidOption> {
         options.check()?;
-        Ok(Self {
-            options,
-            input,
-            eps_i: Integral::new(options.integral_limit_s),
-        })
+        Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
     }
 
     /// `c` of the damping in Eq. (17) and of the slew rate in Eq. (18). In rate form the demand is itself a rate: the
     /// damping is nullified (Section VII.C) and the slew rate is the demand.
     fn damping_and_slew_gain(&self) -> (f64, f64) {
         let c = self.options.rate_gain_per_s;
-        if self.input.inertia().is_some() {
-            (c, c)
-        } else {
-            (0.0, 1.0)
-        }
+        if self.input.inertia().is_some() { (c, c) } else { (0.0, 1.0) }
     }
 
     /// `sat_L`: `pi` as far as the slew rate that it stands for is allowed at this `eps`.
     fn slew_limited(&self, pi: &Vector3<f64>, eps: &Vector3<f64>) -> Vector3<f64> {
         let (k, (_, c)) = (self.options.gain, self.damping_and_slew_gain());
-        let (omega_max, a) = (
-            self.options.max_rate_rad_s,
-            self.options.max_acceleration_rad_s2,
-        );
+        let (omega_max, a) = (self.options.max_rate_rad_s, self.options.max_acceleration_rad_s2);
         // Eq. (18), erratum E-18. `min` passes over NaN: infinity times zero, which is no limit.
         let limit = eps.map(|eps_i| c / (2.0 * k) * (4.0 * a * eps_i.abs()).sqrt().min(omega_max));
         pi.zip_map(&limit, |pi_i, limit_i| pi_i.clamp(-limit_i, limit_i))

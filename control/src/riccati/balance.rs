@@ -69,9 +69,5 @@ impl<const N: usize> Balance<N> {
 fn power_of_two(x: f64) -> f64 {
     const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
     let rounded = f64::from_bits((x * std::f64::consts::SQRT_2).to_bits() & EXPONENT);
-    if rounded > 0.0 && rounded.is_finite() {
-        rounded
-    } else {
-        1.0
-    }
+    if rounded > 0.0 && rounded.is_finite() { rounded } else { 1.0 }
 }

@@ -32,9 +32,7 @@ pub fn care<const N: usize, const M: usize>(
     let g = balance.input(&balance.input(&g).transpose());
 
     let (pole, start) = cayley(&a, &g, &q).ok_or(RiccatiError::NoStabilisingSolution)?;
-    let start = start
-        .cost_to_go()
-        .ok_or(RiccatiError::NoStabilisingSolution)?;
+    let start = start.cost_to_go().ok_or(RiccatiError::NoStabilisingSolution)?;
     let p = refine(start, |p| {
         let pg = p * g;
         let residual = symmetrised(&(p.tr_mul(&a) * 2.0 - pg * p)) + q;

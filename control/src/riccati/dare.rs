@@ -27,14 +27,9 @@ pub fn dare<const N: usize, const M: usize>(
     let g = b * weights.r_factor.solve(&b.transpose());
     let balance = Balance::new(a, &g, &weights.q);
     let (a, b, q) = (balance.map(a), balance.input(b), balance.form(&weights.q));
-    let start = Doubling {
-        e: a,
-        g: symmetrised(&balance.input(&balance.input(&g).transpose())),
-        h: q,
-    };
-    let start = start
-        .cost_to_go()
-        .ok_or(RiccatiError::NoStabilisingSolution)?;
+    let start =
+        Doubling { e: a, g: symmetrised(&balance.input(&balance.input(&g).transpose())), h: q };
+    let start = start.cost_to_go().ok_or(RiccatiError::NoStabilisingSolution)?;
 
     let gain = |p: &SMatrix<f64, N, N>| {
         let pb = p * b;
@@ -44,14 +39,8 @@ pub fn dare<const N: usize, const M: usize>(
     let p = refine(start, |p| {
         let s = a - b * gain(p)?;
         let w = q - p + a.tr_mul(&(p * s));
-        Some(Stein {
-            s,
-            w: symmetrised(&w),
-        })
+        Some(Stein { s, w: symmetrised(&w) })
     })?;
     let k = gain(&p).ok_or(RiccatiError::IllConditioned)?;
-    Ok(Solution {
-        p: balance.form_back(&p),
-        k: balance.gain_back(&k),
-    })
+    Ok(Solution { p: balance.form_back(&p), k: balance.gain_back(&k) })
 }

@@ -44,11 +44,7 @@ impl<const N: usize> Lu<N> {
                 }
             }
         }
-        Some(Self {
-            factors: a,
-            swaps,
-            inverse_pivots,
-        })
+        Some(Self { factors: a, swaps, inverse_pivots })
     }
 
     /// `A^-1 b`.
@@ -76,19 +72,13 @@ impl<const N: usize> Lu<N> {
 
     /// `log2 |det A|`.
     pub(super) fn log2_determinant(&self) -> f64 {
-        -self
-            .inverse_pivots
-            .iter()
-            .map(|p| p.abs().log2())
-            .sum::<f64>()
+        -self.inverse_pivots.iter().map(|p| p.abs().log2()).sum::<f64>()
     }
 
     /// Smallest over largest pivot magnitude: a cheap stand-in for the reciprocal condition number.
     pub(super) fn pivot_ratio(&self) -> f64 {
-        let (small, large) = self
-            .inverse_pivots
-            .iter()
-            .fold((f64::INFINITY, 0.0_f64), |(small, large), p| {
+        let (small, large) =
+            self.inverse_pivots.iter().fold((f64::INFINITY, 0.0_f64), |(small, large), p| {
                 (small.min(p.abs()), large.max(p.abs()))
             });
         small / large

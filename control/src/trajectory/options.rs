@@ -106,9 +106,6 @@ impl TrajectoryOptions {
             TrajectoryKind::Lemniscate => Shape::Lemniscate(self.lemniscate),
             TrajectoryKind::Waypoints => Shape::Waypoints(waypoints?),
         };
-        Some(Trajectory {
-            shape,
-            hover_point: Vector3::new(0.0, 0.0, self.height_m),
-        })
+        Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })
     }
 }

@@ -83,10 +83,7 @@ impl FlightPlan {
             self.landing = Landing {
                 start_s: t_s,
                 duration_s: (MINIMUM_JERK_PEAK * depth_m / self.descent_m_s).max(LEAST_DESCENT_S),
-                from: Place {
-                    position,
-                    yaw_rad: self.sample(t_s).yaw_rad,
-                },
+                from: Place { position, yaw_rad: self.sample(t_s).yaw_rad },
                 depth_m,
             };
         }
@@ -97,15 +94,10 @@ impl FlightPlan {
     #[must_use]
     pub fn scored(&self, t_s: f64) -> bool {
         let (from_s, to_s) = match self.trajectory.shape {
-            Shape::Hover(_) => (
-                self.trajectory_start_s
-                    .max(self.take_off_s + HOVER_TRANSIENT_S),
-                f64::INFINITY,
-            ),
-            _ => (
-                self.trajectory_start_s,
-                self.trajectory_start_s + self.trajectory.duration_s(),
-            ),
+            Shape::Hover(_) => {
+                (self.trajectory_start_s.max(self.take_off_s + HOVER_TRANSIENT_S), f64::INFINITY)
+            }
+            _ => (self.trajectory_start_s, self.trajectory_start_s + self.trajectory.duration_s()),
         };
         (from_s..=to_s.min(self.landing.start_s)).contains(&t_s)
     }
@@ -127,10 +119,7 @@ impl FlightPlan {
         let (progress, slope) = minimum_jerk(t_s / self.take_off_s);
         let position = self.trajectory.hover_point * progress;
         let velocity = self.trajectory.hover_point * (slope / self.take_off_s);
-        Reference {
-            velocity,
-            ..Reference::rest(position, Phase::TakeOff)
-        }
+        Reference { velocity, ..Reference::rest(position, Phase::TakeOff) }
     }
 }
 
@@ -149,10 +138,7 @@ impl Landing {
     const NEVER: Self = Self {
         start_s: f64::INFINITY,
         duration_s: LEAST_DESCENT_S,
-        from: Place {
-            position: Vector3::new(0.0, 0.0, 0.0),
-            yaw_rad: 0.0,
-        },
+        from: Place { position: Vector3::new(0.0, 0.0, 0.0), yaw_rad: 0.0 },
         depth_m: 0.0,
     };
 
@@ -171,8 +157,5 @@ impl Landing {
 /// degree whose first and second derivatives vanish at both ends (Flash and Hogan, J. Neurosci. 5 (1985) 1688).
 fn minimum_jerk(progress: f64) -> (f64, f64) {
     let x = progress.clamp(0.0, 1.0);
-    (
-        x * x * x * (10.0 + x * (6.0 * x - 15.0)),
-        30.0 * x * x * (1.0 - x) * (1.0 - x),
-    )
+    (x * x * x * (10.0 + x * (6.0 * x - 15.0)), 30.0 * x * x * (1.0 - x) * (1.0 - x))
 }

@@ -61,22 +61,13 @@ pub struct Step {
 
 impl Default for Step {
     fn default() -> Self {
-        Self {
-            axis: StepAxis::Roll,
-            angle_deg: 10.0,
-            hold_s: 1.0,
-            duration_s: 6.0,
-        }
+        Self { axis: StepAxis::Roll, angle_deg: 10.0, hold_s: 1.0, duration_s: 6.0 }
     }
 }
 
 impl Step {
     pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        let greatest = if self.axis == StepAxis::Yaw {
-            180.0
-        } else {
-            30.0
-        };
+        let greatest = if self.axis == StepAxis::Yaw { 180.0 } else { 30.0 };
         check_range("step.angle-deg", self.angle_deg, -greatest..=greatest)?;
         check_range("step.duration-s", self.duration_s, 0.0..=3600.0)?;
         check_range("step.hold-s", self.hold_s, 0.0..=self.duration_s)
@@ -116,11 +107,7 @@ pub struct Square {
 
 impl Default for Square {
     fn default() -> Self {
-        Self {
-            side_m: 1.3,
-            dwell_s: 5.0,
-            duration_s: 22.0,
-        }
+        Self { side_m: 1.3, dwell_s: 5.0, duration_s: 22.0 }
     }
 }
 
@@ -155,12 +142,7 @@ pub struct Circle {
 
 impl Default for Circle {
     fn default() -> Self {
-        Self {
-            radius_m: 0.65,
-            period_s: 8.0,
-            laps: 3,
-            ramp_s: 2.0,
-        }
+        Self { radius_m: 0.65, period_s: 8.0, laps: 3, ramp_s: 2.0 }
     }
 }
 
@@ -173,11 +155,7 @@ impl Circle {
     }
 
     pub(super) fn sweep(&self) -> Sweep {
-        Sweep {
-            period_s: self.period_s,
-            laps: self.laps,
-            ramp_s: self.ramp_s,
-        }
+        Sweep { period_s: self.period_s, laps: self.laps, ramp_s: self.ramp_s }
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
@@ -205,12 +183,7 @@ pub struct Lemniscate {
 
 impl Default for Lemniscate {
     fn default() -> Self {
-        Self {
-            half_length_m: 0.65,
-            period_s: 8.0,
-            laps: 3,
-            ramp_s: 2.0,
-        }
+        Self { half_length_m: 0.65, period_s: 8.0, laps: 3, ramp_s: 2.0 }
     }
 }
 
@@ -223,21 +196,14 @@ impl Lemniscate {
     }
 
     pub(super) fn sweep(&self) -> Sweep {
-        Sweep {
-            period_s: self.period_s,
-            laps: self.laps,
-            ramp_s: self.ramp_s,
-        }
+        Sweep { period_s: self.period_s, laps: self.laps, ramp_s: self.ramp_s }
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
         let (angle, rate) = self.sweep().sample(t_s);
         let (sin, cos) = angle.sin_cos();
         let position = Vector2::new(sin, sin * cos) * self.half_length_m;
-        moving(
-            position,
-            Vector2::new(cos, cos * cos - sin * sin) * self.half_length_m * rate,
-        )
+        moving(position, Vector2::new(cos, cos * cos - sin * sin) * self.half_length_m * rate)
     }
 }
 

@@ -89,17 +89,11 @@ impl fmt::Display for WaypointError {
                 write!(f, "{found} fields where the header has {expected}")
             }
             WaypointProblem::Number { column } => {
-                write!(
-                    f,
-                    "{column} must be a number between -{GREATEST} and {GREATEST}"
-                )
+                write!(f, "{column} must be a number between -{GREATEST} and {GREATEST}")
             }
             WaypointProblem::FirstTime => write!(f, "the first point must be at t = 0"),
             WaypointProblem::TimeOrder => {
-                write!(
-                    f,
-                    "t must be at least {LEAST_SPACING_S} s later than in the line before"
-                )
+                write!(f, "t must be at least {LEAST_SPACING_S} s later than in the line before")
             }
             WaypointProblem::TooFew => write!(f, "there must be at least two points"),
         }
@@ -116,17 +110,12 @@ impl Waypoints {
     pub fn parse(text: &str) -> Result<Self, WaypointError> {
         // Spreadsheets put a byte order mark before the header.
         let text = text.trim_start_matches('\u{feff}');
-        let mut lines = (1..)
-            .zip(text.lines())
-            .filter(|(_, line)| !line.trim().is_empty());
+        let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
         let (mut last_line, header) = lines.next().unwrap_or((1, ""));
         let fields = header.split(',').count();
         let columns = &COLUMNS[..fields.clamp(4, 5)];
         if !header.split(',').map(str::trim).eq(columns.iter().copied()) {
-            return Err(WaypointError {
-                line: last_line,
-                problem: WaypointProblem::Header,
-            });
+            return Err(WaypointError { line: last_line, problem: WaypointProblem::Header });
         }
         let mut knots = Vec::new();
         for (line, text) in lines {
@@ -136,10 +125,7 @@ impl Waypoints {
             knots.push(knot);
         }
         if knots.len() < 2 {
-            return Err(WaypointError {
-                line: last_line,
-                problem: WaypointProblem::TooFew,
-            });
+            return Err(WaypointError { line: last_line, problem: WaypointProblem::TooFew });
         }
         set_slopes(&mut knots);
         Ok(Self { knots })
@@ -152,10 +138,8 @@ impl Waypoints {
 
     /// The reference at `t_s` \[s\] in 0..duration.
     pub(super) fn sample(&self, t_s: f64) -> Reference {
-        let next = self
-            .knots
-            .partition_point(|knot| knot.t_s <= t_s)
-            .clamp(1, self.knots.len() - 1);
+        let next =
+            self.knots.partition_point(|knot| knot.t_s <= t_s).clamp(1, self.knots.len() - 1);
         let (value, rate) = interpolate(&self.knots[next - 1], &self.knots[next], t_s);
         Reference {
             velocity: rate.xyz(),
@@ -168,18 +152,11 @@ impl Waypoints {
 fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot, WaypointProblem> {
     let found = text.split(',').count();
     if found != fields {
-        return Err(WaypointProblem::FieldCount {
-            expected: fields,
-            found,
-        });
+        return Err(WaypointProblem::FieldCount { expected: fields, found });
     }
     let mut numbers = [0.0; 5];
     for ((number, field), column) in numbers.iter_mut().zip(text.split(',')).zip(COLUMNS) {
-        let plausible = field
-            .trim()
-            .parse()
-            .ok()
-            .filter(|value: &f64| value.abs() <= GREATEST);
+        let plausible = field.trim().parse().ok().filter(|value: &f64| value.abs() <= GREATEST);
         *number = plausible.ok_or(WaypointProblem::Number { column })?;
     }
     let [t_s, x, y, z, mut yaw] = numbers;
@@ -191,11 +168,7 @@ fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot
         Some(previous) => yaw -= TAU * ((yaw - previous.value.w) / TAU).round(),
         None => {}
     }
-    Ok(Knot {
-        t_s,
-        value: Vector4::new(x, y, z, yaw),
-        slope: Vector4::zeros(),
-    })
+    Ok(Knot { t_s, value: Vector4::new(x, y, z, yaw), slope: Vector4::zeros() })
 }
 
 /// The slopes at the inner points; those at the ends stay zero.

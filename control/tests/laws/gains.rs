@@ -31,10 +31,7 @@ fn block(gain: &Gain, which: usize) -> Matrix3<f64> {
 
 fn assert_scaled_identity(block: &Matrix3<f64>, scale: f64) {
     let difference = (block - Matrix3::from_diagonal_element(scale)).amax();
-    assert!(
-        difference <= 1e-9 * scale,
-        "{block} is not {scale} times the identity"
-    );
+    assert!(difference <= 1e-9 * scale, "{block} is not {scale} times the identity");
 }
 
 /// The largest real part among the poles of the closed loop of the `N` states from `first` on.
@@ -46,14 +43,9 @@ where
             nalgebra::DimDiff<nalgebra::Const<N>, nalgebra::U1>,
         > + nalgebra::allocator::Allocator<nalgebra::DimDiff<nalgebra::Const<N>, nalgebra::U1>>,
 {
-    let closed: SMatrix<f64, N, N> = (model.a - model.b * gain)
-        .fixed_view::<N, N>(first, first)
-        .into_owned();
-    closed
-        .complex_eigenvalues()
-        .iter()
-        .map(|pole| pole.re)
-        .fold(f64::MIN, f64::max)
+    let closed: SMatrix<f64, N, N> =
+        (model.a - model.b * gain).fixed_view::<N, N>(first, first).into_owned();
+    closed.complex_eigenvalues().iter().map(|pole| pole.re).fold(f64::MIN, f64::max)
 }
 
 fn check_stable<I: Form>(model: &AugmentedModel, gain: &Gain, input: I, integral_action: bool) {
@@ -74,19 +66,10 @@ fn check_oqtal_stable<I: Form>(
 ) {
     for jacobian in JACOBIANS {
         for integral_weight in [0.0, 0.01] {
-            let options = OqtalOptions {
-                jacobian,
-                integral_weight,
-                ..*options
-            };
+            let options = OqtalOptions { jacobian, integral_weight, ..*options };
             let gain = Oqtal::gain_at(&options, &input, &point(rate, eps)).unwrap();
             let a = ErrorModel::at(jacobian, &OperatingPoint::new(eps, rate)).state_matrix();
-            check_stable(
-                &AugmentedModel::new(&a, &input),
-                &gain,
-                input,
-                integral_weight > 0.0,
-            );
+            check_stable(&AugmentedModel::new(&a, &input), &gain, input, integral_weight > 0.0);
         }
     }
 }
@@ -98,18 +81,10 @@ fn check_lqr_stable<I: Form>(
     theta: Vector3<f64>,
 ) {
     for integral_weight in [0.0, 0.01] {
-        let options = LqrOptions {
-            integral_weight,
-            ..*options
-        };
+        let options = LqrOptions { integral_weight, ..*options };
         let gain = ClassicLqr::gain_at(&options, &input, &point(rate, theta)).unwrap();
         let a = ClassicLqr::state_matrix(&options, &input, &point(rate, theta));
-        check_stable(
-            &AugmentedModel::new(&a, &input),
-            &gain,
-            input,
-            integral_weight > 0.0,
-        );
+        check_stable(&AugmentedModel::new(&a, &input), &gain, input, integral_weight > 0.0);
     }
 }
 
@@ -167,15 +142,8 @@ fn the_gravity_turn_regulator_has_the_known_gains_and_slow_pole() {
 fn in_rate_form_the_rate_is_nullified_and_every_jacobian_the_same() {
     let at = point(Vector3::zeros(), Vector3::new(0.5, -0.5, 0.0));
     let gain = |jacobian| {
-        Oqtal::gain_at(
-            &OqtalOptions {
-                jacobian,
-                ..OqtalOptions::default()
-            },
-            &sticks(),
-            &at,
-        )
-        .unwrap()
+        Oqtal::gain_at(&OqtalOptions { jacobian, ..OqtalOptions::default() }, &sticks(), &at)
+            .unwrap()
     };
     for jacobian in JACOBIANS {
         assert_eq!(block(&gain(jacobian), 0), Matrix3::zeros());
@@ -188,10 +156,7 @@ fn in_rate_form_the_rate_is_nullified_and_every_jacobian_the_same() {
 fn near_level_the_classic_law_is_oqtal_with_four_times_the_weight() {
     let classic = LqrOptions::default();
     let q = 4.0 * classic.attitude_weight;
-    let oqtal = OqtalOptions {
-        attitude_weight: q,
-        ..OqtalOptions::default()
-    };
+    let oqtal = OqtalOptions { attitude_weight: q, ..OqtalOptions::default() };
     let classic = ClassicLqr::gain_at(&classic, &sticks(), &Point::zeros()).unwrap();
     let oqtal = Oqtal::gain_at(&oqtal, &sticks(), &Point::zeros()).unwrap();
     // Theta = 2 eps: K_Theta Theta = K_eps eps.
@@ -231,11 +196,7 @@ proptest! {
 
 /// A body that rocks about level by 0.2 rad while its measured attitude trembles.
 fn solves_while_rocking(name: ControllerName, cells: Cells) -> u32 {
-    let mut law = law(
-        name,
-        &with_cells(ControllerOptions::default(), cells, 0.5),
-        sticks(),
-    );
+    let mut law = law(name, &with_cells(ControllerOptions::default(), cells, 0.5), sticks());
     for tick in 0..600 {
         let t = f64::from(tick) * DT_S;
         let rocking = Vector3::new(t.sin(), (1.3 * t).sin(), (0.7 * t).sin()) * 0.2;
@@ -251,11 +212,7 @@ fn solves_while_rocking(name: ControllerName, cells: Cells) -> u32 {
 #[test]
 fn tracking_closely_oqtal_solves_once_unless_cells_have_a_border_at_zero() {
     for cells in [Cells::Centred, Cells::Truncated, Cells::Deadband] {
-        assert_eq!(
-            solves_while_rocking(ControllerName::Oqtal, cells),
-            1,
-            "{cells:?}"
-        );
+        assert_eq!(solves_while_rocking(ControllerName::Oqtal, cells), 1, "{cells:?}");
     }
     assert!(solves_while_rocking(ControllerName::Oqtal, Cells::Floor) > 100);
 }
@@ -287,11 +244,7 @@ fn every_tick_is_a_solution_in_every_step() {
     for name in [ControllerName::Lqr, ControllerName::Oqtal] {
         let mut law = law(name, &options, sticks());
         for _ in 0..10 {
-            law.update(
-                &AttitudeState::default(),
-                &AttitudeReference::default(),
-                DT_S,
-            );
+            law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S);
         }
         assert_eq!(law.riccati_solves(), 10);
     }
@@ -302,10 +255,7 @@ fn every_tick_is_a_solution_in_every_step() {
 fn the_pitch_limit_keeps_the_classic_model_from_turning_the_wrong_way() {
     let at = point(Vector3::zeros(), Vector3::new(0.0, 1.6, 0.0));
     let yaw_of_r = |limit| {
-        let options = LqrOptions {
-            operating_pitch_limit_rad: limit,
-            ..LqrOptions::spacecraft()
-        };
+        let options = LqrOptions { operating_pitch_limit_rad: limit, ..LqrOptions::spacecraft() };
         ClassicLqr::state_matrix(&options, &spacecraft(), &at)[(5, 2)]
     };
     assert!(yaw_of_r(3.0) < 0.0 && yaw_of_r(LqrOptions::default().operating_pitch_limit_rad) > 0.0);
