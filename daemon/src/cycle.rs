@@ -36,6 +36,7 @@ pub struct Cycle {
     period: Span,
     /// Two ticks are at least this far apart: faster cameras are decimated.
     spacing: Span,
+    decimates: bool,
     coast: Span,
     recovery_poses: u32,
     watches_only: bool,
@@ -70,6 +71,7 @@ impl Cycle {
         Ok(Self {
             period,
             spacing: period.scaled(1.0 - 0.5 / poses_per_tick),
+            decimates: poses_per_tick > 1.0,
             coast: Span::from_seconds(config.safety.coast_ms * 1e-3),
             recovery_poses: config.safety.recovery_poses,
             watches_only: config.is_replay(),
@@ -94,10 +96,12 @@ impl Cycle {
         })
     }
 
-    /// When the loop acts if no pose comes before.
+    /// When the loop acts if no pose comes before. A pose that came too soon after the last tick, and after which no other
+    /// is expected before long, is acted on a period after that tick.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        self.last_tick + self.period.scaled(DEADLINE_PERIODS)
+        let periods = if self.fresh.is_some() && !self.decimates { 1.0 } else { DEADLINE_PERIODS };
+        self.last_tick + self.period.scaled(periods)
     }
 
     /// Looks at a pose, if one came, and acts if it is time to; `None` if not.
@@ -194,7 +198,7 @@ impl Cycle {
         let dt =
             now.since(self.last_tick).min(self.period.scaled(2.0)).max(self.period.scaled(0.5));
         let fresh = self.fresh.take();
-        if arrival.is_none() {
+        if arrival.is_none() && fresh.is_none() {
             self.missing = Cause::NoPose;
             self.guard.missed();
         }
