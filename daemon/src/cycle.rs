@@ -52,6 +52,7 @@ pub struct Cycle {
     stop_requested: bool,
 
     last_tick: Time,
+    last_nominal: Option<Time>,
     /// The newest pose since the last tick, if it was believed.
     fresh: Option<Header>,
     /// Why the last pose that was due is not there.
@@ -85,6 +86,7 @@ impl Cycle {
             mission: None,
             stop_requested: false,
             last_tick: now,
+            last_nominal: None,
             fresh: None,
             missing: Cause::NoPose,
             held: CommandV1::default(),
@@ -227,8 +229,9 @@ impl Cycle {
     fn supervise(&mut self, now: Time, fresh: bool) {
         let age = self.pose_age(now);
         let armed = matches!(self.mode, Mode::Flying | Mode::Landing);
+        let short_gap = self.period.scaled(SHORT_GAP_PERIODS);
         let briefly_unseen = self.supervisor.cause() == Cause::NoPose
-            && self.telemetry.pose_age_s <= self.period.scaled(SHORT_GAP_PERIODS).seconds();
+            && self.last_nominal.is_some_and(|last| now.since(last) <= short_gap);
         let needed = if briefly_unseen { 1 } else { self.recovery_poses };
         let conditions = Conditions {
             pose_missed: !fresh,
@@ -239,7 +242,9 @@ impl Cycle {
             operator_arms: self.mode == Mode::Waiting || self.watches_only,
         };
         let cause = if conditions.operator_stops { Cause::Operator } else { self.missing };
-        self.supervisor.step(&conditions, cause);
+        if self.supervisor.step(&conditions, cause) == SafetyState::Nominal {
+            self.last_nominal = Some(now);
+        }
     }
 
     fn change_mode(&mut self, now: Time) {
