@@ -5,11 +5,10 @@
 use std::ops::Range;
 
 use plotters::chart::ChartContext;
-use plotters::coord::combinators::{BindKeyPoints, WithKeyPoints};
-use plotters::coord::types::RangedCoordf64;
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
 use plotters::prelude::*;
 
-use super::axis::{Axis, Tick};
+use super::axis::Axis;
 use super::palette::Ink;
 use super::series::{Point, is_drawable};
 
@@ -22,8 +21,7 @@ const MARGIN: u32 = 22;
 
 const NEVER_FAILS: &str = "drawing into a string cannot fail";
 
-type Coordinates = Cartesian2d<WithKeyPoints<RangedCoordf64>, WithKeyPoints<RangedCoordf64>>;
-type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Coordinates>;
+type Plane = Cartesian2d<Axis, Axis>;
 
 /// Something drawn between the axes.
 #[derive(Clone, Debug)]
@@ -84,7 +82,7 @@ impl Plot {
                 .margin(MARGIN)
                 .x_label_area_size(LABEL_HEIGHT)
                 .y_label_area_size(self.label_width)
-                .build_cartesian_2d(coordinate(&self.x), coordinate(&self.y))
+                .build_cartesian_2d(self.x.clone(), self.y.clone())
                 .expect(NEVER_FAILS);
             for shape in &self.shapes {
                 if let Shape::Band(range) = shape {
@@ -93,7 +91,7 @@ impl Plot {
                     chart.plotting_area().draw(&band).expect(NEVER_FAILS);
                 }
             }
-            self.draw_axes(&mut chart);
+            draw_axes(&mut chart);
             for shape in &self.shapes {
                 draw(chart.plotting_area(), shape);
             }
@@ -101,30 +99,45 @@ impl Plot {
         }
         svg
     }
+}
 
-    fn draw_axes(&self, chart: &mut Chart<'_, '_>) {
-        chart
-            .configure_mesh()
-            .light_line_style(TRANSPARENT)
-            .bold_line_style(Ink::Grid.color().stroke_width(2))
-            .axis_style(Ink::Axis.color().stroke_width(2))
-            .label_style(("sans-serif", FONT_SIZE))
-            .x_label_formatter(&|at| label(&self.x.ticks, *at))
-            .y_label_formatter(&|at| label(&self.y.ticks, *at))
-            .draw()
-            .expect(NEVER_FAILS);
+impl Ranged for Axis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (low, high): (i32, i32)) -> i32 {
+        let share = (value - self.range.start) / (self.range.end - self.range.start);
+        low + (share * f64::from(high - low)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let ticks = if hint.weight().allow_light_points() { &[] } else { self.ticks.as_slice() };
+        ticks.iter().map(|tick| tick.at).collect()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.range.clone()
     }
 }
 
-fn coordinate(axis: &Axis) -> WithKeyPoints<RangedCoordf64> {
-    axis.range.clone().with_key_points(axis.ticks.iter().map(|tick| tick.at).collect())
+impl ValueFormatter<f64> for Axis {
+    fn format_ext(&self, at: &f64) -> String {
+        let tick = self.ticks.iter().find(|tick| tick.at == *at);
+        tick.map_or_else(String::new, |tick| tick.label.clone())
+    }
 }
 
-fn label(ticks: &[Tick], at: f64) -> String {
-    ticks.iter().find(|tick| tick.at == at).map_or_else(String::new, |tick| tick.label.clone())
+fn draw_axes(chart: &mut ChartContext<'_, SVGBackend<'_>, Plane>) {
+    chart
+        .configure_mesh()
+        .bold_line_style(Ink::Grid.color().stroke_width(2))
+        .axis_style(Ink::Axis.color().stroke_width(2))
+        .label_style(("sans-serif", FONT_SIZE))
+        .draw()
+        .expect(NEVER_FAILS);
 }
 
-fn draw(plane: &DrawingArea<SVGBackend<'_>, Coordinates>, shape: &Shape) {
+fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
     match shape {
         Shape::Band(_) => {}
         Shape::Line(ink, width, points) => {
