@@ -211,7 +211,7 @@ impl Cycle {
         self.held = command;
 
         let about = fresh.as_ref().or(arrival);
-        let woken_for = about.map_or(deadline, |header| header.stamps.pose_published_at);
+        let woken_for = arrival.map_or(deadline, |header| header.stamps.pose_published_at);
         self.telemetry.wakeup_lateness_ns = now.since(woken_for).nanos();
         let stamps = about.map_or_else(Stamps::default, |header| header.stamps);
         Tick {
