@@ -10,7 +10,8 @@ pub struct Integral {
 }
 
 impl Integral {
-    /// An integral at zero whose components stay within `limit` \[the unit of the error times s\], which is not negative.
+    /// An integral at zero whose components stay within `limit` \[the unit of the error times s\],
+    /// which is not negative.
     #[must_use]
     pub fn new(limit: f64) -> Self {
         Self { value: Vector3::zeros(), limit }
@@ -22,10 +23,12 @@ impl Integral {
         &self.value
     }
 
-    /// Adds `error` over `dt_s` seconds, unless the command is saturated and this would drive it further out of range.
+    /// Adds `error` over `dt_s` seconds, unless the command is saturated and this would drive it
+    /// further out of range.
     ///
-    /// `excess` is the command that was wanted less the one that was given, `push` the rate at which the wanted command
-    /// moves because of this integral. An `error` or a `dt_s` that is not finite adds nothing.
+    /// `excess` is the command that was wanted less the one that was given, `push` the direction in
+    /// which this integral moves the wanted command. An `error` or a `dt_s` that is not finite adds
+    /// nothing.
     #[inline]
     pub fn step(
         &mut self,

@@ -7,7 +7,8 @@ use nalgebra::{Matrix3, Matrix4, Vector4};
 use crate::quantity::{AngularAcceleration, BodyRate, Torque};
 use crate::quaternion::Attitude;
 
-/// How far a matrix may be from symmetric, and a body from the triangle inequality, relative to its trace.
+/// How far a matrix may be from symmetric, and a body from the triangle inequality, relative to its
+/// trace.
 const TOLERANCE: f64 = 1e-9;
 
 /// The inertia `J` of a body about its centre of mass \[kg m^2, body axes\], with its inverse.
@@ -36,7 +37,7 @@ impl fmt::Display for InertiaError {
             Self::NotFinite => "the inertia holds a number that is not finite",
             Self::NotSymmetric => "the inertia is not symmetric",
             Self::NotPositiveDefinite => "the inertia has a principal moment that is not positive",
-            Self::NotABody => "a principal moment of the inertia exceeds the sum of the others: no mass is so distributed",
+            Self::NotABody => "a principal moment of the inertia exceeds the sum of the other two",
         })
     }
 }
@@ -82,7 +83,8 @@ impl Inertia {
         Torque(omega.0.cross(&(self.matrix * omega.0)))
     }
 
-    /// The angular acceleration of the body at rate `omega` under the torque `tau`: Euler's equation.
+    /// The angular acceleration of the body at rate `omega` under the torque `tau`: Euler's
+    /// equation.
     #[must_use]
     pub fn acceleration(&self, omega: BodyRate, tau: Torque) -> AngularAcceleration {
         // Eq. (3), erratum E-03
@@ -90,7 +92,8 @@ impl Inertia {
     }
 }
 
-/// Time derivative of `[q1 q2 q3 eta]`, scalar last, of a body that turns at `omega = [p, q, r]` \[1/s\].
+/// Time derivative of `[q1 q2 q3 eta]`, scalar last, of a body that turns at `omega = [p, q, r]`
+/// \[1/s\].
 #[must_use]
 pub fn quaternion_rate(attitude: &Attitude, omega: BodyRate) -> Vector4<f64> {
     let [p, q, r] = omega.0.into();

@@ -1,8 +1,8 @@
-//! Gain scheduling by cells (paper, Section II.F.3): a gain is computed for the cell of the operating space the vehicle is
-//! in, and again only when it leaves that cell.
+//! Gain scheduling by cells (paper, Section II.F.3): a gain is computed for the cell of the
+//! operating space the vehicle is in, and again only when it leaves that cell.
 //!
-//! The schedule knows nothing of the law: it is given the vector that selects the cell and a function from an operating
-//! point to a gain.
+//! The schedule knows nothing of the law: it is given the vector that selects the cell and a
+//! function from an operating point to a gain.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
@@ -13,15 +13,16 @@ use serde::{Deserialize, Serialize};
 pub enum Cells {
     /// `[(n - 1/2) delta, (n + 1/2) delta)`, stood for by `n delta`.
     Centred,
-    /// `[n delta, (n + 1) delta)`, stood for by `n delta`: the rule the paper prints. Zero is on a border, so noise alone
-    /// changes the cell.
+    /// `[n delta, (n + 1) delta)`, stood for by `n delta`: the rule the paper prints. Zero is on a
+    /// border, so noise alone changes the cell.
     Floor,
-    /// As [`Cells::Floor`] but mirrored for negative values, so zero is in the middle of a cell of double width. It agrees
-    /// with the number of solutions the paper reports.
+    /// As [`Cells::Floor`] but mirrored for negative values, so zero is in the middle of a cell of
+    /// double width. It agrees with the number of solutions the paper reports.
     #[default]
     Truncated,
-    /// The cell reaches `delta` to either side of the vector at which the last gain was computed, which stands for it.
-    /// Being centred on that vector it has hysteresis: noise cannot take the schedule back and forth.
+    /// The cell reaches `delta` to either side of the vector at which the last gain was computed,
+    /// which stands for it. Being centred on that vector it has hysteresis: noise cannot take the
+    /// schedule back and forth.
     Deadband,
 }
 
@@ -63,7 +64,7 @@ impl Grid {
             (Cells::Centred, _) => x.map(|xi| (xi / delta).round() * delta),
             // The unnumbered rule of Section II.F.3: n delta <= xi < (n + 1) delta.
             (Cells::Floor, _) => x.map(|xi| (xi / delta).floor() * delta),
-            // A cast truncates, and unlike `trunc` without a call.
+            // A cast truncates too, and saves the call that `trunc` is.
             (Cells::Truncated, _) => x.map(|xi| (xi / delta) as i64 as f64 * delta),
             (Cells::Deadband, Some(centre)) if (x - centre).amax() <= delta => *centre,
             (Cells::Deadband, _) => *x,
@@ -72,7 +73,8 @@ impl Grid {
     }
 }
 
-/// A gain that follows the operating point from cell to cell, over an operating space of `D` dimensions.
+/// A gain that follows the operating point from cell to cell, over an operating space of `D`
+/// dimensions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSchedule<const D: usize, G> {
     grid: Grid,
@@ -89,8 +91,9 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
         Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
 
-    /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain stays, and the next
-    /// attempt is at the next operating point. An `x` that is not finite changes nothing.
+    /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain
+    /// stays, and the next attempt is at the next operating point. An `x` that is not finite
+    /// changes nothing.
     #[inline]
     pub fn gain<E>(
         &mut self,
@@ -112,12 +115,6 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
     /// Forgets the operating point, so that the next step computes a gain. The counts go on.
     pub fn reset(&mut self) {
         self.operating_point = None;
-    }
-
-    /// The operating point of the current gain, if one was computed.
-    #[must_use]
-    pub fn operating_point(&self) -> Option<&SVector<f64, D>> {
-        self.operating_point.as_ref()
     }
 
     /// How often a gain was computed, the first time and failures included.
