@@ -228,9 +228,6 @@ mod tests {
     fn a_body_at_its_reference_has_no_error() {
         let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::LEVEL);
         // Eq. (11)
-        assert_eq!(
-            (*error.eps(), error.lambda(), error.lyapunov()),
-            (Vector3::zeros(), 1.0, 0.0)
-        );
+        assert_eq!((*error.eps(), error.lambda(), error.lyapunov()), (Vector3::zeros(), 1.0, 0.0));
     }
 }

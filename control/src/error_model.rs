@@ -219,20 +219,13 @@ mod tests {
 
     /// `[omega_e_dot; eps_dot]` by Eqs. (37) and (38) at `[omega_e; eps]`.
     fn rates(x: &Vector6<f64>, eps_ddot: &Vector3<f64>) -> Vector6<f64> {
-        let (omega_e, eps) = (
-            x.fixed_rows::<3>(0).into(),
-            Vector3::from(x.fixed_rows::<3>(3)),
-        );
+        let (omega_e, eps) = (x.fixed_rows::<3>(0).into(), Vector3::from(x.fixed_rows::<3>(3)));
         let lambda = (1.0 - eps.norm_squared()).sqrt();
         let q_e = UnitQuaternion::new_normalize(nalgebra::Quaternion::from_parts(lambda, eps));
         let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::from_unit_quaternion(q_e));
         let mut rates = Vector6::zeros();
-        rates
-            .fixed_rows_mut::<3>(0)
-            .copy_from(&error.omega_e_dot_of_eps(eps_ddot, &omega_e));
-        rates
-            .fixed_rows_mut::<3>(3)
-            .copy_from(&error.eps_dot(&omega_e));
+        rates.fixed_rows_mut::<3>(0).copy_from(&error.omega_e_dot_of_eps(eps_ddot, &omega_e));
+        rates.fixed_rows_mut::<3>(3).copy_from(&error.eps_dot(&omega_e));
         rates
     }
 

@@ -168,7 +168,7 @@ impl Cycle {
     fn land(&mut self, now: Time) -> Result<Answer, Cause> {
         match (self.mode, &mut self.mission) {
             (Mode::Flying, Some(mission)) => {
-                mission.land(now);
+                mission.land(now, &self.estimator.latest());
                 self.mode = Mode::Landing;
                 Ok(Answer::Done)
             }

@@ -113,11 +113,7 @@ fn record(
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.
 enum Clock {
     Real(StopFlag),
-    Virtual {
-        pace: Pace,
-        next: Option<Time>,
-        end: Time,
-    },
+    Virtual { pace: Pace, next: Option<Time>, end: Time },
 }
 
 impl Clock {

@@ -98,32 +98,12 @@ impl<I: InputForm> QuaternionPid<I> {
         Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
     }
 
-<<<<<<< HEAD
-    /// `c` of the damping in Eq. (17) and of the slew rate in Eq. (18). In rate form the demand is itself a rate: the
-    /// damping is nullified (Section VII.C) and the slew rate is the demand.
-    fn damping_and_slew_gain(&self) -> (f64, f64) {
-        let c = self.options.rate_gain_per_s;
-        if self.input.inertia().is_some() { (c, c) } else { (0.0, 1.0) }
-    }
-
-    /// `sat_L`: `pi` as far as the slew rate that it stands for is allowed at this `eps`.
-    fn slew_limited(&self, pi: &Vector3<f64>, eps: &Vector3<f64>) -> Vector3<f64> {
-        let (k, (_, c)) = (self.options.gain, self.damping_and_slew_gain());
-        let (omega_max, a) = (self.options.max_rate_rad_s, self.options.max_acceleration_rad_s2);
-=======
     /// `sat_L`: `pi` as far as the slew rate that it stands for is allowed at this `eps`.
     fn slew_limited(&self, pi: &Vector3<f64>, eps: &Vector3<f64>) -> Vector3<f64> {
         // In rate form the demand is itself the slew rate.
-        let c = self
-            .input
-            .inertia()
-            .map_or(1.0, |_| self.options.rate_gain_per_s);
+        let c = self.input.inertia().map_or(1.0, |_| self.options.rate_gain_per_s);
         let k = self.options.gain;
-        let (omega_max, a) = (
-            self.options.max_rate_rad_s,
-            self.options.max_acceleration_rad_s2,
-        );
->>>>>>> attitude
+        let (omega_max, a) = (self.options.max_rate_rad_s, self.options.max_acceleration_rad_s2);
         // Eq. (18), erratum E-18. `min` passes over NaN: infinity times zero, which is no limit.
         let limit = eps.map(|eps_i| c / (2.0 * k) * (4.0 * a * eps_i.abs()).sqrt().min(omega_max));
         pi.zip_map(&limit, |pi_i, limit_i| pi_i.clamp(-limit_i, limit_i))
@@ -141,10 +121,7 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
     ) -> I::Command {
         let (k, t) = (self.options.gain, self.options.integral_time_s);
         // In rate form `c omega` is nullified (Section VII.C).
-        let c = self
-            .input
-            .inertia()
-            .map_or(0.0, |_| self.options.rate_gain_per_s);
+        let c = self.input.inertia().map_or(0.0, |_| self.options.rate_gain_per_s);
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let (eps, omega_e) = (error.eps(), error.rate_error(state.rate, reference.rate));
         let omega = match self.options.rate {

@@ -99,10 +99,7 @@ fn far_from(
     turn: Vector3<f64>,
 ) -> (AttitudeReference, Attitude) {
     if name == ControllerName::Lqr {
-        (
-            resting(Attitude::LEVEL),
-            Attitude::LEVEL.turned_by(turn / 4.0),
-        )
+        (resting(Attitude::LEVEL), Attitude::LEVEL.turned_by(turn / 4.0))
     } else {
         (resting(target), target.turned_by(turn))
     }

@@ -186,19 +186,14 @@ fn the_slew_rate_of_the_pid_is_one_it_can_stop_from() {
     let (acceleration, angle) = (0.5, 1e-3);
     let mut options = ControllerOptions::default();
     (options.pid.gain, options.pid.max_acceleration_rad_s2) = (1e3, acceleration);
-    let state = at_rest(Attitude::from_rotation_vector(Vector3::new(
-        0.0, angle, 0.0,
-    )));
+    let state = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, angle, 0.0)));
     let command = first_command(
         law(ControllerName::Pid, &options, sticks()),
         &state,
         &AttitudeReference::default(),
     );
     let omega = -2.0 * command.y;
-    assert!(
-        (omega - (2.0 * acceleration * angle).sqrt()).abs() < 1e-6,
-        "slews at {omega}"
-    );
+    assert!((omega - (2.0 * acceleration * angle).sqrt()).abs() < 1e-6, "slews at {omega}");
 }
 
 /// Euler angles jump by a turn at 180 degrees; the body does not.
@@ -209,10 +204,7 @@ fn the_classic_law_turns_the_short_way_round() {
     let law = || law(ControllerName::Lqr, &ControllerOptions::default(), sticks());
     let across = first_command(law(), &at_rest(yaw(179.0)), &resting(yaw(-179.0)));
     let plain = first_command(law(), &at_rest(yaw(0.0)), &resting(yaw(2.0)));
-    assert!(
-        across.z > 0.0 && (across - plain).amax() < 1e-9,
-        "{across} instead of {plain}"
-    );
+    assert!(across.z > 0.0 && (across - plain).amax() < 1e-9, "{across} instead of {plain}");
 }
 
 #[test]
