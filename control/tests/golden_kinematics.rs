@@ -14,6 +14,14 @@ use serde::Deserialize;
 
 const TOLERANCE: f64 = 1e-12;
 
+const JACOBIANS: [Jacobian; 5] = [
+    Jacobian::Decoupled,
+    Jacobian::Printed45,
+    Jacobian::Printed75,
+    Jacobian::ExactConstantLambda,
+    Jacobian::Exact,
+];
+
 type Triple = [f64; 3];
 type Square = [[f64; 3]; 3];
 
@@ -246,6 +254,25 @@ fn error_kinematics_agree_with_golden() {
     }
 }
 
+impl Jacobians {
+    /// The golden `A_omega_omega`, `A_omega_eps` and `A_eps_eps`.
+    fn blocks(&self, jacobian: Jacobian) -> [Matrix3<f64>; 3] {
+        let zero = [[0.0; 3]; 3];
+        let (constant, varying) = (self.eps_eps_constant_lambda, self.eps_eps);
+        let (printed, exact) = (self.omega_omega_printed, self.omega_omega_exact);
+        let blocks = match jacobian {
+            Jacobian::Decoupled => [zero, zero, varying],
+            Jacobian::Printed45 => [printed, self.omega_eps_printed_45, constant],
+            Jacobian::Printed75 => [printed, self.omega_eps_printed_75, constant],
+            Jacobian::ExactConstantLambda => {
+                [exact, self.omega_eps_exact_constant_lambda, constant]
+            }
+            Jacobian::Exact => [exact, self.omega_eps_exact, varying],
+        };
+        blocks.map(matrix)
+    }
+}
+
 #[test]
 fn every_jacobian_agrees_with_golden() {
     for jac in golden()
@@ -259,53 +286,21 @@ fn every_jacobian_agrees_with_golden() {
             omega_e: vector(jac.omega_e),
             eps_ddot: vector(jac.eps_ddot_used),
         };
-        let zero = [[0.0; 3]; 3];
-        let (constant, varying) = (jac.eps_eps_constant_lambda, jac.eps_eps);
-        let (printed, exact) = (jac.omega_omega_printed, jac.omega_omega_exact);
-        let expected = [
-            (Jacobian::Decoupled, zero, zero, varying),
-            (
-                Jacobian::Printed45,
-                printed,
-                jac.omega_eps_printed_45,
-                constant,
-            ),
-            (
-                Jacobian::Printed75,
-                printed,
-                jac.omega_eps_printed_75,
-                constant,
-            ),
-            (
-                Jacobian::ExactConstantLambda,
-                exact,
-                jac.omega_eps_exact_constant_lambda,
-                constant,
-            ),
-            (Jacobian::Exact, exact, jac.omega_eps_exact, varying),
-        ];
-        for (jacobian, omega_omega, omega_eps, eps_eps) in expected {
+        for jacobian in JACOBIANS {
             let model = ErrorModel::at(jacobian, &point);
+            let [omega_omega, omega_eps, eps_eps] = jac.blocks(jacobian);
             assert_close(
                 &model.omega_omega,
-                &matrix(omega_omega),
-                &format!("{jacobian:?}, A_omega_omega"),
+                &omega_omega,
+                &format!("{jacobian:?}, omega_omega"),
             );
             assert_close(
                 &model.omega_eps,
-                &matrix(omega_eps),
-                &format!("{jacobian:?}, A_omega_eps"),
+                &omega_eps,
+                &format!("{jacobian:?}, omega_eps"),
             );
-            assert_close(
-                &model.eps_omega,
-                &matrix(jac.eps_omega),
-                &format!("{jacobian:?}, A_eps_omega"),
-            );
-            assert_close(
-                &model.eps_eps,
-                &matrix(eps_eps),
-                &format!("{jacobian:?}, A_eps_eps"),
-            );
+            assert_close(&model.eps_eps, &eps_eps, &format!("{jacobian:?}, eps_eps"));
+            assert_close(&model.eps_omega, &matrix(jac.eps_omega), "Eq. (44)");
         }
     }
 }

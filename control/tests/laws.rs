@@ -9,6 +9,8 @@ mod gains;
 mod golden_gains;
 #[path = "laws/robustness.rs"]
 mod robustness;
+#[path = "laws/solves.rs"]
+mod solves;
 
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{

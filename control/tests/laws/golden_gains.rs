@@ -113,15 +113,23 @@ impl Case {
     }
 }
 
+/// The operating points of the golden cases: none, "mid" and "large".
+fn operating_points() -> [OperatingPoint; 3] {
+    let large = OperatingPoint::new(Vector3::new(0.5, 0.4, -0.3), Vector3::new(1.0, -0.8, 0.6));
+    [
+        OperatingPoint::new(Vector3::zeros(), Vector3::zeros()),
+        OperatingPoint::new(Vector3::new(0.2, -0.1, 0.15), Vector3::new(0.3, -0.2, 0.25)),
+        OperatingPoint {
+            eps_ddot: Vector3::new(0.1, 0.2, -0.3),
+            ..large
+        },
+    ]
+}
+
 #[test]
 fn oqtal_has_the_golden_models_and_gains() {
     let golden = golden();
-    let zero = OperatingPoint::new(Vector3::zeros(), Vector3::zeros());
-    let middle = OperatingPoint::new(Vector3::new(0.2, -0.1, 0.15), Vector3::new(0.3, -0.2, 0.25));
-    let large = OperatingPoint {
-        eps_ddot: Vector3::new(0.1, 0.2, -0.3),
-        ..OperatingPoint::new(Vector3::new(0.5, 0.4, -0.3), Vector3::new(1.0, -0.8, 0.6))
-    };
+    let [zero, middle, large] = operating_points();
     let cases = [
         ("oqtal6_zero_J0.5_q1", Jacobian::Decoupled, zero),
         ("oqtal6_zero_J0.5_q4096", Jacobian::Exact, zero),
