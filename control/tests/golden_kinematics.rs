@@ -254,8 +254,16 @@ fn every_jacobian_agrees_with_golden() {
         for jacobian in JACOBIANS {
             let model = ErrorModel::at(jacobian, &point);
             let [omega_omega, omega_eps, eps_eps] = jac.blocks(jacobian);
-            assert_close(&model.omega_omega, &omega_omega, &format!("{jacobian:?}, omega_omega"));
-            assert_close(&model.omega_eps, &omega_eps, &format!("{jacobian:?}, omega_eps"));
+            assert_close(
+                &model.omega_omega,
+                &omega_omega,
+                &format!("{jacobian:?}, omega_omega"),
+            );
+            assert_close(
+                &model.omega_eps,
+                &omega_eps,
+                &format!("{jacobian:?}, omega_eps"),
+            );
             assert_close(&model.eps_eps, &eps_eps, &format!("{jacobian:?}, eps_eps"));
             assert_close(&model.eps_omega, &matrix(jac.eps_omega), "Eq. (44)");
         }

@@ -94,7 +94,10 @@ fn operating_points() -> [OperatingPoint; 3] {
     [
         OperatingPoint::new(Vector3::zeros(), Vector3::zeros()),
         OperatingPoint::new(Vector3::new(0.2, -0.1, 0.15), Vector3::new(0.3, -0.2, 0.25)),
-        OperatingPoint { eps_ddot: Vector3::new(0.1, 0.2, -0.3), ..large },
+        OperatingPoint {
+            eps_ddot: Vector3::new(0.1, 0.2, -0.3),
+            ..large
+        },
     ]
 }
 
