@@ -113,7 +113,7 @@ fn record(
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.
 enum Clock {
     Real(StopFlag),
-    Virtual { pace: Pace, next: Option<Time>, end: Time },
+    Virtual { pace: Box<Pace>, next: Option<Time>, end: Time },
 }
 
 impl Clock {
@@ -121,7 +121,7 @@ impl Clock {
         Ok(match mission.config.clock.kind {
             ClockKind::Real => Self::Real(stop.clone()),
             ClockKind::Lockstep | ClockKind::InProcess => Self::Virtual {
-                pace: Pace::follower(bus, Party::Recorder, stop.clone())?,
+                pace: Box::new(Pace::follower(bus, Party::Recorder, stop.clone())?),
                 next: None,
                 end: Time::VIRTUAL_START + mission.patience(),
             },
