@@ -177,3 +177,48 @@ impl AttitudeError {
         2.0 * (1.0 - self.lambda)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn attitude() -> impl Strategy<Value = Attitude> {
+        prop::array::uniform3(-3.0..3.0_f64)
+            .prop_map(|v| Attitude::from_rotation_vector(Vector3::from(v)))
+    }
+
+    proptest! {
+        #[test]
+        fn the_lyapunov_function_falls_at_the_square_of_eps(desired in attitude(), actual in attitude()) {
+            let error = AttitudeError::between(&desired, &actual);
+            let omega_e = -error.eps();
+            // Eqs. (49) to (52): lambda is not negative here, so V_dot = -2 lambda_dot
+            let v_dot = -2.0 * error.lambda_rate(&omega_e);
+            prop_assert!((v_dot + error.eps().norm_squared()).abs() < 1e-15);
+            prop_assert!((0.0..=2.0).contains(&error.lyapunov()));
+        }
+
+        #[test]
+        fn the_error_is_the_turn_from_desired_to_actual(desired in attitude(), actual in attitude()) {
+            let error = AttitudeError::between(&desired, &actual);
+            let half = desired.angle_to(&actual) / 2.0;
+            prop_assert!((error.lambda() - half.cos()).abs() < 1e-12);
+            prop_assert!((error.eps().norm() - half.sin()).abs() < 1e-12);
+            let v = Vector3::new(0.3, -0.5, 0.8);
+            let c_v = actual.to_body(&desired.to_world(&v));
+            prop_assert!((error.rotation() * v - c_v).amax() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_body_at_its_reference_has_no_error() {
+        let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::LEVEL);
+        // Eq. (11)
+        assert_eq!(
+            (*error.eps(), error.lambda(), error.lyapunov()),
+            (Vector3::zeros(), 1.0, 0.0)
+        );
+    }
+}

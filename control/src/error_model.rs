@@ -193,3 +193,59 @@ impl OperatingPoint {
 fn scaled_identity(scale: f64) -> Matrix3<f64> {
     Matrix3::from_diagonal_element(scale)
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{SMatrix, UnitQuaternion, Vector6};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::error::AttitudeError;
+    use crate::quaternion::Attitude;
+
+    fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
+        prop::array::uniform3(-limit..limit).prop_map(Vector3::from)
+    }
+
+    /// `[omega_e_dot; eps_dot]` by Eqs. (37) and (38) at `[omega_e; eps]`.
+    fn rates(x: &Vector6<f64>, eps_ddot: &Vector3<f64>) -> Vector6<f64> {
+        let (omega_e, eps) = (
+            x.fixed_rows::<3>(0).into(),
+            Vector3::from(x.fixed_rows::<3>(3)),
+        );
+        let lambda = (1.0 - eps.norm_squared()).sqrt();
+        let q_e = UnitQuaternion::new_normalize(nalgebra::Quaternion::from_parts(lambda, eps));
+        let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::from_unit_quaternion(q_e));
+        let mut rates = Vector6::zeros();
+        rates
+            .fixed_rows_mut::<3>(0)
+            .copy_from(&error.rate_error_rate_of_eps(eps_ddot, &omega_e));
+        rates
+            .fixed_rows_mut::<3>(3)
+            .copy_from(&error.eps_rate(&omega_e));
+        rates
+    }
+
+    proptest! {
+        #[test]
+        fn the_exact_model_is_the_derivative_of_the_error_kinematics(eps in vector(0.5), omega_e in vector(2.0), eps_ddot in vector(1.0)) {
+            let x = Vector6::from_iterator(omega_e.iter().chain(&eps).copied());
+            let step = 1e-5;
+            let difference = SMatrix::<f64, 6, 6>::from_columns(&std::array::from_fn::<_, 6, _>(|i| {
+                let shift = Vector6::ith(i, step);
+                (rates(&(x + shift), &eps_ddot) - rates(&(x - shift), &eps_ddot)) / (2.0 * step)
+            }));
+            let point = OperatingPoint { eps_ddot, ..OperatingPoint::new(eps, omega_e) };
+            let model = ErrorModel::at(Jacobian::Exact, &point).state_matrix();
+            prop_assert!((model - difference).amax() < 1e-6);
+        }
+
+        #[test]
+        fn an_operating_point_is_an_error_short_of_half_a_turn(eps in vector(3.0)) {
+            let point = OperatingPoint::new(eps, Vector3::zeros());
+            prop_assert!(point.lambda >= LAMBDA_MIN);
+            prop_assert!((point.eps.norm_squared() + point.lambda.powi(2) - 1.0).abs() < 1e-12);
+            prop_assert!(point.eps.cross(&eps).norm() < 1e-12);
+        }
+    }
+}

@@ -99,3 +99,23 @@ impl EulerAngles {
         EulerRates(self.rate_matrix() * omega.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use super::*;
+
+    #[test]
+    fn an_attitude_pitched_straight_up_or_down_still_has_angles() {
+        for pitch in [FRAC_PI_2, -FRAC_PI_2, FRAC_PI_2 - 1e-10] {
+            for (roll, yaw) in [(0.0, 0.0), (0.7, -1.1), (-3.0, 2.0)] {
+                let theta = EulerAngles { roll, pitch, yaw };
+                let attitude = Attitude::from_xyzw(theta.xyzw()).unwrap();
+                let again = EulerAngles::from_attitude(&attitude);
+                assert_eq!(again.roll, 0.0);
+                assert!((again.rotation() - theta.rotation()).amax() < 1e-9);
+            }
+        }
+    }
+}

@@ -47,3 +47,46 @@ impl Integral {
         self.value = Vector3::zeros();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const X: Vector3<f64> = Vector3::new(1.0, 0.0, 0.0);
+
+    #[test]
+    fn it_integrates_up_to_its_limit() {
+        let mut integral = Integral::new(0.25);
+        integral.step(&X, &X, &Vector3::zeros(), 0.1);
+        assert_eq!(*integral.value(), 0.1 * X);
+        for _ in 0..10 {
+            integral.step(&X, &X, &Vector3::zeros(), 0.1);
+        }
+        assert_eq!(*integral.value(), 0.25 * X);
+        integral.reset();
+        assert_eq!(*integral.value(), Vector3::zeros());
+    }
+
+    #[test]
+    fn it_stands_still_only_while_it_would_drive_a_saturated_command_further_out() {
+        let mut integral = Integral::new(1.0);
+        integral.step(&X, &X, &X, 0.1);
+        assert_eq!(*integral.value(), Vector3::zeros());
+        integral.step(&X, &X, &-X, 0.1);
+        assert_eq!(*integral.value(), 0.1 * X);
+    }
+
+    #[test]
+    fn what_is_not_finite_adds_nothing() {
+        let mut integral = Integral::new(1.0);
+        for (error, dt_s) in [
+            (f64::NAN, 0.1),
+            (f64::INFINITY, 0.1),
+            (1.0, f64::NAN),
+            (1.0, f64::INFINITY),
+        ] {
+            integral.step(&(error * X), &X, &Vector3::zeros(), dt_s);
+            assert_eq!(*integral.value(), Vector3::zeros());
+        }
+    }
+}

@@ -104,3 +104,44 @@ pub fn quaternion_rate(attitude: &Attitude, omega: BodyRate) -> Vector4<f64> {
     );
     skew * Vector4::from(attitude.xyzw()) / 2.0
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    #[test]
+    fn only_a_body_has_an_inertia() {
+        let diagonal = |x, y, z| Inertia::new(Matrix3::from_diagonal(&Vector3::new(x, y, z)));
+        assert!(diagonal(1.0, 2.0, 2.5).is_ok());
+        assert!(diagonal(1.0, 2.0, 3.0).is_ok(), "a flat plate");
+        assert_eq!(diagonal(1.0, 2.0, 3.1), Err(InertiaError::NotABody));
+        assert_eq!(
+            diagonal(1.0, 0.0, 1.0),
+            Err(InertiaError::NotPositiveDefinite)
+        );
+        assert_eq!(
+            diagonal(-1.0, -1.0, -1.0),
+            Err(InertiaError::NotPositiveDefinite)
+        );
+        assert_eq!(diagonal(1.0, f64::NAN, 1.0), Err(InertiaError::NotFinite));
+        let lopsided = Matrix3::new(1.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
+        assert_eq!(Inertia::new(lopsided), Err(InertiaError::NotSymmetric));
+    }
+
+    #[test]
+    fn the_gyroscopic_torque_keeps_the_rate_constant() {
+        let inertia = Inertia::new(Matrix3::new(
+            0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7,
+        ))
+        .unwrap();
+        let omega = BodyRate(Vector3::new(1.0, -2.0, 0.5));
+        assert_eq!(
+            inertia
+                .acceleration(omega, inertia.gyroscopic_torque(omega))
+                .0,
+            Vector3::zeros()
+        );
+    }
+}

@@ -132,3 +132,108 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
         self.failed_solves
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector1;
+
+    use super::*;
+
+    /// A schedule whose gain is the operating point it was computed at.
+    fn schedule(cells: Cells, resolve: Resolve) -> GainSchedule<1, f64> {
+        GainSchedule::new(Grid {
+            cells,
+            delta: 0.5,
+            resolve,
+        })
+    }
+
+    fn gain(schedule: &mut GainSchedule<1, f64>, x: f64) -> f64 {
+        *schedule.gain(&Vector1::new(x), |point| Ok::<_, ()>(point.x))
+    }
+
+    fn gains(cells: Cells, path: &[f64]) -> Vec<f64> {
+        let mut schedule = schedule(cells, Resolve::OnCellChange);
+        path.iter().map(|x| gain(&mut schedule, *x)).collect()
+    }
+
+    #[test]
+    fn each_rule_assigns_a_value_to_its_cell() {
+        let path = [-0.76, -0.5, -0.01, 0.0, 0.24, 0.26, 0.49, 0.5, 1.2];
+        assert_eq!(
+            gains(Cells::Centred, &path),
+            [-1.0, -0.5, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0]
+        );
+        assert_eq!(
+            gains(Cells::Floor, &path),
+            [-1.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]
+        );
+        assert_eq!(
+            gains(Cells::Truncated, &path),
+            [-0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]
+        );
+    }
+
+    #[test]
+    fn a_deadband_moves_only_when_it_is_left() {
+        assert_eq!(
+            gains(Cells::Deadband, &[0.3, 0.7, -0.1, 0.9, 0.45, 1.5]),
+            [0.3, 0.3, 0.3, 0.9, 0.9, 1.5]
+        );
+    }
+
+    #[test]
+    fn a_gain_is_computed_once_per_stay_in_a_cell() {
+        let mut schedule = schedule(Cells::Truncated, Resolve::OnCellChange);
+        assert_eq!(schedule.solves(), 0);
+        for x in [0.1, -0.4, 0.3, 0.6, 0.9, 0.1] {
+            gain(&mut schedule, x);
+        }
+        assert_eq!((schedule.solves(), schedule.failed_solves()), (3, 0));
+        schedule.reset();
+        gain(&mut schedule, 0.1);
+        assert_eq!(schedule.solves(), 4);
+    }
+
+    #[test]
+    fn every_tick_computes_the_gain_at_the_vector_itself() {
+        let mut schedule = schedule(Cells::Truncated, Resolve::EveryTick);
+        assert_eq!(
+            [0.1, 0.1, 0.2].map(|x| gain(&mut schedule, x)),
+            [0.1, 0.1, 0.2]
+        );
+        assert_eq!(schedule.solves(), 3);
+    }
+
+    /// F23
+    #[test]
+    fn a_failure_keeps_the_last_gain_and_is_not_repeated_in_the_same_cell() {
+        let mut schedule = schedule(Cells::Truncated, Resolve::OnCellChange);
+        assert_eq!(gain(&mut schedule, 0.6), 0.5);
+        for _ in 0..3 {
+            assert_eq!(*schedule.gain(&Vector1::new(1.2), |_| Err(())), 0.5);
+        }
+        assert_eq!((schedule.solves(), schedule.failed_solves()), (2, 1));
+        assert_eq!(gain(&mut schedule, 1.6), 1.5);
+    }
+
+    #[test]
+    fn a_vector_that_is_not_finite_computes_nothing() {
+        for resolve in [Resolve::OnCellChange, Resolve::EveryTick] {
+            for cells in [
+                Cells::Centred,
+                Cells::Floor,
+                Cells::Truncated,
+                Cells::Deadband,
+            ] {
+                let mut schedule = schedule(cells, resolve);
+                gain(&mut schedule, 0.6);
+                let before = schedule;
+                for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                    gain(&mut schedule, x);
+                    assert_eq!(schedule, before);
+                }
+            }
+        }
+    }
+}

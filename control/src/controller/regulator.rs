@@ -41,7 +41,8 @@ pub struct Weights {
     pub input: f64,
 }
 
-/// A model of rate and attitude, with the integral of the attitude as three further states.
+/// A model of rate and attitude, Eq. (20), with the integral of its output as three further states. The output, Eqs. (21),
+/// (32) and (35), is the attitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AugmentedModel {
     /// `A` for a [`LawState`].

@@ -260,3 +260,13 @@ fn the_pitch_limit_keeps_the_classic_model_from_turning_the_wrong_way() {
     };
     assert!(yaw_of_r(3.0) < 0.0 && yaw_of_r(LqrOptions::default().operating_pitch_limit_rad) > 0.0);
 }
+
+proptest! {
+    /// E-25: a body at rest at any set-point stays there without input, so `N_x = [0; I]` and `N_u = 0`.
+    #[test]
+    fn every_set_point_is_an_equilibrium_of_the_classic_model(rate in vector(3.0), theta in prop::array::uniform3(-1.4..1.4)) {
+        let a = ClassicLqr::state_matrix(&LqrOptions::spacecraft(), &spacecraft(), &point(rate, Vector3::from(theta)));
+        let at_set_point = SMatrix::<f64, 6, 3>::from_fn(|i, j| f64::from(i == j + 3));
+        assert_eq!(a * at_set_point, SMatrix::<f64, 6, 3>::zeros());
+    }
+}

@@ -120,6 +120,20 @@ proptest! {
     }
 }
 
+proptest! {
+    /// E-19: the largest component is at the limit and the others in proportion.
+    #[test]
+    fn a_saturated_torque_keeps_its_direction(u in vector(100.0)) {
+        let given = spacecraft().saturate(&u);
+        if u.amax() <= MAX_TORQUE {
+            assert_eq!(given, u);
+        } else {
+            assert_eq!(given.amax(), MAX_TORQUE);
+            assert!((given.normalize() - u.normalize()).amax() < 1e-12);
+        }
+    }
+}
+
 /// A body that cannot move is held far from its reference, then let go at it: nothing has wound up.
 fn check_windup<I: Form>(input: I, options: &ControllerOptions) {
     let far = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, 2.0)));
