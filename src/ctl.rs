@@ -51,7 +51,10 @@ impl CtlArgs {
             Request::Land => Verb::Land,
             Request::Stop => Verb::Stop,
         };
-        let answer = bus.control_client()?.ask(ControlRequestV1 { verb: verb.code() }, PATIENCE)?;
+        let request = ControlRequestV1 { verb: verb.code() };
+        let answer = bus.control_client().and_then(|client| client.ask(request, PATIENCE));
+        bus.leave();
+        let answer = answer?;
         let Some(response) = answer else {
             let instance = &config.instance.name;
             let message = format!(

@@ -227,9 +227,11 @@ fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         "{} starts",
         party.name()
     );
-    job(&shell)?;
+    let result = job(&shell);
+    // Its ports are closed; whoever leaves last tidies up.
+    Bus::open(&shell.place()?)?.leave();
     tracing::info!("{} ends", party.name());
-    Ok(())
+    result
 }
 
 /// Ends this process when the one that started it dies: a front door that is killed leaves no orphans.

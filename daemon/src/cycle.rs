@@ -36,6 +36,7 @@ pub struct Cycle {
     period: Span,
     /// Two ticks are at least this far apart: faster cameras are decimated.
     spacing: Span,
+    decimates: bool,
     coast: Span,
     recovery_poses: u32,
     watches_only: bool,
@@ -51,6 +52,7 @@ pub struct Cycle {
     stop_requested: bool,
 
     last_tick: Time,
+    last_nominal: Option<Time>,
     /// The newest pose since the last tick, if it was believed.
     fresh: Option<Header>,
     /// Why the last pose that was due is not there.
@@ -70,6 +72,7 @@ impl Cycle {
         Ok(Self {
             period,
             spacing: period.scaled(1.0 - 0.5 / poses_per_tick),
+            decimates: poses_per_tick > 1.0,
             coast: Span::from_seconds(config.safety.coast_ms * 1e-3),
             recovery_poses: config.safety.recovery_poses,
             watches_only: config.is_replay(),
@@ -83,6 +86,7 @@ impl Cycle {
             mission: None,
             stop_requested: false,
             last_tick: now,
+            last_nominal: None,
             fresh: None,
             missing: Cause::NoPose,
             held: CommandV1::default(),
@@ -94,10 +98,12 @@ impl Cycle {
         })
     }
 
-    /// When the loop acts if no pose comes before.
+    /// When the loop acts if no pose comes before. A pose that came too soon after the last tick, and after which no other
+    /// is expected before long, is acted on a period after that tick.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        self.last_tick + self.period.scaled(DEADLINE_PERIODS)
+        let periods = if self.fresh.is_some() && !self.decimates { 1.0 } else { DEADLINE_PERIODS };
+        self.last_tick + self.period.scaled(periods)
     }
 
     /// Looks at a pose, if one came, and acts if it is time to; `None` if not.
@@ -194,7 +200,7 @@ impl Cycle {
         let dt =
             now.since(self.last_tick).min(self.period.scaled(2.0)).max(self.period.scaled(0.5));
         let fresh = self.fresh.take();
-        if arrival.is_none() {
+        if arrival.is_none() && fresh.is_none() {
             self.missing = Cause::NoPose;
             self.guard.missed();
         }
@@ -223,8 +229,9 @@ impl Cycle {
     fn supervise(&mut self, now: Time, fresh: bool) {
         let age = self.pose_age(now);
         let armed = matches!(self.mode, Mode::Flying | Mode::Landing);
+        let short_gap = self.period.scaled(SHORT_GAP_PERIODS);
         let briefly_unseen = self.supervisor.cause() == Cause::NoPose
-            && self.telemetry.pose_age_s <= self.period.scaled(SHORT_GAP_PERIODS).seconds();
+            && self.last_nominal.is_some_and(|last| now.since(last) <= short_gap);
         let needed = if briefly_unseen { 1 } else { self.recovery_poses };
         let conditions = Conditions {
             pose_missed: !fresh,
@@ -235,7 +242,9 @@ impl Cycle {
             operator_arms: self.mode == Mode::Waiting || self.watches_only,
         };
         let cause = if conditions.operator_stops { Cause::Operator } else { self.missing };
-        self.supervisor.step(&conditions, cause);
+        if self.supervisor.step(&conditions, cause) == SafetyState::Nominal {
+            self.last_nominal = Some(now);
+        }
     }
 
     fn change_mode(&mut self, now: Time) {

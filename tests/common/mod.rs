@@ -87,6 +87,12 @@ impl Testbed {
     }
 }
 
+impl Drop for Testbed {
+    fn drop(&mut self) {
+        self.bus().leave();
+    }
+}
+
 /// A running `oqtal`; killed if the test ends before it.
 pub struct Running {
     child: Option<Child>,
