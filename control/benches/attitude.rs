@@ -38,21 +38,9 @@ fn laws(
     options: &ControllerOptions,
     input: impl InputForm + Copy,
 ) {
-    step(
-        criterion,
-        &format!("{form}/pid"),
-        QuaternionPid::new(options.pid, input).unwrap(),
-    );
-    step(
-        criterion,
-        &format!("{form}/lqr"),
-        ClassicLqr::new(options.lqr, input).unwrap(),
-    );
-    step(
-        criterion,
-        &format!("{form}/oqtal"),
-        Oqtal::new(options.oqtal, input).unwrap(),
-    );
+    step(criterion, &format!("{form}/pid"), QuaternionPid::new(options.pid, input).unwrap());
+    step(criterion, &format!("{form}/lqr"), ClassicLqr::new(options.lqr, input).unwrap());
+    step(criterion, &format!("{form}/oqtal"), Oqtal::new(options.oqtal, input).unwrap());
 }
 
 fn attitude(criterion: &mut Criterion) {
@@ -60,12 +48,7 @@ fn attitude(criterion: &mut Criterion) {
     laws(criterion, "rate", &ControllerOptions::default(), rate);
     let inertia = Inertia::new(Matrix3::from_diagonal_element(0.5)).unwrap();
     let torque = TorqueInput::new(inertia, 10.0).unwrap();
-    laws(
-        criterion,
-        "torque",
-        &ControllerOptions::spacecraft(),
-        torque,
-    );
+    laws(criterion, "torque", &ControllerOptions::spacecraft(), torque);
 }
 
 criterion_group!(benches, attitude);

@@ -78,16 +78,11 @@ impl AttitudeError {
         // Eqs. (8), (9), (10), erratum E-10
         let q_e = (desired.unit_quaternion().inverse() * actual.unit_quaternion()).into_inner();
         let numbers = [q_e.w, q_e.i, q_e.j, q_e.k];
-        let negative = numbers
-            .iter()
-            .find(|number| **number != 0.0)
-            .is_some_and(|first| *first < 0.0);
+        let negative =
+            numbers.iter().find(|number| **number != 0.0).is_some_and(|first| *first < 0.0);
         // Eqs. (11), (12)
         let sign = if negative { -1.0 } else { 1.0 };
-        Self {
-            eps: sign * q_e.imag(),
-            lambda: sign * q_e.w,
-        }
+        Self { eps: sign * q_e.imag(), lambda: sign * q_e.w }
     }
 
     /// `eps`: the axis of the error times the sine of half its angle
@@ -233,9 +228,6 @@ mod tests {
     fn a_body_at_its_reference_has_no_error() {
         let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::LEVEL);
         // Eq. (11)
-        assert_eq!(
-            (*error.eps(), error.lambda(), error.lyapunov()),
-            (Vector3::zeros(), 1.0, 0.0)
-        );
+        assert_eq!((*error.eps(), error.lambda(), error.lyapunov()), (Vector3::zeros(), 1.0, 0.0));
     }
 }

@@ -65,12 +65,7 @@ impl OperatingPoint {
         let longest = (1.0 - LAMBDA_MIN * LAMBDA_MIN).sqrt();
         let eps = eps.cap_magnitude(longest);
         let lambda = (1.0 - eps.norm_squared()).sqrt().max(LAMBDA_MIN);
-        Self {
-            eps,
-            lambda,
-            omega_e,
-            eps_ddot: Vector3::zeros(),
-        }
+        Self { eps, lambda, omega_e, eps_ddot: Vector3::zeros() }
     }
 }
 
@@ -97,10 +92,9 @@ impl ErrorModel {
             Jacobian::Printed45 => (point.omega_omega_46(), point.omega_eps_45()),
             Jacobian::Printed75 => (point.omega_omega_46(), point.omega_eps_75()),
             Jacobian::ExactConstantLambda => (point.omega_omega(), point.omega_eps()),
-            Jacobian::Exact => (
-                point.omega_omega(),
-                point.omega_eps() + point.omega_eps_through_lambda(),
-            ),
+            Jacobian::Exact => {
+                (point.omega_omega(), point.omega_eps() + point.omega_eps_through_lambda())
+            }
         };
         let eps_eps = match jacobian {
             Jacobian::Decoupled | Jacobian::Exact => {
@@ -110,12 +104,7 @@ impl ErrorModel {
                 point.eps_eps()
             }
         };
-        Self {
-            omega_omega,
-            omega_eps,
-            eps_omega: point.eps_omega(),
-            eps_eps,
-        }
+        Self { omega_omega, omega_eps, eps_omega: point.eps_omega(), eps_eps }
     }
 
     /// `A` for the state `[omega_e; eps]`.
@@ -155,23 +144,13 @@ impl OperatingPoint {
     /// The part of the derivative of Eq. (37) that every version of it shares:
     /// `a^x + (e a' + e'a I) / l`.
     fn omega_eps_of_acceleration(&self) -> Matrix3<f64> {
-        let Self {
-            eps: e,
-            lambda: l,
-            eps_ddot: a,
-            ..
-        } = self;
+        let Self { eps: e, lambda: l, eps_ddot: a, .. } = self;
         a.cross_matrix() + (e * a.transpose() + scaled_identity(e.dot(a))) / *l
     }
 
     /// Derivative of Eq. (37) with respect to `eps` as printed in the text.
     fn omega_eps_45(&self) -> Matrix3<f64> {
-        let Self {
-            eps: e,
-            lambda: l,
-            omega_e: w,
-            ..
-        } = self;
+        let Self { eps: e, lambda: l, omega_e: w, .. } = self;
         let (ee, e_e_i) = (e * e.transpose(), scaled_identity(e.norm_squared()));
         // Eq. (45), errata E-45a, E-45b, E-45c, as printed
         2.0 * (self.omega_eps_of_acceleration()
@@ -181,12 +160,7 @@ impl OperatingPoint {
 
     /// Derivative of Eq. (37) with respect to `eps` as printed in the appendix.
     fn omega_eps_75(&self) -> Matrix3<f64> {
-        let Self {
-            eps: e,
-            lambda: l,
-            omega_e: w,
-            ..
-        } = self;
+        let Self { eps: e, lambda: l, omega_e: w, .. } = self;
         let (ee, e_e_i) = (e * e.transpose(), scaled_identity(e.norm_squared()));
         // Eq. (75), erratum E-75, as printed
         2.0 * (self.omega_eps_of_acceleration()
@@ -196,12 +170,7 @@ impl OperatingPoint {
 
     /// Derivative of Eq. (37) with respect to `eps`, `lambda` constant.
     fn omega_eps(&self) -> Matrix3<f64> {
-        let Self {
-            eps: e,
-            lambda: l,
-            omega_e: w,
-            ..
-        } = self;
+        let Self { eps: e, lambda: l, omega_e: w, .. } = self;
         let (ee, e_e_i) = (e * e.transpose(), scaled_identity(e.norm_squared()));
         // Eqs. (45) and (75), errata E-45a, E-45b, E-45c, E-75
         2.0 * (self.omega_eps_of_acceleration()
@@ -211,12 +180,7 @@ impl OperatingPoint {
     /// What `eps` does to Eq. (37) through `lambda`: `2 (-b e' / l + e (e'b) e' / l^3)` with
     /// `b = a + w'w e / 4`.
     fn omega_eps_through_lambda(&self) -> Matrix3<f64> {
-        let Self {
-            eps: e,
-            lambda: l,
-            omega_e: w,
-            eps_ddot: a,
-        } = self;
+        let Self { eps: e, lambda: l, omega_e: w, eps_ddot: a } = self;
         let b = a + w.norm_squared() / 4.0 * e;
         // Eq. (45), erratum E-45d
         2.0 * (e * (e.dot(&b) / l.powi(3)) - b / *l) * e.transpose()
@@ -224,12 +188,7 @@ impl OperatingPoint {
 
     /// Derivative of Eq. (37) with respect to `omega_e` as printed.
     fn omega_omega_46(&self) -> Matrix3<f64> {
-        let Self {
-            eps: e,
-            lambda: l,
-            omega_e: w,
-            ..
-        } = self;
+        let Self { eps: e, lambda: l, omega_e: w, .. } = self;
         // Eqs. (46), (79), erratum E-46, as printed; (46) also has -e^x, which e takes to zero
         (scaled_identity(*l) + e * e.transpose() / *l) * e / 2.0 * w.transpose()
     }
@@ -260,20 +219,13 @@ mod tests {
 
     /// `[omega_e_dot; eps_dot]` by Eqs. (37) and (38) at `[omega_e; eps]`.
     fn rates(x: &Vector6<f64>, eps_ddot: &Vector3<f64>) -> Vector6<f64> {
-        let (omega_e, eps) = (
-            x.fixed_rows::<3>(0).into(),
-            Vector3::from(x.fixed_rows::<3>(3)),
-        );
+        let (omega_e, eps) = (x.fixed_rows::<3>(0).into(), Vector3::from(x.fixed_rows::<3>(3)));
         let lambda = (1.0 - eps.norm_squared()).sqrt();
         let q_e = UnitQuaternion::new_normalize(nalgebra::Quaternion::from_parts(lambda, eps));
         let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::from_unit_quaternion(q_e));
         let mut rates = Vector6::zeros();
-        rates
-            .fixed_rows_mut::<3>(0)
-            .copy_from(&error.omega_e_dot_of_eps(eps_ddot, &omega_e));
-        rates
-            .fixed_rows_mut::<3>(3)
-            .copy_from(&error.eps_dot(&omega_e));
+        rates.fixed_rows_mut::<3>(0).copy_from(&error.omega_e_dot_of_eps(eps_ddot, &omega_e));
+        rates.fixed_rows_mut::<3>(3).copy_from(&error.eps_dot(&omega_e));
         rates
     }
 

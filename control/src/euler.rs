@@ -32,26 +32,15 @@ impl EulerAngles {
         let (roll, yaw) = if cos_pitch < GIMBAL_LOCK {
             (0.0, f64::atan2(-r[(1, 0)], r[(1, 1)]))
         } else {
-            (
-                f64::atan2(r[(1, 2)], r[(2, 2)]),
-                f64::atan2(r[(0, 1)], r[(0, 0)]),
-            )
+            (f64::atan2(r[(1, 2)], r[(2, 2)]), f64::atan2(r[(0, 1)], r[(0, 0)]))
         };
-        Self {
-            roll,
-            pitch: f64::atan2(-r[(0, 2)], cos_pitch),
-            yaw,
-        }
+        Self { roll, pitch: f64::atan2(-r[(0, 2)], cos_pitch), yaw }
     }
 
     /// The angles in the order `[phi, theta, psi]` \[rad\].
     #[must_use]
     pub fn from_vector(theta: &Vector3<f64>) -> Self {
-        Self {
-            roll: theta.x,
-            pitch: theta.y,
-            yaw: theta.z,
-        }
+        Self { roll: theta.x, pitch: theta.y, yaw: theta.z }
     }
 
     /// `[phi, theta, psi]` \[rad\].

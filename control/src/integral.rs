@@ -14,10 +14,7 @@ impl Integral {
     /// which is not negative.
     #[must_use]
     pub fn new(limit: f64) -> Self {
-        Self {
-            value: Vector3::zeros(),
-            limit,
-        }
+        Self { value: Vector3::zeros(), limit }
     }
 
     /// The integral \[the unit of the error times s\].
@@ -85,12 +82,9 @@ mod tests {
     #[test]
     fn what_is_not_finite_adds_nothing() {
         let mut integral = Integral::new(1.0);
-        for (error, dt_s) in [
-            (f64::NAN, 0.1),
-            (f64::INFINITY, 0.1),
-            (1.0, f64::NAN),
-            (1.0, f64::INFINITY),
-        ] {
+        for (error, dt_s) in
+            [(f64::NAN, 0.1), (f64::INFINITY, 0.1), (1.0, f64::NAN), (1.0, f64::INFINITY)]
+        {
             integral.step(&(error * X), &X, &Vector3::zeros(), dt_s);
             assert_eq!(*integral.value(), Vector3::zeros());
         }

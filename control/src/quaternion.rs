@@ -20,9 +20,8 @@ impl Default for Attitude {
 
 impl Attitude {
     /// Body axes along world axes.
-    pub const LEVEL: Self = Self(UnitQuaternion::new_unchecked(Quaternion::new(
-        1.0, 0.0, 0.0, 0.0,
-    )));
+    pub const LEVEL: Self =
+        Self(UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)));
 
     /// The attitude `[q1 q2 q3 eta]` of Eq. (5), scalar last, body to world: the one place where numbers become an attitude.
     ///

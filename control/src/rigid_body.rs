@@ -57,10 +57,7 @@ impl Inertia {
         if (matrix - matrix.transpose()).amax() > tolerance {
             return Err(InertiaError::NotSymmetric);
         }
-        let inverse = matrix
-            .cholesky()
-            .ok_or(InertiaError::NotPositiveDefinite)?
-            .inverse();
+        let inverse = matrix.cholesky().ok_or(InertiaError::NotPositiveDefinite)?.inverse();
         if 2.0 * matrix.symmetric_eigenvalues().max() > matrix.trace() + tolerance {
             return Err(InertiaError::NotABody);
         }
@@ -123,14 +120,8 @@ mod tests {
         assert!(diagonal(1.0, 2.0, 2.5).is_ok());
         assert!(diagonal(1.0, 2.0, 3.0).is_ok(), "a flat plate");
         assert_eq!(diagonal(1.0, 2.0, 3.1), Err(InertiaError::NotABody));
-        assert_eq!(
-            diagonal(1.0, 0.0, 1.0),
-            Err(InertiaError::NotPositiveDefinite)
-        );
-        assert_eq!(
-            diagonal(-1.0, -1.0, -1.0),
-            Err(InertiaError::NotPositiveDefinite)
-        );
+        assert_eq!(diagonal(1.0, 0.0, 1.0), Err(InertiaError::NotPositiveDefinite));
+        assert_eq!(diagonal(-1.0, -1.0, -1.0), Err(InertiaError::NotPositiveDefinite));
         assert_eq!(diagonal(1.0, f64::NAN, 1.0), Err(InertiaError::NotFinite));
         let lopsided = Matrix3::new(1.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
         assert_eq!(Inertia::new(lopsided), Err(InertiaError::NotSymmetric));
@@ -138,15 +129,12 @@ mod tests {
 
     #[test]
     fn the_gyroscopic_torque_keeps_the_rate_constant() {
-        let inertia = Inertia::new(Matrix3::new(
-            0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7,
-        ))
-        .unwrap();
+        let inertia =
+            Inertia::new(Matrix3::new(0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7))
+                .unwrap();
         let omega = BodyRate(Vector3::new(1.0, -2.0, 0.5));
         assert_eq!(
-            inertia
-                .acceleration(omega, inertia.gyroscopic_torque(omega))
-                .0,
+            inertia.acceleration(omega, inertia.gyroscopic_torque(omega)).0,
             Vector3::zeros()
         );
     }

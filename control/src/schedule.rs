@@ -88,13 +88,7 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
     /// A schedule that has not computed a gain; until it has, the gain is the default of its type.
     #[must_use]
     pub fn new(grid: Grid) -> Self {
-        Self {
-            grid,
-            operating_point: None,
-            gain: G::default(),
-            solves: 0,
-            failed_solves: 0,
-        }
+        Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
 
     /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain
@@ -144,11 +138,7 @@ mod tests {
 
     /// A schedule whose gain is the operating point it was computed at.
     fn schedule(cells: Cells, resolve: Resolve) -> GainSchedule<1, f64> {
-        GainSchedule::new(Grid {
-            cells,
-            delta: 0.5,
-            resolve,
-        })
+        GainSchedule::new(Grid { cells, delta: 0.5, resolve })
     }
 
     fn gain(schedule: &mut GainSchedule<1, f64>, x: f64) -> f64 {
@@ -163,18 +153,9 @@ mod tests {
     #[test]
     fn each_rule_assigns_a_value_to_its_cell() {
         let path = [-0.76, -0.5, -0.01, 0.0, 0.24, 0.26, 0.49, 0.5, 1.2];
-        assert_eq!(
-            gains(Cells::Centred, &path),
-            [-1.0, -0.5, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0]
-        );
-        assert_eq!(
-            gains(Cells::Floor, &path),
-            [-1.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]
-        );
-        assert_eq!(
-            gains(Cells::Truncated, &path),
-            [-0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]
-        );
+        assert_eq!(gains(Cells::Centred, &path), [-1.0, -0.5, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0]);
+        assert_eq!(gains(Cells::Floor, &path), [-1.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
+        assert_eq!(gains(Cells::Truncated, &path), [-0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
     }
 
     #[test]
@@ -201,10 +182,7 @@ mod tests {
     #[test]
     fn every_tick_computes_the_gain_at_the_vector_itself() {
         let mut schedule = schedule(Cells::Truncated, Resolve::EveryTick);
-        assert_eq!(
-            [0.1, 0.1, 0.2].map(|x| gain(&mut schedule, x)),
-            [0.1, 0.1, 0.2]
-        );
+        assert_eq!([0.1, 0.1, 0.2].map(|x| gain(&mut schedule, x)), [0.1, 0.1, 0.2]);
         assert_eq!(schedule.solves(), 3);
     }
 
@@ -223,12 +201,7 @@ mod tests {
     #[test]
     fn a_vector_that_is_not_finite_computes_nothing() {
         for resolve in [Resolve::OnCellChange, Resolve::EveryTick] {
-            for cells in [
-                Cells::Centred,
-                Cells::Floor,
-                Cells::Truncated,
-                Cells::Deadband,
-            ] {
+            for cells in [Cells::Centred, Cells::Floor, Cells::Truncated, Cells::Deadband] {
                 let mut schedule = schedule(cells, resolve);
                 gain(&mut schedule, 0.6);
                 let before = schedule;

@@ -106,14 +106,7 @@ struct Dynamics {
 fn golden() -> Golden {
     let golden: Golden = serde_json::from_str(include_str!("golden/kinematics.json")).unwrap();
     assert_eq!((golden.samples.len(), golden.dynamics.len()), (43, 8));
-    assert_eq!(
-        golden
-            .samples
-            .iter()
-            .filter(|sample| sample.jac.is_some())
-            .count(),
-        37
-    );
+    assert_eq!(golden.samples.iter().filter(|sample| sample.jac.is_some()).count(), 37);
     golden
 }
 
@@ -123,10 +116,7 @@ fn assert_close<const R: usize, const C: usize>(
     what: &str,
 ) {
     let difference = (ours - golden).amax();
-    assert!(
-        difference <= TOLERANCE,
-        "{what} is off by {difference:e}: {ours} instead of {golden}"
-    );
+    assert!(difference <= TOLERANCE, "{what} is off by {difference:e}: {ours} instead of {golden}");
 }
 
 fn vector(numbers: Triple) -> Vector3<f64> {
@@ -152,17 +142,9 @@ fn assert_error_close(ours: &AttitudeError, golden: [f64; 4]) {
 fn euler_angles_become_the_golden_quaternion() {
     for sample in golden().samples {
         let theta = EulerAngles::from_vector(&vector(sample.euler_phi_theta_psi));
-        assert_close(
-            &Vector4::from(theta.xyzw()),
-            &Vector4::from(sample.q),
-            "Eq. (6)",
-        );
+        assert_close(&Vector4::from(theta.xyzw()), &Vector4::from(sample.q), "Eq. (6)");
         let theta_d = EulerAngles::from_vector(&vector(sample.euler_des));
-        assert_close(
-            &Vector4::from(theta_d.xyzw()),
-            &Vector4::from(sample.q_des),
-            "Eq. (6)",
-        );
+        assert_close(&Vector4::from(theta_d.xyzw()), &Vector4::from(sample.q_des), "Eq. (6)");
     }
 }
 
@@ -171,11 +153,7 @@ fn euler_angles_become_the_golden_quaternion() {
 fn the_printed_quaternion_of_euler_angles_has_roll_and_pitch_exchanged() {
     for sample in golden().samples {
         let [roll, pitch, yaw] = sample.euler_phi_theta_psi;
-        let exchanged = EulerAngles {
-            roll: pitch,
-            pitch: roll,
-            yaw,
-        };
+        let exchanged = EulerAngles { roll: pitch, pitch: roll, yaw };
         assert_close(
             &Vector4::from(exchanged.xyzw()),
             &Vector4::from(sample.q_eq6_literal),
@@ -227,10 +205,8 @@ fn attitude_error_agrees_with_golden() {
         assert_error_close(&error, sample.q_e);
         assert_error_close(&error, sample.q_e_raw);
         assert_close(&error.rotation(), &matrix(sample.c), "Eq. (36), C");
-        let omega_e = error.rate_error(
-            BodyRate(vector(sample.omega)),
-            BodyRate(vector(sample.omega_d)),
-        );
+        let omega_e =
+            error.rate_error(BodyRate(vector(sample.omega)), BodyRate(vector(sample.omega_d)));
         assert_close(&omega_e, &vector(sample.omega_e), "Eq. (36), omega_e");
     }
 }
@@ -240,15 +216,8 @@ fn error_kinematics_agree_with_golden() {
     for sample in golden().samples {
         let error = AttitudeError::between(&attitude(sample.q_des), &attitude(sample.q));
         let omega_e = vector(sample.omega_e);
-        assert_close(
-            &error.eps_dot(&omega_e),
-            &vector(sample.eps_dot),
-            "Eq. (38)",
-        );
-        assert!(
-            (error.lambda_dot(&omega_e) - sample.lambda_dot).abs() <= TOLERANCE,
-            "Eq. (39)"
-        );
+        assert_close(&error.eps_dot(&omega_e), &vector(sample.eps_dot), "Eq. (38)");
+        assert!((error.lambda_dot(&omega_e) - sample.lambda_dot).abs() <= TOLERANCE, "Eq. (39)");
         let omega_e_dot = error.omega_e_dot_of_eps(&vector(sample.eps_ddot), &omega_e);
         assert_close(&omega_e_dot, &vector(sample.omega_e_dot), "Eq. (37)");
     }
@@ -275,11 +244,7 @@ impl Jacobians {
 
 #[test]
 fn every_jacobian_agrees_with_golden() {
-    for jac in golden()
-        .samples
-        .iter()
-        .filter_map(|sample| sample.jac.as_ref())
-    {
+    for jac in golden().samples.iter().filter_map(|sample| sample.jac.as_ref()) {
         let point = OperatingPoint {
             eps: vector(jac.eps),
             lambda: jac.lam,
@@ -289,16 +254,8 @@ fn every_jacobian_agrees_with_golden() {
         for jacobian in JACOBIANS {
             let model = ErrorModel::at(jacobian, &point);
             let [omega_omega, omega_eps, eps_eps] = jac.blocks(jacobian);
-            assert_close(
-                &model.omega_omega,
-                &omega_omega,
-                &format!("{jacobian:?}, omega_omega"),
-            );
-            assert_close(
-                &model.omega_eps,
-                &omega_eps,
-                &format!("{jacobian:?}, omega_eps"),
-            );
+            assert_close(&model.omega_omega, &omega_omega, &format!("{jacobian:?}, omega_omega"));
+            assert_close(&model.omega_eps, &omega_eps, &format!("{jacobian:?}, omega_eps"));
             assert_close(&model.eps_eps, &eps_eps, &format!("{jacobian:?}, eps_eps"));
             assert_close(&model.eps_omega, &matrix(jac.eps_omega), "Eq. (44)");
         }
@@ -307,11 +264,7 @@ fn every_jacobian_agrees_with_golden() {
 
 #[test]
 fn an_operating_point_without_acceleration_has_the_lambda_of_its_eps() {
-    for jac in golden()
-        .samples
-        .iter()
-        .filter_map(|sample| sample.jac.as_ref())
-    {
+    for jac in golden().samples.iter().filter_map(|sample| sample.jac.as_ref()) {
         let point = OperatingPoint::new(vector(jac.eps), vector(jac.omega_e));
         assert_close(&point.eps, &vector(jac.eps), "eps");
         assert!((point.lambda - jac.lam).abs() <= TOLERANCE);

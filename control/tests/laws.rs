@@ -25,11 +25,7 @@ use proptest::prelude::*;
 
 const DT_S: f64 = 1.0 / 60.0;
 const MAX_TORQUE: f64 = 20.0;
-const LAWS: [ControllerName; 3] = [
-    ControllerName::Pid,
-    ControllerName::Lqr,
-    ControllerName::Oqtal,
-];
+const LAWS: [ControllerName; 3] = [ControllerName::Pid, ControllerName::Lqr, ControllerName::Oqtal];
 
 /// A command as numbers, so that one test can speak of both forms.
 trait Numbers {
@@ -66,21 +62,11 @@ fn isotropic_inertia() -> Inertia {
 }
 
 fn uneven_inertia() -> Inertia {
-    Inertia::new(Matrix3::new(
-        0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7,
-    ))
-    .unwrap()
+    Inertia::new(Matrix3::new(0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7)).unwrap()
 }
 
 fn law<I: Form>(name: ControllerName, options: &ControllerOptions, input: I) -> Controller<I> {
-    Controller::new(
-        &ControllerOptions {
-            controller: name,
-            ..*options
-        },
-        input,
-    )
-    .unwrap()
+    Controller::new(&ControllerOptions { controller: name, ..*options }, input).unwrap()
 }
 
 /// Options with which every law feeds back the rate error.
@@ -113,29 +99,19 @@ fn first_command<I: Form>(
 }
 
 fn at_rest(attitude: Attitude) -> AttitudeState {
-    AttitudeState {
-        attitude,
-        rate: BodyRate::default(),
-    }
+    AttitudeState { attitude, rate: BodyRate::default() }
 }
 
 fn resting(attitude: Attitude) -> AttitudeReference {
-    AttitudeReference {
-        attitude,
-        ..AttitudeReference::default()
-    }
+    AttitudeReference { attitude, ..AttitudeReference::default() }
 }
 
 /// A vector of length up to `longest` in any direction.
 fn vector(longest: f64) -> impl Strategy<Value = Vector3<f64>> {
-    (prop::array::uniform3(-1.0..1.0_f64), 0.0..=longest).prop_filter_map(
-        "no direction",
-        |(direction, length)| {
-            Vector3::from(direction)
-                .try_normalize(1e-3)
-                .map(|d| d * length)
-        },
-    )
+    (prop::array::uniform3(-1.0..1.0_f64), 0.0..=longest)
+        .prop_filter_map("no direction", |(direction, length)| {
+            Vector3::from(direction).try_normalize(1e-3).map(|d| d * length)
+        })
 }
 
 fn attitude() -> impl Strategy<Value = Attitude> {
@@ -143,10 +119,8 @@ fn attitude() -> impl Strategy<Value = Attitude> {
 }
 
 fn state() -> impl Strategy<Value = AttitudeState> {
-    (attitude(), vector(3.0)).prop_map(|(attitude, rate)| AttitudeState {
-        attitude,
-        rate: BodyRate(rate),
-    })
+    (attitude(), vector(3.0))
+        .prop_map(|(attitude, rate)| AttitudeState { attitude, rate: BodyRate(rate) })
 }
 
 fn reference() -> impl Strategy<Value = AttitudeReference> {

@@ -42,8 +42,7 @@ pub trait InputForm {
 
     /// `omega x J omega`, which a torque must cancel; zero if the vehicle does that by itself.
     fn gyroscopic(&self, omega: BodyRate) -> Vector3<f64> {
-        self.inertia()
-            .map_or_else(Vector3::zeros, |inertia| inertia.gyroscopic_torque(omega).0)
+        self.inertia().map_or_else(Vector3::zeros, |inertia| inertia.gyroscopic_torque(omega).0)
     }
 }
 
@@ -61,10 +60,7 @@ impl TorqueInput {
     /// If `max_torque` is not positive and finite.
     pub fn new(inertia: Inertia, max_torque: f64) -> Result<Self, InvalidOption> {
         InvalidOption::unless_positive("max-torque-n-m", max_torque)?;
-        Ok(Self {
-            inertia,
-            max_torque,
-        })
+        Ok(Self { inertia, max_torque })
     }
 }
 
@@ -78,8 +74,7 @@ impl InputForm for TorqueInput {
     fn input_matrix(&self, _: &Matrix6<f64>) -> Matrix6x3<f64> {
         let mut b = Matrix6x3::zeros();
         // Eqs. (4), (31), (47), (48)
-        b.fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(self.inertia.inverse());
+        b.fixed_view_mut::<3, 3>(0, 0).copy_from(self.inertia.inverse());
         b
     }
 
@@ -104,11 +99,7 @@ impl InputForm for TorqueInput {
         }
         // Eq. (19), erratum E-19. Dividing first keeps rounding from exceeding the limit.
         let largest = u.amax();
-        if largest <= self.max_torque {
-            *u
-        } else {
-            u / largest * self.max_torque
-        }
+        if largest <= self.max_torque { *u } else { u / largest * self.max_torque }
     }
 
     fn command_from(u: Vector3<f64>) -> Torque {
@@ -149,8 +140,7 @@ impl InputForm for RateInput {
         // Eq. (61), erratum E-61, put for the rate in the lower left block of A: B = A_eps_omega
         // K_delta
         let k_delta = Matrix3::from_diagonal(&self.rate_authority);
-        b.fixed_view_mut::<3, 3>(3, 0)
-            .copy_from(&(a.fixed_view::<3, 3>(3, 0) * k_delta));
+        b.fixed_view_mut::<3, 3>(3, 0).copy_from(&(a.fixed_view::<3, 3>(3, 0) * k_delta));
         b
     }
 
@@ -171,11 +161,7 @@ impl InputForm for RateInput {
     #[inline]
     fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64> {
         // Each stick for itself: yaw at its stop takes nothing from roll and pitch.
-        if is_finite(u) {
-            u.map(|stick| stick.clamp(-1.0, 1.0))
-        } else {
-            Vector3::zeros()
-        }
+        if is_finite(u) { u.map(|stick| stick.clamp(-1.0, 1.0)) } else { Vector3::zeros() }
     }
 
     fn command_from(u: Vector3<f64>) -> StickCommand {

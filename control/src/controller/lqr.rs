@@ -130,18 +130,10 @@ impl<I: InputForm> ClassicLqr<I> {
     /// The first option whose value has no meaning.
     pub fn new(options: LqrOptions, input: I) -> Result<Self, InvalidOption> {
         options.check()?;
-        let grid = Grid {
-            cells: options.cells,
-            delta: options.delta_rad,
-            resolve: options.resolve,
-        };
+        let grid =
+            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let theta_i = Integral::new(options.integral_limit_rad_s);
-        Ok(Self {
-            options,
-            input,
-            schedule: GainSchedule::new(grid),
-            theta_i,
-        })
+        Ok(Self { options, input, schedule: GainSchedule::new(grid), theta_i })
     }
 
     /// `A` of Eq. (31) at the operating point `[omega; Theta]`.
@@ -157,8 +149,7 @@ impl<I: InputForm> ClassicLqr<I> {
             a.fixed_view_mut::<3, 3>(0, 0)
                 .copy_from(&-(j.inverse() * omega.cross_matrix() * j.matrix()));
         }
-        a.fixed_view_mut::<3, 3>(3, 0)
-            .copy_from(&theta.rate_matrix());
+        a.fixed_view_mut::<3, 3>(3, 0).copy_from(&theta.rate_matrix());
         a
     }
 
@@ -195,12 +186,10 @@ impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
             RateFeedback::OmegaE => omega_e,
         };
         let x = law_state(&rate, &theta_error, self.theta_i.value());
-        let point = law_state(&state.rate.0, &theta, &Vector3::zeros())
-            .fixed_rows::<6>(0)
-            .into_owned();
-        let k = self.schedule.gain(&point, |point| {
-            Self::gain_at(&self.options, &self.input, point)
-        });
+        let point =
+            law_state(&state.rate.0, &theta, &Vector3::zeros()).fixed_rows::<6>(0).into_owned();
+        let k =
+            self.schedule.gain(&point, |point| Self::gain_at(&self.options, &self.input, point));
 
         // Eqs. (24), (25), erratum E-25: N_x = [0; I; 0] and N_u = 0, so the set-point is
         // subtracted from Theta

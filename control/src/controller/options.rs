@@ -17,11 +17,7 @@ pub struct InvalidOption {
 
 impl fmt::Display for InvalidOption {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            key,
-            value,
-            expected,
-        } = self;
+        let Self { key, value, expected } = self;
         write!(f, "{key} = {value}: must be {expected}")
     }
 }
@@ -32,15 +28,7 @@ impl InvalidOption {
     /// Refuses zero, negative numbers, infinity and NaN.
     pub(super) fn unless_positive(key: &'static str, value: f64) -> Result<(), Self> {
         let valid = value > 0.0 && value.is_finite();
-        if valid {
-            Ok(())
-        } else {
-            Err(Self {
-                key,
-                value,
-                expected: "a finite number above 0",
-            })
-        }
+        if valid { Ok(()) } else { Err(Self { key, value, expected: "a finite number above 0" }) }
     }
 
     /// Refuses negative numbers, infinity and NaN.
@@ -49,11 +37,7 @@ impl InvalidOption {
         if valid {
             Ok(())
         } else {
-            Err(Self {
-                key,
-                value,
-                expected: "a finite number, 0 or above",
-            })
+            Err(Self { key, value, expected: "a finite number, 0 or above" })
         }
     }
 
@@ -62,11 +46,7 @@ impl InvalidOption {
         if value > 0.0 {
             Ok(())
         } else {
-            Err(Self {
-                key,
-                value,
-                expected: "above 0, inf for none",
-            })
+            Err(Self { key, value, expected: "above 0, inf for none" })
         }
     }
 }

@@ -126,18 +126,10 @@ impl<I: InputForm> Oqtal<I> {
     /// The first option whose value has no meaning.
     pub fn new(options: OqtalOptions, input: I) -> Result<Self, InvalidOption> {
         options.check()?;
-        let grid = Grid {
-            cells: options.cells,
-            delta: options.delta_rad,
-            resolve: options.resolve,
-        };
+        let grid =
+            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let eps_i = Integral::new(options.integral_limit_s);
-        Ok(Self {
-            options,
-            input,
-            schedule: GainSchedule::new(grid),
-            eps_i,
-        })
+        Ok(Self { options, input, schedule: GainSchedule::new(grid), eps_i })
     }
 
     /// The gain at the operating point `[omega_e; eps]`.
@@ -149,10 +141,7 @@ impl<I: InputForm> Oqtal<I> {
         input: &I,
         point: &SVector<f64, 6>,
     ) -> Result<Gain, RiccatiError> {
-        let (omega_e, eps) = (
-            point.fixed_rows::<3>(0).into(),
-            point.fixed_rows::<3>(3).into(),
-        );
+        let (omega_e, eps) = (point.fixed_rows::<3>(0).into(), point.fixed_rows::<3>(3).into());
         let model = ErrorModel::at(options.jacobian, &OperatingPoint::new(eps, omega_e));
         AugmentedModel::new(&model.state_matrix(), input).gain(&options.weights())
     }
@@ -176,9 +165,8 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         if self.input.inertia().is_none() {
             point.fixed_rows_mut::<3>(0).fill(0.0);
         }
-        let k = self.schedule.gain(&point, |point| {
-            Self::gain_at(&self.options, &self.input, point)
-        });
+        let k =
+            self.schedule.gain(&point, |point| Self::gain_at(&self.options, &self.input, point));
 
         // Eq. (56), erratum E-56
         let mut u = -(k * x) + self.input.gyroscopic(state.rate);

@@ -60,12 +60,7 @@ impl PidOptions {
     /// For the paper's spacecraft in torque form: Table IV.
     #[must_use]
     pub fn spacecraft() -> Self {
-        Self {
-            gain: 5.95,
-            integral_time_s: 1.15,
-            rate_gain_per_s: 50.0,
-            ..Self::default()
-        }
+        Self { gain: 5.95, integral_time_s: 1.15, rate_gain_per_s: 50.0, ..Self::default() }
     }
 
     /// Whether a law can be built with these options.
@@ -100,25 +95,15 @@ impl<I: InputForm> QuaternionPid<I> {
     /// The first option whose value has no meaning.
     pub fn new(options: PidOptions, input: I) -> Result<Self, InvalidOption> {
         options.check()?;
-        Ok(Self {
-            options,
-            input,
-            eps_i: Integral::new(options.integral_limit_s),
-        })
+        Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
     }
 
     /// `sat_L`: `pi` as far as the slew rate that it stands for is allowed at this `eps`.
     fn slew_limited(&self, pi: &Vector3<f64>, eps: &Vector3<f64>) -> Vector3<f64> {
         // In rate form the demand is itself the slew rate.
-        let c = self
-            .input
-            .inertia()
-            .map_or(1.0, |_| self.options.rate_gain_per_s);
+        let c = self.input.inertia().map_or(1.0, |_| self.options.rate_gain_per_s);
         let k = self.options.gain;
-        let (omega_max, a) = (
-            self.options.max_rate_rad_s,
-            self.options.max_acceleration_rad_s2,
-        );
+        let (omega_max, a) = (self.options.max_rate_rad_s, self.options.max_acceleration_rad_s2);
         // Eq. (18), erratum E-18. `min` passes over NaN: infinity times zero, which is no limit.
         let limit = eps.map(|eps_i| c / (2.0 * k) * (4.0 * a * eps_i.abs()).sqrt().min(omega_max));
         pi.zip_map(&limit, |pi_i, limit_i| pi_i.clamp(-limit_i, limit_i))
@@ -136,10 +121,7 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
     ) -> I::Command {
         let (k, t) = (self.options.gain, self.options.integral_time_s);
         // In rate form `c omega` is nullified (Section VII.C).
-        let c = self
-            .input
-            .inertia()
-            .map_or(0.0, |_| self.options.rate_gain_per_s);
+        let c = self.input.inertia().map_or(0.0, |_| self.options.rate_gain_per_s);
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let (eps, omega_e) = (error.eps(), error.rate_error(state.rate, reference.rate));
         let omega = match self.options.rate {

@@ -68,14 +68,8 @@ impl AugmentedModel {
         // Eqs. (28), (29), (30), (34), (57), errata E-28, E-34, E-57: the integral is of the error
         // with its sign changed
         augmented.a.fixed_view_mut::<6, 6>(0, 0).copy_from(a);
-        augmented
-            .a
-            .fixed_view_mut::<3, 3>(INTEGRAL, 3)
-            .copy_from(&-Matrix3::identity());
-        augmented
-            .b
-            .fixed_view_mut::<6, 3>(0, 0)
-            .copy_from(&input.input_matrix(a));
+        augmented.a.fixed_view_mut::<3, 3>(INTEGRAL, 3).copy_from(&-Matrix3::identity());
+        augmented.b.fixed_view_mut::<6, 3>(0, 0).copy_from(&input.input_matrix(a));
         augmented
     }
 
@@ -94,10 +88,7 @@ impl AugmentedModel {
 
     /// The gain for the `N` states from `self.first` on.
     fn gain_of<const N: usize>(&self, weights: &Weights) -> Result<Gain, RiccatiError> {
-        let a = self
-            .a
-            .fixed_view::<N, N>(self.first, self.first)
-            .into_owned();
+        let a = self.a.fixed_view::<N, N>(self.first, self.first).into_owned();
         let b = self.b.fixed_view::<N, 3>(self.first, 0).into_owned();
         let diagonal = [weights.rate, weights.attitude, weights.integral];
         // Eqs. (22), (23), (62), erratum E-62

@@ -14,13 +14,7 @@ const STEP_S: f64 = 1e-3;
 type Motion = SVector<f64, 7>;
 
 fn motion(state: &AttitudeState) -> Motion {
-    Motion::from_iterator(
-        state
-            .attitude
-            .xyzw()
-            .into_iter()
-            .chain(state.rate.0.iter().copied()),
-    )
+    Motion::from_iterator(state.attitude.xyzw().into_iter().chain(state.rate.0.iter().copied()))
 }
 
 fn state_of(motion: &Motion) -> AttitudeState {
@@ -39,10 +33,7 @@ fn step(
 ) -> AttitudeState {
     let mut rate = |motion: Motion| {
         let state = state_of(&motion);
-        let (q_dot, omega_dot) = (
-            quaternion_rate(&state.attitude, state.rate),
-            omega_dot(&state),
-        );
+        let (q_dot, omega_dot) = (quaternion_rate(&state.attitude, state.rate), omega_dot(&state));
         Motion::from_iterator(q_dot.iter().chain(&omega_dot).copied())
     };
     let start = motion(state);
@@ -94,11 +85,7 @@ fn assert_falls_to_zero(measured: &[f64]) {
             pair[0]
         );
     }
-    assert!(
-        measured[measured.len() - 1] < 1e-6,
-        "ends at {}",
-        measured[measured.len() - 1]
-    );
+    assert!(measured[measured.len() - 1] < 1e-6, "ends at {}", measured[measured.len() - 1]);
 }
 
 fn far_turn() -> impl Strategy<Value = Vector3<f64>> {
@@ -112,10 +99,7 @@ fn far_from(
     turn: Vector3<f64>,
 ) -> (AttitudeReference, Attitude) {
     if name == ControllerName::Lqr {
-        (
-            resting(Attitude::LEVEL),
-            Attitude::LEVEL.turned_by(turn / 4.0),
-        )
+        (resting(Attitude::LEVEL), Attitude::LEVEL.turned_by(turn / 4.0))
     } else {
         (resting(target), target.turned_by(turn))
     }
@@ -337,9 +321,7 @@ fn integral_action_removes_a_steady_disturbance() {
             let mut law = law(name, options, sticks());
             let mut state = AttitudeState::default();
             for _ in 0..60_000 {
-                let sticks = law
-                    .update(&state, &AttitudeReference::default(), STEP_S)
-                    .numbers();
+                let sticks = law.update(&state, &AttitudeReference::default(), STEP_S).numbers();
                 state = step_of_sticks(&state, sticks, drift);
             }
             error(&state, &AttitudeReference::default()).eps().norm()

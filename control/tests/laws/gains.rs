@@ -30,10 +30,7 @@ fn block(gain: &Gain, which: usize) -> Matrix3<f64> {
 
 fn assert_scaled_identity(block: &Matrix3<f64>, scale: f64) {
     let difference = (block - Matrix3::from_diagonal_element(scale)).amax();
-    assert!(
-        difference <= 1e-9 * scale,
-        "{block} is not {scale} times the identity"
-    );
+    assert!(difference <= 1e-9 * scale, "{block} is not {scale} times the identity");
 }
 
 /// The largest real part among the poles of the closed loop of the `N` states from `first` on.
@@ -45,14 +42,9 @@ where
             nalgebra::DimDiff<nalgebra::Const<N>, nalgebra::U1>,
         > + nalgebra::allocator::Allocator<nalgebra::DimDiff<nalgebra::Const<N>, nalgebra::U1>>,
 {
-    let closed: SMatrix<f64, N, N> = (model.a - model.b * gain)
-        .fixed_view::<N, N>(first, first)
-        .into_owned();
-    closed
-        .complex_eigenvalues()
-        .iter()
-        .map(|pole| pole.re)
-        .fold(f64::MIN, f64::max)
+    let closed: SMatrix<f64, N, N> =
+        (model.a - model.b * gain).fixed_view::<N, N>(first, first).into_owned();
+    closed.complex_eigenvalues().iter().map(|pole| pole.re).fold(f64::MIN, f64::max)
 }
 
 fn check_stable<I: Form>(model: &AugmentedModel, gain: &Gain, input: I, integral_action: bool) {
@@ -73,19 +65,10 @@ fn check_oqtal_stable<I: Form>(
 ) {
     for jacobian in JACOBIANS {
         for integral_weight in [0.0, 0.01] {
-            let options = OqtalOptions {
-                jacobian,
-                integral_weight,
-                ..*options
-            };
+            let options = OqtalOptions { jacobian, integral_weight, ..*options };
             let gain = Oqtal::gain_at(&options, &input, &point(rate, eps)).unwrap();
             let a = ErrorModel::at(jacobian, &OperatingPoint::new(eps, rate)).state_matrix();
-            check_stable(
-                &AugmentedModel::new(&a, &input),
-                &gain,
-                input,
-                integral_weight > 0.0,
-            );
+            check_stable(&AugmentedModel::new(&a, &input), &gain, input, integral_weight > 0.0);
         }
     }
 }
@@ -97,18 +80,10 @@ fn check_lqr_stable<I: Form>(
     theta: Vector3<f64>,
 ) {
     for integral_weight in [0.0, 0.01] {
-        let options = LqrOptions {
-            integral_weight,
-            ..*options
-        };
+        let options = LqrOptions { integral_weight, ..*options };
         let gain = ClassicLqr::gain_at(&options, &input, &point(rate, theta)).unwrap();
         let a = ClassicLqr::state_matrix(&options, &input, &point(rate, theta));
-        check_stable(
-            &AugmentedModel::new(&a, &input),
-            &gain,
-            input,
-            integral_weight > 0.0,
-        );
+        check_stable(&AugmentedModel::new(&a, &input), &gain, input, integral_weight > 0.0);
     }
 }
 
@@ -190,15 +165,8 @@ fn the_gravity_turn_regulator_has_the_known_gains_and_slow_pole() {
 fn in_rate_form_the_rate_is_nullified_and_every_jacobian_the_same() {
     let at = point(Vector3::zeros(), Vector3::new(0.5, -0.5, 0.0));
     let gain = |jacobian| {
-        Oqtal::gain_at(
-            &OqtalOptions {
-                jacobian,
-                ..OqtalOptions::default()
-            },
-            &sticks(),
-            &at,
-        )
-        .unwrap()
+        Oqtal::gain_at(&OqtalOptions { jacobian, ..OqtalOptions::default() }, &sticks(), &at)
+            .unwrap()
     };
     for jacobian in JACOBIANS {
         assert_eq!(block(&gain(jacobian), 0), Matrix3::zeros());
@@ -211,10 +179,7 @@ fn in_rate_form_the_rate_is_nullified_and_every_jacobian_the_same() {
 fn near_level_the_classic_law_is_oqtal_with_four_times_the_weight() {
     let classic = LqrOptions::default();
     let q = 4.0 * classic.attitude_weight;
-    let oqtal = OqtalOptions {
-        attitude_weight: q,
-        ..OqtalOptions::default()
-    };
+    let oqtal = OqtalOptions { attitude_weight: q, ..OqtalOptions::default() };
     let classic = ClassicLqr::gain_at(&classic, &sticks(), &Point::zeros()).unwrap();
     let oqtal = Oqtal::gain_at(&oqtal, &sticks(), &Point::zeros()).unwrap();
     // Theta = 2 eps: K_Theta Theta = K_eps eps.
@@ -270,14 +235,8 @@ proptest! {
 #[test]
 fn as_printed_the_rivals_brake_a_body_that_turns_with_its_reference() {
     let omega = BodyRate(Vector3::new(0.1, 0.0, 0.0));
-    let state = AttitudeState {
-        rate: omega,
-        ..AttitudeState::default()
-    };
-    let reference = AttitudeReference {
-        rate: omega,
-        ..AttitudeReference::default()
-    };
+    let state = AttitudeState { rate: omega, ..AttitudeState::default() };
+    let reference = AttitudeReference { rate: omega, ..AttitudeReference::default() };
     let options = ControllerOptions::spacecraft();
     let [pid, lqr, oqtal] =
         LAWS.map(|name| first_command(law(name, &options, spacecraft()), &state, &reference).x);
@@ -293,10 +252,7 @@ fn as_printed_the_rivals_brake_a_body_that_turns_with_its_reference() {
 fn the_pitch_limit_keeps_the_classic_model_from_turning_the_wrong_way() {
     let at = point(Vector3::zeros(), Vector3::new(0.0, 1.6, 0.0));
     let yaw_of_r = |limit| {
-        let options = LqrOptions {
-            operating_pitch_limit_rad: limit,
-            ..LqrOptions::spacecraft()
-        };
+        let options = LqrOptions { operating_pitch_limit_rad: limit, ..LqrOptions::spacecraft() };
         ClassicLqr::state_matrix(&options, &spacecraft(), &at)[(5, 2)]
     };
     assert!(yaw_of_r(3.0) < 0.0 && yaw_of_r(LqrOptions::default().operating_pitch_limit_rad) > 0.0);

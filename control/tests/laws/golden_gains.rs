@@ -29,11 +29,7 @@ struct Case {
 
 fn golden() -> HashMap<String, Case> {
     let golden: Golden = serde_json::from_str(include_str!("../golden/care.json")).unwrap();
-    golden
-        .cases
-        .into_iter()
-        .map(|case| (case.name.clone(), case))
-        .collect()
+    golden.cases.into_iter().map(|case| (case.name.clone(), case)).collect()
 }
 
 fn matrix(rows: &[Vec<f64>]) -> DMatrix<f64> {
@@ -49,29 +45,15 @@ impl Case {
         let of = |state: usize| self.q.get(state).map_or(0.0, |row| row[state]);
         let r = self.r[0][0];
         if self.has_rate() {
-            Weights {
-                rate: of(0),
-                attitude: of(3),
-                integral: of(6),
-                input: r,
-            }
+            Weights { rate: of(0), attitude: of(3), integral: of(6), input: r }
         } else {
-            Weights {
-                rate: 0.0,
-                attitude: of(0),
-                integral: of(3),
-                input: r,
-            }
+            Weights { rate: 0.0, attitude: of(0), integral: of(3), input: r }
         }
     }
 
     fn inertia(&self) -> Inertia {
-        Inertia::new(
-            Matrix3::from_fn(|row, column| self.b[row][column])
-                .try_inverse()
-                .unwrap(),
-        )
-        .unwrap()
+        Inertia::new(Matrix3::from_fn(|row, column| self.b[row][column]).try_inverse().unwrap())
+            .unwrap()
     }
 
     fn check(&self, model: &AugmentedModel, gain: &Gain) {
@@ -96,17 +78,10 @@ impl Case {
             matrix(&self.b),
             1e-12,
         );
-        compare(
-            "K",
-            DMatrix::from_fn(3, n, |i, j| gain[(i, first + j)]),
-            matrix(&self.k),
-            1e-9,
-        );
+        compare("K", DMatrix::from_fn(3, n, |i, j| gain[(i, first + j)]), matrix(&self.k), 1e-9);
         let others = (0..9).filter(|column| !(first..first + n).contains(column));
         assert!(
-            others
-                .into_iter()
-                .all(|column| gain.column(column).amax() == 0.0),
+            others.into_iter().all(|column| gain.column(column).amax() == 0.0),
             "{}",
             self.name
         );
@@ -119,10 +94,7 @@ fn operating_points() -> [OperatingPoint; 3] {
     [
         OperatingPoint::new(Vector3::zeros(), Vector3::zeros()),
         OperatingPoint::new(Vector3::new(0.2, -0.1, 0.15), Vector3::new(0.3, -0.2, 0.25)),
-        OperatingPoint {
-            eps_ddot: Vector3::new(0.1, 0.2, -0.3),
-            ..large
-        },
+        OperatingPoint { eps_ddot: Vector3::new(0.1, 0.2, -0.3), ..large },
     ]
 }
 
@@ -135,28 +107,12 @@ fn oqtal_has_the_golden_models_and_gains() {
         ("oqtal6_zero_J0.5_q4096", Jacobian::Exact, zero),
         ("oqtal6_decoupled_mid", Jacobian::Decoupled, middle),
         ("oqtal6_decoupled_large_Jfull", Jacobian::Decoupled, large),
-        (
-            "oqtal6_printed45_46_large_Jfull",
-            Jacobian::Printed45,
-            large,
-        ),
+        ("oqtal6_printed45_46_large_Jfull", Jacobian::Printed45, large),
         ("oqtal6_printed75_79_mid", Jacobian::Printed75, middle),
-        (
-            "oqtal6_exact_lamconst_mid",
-            Jacobian::ExactConstantLambda,
-            middle,
-        ),
-        (
-            "oqtal6_exact_lamconst_large_Jfull",
-            Jacobian::ExactConstantLambda,
-            large,
-        ),
+        ("oqtal6_exact_lamconst_mid", Jacobian::ExactConstantLambda, middle),
+        ("oqtal6_exact_lamconst_large_Jfull", Jacobian::ExactConstantLambda, large),
         ("oqtal6_exact_lamvar_large_Jfull", Jacobian::Exact, large),
-        (
-            "oqtal9_int_zero_Jhummingbird_q20",
-            Jacobian::Decoupled,
-            zero,
-        ),
+        ("oqtal9_int_zero_Jhummingbird_q20", Jacobian::Decoupled, zero),
         ("oqtal9_int_exact_lamvar_Jfull", Jacobian::Exact, middle),
     ];
     for (name, jacobian, point) in cases {
@@ -176,10 +132,8 @@ fn oqtal_in_rate_form_has_the_golden_models_and_gains() {
         ("oqtal_rate6_int_q200_eps", Vector3::new(0.1, -0.05, 0.2)),
     ];
     for (name, eps) in cases {
-        let model = ErrorModel::at(
-            Jacobian::Decoupled,
-            &OperatingPoint::new(eps, Vector3::zeros()),
-        );
+        let model =
+            ErrorModel::at(Jacobian::Decoupled, &OperatingPoint::new(eps, Vector3::zeros()));
         let model = AugmentedModel::new(&model.state_matrix(), &sticks());
         golden[name].check(&model, &model.gain(&golden[name].weights()).unwrap());
     }
@@ -188,25 +142,13 @@ fn oqtal_in_rate_form_has_the_golden_models_and_gains() {
 #[test]
 fn the_classic_law_has_the_golden_models_and_gains() {
     let golden = golden();
-    let options = LqrOptions {
-        operating_pitch_limit_rad: 1.55,
-        ..LqrOptions::spacecraft()
-    };
+    let options = LqrOptions { operating_pitch_limit_rad: 1.55, ..LqrOptions::spacecraft() };
     let cases = [
         ("classic6_th0.0000_w0_q128", [0.0; 6]),
-        (
-            "classic6_th0.2000_w-0.2_q128",
-            [0.0, -0.2, 0.0, 0.2, 0.2, 0.0],
-        ),
+        ("classic6_th0.2000_w-0.2_q128", [0.0, -0.2, 0.0, 0.2, 0.2, 0.0]),
         ("classic6_th1.4000_w0_q128", [0.0, 0.0, 0.0, 0.0, 1.4, 0.0]),
-        (
-            "classic6_th1.5000_w-0.2_q128",
-            [0.2, -0.2, 0.2, 0.2, 1.5, 0.2],
-        ),
-        (
-            "classic6_th0.6_Jfull_q1_r1",
-            [0.4, -0.2, 0.6, 0.3, 0.6, 0.0],
-        ),
+        ("classic6_th1.5000_w-0.2_q128", [0.2, -0.2, 0.2, 0.2, 1.5, 0.2]),
+        ("classic6_th0.6_Jfull_q1_r1", [0.4, -0.2, 0.6, 0.3, 0.6, 0.0]),
         ("classic9_int_th0_q20", [0.5, -0.5, 0.5, -0.2, 0.0, 0.0]),
         ("classic9_int_th1_q200", [0.5, -0.5, 0.5, -0.2, 1.0, 0.0]),
     ];

@@ -16,15 +16,9 @@ fn check_sign_of_quaternion<I: Form>(input: I, state: AttitudeState, reference: 
     for name in LAWS {
         let law = law(name, &ControllerOptions::default(), input);
         let command = first_command(law, &state, &reference);
-        let turned = AttitudeState {
-            attitude: negated(&state.attitude),
-            ..state
-        };
+        let turned = AttitudeState { attitude: negated(&state.attitude), ..state };
         assert_eq!(command, first_command(law, &turned, &reference), "{name:?}");
-        let turned = AttitudeReference {
-            attitude: negated(&reference.attitude),
-            ..reference
-        };
+        let turned = AttitudeReference { attitude: negated(&reference.attitude), ..reference };
         assert_eq!(command, first_command(law, &state, &turned), "{name:?}");
     }
 }
@@ -39,13 +33,9 @@ proptest! {
 
 #[test]
 fn q_and_minus_q_give_the_same_command_half_a_turn_away() {
-    for [x, y, z] in [
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        [-0.6, 0.8, 0.0],
-        [0.0, -0.6, 0.8],
-    ] {
+    for [x, y, z] in
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-0.6, 0.8, 0.0], [0.0, -0.6, 0.8]]
+    {
         let upside_down = at_rest(Attitude::from_xyzw([x, y, z, 0.0]).unwrap());
         check_sign_of_quaternion(sticks(), upside_down, AttitudeReference::default());
         check_sign_of_quaternion(spacecraft(), upside_down, AttitudeReference::default());
@@ -72,30 +62,17 @@ fn garbage() -> impl Strategy<Value = Garbage> {
             )))
         })
     };
-    (
-        attitude(),
-        vector(),
-        attitude(),
-        vector(),
-        vector(),
-        any_number(),
-    )
-        .prop_map(|(actual, omega, desired, omega_d, omega_d_dot, dt_s)| {
-            let state = AttitudeState {
-                attitude: actual,
-                rate: BodyRate(omega),
-            };
+    (attitude(), vector(), attitude(), vector(), vector(), any_number()).prop_map(
+        |(actual, omega, desired, omega_d, omega_d_dot, dt_s)| {
+            let state = AttitudeState { attitude: actual, rate: BodyRate(omega) };
             let acceleration = AngularAcceleration(omega_d_dot);
             (
                 state,
-                AttitudeReference {
-                    attitude: desired,
-                    rate: BodyRate(omega_d),
-                    acceleration,
-                },
+                AttitudeReference { attitude: desired, rate: BodyRate(omega_d), acceleration },
                 dt_s,
             )
-        })
+        },
+    )
 }
 
 /// F06: whatever arrives, the command is finite and in range, and the next good input gives what it
@@ -127,11 +104,7 @@ fn check_garbage<I: Form>(input: I, options: &ControllerOptions, range: f64, gar
         );
         law.reset();
         let command = law.update(&state, &reference, DT_S).numbers();
-        assert_eq!(
-            command,
-            first_command(fresh, &state, &reference),
-            "{name:?} was spoilt"
-        );
+        assert_eq!(command, first_command(fresh, &state, &reference), "{name:?} was spoilt");
     }
 }
 
@@ -173,13 +146,8 @@ fn check_windup<I: Form>(input: I, options: &ControllerOptions) {
         for _ in 0..600 {
             law.update(&far, &AttitudeReference::default(), DT_S);
         }
-        let command = law
-            .update(
-                &AttitudeState::default(),
-                &AttitudeReference::default(),
-                DT_S,
-            )
-            .numbers();
+        let command =
+            law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S).numbers();
         assert!(command.amax() < 1e-12, "{name:?} has wound up to {command}");
     }
 }
@@ -200,21 +168,14 @@ fn the_slew_rate_limit_does_not_wind_up_the_pid() {
     let far = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, 0.1)));
     let mut law = law(ControllerName::Pid, &options, sticks());
     for _ in 0..600 {
-        let sticks = law
-            .update(&far, &AttitudeReference::default(), DT_S)
-            .numbers();
+        let sticks = law.update(&far, &AttitudeReference::default(), DT_S).numbers();
         assert!(
             (sticks.z + 0.05).abs() < 1e-12,
             "the sticks ask for a rate other than the limit: {sticks}"
         );
     }
-    let command = law
-        .update(
-            &AttitudeState::default(),
-            &AttitudeReference::default(),
-            DT_S,
-        )
-        .numbers();
+    let command =
+        law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S).numbers();
     assert!(command.amax() < 1e-12, "wound up to {command}");
 }
 
@@ -225,19 +186,14 @@ fn the_slew_rate_of_the_pid_is_one_it_can_stop_from() {
     let (acceleration, angle) = (0.5, 1e-3);
     let mut options = ControllerOptions::default();
     (options.pid.gain, options.pid.max_acceleration_rad_s2) = (1e3, acceleration);
-    let state = at_rest(Attitude::from_rotation_vector(Vector3::new(
-        0.0, angle, 0.0,
-    )));
+    let state = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, angle, 0.0)));
     let command = first_command(
         law(ControllerName::Pid, &options, sticks()),
         &state,
         &AttitudeReference::default(),
     );
     let omega = -2.0 * command.y;
-    assert!(
-        (omega - (2.0 * acceleration * angle).sqrt()).abs() < 1e-6,
-        "slews at {omega}"
-    );
+    assert!((omega - (2.0 * acceleration * angle).sqrt()).abs() < 1e-6, "slews at {omega}");
 }
 
 /// Euler angles jump by a turn at 180 degrees; the body does not.
@@ -248,10 +204,7 @@ fn the_classic_law_turns_the_short_way_round() {
     let law = || law(ControllerName::Lqr, &ControllerOptions::default(), sticks());
     let across = first_command(law(), &at_rest(yaw(179.0)), &resting(yaw(-179.0)));
     let plain = first_command(law(), &at_rest(yaw(0.0)), &resting(yaw(2.0)));
-    assert!(
-        across.z > 0.0 && (across - plain).amax() < 1e-9,
-        "{across} instead of {plain}"
-    );
+    assert!(across.z > 0.0 && (across - plain).amax() < 1e-9, "{across} instead of {plain}");
 }
 
 #[test]
@@ -259,11 +212,7 @@ fn a_law_solves_nothing_before_its_first_step_and_the_pid_nothing_at_all() {
     for name in LAWS {
         let mut law = law(name, &ControllerOptions::default(), sticks());
         assert_eq!(law.riccati_solves(), 0);
-        law.update(
-            &AttitudeState::default(),
-            &AttitudeReference::default(),
-            DT_S,
-        );
+        law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S);
         assert_eq!(law.riccati_solves(), u32::from(name != ControllerName::Pid));
     }
 }
@@ -274,9 +223,7 @@ fn options_without_meaning_are_refused_by_name() {
     let cases: [(&str, Set); 6] = [
         ("gain", |o, v| o.pid.gain = v),
         ("integral-time-s", |o, v| o.pid.integral_time_s = v),
-        ("operating-pitch-limit-rad", |o, v| {
-            o.lqr.operating_pitch_limit_rad = v
-        }),
+        ("operating-pitch-limit-rad", |o, v| o.lqr.operating_pitch_limit_rad = v),
         ("rate-weight", |o, v| o.lqr.rate_weight = v),
         ("attitude-weight", |o, v| o.oqtal.attitude_weight = v),
         ("delta-rad", |o, v| o.oqtal.delta_rad = v),
@@ -301,22 +248,11 @@ fn options_are_written_in_kebab_case_and_unknown_ones_refused() {
     let text = r#"{"controller": "lqr", "oqtal": {"jacobian": "printed-45", "cells": "deadband", "resolve": "every-tick"},
                    "pid": {"rate": "omega-e", "max-rate-rad-s": 1.5}}"#;
     let options: ControllerOptions = serde_json::from_str(text).unwrap();
-    assert_eq!(
-        (options.controller, options.oqtal.cells),
-        (ControllerName::Lqr, Cells::Deadband)
-    );
-    assert_eq!(
-        (options.pid.rate, options.pid.max_rate_rad_s),
-        (RateFeedback::OmegaE, 1.5)
-    );
-    for text in [
-        r#"{"pid": {"gian": 8.0}}"#,
-        r#"{"oqtal": {"delta": 0.5}}"#,
-        r#"{"controller": "lee"}"#,
-    ] {
-        assert!(
-            serde_json::from_str::<ControllerOptions>(text).is_err(),
-            "{text} was accepted"
-        );
+    assert_eq!((options.controller, options.oqtal.cells), (ControllerName::Lqr, Cells::Deadband));
+    assert_eq!((options.pid.rate, options.pid.max_rate_rad_s), (RateFeedback::OmegaE, 1.5));
+    for text in
+        [r#"{"pid": {"gian": 8.0}}"#, r#"{"oqtal": {"delta": 0.5}}"#, r#"{"controller": "lee"}"#]
+    {
+        assert!(serde_json::from_str::<ControllerOptions>(text).is_err(), "{text} was accepted");
     }
 }

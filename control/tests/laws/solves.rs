@@ -6,11 +6,7 @@ use super::*;
 
 /// A body that rocks about level by 0.2 rad while its measured attitude trembles.
 fn solves_while_rocking(name: ControllerName, cells: Cells) -> u32 {
-    let mut law = law(
-        name,
-        &with_cells(ControllerOptions::default(), cells, 0.5),
-        sticks(),
-    );
+    let mut law = law(name, &with_cells(ControllerOptions::default(), cells, 0.5), sticks());
     for tick in 0..600 {
         let t = f64::from(tick) * DT_S;
         let rocking = Vector3::new(t.sin(), (1.3 * t).sin(), (0.7 * t).sin()) * 0.2;
@@ -26,11 +22,7 @@ fn solves_while_rocking(name: ControllerName, cells: Cells) -> u32 {
 #[test]
 fn tracking_closely_oqtal_solves_once_unless_cells_have_a_border_at_zero() {
     for cells in [Cells::Centred, Cells::Truncated, Cells::Deadband] {
-        assert_eq!(
-            solves_while_rocking(ControllerName::Oqtal, cells),
-            1,
-            "{cells:?}"
-        );
+        assert_eq!(solves_while_rocking(ControllerName::Oqtal, cells), 1, "{cells:?}");
     }
     assert!(solves_while_rocking(ControllerName::Oqtal, Cells::Floor) > 100);
 }
@@ -57,18 +49,11 @@ fn the_classic_law_solves_more_often_the_further_the_body_turns() {
 /// The rate is no state of the model in rate form: neither error nor noise in it may select a gain.
 #[test]
 fn in_rate_form_the_rate_has_no_say_in_when_oqtal_solves() {
-    let mut law = law(
-        ControllerName::Oqtal,
-        &ControllerOptions::default(),
-        sticks(),
-    );
+    let mut law = law(ControllerName::Oqtal, &ControllerOptions::default(), sticks());
     for tick in 0..10 {
         let rate = BodyRate(Vector3::repeat(f64::from(tick)));
         law.update(
-            &AttitudeState {
-                rate,
-                ..AttitudeState::default()
-            },
+            &AttitudeState { rate, ..AttitudeState::default() },
             &AttitudeReference::default(),
             DT_S,
         );
@@ -83,10 +68,7 @@ fn the_rate_has_a_say_in_when_the_classic_law_solves() {
     for p in [0.0, 0.4, 0.6, 1.1] {
         let rate = BodyRate(Vector3::new(p, 0.0, 0.0));
         law.update(
-            &AttitudeState {
-                rate,
-                ..AttitudeState::default()
-            },
+            &AttitudeState { rate, ..AttitudeState::default() },
             &AttitudeReference::default(),
             DT_S,
         );
@@ -102,11 +84,7 @@ fn every_tick_is_a_solution_in_every_step() {
     for name in [ControllerName::Lqr, ControllerName::Oqtal] {
         let mut law = law(name, &options, sticks());
         for _ in 0..10 {
-            law.update(
-                &AttitudeState::default(),
-                &AttitudeReference::default(),
-                DT_S,
-            );
+            law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S);
         }
         assert_eq!(law.riccati_solves(), 10);
     }
