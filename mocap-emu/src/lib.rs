@@ -1,1 +1,106 @@
-//! The motion-capture process: six cameras as noise, latency and dropouts, or a recording.
+//! The motion-capture process: six cameras as noise, latency, dropouts and outliers, or a recording with its own timing.
+//!
+//! [`Cameras`] and [`Replay`] are pure; [`run`] wires one of them to the bus.
+#![forbid(unsafe_code)]
+
+mod cameras;
+pub mod recording;
+mod replay;
+
+use std::path::Path;
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
+use oqtal_bus::pace::Pace;
+use oqtal_bus::port::Writer;
+use oqtal_bus::process::{Exit, Failure, Shell};
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::{POSE, TRUTH};
+
+pub use cameras::Cameras;
+pub use recording::Recording;
+pub use replay::Replay;
+
+/// A pose on its way to the daemon.
+#[derive(Clone, Copy, Debug)]
+pub struct Delivery {
+    /// Number of its camera frame, from 1: a gap is a lost frame.
+    pub frame: u64,
+    /// Its capture.
+    pub stamps: Stamps,
+    /// What the cameras say.
+    pub pose: PoseV1,
+}
+
+impl Delivery {
+    /// The stamps with the instant of publication.
+    #[must_use]
+    pub fn stamps_at(&self, now: Time) -> Stamps {
+        Stamps { pose_published_at: now, ..self.stamps }
+    }
+}
+
+/// Reads the recording that a configuration names.
+///
+/// # Errors
+/// `FILE:LINE: what is wrong`, exit code 65.
+pub fn read_recording(file: &str) -> Result<Recording, Failure> {
+    Recording::read(Path::new(file)).map_err(|error| Failure::new(Exit::Data, error.to_string()))
+}
+
+/// Sees the vehicle, or plays a recording, until asked to stop.
+///
+/// # Errors
+/// The bus refuses or breaks; the recording is bad.
+pub fn run(shell: &Shell) -> Result<(), Failure> {
+    if shell.config.is_replay() { play(shell) } else { watch(shell) }
+}
+
+fn watch(shell: &Shell) -> Result<(), Failure> {
+    let bus = shell.bus()?;
+    // Between two camera instants the truth comes every millisecond: none of the instants must fall out of the buffer.
+    let mut truths = bus.observer(&TRUTH)?;
+    let mut poses = bus.writer(&POSE)?;
+    let mut pace = shell.pace(&bus, &TRUTH)?;
+    let mut cameras = Cameras::new(&shell.config.mocap, shell.config.clock.seed);
+    while let Some(now) = pace.wait(cameras.next_event())? {
+        while let Some((_, truth)) = truths.receive()? {
+            if is_frame(&truth) {
+                cameras.capture(&truth);
+            }
+        }
+        while let Some(delivery) = cameras.deliver(now) {
+            publish(&mut poses, &mut pace, &delivery)?;
+        }
+    }
+    Ok(())
+}
+
+fn play(shell: &Shell) -> Result<(), Failure> {
+    let recording = read_recording(&shell.config.mocap.replay)?;
+    let bus: Bus = shell.bus()?;
+    let mut poses = bus.writer(&POSE)?;
+    let mut pace = shell.pace(&bus, &TRUTH)?;
+    let mut replay = Replay::new(recording, pace.now());
+    while let Some(now) = pace.wait(replay.next_event())? {
+        while let Some(delivery) = replay.deliver(now) {
+            publish(&mut poses, &mut pace, &delivery)?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether the cameras fire at this sample of the truth.
+#[must_use]
+pub fn is_frame(truth: &TruthV1) -> bool {
+    truth.capture > 0
+}
+
+fn publish(
+    poses: &mut Writer<PoseV1>,
+    pace: &mut Pace,
+    delivery: &Delivery,
+) -> Result<(), Failure> {
+    poses.send(delivery.frame, delivery.stamps_at(pace.now()), delivery.pose)?;
+    Ok(pace.announce(poses)?)
+}

@@ -1,1 +1,53 @@
-//! The plant process: 6DoF vehicles under a radio delay, in place of a real one.
+//! The plant process: a simulated vehicle and its radio, in place of a real one.
+//!
+//! [`Plant`] is pure; [`run`] wires it to the bus.
+#![forbid(unsafe_code)]
+
+mod dynamics;
+mod plant;
+mod state;
+mod world;
+
+use oqtal_bus::process::{Failure, Shell};
+use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
+
+pub use dynamics::{Disturbance, Dynamics, Input};
+pub use plant::{Output, Plant};
+pub use state::{Derivative, State};
+
+/// Flies the simulated vehicle until asked to stop.
+///
+/// # Errors
+/// The bus refuses or breaks.
+pub fn run(shell: &Shell) -> Result<(), Failure> {
+    let bus = shell.bus()?;
+    let mut commands = bus.reader(&COMMAND)?;
+    let mut truths = bus.writer(&TRUTH)?;
+    let mut vehicles = bus.writer(&VEHICLE)?;
+    let mut pace = shell.pace(&bus, &COMMAND)?;
+    let mut plant = Plant::new(&shell.config, pace.now());
+    let mut outputs = Vec::with_capacity(64);
+    loop {
+        let next = if pace.is_virtual() { plant.next_event() } else { plant.next_sample() };
+        let Some(now) = pace.wait(Some(next))? else { return Ok(()) };
+        plant.advance(now, |output| outputs.push(output));
+        if let Some((header, command)) = commands.latest()? {
+            plant.receive(now, header, command, commands.lost());
+            // The truth at the tick itself, for those who judge the flight.
+            outputs.push(Output::Truth(plant.truth()));
+        }
+        for output in outputs.drain(..) {
+            match output {
+                Output::Truth(truth) => {
+                    truths.send(truth.capture, Default::default(), truth)?;
+                    if truth.capture > 0 {
+                        pace.announce(&truths)?;
+                    }
+                }
+                Output::Applied(pose_sequence, stamps, vehicle) => {
+                    vehicles.send(pose_sequence, stamps, vehicle)?;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,340 @@
+//! One configuration for all processes: built-in values, a preset, a file, `OQTAL_*` variables, flags, in this order.
+//!
+//! Every value that is set carries its origin (`FILE:LINE`, the variable, the flag), and values are applied one at a time,
+//! so that any error names the line to mend.
+
+mod layer;
+mod mocap;
+mod vehicle;
+
+use std::path::Path;
+
+use oqtal_control::controller::{
+    ControllerName, ControllerOptions, InvalidOption, LqrOptions, OqtalOptions, PidOptions,
+};
+use oqtal_control::estimator::EstimatorOptions;
+use oqtal_control::position::PositionOptions;
+use oqtal_control::range::OutOfRange;
+use oqtal_control::trajectory::TrajectoryOptions;
+use serde::{Deserialize, Serialize};
+use toml::Table;
+
+pub use layer::Setting;
+pub use mocap::Mocap;
+pub use vehicle::{Battery, Fidelity, Rotors, Vehicle, VehicleKind};
+
+use crate::message::{FNV_OFFSET, fnv1a};
+use crate::topic::Party;
+
+/// The shipped file: every key with its default.
+pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
+
+/// The presets: (key that names one, its value, its file).
+const PRESETS: [(&str, &str, &str); 3] = [
+    ("vehicle.kind", "spacecraft", include_str!("../../deploy/presets/spacecraft.toml")),
+    ("mocap.preset", "ideal", include_str!("../../deploy/presets/mocap-ideal.toml")),
+    ("mocap.preset", "measured", include_str!("../../deploy/presets/mocap-measured.toml")),
+];
+
+/// A value that cannot be used, and where it was set.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{origin}: {reason}")]
+pub struct ConfigError {
+    /// `FILE:LINE`, the variable or the flag; the file alone if it cannot be read.
+    pub origin: String,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
+/// A rule that a value breaks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Violation {
+    /// The key, dotted: `vehicle.mass-kg`.
+    pub key: String,
+    /// The rule.
+    pub rule: String,
+}
+
+impl Violation {
+    /// A violation of `rule` by `key`.
+    #[must_use]
+    pub fn new(key: impl Into<String>, rule: impl Into<String>) -> Self {
+        Self { key: key.into(), rule: rule.into() }
+    }
+}
+
+/// `[instance]`: which testbed on this machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Instance {
+    /// Name, `[a-z0-9-]{1,32}`.
+    pub name: String,
+    /// Directory of the instance's files; empty for the default rule of [`crate::place::Place`].
+    pub root: String,
+}
+
+/// Which clock drives a flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum ClockKind {
+    /// The machine's monotonic clock.
+    Real,
+    /// Virtual time, the same processes.
+    Lockstep,
+    /// Virtual time, one process.
+    InProcess,
+}
+
+/// `[clock]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Clock {
+    /// Which clock.
+    pub kind: ClockKind,
+    /// Seed of every random source.
+    pub seed: u64,
+}
+
+/// `[control]`: the loop, its law and its estimator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Control {
+    /// Rate of the loop \[Hz\].
+    pub rate_hz: f64,
+    /// The law that flies.
+    pub controller: ControllerName,
+    /// `[control.pid]`.
+    pub pid: PidOptions,
+    /// `[control.lqr]`.
+    pub lqr: LqrOptions,
+    /// `[control.oqtal]`.
+    pub oqtal: OqtalOptions,
+    /// `[control.estimator]`.
+    pub estimator: EstimatorOptions,
+}
+
+impl Control {
+    fn check(&self) -> Result<(), Violation> {
+        let invalid = |law: &str, error: InvalidOption| {
+            let rule = format!("is {}, it must be {}", error.value, error.expected);
+            Violation::new(format!("control.{law}.{}", error.key), rule)
+        };
+        self.pid.check().map_err(|error| invalid("pid", error))?;
+        self.lqr.check().map_err(|error| invalid("lqr", error))?;
+        self.oqtal.check().map_err(|error| invalid("oqtal", error))?;
+        self.estimator.check().map_err(|error| outside("control.estimator", error))
+    }
+
+    /// The law that flies, and the options of all laws.
+    #[must_use]
+    pub fn controller_options(&self) -> ControllerOptions {
+        let Self { controller, pid, lqr, oqtal, .. } = *self;
+        ControllerOptions { controller, pid, lqr, oqtal }
+    }
+}
+
+/// `[safety]`: what the daemon believes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Safety {
+    /// An older pose is not believed \[ms since its capture\].
+    pub max_pose_age_ms: f64,
+    /// Faster than this between two poses is a jump \[m/s\].
+    pub max_speed_m_s: f64,
+    /// Faster than this between two poses is a jump \[rad/s\].
+    pub max_rate_rad_s: f64,
+    /// Good poses in a row before poses are believed again.
+    pub recovery_poses: u32,
+    /// Without believable poses for so long the motors stop \[ms\].
+    pub coast_ms: f64,
+}
+
+/// `[log]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Log {
+    /// Least severe level that is written.
+    pub level: LogLevel,
+}
+
+/// Severity of a log line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[allow(missing_docs)]
+pub enum LogLevel {
+    Error,
+    Warn,
+    Info,
+    Debug,
+    Trace,
+}
+
+/// The effective configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Config {
+    /// `[instance]`.
+    pub instance: Instance,
+    /// `[clock]`.
+    pub clock: Clock,
+    /// `[vehicle]`.
+    pub vehicle: Vehicle,
+    /// `[mocap]`.
+    pub mocap: Mocap,
+    /// `[control]`.
+    pub control: Control,
+    /// `[position]`: the outer loops.
+    pub position: PositionOptions,
+    /// `[trajectory]`: what is flown.
+    pub trajectory: TrajectoryOptions,
+    /// `[safety]`.
+    pub safety: Safety,
+    /// `[log]`.
+    pub log: Log,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::from_settings(&[]).expect("the shipped configuration is valid: a test holds it")
+    }
+}
+
+impl Config {
+    /// The effective configuration of `file` (if any), the environment and `flags`.
+    ///
+    /// # Errors
+    /// A file that cannot be read or parsed, an unknown key, a value of the wrong type, or one that breaks a rule; with its
+    /// origin.
+    pub fn load(file: Option<&Path>, flags: &[Setting]) -> Result<Self, ConfigError> {
+        let mut settings = Vec::new();
+        if let Some(path) = file {
+            let origin = path.display().to_string();
+            let text = std::fs::read_to_string(path).map_err(|error| ConfigError {
+                origin: origin.clone(),
+                reason: error.to_string(),
+            })?;
+            settings.extend(layer::from_toml(&origin, &text)?);
+        }
+        settings.extend(layer::from_environment(std::env::vars())?);
+        settings.extend_from_slice(flags);
+        Self::from_settings(&settings)
+    }
+
+    /// The built-in values under `settings`; later ones win.
+    ///
+    /// # Errors
+    /// As [`Config::load`], without files.
+    pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
+        let mut table: Table =
+            DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
+        for (key, name, text) in PRESETS {
+            let chosen = settings.iter().rev().find(|setting| setting.key == key);
+            if chosen.is_some_and(|setting| setting.value.as_str() == Some(name)) {
+                for setting in layer::from_toml(name, text)? {
+                    setting.apply(&mut table)?;
+                }
+            }
+        }
+        for setting in settings {
+            setting.apply(&mut table)?;
+        }
+        let config = layer::deserialize(&table)
+            .map_err(|reason| ConfigError { origin: "built-in".to_owned(), reason })?;
+        config.check().map_err(|violation| {
+            let part = format!("{}.", violation.key);
+            let concerns = |key: &str| key == violation.key || key.starts_with(&part);
+            let set = settings.iter().rev().find(|setting| concerns(&setting.key));
+            let origin = set.map_or("built-in", |setting| &setting.origin).to_owned();
+            ConfigError { origin, reason: format!("`{}` {}", violation.key, violation.rule) }
+        })?;
+        Ok(config)
+    }
+
+    /// The rules that one value, or several together, must keep.
+    ///
+    /// # Errors
+    /// The first rule broken.
+    pub fn check(&self) -> Result<(), Violation> {
+        self.vehicle.check()?;
+        self.mocap.check()?;
+        positive("control.rate-hz", self.control.rate_hz)?;
+        self.control.check()?;
+        self.check_flight()?;
+        positive("safety.max-pose-age-ms", self.safety.max_pose_age_ms)?;
+        positive("safety.max-speed-m-s", self.safety.max_speed_m_s)?;
+        positive("safety.max-rate-rad-s", self.safety.max_rate_rad_s)?;
+        positive("safety.coast-ms", self.safety.coast_ms)
+    }
+
+    fn check_flight(&self) -> Result<(), Violation> {
+        self.position.check().map_err(|error| outside("position", error))?;
+        self.trajectory.check().map_err(|error| outside("trajectory", error))?;
+        let (lift, gravity) =
+            (self.position.vertical_acceleration_limit_m_s2, self.vehicle.gravity_m_s2);
+        if lift < gravity {
+            Ok(())
+        } else {
+            let rule =
+                format!("is {lift}, it must be below gravity, {gravity}: thrust only pushes");
+            Err(Violation::new("position.vertical-acceleration-limit-m-s2", rule))
+        }
+    }
+
+    /// Whether a recording is played instead of the cameras.
+    #[must_use]
+    pub fn is_replay(&self) -> bool {
+        !self.mocap.replay.is_empty()
+    }
+
+    /// Who takes part in the loop; the first leads virtual time.
+    #[must_use]
+    pub fn parties(&self) -> &'static [Party] {
+        if self.is_replay() { &Party::ALL[1..] } else { &Party::ALL }
+    }
+
+    /// The configuration as a file with every key.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string_pretty(self).expect("a configuration holds only what TOML can say")
+    }
+
+    /// Identifies the effective configuration.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        fnv1a(FNV_OFFSET, self.to_toml().as_bytes())
+    }
+}
+
+/// An option of `section` outside its range.
+fn outside(section: &str, error: OutOfRange) -> Violation {
+    let (low, high) = (error.range.start(), error.range.end());
+    let rule = format!("is {}, it must lie between {low} and {high}", error.value);
+    Violation::new(format!("{section}.{}", error.key), rule)
+}
+
+/// `value` must be finite and above zero.
+pub(crate) fn positive(key: &str, value: f64) -> Result<(), Violation> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(Violation::new(key, format!("must be above zero, is {value}")))
+    }
+}
+
+/// `value` must be finite and not below zero.
+pub(crate) fn not_negative(key: &str, value: f64) -> Result<(), Violation> {
+    if value.is_finite() && value >= 0.0 {
+        Ok(())
+    } else {
+        Err(Violation::new(key, format!("must not be negative, is {value}")))
+    }
+}
+
+/// `value` must lie in 0..=1.
+pub(crate) fn probability(key: &str, value: f64) -> Result<(), Violation> {
+    if (0.0..=1.0).contains(&value) {
+        Ok(())
+    } else {
+        Err(Violation::new(key, format!("must be between 0 and 1, is {value}")))
+    }
+}

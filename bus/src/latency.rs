@@ -1,0 +1,184 @@
+//! Where the time between a camera's shutter and its effect on the vehicle goes, hop by hop.
+//!
+//! ```text
+//!  captured ─▶ pose published ─▶ woken ─▶ command published ─▶ received ─▶ applied
+//! ```
+//! The hops partition the whole: for every sample their sum is `sensor_to_actuator`.
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+
+use crate::message::Stamps;
+use crate::time::Span;
+
+/// The names of the hops, in order.
+pub const HOPS: [&str; 5] = [
+    "capture_to_publish",
+    "publish_to_daemon",
+    "compute",
+    "command_to_vehicle",
+    "vehicle_to_applied",
+];
+
+/// The name of their sum.
+pub const WHOLE: &str = "sensor_to_actuator";
+
+/// Spans up to a minute are told apart, to three digits.
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// The hops of one sample; `None` unless it passed every station, each no earlier than the one before.
+#[must_use]
+pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
+    let stations = [
+        stamps.captured_at,
+        stamps.pose_published_at,
+        stamps.woken_at,
+        stamps.command_published_at,
+        stamps.received_at,
+        stamps.applied_at,
+    ];
+    let ordered = stations.windows(2).all(|pair| pair[0] <= pair[1]);
+    let complete = stations.iter().all(|station| station.is_set());
+    (ordered && complete).then(|| std::array::from_fn(|i| stations[i + 1].since(stations[i])))
+}
+
+/// From the camera's shutter to the effect on the vehicle.
+#[must_use]
+pub fn sensor_to_actuator(stamps: &Stamps) -> Span {
+    stamps.applied_at.since(stamps.captured_at)
+}
+
+/// A distribution of spans in bounded memory.
+#[derive(Clone, Debug)]
+pub struct Distribution(Histogram<u64>);
+
+impl Default for Distribution {
+    fn default() -> Self {
+        Self(
+            Histogram::new_with_bounds(1, LONGEST_NS, 3)
+                .expect("the bounds are constant and valid"),
+        )
+    }
+}
+
+impl Distribution {
+    /// Adds a span; negative ones count as zero, spans beyond a minute as a minute.
+    pub fn add(&mut self, span: Span) {
+        self.0.saturating_record(span.nanos().max(0).unsigned_abs());
+    }
+
+    /// The span that the share `quantile` of all spans does not exceed.
+    #[must_use]
+    pub fn quantile(&self, quantile: f64) -> Span {
+        Span::from_nanos(self.0.value_at_quantile(quantile).cast_signed())
+    }
+
+    /// How many spans there are.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.0.len()
+    }
+
+    /// Its figures.
+    #[must_use]
+    pub fn summary(&self) -> DistributionSummary {
+        DistributionSummary {
+            count: self.0.len(),
+            min_ns: if self.0.is_empty() { 0 } else { self.0.min() },
+            p50_ns: self.0.value_at_quantile(0.5),
+            p99_ns: self.0.value_at_quantile(0.99),
+            p999_ns: self.0.value_at_quantile(0.999),
+            max_ns: self.0.max(),
+        }
+    }
+}
+
+/// The figures of a [`Distribution`], in nanoseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[allow(missing_docs)]
+pub struct DistributionSummary {
+    pub count: u64,
+    pub min_ns: u64,
+    pub p50_ns: u64,
+    pub p99_ns: u64,
+    pub p999_ns: u64,
+    pub max_ns: u64,
+}
+
+/// The distributions of all hops and of their sum.
+#[derive(Clone, Debug, Default)]
+pub struct HopDistributions {
+    hops: [Distribution; HOPS.len()],
+    whole: Distribution,
+}
+
+impl HopDistributions {
+    /// Adds a sample that reached the vehicle; one that did not pass every station is left out.
+    pub fn add(&mut self, stamps: &Stamps) {
+        if let Some(spans) = hops(stamps) {
+            for (distribution, span) in self.hops.iter_mut().zip(spans) {
+                distribution.add(span);
+            }
+            self.whole.add(sensor_to_actuator(stamps));
+        }
+    }
+
+    /// Every hop and then the whole, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
+        HOPS.into_iter().zip(&self.hops).chain([(WHOLE, &self.whole)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::Time;
+
+    fn stamps(nanos: [u64; 6]) -> Stamps {
+        let [
+            captured_at,
+            pose_published_at,
+            woken_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        ] = nanos.map(Time::from_nanos);
+        Stamps {
+            captured_at,
+            pose_published_at,
+            woken_at,
+            computed_at: woken_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        }
+    }
+
+    #[test]
+    fn the_hops_of_a_sample_add_up_to_the_whole() {
+        let stamps = stamps([10, 25, 27, 40, 41, 99]);
+        let spans = hops(&stamps).unwrap();
+        let sum = spans.into_iter().fold(Span::ZERO, |sum, span| sum + span);
+        assert_eq!(sum, sensor_to_actuator(&stamps));
+        assert_eq!(spans[2], Span::from_nanos(13));
+    }
+
+    #[test]
+    fn a_sample_that_missed_a_station_or_ran_back_is_left_out() {
+        assert_eq!(hops(&stamps([10, 25, 0, 40, 41, 99])), None);
+        assert_eq!(hops(&stamps([10, 25, 24, 40, 41, 99])), None);
+    }
+
+    #[test]
+    fn a_distribution_knows_its_quantiles() {
+        let mut distribution = Distribution::default();
+        for micros in 1..=1000 {
+            distribution.add(Span::from_nanos(micros * 1000));
+        }
+        let summary = distribution.summary();
+        assert_eq!(summary.count, 1000);
+        assert!((summary.p50_ns as f64 / 500_000.0 - 1.0).abs() < 2e-3);
+        assert!((summary.p99_ns as f64 / 990_000.0 - 1.0).abs() < 2e-3);
+        assert_eq!(Distribution::default().summary(), DistributionSummary::default());
+    }
+}

@@ -1,0 +1,268 @@
+//! The shell around every process: arguments, configuration, logs, signals, exit codes. What runs inside knows none of it.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Subcommand};
+use rustix::process::Signal;
+
+use crate::bus::Bus;
+use crate::config::{ClockKind, Config, ConfigError, LogLevel, Setting};
+use crate::error::BusError;
+use crate::message::Message;
+use crate::pace::{Pace, StopFlag};
+use crate::place::Place;
+use crate::topic::{Party, Topic};
+
+/// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// As asked.
+    Ok = 0,
+    /// The flight did not end as asked.
+    Flight = 1,
+    /// The command line is wrong.
+    Usage = 64,
+    /// Input data is bad.
+    Data = 65,
+    /// A fault of ours.
+    Internal = 70,
+    /// The operating system refused.
+    System = 71,
+    /// Another controller holds the topic, or a peer never came.
+    Peer = 75,
+    /// The running processes speak another version.
+    Version = 76,
+    /// No permission.
+    Permission = 77,
+    /// The configuration is wrong.
+    Config = 78,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit as u8)
+    }
+}
+
+/// Why a process cannot do its job: the message for a person, the code for a supervisor.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct Failure {
+    /// The exit code.
+    pub exit: Exit,
+    /// Object and remedy.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure with its code and message.
+    #[must_use]
+    pub fn new(exit: Exit, message: impl Into<String>) -> Self {
+        Self { exit, message: message.into() }
+    }
+}
+
+impl From<BusError> for Failure {
+    fn from(error: BusError) -> Self {
+        let exit = match &error {
+            BusError::Held { .. } => Exit::Peer,
+            BusError::Version { .. } => Exit::Version,
+            BusError::Permission { .. } => Exit::Permission,
+            BusError::Name { .. } => Exit::Usage,
+            BusError::System { .. } => Exit::System,
+        };
+        Self::new(exit, error.to_string())
+    }
+}
+
+impl From<ConfigError> for Failure {
+    fn from(error: ConfigError) -> Self {
+        Self::new(Exit::Config, error.to_string())
+    }
+}
+
+/// What every process can be told on its command line.
+#[derive(Args, Clone, Debug, Default)]
+pub struct CommonArgs {
+    /// Configuration file (TOML); see `oqtal check`
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Which testbed on this machine: 1 to 32 of a-z, 0-9 and -
+    #[arg(long, value_name = "NAME")]
+    pub instance: Option<String>,
+    /// Directory of the instance's files
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
+    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+    /// End when the process that started this one dies
+    #[arg(long, hide = true)]
+    pub child: bool,
+}
+
+impl CommonArgs {
+    /// These flags as settings.
+    ///
+    /// # Errors
+    /// A `--set` without `=`.
+    pub fn settings(&self) -> Result<Vec<Setting>, ConfigError> {
+        let mut settings = Vec::new();
+        for text in &self.settings {
+            settings.push(Setting::parse("--set", text)?);
+        }
+        if let Some(name) = &self.instance {
+            settings.push(Setting::flag("--instance", "instance.name", name.clone()));
+        }
+        if let Some(root) = &self.root {
+            let root = root.display().to_string();
+            settings.push(Setting::flag("--root", "instance.root", root));
+        }
+        Ok(settings)
+    }
+}
+
+/// What can be done with a process.
+#[derive(Subcommand, Clone, Debug)]
+pub enum ProcessCommand {
+    /// Run the process until SIGINT or SIGTERM
+    Run(CommonArgs),
+    /// Check the configuration the process would run with, and print it
+    Check(CommonArgs),
+}
+
+/// The job of one process, inside the shell.
+pub type Job = fn(&Shell) -> Result<(), Failure>;
+
+/// What a running process has of its surroundings.
+#[derive(Debug)]
+pub struct Shell {
+    /// The effective configuration.
+    pub config: Config,
+    /// Set when the process is asked to end.
+    pub stop: StopFlag,
+    /// Which process this is.
+    pub party: Party,
+}
+
+impl Shell {
+    /// Joins the instance.
+    ///
+    /// # Errors
+    /// As [`Bus::open`].
+    pub fn bus(&self) -> Result<Bus, BusError> {
+        Bus::open(&self.place()?)
+    }
+
+    /// The place that the configuration names.
+    ///
+    /// # Errors
+    /// A bad instance name.
+    pub fn place(&self) -> Result<Place, BusError> {
+        place_of(&self.config)
+    }
+
+    /// The pacer of this process: real time, woken by `wakes_on`, or virtual time. The plant leads virtual time; where a
+    /// recording is played there is no plant, and the cameras lead.
+    ///
+    /// # Errors
+    /// The bus refuses.
+    pub fn pace<M: Message>(&self, bus: &Bus, wakes_on: &Topic<M>) -> Result<Pace, BusError> {
+        let stop = self.stop.clone();
+        if self.config.clock.kind == ClockKind::Real {
+            return Pace::real(bus, wakes_on, stop);
+        }
+        let parties = self.config.parties();
+        if self.party == parties[0] {
+            Pace::leader(bus, self.party, parties, stop)
+        } else {
+            Pace::follower(bus, self.party, stop)
+        }
+    }
+}
+
+/// The place that a configuration names.
+///
+/// # Errors
+/// A bad instance name.
+pub fn place_of(config: &Config) -> Result<Place, BusError> {
+    let root = Some(&config.instance.root).filter(|root| !root.is_empty());
+    Place::new(&config.instance.name, root.map(std::path::Path::new))
+}
+
+/// Does what the command line asks of `party`, whose job is `job`, and says how it ended.
+#[must_use]
+pub fn execute(party: Party, command: &ProcessCommand, job: Job) -> ExitCode {
+    let result = match command {
+        ProcessCommand::Check(args) => load(args).map(|config| print!("{}", config.to_toml())),
+        ProcessCommand::Run(args) => run(party, args, job),
+    };
+    match result {
+        Ok(()) => Exit::Ok.into(),
+        Err(failure) => {
+            eprintln!("oqtal {}: {failure}", party.name());
+            failure.exit.into()
+        }
+    }
+}
+
+fn load(args: &CommonArgs) -> Result<Config, Failure> {
+    Ok(Config::load(args.config.as_deref(), &args.settings()?)?)
+}
+
+fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
+    if args.child {
+        die_with_parent()?;
+    }
+    let config = load(args)?;
+    start_log(config.log.level);
+    let stop = stop_on_signals()?;
+    let shell = Shell { config, stop, party };
+    tracing::info!(
+        instance = shell.config.instance.name,
+        config = format!("{:016x}", shell.config.hash()),
+        "{} starts",
+        party.name()
+    );
+    let result = job(&shell);
+    // Its ports are closed; whoever leaves last tidies up.
+    Bus::open(&shell.place()?)?.leave();
+    tracing::info!("{} ends", party.name());
+    result
+}
+
+/// Ends this process when the one that started it dies: a front door that is killed leaves no orphans.
+fn die_with_parent() -> Result<(), Failure> {
+    rustix::process::set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| {
+        Failure::new(Exit::System, format!("binding to the parent's life failed: {e}"))
+    })
+}
+
+/// Sets the flag on SIGINT or SIGTERM.
+fn stop_on_signals() -> Result<StopFlag, Failure> {
+    let stop = StopFlag::default();
+    let flag = stop.clone();
+    ctrlc::set_handler(move || flag.set())
+        .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
+    Ok(stop)
+}
+
+/// Logs go to standard error, one line each.
+fn start_log(level: LogLevel) {
+    let level = match level {
+        LogLevel::Error => tracing::Level::ERROR,
+        LogLevel::Warn => tracing::Level::WARN,
+        LogLevel::Info => tracing::Level::INFO,
+        LogLevel::Debug => tracing::Level::DEBUG,
+        LogLevel::Trace => tracing::Level::TRACE,
+    };
+    tracing_subscriber::fmt()
+        .with_max_level(level)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .init();
+}

@@ -1,0 +1,223 @@
+//! Time as every process of the system means it: nanoseconds of `CLOCK_MONOTONIC`, or of virtual time.
+//!
+//! Only [`Time::now`] reads a clock, and only the process shell and the pacers call it; everything below takes `now` as an
+//! argument. `dt` becomes an `f64` once, by [`Span::seconds`], on its way into a law.
+
+use std::ops::{Add, Sub};
+
+use iceoryx2::prelude::ZeroCopySend;
+use rustix::time::{ClockId, Timespec, clock_gettime};
+use serde::{Deserialize, Serialize};
+
+const NANOS_PER_SECOND: u64 = 1_000_000_000;
+
+/// An instant \[ns\]. [`Time::UNSET`] (zero) stands for "not stamped yet".
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    ZeroCopySend,
+)]
+#[repr(C)]
+pub struct Time(u64);
+
+/// A distance between two instants \[ns\], negative when the second came first.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+#[repr(transparent)]
+pub struct Span(i64);
+
+impl Time {
+    /// No stamp.
+    pub const UNSET: Self = Self(0);
+
+    /// Where virtual time starts: one second, so that a virtual stamp is never [`Time::UNSET`].
+    pub const VIRTUAL_START: Self = Self(NANOS_PER_SECOND);
+
+    /// The instant `nanos` after the clock's origin.
+    #[must_use]
+    pub const fn from_nanos(nanos: u64) -> Self {
+        Self(nanos)
+    }
+
+    /// Nanoseconds since the clock's origin.
+    #[must_use]
+    pub const fn nanos(self) -> u64 {
+        self.0
+    }
+
+    /// Reads `CLOCK_MONOTONIC` (through the vDSO, no system call).
+    #[must_use]
+    pub fn now() -> Self {
+        let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Monotonic);
+        // The monotonic clock counts up from boot: both parts are non-negative.
+        Self(tv_sec.unsigned_abs() * NANOS_PER_SECOND + tv_nsec.unsigned_abs())
+    }
+
+    /// Whether a clock has been read into this stamp.
+    #[must_use]
+    pub const fn is_set(self) -> bool {
+        self.0 != 0
+    }
+
+    /// The time from `earlier` to `self`.
+    #[must_use]
+    pub const fn since(self, earlier: Self) -> Span {
+        Span(self.0.wrapping_sub(earlier.0).cast_signed())
+    }
+}
+
+impl Span {
+    /// No time at all.
+    pub const ZERO: Self = Self(0);
+
+    /// A span of `nanos` nanoseconds.
+    #[must_use]
+    pub const fn from_nanos(nanos: i64) -> Self {
+        Self(nanos)
+    }
+
+    /// A span of `millis` milliseconds.
+    #[must_use]
+    pub const fn from_millis(millis: i64) -> Self {
+        Self(millis * 1_000_000)
+    }
+
+    /// A span of `seconds`, to the nearest nanosecond.
+    #[must_use]
+    pub fn from_seconds(seconds: f64) -> Self {
+        Self((seconds * 1e9).round() as i64)
+    }
+
+    /// One period of a `rate_hz` clock, to the nearest nanosecond.
+    #[must_use]
+    pub fn period_of(rate_hz: f64) -> Self {
+        Self::from_seconds(1.0 / rate_hz)
+    }
+
+    /// Nanoseconds.
+    #[must_use]
+    pub const fn nanos(self) -> i64 {
+        self.0
+    }
+
+    /// Seconds.
+    #[must_use]
+    pub fn seconds(self) -> f64 {
+        self.0 as f64 * 1e-9
+    }
+
+    /// This span times `factor`, to the nearest nanosecond.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self((self.0 as f64 * factor).round() as i64)
+    }
+
+    /// As a standard duration; zero if negative.
+    #[must_use]
+    pub fn to_duration(self) -> std::time::Duration {
+        std::time::Duration::from_nanos(self.0.max(0).unsigned_abs())
+    }
+}
+
+impl Add<Span> for Time {
+    type Output = Self;
+
+    fn add(self, span: Span) -> Self {
+        Self(self.0.saturating_add_signed(span.0))
+    }
+}
+
+impl Sub<Span> for Time {
+    type Output = Self;
+
+    fn sub(self, span: Span) -> Self {
+        self + Span(-span.0)
+    }
+}
+
+impl Add for Span {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self(self.0 + other.0)
+    }
+}
+
+impl Sub for Span {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self(self.0 - other.0)
+    }
+}
+
+/// The instants `start + k / rate` for k = 0, 1, ..., without the drift of a rounded period.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    start: Time,
+    rate_hz: f64,
+    index: u64,
+}
+
+impl Grid {
+    /// A grid of `rate_hz` instants a second whose instant 0 is `start`.
+    #[must_use]
+    pub const fn new(start: Time, rate_hz: f64) -> Self {
+        Self { start, rate_hz, index: 0 }
+    }
+
+    /// The index of the instant that comes next.
+    #[must_use]
+    pub const fn index(&self) -> u64 {
+        self.index
+    }
+
+    /// The instant that comes next.
+    #[must_use]
+    pub fn next(&self) -> Time {
+        self.start + Span::from_seconds(self.index as f64 / self.rate_hz)
+    }
+
+    /// Goes on to the instant after it.
+    pub fn advance(&mut self) {
+        self.index += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_span_is_signed_and_adds_back() {
+        let (early, late) = (Time::from_nanos(5), Time::from_nanos(12));
+        assert_eq!(late.since(early), Span::from_nanos(7));
+        assert_eq!(early.since(late), Span::from_nanos(-7));
+        assert_eq!(late + early.since(late), early);
+    }
+
+    #[test]
+    fn a_grid_does_not_drift() {
+        let mut grid = Grid::new(Time::VIRTUAL_START, 60.0);
+        for _ in 0..60 * 3600 {
+            grid.advance();
+        }
+        assert_eq!(grid.next().since(Time::VIRTUAL_START), Span::from_seconds(3600.0));
+    }
+
+    #[test]
+    fn the_clock_never_runs_back() {
+        let first = Time::now();
+        assert!(first.is_set() && Time::now() >= first);
+    }
+}

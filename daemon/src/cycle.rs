@@ -1,0 +1,355 @@
+//! One turn of the loop: guard, estimate, position loops, attitude law, limits. Pure: poses and time come in, a command goes
+//! out. The same object runs behind the bus and in an in-process flight.
+
+use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
+use oqtal_bus::config::Config;
+use oqtal_bus::message::{CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::estimator::Estimator;
+use oqtal_control::euler::EulerAngles;
+use oqtal_control::trajectory::{FlightPlan, Place, Reference, Trajectory, TrajectoryOptions};
+
+use crate::guard::Guard;
+use crate::mission::Mission;
+use crate::pilot::{Decision, Pilot};
+use crate::supervisor::{Conditions, Supervisor};
+
+/// Without a pose the loop acts this many periods after its last tick.
+const DEADLINE_PERIODS: f64 = 1.5;
+/// A vehicle unseen for no longer than this many periods is believed at once when it is seen again.
+const SHORT_GAP_PERIODS: f64 = 6.0;
+
+/// What one tick puts out.
+#[derive(Clone, Copy, Debug)]
+pub struct Tick {
+    /// Sequence of the pose that the command is about; 0 for none.
+    pub pose_sequence: u64,
+    /// The stations passed so far.
+    pub stamps: Stamps,
+    /// The command.
+    pub command: CommandV1,
+}
+
+/// The controller between its events.
+#[derive(Debug)]
+pub struct Cycle {
+    period: Span,
+    /// Two ticks are at least this far apart: faster cameras are decimated.
+    spacing: Span,
+    decimates: bool,
+    coast: Span,
+    recovery_poses: u32,
+    watches_only: bool,
+    trajectory: Trajectory,
+    options: TrajectoryOptions,
+
+    guard: Guard,
+    estimator: Estimator,
+    supervisor: Supervisor,
+    pilot: Pilot,
+    mode: Mode,
+    mission: Option<Mission>,
+    stop_requested: bool,
+
+    last_tick: Time,
+    last_nominal: Option<Time>,
+    /// The newest pose since the last tick, if it was believed.
+    fresh: Option<Header>,
+    /// Why the last pose that was due is not there.
+    missing: Cause,
+    held: CommandV1,
+    telemetry: TelemetryV1,
+}
+
+impl Cycle {
+    /// The controller of `config`, ready to fly `trajectory`, disarmed at `now`.
+    ///
+    /// # Errors
+    /// An option of the law has no meaning; says which.
+    pub fn new(config: &Config, trajectory: Trajectory, now: Time) -> Result<Self, String> {
+        let period = Span::period_of(config.control.rate_hz);
+        let poses_per_tick = (config.mocap.rate_hz / config.control.rate_hz).round().max(1.0);
+        Ok(Self {
+            period,
+            spacing: period.scaled(1.0 - 0.5 / poses_per_tick),
+            decimates: poses_per_tick > 1.0,
+            coast: Span::from_seconds(config.safety.coast_ms * 1e-3),
+            recovery_poses: config.safety.recovery_poses,
+            watches_only: config.is_replay(),
+            trajectory,
+            options: config.trajectory.clone(),
+            guard: Guard::new(&config.safety),
+            estimator: Estimator::new(config.control.estimator),
+            supervisor: Supervisor::default(),
+            pilot: Pilot::new(config)?,
+            mode: Mode::Disarmed,
+            mission: None,
+            stop_requested: false,
+            last_tick: now,
+            last_nominal: None,
+            fresh: None,
+            missing: Cause::NoPose,
+            held: CommandV1::default(),
+            telemetry: TelemetryV1 {
+                mission_s: f64::NAN,
+                pose_age_s: f64::NAN,
+                ..TelemetryV1::default()
+            },
+        })
+    }
+
+    /// When the loop acts if no pose comes before. A pose that came too soon after the last tick, and after which no other
+    /// is expected before long, is acted on a period after that tick.
+    #[must_use]
+    pub fn next_event(&self) -> Time {
+        let periods = if self.fresh.is_some() && !self.decimates { 1.0 } else { DEADLINE_PERIODS };
+        self.last_tick + self.period.scaled(periods)
+    }
+
+    /// Looks at a pose, if one came, and acts if it is time to; `None` if not.
+    pub fn step(&mut self, now: Time, arrival: Option<&(Header, PoseV1)>) -> Option<Tick> {
+        if let Some((header, pose)) = arrival {
+            self.take(now, header, pose);
+        }
+        let due = if arrival.is_some() { self.last_tick + self.spacing } else { self.next_event() };
+        (now >= due).then(|| self.tick(now, arrival.map(|(header, _)| header)))
+    }
+
+    /// What the last tick knew and decided, once its command is out.
+    pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> TelemetryV1 {
+        let late = stamps.pose_published_at.is_set()
+            && stamps.command_published_at.since(stamps.pose_published_at) > self.period;
+        self.telemetry.deadline_misses += u64::from(late);
+        self.telemetry.command_sequence = command_sequence;
+        self.telemetry
+    }
+
+    /// What the last tick knew and decided.
+    #[must_use]
+    pub fn telemetry(&self) -> &TelemetryV1 {
+        &self.telemetry
+    }
+
+    /// Answers an operator.
+    pub fn request(&mut self, now: Time, verb: Verb) -> ControlResponseV1 {
+        let verdict = match verb {
+            Verb::Status => Ok(Answer::Done),
+            Verb::Arm if self.mode != Mode::Disarmed || self.watches_only => Err(Cause::WrongMode),
+            Verb::Arm if self.guard.good_in_a_row() < self.recovery_poses => Err(self.missing),
+            Verb::Fly if self.mode != Mode::Disarmed || self.watches_only => Err(Cause::WrongMode),
+            Verb::Arm | Verb::Fly => {
+                self.mode = Mode::Waiting;
+                Ok(Answer::Accepted)
+            }
+            Verb::Land => self.land(now),
+            Verb::Disarm if self.mode == Mode::Waiting => {
+                self.mode = Mode::Disarmed;
+                Ok(Answer::Done)
+            }
+            Verb::Disarm if self.mode == Mode::Disarmed => Ok(Answer::Done),
+            Verb::Disarm => Err(Cause::WrongMode),
+            Verb::Stop => {
+                self.stop_requested = true;
+                Ok(Answer::Accepted)
+            }
+        };
+        let (answer, cause) = match verdict {
+            Ok(answer) => (answer, self.supervisor.cause()),
+            Err(cause) => (Answer::Refused, cause),
+        };
+        ControlResponseV1 {
+            answer: answer.code(),
+            mode: self.mode.code(),
+            state: self.supervisor.state().code(),
+            cause: cause.code(),
+        }
+    }
+
+    fn land(&mut self, now: Time) -> Result<Answer, Cause> {
+        match (self.mode, &mut self.mission) {
+            (Mode::Flying, Some(mission)) => {
+                mission.land(now, &self.estimator.latest());
+                self.mode = Mode::Landing;
+                Ok(Answer::Done)
+            }
+            (Mode::Landing, _) => Ok(Answer::Done),
+            _ => Err(Cause::WrongMode),
+        }
+    }
+
+    /// Lets the guard judge a pose and the estimator take it.
+    fn take(&mut self, now: Time, header: &Header, pose: &PoseV1) {
+        match self.guard.judge(now, header, pose) {
+            Ok(believed) => {
+                // Times since the clock's origin keep microseconds in an f64 for a century.
+                let captured_s = believed.captured_at.since(Time::UNSET).seconds();
+                self.estimator.update(captured_s, believed.position, believed.attitude);
+                self.fresh = Some(*header);
+            }
+            Err(cause) => {
+                self.missing = cause;
+                if self.mode == Mode::Disarmed || self.supervisor.state() == SafetyState::Stop {
+                    self.guard.forget();
+                }
+            }
+        }
+    }
+
+    fn tick(&mut self, now: Time, arrival: Option<&Header>) -> Tick {
+        let deadline = self.next_event();
+        let dt =
+            now.since(self.last_tick).min(self.period.scaled(2.0)).max(self.period.scaled(0.5));
+        let fresh = self.fresh.take();
+        if arrival.is_none() && fresh.is_none() {
+            self.missing = Cause::NoPose;
+            self.guard.missed();
+        }
+        self.supervise(now, fresh.is_some());
+        self.change_mode(now);
+        let command = self.command(now, dt.seconds(), fresh.is_some());
+        self.last_tick = now;
+        self.held = command;
+
+        let about = fresh.as_ref().or(arrival);
+        let woken_for = arrival.map_or(deadline, |header| header.stamps.pose_published_at);
+        self.telemetry.wakeup_lateness_ns = now.since(woken_for).nanos();
+        let stamps = about.map_or_else(Stamps::default, |header| header.stamps);
+        Tick {
+            pose_sequence: about.map_or(0, |header| header.pose_sequence),
+            stamps: Stamps { woken_at: now, ..stamps },
+            command,
+        }
+    }
+
+    /// How long the vehicle has been out of sight.
+    fn pose_age(&self, now: Time) -> Option<Span> {
+        self.guard.last().map(|last| now.since(last.captured_at))
+    }
+
+    fn supervise(&mut self, now: Time, fresh: bool) {
+        let age = self.pose_age(now);
+        let armed = matches!(self.mode, Mode::Flying | Mode::Landing);
+        let short_gap = self.period.scaled(SHORT_GAP_PERIODS);
+        let briefly_unseen = self.supervisor.cause() == Cause::NoPose
+            && self.last_nominal.is_some_and(|last| now.since(last) <= short_gap);
+        let needed = if briefly_unseen { 1 } else { self.recovery_poses };
+        let conditions = Conditions {
+            pose_missed: !fresh,
+            poses_good: fresh && self.guard.good_in_a_row() >= needed,
+            blind_too_long: armed && age.is_none_or(|age| age > self.coast),
+            operator_stops: std::mem::take(&mut self.stop_requested),
+            // A vehicle that is only watched has nobody to arm it: its state follows its poses.
+            operator_arms: self.mode == Mode::Waiting || self.watches_only,
+        };
+        let cause = if conditions.operator_stops { Cause::Operator } else { self.missing };
+        if self.supervisor.step(&conditions, cause) == SafetyState::Nominal {
+            self.last_nominal = Some(now);
+        }
+    }
+
+    fn change_mode(&mut self, now: Time) {
+        let estimate = self.estimator.latest();
+        match (self.mode, self.supervisor.state()) {
+            (Mode::Disarmed, SafetyState::Nominal) if self.watches_only => {
+                self.pilot.reset();
+                self.mission = Some(Mission::watch(estimate.position, now));
+                self.mode = Mode::Flying;
+            }
+            (Mode::Waiting, SafetyState::Nominal) => {
+                let start = Place {
+                    position: estimate.position,
+                    yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
+                };
+                let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
+                self.pilot.reset();
+                self.mission = Some(Mission::fly(plan, estimate.position.z, now));
+                self.mode = Mode::Flying;
+            }
+            (Mode::Flying | Mode::Landing, SafetyState::Stop) if !self.watches_only => {
+                self.mission = None;
+                self.mode = Mode::Disarmed;
+            }
+            (Mode::Flying | Mode::Landing, _) => {
+                if let Some(mission) = &self.mission {
+                    let reference = mission.reference(now);
+                    if mission.has_landed(&reference, &estimate) {
+                        self.mission = None;
+                        self.mode = Mode::Disarmed;
+                    } else if reference.phase == oqtal_control::trajectory::Phase::Landing {
+                        self.mode = Mode::Landing;
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The command of this tick: the pilot's on a fresh pose, the last one without, neutral when not flying.
+    fn command(&mut self, now: Time, dt_s: f64, fresh: bool) -> CommandV1 {
+        let estimate = self.estimator.latest();
+        let reference = self.mission.as_ref().map(|mission| mission.reference(now));
+        let decision = match &reference {
+            Some(reference) if fresh => Some(self.pilot.decide(&estimate, reference, dt_s)),
+            _ => None,
+        };
+        self.note(now, reference.as_ref(), decision.as_ref(), fresh);
+        match decision {
+            _ if self.mission.is_none() || self.watches_only => CommandV1::default(),
+            Some(decision) => finite_or_neutral(decision.command),
+            None => self.held,
+        }
+    }
+
+    /// Writes down what this tick knew and decided.
+    fn note(
+        &mut self,
+        now: Time,
+        reference: Option<&Reference>,
+        decision: Option<&Decision>,
+        fresh: bool,
+    ) {
+        let estimate = self.estimator.latest();
+        let age_s = self.pose_age(now).map_or(f64::NAN, Span::seconds);
+        let telemetry = &mut self.telemetry;
+        telemetry.time = now;
+        telemetry.tick += 1;
+        telemetry.mission_s =
+            self.mission.as_ref().map_or(f64::NAN, |mission| mission.elapsed_s(now));
+        telemetry.position = estimate.position.into();
+        telemetry.velocity = estimate.velocity.into();
+        telemetry.attitude = estimate.attitude.xyzw();
+        telemetry.rate = estimate.rate.0.into();
+        telemetry.pose_age_s = age_s;
+        telemetry.riccati_solves = u64::from(self.pilot.riccati_solves());
+        telemetry.poses_lost = self.guard.lost();
+        telemetry.poses_refused = self.guard.refused();
+        telemetry.mode = self.mode.code();
+        telemetry.state = self.supervisor.state().code();
+        telemetry.cause = self.supervisor.cause().code();
+        telemetry.fresh = u8::from(fresh);
+        let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
+        telemetry.scored = u8::from(scored);
+        telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
+        if let Some(reference) = reference {
+            telemetry.reference_position = reference.position.into();
+        }
+        if let Some(Decision { wish, command, saturated }) = decision {
+            telemetry.velocity_command = wish.velocity.into();
+            telemetry.attitude_command = wish.attitude.xyzw();
+            telemetry.sticks = command.sticks;
+            telemetry.torque = command.torque;
+            telemetry.thrust = command.thrust;
+            telemetry.saturated = u8::from(*saturated);
+        }
+    }
+}
+
+/// The last line of defence: a command with a number that is not finite is none.
+fn finite_or_neutral(command: CommandV1) -> CommandV1 {
+    let numbers = command.sticks.iter().chain(&command.torque).chain([&command.thrust]);
+    if numbers.clone().all(|number| number.is_finite()) {
+        command
+    } else {
+        CommandV1 { actuation: Actuation::Neutral.code(), ..CommandV1::default() }
+    }
+}

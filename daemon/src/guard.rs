@@ -1,0 +1,337 @@
+//! Which poses are believed: fresh, ordered, finite, of unit norm, moving as a vehicle can. Anything else is as no pose.
+
+use nalgebra::Vector3;
+use oqtal_bus::code::Cause;
+use oqtal_bus::config::Safety;
+use oqtal_bus::message::{Header, PoseV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::quaternion::Attitude;
+
+/// Added to what a vehicle can fly between two poses: noise must not look like a jump.
+const JUMP_MARGIN_M: f64 = 0.05;
+const JUMP_MARGIN_RAD: f64 = 0.1;
+/// So many identical poses in a row under new sequence numbers are a frozen source: real ones carry noise.
+const FROZEN_AFTER: u32 = 3;
+
+/// A pose that passed the guard.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Believed {
+    /// When it was captured.
+    pub captured_at: Time,
+    /// \[m, world\].
+    pub position: Vector3<f64>,
+    /// \[body to world\].
+    pub attitude: Attitude,
+}
+
+/// Judges poses one by one.
+#[derive(Clone, Debug)]
+pub struct Guard {
+    max_age: Span,
+    max_speed: f64,
+    max_rate: f64,
+    last: Option<Believed>,
+    last_frame: u64,
+    last_pose: PoseV1,
+    repeats: u32,
+    /// How long the vehicle had been out of sight when the first of the present run of jumps came \[s\].
+    unseen_s: Option<f64>,
+    lost: u64,
+    refused: u64,
+    good_in_a_row: u32,
+}
+
+impl Guard {
+    /// A guard with the limits of `safety`.
+    #[must_use]
+    pub fn new(safety: &Safety) -> Self {
+        Self {
+            max_age: Span::from_seconds(safety.max_pose_age_ms * 1e-3),
+            max_speed: safety.max_speed_m_s,
+            max_rate: safety.max_rate_rad_s,
+            last: None,
+            last_frame: 0,
+            last_pose: PoseV1::default(),
+            repeats: 0,
+            unseen_s: None,
+            lost: 0,
+            refused: 0,
+            good_in_a_row: 0,
+        }
+    }
+
+    /// Judges a pose that the daemon looks at `now`.
+    ///
+    /// # Errors
+    /// Why it is not believed.
+    pub fn judge(&mut self, now: Time, header: &Header, pose: &PoseV1) -> Result<Believed, Cause> {
+        let verdict = self.examine(now, header, pose);
+        match verdict {
+            Ok(believed) => {
+                self.last = Some(believed);
+                self.unseen_s = None;
+                self.good_in_a_row = self.good_in_a_row.saturating_add(1);
+            }
+            Err(_) => {
+                self.refused += 1;
+                self.good_in_a_row = 0;
+            }
+        }
+        verdict
+    }
+
+    /// Tells the guard that a pose was due and none came.
+    pub fn missed(&mut self) {
+        self.good_in_a_row = 0;
+    }
+
+    /// On the ground a vehicle may be carried elsewhere: wherever it is seen next is believed.
+    pub fn forget(&mut self) {
+        if self.unseen_s.is_some() {
+            self.last = None;
+            self.unseen_s = None;
+        }
+    }
+
+    /// The last pose believed.
+    #[must_use]
+    pub fn last(&self) -> Option<&Believed> {
+        self.last.as_ref()
+    }
+
+    /// Poses believed in a row, up to now.
+    #[must_use]
+    pub fn good_in_a_row(&self) -> u32 {
+        self.good_in_a_row
+    }
+
+    /// Frames missed, by the gaps in their numbers.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Poses not believed.
+    #[must_use]
+    pub fn refused(&self) -> u64 {
+        self.refused
+    }
+
+    fn examine(&mut self, now: Time, header: &Header, pose: &PoseV1) -> Result<Believed, Cause> {
+        self.count_frames(header)?;
+        if pose.tracked == 0 {
+            return Err(Cause::Untracked);
+        }
+        let numbers = pose.position.iter().chain(&pose.attitude);
+        if !numbers.clone().all(|number| number.is_finite()) {
+            return Err(Cause::NotFinite);
+        }
+        let attitude = Attitude::from_xyzw(pose.attitude).ok_or(Cause::NotUnit)?;
+        if self.is_frozen(pose) {
+            return Err(Cause::Frozen);
+        }
+        let captured_at = header.stamps.captured_at;
+        if now.since(captured_at) > self.max_age {
+            return Err(Cause::Stale);
+        }
+        let believed = Believed { captured_at, position: pose.position.into(), attitude };
+        self.check_motion(&believed)?;
+        Ok(believed)
+    }
+
+    /// Frame numbers and capture times only ever go up.
+    fn count_frames(&mut self, header: &Header) -> Result<(), Cause> {
+        let frame = header.pose_sequence;
+        // A source that restarted counts from 1 again, at later capture times.
+        let restarted = frame == 1 && self.last_frame > 1;
+        if frame <= self.last_frame && !restarted {
+            return Err(Cause::Order);
+        }
+        if self.last_frame > 0 && !restarted {
+            self.lost += frame - self.last_frame - 1;
+        }
+        self.last_frame = frame;
+        match self.last {
+            Some(last) if header.stamps.captured_at <= last.captured_at => Err(Cause::Order),
+            _ => Ok(()),
+        }
+    }
+
+    fn is_frozen(&mut self, pose: &PoseV1) -> bool {
+        self.repeats = if *pose == self.last_pose { self.repeats + 1 } else { 0 };
+        self.last_pose = *pose;
+        self.repeats >= FROZEN_AFTER - 1
+    }
+
+    /// A vehicle moves no further than its speed allows since it was last seen. Time that passes while poses jump does not
+    /// count: a body that swapped its markers must not become believable by waiting.
+    fn check_motion(&mut self, pose: &Believed) -> Result<(), Cause> {
+        let Some(last) = self.last else { return Ok(()) };
+        let elapsed_s = pose.captured_at.since(last.captured_at).seconds();
+        let unseen_s = self.unseen_s.unwrap_or(elapsed_s);
+        let moved = (pose.position - last.position).norm();
+        let turned = pose.attitude.angle_to(&last.attitude);
+        let jumped = moved > self.max_speed * unseen_s + JUMP_MARGIN_M
+            || turned > self.max_rate * unseen_s + JUMP_MARGIN_RAD;
+        if jumped {
+            self.unseen_s = Some(unseen_s);
+            return Err(Cause::Jump);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::config::Config;
+    use oqtal_bus::message::Stamps;
+
+    const FRAME: Span = Span::from_nanos(16_666_667);
+
+    struct Feed {
+        guard: Guard,
+        frame: u64,
+        time: Time,
+    }
+
+    impl Feed {
+        /// A guard that has believed a few poses at the origin.
+        fn settled() -> Self {
+            let guard = Guard::new(&Config::default().safety);
+            let mut feed = Self { guard, frame: 0, time: Time::VIRTUAL_START };
+            for _ in 0..4 {
+                assert!(feed.show(pose_at(0.0)).is_ok());
+            }
+            feed
+        }
+
+        /// Shows the next frame.
+        fn show(&mut self, pose: PoseV1) -> Result<Believed, Cause> {
+            self.frame += 1;
+            self.time = self.time + FRAME;
+            self.judge_at(self.frame, self.time, self.time, pose)
+        }
+
+        fn judge_at(
+            &mut self,
+            frame: u64,
+            captured_at: Time,
+            now: Time,
+            mut pose: PoseV1,
+        ) -> Result<Believed, Cause> {
+            // Noise, as every real pose has.
+            pose.position[1] += 1e-6 * (self.frame % 7) as f64;
+            let stamps = Stamps { captured_at, ..Stamps::default() };
+            let header = Header { pose_sequence: frame, stamps, ..Header::default() };
+            self.guard.judge(now, &header, &pose)
+        }
+    }
+
+    fn pose_at(x: f64) -> PoseV1 {
+        PoseV1 { position: [x, 0.0, 1.0], attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1 }
+    }
+
+    #[test]
+    fn ordinary_poses_are_believed_and_counted() {
+        let mut feed = Feed::settled();
+        assert!(feed.show(pose_at(0.01)).is_ok());
+        assert_eq!(feed.guard.good_in_a_row(), 5);
+        assert_eq!((feed.guard.lost(), feed.guard.refused()), (0, 0));
+    }
+
+    #[test]
+    fn missing_frames_are_counted_by_their_numbers() {
+        let mut feed = Feed::settled();
+        feed.frame += 3;
+        assert!(feed.show(pose_at(0.0)).is_ok());
+        assert_eq!(feed.guard.lost(), 3);
+    }
+
+    #[test]
+    fn f03_a_frozen_source_is_no_pose() {
+        let mut feed = Feed::settled();
+        let frozen = pose_at(0.001);
+        let mut verdicts = Vec::new();
+        for _ in 0..4 {
+            feed.frame += 7; // keeps the noise of this feed the same
+            feed.time = feed.time + FRAME;
+            verdicts.push(feed.judge_at(feed.frame, feed.time, feed.time, frozen).map(drop));
+        }
+        assert_eq!(verdicts, [Ok(()), Ok(()), Err(Cause::Frozen), Err(Cause::Frozen)]);
+    }
+
+    #[test]
+    fn f04_a_late_pose_is_refused_by_its_capture_time() {
+        let mut feed = Feed::settled();
+        let captured = feed.time + FRAME;
+        let verdict =
+            feed.judge_at(feed.frame + 1, captured, captured + Span::from_millis(90), pose_at(0.0));
+        assert_eq!(verdict, Err(Cause::Stale));
+    }
+
+    #[test]
+    fn f05_repeats_and_time_running_back_are_refused() {
+        let mut feed = Feed::settled();
+        assert_eq!(
+            feed.judge_at(feed.frame, feed.time + FRAME, feed.time + FRAME, pose_at(0.0)),
+            Err(Cause::Order)
+        );
+        assert_eq!(
+            feed.judge_at(feed.frame + 1, feed.time - FRAME, feed.time, pose_at(0.0)),
+            Err(Cause::Order)
+        );
+    }
+
+    #[test]
+    fn f06_nothing_that_is_not_finite_or_not_tracked_is_believed() {
+        let mut feed = Feed::settled();
+        for index in 0..7 {
+            for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut pose = pose_at(0.0);
+                let (position, attitude) = (&mut pose.position, &mut pose.attitude);
+                *position.iter_mut().chain(attitude).nth(index).unwrap() = value;
+                assert_eq!(feed.show(pose), Err(Cause::NotFinite));
+            }
+        }
+        assert_eq!(feed.show(PoseV1 { tracked: 0, ..pose_at(0.0) }), Err(Cause::Untracked));
+    }
+
+    #[test]
+    fn f07_a_quaternion_must_be_of_unit_norm() {
+        let mut feed = Feed::settled();
+        let scaled = PoseV1 { attitude: [0.0, 0.0, 0.0, 1.2], ..pose_at(0.0) };
+        assert_eq!(feed.show(scaled), Err(Cause::NotUnit));
+    }
+
+    #[test]
+    fn f08_the_opposite_quaternion_is_the_same_attitude() {
+        let mut feed = Feed::settled();
+        let flipped = PoseV1 { attitude: [0.0, 0.0, 0.0, -1.0], ..pose_at(0.0) };
+        assert!(feed.show(flipped).is_ok());
+    }
+
+    #[test]
+    fn f09_a_jump_is_refused_and_the_next_good_pose_believed() {
+        let mut feed = Feed::settled();
+        assert_eq!(feed.show(pose_at(0.5)), Err(Cause::Jump));
+        assert!(feed.show(pose_at(0.01)).is_ok());
+    }
+
+    #[test]
+    fn f10_a_lasting_jump_never_becomes_believable_in_flight() {
+        let mut feed = Feed::settled();
+        for _ in 0..600 {
+            assert_eq!(feed.show(pose_at(1.0)), Err(Cause::Jump));
+        }
+        feed.guard.forget();
+        assert!(feed.show(pose_at(1.0)).is_ok(), "carried there on the ground");
+    }
+
+    #[test]
+    fn after_a_gap_the_vehicle_may_have_moved_on() {
+        let mut feed = Feed::settled();
+        feed.time = feed.time + Span::from_millis(200);
+        assert!(feed.show(pose_at(0.6)).is_ok());
+    }
+}

@@ -1,0 +1,20 @@
+//! The controller as a program of its own.
+#![forbid(unsafe_code)]
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use oqtal_bus::process::{ProcessCommand, execute};
+use oqtal_bus::topic::Party;
+
+/// The controller process of oqtal: from poses to commands
+#[derive(Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: ProcessCommand,
+}
+
+fn main() -> ExitCode {
+    execute(Party::Daemon, &Cli::parse().command, oqtal_daemon::run)
+}

@@ -1,0 +1,153 @@
+//! Whether the daemon may fly on what it sees: three states, and their transitions as one table.
+//!
+//! ```text
+//!            pose missed                   blind too long, flying
+//!  Nominal ──────────────▶ Coast ────────────────────────────────▶ Stop
+//!     ▲                      │                                       │
+//!     └──── poses good ──────┴──────────── operator arms ────────────┘
+//! ```
+//! In each tick: collect conditions, check transitions, go on.
+
+use oqtal_bus::code::{Cause, SafetyState};
+
+/// What is true in this tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Conditions {
+    /// No believable pose came in time.
+    pub pose_missed: bool,
+    /// Enough good poses came in a row.
+    pub poses_good: bool,
+    /// The last believable pose is too long ago, in flight.
+    pub blind_too_long: bool,
+    /// An operator asked to stop.
+    pub operator_stops: bool,
+    /// An operator arms.
+    pub operator_arms: bool,
+}
+
+/// One way from state to state: when `when` holds in `from`.
+struct Transition {
+    from: SafetyState,
+    to: SafetyState,
+    when: fn(&Conditions) -> bool,
+}
+
+/// All ways, the most urgent first: the first that holds is taken.
+const TRANSITIONS: [Transition; 6] = {
+    use SafetyState::{Coast, Nominal, Stop};
+    [
+        Transition { from: Nominal, to: Stop, when: |c| c.operator_stops },
+        Transition { from: Coast, to: Stop, when: |c| c.operator_stops || c.blind_too_long },
+        Transition { from: Nominal, to: Stop, when: |c| c.blind_too_long },
+        Transition { from: Nominal, to: Coast, when: |c| c.pose_missed },
+        Transition { from: Coast, to: Nominal, when: |c| c.poses_good },
+        // Latched: only an operator ends it, and only once poses are good.
+        Transition { from: Stop, to: Nominal, when: |c| c.operator_arms && c.poses_good },
+    ]
+};
+
+/// The state, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Supervisor {
+    state: SafetyState,
+    cause: Cause,
+}
+
+impl Default for Supervisor {
+    /// Blind until poses come.
+    fn default() -> Self {
+        Self { state: SafetyState::Coast, cause: Cause::NoPose }
+    }
+}
+
+impl Supervisor {
+    /// Goes on by one tick. `cause` says why a pose was missed, or who stops.
+    pub fn step(&mut self, conditions: &Conditions, cause: Cause) -> SafetyState {
+        let taken = TRANSITIONS.iter().find(|way| way.from == self.state && (way.when)(conditions));
+        if let Some(way) = taken {
+            self.state = way.to;
+            self.cause = if way.to == SafetyState::Nominal { Cause::None } else { cause };
+        }
+        self.state
+    }
+
+    /// The present state.
+    #[must_use]
+    pub fn state(&self) -> SafetyState {
+        self.state
+    }
+
+    /// Why it is not Nominal.
+    #[must_use]
+    pub fn cause(&self) -> Cause {
+        self.cause
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use SafetyState::{Coast, Nominal, Stop};
+
+    const MISSED: Conditions = Conditions {
+        pose_missed: true,
+        poses_good: false,
+        blind_too_long: false,
+        operator_stops: false,
+        operator_arms: false,
+    };
+    const GOOD: Conditions = Conditions { pose_missed: false, poses_good: true, ..MISSED };
+
+    fn in_state(state: SafetyState) -> Supervisor {
+        Supervisor { state, cause: Cause::None }
+    }
+
+    #[test]
+    fn it_starts_blind_and_turns_nominal_with_good_poses() {
+        let mut supervisor = Supervisor::default();
+        assert_eq!(supervisor.state(), Coast);
+        assert_eq!(supervisor.step(&GOOD, Cause::None), Nominal);
+        assert_eq!(supervisor.cause(), Cause::None);
+    }
+
+    #[test]
+    fn a_missed_pose_coasts_and_keeps_its_cause() {
+        let mut supervisor = in_state(Nominal);
+        assert_eq!(supervisor.step(&MISSED, Cause::Jump), Coast);
+        assert_eq!(supervisor.cause(), Cause::Jump);
+        assert_eq!(supervisor.step(&GOOD, Cause::None), Nominal);
+    }
+
+    #[test]
+    fn blindness_stops_from_every_flying_state() {
+        let blind = Conditions { blind_too_long: true, ..MISSED };
+        for state in [Nominal, Coast] {
+            assert_eq!(in_state(state).step(&blind, Cause::NoPose), Stop);
+        }
+    }
+
+    #[test]
+    fn stop_is_latched_against_everything_but_arming_with_good_poses() {
+        for bits in 0..32u8 {
+            let on = |bit: u8| bits & (1 << bit) != 0;
+            let conditions = Conditions {
+                pose_missed: on(0),
+                poses_good: on(1),
+                blind_too_long: on(2),
+                operator_stops: on(3),
+                operator_arms: on(4),
+            };
+            let after = in_state(Stop).step(&conditions, Cause::None);
+            let leaves = conditions.operator_arms && conditions.poses_good;
+            assert_eq!(after == Nominal, leaves, "{conditions:?}");
+        }
+    }
+
+    #[test]
+    fn an_operator_stop_wins_over_everything() {
+        let stop = Conditions { operator_stops: true, ..GOOD };
+        for state in [Nominal, Coast] {
+            assert_eq!(in_state(state).step(&stop, Cause::Operator), Stop);
+        }
+    }
+}

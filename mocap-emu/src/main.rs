@@ -1,0 +1,20 @@
+//! Motion capture as a program of its own.
+#![forbid(unsafe_code)]
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use oqtal_bus::process::{ProcessCommand, execute};
+use oqtal_bus::topic::Party;
+
+/// The motion-capture process of oqtal: emulated cameras, or a recording
+#[derive(Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: ProcessCommand,
+}
+
+fn main() -> ExitCode {
+    execute(Party::Mocap, &Cli::parse().command, oqtal_mocap_emu::run)
+}

@@ -1,0 +1,164 @@
+//! Recorded motion capture: the poses of a real flight with the times at which they reached the host.
+//!
+//! Three formats, told apart by their content:
+//! - comma-separated with a header that names `t,x,y,z,qx,qy,qz,qw`, in any order and case, `t` in seconds;
+//! - TUM trajectory text, `timestamp tx ty tz qx qy qz qw`, seconds, without a header;
+//! - EuRoC ground truth, comma-separated under `#timestamp, p_RS_R_x [m], ...`, nanoseconds, scalar first.
+//!
+//! A header may name further columns, which are not read, but every line has as many fields as the header. Blank lines,
+//! `#` comments, a byte-order mark and carriage returns are skipped. Positions are in metres. Quaternions are Hamilton,
+//! body to world; a norm within 1 % of one is brought to one, any other is an error.
+//!
+//! Times are taken as they are: bursts and gaps are what a controller meets in a real room. Poses may share a time, as
+//! in a burst stamped by a coarse clock; a time before the previous one is an error.
+
+mod error;
+mod format;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use nalgebra::Vector3;
+use oqtal_control::quaternion::Attitude;
+
+pub use error::{ErrorKind, RecordingError};
+use format::{Layout, Row};
+
+/// The largest file that is read \[byte\]: half an hour at 240 Hz, two hours at 60 Hz.
+pub const MAX_BYTES: u64 = 64 << 20;
+
+/// An interval between two poses above this is a gap \[ns\]: three frames at 60 Hz.
+pub const GAP_NS: u64 = 50_000_000;
+
+/// One pose as it reached the host.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecordedPose {
+    /// Arrival after the first pose of the recording \[ns\].
+    pub time_ns: u64,
+    /// Position of the body in the world \[m\].
+    pub position: Vector3<f64>,
+    /// Attitude of the body, body to world.
+    pub attitude: Attitude,
+}
+
+/// Poses in the order of their arrival: at least two, the first at time zero, the last later.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    poses: Vec<RecordedPose>,
+}
+
+impl Recording {
+    /// Reads a recording from a file of at most [`MAX_BYTES`].
+    ///
+    /// # Errors
+    /// The file cannot be read, or what [`Recording::parse`] refuses.
+    pub fn read(path: &Path) -> Result<Self, RecordingError> {
+        let mut bytes = Vec::new();
+        // One byte more than allowed is enough to see that the file is too large, even if it never ends.
+        File::open(path)
+            .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
+            .map_err(|reason| RecordingError::new(path, None, ErrorKind::Unreadable(reason)))?;
+        Self::parse(path, &bytes)
+    }
+
+    /// Makes a recording of a file's content; `path` only names the file in errors.
+    ///
+    /// # Errors
+    /// The first thing wrong in the file, with its line.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, RecordingError> {
+        if bytes.len() as u64 > MAX_BYTES {
+            return Err(RecordingError::new(path, None, ErrorKind::TooLarge));
+        }
+        // Bytes that are not text are harmless in a comment, and not a number anywhere else.
+        let text = String::from_utf8_lossy(bytes);
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+        parse_lines(text).map_err(|(line, kind)| RecordingError::new(path, Some(line), kind))
+    }
+
+    /// The poses in the order of their arrival.
+    #[must_use]
+    pub fn poses(&self) -> &[RecordedPose] {
+        &self.poses
+    }
+
+    /// How regularly the poses arrived.
+    #[must_use]
+    pub fn timing(&self) -> Timing {
+        let mut intervals: Vec<u64> =
+            self.poses.windows(2).map(|pair| pair[1].time_ns - pair[0].time_ns).collect();
+        intervals.sort_unstable();
+        // Nearest rank: the smallest interval that `percent` of all do not exceed.
+        let percentile = |percent: usize| intervals[(intervals.len() * percent).div_ceil(100) - 1];
+        let duration_ns = intervals.iter().sum();
+        Timing {
+            mean_rate_hz: 1e9 * intervals.len() as f64 / duration_ns as f64,
+            duration_ns,
+            min_ns: intervals[0],
+            median_ns: percentile(50),
+            p99_ns: percentile(99),
+            max_ns: percentile(100),
+            gaps: intervals.iter().filter(|&&interval| interval > GAP_NS).count(),
+        }
+    }
+}
+
+/// The intervals between the poses of a recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Timing {
+    /// Intervals per second, over the whole recording \[Hz\].
+    pub mean_rate_hz: f64,
+    /// From the first pose to the last \[ns\].
+    pub duration_ns: u64,
+    /// Shortest interval \[ns\].
+    pub min_ns: u64,
+    /// Median interval \[ns\].
+    pub median_ns: u64,
+    /// The interval that 99 % do not exceed \[ns\].
+    pub p99_ns: u64,
+    /// Longest interval \[ns\].
+    pub max_ns: u64,
+    /// Number of intervals longer than [`GAP_NS`].
+    pub gaps: usize,
+}
+
+fn parse_lines(text: &str) -> Result<Recording, (usize, ErrorKind)> {
+    let lines = (1..).zip(text.lines().map(str::trim)).filter(|(_, line)| !line.is_empty());
+    let (layout, first_row) = find_layout(lines.clone())?;
+
+    let mut poses = Vec::new();
+    let mut first_ns = None;
+    let mut previous: Option<Row> = None;
+    let rows =
+        lines.clone().filter(|&(number, line)| number >= first_row && !line.starts_with('#'));
+    for (number, line) in rows {
+        let row = layout.row(line).map_err(|kind| (number, kind))?;
+        if let Some(previous) = previous.filter(|previous| row.time_ns < previous.time_ns) {
+            return Err((number, ErrorKind::time_backwards(previous.time_text, row.time_text)));
+        }
+        poses.push(RecordedPose {
+            time_ns: row.time_ns.abs_diff(*first_ns.get_or_insert(row.time_ns)),
+            position: row.position,
+            attitude: row.attitude,
+        });
+        previous = Some(row);
+    }
+    if poses.last().is_none_or(|last| last.time_ns == 0) {
+        let last_line = lines.last().map_or(1, |(number, _)| number);
+        return Err((last_line, ErrorKind::TooShort(poses.len())));
+    }
+    Ok(Recording { poses })
+}
+
+/// The layout and the first line that may hold a pose.
+fn find_layout<'a>(
+    lines: impl Iterator<Item = (usize, &'a str)>,
+) -> Result<(Layout, usize), (usize, ErrorKind)> {
+    for (number, line) in lines {
+        if let Some(layout) = Layout::detect(line).map_err(|kind| (number, kind))? {
+            let first_row = if layout.has_header() { number + 1 } else { number };
+            return Ok((layout, first_row));
+        }
+    }
+    Err((1, ErrorKind::Empty))
+}

@@ -1,0 +1,256 @@
+//! The equations of motion of each vehicle: state and input in, derivative out.
+
+use nalgebra::{Matrix4, Vector3, Vector4};
+use oqtal_bus::config::{Fidelity, Vehicle, VehicleKind};
+use oqtal_control::quantity::{BodyRate, Torque};
+use oqtal_control::rigid_body::Inertia;
+
+use crate::state::{Derivative, State};
+
+/// What a vehicle is told, as it acts now.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// Sticks `[delta_r, delta_p, delta_y]` of Eq. (61) \[-1..1, body\].
+    pub sticks: Vector3<f64>,
+    /// Torque \[N m, body\].
+    pub torque: Vector3<f64>,
+    /// Collective thrust `delta_c` of Eq. (61) \[0..1\].
+    pub thrust: f64,
+}
+
+/// What the world does to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Disturbance {
+    /// Acceleration by gusts and constant forces \[m/s^2, world\].
+    pub acceleration: Vector3<f64>,
+    /// Bias of the on-board rate loop \[rad/s, body\].
+    pub rate_drift: Vector3<f64>,
+    /// Battery voltage over the nominal one; 1 where thrust does not depend on it.
+    pub voltage_ratio: f64,
+}
+
+/// A vehicle's equations of motion.
+#[derive(Clone, Debug)]
+pub enum Dynamics {
+    /// Table I: torque in.
+    Spacecraft(Spacecraft),
+    /// Eq. (61): the rate follows the sticks.
+    Eq61(Eq61),
+    /// Four rotors and the on-board rate loop.
+    Rotors(Box<Rotors>),
+}
+
+impl Dynamics {
+    /// The dynamics that a configuration describes.
+    #[must_use]
+    pub fn new(vehicle: &Vehicle) -> Self {
+        match (vehicle.kind, vehicle.fidelity) {
+            (VehicleKind::Spacecraft, _) => Self::Spacecraft(Spacecraft::new(vehicle)),
+            (VehicleKind::Hummingbird, Fidelity::Eq61) => Self::Eq61(Eq61::new(vehicle)),
+            (VehicleKind::Hummingbird, Fidelity::Rotors) => {
+                Self::Rotors(Box::new(Rotors::new(vehicle)))
+            }
+        }
+    }
+
+    /// The time derivative of `state`.
+    #[must_use]
+    pub fn derivative(
+        &self,
+        state: &State,
+        input: &Input,
+        disturbance: &Disturbance,
+    ) -> Derivative {
+        match self {
+            Self::Spacecraft(vehicle) => vehicle.derivative(state, input, disturbance),
+            Self::Eq61(vehicle) => vehicle.derivative(state, input, disturbance),
+            Self::Rotors(vehicle) => vehicle.derivative(state, input, disturbance),
+        }
+    }
+
+    /// Thrust now \[N\].
+    #[must_use]
+    pub fn thrust(&self, state: &State) -> f64 {
+        match self {
+            Self::Spacecraft(_) | Self::Eq61(_) => state.actuators.x,
+            Self::Rotors(vehicle) => vehicle.thrust_coefficient * state.actuators.norm_squared(),
+        }
+    }
+}
+
+/// What every vehicle has in common: a point mass under thrust, weight, drag and gusts.
+#[derive(Clone, Debug)]
+struct Body {
+    mass: f64,
+    gravity: f64,
+    drag: f64,
+}
+
+impl Body {
+    fn new(vehicle: &Vehicle) -> Self {
+        Self { mass: vehicle.mass_kg, gravity: vehicle.gravity_m_s2, drag: vehicle.drag_per_s }
+    }
+
+    /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
+    fn acceleration(&self, state: &State, thrust: f64, disturbance: &Disturbance) -> Vector3<f64> {
+        state.thrust_axis() * (thrust / self.mass)
+            - Vector3::z() * self.gravity
+            - state.velocity * self.drag
+            + disturbance.acceleration
+    }
+}
+
+/// The first-order lag `(target - value) / time_constant`. Vehicles without a lag get one of a tenth of a millisecond's
+/// order, far below everything else, so that thrust stays a state.
+fn lag(target: f64, value: f64, time_constant: f64) -> f64 {
+    (target - value) / time_constant.max(1e-3)
+}
+
+/// The lander of Table I.
+#[derive(Clone, Debug)]
+pub struct Spacecraft {
+    body: Body,
+    inertia: Inertia,
+    max_thrust: f64,
+    thrust_lag: f64,
+}
+
+impl Spacecraft {
+    fn new(vehicle: &Vehicle) -> Self {
+        Self {
+            body: Body::new(vehicle),
+            inertia: vehicle.inertia().expect("the configuration was checked"),
+            max_thrust: vehicle.max_thrust_n,
+            thrust_lag: vehicle.thrust_lag_ms * 1e-3,
+        }
+    }
+
+    fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
+        let thrust = state.actuators.x;
+        Derivative {
+            position: state.velocity,
+            velocity: self.body.acceleration(state, thrust, disturbance),
+            attitude: state.attitude_rate(),
+            // Eq. (3), erratum E-03.
+            rate: self.inertia.acceleration(BodyRate(state.rate), Torque(input.torque)).0,
+            actuators: Vector4::x() * lag(input.thrust * self.max_thrust, thrust, self.thrust_lag),
+        }
+    }
+}
+
+/// The Hummingbird as Eq. (61) has it, with the lags of a real one.
+#[derive(Clone, Debug)]
+pub struct Eq61 {
+    body: Body,
+    authority: Vector3<f64>,
+    rate_lag: f64,
+    max_thrust: f64,
+    thrust_lag: f64,
+}
+
+impl Eq61 {
+    fn new(vehicle: &Vehicle) -> Self {
+        Self {
+            body: Body::new(vehicle),
+            authority: Vector3::from(vehicle.rate_authority_rad_s),
+            rate_lag: vehicle.rate_lag_ms * 1e-3,
+            max_thrust: vehicle.max_thrust_n,
+            thrust_lag: vehicle.thrust_lag_ms * 1e-3,
+        }
+    }
+
+    fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
+        let thrust = state.actuators.x;
+        // Eq. (61), erratum E-61: what the on-board loop makes of the sticks, its bias included.
+        let rate_command = self.authority.component_mul(&input.sticks) + disturbance.rate_drift;
+        // A rotor's thrust goes with the square of its voltage.
+        let greatest = self.max_thrust * disturbance.voltage_ratio.powi(2);
+        Derivative {
+            position: state.velocity,
+            velocity: self.body.acceleration(state, thrust, disturbance),
+            attitude: state.attitude_rate(),
+            rate: (rate_command - state.rate) / self.rate_lag,
+            actuators: Vector4::x() * lag(input.thrust * greatest, thrust, self.thrust_lag),
+        }
+    }
+}
+
+/// The Hummingbird as four rotors on two crossed arms along body x and y: front and back turn one way, left and right the
+/// other. The on-board loop makes the rate follow the sticks.
+#[derive(Clone, Debug)]
+pub struct Rotors {
+    body: Body,
+    inertia: Inertia,
+    authority: Vector3<f64>,
+    rate_lag: f64,
+    max_thrust: f64,
+    thrust_coefficient: f64,
+    rotor_lag: f64,
+    max_speed: f64,
+    /// Squared speeds to `[thrust; torque]`, and back.
+    mix: Matrix4<f64>,
+    unmix: Matrix4<f64>,
+}
+
+impl Rotors {
+    fn new(vehicle: &Vehicle) -> Self {
+        let rotors = &vehicle.rotors;
+        let (k, d) = (rotors.thrust_coefficient, rotors.torque_coefficient);
+        let arm = k * rotors.arm_m;
+        // Columns: front (+x), left (+y), back (-x), right (-y). Lift at +y rolls right side down, that is, about +x.
+        let mix = Matrix4::new(
+            k, k, k, k, //
+            0.0, arm, 0.0, -arm, //
+            -arm, 0.0, arm, 0.0, //
+            -d, d, -d, d,
+        );
+        Self {
+            body: Body::new(vehicle),
+            inertia: vehicle.inertia().expect("the configuration was checked"),
+            authority: Vector3::from(vehicle.rate_authority_rad_s),
+            rate_lag: vehicle.rate_lag_ms * 1e-3,
+            max_thrust: vehicle.max_thrust_n,
+            thrust_coefficient: k,
+            rotor_lag: rotors.lag_ms * 1e-3,
+            max_speed: rotors.max_speed_rad_s,
+            mix,
+            unmix: mix.try_inverse().expect("arm and coefficients are above zero"),
+        }
+    }
+
+    fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
+        let speeds = state.actuators;
+        let wrench = self.mix * speeds.component_mul(&speeds);
+        let torque = wrench.fixed_rows::<3>(1).into_owned();
+        let targets = self.on_board_loop(state, input, disturbance);
+        Derivative {
+            position: state.velocity,
+            velocity: self.body.acceleration(state, wrench.x, disturbance),
+            attitude: state.attitude_rate(),
+            // Eq. (3), erratum E-03.
+            rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
+            actuators: (targets - speeds) / self.rotor_lag,
+        }
+    }
+
+    /// Rotor speeds \[rad/s\] by which the vehicle's own loop follows the sticks: proportional in the rate with the loop's
+    /// time constant, gyroscopic torque compensated, thrust curve inverted; blind to drift and to the battery.
+    fn on_board_loop(
+        &self,
+        state: &State,
+        input: &Input,
+        disturbance: &Disturbance,
+    ) -> Vector4<f64> {
+        if input.thrust <= 0.0 {
+            return Vector4::zeros();
+        }
+        // Eq. (61), erratum E-61.
+        let rate_command = self.authority.component_mul(&input.sticks) + disturbance.rate_drift;
+        let torque = self.inertia.matrix() * ((rate_command - state.rate) / self.rate_lag)
+            + self.inertia.gyroscopic_torque(BodyRate(state.rate)).0;
+        let wrench = Vector4::new(input.thrust * self.max_thrust, torque.x, torque.y, torque.z);
+        let limit = self.max_speed;
+        (self.unmix * wrench)
+            .map(|squared| squared.max(0.0).sqrt().min(limit) * disturbance.voltage_ratio)
+    }
+}

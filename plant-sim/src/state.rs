@@ -1,0 +1,151 @@
+//! The state of a vehicle, and its integration.
+
+use std::ops::{Add, Mul};
+
+use nalgebra::{Quaternion, Vector3, Vector4};
+
+/// Where a vehicle is and how it moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Position of the centre of mass \[m, world\].
+    pub position: Vector3<f64>,
+    /// Velocity \[m/s, world\].
+    pub velocity: Vector3<f64>,
+    /// Attitude \[body to world\]; of unit norm between steps.
+    pub attitude: Quaternion<f64>,
+    /// Body rate \[rad/s, body\].
+    pub rate: Vector3<f64>,
+    /// What the actuators do: `[thrust \[N\], 0, 0, 0]`, or four rotor speeds \[rad/s\].
+    pub actuators: Vector4<f64>,
+}
+
+/// The time derivative of a [`State`], field by field, per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Derivative {
+    /// \[m/s, world\].
+    pub position: Vector3<f64>,
+    /// \[m/s^2, world\].
+    pub velocity: Vector3<f64>,
+    /// \[1/s\].
+    pub attitude: Quaternion<f64>,
+    /// \[rad/s^2, body\].
+    pub rate: Vector3<f64>,
+    /// \[N/s\] or \[rad/s^2\].
+    pub actuators: Vector4<f64>,
+}
+
+impl State {
+    /// At rest on the floor at the origin, level.
+    #[must_use]
+    pub fn on_floor() -> Self {
+        Self {
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            attitude: Quaternion::identity(),
+            rate: Vector3::zeros(),
+            actuators: Vector4::zeros(),
+        }
+    }
+
+    /// The body's z axis \[world\]: where the thrust points.
+    #[must_use]
+    pub fn thrust_axis(&self) -> Vector3<f64> {
+        let (x, y, z, w) = (self.attitude.i, self.attitude.j, self.attitude.k, self.attitude.w);
+        Vector3::new(2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y))
+    }
+
+    /// Rate of change of the attitude: `q_dot = q (x) [omega; 0] / 2`, Eq. (7), erratum E-07.
+    #[must_use]
+    pub fn attitude_rate(&self) -> Quaternion<f64> {
+        self.attitude * Quaternion::from_imag(self.rate) * 0.5
+    }
+
+    /// The state `h` seconds on, by one classic Runge-Kutta step of fourth order.
+    #[must_use]
+    pub fn step(&self, h: f64, derivative: impl Fn(&Self) -> Derivative) -> Self {
+        let k1 = derivative(self);
+        let k2 = derivative(&(*self + k1 * (h / 2.0)));
+        let k3 = derivative(&(*self + k2 * (h / 2.0)));
+        let k4 = derivative(&(*self + k3 * h));
+        let mut next = *self + (k1 + k2 * 2.0 + k3 * 2.0 + k4) * (h / 6.0);
+        next.attitude /= next.attitude.norm();
+        next
+    }
+}
+
+impl Add<Derivative> for State {
+    type Output = Self;
+
+    fn add(self, change: Derivative) -> Self {
+        Self {
+            position: self.position + change.position,
+            velocity: self.velocity + change.velocity,
+            attitude: self.attitude + change.attitude,
+            rate: self.rate + change.rate,
+            actuators: self.actuators + change.actuators,
+        }
+    }
+}
+
+impl Add for Derivative {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            position: self.position + other.position,
+            velocity: self.velocity + other.velocity,
+            attitude: self.attitude + other.attitude,
+            rate: self.rate + other.rate,
+            actuators: self.actuators + other.actuators,
+        }
+    }
+}
+
+impl Mul<f64> for Derivative {
+    type Output = Self;
+
+    fn mul(self, factor: f64) -> Self {
+        Self {
+            position: self.position * factor,
+            velocity: self.velocity * factor,
+            attitude: self.attitude * factor,
+            rate: self.rate * factor,
+            actuators: self.actuators * factor,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A body that spins about z and falls freely has a closed form.
+    #[test]
+    fn a_step_is_of_fourth_order() {
+        let derivative = |state: &State| Derivative {
+            position: state.velocity,
+            velocity: -state.position,
+            attitude: state.attitude_rate(),
+            rate: Vector3::zeros(),
+            actuators: Vector4::zeros(),
+        };
+        let error = |steps: u32| {
+            let mut state =
+                State { position: Vector3::x(), rate: Vector3::z() * 2.0, ..State::on_floor() };
+            for _ in 0..steps {
+                state = state.step(1.0 / f64::from(steps), derivative);
+            }
+            let turned = Quaternion::new(1f64.cos(), 0.0, 0.0, 1f64.sin());
+            (state.position.x - 1f64.cos()).abs() + (state.attitude - turned).norm()
+        };
+        let ratio = error(20) / error(40);
+        assert!((14.0..18.0).contains(&ratio), "halving the step divided the error by {ratio}");
+    }
+
+    #[test]
+    fn the_thrust_axis_is_the_rotated_z_axis() {
+        let attitude = nalgebra::UnitQuaternion::from_euler_angles(0.3, -0.2, 1.1);
+        let state = State { attitude: *attitude.quaternion(), ..State::on_floor() };
+        assert!((state.thrust_axis() - attitude * Vector3::z()).norm() < 1e-15);
+    }
+}

@@ -1,0 +1,109 @@
+//! What the world does to a vehicle: gusts, drift, the battery, the floor. All randomness is drawn from streams named by
+//! (seed, source), so that one source never shifts another.
+
+use nalgebra::Vector3;
+use oqtal_bus::config::{Battery, Vehicle};
+use oqtal_bus::random::{Generator, Source, normal3, stream};
+
+use crate::state::State;
+
+/// An Ornstein-Uhlenbeck process per world axis, constant over each millisecond.
+#[derive(Clone, Debug)]
+pub struct Gust {
+    generator: Generator,
+    keep: f64,
+    kick: f64,
+    acceleration: Vector3<f64>,
+}
+
+impl Gust {
+    /// The gusts of `vehicle`'s room, advancing by `step_s` seconds.
+    #[must_use]
+    pub fn new(vehicle: &Vehicle, seed: u64, step_s: f64) -> Self {
+        // The exact discretisation: stationary with the configured standard deviation.
+        let keep = (-step_s / vehicle.gust_time_s).exp();
+        let kick = vehicle.gust_sd_m_s2 * (1.0 - keep * keep).sqrt();
+        Self { generator: stream(seed, Source::Gust), keep, kick, acceleration: Vector3::zeros() }
+    }
+
+    /// Goes on by one step.
+    pub fn advance(&mut self) {
+        if self.kick > 0.0 {
+            self.acceleration =
+                self.acceleration * self.keep + normal3(&mut self.generator) * self.kick;
+        }
+    }
+
+    /// Acceleration now \[m/s^2, world\].
+    #[must_use]
+    pub fn acceleration(&self) -> Vector3<f64> {
+        self.acceleration
+    }
+}
+
+/// This vehicle's constant imperfections, drawn once per seed: (rate drift \[rad/s, body\], acceleration \[m/s^2, world\]).
+#[must_use]
+pub fn imperfections(vehicle: &Vehicle, seed: u64) -> (Vector3<f64>, Vector3<f64>) {
+    let mut generator = stream(seed, Source::Imperfection);
+    let mut spread = |nominal: [f64; 3]| {
+        let factor = normal3(&mut generator) * vehicle.disturbance_spread + Vector3::repeat(1.0);
+        Vector3::from(nominal).component_mul(&factor)
+    };
+    let drift = spread(vehicle.rate_drift_deg_s).map(f64::to_radians);
+    let force = spread(vehicle.force_n);
+    (drift, force / vehicle.mass_kg)
+}
+
+/// A battery whose open-circuit voltage falls linearly with the charge drawn.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    battery: Battery,
+    weight: f64,
+    drawn_ah: f64,
+    voltage: f64,
+}
+
+impl Cell {
+    /// A full battery for `vehicle`.
+    #[must_use]
+    pub fn new(vehicle: &Vehicle) -> Self {
+        Self {
+            battery: vehicle.battery.clone(),
+            weight: vehicle.mass_kg * vehicle.gravity_m_s2,
+            drawn_ah: 0.0,
+            voltage: vehicle.battery.full_v,
+        }
+    }
+
+    /// Draws the current of `thrust` newtons for `step_s` seconds.
+    pub fn draw(&mut self, thrust: f64, step_s: f64) {
+        let load = if self.weight > 0.0 { (thrust / self.weight).max(0.0) } else { 0.0 };
+        // Momentum theory: a rotor's power goes with thrust^(3/2).
+        let current = self.battery.hover_current_a * load * load.sqrt();
+        self.drawn_ah += current * step_s / 3600.0;
+        let charge = (1.0 - self.drawn_ah / self.battery.capacity_ah).max(0.0);
+        let open = self.battery.empty_v + charge * (self.battery.full_v - self.battery.empty_v);
+        self.voltage = (open - current * self.battery.resistance_ohm).max(0.0);
+    }
+
+    /// Voltage under load \[V\].
+    #[must_use]
+    pub fn voltage(&self) -> f64 {
+        self.voltage
+    }
+
+    /// Voltage over the nominal one, or 1 where thrust does not depend on it.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        if self.battery.sag { self.voltage / self.battery.nominal_v } else { 1.0 }
+    }
+}
+
+/// Keeps a vehicle above the floor, z = 0: it lands without bouncing and rests until lifted.
+pub fn rest_on_floor(state: &mut State) {
+    if state.position.z <= 0.0 && state.velocity.z <= 0.0 {
+        state.position.z = 0.0;
+        state.velocity = Vector3::zeros();
+        state.rate = Vector3::zeros();
+    }
+}

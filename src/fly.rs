@@ -1,0 +1,213 @@
+//! `oqtal fly`: one flight, from the command line to the report.
+
+mod crew;
+mod in_process;
+mod observer;
+mod output;
+mod processes;
+mod progress;
+
+use std::path::PathBuf;
+
+use clap::Args;
+use oqtal_bus::config::{ClockKind, Config, Setting};
+use oqtal_bus::process::{CommonArgs, Exit, Failure};
+use oqtal_bus::time::Span;
+use oqtal_control::trajectory::{FlightPlan, Place, Trajectory};
+use oqtal_mocap_emu::{Recording, read_recording};
+
+use crate::flight::{Flight, Outcome};
+use crate::summary::Summary;
+
+pub use in_process::fly as fly_in_process;
+
+/// Beyond its plan a flight may take this long, for the cameras to be believed and the landing to be noticed.
+const GRACE_S: f64 = 15.0;
+
+/// What to fly, and how.
+#[derive(Args, Clone, Debug)]
+pub struct FlyArgs {
+    /// Attitude law: pid, lqr or oqtal
+    #[arg(long, value_name = "NAME")]
+    controller: Option<String>,
+    /// hover, step, square, circle, lemniscate or waypoints
+    #[arg(long, value_name = "NAME")]
+    trajectory: Option<String>,
+    /// Duration of the trajectory itself, without take-off and landing [s]
+    #[arg(long, value_name = "S")]
+    duration: Option<f64>,
+    /// Seed of all randomness
+    #[arg(long, value_name = "N")]
+    seed: Option<i64>,
+    /// What drives the flight
+    #[arg(long, value_enum)]
+    clock: Option<ClockKind>,
+    /// emulated, or replay:FILE to play a recording
+    #[arg(long, value_name = "SOURCE", value_parser = parse_mocap)]
+    mocap: Option<MocapSource>,
+    /// sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
+    #[arg(long, value_name = "VEHICLE", value_parser = parse_vehicle)]
+    vehicle: Option<VehicleChoice>,
+    /// Where the flight is written [default: flights/INSTANCE-N]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print the summary as JSON instead of a table
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+#[derive(Clone, Debug)]
+enum MocapSource {
+    Emulated,
+    Replay(String),
+}
+
+#[derive(Clone, Debug)]
+struct VehicleChoice {
+    kind: Option<String>,
+    fidelity: Option<String>,
+}
+
+fn parse_mocap(text: &str) -> Result<MocapSource, String> {
+    match text.split_once(':') {
+        None if text == "emulated" => Ok(MocapSource::Emulated),
+        Some(("replay", file)) if !file.is_empty() => Ok(MocapSource::Replay(file.to_owned())),
+        _ => Err("use `emulated` or `replay:FILE`".to_owned()),
+    }
+}
+
+fn parse_vehicle(text: &str) -> Result<VehicleChoice, String> {
+    let usage = || "use sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]".to_owned();
+    let (vehicle, option) = match text.split_once(',') {
+        Some((vehicle, option)) => (vehicle, Some(option)),
+        None => (text, None),
+    };
+    let kind = match vehicle.split_once(':') {
+        None if vehicle == "sim" => None,
+        Some(("sim", kind)) => Some(kind.to_owned()),
+        _ => return Err(usage()),
+    };
+    let fidelity = match option.map(|option| option.split_once('=')) {
+        None => None,
+        Some(Some(("fidelity", fidelity))) => Some(fidelity.to_owned()),
+        Some(_) => return Err(usage()),
+    };
+    Ok(VehicleChoice { kind, fidelity })
+}
+
+/// What a flight needs to know before it starts.
+#[derive(Debug)]
+pub struct Mission {
+    /// The effective configuration.
+    pub config: Config,
+    /// What is flown.
+    pub trajectory: Trajectory,
+    /// What is played instead of the cameras, if anything.
+    pub recording: Option<Recording>,
+}
+
+impl Mission {
+    /// Reads what the configuration names.
+    ///
+    /// # Errors
+    /// A waypoint file or a recording is bad (exit code 65), or an option of the law has no meaning (78).
+    pub fn new(config: Config) -> Result<Self, Failure> {
+        oqtal_daemon::Pilot::new(&config).map_err(|reason| Failure::new(Exit::Config, reason))?;
+        let trajectory = oqtal_daemon::trajectory(&config)?;
+        let recording = match config.is_replay() {
+            true => Some(read_recording(&config.mocap.replay)?),
+            false => None,
+        };
+        Ok(Self { config, trajectory, recording })
+    }
+
+    /// How long it takes if all goes well.
+    #[must_use]
+    pub fn expected(&self) -> Span {
+        if let Some(recording) = &self.recording {
+            let last = recording.poses().last().map_or(0, |pose| pose.time_ns);
+            return Span::from_nanos(last.cast_signed());
+        }
+        let options = &self.config.trajectory;
+        let plan = FlightPlan::new(options, self.trajectory.clone(), Place::default());
+        Span::from_seconds(plan.end_s())
+    }
+
+    /// How long it may take.
+    #[must_use]
+    pub fn patience(&self) -> Span {
+        match self.recording {
+            Some(_) => self.expected(),
+            None => self.expected() + Span::from_seconds(GRACE_S),
+        }
+    }
+
+    /// What a flight is called that did not end by itself.
+    #[must_use]
+    pub fn otherwise(&self) -> Outcome {
+        if self.recording.is_some() { Outcome::Replayed } else { Outcome::Timeout }
+    }
+}
+
+impl FlyArgs {
+    /// Flies.
+    ///
+    /// # Errors
+    /// The flight could not be flown; a flight that ended badly is a result.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
+        let mission = Mission::new(config)?;
+        let output = output::Output::create(self.out.as_deref(), &mission.config)?;
+        let flight = match mission.config.clock.kind {
+            ClockKind::InProcess => in_process::fly_with_progress(&mission)?,
+            ClockKind::Real | ClockKind::Lockstep => processes::fly(&mission, &output)?,
+        };
+        self.conclude(&flight, &output)
+    }
+
+    fn conclude(&self, flight: &Flight, output: &output::Output) -> Result<Exit, Failure> {
+        let summary = Summary::of(flight);
+        output.write(flight, &summary)?;
+        if self.json {
+            println!("{}", summary.to_json());
+        } else {
+            output.print(&summary);
+        }
+        match flight.outcome {
+            Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),
+            Outcome::Stopped | Outcome::Crashed | Outcome::Timeout => Ok(Exit::Flight),
+        }
+    }
+
+    /// The flags as settings.
+    fn settings(&self) -> Result<Vec<Setting>, Failure> {
+        let mut settings = self.common.settings()?;
+        let mut set = |flag: &str, key: &str, value: Option<toml::Value>| {
+            if let Some(value) = value {
+                settings.push(Setting::flag(flag, key, value));
+            }
+        };
+        set("--controller", "control.controller", self.controller.clone().map(Into::into));
+        set("--trajectory", "trajectory.kind", self.trajectory.clone().map(Into::into));
+        set("--duration", "trajectory.duration-s", self.duration.map(Into::into));
+        set("--seed", "clock.seed", self.seed.map(Into::into));
+        let clock = self.clock.map(|clock| match clock {
+            ClockKind::Real => "real".into(),
+            ClockKind::Lockstep => "lockstep".into(),
+            ClockKind::InProcess => "in-process".into(),
+        });
+        set("--clock", "clock.kind", clock);
+        let replay = self.mocap.as_ref().map(|source| match source {
+            MocapSource::Emulated => "".into(),
+            MocapSource::Replay(file) => file.as_str().into(),
+        });
+        set("--mocap", "mocap.replay", replay);
+        if let Some(vehicle) = &self.vehicle {
+            set("--vehicle", "vehicle.kind", vehicle.kind.clone().map(Into::into));
+            set("--vehicle", "vehicle.fidelity", vehicle.fidelity.clone().map(Into::into));
+        }
+        Ok(settings)
+    }
+}

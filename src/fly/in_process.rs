@@ -1,0 +1,186 @@
+//! A flight in one process: the same pure objects, conducted by the same conductor, with mailboxes in place of topics.
+
+use oqtal_bus::code::Verb;
+use oqtal_bus::conductor::{Conductor, Done};
+use oqtal_bus::message::{
+    CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1,
+};
+use oqtal_bus::process::{Exit, Failure};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Party;
+use oqtal_daemon::Cycle;
+use oqtal_mocap_emu::{Cameras, Delivery, Replay, is_frame};
+use oqtal_plant_sim::{Output, Plant};
+
+use super::Mission;
+use super::progress::{Interrupts, Progress};
+use crate::flight::Flight;
+use crate::recorder::Recorder;
+
+/// How often a flight looks whether it is over.
+pub const REVIEW: Span = Span::from_millis(250);
+
+/// Where poses come from.
+enum Eyes {
+    Cameras(Box<Cameras>),
+    Replay(Replay),
+}
+
+/// All parties of a flight, with what lies between them.
+struct Room {
+    plant: Plant,
+    eyes: Eyes,
+    cycle: Cycle,
+    recorder: Recorder,
+    frames: Vec<TruthV1>,
+    pose: Option<(Header, PoseV1)>,
+    command: Option<(Header, CommandV1)>,
+    poses_sent: u64,
+    commands_sent: u64,
+}
+
+/// Flies `mission` at the speed of this thread. Depends on nothing but the mission: the same configuration and seed give the
+/// same flight, bit for bit, here and over the bus.
+///
+/// # Errors
+/// An option of the law has no meaning.
+pub fn fly(mission: &Mission) -> Result<Flight, Failure> {
+    fly_watched(mission, |_| None)
+}
+
+/// The same, with progress in the terminal and Ctrl-C.
+pub(super) fn fly_with_progress(mission: &Mission) -> Result<Flight, Failure> {
+    let progress = Progress::new(mission.expected());
+    let interrupts = Interrupts::listen()?;
+    let flight = fly_watched(mission, |recorder| {
+        progress.show(recorder);
+        interrupts.next()
+    });
+    progress.finish();
+    flight
+}
+
+/// Flies, and shows the recorder to `watch` from time to time, which may have an operator's request.
+fn fly_watched(
+    mission: &Mission,
+    mut watch: impl FnMut(&Recorder) -> Option<Verb>,
+) -> Result<Flight, Failure> {
+    let start = Time::VIRTUAL_START;
+    let mut room = Room::new(mission, start)?;
+    let mut conductor = Conductor::new(start, mission.config.parties());
+    if mission.recording.is_none() {
+        room.cycle.request(start, Verb::Fly);
+    }
+    let began = Time::now();
+    let mut now = start;
+    while let Some((party, at)) = conductor.turn() {
+        now = at;
+        let done = match party {
+            Party::Plant => room.plant_turn(now),
+            Party::Mocap => room.eyes_turn(now),
+            Party::Daemon => room.daemon_turn(now),
+            Party::Recorder => {
+                if let Some(verb) = watch(&room.recorder) {
+                    room.cycle.request(now, verb);
+                }
+                let end = start + mission.patience();
+                if room.recorder.outcome().is_some() || now >= end {
+                    break;
+                }
+                Done { next: Some(end.min(now + REVIEW)), published: false }
+            }
+        };
+        conductor.done(party, done);
+    }
+    let speed = now.since(start).seconds() / Time::now().since(began).seconds().max(1e-9);
+    Ok(room.recorder.finish(mission.otherwise(), speed))
+}
+
+impl Room {
+    fn new(mission: &Mission, start: Time) -> Result<Self, Failure> {
+        let config = &mission.config;
+        let eyes = match &mission.recording {
+            Some(recording) => Eyes::Replay(Replay::new(recording.clone(), start)),
+            None => Eyes::Cameras(Box::new(Cameras::new(&config.mocap, config.clock.seed))),
+        };
+        Ok(Self {
+            plant: Plant::new(config, start),
+            eyes,
+            cycle: Cycle::new(config, mission.trajectory.clone(), start)
+                .map_err(|reason| Failure::new(Exit::Config, reason))?,
+            recorder: Recorder::new(config),
+            frames: Vec::with_capacity(4),
+            pose: None,
+            command: None,
+            poses_sent: 0,
+            commands_sent: 0,
+        })
+    }
+
+    fn plant_turn(&mut self, now: Time) -> Done {
+        let Self { plant, recorder, frames, .. } = self;
+        plant.advance(now, |output| match output {
+            Output::Truth(truth) => {
+                recorder.truth(&truth);
+                if is_frame(&truth) {
+                    frames.push(truth);
+                }
+            }
+            Output::Applied(pose_sequence, stamps, vehicle) => {
+                recorder.vehicle(&header::<VehicleV1>(0, pose_sequence, stamps), &vehicle);
+            }
+        });
+        if let Some((header, command)) = self.command.take() {
+            self.plant.receive(now, header, command, 0);
+            self.recorder.truth(&self.plant.truth());
+        }
+        Done { next: Some(self.plant.next_event()), published: !self.frames.is_empty() }
+    }
+
+    fn eyes_turn(&mut self, now: Time) -> Done {
+        let mut published = false;
+        while let Some(delivery) = self.look(now) {
+            self.poses_sent += 1;
+            let header = header::<PoseV1>(self.poses_sent, delivery.frame, delivery.stamps_at(now));
+            self.recorder.pose(&header, &delivery.pose);
+            // The newest wins, as on the bus.
+            self.pose = Some((header, delivery.pose));
+            published = true;
+        }
+        let next = match &self.eyes {
+            Eyes::Cameras(cameras) => cameras.next_event(),
+            Eyes::Replay(replay) => replay.next_event(),
+        };
+        Done { next, published }
+    }
+
+    fn look(&mut self, now: Time) -> Option<Delivery> {
+        match &mut self.eyes {
+            Eyes::Cameras(cameras) => {
+                for truth in self.frames.drain(..) {
+                    cameras.capture(&truth);
+                }
+                cameras.deliver(now)
+            }
+            Eyes::Replay(replay) => replay.deliver(now),
+        }
+    }
+
+    fn daemon_turn(&mut self, now: Time) -> Done {
+        let pose = self.pose.take();
+        let tick = self.cycle.step(now, pose.as_ref());
+        if let Some(tick) = &tick {
+            let stamps = Stamps { computed_at: now, command_published_at: now, ..tick.stamps };
+            self.commands_sent += 1;
+            let header = header::<CommandV1>(self.commands_sent, tick.pose_sequence, stamps);
+            self.command = Some((header, tick.command));
+            let telemetry: TelemetryV1 = self.cycle.report(&stamps, self.commands_sent);
+            self.recorder.telemetry(&telemetry);
+        }
+        Done { next: Some(self.cycle.next_event()), published: tick.is_some() }
+    }
+}
+
+fn header<M: Message>(sequence: u64, pose_sequence: u64, stamps: Stamps) -> Header {
+    Header { sequence, pose_sequence, schema: M::SCHEMA, source: 0, stamps }
+}

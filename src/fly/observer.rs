@@ -1,0 +1,61 @@
+//! The front door's ears on the bus: everything goes to the recorder, nothing comes back.
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::port::Reader;
+use oqtal_bus::topic::{POSE, TELEMETRY, TRUTH, VEHICLE};
+
+use crate::recorder::Recorder;
+
+/// Listens to all topics that a flight is judged by.
+#[derive(Debug)]
+pub struct Observer {
+    truths: Reader<TruthV1>,
+    poses: Reader<PoseV1>,
+    vehicles: Reader<VehicleV1>,
+    telemetry: Reader<TelemetryV1>,
+}
+
+impl Observer {
+    /// Opens the ears.
+    ///
+    /// # Errors
+    /// The bus refuses.
+    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+        Ok(Self {
+            truths: bus.observer(&TRUTH)?,
+            poses: bus.observer(&POSE)?,
+            vehicles: bus.observer(&VEHICLE)?,
+            telemetry: bus.observer(&TELEMETRY)?,
+        })
+    }
+
+    /// Passes on all that was said since the last call; `true` if the daemon said something.
+    ///
+    /// # Errors
+    /// A topic speaks another version.
+    pub fn listen(&mut self, recorder: &mut Recorder) -> Result<bool, BusError> {
+        let mut heard = false;
+        while let Some((_, telemetry)) = self.telemetry.receive()? {
+            recorder.telemetry(&telemetry);
+            heard = true;
+        }
+        while let Some((_, truth)) = self.truths.receive()? {
+            recorder.truth(&truth);
+        }
+        while let Some((header, pose)) = self.poses.receive()? {
+            recorder.pose(&header, &pose);
+        }
+        while let Some((header, vehicle)) = self.vehicles.receive()? {
+            recorder.vehicle(&header, &vehicle);
+        }
+        Ok(heard)
+    }
+
+    /// Samples that nobody heard because this process was late.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.truths.lost() + self.poses.lost() + self.vehicles.lost() + self.telemetry.lost()
+    }
+}

@@ -1,0 +1,96 @@
+//! Where a flight is written.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use oqtal_bus::config::Config;
+use oqtal_bus::process::{Exit, Failure};
+
+use crate::flight::Flight;
+use crate::summary::Summary;
+use crate::{csv, report, table};
+
+/// Flights kept by number; beyond, somebody should tidy up.
+const NUMBERS: u32 = 100_000;
+
+/// The directory of one flight.
+#[derive(Debug)]
+pub struct Output {
+    directory: PathBuf,
+}
+
+impl Output {
+    /// Makes the directory, `flights/INSTANCE-N` unless given, and writes the effective configuration into it.
+    ///
+    /// # Errors
+    /// The directory cannot be made or written.
+    pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
+        let directory = match given {
+            Some(directory) => {
+                fs::create_dir_all(directory).map_err(|e| failed(directory, &e))?;
+                directory.to_path_buf()
+            }
+            None => next_free(&config.instance.name)?,
+        };
+        let output = Self { directory };
+        output.save("config.toml", &config.to_toml())?;
+        Ok(output)
+    }
+
+    /// The directory.
+    #[must_use]
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// The effective configuration, for the processes.
+    #[must_use]
+    pub fn config(&self) -> PathBuf {
+        self.directory.join("config.toml")
+    }
+
+    /// Writes everything that is known of the flight.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn write(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
+        self.save("summary.json", &summary.to_json())?;
+        self.save("report.html", &report::html(flight, summary))?;
+        let path = self.directory.join("telemetry.csv");
+        let file = fs::File::create(&path).map_err(|e| failed(&path, &e))?;
+        csv::write(flight, std::io::BufWriter::new(file)).map_err(|e| failed(&path, &e))
+    }
+
+    /// Prints the closing table, and where the report is.
+    pub fn print(&self, summary: &Summary) {
+        println!("{}", table::closing(summary));
+        println!("report: {}", self.directory.join("report.html").display());
+    }
+
+    fn save(&self, name: &str, text: &str) -> Result<(), Failure> {
+        let path = self.directory.join(name);
+        fs::write(&path, text).map_err(|e| failed(&path, &e))
+    }
+}
+
+/// The first `flights/INSTANCE-N` that nobody has; making it claims it.
+fn next_free(instance: &str) -> Result<PathBuf, Failure> {
+    let flights = Path::new("flights");
+    fs::create_dir_all(flights).map_err(|e| failed(flights, &e))?;
+    for number in 1..NUMBERS {
+        let directory = flights.join(format!("{instance}-{number}"));
+        match fs::create_dir(&directory) {
+            Ok(()) => return Ok(directory),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(failed(&directory, &error)),
+        }
+    }
+    Err(Failure::new(Exit::System, "flights/ is full; remove old flights or give --out DIR"))
+}
+
+fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::new(
+        Exit::System,
+        format!("{}: {error}; give another directory with --out", path.display()),
+    )
+}

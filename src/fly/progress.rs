@@ -1,0 +1,97 @@
+//! What a person sees and can do while a flight is under way.
+
+use std::cell::Cell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use indicatif::{ProgressBar, ProgressStyle};
+use oqtal_bus::code::{Mode, SafetyState, Verb};
+use oqtal_bus::process::{Exit, Failure};
+use oqtal_bus::time::Span;
+use oqtal_control::trajectory::Phase;
+
+use crate::recorder::Recorder;
+
+/// A bar on standard error; silent where that is no terminal.
+#[derive(Debug)]
+pub struct Progress {
+    bar: ProgressBar,
+}
+
+impl Progress {
+    /// A bar for a flight that takes `expected`.
+    #[must_use]
+    pub fn new(expected: Span) -> Self {
+        let bar = ProgressBar::new(expected.seconds().ceil() as u64);
+        let style = ProgressStyle::with_template("{bar:30.cyan/blue} {pos:>3}/{len} s  {msg}");
+        bar.set_style(style.expect("the template is constant and valid"));
+        bar.set_message("waiting for the processes");
+        Self { bar }
+    }
+
+    /// Shows how far the flight is.
+    pub fn show(&self, recorder: &Recorder) {
+        let Some(sample) = recorder.latest() else { return };
+        let telemetry = &sample.telemetry;
+        if telemetry.mission_s.is_finite() {
+            self.bar.set_position(telemetry.mission_s.max(0.0) as u64);
+        }
+        let mode =
+            Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
+        let flying = telemetry.mode == Mode::Flying.code();
+        let phase = Phase::from_number(telemetry.phase).filter(|_| flying);
+        let phase = phase.map_or_else(String::new, |phase| format!(", {phase}"));
+        let state = match SafetyState::from_code(telemetry.state) {
+            Some(SafetyState::Nominal) | None => String::new(),
+            Some(state) => format!("  {state}"),
+        };
+        let [x, y, z] = sample.position().into();
+        let error_cm = 100.0 * sample.position_error().norm();
+        self.bar.set_message(format!(
+            "{mode}{phase}{state}  at {x:+.2} {y:+.2} {z:+.2} m, {error_cm:.0} cm off",
+        ));
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Ctrl-C: once lands, twice stops.
+#[derive(Debug)]
+pub struct Interrupts {
+    count: Arc<AtomicU32>,
+    seen: Cell<u32>,
+}
+
+impl Interrupts {
+    /// Listens from now on.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    pub fn listen() -> Result<Self, Failure> {
+        let count = Arc::new(AtomicU32::new(0));
+        let counter = Arc::clone(&count);
+        ctrlc::set_handler(move || {
+            counter.fetch_add(1, Ordering::AcqRel);
+        })
+        .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
+        Ok(Self { count, seen: Cell::new(0) })
+    }
+
+    /// What an operator asked for since the last call.
+    pub fn next(&self) -> Option<Verb> {
+        let count = self.count.load(Ordering::Acquire);
+        if count == self.seen.get() {
+            return None;
+        }
+        self.seen.set(count);
+        let verb = if count == 1 { Verb::Land } else { Verb::Stop };
+        eprintln!(
+            "{}",
+            if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" }
+        );
+        Some(verb)
+    }
+}

@@ -1,0 +1,170 @@
+//! The report of a flight: one HTML page that needs nothing else.
+
+mod axis;
+mod events;
+mod figure;
+#[cfg(test)]
+pub(crate) mod fixture;
+mod latency;
+mod motion;
+mod palette;
+mod path;
+mod plot;
+mod replay;
+mod series;
+mod settings;
+pub(crate) mod unit;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use oqtal_bus::latency::WHOLE;
+
+use crate::flight::{Flight, Outcome};
+use crate::summary::Summary;
+
+use replay::Arrivals;
+use series::Timeline;
+use unit::{MISSING, significant, span};
+
+const STYLE: &str = include_str!("report/page.css");
+
+/// The report of `flight`, whose figures are `summary`: a complete HTML document.
+#[must_use]
+pub fn html(flight: &Flight, summary: &Summary) -> String {
+    let timeline = Timeline::new(flight);
+    let body = if flight.is_replay() {
+        of_replay(&timeline, summary)
+    } else {
+        of_flight(&timeline, summary)
+    };
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (summary.controller) " · " (summary.trajectory) " · " (unit::outcome(summary.outcome)) }
+                style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) }
+            }
+            body { (heading(summary)) main { (body) (settings::settings(flight, summary)) } }
+        }
+    };
+    page.into_string()
+}
+
+fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
+    html! {
+        (cards(&flight_figures(summary)))
+        (path::path(timeline))
+        (motion::position(timeline))
+        (motion::attitude(timeline))
+        (motion::velocity(timeline))
+        (motion::command(timeline))
+        (latency::latency(timeline.flight, summary))
+        (events::events(timeline, summary))
+    }
+}
+
+fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
+    let arrivals = Arrivals::of(timeline.flight);
+    html! {
+        (cards(&replay_figures(&arrivals, summary)))
+        (path::path(timeline))
+        (replay::replay(timeline, &arrivals))
+        (motion::estimate(timeline))
+        (motion::command(timeline))
+        (latency::latency(timeline.flight, summary))
+        (events::events(timeline, summary))
+    }
+}
+
+fn heading(summary: &Summary) -> Markup {
+    let mood = match summary.outcome {
+        Outcome::Landed | Outcome::Replayed => "good",
+        Outcome::Stopped | Outcome::Timeout => "warning",
+        Outcome::Crashed => "bad",
+    };
+    html! {
+        header {
+            p.eyebrow { "oqtal flight report" }
+            h1 {
+                (summary.controller) span.dot { "·" } (summary.trajectory)
+                span.badge.(mood) { (unit::outcome(summary.outcome)) }
+            }
+            p.note {
+                (summary.vehicle) " · " (summary.clock) " clock · seed " (summary.seed) " · "
+                (format!("{:.1} s", summary.duration_s)) " armed, " (format!("{:.1} s", summary.scored_s)) " judged"
+                @if summary.error_source == "truth" { " against the truth" }
+            }
+        }
+    }
+}
+
+/// A figure that matters: its name, the figure, and what goes with it.
+type KeyFigure = (&'static str, String, String);
+
+fn cards(figures: &[KeyFigure]) -> Markup {
+    html! {
+        div.cards {
+            @for (name, value, detail) in figures {
+                div.card { p.name { (name) } p.value { (value) } p.detail { (detail) } }
+            }
+        }
+    }
+}
+
+fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
+    let mut figures = Vec::new();
+    let missing = || (MISSING.to_owned(), "nothing was judged".to_owned());
+    let (position, detail) = summary.position_error_m.as_ref().map_or_else(missing, |error| {
+        let [rms, max] = [error.rms, error.max].map(unit::length);
+        (unit::length(error.mean), format!("rms {rms}, greatest {max}"))
+    });
+    figures.push(("Mean position error", position, detail));
+    let (attitude, detail) = summary.attitude_error_deg.as_ref().map_or_else(missing, |error| {
+        let [mean, rms, max] = [error.mean, error.rms, error.max].map(significant);
+        (format!("{mean}°"), format!("rms {rms}°, greatest {max}°"))
+    });
+    figures.push(("Mean attitude error", attitude, detail));
+    let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();
+    let tail = format!("p99 {}, greatest {}", span(whole.p99_ns), span(whole.max_ns));
+    figures.push(("Sensor to actuator, median", span(whole.p50_ns), tail));
+    figures.extend(loop_figures(summary));
+    figures
+}
+
+fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
+    let milliseconds = |value: f64| format!("{} ms", significant(value));
+    let (median, longest) = (arrivals.median_ms(), arrivals.longest_ms());
+    let mut figures = vec![
+        ("Poses", arrivals.poses.to_string(), format!("{} frames lost", arrivals.frames_lost())),
+        ("Median interval", milliseconds(median), format!("{} Hz", significant(1e3 / median))),
+        (
+            "Jitter",
+            milliseconds(arrivals.jitter_ms()),
+            format!("longest gap {}", milliseconds(longest)),
+        ),
+    ];
+    figures.extend(loop_figures(summary));
+    figures
+}
+
+/// What every flight has.
+fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
+    let ticks = format!("in {} ticks", summary.ticks);
+    let lost = format!("{} poses, {} commands lost", summary.lost.pose, summary.lost.command);
+    let speed = format!("{} ×", significant(summary.speed_factor));
+    [
+        ("Riccati solves", summary.riccati_solves.to_string(), ticks),
+        ("Deadline misses", summary.deadline_misses.to_string(), lost),
+        ("Speed", speed, "of real time".to_owned()),
+    ]
+}
+
+/// A section of the page: a heading over a grid.
+fn section(title: &str, content: Markup) -> Markup {
+    html! { section { h2 { (title) } div.grid { (content) } } }
+}
+
+#[cfg(test)]
+mod tests;

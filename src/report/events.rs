@@ -1,0 +1,123 @@
+//! What happened when: phases, safety states, losses.
+
+use maud::{Markup, html};
+use oqtal_bus::code::{Cause, SafetyState};
+use oqtal_bus::message::TelemetryV1;
+use oqtal_control::trajectory::Phase;
+
+use crate::flight::Sample;
+use crate::summary::Summary;
+
+use super::axis::Axis;
+use super::figure::{FULL, figure};
+use super::palette::Ink;
+use super::plot::{Plot, Shape};
+use super::section;
+use super::series::Timeline;
+
+/// The page lists so many events and counts the rest.
+const MOST_LISTED: usize = 100;
+
+const STATES: [(SafetyState, &str, Ink); 3] = [
+    (SafetyState::Nominal, "nominal", Ink::Good),
+    (SafetyState::Coast, "coast", Ink::Warning),
+    (SafetyState::Stop, "stop", Ink::Bad),
+];
+
+const PHASES: [(Phase, &str, Ink); 4] = [
+    (Phase::TakeOff, "take-off", Ink::Fourth),
+    (Phase::Settle, "settle", Ink::Reference),
+    (Phase::Trajectory, "trajectory", Ink::Actual),
+    (Phase::Landing, "landing", Ink::Second),
+];
+
+/// The section of the events.
+pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
+    let refused = timeline.samples.last().map_or(0, |sample| sample.telemetry.poses_refused);
+    let events = list(timeline);
+    section(
+        "Events",
+        html! {
+            (strip(timeline))
+            p.note.wide {
+                (summary.lost.pose) " poses lost, " (refused) " refused; "
+                (summary.lost.command) " commands lost; " (summary.deadline_misses) " deadlines missed."
+            }
+            @if !events.is_empty() {
+                ol.events.wide {
+                    @for (at, what) in events.iter().take(MOST_LISTED) {
+                        li { span.time { (format!("{at:.2} s")) } (what) }
+                    }
+                    @if events.len() > MOST_LISTED { li { "… and " (events.len() - MOST_LISTED) " more" } }
+                }
+            }
+        },
+    )
+}
+
+/// Phase and safety state as bands over time.
+fn strip(timeline: &Timeline<'_>) -> Markup {
+    let phase =
+        |sample: &Sample| PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2);
+    let state =
+        |sample: &Sample| STATES.iter().find(|s| s.0.code() == sample.telemetry.state).map(|s| s.2);
+    let legend: Vec<_> =
+        PHASES.map(|p| (p.1, p.2)).into_iter().chain(STATES.map(|s| (s.1, s.2))).collect();
+    let phases = bands(timeline, |sample| phase(sample).filter(|_| sample.is_armed()), 1.0);
+    let plot = Plot {
+        size: (FULL, 250),
+        label_width: 120,
+        x: Axis::linear(timeline.range(), 16, " s"),
+        y: Axis::rows(["phase", "state"].into_iter()),
+        shapes: phases.into_iter().chain(bands(timeline, state, 0.0)).collect(),
+    };
+    html! { div.wide { (figure("Phases and safety states", &legend, &plot)) } }
+}
+
+/// A block for every stretch of ticks of one ink, in the row above `floor`.
+fn bands(timeline: &Timeline<'_>, ink: impl Fn(&Sample) -> Option<Ink>, floor: f64) -> Vec<Shape> {
+    let mut bands = Vec::new();
+    let stretches = timeline.samples.chunk_by(|a, b| ink(a) == ink(b));
+    let ends = stretches.clone().skip(1).map(|next| &next[0]).chain(timeline.samples.last());
+    for (stretch, end) in stretches.zip(ends) {
+        if let Some(ink) = ink(&stretch[0]) {
+            let from = (timeline.at(&stretch[0]), floor + 0.15);
+            bands.push(Shape::Block(ink, from, (timeline.at(end), floor + 0.85)));
+        }
+    }
+    bands
+}
+
+/// Changes of state and cause, losses, refusals and missed deadlines, with their instants \[s\].
+fn list(timeline: &Timeline<'_>) -> Vec<(f64, String)> {
+    let pairs = timeline.samples.windows(2);
+    pairs
+        .flat_map(|pair| {
+            let at = timeline.at(&pair[1]);
+            changes(&pair[0].telemetry, &pair[1].telemetry).into_iter().map(move |what| (at, what))
+        })
+        .collect()
+}
+
+fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
+    let counted = [
+        ("poses lost", before.poses_lost, now.poses_lost),
+        ("poses refused", before.poses_refused, now.poses_refused),
+        ("deadlines missed", before.deadline_misses, now.deadline_misses),
+    ];
+    let state = (before.state, before.cause) != (now.state, now.cause);
+    let more = counted.into_iter().filter(|(_, before, now)| now > before);
+    let counts = more.map(|(name, before, now)| format!("{name}: {}", now - before));
+    state.then(|| describe(now)).into_iter().chain(counts).collect()
+}
+
+/// A state and its cause.
+fn describe(telemetry: &TelemetryV1) -> String {
+    let state = SafetyState::from_code(telemetry.state);
+    let state = state.map_or_else(|| "unknown state".to_owned(), |state| state.to_string());
+    match Cause::from_code(telemetry.cause) {
+        None => format!("{state}: unknown cause"),
+        Some(Cause::None) => state,
+        Some(cause) => format!("{state}: {cause}"),
+    }
+}

@@ -1,0 +1,202 @@
+//! Where the time from the camera's shutter to the effect on the vehicle goes.
+
+use std::ops::Range;
+
+use maud::{Markup, html};
+use oqtal_bus::config::ClockKind;
+use oqtal_bus::latency::{Distribution, DistributionSummary, HOPS, WHOLE};
+
+use crate::flight::Flight;
+use crate::summary::Summary;
+
+use super::axis::{Axis, extent};
+use super::figure::{HALF, figure, histogram};
+use super::palette::Ink;
+use super::plot::{Plot, Shape};
+use super::section;
+use super::series::Point;
+use super::unit::{span, words};
+
+/// One ink for each hop, and one for the whole.
+const INKS: [Ink; HOPS.len() + 1] =
+    [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Reference];
+/// A distribution is drawn from this many of its quantiles.
+const QUANTILES: u32 = 400;
+/// Bars of a histogram in each decade.
+const BARS_PER_DECADE: usize = 30;
+const HEIGHT: u32 = 620;
+
+/// A distribution on its way into a plot.
+struct Hop<'a> {
+    name: String,
+    ink: Ink,
+    distribution: &'a Distribution,
+}
+
+/// The section of the latencies.
+pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
+    let hops: Vec<Hop<'_>> = flight
+        .hops
+        .iter()
+        .zip(INKS)
+        .map(|((name, distribution), ink)| Hop {
+            name: words(name).into_owned(),
+            ink,
+            distribution,
+        })
+        .collect();
+    let any = hops.iter().any(|hop| hop.distribution.count() > 0);
+    section(
+        "Latency",
+        html! {
+            @if flight.config.clock.kind != ClockKind::Real {
+                p.note.wide { "Virtual time: these are the latencies of the models. Computing and the bus take none." }
+            }
+            @if any {
+                (budget(summary))
+                (histograms(&hops))
+                (percentiles(&hops))
+            } @else {
+                p.note.wide { "No command reached a vehicle." }
+            }
+            (table(summary))
+        },
+    )
+}
+
+/// The medians of the hops, end to end.
+fn budget(summary: &Summary) -> Markup {
+    let median = |name: &str| summary.hops.get(name).map_or(0, |hop| hop.p50_ns);
+    let total: u64 = HOPS.iter().map(|name| median(name)).sum();
+    let share = |name: &str| 100.0 * median(name) as f64 / total.max(1) as f64;
+    html! {
+        figure.wide {
+            figcaption { span.title { "Median of each hop" } }
+            div.budget {
+                @for (name, ink) in HOPS.iter().zip(INKS) {
+                    div style={ "width:" (format!("{:.3}", share(name))) "%;background:" (ink.css()) } {}
+                }
+            }
+            ul.hops {
+                @for (name, ink) in HOPS.iter().zip(INKS) {
+                    li {
+                        i style={ "background:" (ink.css()) } {}
+                        (words(name)) " " b { (span(median(name))) }
+                    }
+                }
+                li.whole { (words(WHOLE)) " " b { (span(median(WHOLE))) } }
+            }
+        }
+    }
+}
+
+/// A row for each hop, over one logarithmic axis.
+fn histograms(hops: &[Hop<'_>]) -> Markup {
+    let quantile = |i: u32| (f64::from(i) + 0.5) / f64::from(QUANTILES);
+    let values: Vec<Vec<f64>> = hops
+        .iter()
+        .map(|hop| (0..QUANTILES).map(|i| decades_of(hop.distribution, quantile(i))).collect())
+        .collect();
+    let x = time_axis(extent(values.iter().flatten().copied()));
+    let bins = BARS_PER_DECADE * (x.range.end - x.range.start) as usize;
+    let bars = hops.iter().zip(&values).enumerate().flat_map(|(row, (hop, values))| {
+        let counts = histogram(values.iter().copied(), &x.range, bins);
+        bars(hop.ink, &counts, &x.range, (hops.len() - 1 - row) as f64)
+    });
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: 300,
+        shapes: bars.collect(),
+        y: Axis::rows(hops.iter().map(|hop| hop.name.as_str())),
+        x,
+    };
+    figure("How often each latency occurs", &[], &plot)
+}
+
+/// Bars that stand on `floor`, the highest almost as high as a row.
+fn bars(ink: Ink, counts: &[u64], range: &Range<f64>, floor: f64) -> Vec<Shape> {
+    let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64;
+    let width = (range.end - range.start) / counts.len() as f64;
+    let bar = |(i, count): (usize, &u64)| {
+        let from = range.start + i as f64 * width;
+        Shape::Block(ink, (from, floor), (from + width, floor + 0.85 * *count as f64 / highest))
+    };
+    counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect()
+}
+
+/// Latency over percentile, both logarithmic: each decade to the right is one in ten of what was left.
+fn percentiles(hops: &[Hop<'_>]) -> Markup {
+    let count = hops.iter().map(|hop| hop.distribution.count()).max().unwrap_or(0);
+    let x = Axis::decades(0.0..(count.max(10) as f64).log10(), percentile);
+    let steps = (20.0 * x.range.end) as u32;
+    let curve = |hop: &Hop<'_>| -> Vec<Point> {
+        let nines = (0..=steps).map(|i| f64::from(i) / 20.0);
+        nines
+            .map(|nines| (nines, decades_of(hop.distribution, 1.0 - 10_f64.powf(-nines))))
+            .collect()
+    };
+    let curves: Vec<Vec<Point>> = hops.iter().map(curve).collect();
+    let legend: Vec<_> = hops.iter().map(|hop| (hop.name.as_str(), hop.ink)).collect();
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: 120,
+        y: time_axis(extent(curves.iter().flatten().map(|point| point.1))),
+        shapes: hops
+            .iter()
+            .zip(curves)
+            .map(|(hop, curve)| Shape::Line(hop.ink, 4, curve))
+            .collect(),
+        x,
+    };
+    figure("Latency that a share of all samples does not exceed", &legend, &plot)
+}
+
+/// Decimal logarithm of a quantile \[ns\]; negative infinity, which no plot shows, for zero.
+fn decades_of(distribution: &Distribution, quantile: f64) -> f64 {
+    (distribution.quantile(quantile).nanos() as f64).log10()
+}
+
+fn time_axis(range: Range<f64>) -> Axis {
+    Axis::decades(range, |decade| {
+        span(10_u64.pow(decade.clamp(0, 18).unsigned_abs())).replace(".00", "")
+    })
+}
+
+/// The share that `nines` decades stand for.
+fn percentile(nines: i32) -> String {
+    match nines {
+        ..=0 => "0 %".to_owned(),
+        1 => "90 %".to_owned(),
+        _ => format!("{:.*} %", nines as usize - 2, 100.0 - 100.0 * 0.1_f64.powi(nines)),
+    }
+}
+
+fn table(summary: &Summary) -> Markup {
+    let order = HOPS.into_iter().chain([WHOLE]);
+    let hops = order.filter_map(|name| Some((words(name), summary.hops.get(name)?)));
+    let lateness = ("wake-up lateness".into(), &summary.wakeup_lateness);
+    html! {
+        div.wide.scroll {
+            table {
+                thead { tr {
+                    th { "Hop" }
+                    @for heading in ["count", "least", "median", "p99", "p99.9", "greatest"] { th { (heading) } }
+                } }
+                tbody {
+                    @for (name, hop) in hops.chain([lateness]) { (row(&name, hop)) }
+                }
+            }
+        }
+    }
+}
+
+fn row(name: &str, hop: &DistributionSummary) -> Markup {
+    let spans = [hop.min_ns, hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
+    html! {
+        tr {
+            th { (name) }
+            td { (hop.count) }
+            @for nanos in spans { td { (span(nanos)) } }
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! One plot as SVG: axes, then shapes. The only place that knows plotters.
+//!
+//! The backend rounds to whole pixels, so plots are drawn at twice the size at which the page shows them.
+
+use std::ops::Range;
+
+use plotters::chart::ChartContext;
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
+use plotters::prelude::*;
+
+use super::axis::Axis;
+use super::palette::Ink;
+use super::series::{Point, is_drawable};
+
+/// Size of text; the backend divides by 1.24.
+const FONT_SIZE: f64 = 24.0 * 1.24;
+/// Height of the labels of the horizontal axis.
+const LABEL_HEIGHT: u32 = 52;
+/// Free space at the other edges.
+const MARGIN: u32 = 22;
+
+const NEVER_FAILS: &str = "drawing into a string cannot fail";
+
+type Plane = Cartesian2d<Axis, Axis>;
+
+/// Something drawn between the axes.
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// A line of that width through points; a point that cannot be drawn is a gap.
+    Line(Ink, u32, Vec<Point>),
+    /// A shaded stretch of the horizontal axis, behind the grid.
+    Band(Range<f64>),
+    /// A filled rectangle between two corners.
+    Block(Ink, Point, Point),
+    /// A disc.
+    Disc(Ink, Point),
+}
+
+/// A plot.
+#[derive(Clone, Debug)]
+pub struct Plot {
+    /// Width and height, twice as large as shown.
+    pub size: (u32, u32),
+    /// Width of the labels of the vertical axis.
+    pub label_width: u32,
+    /// The horizontal axis.
+    pub x: Axis,
+    /// The vertical axis.
+    pub y: Axis,
+    /// From the back to the front.
+    pub shapes: Vec<Shape>,
+}
+
+impl Plot {
+    /// Size of the area between the axes.
+    pub fn area(&self) -> (f64, f64) {
+        let (width, height) = self.size;
+        (
+            f64::from(width - self.label_width - 2 * MARGIN),
+            f64::from(height - LABEL_HEIGHT - 2 * MARGIN),
+        )
+    }
+
+    /// Widens one axis until a length is equally long on both, `ticks` apart.
+    pub fn with_equal_scale(mut self) -> Self {
+        let (width, height) = self.area();
+        let span = |axis: &Axis| axis.range.end - axis.range.start;
+        let per_pixel = (span(&self.x) / width).max(span(&self.y) / height);
+        let widened = |axis: &Axis, pixels: f64, unit: &str| {
+            let middle = 0.5 * (axis.range.start + axis.range.end);
+            let half = 0.5 * per_pixel * pixels;
+            Axis::linear(middle - half..middle + half, (pixels / 120.0) as usize, unit)
+        };
+        self.x = widened(&self.x, width, " m");
+        self.y = widened(&self.y, height, "");
+        self
+    }
+
+    /// The drawing.
+    pub fn to_svg(&self) -> String {
+        let mut svg = String::new();
+        {
+            let root = SVGBackend::with_string(&mut svg, self.size).into_drawing_area();
+            let mut chart = ChartBuilder::on(&root)
+                .margin(MARGIN)
+                .x_label_area_size(LABEL_HEIGHT)
+                .y_label_area_size(self.label_width)
+                .build_cartesian_2d(self.x.clone(), self.y.clone())
+                .expect(NEVER_FAILS);
+            for shape in &self.shapes {
+                if let Shape::Band(range) = shape {
+                    let corners =
+                        [(range.start, self.y.range.start), (range.end, self.y.range.end)];
+                    let band = Rectangle::new(corners, Ink::Shade.color().filled());
+                    chart.plotting_area().draw(&band).expect(NEVER_FAILS);
+                }
+            }
+            draw_axes(&mut chart);
+            for shape in &self.shapes {
+                draw(chart.plotting_area(), shape);
+            }
+            root.present().expect(NEVER_FAILS);
+        }
+        svg
+    }
+}
+
+impl Ranged for Axis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (low, high): (i32, i32)) -> i32 {
+        let share = (value - self.range.start) / (self.range.end - self.range.start);
+        low + (share * f64::from(high - low)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        let ticks = if hint.weight().allow_light_points() { &[] } else { self.ticks.as_slice() };
+        ticks.iter().map(|tick| tick.at).collect()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.range.clone()
+    }
+}
+
+impl ValueFormatter<f64> for Axis {
+    fn format_ext(&self, at: &f64) -> String {
+        let tick = self.ticks.iter().find(|tick| tick.at == *at);
+        tick.map_or_else(String::new, |tick| tick.label.clone())
+    }
+}
+
+fn draw_axes(chart: &mut ChartContext<'_, SVGBackend<'_>, Plane>) {
+    chart
+        .configure_mesh()
+        .bold_line_style(Ink::Grid.color().stroke_width(2))
+        .axis_style(Ink::Axis.color().stroke_width(2))
+        .label_style(("sans-serif", FONT_SIZE))
+        .draw()
+        .expect(NEVER_FAILS);
+}
+
+fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
+    match shape {
+        Shape::Band(_) => {}
+        Shape::Line(ink, width, points) => {
+            let style = ink.color().stroke_width(*width);
+            for run in points.split(|(x, y)| !(is_drawable(*x) && is_drawable(*y))) {
+                if run.len() > 1 {
+                    plane.draw(&PathElement::new(run, style)).expect(NEVER_FAILS);
+                }
+            }
+        }
+        Shape::Block(ink, from, to) => {
+            plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
+        }
+        Shape::Disc(ink, center) => {
+            plane.draw(&Circle::new(*center, 11, ink.color().filled())).expect(NEVER_FAILS);
+        }
+    }
+}

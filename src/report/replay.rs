@@ -1,0 +1,133 @@
+//! A recording that was played: when its poses arrived.
+
+use maud::{Markup, html};
+use oqtal_bus::time::Time;
+
+use crate::flight::Flight;
+
+use super::axis::Axis;
+use super::figure::{FULL, figure, histogram};
+use super::palette::Ink;
+use super::plot::{Plot, Shape};
+use super::section;
+use super::series::Timeline;
+use super::unit::significant;
+
+/// Poses further apart than this make a gap \[ms\].
+const GAP_MS: f64 = 50.0;
+/// The page lists so many gaps and counts the rest.
+const MOST_LISTED: usize = 100;
+/// Bars of the histogram.
+const BARS: usize = 100;
+
+/// Two poses that arrived one after the other.
+struct Interval {
+    from: Time,
+    length_ms: f64,
+    frames_lost: u64,
+}
+
+/// How the poses of a recording arrived.
+pub struct Arrivals {
+    intervals: Vec<Interval>,
+    /// Poses in all.
+    pub poses: usize,
+}
+
+impl Arrivals {
+    /// Those of `flight`.
+    pub fn of(flight: &Flight) -> Self {
+        let pairs = flight.arrivals.windows(2);
+        let intervals = pairs.map(|pair| Interval {
+            from: pair[0].at,
+            length_ms: pair[1].at.since(pair[0].at).seconds() * 1e3,
+            frames_lost: pair[1].frame.saturating_sub(pair[0].frame).saturating_sub(1),
+        });
+        Self { intervals: intervals.collect(), poses: flight.arrivals.len() }
+    }
+
+    /// Frames that never arrived.
+    pub fn frames_lost(&self) -> u64 {
+        self.intervals.iter().fold(0, |sum, interval| sum.saturating_add(interval.frames_lost))
+    }
+
+    /// The interval that half of all do not exceed \[ms\]; NaN without any.
+    pub fn median_ms(&self) -> f64 {
+        let mut lengths: Vec<f64> = self.lengths_ms().collect();
+        lengths.sort_by(f64::total_cmp);
+        lengths.get(lengths.len() / 2).copied().unwrap_or(f64::NAN)
+    }
+
+    /// Root mean square deviation of the intervals that are no gaps from their mean \[ms\]; NaN without any.
+    pub fn jitter_ms(&self) -> f64 {
+        let regular: Vec<f64> = self.lengths_ms().filter(|length| *length <= GAP_MS).collect();
+        let count = regular.len() as f64;
+        let mean = regular.iter().sum::<f64>() / count;
+        (regular.iter().map(|length| (length - mean).powi(2)).sum::<f64>() / count).sqrt()
+    }
+
+    /// The longest interval \[ms\]; NaN without any.
+    pub fn longest_ms(&self) -> f64 {
+        self.lengths_ms().fold(f64::NAN, f64::max)
+    }
+
+    fn gaps(&self) -> Vec<&Interval> {
+        self.intervals.iter().filter(|interval| interval.length_ms > GAP_MS).collect()
+    }
+
+    fn lengths_ms(&self) -> impl Iterator<Item = f64> {
+        self.intervals.iter().map(|interval| interval.length_ms)
+    }
+}
+
+/// The section of the arrivals.
+pub fn replay(timeline: &Timeline<'_>, arrivals: &Arrivals) -> Markup {
+    let gaps = arrivals.gaps();
+    section(
+        "Arrival of poses",
+        html! {
+            div.wide { (intervals(arrivals)) }
+            p.note.wide {
+                (arrivals.frames_lost()) " frames lost, " (gaps.len()) " gaps over " (GAP_MS) " ms."
+            }
+            @if !gaps.is_empty() {
+                ol.events.wide {
+                    @for gap in gaps.iter().take(MOST_LISTED) {
+                        li {
+                            span.time { (format!("{:.2} s", timeline.seconds(gap.from))) }
+                            (significant(gap.length_ms)) " ms, " (gap.frames_lost) " frames lost"
+                        }
+                    }
+                    @if gaps.len() > MOST_LISTED { li { "… and " (gaps.len() - MOST_LISTED) " more" } }
+                }
+            }
+        },
+    )
+}
+
+/// The times between poses, up to a gap.
+fn intervals(arrivals: &Arrivals) -> Markup {
+    let longest = GAP_MS.max(3.0 * arrivals.median_ms());
+    let range = 0.0..longest;
+    let counts = histogram(arrivals.lengths_ms(), &range, BARS);
+    let greatest = counts.iter().copied().max().unwrap_or(0).max(1) as f64;
+    let width = longest / BARS as f64;
+    let bar = |(i, count): (usize, &u64)| {
+        let from = i as f64 * width;
+        // A single one is still to be seen: bars stand on half a count.
+        let (floor, top) = (0.5_f64.log10(), (*count as f64).log10());
+        Shape::Block(Ink::Actual, (from, floor), (from + 0.85 * width, top))
+    };
+    let mut y = Axis::decades(0.0..greatest.log10(), |decade| {
+        10_u64.pow(decade.unsigned_abs()).to_string()
+    });
+    y.range.start = 0.5_f64.log10();
+    let plot = Plot {
+        size: (FULL, 480),
+        label_width: 120,
+        x: Axis::linear(range, 10, " ms"),
+        y,
+        shapes: counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect(),
+    };
+    figure("How often each time between two poses occurs", &[], &plot)
+}

@@ -1,0 +1,31 @@
+//! What the flight was made of: enough to fly it again.
+
+use maud::{Markup, html};
+
+use crate::flight::Flight;
+use crate::summary::Summary;
+
+use super::section;
+use super::unit::MISSING;
+
+/// The section of the settings.
+pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
+    let facts = [
+        ("Clock", summary.clock.clone()),
+        ("Seed", summary.seed.to_string()),
+        ("Ticks", summary.ticks.to_string()),
+        ("States", summary.state_sequence.join(" → ")),
+        ("Configuration hash", summary.config_hash.clone()),
+        ("Trajectory hash", summary.trajectory_hash.clone().unwrap_or_else(|| MISSING.to_owned())),
+    ];
+    section(
+        "Settings",
+        html! {
+            dl.wide { @for (name, value) in facts { div { dt { (name) } dd { (value) } } } }
+            details.wide {
+                summary { "The effective configuration" }
+                pre { (flight.config.to_toml()) }
+            }
+        },
+    )
+}

@@ -1,0 +1,113 @@
+use oqtal_bus::message::{TelemetryV1, TruthV1};
+use oqtal_bus::time::Time;
+use proptest::prelude::*;
+
+use super::*;
+use crate::flight::Sample;
+
+fn page(flight: &Flight) -> String {
+    html(flight, &Summary::of(flight))
+}
+
+#[test]
+fn a_flight_has_every_section_and_needs_nothing_else() {
+    let page = page(&fixture::square());
+    for section in
+        ["Path", "Position", "Attitude", "Velocity", "Command", "Latency", "Events", "Settings"]
+    {
+        assert!(page.contains(&format!("<h2>{section}</h2>")), "{section}");
+    }
+    let elsewhere = page.replace("http://www.w3.org/2000/svg", "");
+    for reference in ["http:", "https:", "url(", "src=", "<script", "<link"] {
+        assert!(!elsewhere.contains(reference), "{reference}");
+    }
+    assert!(page.contains("Coast: no pose"));
+}
+
+#[test]
+fn a_replay_shows_its_gaps_and_no_errors() {
+    let page = page(&fixture::replay());
+    assert!(page.contains("Arrival of poses") && page.contains("2 gaps over 50 ms"));
+    assert!(!page.contains("error"));
+}
+
+#[test]
+fn text_from_outside_is_escaped() {
+    let mut flight = fixture::replay();
+    flight.config.mocap.replay = "<script>alert(1)</script>".to_owned();
+    assert!(!page(&flight).contains("<script"));
+}
+
+#[test]
+fn a_page_of_ten_minutes_stays_below_two_megabytes() {
+    let mut flight = fixture::square();
+    let short = flight.samples.clone();
+    let length = short.last().unwrap().telemetry.time.since(short[0].telemetry.time);
+    let rounds = 17;
+    flight.samples = (0..rounds)
+        .flat_map(|round| {
+            short.iter().map(move |sample| {
+                let mut sample = *sample;
+                sample.telemetry.time = sample.telemetry.time + length.scaled(f64::from(round));
+                sample
+            })
+        })
+        .collect();
+    let bytes = page(&flight).len();
+    assert!(bytes < 2_000_000, "{bytes} bytes");
+}
+
+#[test]
+fn an_empty_flight_has_a_page() {
+    let mut flight = fixture::empty();
+    assert!(page(&flight).contains("nothing was judged"));
+    flight.config.mocap.replay = "recording.csv".to_owned();
+    assert!(page(&flight).contains("Arrival of poses"));
+}
+
+fn any_sample() -> impl Strategy<Value = Sample> {
+    let numbers = || prop_oneof![Just(f64::NAN), Just(f64::INFINITY), -2.0..2.0, any::<f64>()];
+    let four = || prop::array::uniform4(numbers());
+    let codes = prop::array::uniform5(0_u8..6);
+    (any::<u32>(), four(), four(), codes, any::<u64>()).prop_map(|(nanos, a, b, codes, count)| {
+        let [mode, state, cause, phase, scored] = codes;
+        let [x, y, z] = [a[0], b[0], a[1]];
+        let telemetry = TelemetryV1 {
+            time: Time::from_nanos(u64::from(nanos)),
+            position: [x, y, z],
+            velocity: [y, z, x],
+            attitude: a,
+            attitude_command: b,
+            reference_position: [b[1], b[2], b[3]],
+            thrust: z,
+            poses_lost: count,
+            mode,
+            state,
+            cause,
+            phase,
+            scored,
+            ..TelemetryV1::default()
+        };
+        let truth = TruthV1 { position: [z, x, y], attitude: a, ..TruthV1::default() };
+        Sample { telemetry, truth: (scored > 2).then_some(truth) }
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_flight_has_a_page(
+        samples in prop::collection::vec(any_sample(), 0..6),
+        battery in any::<f64>(),
+        is_replay in any::<bool>(),
+    ) {
+        let mut flight = fixture::empty();
+        flight.battery = samples.iter().map(|sample| (sample.telemetry.time, battery)).collect();
+        flight.samples = samples;
+        if is_replay {
+            flight.config.mocap.replay = "recording.csv".to_owned();
+        }
+        prop_assert!(page(&flight).ends_with("</html>"));
+    }
+}

@@ -1,0 +1,89 @@
+//! Numbers as people read them.
+
+use std::borrow::Cow;
+
+use crate::flight::Outcome;
+
+/// What stands for a number that is not there.
+pub const MISSING: &str = "–";
+
+/// Three significant digits, without an exponent from a millionth up.
+pub fn significant(value: f64) -> String {
+    if !value.is_finite() {
+        return MISSING.to_owned();
+    }
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    if !(1e-6..1e9).contains(&value.abs()) {
+        return format!("{value:.2e}");
+    }
+    let decimals = 2.0 - value.abs().log10().floor();
+    format!("{value:.*}", decimals.max(0.0) as usize)
+}
+
+/// A span in the unit that suits it.
+pub fn span(nanos: u64) -> String {
+    let value = nanos as f64;
+    match nanos {
+        0 => "0".to_owned(),
+        1..1_000 => format!("{nanos} ns"),
+        1_000..1_000_000 => format!("{} µs", significant(value * 1e-3)),
+        1_000_000..1_000_000_000 => format!("{} ms", significant(value * 1e-6)),
+        _ => format!("{} s", significant(value * 1e-9)),
+    }
+}
+
+/// The unit, metres or millimetres, that suits a length \[m\], and how many there are in a metre.
+pub fn unit_of_length(metres: f64) -> (&'static str, f64) {
+    if metres < 1.0 { ("mm", 1e3) } else { ("m", 1.0) }
+}
+
+/// A length in the unit that suits it.
+pub fn length(metres: f64) -> String {
+    let (unit, per_metre) = unit_of_length(metres);
+    format!("{} {unit}", significant(metres * per_metre))
+}
+
+/// An outcome, in a word.
+pub fn outcome(outcome: Outcome) -> &'static str {
+    match outcome {
+        Outcome::Landed => "landed",
+        Outcome::Stopped => "stopped",
+        Outcome::Crashed => "crashed",
+        Outcome::Timeout => "timeout",
+        Outcome::Replayed => "replayed",
+    }
+}
+
+/// A name of the configuration or of a hop, in words.
+pub fn words(name: &str) -> Cow<'_, str> {
+    if name.contains('_') { name.replace('_', " ").into() } else { name.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_digits_are_shown_whatever_the_size() {
+        let cases = [
+            (0.083_14, "0.0831"),
+            (-1.0, "-1.00"),
+            (12_345.6, "12346"),
+            (0.0, "0"),
+            (3e-7, "3.00e-7"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(significant(value), text);
+        }
+        assert_eq!(significant(f64::NAN), MISSING);
+    }
+
+    #[test]
+    fn spans_and_lengths_choose_their_unit() {
+        let spans = [0, 850, 12_340, 35_060_000, 1_200_000_000].map(span);
+        assert_eq!(spans, ["0", "850 ns", "12.3 µs", "35.1 ms", "1.20 s"]);
+        assert_eq!([0.0831, 1.2].map(length), ["83.1 mm", "1.20 m"]);
+    }
+}
