@@ -24,10 +24,7 @@ impl<const N: usize> Balance<N> {
         let (mut a, g, q) = (a.abs(), g.abs(), q.abs());
         a.fill_diagonal(0.0);
         let a_transposed = a.transpose();
-        let mut balance = Self {
-            d: [1.0; N],
-            inverse: [1.0; N],
-        };
+        let mut balance = Self { d: [1.0; N], inverse: [1.0; N] };
         for _ in 0..SWEEPS {
             let mut settled = true;
             for i in 0..N {

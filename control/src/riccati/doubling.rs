@@ -24,11 +24,7 @@ pub(super) struct Doubling<const N: usize> {
 impl<const N: usize> Doubling<N> {
     /// A discrete-time problem is its own first step.
     pub(super) fn of_discrete<const M: usize>(problem: &Problem<N, M>) -> Self {
-        Self {
-            e: problem.a,
-            g: problem.g,
-            h: problem.q,
-        }
+        Self { e: problem.a, g: problem.g, h: problem.q }
     }
 
     /// The discrete-time problem with the solution of a continuous-time one, and the `centre > 0` of the Cayley transform

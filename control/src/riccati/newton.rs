@@ -48,11 +48,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
             Time::Continuous { .. } => problem.a,
             Time::Discrete => problem.a - SMatrix::identity(),
         };
-        Self {
-            problem,
-            rate,
-            time,
-        }
+        Self { problem, rate, time }
     }
 
     /// Corrects `p` until the correction is small, and finds the gain.
@@ -62,9 +58,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     ) -> Result<(SMatrix<f64, N, N>, SMatrix<f64, M, N>), RiccatiError> {
         let mut previous = f64::INFINITY;
         for step in 0..MAX_STEPS {
-            let correction = self
-                .correction(&p, step > 0)
-                .ok_or(RiccatiError::NoStabilisingSolution)?;
+            let correction =
+                self.correction(&p, step > 0).ok_or(RiccatiError::NoStabilisingSolution)?;
             p += correction;
             let size = correction.norm();
             if size <= SETTLED * p.norm() {
@@ -83,11 +78,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     fn correction(&self, p: &SMatrix<f64, N, N>, precise: bool) -> Option<SMatrix<f64, N, N>> {
         let k = self.gain(p)?;
         let d = self.rate - self.problem.b * k;
-        let residual = if precise {
-            self.precise_residual(p, &k)
-        } else {
-            self.residual(p, &k, &d)
-        };
+        let residual =
+            if precise { self.precise_residual(p, &k) } else { self.residual(p, &k, &d) };
         match self.time {
             Time::Discrete => stein(SMatrix::identity() + d, residual),
             // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD + residual = 0.

@@ -56,9 +56,7 @@ impl<const N: usize, const M: usize> Problem<N, M> {
         start: Doubling<N>,
         time: Time,
     ) -> Result<Solution<N, M>, RiccatiError> {
-        let start = start
-            .cost_to_go()
-            .ok_or(RiccatiError::NoStabilisingSolution)?;
+        let start = start.cost_to_go().ok_or(RiccatiError::NoStabilisingSolution)?;
         let (p, k) = Equation::new(self, time).refine(start)?;
         let (p, k) = (self.balance.input_form(&p), self.balance.gain(&k));
         if is_finite(&p) && is_finite(&k) {
