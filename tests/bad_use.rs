@@ -104,3 +104,16 @@ fn a_broken_recording_is_refused_with_file_and_line() {
     let missing = Testbed::new("bad-recording").fly(&["--mocap", "replay:nowhere.csv"]);
     assert_eq!(missing.status.code(), Some(65));
 }
+
+#[test]
+fn a_flag_wins_over_a_variable_in_every_process() {
+    let testbed = Testbed::new("variable");
+    let words =
+        ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "1", "--json"];
+    let mut command = testbed.oqtal(&words);
+    command.args(["--controller", "pid"]).env("OQTAL_CONTROL__CONTROLLER", "lqr");
+    let output = command.output().unwrap();
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["controller"], "pid");
+    assert_eq!(summary["riccati_solves"], 0, "the daemon flew with the variable's law");
+}

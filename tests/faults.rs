@@ -102,6 +102,18 @@ fn f25_a_second_daemon_is_refused_and_the_first_flies_on() {
 }
 
 #[test]
+fn a_second_flight_leaves_the_first_alone() {
+    let testbed = Testbed::new("company");
+    let (flight, _bus, daemon, _) = airborne(&testbed);
+    let second = testbed.fly(&["--trajectory", "hover"]);
+    assert_eq!(second.status.code(), Some(75));
+    assert!(stderr(&second).contains("a daemon already runs"), "{}", stderr(&second));
+    assert!(is_alive(daemon));
+    flight.signal(Signal::INT);
+    assert!(flight.wait().status.success());
+}
+
+#[test]
 fn f33_a_daemon_asked_to_end_leaves_the_vehicle_neutral() {
     let testbed = Testbed::new("term");
     let bus = testbed.bus();

@@ -215,7 +215,7 @@ impl Config {
             })?;
             settings.extend(layer::from_toml(&origin, &text)?);
         }
-        settings.extend(layer::from_environment(std::env::vars())?);
+        settings.extend(layer::from_environment(std::env::vars_os())?);
         settings.extend_from_slice(flags);
         Self::from_settings(&settings)
     }
@@ -257,7 +257,18 @@ impl Config {
     pub fn check(&self) -> Result<(), Violation> {
         self.vehicle.check()?;
         self.mocap.check()?;
-        positive("control.rate-hz", self.control.rate_hz)?;
+        let rate = self.control.rate_hz;
+        if !(1.0..=1000.0).contains(&rate) {
+            let rule = format!("must lie between 1 and 1000, is {rate}");
+            return Err(Violation::new("control.rate-hz", rule));
+        }
+        if self.mocap.rate_hz * 1.5 < rate {
+            let rule = format!("is {}, too slow for a loop at {rate} Hz", self.mocap.rate_hz);
+            return Err(Violation::new("mocap.rate-hz", rule));
+        }
+        if self.safety.recovery_poses == 0 {
+            return Err(Violation::new("safety.recovery-poses", "must be at least 1"));
+        }
         self.control.check()?;
         self.check_flight()?;
         positive("safety.max-pose-age-ms", self.safety.max_pose_age_ms)?;

@@ -15,9 +15,7 @@ type Solver<const N: usize> = fn(
 ) -> Result<Solution<N, 3>, RiccatiError>;
 
 fn cases(file: &str) -> Vec<Value> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests/golden")
-        .join(file);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(file);
     let text = std::fs::read_to_string(path).expect("golden data are in the tree");
     let mut data: BTreeMap<String, Value> =
         serde_json::from_str(&text).expect("golden data are JSON");
@@ -57,15 +55,8 @@ fn agree<const N: usize>(case: &Value, solver: Solver<N>, [a, b]: [&str; 2], eig
     let solution = solver(&a, &b, &matrix(case, "Q"), &matrix(case, "R"))
         .unwrap_or_else(|e| panic!("{name}: {e}"));
     let (p, k) = (matrix::<N, N>(case, "P"), matrix::<3, N>(case, "K"));
-    let tolerance = if case["cond_P"].as_f64().is_some_and(|c| c > 1e12) {
-        1e-7
-    } else {
-        1e-9
-    };
-    let errors = [
-        (solution.p - p).norm() / p.norm(),
-        (solution.k - k).norm() / k.norm(),
-    ];
+    let tolerance = if case["cond_P"].as_f64().is_some_and(|c| c > 1e12) { 1e-7 } else { 1e-9 };
+    let errors = [(solution.p - p).norm() / p.norm(), (solution.k - k).norm() / k.norm()];
     assert!(
         errors.iter().all(|e| *e <= tolerance),
         "{name}: relative errors of P and K {errors:?}"

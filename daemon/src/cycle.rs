@@ -48,6 +48,8 @@ pub struct Cycle {
     supervisor: Supervisor,
     pilot: Pilot,
     mode: Mode,
+    /// Whether a flight that is waited for begins with the next tick or not at all.
+    arms_at_once: bool,
     mission: Option<Mission>,
     stop_requested: bool,
 
@@ -83,6 +85,7 @@ impl Cycle {
             supervisor: Supervisor::default(),
             pilot: Pilot::new(config)?,
             mode: Mode::Disarmed,
+            arms_at_once: false,
             mission: None,
             stop_requested: false,
             last_tick: now,
@@ -136,20 +139,23 @@ impl Cycle {
             Verb::Status => Ok(Answer::Done),
             Verb::Arm if self.mode != Mode::Disarmed || self.watches_only => Err(Cause::WrongMode),
             Verb::Arm if self.guard.good_in_a_row() < self.recovery_poses => Err(self.missing),
-            Verb::Fly if self.mode != Mode::Disarmed || self.watches_only => Err(Cause::WrongMode),
+            Verb::Fly if self.watches_only => Err(Cause::WrongMode),
+            // Asked twice, as by an operator who did not hear the first answer.
+            Verb::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
             Verb::Arm | Verb::Fly => {
                 self.mode = Mode::Waiting;
+                self.arms_at_once = verb == Verb::Arm;
                 Ok(Answer::Accepted)
             }
             Verb::Land => self.land(now),
-            Verb::Disarm if self.mode == Mode::Waiting => {
-                self.mode = Mode::Disarmed;
+            Verb::Disarm if matches!(self.mode, Mode::Waiting | Mode::Disarmed) => {
+                self.call_off();
                 Ok(Answer::Done)
             }
-            Verb::Disarm if self.mode == Mode::Disarmed => Ok(Answer::Done),
             Verb::Disarm => Err(Cause::WrongMode),
             Verb::Stop => {
                 self.stop_requested = true;
+                self.call_off();
                 Ok(Answer::Accepted)
             }
         };
@@ -165,8 +171,17 @@ impl Cycle {
         }
     }
 
+    /// A flight that has not begun does not begin.
+    fn call_off(&mut self) {
+        if self.mode == Mode::Waiting {
+            self.mode = Mode::Disarmed;
+        }
+    }
+
     fn land(&mut self, now: Time) -> Result<Answer, Cause> {
+        self.call_off();
         match (self.mode, &mut self.mission) {
+            (Mode::Flying, _) if self.watches_only => Err(Cause::WrongMode),
             (Mode::Flying, Some(mission)) => {
                 mission.land(now, &self.estimator.latest());
                 self.mode = Mode::Landing;
@@ -179,7 +194,8 @@ impl Cycle {
 
     /// Lets the guard judge a pose and the estimator take it.
     fn take(&mut self, now: Time, header: &Header, pose: &PoseV1) {
-        match self.guard.judge(now, header, pose) {
+        let flying = matches!(self.mode, Mode::Flying | Mode::Landing) && !self.watches_only;
+        match self.guard.judge(now, header, pose, flying) {
             Ok(believed) => {
                 // Times since the clock's origin keep microseconds in an f64 for a century.
                 let captured_s = believed.captured_at.since(Time::UNSET).seconds();
@@ -188,7 +204,7 @@ impl Cycle {
             }
             Err(cause) => {
                 self.missing = cause;
-                if self.mode == Mode::Disarmed || self.supervisor.state() == SafetyState::Stop {
+                if !flying || self.supervisor.state() == SafetyState::Stop {
                     self.guard.forget();
                 }
             }
@@ -208,9 +224,9 @@ impl Cycle {
         self.change_mode(now);
         let command = self.command(now, dt.seconds(), fresh.is_some());
         self.last_tick = now;
-        self.held = command;
 
-        let about = fresh.as_ref().or(arrival);
+        // A held command is about no pose: what came was not believed.
+        let about = fresh.as_ref();
         let woken_for = arrival.map_or(deadline, |header| header.stamps.pose_published_at);
         self.telemetry.wakeup_lateness_ns = now.since(woken_for).nanos();
         let stamps = about.map_or_else(Stamps::default, |header| header.stamps);
@@ -255,6 +271,10 @@ impl Cycle {
                 self.mission = Some(Mission::watch(estimate.position, now));
                 self.mode = Mode::Flying;
             }
+            // Armed now or not at all: the poses were good when the operator asked.
+            (Mode::Waiting, SafetyState::Coast | SafetyState::Stop) if self.arms_at_once => {
+                self.mode = Mode::Disarmed;
+            }
             (Mode::Waiting, SafetyState::Nominal) => {
                 let start = Place {
                     position: estimate.position,
@@ -292,12 +312,18 @@ impl Cycle {
             Some(reference) if fresh => Some(self.pilot.decide(&estimate, reference, dt_s)),
             _ => None,
         };
-        self.note(now, reference.as_ref(), decision.as_ref(), fresh);
-        match decision {
-            _ if self.mission.is_none() || self.watches_only => CommandV1::default(),
+        let wanted = match &decision {
+            _ if reference.is_none() => CommandV1::default(),
             Some(decision) => finite_or_neutral(decision.command),
             None => self.held,
-        }
+        };
+        self.note(now, reference.as_ref(), decision.as_ref(), fresh);
+        self.telemetry.sticks = wanted.sticks;
+        self.telemetry.torque = wanted.torque;
+        self.telemetry.thrust = wanted.thrust;
+        self.held = wanted;
+        // A vehicle that is only watched is told nothing; telemetry says what it would have been told.
+        if self.watches_only { CommandV1::default() } else { wanted }
     }
 
     /// Writes down what this tick knew and decided.
@@ -333,12 +359,9 @@ impl Cycle {
         if let Some(reference) = reference {
             telemetry.reference_position = reference.position.into();
         }
-        if let Some(Decision { wish, command, saturated }) = decision {
+        if let Some(Decision { wish, saturated, .. }) = decision {
             telemetry.velocity_command = wish.velocity.into();
             telemetry.attitude_command = wish.attitude.xyzw();
-            telemetry.sticks = command.sticks;
-            telemetry.torque = command.torque;
-            telemetry.thrust = command.thrust;
             telemetry.saturated = u8::from(*saturated);
         }
     }

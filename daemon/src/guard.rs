@@ -32,6 +32,7 @@ pub struct Guard {
     max_rate: f64,
     last: Option<Believed>,
     last_frame: u64,
+    last_source: u64,
     last_pose: PoseV1,
     repeats: u32,
     /// How long the vehicle had been out of sight when the first of the present run of jumps came \[s\].
@@ -51,6 +52,7 @@ impl Guard {
             max_rate: safety.max_rate_rad_s,
             last: None,
             last_frame: 0,
+            last_source: 0,
             last_pose: PoseV1::default(),
             repeats: 0,
             unseen_s: None,
@@ -60,12 +62,19 @@ impl Guard {
         }
     }
 
-    /// Judges a pose that the daemon looks at `now`.
+    /// Judges a pose that the daemon looks at `now`. Only `flying` does a body that does not move at all arouse suspicion:
+    /// on the floor, perfect cameras say the same again and again.
     ///
     /// # Errors
     /// Why it is not believed.
-    pub fn judge(&mut self, now: Time, header: &Header, pose: &PoseV1) -> Result<Believed, Cause> {
-        let verdict = self.examine(now, header, pose);
+    pub fn judge(
+        &mut self,
+        now: Time,
+        header: &Header,
+        pose: &PoseV1,
+        flying: bool,
+    ) -> Result<Believed, Cause> {
+        let verdict = self.examine(now, header, pose, flying);
         match verdict {
             Ok(believed) => {
                 self.last = Some(believed);
@@ -117,7 +126,16 @@ impl Guard {
         self.refused
     }
 
-    fn examine(&mut self, now: Time, header: &Header, pose: &PoseV1) -> Result<Believed, Cause> {
+    fn examine(
+        &mut self,
+        now: Time,
+        header: &Header,
+        pose: &PoseV1,
+        flying: bool,
+    ) -> Result<Believed, Cause> {
+        if header.stamps.captured_at > now {
+            return Err(Cause::Order);
+        }
         self.count_frames(header)?;
         if pose.tracked == 0 {
             return Err(Cause::Untracked);
@@ -127,7 +145,7 @@ impl Guard {
             return Err(Cause::NotFinite);
         }
         let attitude = Attitude::from_xyzw(pose.attitude).ok_or(Cause::NotUnit)?;
-        if self.is_frozen(pose) {
+        if self.is_frozen(pose) && flying {
             return Err(Cause::Frozen);
         }
         let captured_at = header.stamps.captured_at;
@@ -142,8 +160,9 @@ impl Guard {
     /// Frame numbers and capture times only ever go up.
     fn count_frames(&mut self, header: &Header) -> Result<(), Cause> {
         let frame = header.pose_sequence;
-        // A source that restarted counts from 1 again, at later capture times.
-        let restarted = frame == 1 && self.last_frame > 1;
+        // A source that restarted counts anew, at later capture times.
+        let restarted = header.source != self.last_source;
+        self.last_source = header.source;
         if frame <= self.last_frame && !restarted {
             return Err(Cause::Order);
         }
@@ -224,7 +243,7 @@ mod tests {
             pose.position[1] += 1e-6 * (self.frame % 7) as f64;
             let stamps = Stamps { captured_at, ..Stamps::default() };
             let header = Header { pose_sequence: frame, stamps, ..Header::default() };
-            self.guard.judge(now, &header, &pose)
+            self.guard.judge(now, &header, &pose, true)
         }
     }
 

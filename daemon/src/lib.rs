@@ -23,7 +23,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, HealthV1, Stamps};
-use oqtal_bus::pace::Pace;
+use oqtal_bus::pace::{Pace, StopFlag};
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY};
@@ -52,17 +52,24 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
         let stop = &shell.stop;
+        // The housekeeping thread ends with the loop, however that ends.
+        let _stop = StopOnDrop(stop);
         threads.spawn(move || housekeeping.run(&place, stop, &ready));
-        let result = match opened.recv() {
-            Ok(Ok(())) => ports.control(&mut cycle, &mut pace, &mut desk),
-            Ok(Err(error)) => Err(error),
-            // The thread never drops its end unsaid.
-            Err(_) => Ok(()),
-        };
-        // The housekeeping thread ends with the loop, however that ended.
-        stop.set();
-        Ok(result?)
+        match opened.recv() {
+            Ok(Ok(())) => Ok(ports.control(&mut cycle, &mut pace, &mut desk)?),
+            Ok(Err(error)) => Err(error.into()),
+            Err(_) => Err(Failure::new(Exit::Internal, "the housekeeping thread did not start")),
+        }
     })
+}
+
+/// Asks all threads to end when it goes out of scope, be it by a panic.
+struct StopOnDrop<'a>(&'a StopFlag);
+
+impl Drop for StopOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.set();
+    }
 }
 
 /// The flight that a configuration asks for.
@@ -101,18 +108,33 @@ impl Ports {
         Ok(Self { commands, poses: bus.reader(&POSE)?, telemetry: bus.writer(&TELEMETRY)? })
     }
 
-    /// Wait, compute, publish; telemetry and the desk afterwards.
+    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way.
     fn control(
         &mut self,
         cycle: &mut Cycle,
         pace: &mut Pace,
         desk: &mut Desk,
     ) -> Result<(), BusError> {
-        while let Some(now) = pace.wait(Some(cycle.next_event()))? {
+        let result = self.turn(cycle, pace, desk);
+        self.commands.send(0, Stamps::default(), CommandV1::default())?;
+        self.commands.notify()?;
+        result
+    }
+
+    /// Wait, compute, publish; telemetry and the desk afterwards.
+    fn turn(
+        &mut self,
+        cycle: &mut Cycle,
+        pace: &mut Pace,
+        desk: &mut Desk,
+    ) -> Result<(), BusError> {
+        while pace.wait(Some(cycle.next_event()))?.is_some() {
+            let arrival = self.poses.latest()?;
+            // After the pose was taken: nothing that is stamped later may look earlier.
+            let now = pace.now();
             while let Some(verb) = desk.request() {
                 desk.answer(cycle.request(now, verb));
             }
-            let arrival = self.poses.latest()?;
             if let Some(tick) = cycle.step(now, arrival.as_ref()) {
                 let computed_at = pace.now();
                 let stamps =
@@ -124,8 +146,7 @@ impl Ports {
                 desk.note(Condition::of(&telemetry));
             }
         }
-        self.commands.send(0, Stamps::default(), CommandV1::default())?;
-        self.commands.notify()
+        Ok(())
     }
 }
 

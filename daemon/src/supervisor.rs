@@ -42,7 +42,11 @@ const TRANSITIONS: [Transition; 6] = {
         Transition { from: Nominal, to: Coast, when: |c| c.pose_missed },
         Transition { from: Coast, to: Nominal, when: |c| c.poses_good },
         // Latched: only an operator ends it, and only once poses are good.
-        Transition { from: Stop, to: Nominal, when: |c| c.operator_arms && c.poses_good },
+        Transition {
+            from: Stop,
+            to: Nominal,
+            when: |c| c.operator_arms && c.poses_good && !c.operator_stops,
+        },
     ]
 };
 
@@ -138,7 +142,8 @@ mod tests {
                 operator_arms: on(4),
             };
             let after = in_state(Stop).step(&conditions, Cause::None);
-            let leaves = conditions.operator_arms && conditions.poses_good;
+            let leaves =
+                conditions.operator_arms && conditions.poses_good && !conditions.operator_stops;
             assert_eq!(after == Nominal, leaves, "{conditions:?}");
         }
     }

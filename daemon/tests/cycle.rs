@@ -229,3 +229,72 @@ fn a_recording_is_watched_and_never_commands() {
     }
     assert_eq!(bench.state(), Some(SafetyState::Nominal), "Stop does not latch");
 }
+
+#[test]
+fn a_stop_while_waiting_calls_the_flight_off() {
+    let mut bench = Bench::new(&[]);
+    bench.cycle.request(bench.now, Verb::Fly);
+    bench.cycle.request(bench.now, Verb::Stop);
+    for _ in 0..30 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    }
+}
+
+#[test]
+fn a_stop_in_the_tick_of_an_arming_wins() {
+    let mut bench = Bench::flying(&[]);
+    bench.cycle.request(bench.now, Verb::Stop);
+    for _ in 0..10 {
+        bench.show(still(bench.frame));
+    }
+    bench.cycle.request(bench.now, Verb::Arm);
+    bench.cycle.request(bench.now, Verb::Stop);
+    for _ in 0..10 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    }
+}
+
+#[test]
+fn a_landing_before_take_off_calls_the_flight_off() {
+    let mut bench = Bench::new(&[]);
+    bench.cycle.request(bench.now, Verb::Fly);
+    assert_eq!(bench.cycle.request(bench.now, Verb::Land).answer, Answer::Refused.code());
+    for _ in 0..30 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    }
+}
+
+#[test]
+fn arming_means_now_or_not_at_all() {
+    let mut bench = Bench::new(&[]);
+    for _ in 0..10 {
+        bench.show(still(bench.frame));
+    }
+    bench.cycle.request(bench.now, Verb::Arm);
+    bench.miss();
+    for _ in 0..30 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    }
+    assert_eq!(bench.mode(), Some(Mode::Disarmed));
+}
+
+#[test]
+fn a_pose_from_the_future_is_refused_and_blinds_nobody() {
+    let mut bench = Bench::flying(&[]);
+    let stamps = Stamps { captured_at: bench.now + Span::from_millis(5000), ..Stamps::default() };
+    let header = Header { pose_sequence: bench.frame + 1, stamps, ..Header::default() };
+    bench.cycle.step(bench.now, Some(&(header, still(1))));
+    bench.show(still(bench.frame));
+    assert_eq!(bench.state(), Some(SafetyState::Nominal));
+}
+
+#[test]
+fn a_wrong_first_pose_does_not_keep_the_vehicle_on_the_ground() {
+    let mut bench = Bench::new(&[]);
+    bench.cycle.request(bench.now, Verb::Fly);
+    bench.show(PoseV1 { position: [5.0, 0.0, 0.0], ..still(0) });
+    for _ in 0..10 {
+        bench.show(still(bench.frame));
+    }
+    assert_eq!(bench.mode(), Some(Mode::Flying));
+}

@@ -29,9 +29,14 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut outputs = Vec::with_capacity(64);
     loop {
         let next = if pace.is_virtual() { plant.next_event() } else { plant.next_sample() };
-        let Some(now) = pace.wait(Some(next))? else { return Ok(()) };
+        if pace.wait(Some(next))?.is_none() {
+            return Ok(());
+        }
+        let arrival = commands.latest()?;
+        // After the command was taken: it must not look as if it had come before it was sent.
+        let now = pace.now();
         plant.advance(now, |output| outputs.push(output));
-        if let Some((header, command)) = commands.latest()? {
+        if let Some((header, command)) = arrival {
             plant.receive(now, header, command, commands.lost());
             // The truth at the tick itself, for those who judge the flight.
             outputs.push(Output::Truth(plant.truth()));

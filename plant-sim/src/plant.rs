@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
-use oqtal_bus::config::Config;
+use oqtal_bus::config::{Config, VehicleKind};
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
 
@@ -14,6 +14,9 @@ use crate::world::{Cell, Gust, imperfections, rest_on_floor};
 
 /// Rate of the integration grid \[Hz\]: no step is longer than its period, and gusts change with it.
 const INTEGRATION_HZ: f64 = 1000.0;
+
+/// A vehicle that hears nothing for so long stops its motors by itself.
+const COMMAND_TIME_OUT: Span = Span::from_millis(250);
 
 /// What the plant says while time passes.
 #[derive(Clone, Copy, Debug)]
@@ -47,6 +50,10 @@ pub struct Plant {
     radio: VecDeque<OnAir>,
     radio_delay: Span,
     input: Input,
+    understands: Actuation,
+    max_torque: f64,
+    /// When the motors stop if nothing more is heard; never while they stand.
+    falls_silent_at: Option<Time>,
     armed: bool,
     commands_lost: u64,
 }
@@ -70,6 +77,12 @@ impl Plant {
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(vehicle.radio_delay_ms * 1e-3),
             input: Input::default(),
+            understands: match vehicle.kind {
+                VehicleKind::Hummingbird => Actuation::Sticks,
+                VehicleKind::Spacecraft => Actuation::Torque,
+            },
+            max_torque: vehicle.max_torque_nm,
+            falls_silent_at: None,
             armed: false,
             commands_lost: 0,
         }
@@ -79,7 +92,7 @@ impl Plant {
     #[must_use]
     pub fn next_event(&self) -> Time {
         let applied = self.radio.front().map(|on_air| on_air.acts_at);
-        applied.map_or(self.camera.next(), |at| at.min(self.camera.next()))
+        [applied, self.falls_silent_at].into_iter().flatten().fold(self.camera.next(), Time::min)
     }
 
     /// The next instant at which observers expect a sample.
@@ -142,12 +155,19 @@ impl Plant {
             };
             out(Output::Applied(on_air.header.pose_sequence, stamps, vehicle));
         }
+        if self.falls_silent_at.is_some_and(|at| at <= self.time) {
+            self.act_on(&CommandV1::default());
+        }
     }
 
     /// A vehicle takes what it understands and keeps to its limits; anything else is neutral.
     fn act_on(&mut self, command: &CommandV1) {
-        let actuation = Actuation::from_code(command.actuation).unwrap_or(Actuation::Neutral);
+        let actuation = Actuation::from_code(command.actuation)
+            .filter(|actuation| *actuation == self.understands)
+            .unwrap_or(Actuation::Neutral);
         self.armed = actuation != Actuation::Neutral;
+        self.falls_silent_at = self.armed.then(|| self.time + COMMAND_TIME_OUT);
+        let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
         self.input = match actuation {
@@ -158,7 +178,8 @@ impl Plant {
                 ..Input::default()
             },
             Actuation::Torque => Input {
-                torque: Vector3::from(command.torque).map(|t| if t.is_finite() { t } else { 0.0 }),
+                torque: Vector3::from(command.torque)
+                    .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 }),
                 thrust: clamp(command.thrust, 0.0),
                 ..Input::default()
             },

@@ -43,6 +43,14 @@ impl Bench {
         Self { plant: Plant::new(config, START), now: START, truths: vec![], applied: vec![] }
     }
 
+    /// Flies on while a daemon repeats the last command often enough to be heard.
+    fn hold(&mut self, command: CommandV1, millis: i64) {
+        for _ in 0..millis / 50 {
+            self.command(command);
+            self.fly(50);
+        }
+    }
+
     fn fly(&mut self, millis: i64) {
         self.now = self.now + Span::from_millis(millis);
         let (truths, applied) = (&mut self.truths, &mut self.applied);
@@ -66,11 +74,9 @@ fn it_rests_on_the_floor_until_lifted() {
     let mut bench = Bench::new(&config(&[]));
     bench.fly(500);
     assert_eq!(bench.truth().position, [0.0; 3]);
-    bench.command(sticks(0.0, 0.5 * HOVER));
-    bench.fly(500);
+    bench.hold(sticks(0.0, 0.5 * HOVER), 500);
     assert_eq!(bench.truth().position[2], 0.0, "half its weight lifts nothing");
-    bench.command(sticks(0.0, 2.0 * HOVER));
-    bench.fly(500);
+    bench.hold(sticks(0.0, 2.0 * HOVER), 500);
     assert!(bench.truth().position[2] > 0.3);
 }
 
@@ -80,7 +86,7 @@ fn a_command_acts_exactly_after_the_radio_delay_and_is_answered_once() {
     bench.fly(7);
     let sent = bench.now;
     bench.command(sticks(0.0, 2.0 * HOVER));
-    bench.fly(300);
+    bench.fly(100);
     assert_eq!(bench.applied.len(), 1);
     assert_eq!(bench.applied[0].0, sent + Span::from_millis(20));
     let lifted = bench.truths.iter().find(|truth| truth.velocity[2] > 0.0).unwrap();
@@ -91,12 +97,11 @@ fn a_command_acts_exactly_after_the_radio_delay_and_is_answered_once() {
 fn the_rate_follows_the_sticks_with_the_lag_of_the_on_board_loop() {
     for fidelity in ["eq61", "rotors"] {
         let mut bench = Bench::new(&config(&[("vehicle.fidelity", fidelity.into())]));
-        bench.command(sticks(0.0, 1.5 * HOVER));
-        bench.fly(1000);
+        bench.hold(sticks(0.0, 1.5 * HOVER), 1000);
         bench.command(sticks(0.1, 1.5 * HOVER));
         bench.fly(20 + 50);
         let after_one_lag = bench.truth().rate[0] / 0.2;
-        bench.fly(300);
+        bench.hold(sticks(0.1, 1.5 * HOVER), 300);
         let settled = bench.truth().rate[0] / 0.2;
         let expected = 1.0 - (-1.0f64).exp();
         assert!((after_one_lag - expected).abs() < 0.06, "{fidelity}: {after_one_lag}");
@@ -108,12 +113,10 @@ fn the_rate_follows_the_sticks_with_the_lag_of_the_on_board_loop() {
 fn hover_thrust_hovers() {
     for fidelity in ["eq61", "rotors"] {
         let mut bench = Bench::new(&config(&[("vehicle.fidelity", fidelity.into())]));
-        bench.command(sticks(0.0, 2.0 * HOVER));
-        bench.fly(500);
-        bench.command(sticks(0.0, HOVER));
-        bench.fly(3000);
+        bench.hold(sticks(0.0, 2.0 * HOVER), 500);
+        bench.hold(sticks(0.0, HOVER), 3000);
         let before = bench.truth().velocity[2];
-        bench.fly(1000);
+        bench.hold(sticks(0.0, HOVER), 1000);
         // Nothing but drag is left, at a quarter of the speed per second.
         let expected = before * (-0.25f64).exp();
         assert!((bench.truth().velocity[2] - expected).abs() < 1e-3, "{fidelity}");
@@ -194,8 +197,7 @@ fn gusts_have_their_standard_deviation_and_repeat_with_the_seed() {
             ("clock.seed", seed.into()),
         ]);
         let mut bench = Bench::new(&gusty);
-        bench.command(sticks(0.0, 1.2 * HOVER));
-        bench.fly(5000);
+        bench.hold(sticks(0.0, 1.2 * HOVER), 5000);
         bench.truth().velocity
     };
     assert_eq!(velocity(1), velocity(1));
@@ -205,4 +207,24 @@ fn gusts_have_their_standard_deviation_and_repeat_with_the_seed() {
     let samples: Vec<f64> = (0..60).flat_map(|seed| velocity(seed)[..2].to_vec()).collect();
     let square_mean = samples.iter().map(|v| v * v).sum::<f64>() / samples.len() as f64;
     assert!((square_mean.sqrt() / expected - 1.0).abs() < 0.2, "{} {expected}", square_mean.sqrt());
+}
+
+#[test]
+fn motors_stop_by_themselves_when_nothing_more_is_heard() {
+    let mut bench = Bench::new(&config(&[]));
+    bench.command(sticks(0.0, 2.0 * HOVER));
+    bench.fly(20 + 240);
+    let rising = bench.truth().velocity[2];
+    assert!(rising > 1.0);
+    bench.fly(1000);
+    assert!(bench.truth().velocity[2] < 0.0, "it fell");
+}
+
+#[test]
+fn a_vehicle_ignores_commands_of_another_kind() {
+    let mut bench = Bench::new(&config(&[]));
+    let actuation = Actuation::Torque.code();
+    bench.command(CommandV1 { actuation, thrust: 1.0, ..CommandV1::default() });
+    bench.fly(200);
+    assert_eq!(bench.truth().position[2], 0.0);
 }

@@ -76,7 +76,14 @@ impl Member {
         let program = std::env::current_exe().map_err(|e| failed("finding this program", &e))?;
         let log = logs.join(format!("{}.log", party.name()));
         let file = File::create(&log).map_err(|e| failed(&log.display().to_string(), &e))?;
-        let child = Command::new(&program)
+        let mut command = Command::new(&program);
+        // The file holds what variables and flags came to: a variable must not win over a flag in the second round.
+        for (name, _) in std::env::vars_os() {
+            if name.as_encoded_bytes().starts_with(b"OQTAL_") {
+                command.env_remove(name);
+            }
+        }
+        let child = command
             .args([party.name(), "run", "--child", "--config"])
             .arg(config)
             .stdin(Stdio::null())

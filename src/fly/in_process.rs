@@ -1,6 +1,6 @@
 //! A flight in one process: the same pure objects, conducted by the same conductor, with mailboxes in place of topics.
 
-use oqtal_bus::code::Verb;
+use oqtal_bus::code::{Answer, Verb};
 use oqtal_bus::conductor::{Conductor, Done};
 use oqtal_bus::message::{
     CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1,
@@ -80,8 +80,10 @@ fn fly_watched(
             Party::Mocap => room.eyes_turn(now),
             Party::Daemon => room.daemon_turn(now),
             Party::Recorder => {
-                if let Some(verb) = watch(&room.recorder) {
-                    room.cycle.request(now, verb);
+                if let Some(verb) = watch(&room.recorder)
+                    && room.cycle.request(now, verb).answer == Answer::Refused.code()
+                {
+                    return Err(Failure::new(Exit::Flight, "interrupted"));
                 }
                 let end = start + mission.patience();
                 if room.recorder.outcome().is_some() || now >= end {

@@ -39,7 +39,9 @@ pub fn fly(mission: &Mission, output: &Output) -> Result<Flight, Failure> {
     let place = place_of(&mission.config)?;
     let result = fly_at(mission, output, &place);
     // A killed process cleans up nothing.
-    Bus::open(&place)?.leave();
+    if let Ok(bus) = Bus::open(&place) {
+        bus.leave();
+    }
     result
 }
 
@@ -48,6 +50,7 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     let bus = Bus::open(place)?;
     // The ears are open before anybody speaks.
     let mut observer = Observer::new(&bus)?;
+    refuse_company(&bus, &mission.config.instance.name)?;
     let mut crew = Crew::start(mission.config.parties(), &output.config(), output.directory())?;
     let stop = StopFlag::default();
     let watch =
@@ -55,9 +58,9 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     let flight = std::thread::scope(|threads| {
         let (watch, crew) = (&watch, &mut crew);
         threads.spawn(move || watch.run(crew, &interrupts));
-        let flight = record(mission, &bus, &mut observer, &stop);
-        watch.over.store(true, Ordering::Release);
-        flight
+        // However the recording ends, the watch ends with it.
+        let _over = SetOnDrop(&watch.over);
+        record(mission, &bus, &mut observer, &stop)
     });
     crew.dismiss();
     if let Some(failure) = watch.fallen.into_inner().unwrap_or_else(|poison| poison.into_inner()) {
@@ -70,6 +73,20 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
         );
     }
     flight
+}
+
+/// A daemon that already runs on this instance is somebody else's: it must not be made to fly.
+fn refuse_company(bus: &Bus, instance: &str) -> Result<(), Failure> {
+    let status = ControlRequestV1 { verb: Verb::Status.code() };
+    match bus.control_client()?.ask(status, Span::from_millis(100))? {
+        None => Ok(()),
+        Some(_) => {
+            let message = format!(
+                "a daemon already runs on instance `{instance}`; stop it, or fly on another --instance"
+            );
+            Err(Failure::new(Exit::Peer, message))
+        }
+    }
 }
 
 /// Asks the daemon to fly and records until the flight is over, or `stop` is set.
@@ -174,6 +191,15 @@ fn never_came(mission: &Mission) -> Failure {
     Failure::new(Exit::Peer, message)
 }
 
+/// Raises a flag when it goes out of scope, be it by a panic.
+struct SetOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for SetOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
 /// Looks after the crew and the operator while the flight is recorded.
 struct Watch<'a> {
     place: &'a Place,
@@ -191,22 +217,20 @@ impl Watch<'_> {
                 return;
             }
             if let Some(verb) = interrupts.next() {
-                let asked = match &client {
-                    Ok((client, _)) => client
-                        .ask(ControlRequestV1 { verb: verb.code() }, Span::from_millis(500))
-                        .is_ok_and(|response| response.is_some()),
-                    Err(_) => false,
-                };
-                if !asked {
-                    self.give_up(Failure::new(
-                        Exit::Flight,
-                        "interrupted; the daemon did not answer",
-                    ));
+                if !self.passes_on(client.as_ref().ok().map(|(client, _)| client), verb) {
+                    self.give_up(Failure::new(Exit::Flight, "interrupted"));
                     return;
                 }
             }
             std::thread::sleep(WATCH);
         }
+    }
+
+    /// Passes an operator's request on; `false` if there is no flight that could end by it.
+    fn passes_on(&self, client: Option<&ControlClient>, verb: Verb) -> bool {
+        let request = ControlRequestV1 { verb: verb.code() };
+        let response = client.and_then(|client| client.ask(request, Span::from_millis(500)).ok());
+        response.flatten().is_some_and(|response| response.answer != Answer::Refused.code())
     }
 
     fn give_up(&self, failure: Failure) {

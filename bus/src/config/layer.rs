@@ -1,5 +1,7 @@
 //! Values on their way into the configuration, each with its origin.
 
+use std::ffi::OsString;
+
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
@@ -105,10 +107,12 @@ fn collect(
 
 /// `OQTAL_VEHICLE__MASS_KG=0.55` sets `vehicle.mass-kg`; `OQTAL_ROOT` sets `instance.root`.
 pub(super) fn from_environment(
-    variables: impl Iterator<Item = (String, String)>,
+    variables: impl Iterator<Item = (OsString, OsString)>,
 ) -> Result<Vec<Setting>, ConfigError> {
     let mut settings = Vec::new();
     for (name, value) in variables {
+        // Variables of others may be anything.
+        let (name, value) = (name.to_string_lossy(), value.to_string_lossy());
         let Some(rest) = name.strip_prefix("OQTAL_") else { continue };
         let key = match rest {
             "ROOT" => "instance.root".to_owned(),
@@ -116,7 +120,7 @@ pub(super) fn from_environment(
             "RECORDINGS" => continue,
             _ => rest.to_ascii_lowercase().replace("__", ".").replace('_', "-"),
         };
-        settings.push(Setting { key, value: word_or_toml(&value), origin: name });
+        settings.push(Setting { key, value: word_or_toml(&value), origin: name.into_owned() });
     }
     // The order of the environment is not ours; equal keys cannot occur.
     settings.sort_by(|a, b| a.key.cmp(&b.key));

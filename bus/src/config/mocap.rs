@@ -45,6 +45,9 @@ impl Mocap {
             return Err(Violation::new("mocap.preset", rule));
         }
         positive("mocap.rate-hz", self.rate_hz)?;
+        if self.rate_hz > 1000.0 {
+            return Err(Violation::new("mocap.rate-hz", "must be at most 1000"));
+        }
         not_negative("mocap.position-noise-mm", self.position_noise_mm)?;
         not_negative("mocap.attitude-noise-deg", self.attitude_noise_deg)?;
         not_negative("mocap.latency-ms", self.latency_ms)?;

@@ -127,7 +127,7 @@ impl Vehicle {
         for authority in self.rate_authority_rad_s {
             positive("vehicle.rate-authority-rad-s", authority)?;
         }
-        positive("vehicle.rate-lag-ms", self.rate_lag_ms)?;
+        at_least_a_step("vehicle.rate-lag-ms", self.rate_lag_ms)?;
         not_negative("vehicle.thrust-lag-ms", self.thrust_lag_ms)?;
         not_negative("vehicle.radio-delay-ms", self.radio_delay_ms)?;
         not_negative("vehicle.drag-per-s", self.drag_per_s)?;
@@ -149,7 +149,7 @@ impl Rotors {
         positive("vehicle.rotors.arm-m", self.arm_m)?;
         positive("vehicle.rotors.thrust-coefficient", self.thrust_coefficient)?;
         positive("vehicle.rotors.torque-coefficient", self.torque_coefficient)?;
-        positive("vehicle.rotors.lag-ms", self.lag_ms)?;
+        at_least_a_step("vehicle.rotors.lag-ms", self.lag_ms)?;
         positive("vehicle.rotors.max-speed-rad-s", self.max_speed_rad_s)
     }
 }
@@ -166,5 +166,14 @@ impl Battery {
         } else {
             Err(Violation::new("vehicle.battery.full-v", "must exceed empty-v"))
         }
+    }
+}
+
+/// A lag shorter than an integration step cannot be integrated.
+fn at_least_a_step(key: &str, lag_ms: f64) -> Result<(), Violation> {
+    if lag_ms.is_finite() && lag_ms >= 1.0 {
+        Ok(())
+    } else {
+        Err(Violation::new(key, format!("must be at least 1, the integration step, is {lag_ms}")))
     }
 }
