@@ -118,17 +118,17 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
     let missing = || (MISSING.to_owned(), "nothing was judged".to_owned());
     let (position, detail) = summary.position_error_m.as_ref().map_or_else(missing, |error| {
         let [rms, max] = [error.rms, error.max].map(unit::length);
-        (unit::length(error.mean), format!("rms {rms}, greatest {max}"))
+        (unit::length(error.mean), format!("rms {rms}, max {max}"))
     });
     figures.push(("Mean position error", position, detail));
     let (attitude, detail) = summary.attitude_error_deg.as_ref().map_or_else(missing, |error| {
         let [mean, rms, max] = [error.mean, error.rms, error.max].map(significant);
-        (format!("{mean}°"), format!("rms {rms}°, greatest {max}°"))
+        (format!("{mean}°"), format!("rms {rms}°, max {max}°"))
     });
     figures.push(("Mean attitude error", attitude, detail));
     let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();
-    let tail = format!("p99 {}, greatest {}", span(whole.p99_ns), span(whole.max_ns));
-    figures.push(("Sensor to actuator, median", span(whole.p50_ns), tail));
+    let tail = format!("p99 {}, max {}", span(whole.p99_ns), span(whole.max_ns));
+    figures.push(("Sensor to actuator, p50", span(whole.p50_ns), tail));
     figures.extend(loop_figures(summary));
     figures
 }

@@ -65,7 +65,7 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
     let plot = Plot {
         size: (FULL, 250),
         label_width: 120,
-        x: Axis::linear(timeline.range(), 16, " s"),
+        x: Axis::linear(timeline.range(), 16.0, " s"),
         y: Axis::rows(["phase", "state"].into_iter()),
         shapes: phases.into_iter().chain(bands(timeline, state, 0.0)).collect(),
     };

@@ -46,7 +46,7 @@ pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Ma
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,
-        x: Axis::linear(timeline.range(), 8, " s"),
+        x: Axis::linear(timeline.range(), 8.0, " s"),
         y,
         shapes: band.into_iter().chain(lines(traces)).collect(),
     };

@@ -69,7 +69,7 @@ fn budget(summary: &Summary) -> Markup {
         figure.wide {
             figcaption { span.title { "Median of each hop" } }
             div.budget {
-                @for (name, ink) in HOPS.iter().zip(INKS) {
+                @for (name, ink) in HOPS.iter().zip(INKS).filter(|(name, _)| median(name) > 0) {
                     div style={ "width:" (format!("{:.3}", share(name))) "%;background:" (ink.css()) } {}
                 }
             }
@@ -130,7 +130,6 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
         nines.map(|nines| (nines, decades_of(hop.distribution, 1.0 - 10_f64.powf(-nines)))).collect()
     };
     let curves: Vec<Vec<Point>> = hops.iter().map(curve).collect();
-    let legend: Vec<_> = hops.iter().map(|hop| (hop.name.as_str(), hop.ink)).collect();
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: 120,
@@ -138,7 +137,7 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
         shapes: hops.iter().zip(curves).map(|(hop, curve)| Shape::Line(hop.ink, 4, curve)).collect(),
         x,
     };
-    figure("Latency that a share of all samples does not exceed", &legend, &plot)
+    figure("Latency by percentile, colours as above", &[], &plot)
 }
 
 /// Decimal logarithm of a quantile \[ns\]; negative infinity, which no plot shows, for zero.
@@ -147,7 +146,16 @@ fn decades_of(distribution: &Distribution, quantile: f64) -> f64 {
 }
 
 fn time_axis(range: Range<f64>) -> Axis {
-    Axis::decades(range, |decade| span(10_u64.pow(decade.clamp(0, 18).unsigned_abs())).replace(".00", ""))
+    Axis::decades(range, power_of_ten)
+}
+
+/// A span of a whole decade of nanoseconds, written out.
+fn power_of_ten(decade: i32) -> String {
+    let unit = ["ns", "µs", "ms"].get((decade / 3).unsigned_abs() as usize);
+    match unit {
+        Some(unit) => format!("{} {unit}", 10_u32.pow(decade.unsigned_abs() % 3)),
+        None => format!("{} s", 10_u64.pow(decade.unsigned_abs() - 9)),
+    }
 }
 
 /// The share that `nines` decades stand for.

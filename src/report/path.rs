@@ -20,8 +20,8 @@ pub fn path(timeline: &Timeline<'_>) -> Markup {
     section(
         "Path",
         html! {
-            (seen(timeline, "From above: y over x [m]", |[x, y, _]| (x, y)))
-            (seen(timeline, "From the side: height over x [m]", |[x, _, z]| (x, z)))
+            (seen(timeline, "Top view: y over x [m]", |[x, y, _]| (x, y)))
+            (seen(timeline, "Side view: z over x [m]", |[x, _, z]| (x, z)))
         },
     )
 }
@@ -35,7 +35,7 @@ fn seen(timeline: &Timeline<'_>, title: &str, view: View) -> Markup {
     ];
     let end = |sample: Option<&Sample>| sample.map(position).into_iter().collect();
     let marks = vec![
-        Trace { name: "corners", ink: Ink::Reference, points: corners(timeline, view) },
+        Trace { name: "corners", ink: Ink::Fourth, points: corners(timeline, view) },
         Trace { name: "start", ink: Ink::Good, points: end(timeline.samples.first()) },
         Trace { name: "end", ink: Ink::Second, points: end(timeline.samples.last()) },
     ];

@@ -123,7 +123,7 @@ fn intervals(arrivals: &Arrivals) -> Markup {
     let plot = Plot {
         size: (FULL, 480),
         label_width: 120,
-        x: Axis::linear(range, 10, " ms"),
+        x: Axis::linear(range, 10.0, " ms"),
         y,
         shapes: counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect(),
     };

@@ -23,6 +23,11 @@ pub fn is_drawable(value: f64) -> bool {
     value.abs() <= GREATEST
 }
 
+/// Whether a plot can show `point`.
+pub fn is_drawable_point(point: &Point) -> bool {
+    is_drawable(point.0) && is_drawable(point.1)
+}
+
 /// A line with its name.
 #[derive(Clone, Debug)]
 pub struct Trace {
@@ -138,7 +143,7 @@ fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
 
 /// At most [`MOST_POINTS`] of `points`: those that lie away from the last one kept. Excursions survive.
 pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
-    let mut kept: Vec<Point> = points.into_iter().filter(|(x, y)| is_drawable(*x) && is_drawable(*y)).collect();
+    let mut kept: Vec<Point> = points.into_iter().filter(is_drawable_point).collect();
     let (x, y) = (extent(kept.iter().map(|p| p.0)), extent(kept.iter().map(|p| p.1)));
     let mut spacing = 1e-3 * (x.end - x.start).max(y.end - y.start);
     kept = spaced(&kept, spacing);

@@ -3,9 +3,12 @@
 use std::borrow::Cow;
 
 use crate::flight::Outcome;
+use crate::summary::Summary;
 
 /// What stands for a number that is not there.
 pub const MISSING: &str = "–";
+/// So many safety states are named.
+const MOST_STATES: usize = 7;
 
 /// Three significant digits, without an exponent from a millionth up.
 pub fn significant(value: f64) -> String {
@@ -54,6 +57,13 @@ pub fn outcome(outcome: Outcome) -> &'static str {
         Outcome::Timeout => "timeout",
         Outcome::Replayed => "replayed",
     }
+}
+
+/// The safety states that a flight passed through; the first few if there are many.
+pub fn states(summary: &Summary) -> String {
+    let states = &summary.state_sequence;
+    let shown = states[..states.len().min(MOST_STATES)].join(" → ");
+    if states.len() > MOST_STATES { format!("{shown} … ({} changes)", states.len() - 1) } else { shown }
 }
 
 /// A name of the configuration or of a hop, in words.
