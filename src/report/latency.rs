@@ -170,13 +170,14 @@ fn percentile(nines: i32) -> String {
 fn table(summary: &Summary) -> Markup {
     let order = HOPS.into_iter().chain([WHOLE]);
     let hops = order.filter_map(|name| Some((words(name), summary.hops.get(name)?)));
+    let hops = hops.filter(|(_, hop)| hop.count > 0);
     let lateness = ("wake-up lateness".into(), &summary.wakeup_lateness);
     html! {
         div.wide.scroll {
             table {
                 thead { tr {
                     th { "Hop" }
-                    @for heading in ["count", "least", "median", "p99", "p99.9", "greatest"] { th { (heading) } }
+                    @for heading in ["count", "min", "p50", "p99", "p99.9", "max"] { th { (heading) } }
                 } }
                 tbody {
                     @for (name, hop) in hops.chain([lateness]) { (row(&name, hop)) }

@@ -78,8 +78,9 @@ pub fn velocity(timeline: &Timeline<'_>) -> Markup {
 /// What was asked of the vehicle, how fast it turned, and the voltage it had for it.
 pub fn command(timeline: &Timeline<'_>) -> Markup {
     let thrust = timeline.trace("thrust", Ink::Actual, |s| s.telemetry.thrust);
+    let title = if timeline.flight.is_replay() { "Command, had it been sent" } else { "Command" };
     section(
-        "Command",
+        title,
         html! {
             (rotation_command(timeline))
             (over_time(timeline, "Collective thrust [of the greatest]", vec![thrust]))

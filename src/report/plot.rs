@@ -156,7 +156,7 @@ fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
             plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
         }
         Shape::Disc(ink, center) if is_drawable_point(center) => {
-            plane.draw(&Circle::new(*center, 11, ink.color().filled())).expect(NEVER_FAILS);
+            plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
         }
         // A disc that no plot can show, and what lies behind the grid.
         Shape::Disc(..) | Shape::Band(_) => {}
