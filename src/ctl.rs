@@ -1,10 +1,10 @@
 //! `oqtal ctl`: speaks to a running daemon.
 
 use clap::{Args, ValueEnum};
+use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Config;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::port::Bus;
 use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
 use oqtal_bus::time::Span;
 
@@ -51,7 +51,10 @@ impl CtlArgs {
             Request::Land => Verb::Land,
             Request::Stop => Verb::Stop,
         };
-        let answer = bus.control_client()?.ask(ControlRequestV1 { verb: verb.code() }, PATIENCE)?;
+        let request = ControlRequestV1 { verb: verb.code() };
+        let answer = bus.control_client().and_then(|client| client.ask(request, PATIENCE));
+        bus.leave();
+        let answer = answer?;
         let Some(response) = answer else {
             let instance = &config.instance.name;
             let message = format!(
@@ -68,7 +71,10 @@ fn report(verb: Verb, response: &ControlResponseV1) -> Result<Exit, Failure> {
     let state = SafetyState::from_code(response.state).map_or_else(String::new, |s| s.to_string());
     let cause = Cause::from_code(response.cause).map_or_else(String::new, |c| c.to_string());
     if response.answer == Answer::Refused.code() {
-        return Err(Failure::new(Exit::Flight, format!("{verb} refused: {cause} (daemon is {mode})")));
+        return Err(Failure::new(
+            Exit::Flight,
+            format!("{verb} refused: {cause} (daemon is {mode})"),
+        ));
     }
     let answer = Answer::from_code(response.answer).map_or_else(String::new, |a| a.to_string());
     let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };

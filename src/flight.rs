@@ -1,12 +1,12 @@
 //! A recorded flight: what every process said, joined by time. The summary, the tables and the report are made from it.
 
+use nalgebra::Vector3;
 use oqtal_bus::code::Mode;
 use oqtal_bus::config::Config;
 use oqtal_bus::latency::{Distribution, HopDistributions};
 use oqtal_bus::message::{TelemetryV1, TruthV1};
 use oqtal_bus::time::Time;
 use oqtal_control::quaternion::Attitude;
-use nalgebra::Vector3;
 use serde::Serialize;
 
 /// How a flight ended.

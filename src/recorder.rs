@@ -171,9 +171,10 @@ impl Recorder {
 
 /// An armed vehicle that lies on the floor, turned over or left the room.
 fn has_crashed(sample: &Sample) -> bool {
-    let airborne =
-        [Phase::Settle, Phase::Trajectory].map(|phase| phase as u8).contains(&sample.telemetry.phase)
-            && sample.telemetry.mode == Mode::Flying.code();
+    let airborne = [Phase::Settle, Phase::Trajectory]
+        .map(|phase| phase as u8)
+        .contains(&sample.telemetry.phase)
+        && sample.telemetry.mode == Mode::Flying.code();
     let position = sample.position();
     let upright = sample.attitude().to_world(&nalgebra::Vector3::z()).z;
     (airborne && position.z <= 0.0) || upright < TURNED_OVER || position.norm() > ROOM_M

@@ -73,7 +73,8 @@ impl Summary {
         let last = flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default();
         let (ticks, duration_s) = extent(flight.armed());
         let (_, scored_s) = extent(flight.scored());
-        let figures = |error: fn(&Sample) -> Vector3<f64>| error_figures(flight.scored().map(error));
+        let figures =
+            |error: fn(&Sample) -> Vector3<f64>| error_figures(flight.scored().map(error));
         let has_truth = flight.samples.iter().any(|sample| sample.truth.is_some());
         Self {
             controller: name_of(&config.control.controller),
@@ -150,7 +151,8 @@ fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigu
 fn effort(flight: &Flight) -> Option<f64> {
     let period_s = 1.0 / flight.config.control.rate_hz;
     let norms = flight.scored().map(|sample| {
-        Vector3::from(sample.telemetry.sticks).norm() + Vector3::from(sample.telemetry.torque).norm()
+        Vector3::from(sample.telemetry.sticks).norm()
+            + Vector3::from(sample.telemetry.torque).norm()
     });
     let mut any = false;
     let sum: f64 = norms.inspect(|_| any = true).sum();

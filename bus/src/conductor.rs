@@ -34,7 +34,12 @@ impl Conductor {
         for &party in parties {
             next[party as usize] = Some(start);
         }
-        Self { now: start, parties: next.map(|first| first.is_some()), next, mail: Default::default() }
+        Self {
+            now: start,
+            parties: next.map(|first| first.is_some()),
+            next,
+            mail: Default::default(),
+        }
     }
 
     /// Who acts next, and at which instant. `None` when nobody ever wants to act again.
@@ -54,7 +59,9 @@ impl Conductor {
     /// Takes the answer of the party that had the turn.
     pub fn done(&mut self, party: Party, done: Done) {
         self.next[party as usize] = done.next;
-        if done.published && let Some(reader) = reader_of(party).filter(|r| self.parties[*r as usize]) {
+        if done.published
+            && let Some(reader) = reader_of(party).filter(|r| self.parties[*r as usize])
+        {
             self.mail[reader as usize] = true;
         }
     }

@@ -9,6 +9,13 @@ mod vehicle;
 
 use std::path::Path;
 
+use oqtal_control::controller::{
+    ControllerName, ControllerOptions, InvalidOption, LqrOptions, OqtalOptions, PidOptions,
+};
+use oqtal_control::estimator::EstimatorOptions;
+use oqtal_control::position::PositionOptions;
+use oqtal_control::range::OutOfRange;
+use oqtal_control::trajectory::TrajectoryOptions;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -62,7 +69,7 @@ impl Violation {
 pub struct Instance {
     /// Name, `[a-z0-9-]{1,32}`.
     pub name: String,
-    /// Directory of the instance's files; empty for the default rule of [`crate::port::Place`].
+    /// Directory of the instance's files; empty for the default rule of [`crate::place::Place`].
     pub root: String,
 }
 
@@ -88,12 +95,42 @@ pub struct Clock {
     pub seed: u64,
 }
 
-/// `[control]`: the loop and its law.
+/// `[control]`: the loop, its law and its estimator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Control {
     /// Rate of the loop \[Hz\].
     pub rate_hz: f64,
+    /// The law that flies.
+    pub controller: ControllerName,
+    /// `[control.pid]`.
+    pub pid: PidOptions,
+    /// `[control.lqr]`.
+    pub lqr: LqrOptions,
+    /// `[control.oqtal]`.
+    pub oqtal: OqtalOptions,
+    /// `[control.estimator]`.
+    pub estimator: EstimatorOptions,
+}
+
+impl Control {
+    fn check(&self) -> Result<(), Violation> {
+        let invalid = |law: &str, error: InvalidOption| {
+            let rule = format!("is {}, it must be {}", error.value, error.expected);
+            Violation::new(format!("control.{law}.{}", error.key), rule)
+        };
+        self.pid.check().map_err(|error| invalid("pid", error))?;
+        self.lqr.check().map_err(|error| invalid("lqr", error))?;
+        self.oqtal.check().map_err(|error| invalid("oqtal", error))?;
+        self.estimator.check().map_err(|error| outside("control.estimator", error))
+    }
+
+    /// The law that flies, and the options of all laws.
+    #[must_use]
+    pub fn controller_options(&self) -> ControllerOptions {
+        let Self { controller, pid, lqr, oqtal, .. } = *self;
+        ControllerOptions { controller, pid, lqr, oqtal }
+    }
 }
 
 /// `[safety]`: what the daemon believes.
@@ -146,6 +183,10 @@ pub struct Config {
     pub mocap: Mocap,
     /// `[control]`.
     pub control: Control,
+    /// `[position]`: the outer loops.
+    pub position: PositionOptions,
+    /// `[trajectory]`: what is flown.
+    pub trajectory: TrajectoryOptions,
     /// `[safety]`.
     pub safety: Safety,
     /// `[log]`.
@@ -168,8 +209,10 @@ impl Config {
         let mut settings = Vec::new();
         if let Some(path) = file {
             let origin = path.display().to_string();
-            let text = std::fs::read_to_string(path)
-                .map_err(|error| ConfigError { origin: origin.clone(), reason: error.to_string() })?;
+            let text = std::fs::read_to_string(path).map_err(|error| ConfigError {
+                origin: origin.clone(),
+                reason: error.to_string(),
+            })?;
             settings.extend(layer::from_toml(&origin, &text)?);
         }
         settings.extend(layer::from_environment(std::env::vars())?);
@@ -182,7 +225,8 @@ impl Config {
     /// # Errors
     /// As [`Config::load`], without files.
     pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
-        let mut table: Table = DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
+        let mut table: Table =
+            DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
         for (key, name, text) in PRESETS {
             let chosen = settings.iter().rev().find(|setting| setting.key == key);
             if chosen.is_some_and(|setting| setting.value.as_str() == Some(name)) {
@@ -197,7 +241,9 @@ impl Config {
         let config = layer::deserialize(&table)
             .map_err(|reason| ConfigError { origin: "built-in".to_owned(), reason })?;
         config.check().map_err(|violation| {
-            let set = settings.iter().rev().find(|setting| violation.key.starts_with(&setting.key));
+            let part = format!("{}.", violation.key);
+            let concerns = |key: &str| key == violation.key || key.starts_with(&part);
+            let set = settings.iter().rev().find(|setting| concerns(&setting.key));
             let origin = set.map_or("built-in", |setting| &setting.origin).to_owned();
             ConfigError { origin, reason: format!("`{}` {}", violation.key, violation.rule) }
         })?;
@@ -212,10 +258,26 @@ impl Config {
         self.vehicle.check()?;
         self.mocap.check()?;
         positive("control.rate-hz", self.control.rate_hz)?;
+        self.control.check()?;
+        self.check_flight()?;
         positive("safety.max-pose-age-ms", self.safety.max_pose_age_ms)?;
         positive("safety.max-speed-m-s", self.safety.max_speed_m_s)?;
         positive("safety.max-rate-rad-s", self.safety.max_rate_rad_s)?;
         positive("safety.coast-ms", self.safety.coast_ms)
+    }
+
+    fn check_flight(&self) -> Result<(), Violation> {
+        self.position.check().map_err(|error| outside("position", error))?;
+        self.trajectory.check().map_err(|error| outside("trajectory", error))?;
+        let (lift, gravity) =
+            (self.position.vertical_acceleration_limit_m_s2, self.vehicle.gravity_m_s2);
+        if lift < gravity {
+            Ok(())
+        } else {
+            let rule =
+                format!("is {lift}, it must be below gravity, {gravity}: thrust only pushes");
+            Err(Violation::new("position.vertical-acceleration-limit-m-s2", rule))
+        }
     }
 
     /// Whether a recording is played instead of the cameras.
@@ -241,6 +303,13 @@ impl Config {
     pub fn hash(&self) -> u64 {
         fnv1a(FNV_OFFSET, self.to_toml().as_bytes())
     }
+}
+
+/// An option of `section` outside its range.
+fn outside(section: &str, error: OutOfRange) -> Violation {
+    let (low, high) = (error.range.start(), error.range.end());
+    let rule = format!("is {}, it must lie between {low} and {high}", error.value);
+    Violation::new(format!("{section}.{}", error.key), rule)
 }
 
 /// `value` must be finite and above zero.

@@ -54,7 +54,10 @@ pub struct Distribution(Histogram<u64>);
 
 impl Default for Distribution {
     fn default() -> Self {
-        Self(Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("the bounds are constant and valid"))
+        Self(
+            Histogram::new_with_bounds(1, LONGEST_NS, 3)
+                .expect("the bounds are constant and valid"),
+        )
     }
 }
 
@@ -132,8 +135,14 @@ mod tests {
     use crate::time::Time;
 
     fn stamps(nanos: [u64; 6]) -> Stamps {
-        let [captured_at, pose_published_at, woken_at, command_published_at, received_at, applied_at] =
-            nanos.map(Time::from_nanos);
+        let [
+            captured_at,
+            pose_published_at,
+            woken_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        ] = nanos.map(Time::from_nanos);
         Stamps {
             captured_at,
             pose_published_at,

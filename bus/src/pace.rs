@@ -5,11 +5,14 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::bus::Bus;
 use crate::conductor::{Conductor, Done};
+use crate::error::BusError;
 use crate::message::{DoneV1, GrantV1, Message, Stamps};
-use crate::port::{Bus, BusError, Doorbell, Reader, Writer};
+use crate::port::{Reader, Writer};
 use crate::time::{Span, Time};
 use crate::topic::{Party, Topic};
+use crate::wake::Doorbell;
 
 /// A sleeping process looks this often whether it was asked to stop.
 const STOP_CHECK: Span = Span::from_millis(20);
@@ -44,9 +47,9 @@ pub struct Pace {
 
 #[derive(Debug)]
 enum Clock {
-    Real(Doorbell),
+    Real(Box<Doorbell>),
     Leader(Box<Leader>),
-    Follower(Follower),
+    Follower(Box<Follower>),
 }
 
 impl Pace {
@@ -54,8 +57,12 @@ impl Pace {
     ///
     /// # Errors
     /// The bus refuses.
-    pub fn real<M: Message>(bus: &Bus, wakes_on: &Topic<M>, stop: StopFlag) -> Result<Self, BusError> {
-        Ok(Self::new(Clock::Real(bus.doorbell(wakes_on)?), stop, Time::now()))
+    pub fn real<M: Message>(
+        bus: &Bus,
+        wakes_on: &Topic<M>,
+        stop: StopFlag,
+    ) -> Result<Self, BusError> {
+        Ok(Self::new(Clock::Real(Box::new(bus.doorbell(wakes_on)?)), stop, Time::now()))
     }
 
     /// Virtual time, and this process, `party`, grants it to the others of `parties`.
@@ -89,7 +96,7 @@ impl Pace {
             answers: bus.writer(&party.done())?,
             granted: None,
         };
-        Ok(Self::new(Clock::Follower(follower), stop, Time::VIRTUAL_START))
+        Ok(Self::new(Clock::Follower(Box::new(follower)), stop, Time::VIRTUAL_START))
     }
 
     fn new(clock: Clock, stop: StopFlag, now: Time) -> Self {

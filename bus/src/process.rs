@@ -7,10 +7,12 @@ use std::process::ExitCode;
 use clap::{Args, Subcommand};
 use rustix::process::Signal;
 
+use crate::bus::Bus;
 use crate::config::{ClockKind, Config, ConfigError, LogLevel, Setting};
+use crate::error::BusError;
 use crate::message::Message;
 use crate::pace::{Pace, StopFlag};
-use crate::port::{Bus, BusError, Place};
+use crate::place::Place;
 use crate::topic::{Party, Topic};
 
 /// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
@@ -225,15 +227,18 @@ fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         "{} starts",
         party.name()
     );
-    job(&shell)?;
+    let result = job(&shell);
+    // Its ports are closed; whoever leaves last tidies up.
+    Bus::open(&shell.place()?)?.leave();
     tracing::info!("{} ends", party.name());
-    Ok(())
+    result
 }
 
 /// Ends this process when the one that started it dies: a front door that is killed leaves no orphans.
 fn die_with_parent() -> Result<(), Failure> {
-    rustix::process::set_parent_process_death_signal(Some(Signal::TERM))
-        .map_err(|e| Failure::new(Exit::System, format!("binding to the parent's life failed: {e}")))
+    rustix::process::set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| {
+        Failure::new(Exit::System, format!("binding to the parent's life failed: {e}"))
+    })
 }
 
 /// Sets the flag on SIGINT or SIGTERM.

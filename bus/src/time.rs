@@ -13,13 +13,26 @@ const NANOS_PER_SECOND: u64 = 1_000_000_000;
 
 /// An instant \[ns\]. [`Time::UNSET`] (zero) stands for "not stamped yet".
 #[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ZeroCopySend,
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Hash,
+    Serialize,
+    Deserialize,
+    ZeroCopySend,
 )]
 #[repr(C)]
 pub struct Time(u64);
 
 /// A distance between two instants \[ns\], negative when the second came first.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
 #[repr(transparent)]
 pub struct Span(i64);
 

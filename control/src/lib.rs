@@ -4,5 +4,19 @@
 //! OQTAL (IEEE TAES 2015); where the printed equation is wrong the line cites the erratum in `docs/errata.md`.
 #![forbid(unsafe_code)]
 
+pub mod controller;
+pub mod error;
+pub mod error_model;
+pub mod estimator;
+pub mod euler;
+pub mod integral;
+pub mod metrics;
+pub mod pid;
+pub mod position;
 pub mod quantity;
 pub mod quaternion;
+pub mod range;
+pub mod riccati;
+pub mod rigid_body;
+pub mod schedule;
+pub mod trajectory;

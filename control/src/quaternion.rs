@@ -20,7 +20,8 @@ impl Default for Attitude {
 
 impl Attitude {
     /// Body axes along world axes.
-    pub const LEVEL: Self = Self(UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)));
+    pub const LEVEL: Self =
+        Self(UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)));
 
     /// The attitude `[q1 q2 q3 eta]` of Eq. (5), scalar last, body to world: the one place where numbers become an attitude.
     ///
@@ -30,7 +31,8 @@ impl Attitude {
         let quaternion = Quaternion::new(w, x, y, z);
         let norm = quaternion.norm();
         // A comparison with NaN is false, so non-finite numbers end here too.
-        ((norm - 1.0).abs() <= NORM_TOLERANCE).then(|| Self(UnitQuaternion::new_unchecked(quaternion / norm)))
+        ((norm - 1.0).abs() <= NORM_TOLERANCE)
+            .then(|| Self(UnitQuaternion::new_unchecked(quaternion / norm)))
     }
 
     /// The same attitude as a nalgebra rotation, body to world.
@@ -56,6 +58,13 @@ impl Attitude {
     pub fn xyzw(&self) -> [f64; 4] {
         let q = self.0.quaternion();
         [q.i, q.j, q.k, q.w]
+    }
+
+    /// Whether every number is finite. Made by [`from_xyzw`](Self::from_xyzw) they are; computed, they may not be.
+    #[inline]
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.0.coords.iter().all(|number| number.is_finite())
     }
 
     /// The nalgebra quaternion, body to world.

@@ -3,11 +3,10 @@
 
 use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Config;
-use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1,
-};
+use oqtal_bus::message::{CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::estimator::Estimator;
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::trajectory::{FlightPlan, Place, Reference, Trajectory, TrajectoryOptions};
 
 use crate::guard::Guard;
@@ -37,6 +36,7 @@ pub struct Cycle {
     period: Span,
     /// Two ticks are at least this far apart: faster cameras are decimated.
     spacing: Span,
+    decimates: bool,
     coast: Span,
     recovery_poses: u32,
     watches_only: bool,
@@ -52,6 +52,7 @@ pub struct Cycle {
     stop_requested: bool,
 
     last_tick: Time,
+    last_nominal: Option<Time>,
     /// The newest pose since the last tick, if it was believed.
     fresh: Option<Header>,
     /// Why the last pose that was due is not there.
@@ -71,6 +72,7 @@ impl Cycle {
         Ok(Self {
             period,
             spacing: period.scaled(1.0 - 0.5 / poses_per_tick),
+            decimates: poses_per_tick > 1.0,
             coast: Span::from_seconds(config.safety.coast_ms * 1e-3),
             recovery_poses: config.safety.recovery_poses,
             watches_only: config.is_replay(),
@@ -84,17 +86,24 @@ impl Cycle {
             mission: None,
             stop_requested: false,
             last_tick: now,
+            last_nominal: None,
             fresh: None,
             missing: Cause::NoPose,
             held: CommandV1::default(),
-            telemetry: TelemetryV1::default(),
+            telemetry: TelemetryV1 {
+                mission_s: f64::NAN,
+                pose_age_s: f64::NAN,
+                ..TelemetryV1::default()
+            },
         })
     }
 
-    /// When the loop acts if no pose comes before.
+    /// When the loop acts if no pose comes before. A pose that came too soon after the last tick, and after which no other
+    /// is expected before long, is acted on a period after that tick.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        self.last_tick + self.period.scaled(DEADLINE_PERIODS)
+        let periods = if self.fresh.is_some() && !self.decimates { 1.0 } else { DEADLINE_PERIODS };
+        self.last_tick + self.period.scaled(periods)
     }
 
     /// Looks at a pose, if one came, and acts if it is time to; `None` if not.
@@ -159,7 +168,7 @@ impl Cycle {
     fn land(&mut self, now: Time) -> Result<Answer, Cause> {
         match (self.mode, &mut self.mission) {
             (Mode::Flying, Some(mission)) => {
-                mission.land(now);
+                mission.land(now, &self.estimator.latest());
                 self.mode = Mode::Landing;
                 Ok(Answer::Done)
             }
@@ -188,9 +197,10 @@ impl Cycle {
 
     fn tick(&mut self, now: Time, arrival: Option<&Header>) -> Tick {
         let deadline = self.next_event();
-        let dt = now.since(self.last_tick).min(self.period.scaled(2.0)).max(self.period.scaled(0.5));
+        let dt =
+            now.since(self.last_tick).min(self.period.scaled(2.0)).max(self.period.scaled(0.5));
         let fresh = self.fresh.take();
-        if arrival.is_none() {
+        if arrival.is_none() && fresh.is_none() {
             self.missing = Cause::NoPose;
             self.guard.missed();
         }
@@ -201,7 +211,7 @@ impl Cycle {
         self.held = command;
 
         let about = fresh.as_ref().or(arrival);
-        let woken_for = about.map_or(deadline, |header| header.stamps.pose_published_at);
+        let woken_for = arrival.map_or(deadline, |header| header.stamps.pose_published_at);
         self.telemetry.wakeup_lateness_ns = now.since(woken_for).nanos();
         let stamps = about.map_or_else(Stamps::default, |header| header.stamps);
         Tick {
@@ -219,8 +229,9 @@ impl Cycle {
     fn supervise(&mut self, now: Time, fresh: bool) {
         let age = self.pose_age(now);
         let armed = matches!(self.mode, Mode::Flying | Mode::Landing);
+        let short_gap = self.period.scaled(SHORT_GAP_PERIODS);
         let briefly_unseen = self.supervisor.cause() == Cause::NoPose
-            && self.telemetry.pose_age_s <= self.period.scaled(SHORT_GAP_PERIODS).seconds();
+            && self.last_nominal.is_some_and(|last| now.since(last) <= short_gap);
         let needed = if briefly_unseen { 1 } else { self.recovery_poses };
         let conditions = Conditions {
             pose_missed: !fresh,
@@ -231,7 +242,9 @@ impl Cycle {
             operator_arms: self.mode == Mode::Waiting || self.watches_only,
         };
         let cause = if conditions.operator_stops { Cause::Operator } else { self.missing };
-        self.supervisor.step(&conditions, cause);
+        if self.supervisor.step(&conditions, cause) == SafetyState::Nominal {
+            self.last_nominal = Some(now);
+        }
     }
 
     fn change_mode(&mut self, now: Time) {
@@ -243,7 +256,10 @@ impl Cycle {
                 self.mode = Mode::Flying;
             }
             (Mode::Waiting, SafetyState::Nominal) => {
-                let start = Place { position: estimate.position, yaw_rad: 0.0 };
+                let start = Place {
+                    position: estimate.position,
+                    yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
+                };
                 let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
                 self.pilot.reset();
                 self.mission = Some(Mission::fly(plan, estimate.position.z, now));

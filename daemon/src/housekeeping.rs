@@ -4,10 +4,13 @@
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
+use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, Stamps, TelemetryV1};
 use oqtal_bus::pace::StopFlag;
-use oqtal_bus::port::{Bus, BusError, Place, Writer};
+use oqtal_bus::place::Place;
+use oqtal_bus::port::Writer;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
 
@@ -150,8 +153,11 @@ impl Housekeeping {
         let mut changed = false;
         while let Ok(condition) = self.conditions.try_recv() {
             changed = true;
-            let (mode, state) = (Mode::from_code(condition.mode), SafetyState::from_code(condition.state));
-            if let (Some(mode), Some(state), Some(cause)) = (mode, state, Cause::from_code(condition.cause)) {
+            let (mode, state) =
+                (Mode::from_code(condition.mode), SafetyState::from_code(condition.state));
+            if let (Some(mode), Some(state), Some(cause)) =
+                (mode, state, Cause::from_code(condition.cause))
+            {
                 log(mode, state, cause, condition.command_sequence);
             }
             self.last = condition;
@@ -162,7 +168,8 @@ impl Housekeeping {
     /// Passes a request on to the loop and waits for its answer; the loop may be standing still.
     fn ask(&self, request: ControlRequestV1) -> ControlResponseV1 {
         let Condition { mode, state, cause, .. } = self.last;
-        let reply = |answer: Answer| ControlResponseV1 { answer: answer.code(), mode, state, cause };
+        let reply =
+            |answer: Answer| ControlResponseV1 { answer: answer.code(), mode, state, cause };
         let Some(verb) = Verb::from_code(request.verb) else {
             return reply(Answer::Refused);
         };
@@ -184,7 +191,8 @@ impl Housekeeping {
 }
 
 fn log(mode: Mode, state: SafetyState, cause: Cause, sequence: u64) {
-    let (mode_name, state_name, cause_name) = (mode.to_string(), state.to_string(), cause.to_string());
+    let (mode_name, state_name, cause_name) =
+        (mode.to_string(), state.to_string(), cause.to_string());
     if state == SafetyState::Nominal {
         tracing::info!(state = state_name, sequence, "{mode_name}");
     } else {

@@ -19,10 +19,11 @@ mod mission;
 mod pilot;
 mod supervisor;
 
+use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, HealthV1, Stamps};
 use oqtal_bus::pace::Pace;
-use oqtal_bus::port::{Bus, BusError};
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY};
@@ -69,21 +70,21 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
 /// # Errors
 /// A waypoint file that cannot be read (exit code 65).
 pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
+    let data = |reason: String| Failure::new(Exit::Data, reason);
     let options = &config.trajectory;
-    let waypoints = if options.kind == TrajectoryKind::Waypoints {
-        let file = &options.waypoints_file;
-        let data = |reason: String| Failure::new(Exit::Data, reason);
-        let text = std::fs::read_to_string(file)
-            .map_err(|error| data(format!("{}: {error}", file.display())))?;
-        let waypoints = Waypoints::parse(&text)
-            .map_err(|error| data(format!("{}:{error}", file.display())))?;
-        Some(waypoints)
-    } else {
-        None
+    let waypoints = match (&options.waypoints_file, options.kind) {
+        (Some(file), TrajectoryKind::Waypoints) => {
+            let name = file.display();
+            let text =
+                std::fs::read_to_string(file).map_err(|error| data(format!("{name}: {error}")))?;
+            Some(Waypoints::parse(&text).map_err(|error| data(format!("{name}:{error}")))?)
+        }
+        _ => None,
     };
-    options
-        .trajectory(waypoints)
-        .ok_or_else(|| Failure::new(Exit::Config, "trajectory.waypoints-file is not set"))
+    options.trajectory(waypoints).ok_or_else(|| {
+        let reason = "`trajectory.waypoints-file` must name a CSV file with columns t, x, y, z and, if wanted, yaw";
+        Failure::new(Exit::Config, reason)
+    })
 }
 
 /// The daemon's ports in the loop.
@@ -114,7 +115,8 @@ impl Ports {
             let arrival = self.poses.latest()?;
             if let Some(tick) = cycle.step(now, arrival.as_ref()) {
                 let computed_at = pace.now();
-                let stamps = Stamps { computed_at, command_published_at: pace.now(), ..tick.stamps };
+                let stamps =
+                    Stamps { computed_at, command_published_at: pace.now(), ..tick.stamps };
                 let sequence = self.commands.send(tick.pose_sequence, stamps, tick.command)?;
                 pace.announce(&self.commands)?;
                 let telemetry = cycle.report(&stamps, sequence);

@@ -1,6 +1,6 @@
 //! From what is known of the vehicle and where it should be to a command: the outer loops of Fig. 16, then the attitude law.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::config::{Config, VehicleKind};
 use oqtal_bus::message::CommandV1;
@@ -9,7 +9,6 @@ use oqtal_control::controller::{
 };
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::{PositionCommand, PositionLoops};
-use oqtal_control::rigid_body::Inertia;
 use oqtal_control::trajectory::Reference;
 
 /// Sticks this close to their end, or a torque this close to its limit, count as saturated.
@@ -57,8 +56,7 @@ impl Pilot {
                 Law::Sticks(Controller::new(&options, input).map_err(|error| error.to_string())?)
             }
             VehicleKind::Spacecraft => {
-                let inertia = Matrix3::from_fn(|i, j| vehicle.inertia_kg_m2[i][j]);
-                let inertia = Inertia::new(inertia).map_err(|error| error.to_string())?;
+                let inertia = vehicle.inertia().map_err(|error| error.to_string())?;
                 let input = TorqueInput::new(inertia, vehicle.max_torque_nm);
                 let input = input.map_err(|error| error.to_string())?;
                 Law::Torque(Controller::new(&options, input).map_err(|error| error.to_string())?)

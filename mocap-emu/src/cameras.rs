@@ -49,7 +49,8 @@ impl Cameras {
         }
         // Frames travel on one connection: none overtakes another, so that a late one makes a burst.
         let arrival = self.polled(truth.time + Span::from_seconds(latency_ms * 1e-3));
-        let deliver_at = self.in_flight.back().map_or(arrival, |(previous, _)| arrival.max(*previous));
+        let deliver_at =
+            self.in_flight.back().map_or(arrival, |(previous, _)| arrival.max(*previous));
         let stamps = Stamps { captured_at: truth.time, ..Stamps::default() };
         self.in_flight.push_back((deliver_at, Delivery { frame: truth.capture, stamps, pose }));
     }

@@ -9,9 +9,10 @@ mod replay;
 
 use std::path::Path;
 
+use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::pace::Pace;
-use oqtal_bus::port::{Bus, Writer};
+use oqtal_bus::port::Writer;
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{POSE, TRUTH};
@@ -63,7 +64,7 @@ fn watch(shell: &Shell) -> Result<(), Failure> {
     let mut pace = shell.pace(&bus, &TRUTH)?;
     let mut cameras = Cameras::new(&shell.config.mocap, shell.config.clock.seed);
     while let Some(now) = pace.wait(cameras.next_event())? {
-        while let Some((_, truth)) = truths.next()? {
+        while let Some((_, truth)) = truths.receive()? {
             if is_frame(&truth) {
                 cameras.capture(&truth);
             }
@@ -95,7 +96,11 @@ pub fn is_frame(truth: &TruthV1) -> bool {
     truth.capture > 0
 }
 
-fn publish(poses: &mut Writer<PoseV1>, pace: &mut Pace, delivery: &Delivery) -> Result<(), Failure> {
+fn publish(
+    poses: &mut Writer<PoseV1>,
+    pace: &mut Pace,
+    delivery: &Delivery,
+) -> Result<(), Failure> {
     poses.send(delivery.frame, delivery.stamps_at(pace.now()), delivery.pose)?;
     Ok(pace.announce(poses)?)
 }

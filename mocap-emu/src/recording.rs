@@ -85,11 +85,8 @@ impl Recording {
     /// How regularly the poses arrived.
     #[must_use]
     pub fn timing(&self) -> Timing {
-        let mut intervals: Vec<u64> = self
-            .poses
-            .windows(2)
-            .map(|pair| pair[1].time_ns - pair[0].time_ns)
-            .collect();
+        let mut intervals: Vec<u64> =
+            self.poses.windows(2).map(|pair| pair[1].time_ns - pair[0].time_ns).collect();
         intervals.sort_unstable();
         // Nearest rank: the smallest interval that `percent` of all do not exceed.
         let percentile = |percent: usize| intervals[(intervals.len() * percent).div_ceil(100) - 1];
@@ -101,10 +98,7 @@ impl Recording {
             median_ns: percentile(50),
             p99_ns: percentile(99),
             max_ns: percentile(100),
-            gaps: intervals
-                .iter()
-                .filter(|&&interval| interval > GAP_NS)
-                .count(),
+            gaps: intervals.iter().filter(|&&interval| interval > GAP_NS).count(),
         }
     }
 }
@@ -129,24 +123,18 @@ pub struct Timing {
 }
 
 fn parse_lines(text: &str) -> Result<Recording, (usize, ErrorKind)> {
-    let lines = (1..)
-        .zip(text.lines().map(str::trim))
-        .filter(|(_, line)| !line.is_empty());
+    let lines = (1..).zip(text.lines().map(str::trim)).filter(|(_, line)| !line.is_empty());
     let (layout, first_row) = find_layout(lines.clone())?;
 
     let mut poses = Vec::new();
     let mut first_ns = None;
     let mut previous: Option<Row> = None;
-    let rows = lines
-        .clone()
-        .filter(|&(number, line)| number >= first_row && !line.starts_with('#'));
+    let rows =
+        lines.clone().filter(|&(number, line)| number >= first_row && !line.starts_with('#'));
     for (number, line) in rows {
         let row = layout.row(line).map_err(|kind| (number, kind))?;
         if let Some(previous) = previous.filter(|previous| row.time_ns < previous.time_ns) {
-            return Err((
-                number,
-                ErrorKind::time_backwards(previous.time_text, row.time_text),
-            ));
+            return Err((number, ErrorKind::time_backwards(previous.time_text, row.time_text)));
         }
         poses.push(RecordedPose {
             time_ns: row.time_ns.abs_diff(*first_ns.get_or_insert(row.time_ns)),
@@ -168,11 +156,7 @@ fn find_layout<'a>(
 ) -> Result<(Layout, usize), (usize, ErrorKind)> {
     for (number, line) in lines {
         if let Some(layout) = Layout::detect(line).map_err(|kind| (number, kind))? {
-            let first_row = if layout.has_header() {
-                number + 1
-            } else {
-                number
-            };
+            let first_row = if layout.has_header() { number + 1 } else { number };
             return Ok((layout, first_row));
         }
     }

@@ -17,32 +17,18 @@ fn parse(text: &str) -> Result<Recording, RecordingError> {
 /// Poses from time zero to a later one, some of them at once.
 fn flights() -> impl Strategy<Value = Vec<RecordedPose>> {
     let step = prop_oneof![Just(0), 1..1000u64, 1..500_000_000u64];
-    let pose = (
-        step,
-        prop::array::uniform3(-1e3..1e3),
-        prop::array::uniform3(-3.0..3.0),
-    );
+    let pose = (step, prop::array::uniform3(-1e3..1e3), prop::array::uniform3(-3.0..3.0));
     prop::collection::vec(pose, 1..40).prop_map(|poses| {
         let mut time_ns = 0;
         let later = poses.into_iter().map(|(step, position, rotation)| {
             time_ns += step;
             let attitude = Attitude::from_rotation_vector(rotation.into());
-            RecordedPose {
-                time_ns,
-                position: position.into(),
-                attitude,
-            }
+            RecordedPose { time_ns, position: position.into(), attitude }
         });
-        let first = RecordedPose {
-            time_ns: 0,
-            position: [0.0; 3].into(),
-            attitude: Attitude::LEVEL,
-        };
+        let first =
+            RecordedPose { time_ns: 0, position: [0.0; 3].into(), attitude: Attitude::LEVEL };
         let mut flight: Vec<_> = std::iter::once(first).chain(later).collect();
-        flight.push(RecordedPose {
-            time_ns: time_ns + 1,
-            ..first
-        });
+        flight.push(RecordedPose { time_ns: time_ns + 1, ..first });
         flight
     })
 }

@@ -8,9 +8,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::recording::{MAX_BYTES, Recording, Timing};
 
 fn fixture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("tests/data")
-        .join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
 }
 
 fn parse(text: &str) -> Recording {
@@ -18,9 +16,7 @@ fn parse(text: &str) -> Recording {
 }
 
 fn error(text: &str) -> String {
-    Recording::parse(Path::new("a.csv"), text.as_bytes())
-        .unwrap_err()
-        .to_string()
+    Recording::parse(Path::new("a.csv"), text.as_bytes()).unwrap_err().to_string()
 }
 
 /// The message for these two lines under a complete header.
@@ -42,28 +38,20 @@ fn one_flight_is_the_same_in_every_format() {
     assert_eq!(poses.len(), 20);
     assert_eq!(
         times_ns(&named)[..6],
-        [
-            0, 16_700_000, 33_300_000, 50_000_000, 70_000_000, 70_200_000
-        ]
+        [0, 16_700_000, 33_300_000, 50_000_000, 70_000_000, 70_200_000]
     );
     // The fixtures hold a climbing circle at 1.3 rad/s, flown with 0.06 rad of roll and the nose turning along.
     let rolled = Attitude::from_rotation_vector(Vector3::x() * 0.06);
     for pose in poses {
         let time = pose.time_ns as f64 * 1e-9;
         let angle = 1.3 * time;
-        let circle = Vector3::new(
-            0.6 * angle.cos() + 0.05,
-            0.6 * angle.sin() - 0.2,
-            0.8 + 0.15 * time,
-        );
+        let circle =
+            Vector3::new(0.6 * angle.cos() + 0.05, 0.6 * angle.sin() - 0.2, 0.8 + 0.15 * time);
         assert!((pose.position - circle).norm() < 1e-6, "{pose:?}");
         let yawed = Attitude::from_rotation_vector(Vector3::z() * angle);
         let expected = yawed.unit_quaternion() * rolled.unit_quaternion();
         let expected = Attitude::from_unit_quaternion(expected);
-        assert!(
-            pose.attitude.rotation_to(&expected).norm() < 1e-8,
-            "{pose:?}"
-        );
+        assert!(pose.attitude.rotation_to(&expected).norm() < 1e-8, "{pose:?}");
     }
 }
 
@@ -93,10 +81,7 @@ fn times_keep_every_digit() {
     assert_eq!(times_ns(&scientific), [0, 500]);
     let around_zero =
         parse("-.5 0 0 0 0 0 0 1\n-1e-9 0 0 0 0 0 0 1\n0e99 0 0 0 0 0 0 1\n2.5e-9 0 0 0 0 0 0 1");
-    assert_eq!(
-        times_ns(&around_zero),
-        [0, 499_999_999, 500_000_000, 500_000_003]
-    );
+    assert_eq!(times_ns(&around_zero), [0, 499_999_999, 500_000_000, 500_000_003]);
 }
 
 #[test]
@@ -109,25 +94,17 @@ fn equal_times_are_kept() {
 #[test]
 fn line_ends_marks_comments_and_blank_lines_change_nothing() {
     let plain = fs::read_to_string(fixture("named.csv")).unwrap();
-    let dressed = format!(
-        "\u{feff}\r\n# a comment\r\n{}\r\n \r\n# end\r\n",
-        plain.replace('\n', "\r\n")
-    );
+    let dressed =
+        format!("\u{feff}\r\n# a comment\r\n{}\r\n \r\n# end\r\n", plain.replace('\n', "\r\n"));
     assert_eq!(parse(&dressed), parse(&plain));
     assert_eq!(parse(plain.trim_end()), parse(&plain));
-    assert_eq!(
-        parse(&plain.replace("qW,qx", "\"qW\",\"qx\"").replace(',', " , ")),
-        parse(&plain)
-    );
+    assert_eq!(parse(&plain.replace("qW,qx", "\"qW\",\"qx\"").replace(',', " , ")), parse(&plain));
 }
 
 #[test]
 fn a_comment_that_names_the_columns_of_tum_text_is_no_header() {
     let rows = "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n";
-    assert_eq!(
-        parse(&format!("# timestamp, tx, ty, tz, qx, qy, qz, qw\n{rows}")),
-        parse(rows)
-    );
+    assert_eq!(parse(&format!("# timestamp, tx, ty, tz, qx, qy, qz, qw\n{rows}")), parse(rows));
 }
 
 #[test]
@@ -165,24 +142,15 @@ fn empty_files_are_refused() {
 #[test]
 fn unknown_formats_are_refused() {
     let unknown = "neither a header naming t,x,y,z,qx,qy,qz,qw, nor TUM text, nor a EuRoC header";
-    assert_eq!(
-        error("0.1,0,0,0,0,0,0,1\n0.2,0,0,0,0,0,0,1\n"),
-        format!("a.csv:1: {unknown}")
-    );
-    assert_eq!(
-        error("# words\n\ntime;x;y;z\n"),
-        format!("a.csv:3: {unknown}")
-    );
+    assert_eq!(error("0.1,0,0,0,0,0,0,1\n0.2,0,0,0,0,0,0,1\n"), format!("a.csv:1: {unknown}"));
+    assert_eq!(error("# words\n\ntime;x;y;z\n"), format!("a.csv:3: {unknown}"));
     assert_eq!(error("\0\u{1}\u{2}"), format!("a.csv:1: {unknown}"));
 }
 
 #[test]
 fn missing_columns_are_named() {
     assert_eq!(error("t,x,y,z,qy,qz\n"), "a.csv:1: the header lacks qx, qw");
-    assert_eq!(
-        error("t,x [mm],y,z,qx,qy,qz,qw\n"),
-        "a.csv:1: the header lacks x"
-    );
+    assert_eq!(error("t,x [mm],y,z,qx,qy,qz,qw\n"), "a.csv:1: the header lacks x");
     let header =
         "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n";
     assert_eq!(error(header), "a.csv:1: the header lacks p_RS_R_z");
@@ -191,61 +159,31 @@ fn missing_columns_are_named() {
 #[test]
 fn lines_cut_short_are_refused() {
     let good = "0.1,0,0,0,0,0,0,1";
-    assert_eq!(
-        error_of_rows(good, "0.2"),
-        "a.csv:3: expected 8 fields, found 1"
-    );
-    assert_eq!(
-        error_of_rows(good, "0.2,0,0,0,0,0,0,1,5"),
-        "a.csv:3: expected 8 fields, found 9"
-    );
-    assert_eq!(
-        error("0 0 0 0 0 0 0 1\r\n\r\n1 0 0"),
-        "a.csv:3: expected 8 fields, found 3"
-    );
+    assert_eq!(error_of_rows(good, "0.2"), "a.csv:3: expected 8 fields, found 1");
+    assert_eq!(error_of_rows(good, "0.2,0,0,0,0,0,0,1,5"), "a.csv:3: expected 8 fields, found 9");
+    assert_eq!(error("0 0 0 0 0 0 0 1\r\n\r\n1 0 0"), "a.csv:3: expected 8 fields, found 3");
 }
 
 #[test]
 fn fields_that_are_no_finite_number_are_refused() {
     let good = "0.1,0,0,0,0,0,0,1";
-    assert_eq!(
-        error_of_rows(good, "0.2,0,0,0,0,0,0,one"),
-        "a.csv:3: qw is not a number: \"one\""
-    );
-    assert_eq!(
-        error_of_rows(good, "0.2,,0,0,0,0,0,1"),
-        "a.csv:3: x is not a number: \"\""
-    );
+    assert_eq!(error_of_rows(good, "0.2,0,0,0,0,0,0,one"), "a.csv:3: qw is not a number: \"one\"");
+    assert_eq!(error_of_rows(good, "0.2,,0,0,0,0,0,1"), "a.csv:3: x is not a number: \"\"");
     let long = format!("0.2,0,{},0,0,0,0,1", "a".repeat(1000));
     assert_eq!(
         error_of_rows(good, &long),
         format!("a.csv:3: y is not a number: \"{}\"", "a".repeat(40))
     );
-    assert_eq!(
-        error_of_rows("0.1,NaN,0,0,0,0,0,1", good),
-        "a.csv:2: x is not finite"
-    );
-    assert_eq!(
-        error_of_rows("inf,0,0,0,0,0,0,1", good),
-        "a.csv:2: t is not finite"
-    );
-    assert_eq!(
-        error("0 0 0 0 0 0 0 1\n1 0 -1e999 0 0 0 0 1"),
-        "a.csv:2: ty is not finite"
-    );
+    assert_eq!(error_of_rows("0.1,NaN,0,0,0,0,0,1", good), "a.csv:2: x is not finite");
+    assert_eq!(error_of_rows("inf,0,0,0,0,0,0,1", good), "a.csv:2: t is not finite");
+    assert_eq!(error("0 0 0 0 0 0 0 1\n1 0 -1e999 0 0 0 0 1"), "a.csv:2: ty is not finite");
 }
 
 #[test]
 fn times_that_nanoseconds_cannot_hold_are_refused() {
     let good = "0.1,0,0,0,0,0,0,1";
-    assert_eq!(
-        error_of_rows(good, "1e10,0,0,0,0,0,0,1"),
-        "a.csv:3: t is out of range"
-    );
-    assert_eq!(
-        error_of_rows("-9223372037,0,0,0,0,0,0,1", good),
-        "a.csv:2: t is out of range"
-    );
+    assert_eq!(error_of_rows(good, "1e10,0,0,0,0,0,0,1"), "a.csv:3: t is out of range");
+    assert_eq!(error_of_rows("-9223372037,0,0,0,0,0,0,1", good), "a.csv:2: t is out of range");
     let widest = parse("-9223372036.8 0 0 0 0 0 0 1\n9223372036.8 0 0 0 0 0 0 1");
     assert_eq!(times_ns(&widest), [0, 18_446_744_073_600_000_000]);
 }
@@ -253,10 +191,7 @@ fn times_that_nanoseconds_cannot_hold_are_refused() {
 #[test]
 fn time_going_back_is_refused_with_both_times() {
     assert_eq!(
-        error_of_rows(
-            "1748113190.862681,0,0,0,0,0,0,1",
-            "1748113190.862680,0,0,0,0,0,0,1"
-        ),
+        error_of_rows("1748113190.862681,0,0,0,0,0,0,1", "1748113190.862680,0,0,0,0,0,0,1"),
         "a.csv:3: time goes back from 1748113190.862681 to 1748113190.862680"
     );
 }
@@ -295,10 +230,7 @@ fn real_recordings_are_read_or_refused_with_a_line() {
     let mut read = 0;
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        if !path
-            .extension()
-            .is_some_and(|extension| extension == "csv" || extension == "txt")
-        {
+        if !path.extension().is_some_and(|extension| extension == "csv" || extension == "txt") {
             continue;
         }
         match Recording::read(&path) {
@@ -314,11 +246,7 @@ fn real_recordings_are_read_or_refused_with_a_line() {
             Err(error) => {
                 println!("{error}");
                 assert!(error.line.is_some());
-                assert!(
-                    error
-                        .to_string()
-                        .starts_with(&format!("{}:", path.display()))
-                );
+                assert!(error.to_string().starts_with(&format!("{}:", path.display())));
             }
         }
     }

@@ -1,7 +1,9 @@
 //! The equations of motion of each vehicle: state and input in, derivative out.
 
-use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix4, Vector3, Vector4};
 use oqtal_bus::config::{Fidelity, Vehicle, VehicleKind};
+use oqtal_control::quantity::{BodyRate, Torque};
+use oqtal_control::rigid_body::Inertia;
 
 use crate::state::{Derivative, State};
 
@@ -45,13 +47,20 @@ impl Dynamics {
         match (vehicle.kind, vehicle.fidelity) {
             (VehicleKind::Spacecraft, _) => Self::Spacecraft(Spacecraft::new(vehicle)),
             (VehicleKind::Hummingbird, Fidelity::Eq61) => Self::Eq61(Eq61::new(vehicle)),
-            (VehicleKind::Hummingbird, Fidelity::Rotors) => Self::Rotors(Box::new(Rotors::new(vehicle))),
+            (VehicleKind::Hummingbird, Fidelity::Rotors) => {
+                Self::Rotors(Box::new(Rotors::new(vehicle)))
+            }
         }
     }
 
     /// The time derivative of `state`.
     #[must_use]
-    pub fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
+    pub fn derivative(
+        &self,
+        state: &State,
+        input: &Input,
+        disturbance: &Disturbance,
+    ) -> Derivative {
         match self {
             Self::Spacecraft(vehicle) => vehicle.derivative(state, input, disturbance),
             Self::Eq61(vehicle) => vehicle.derivative(state, input, disturbance),
@@ -84,7 +93,8 @@ impl Body {
 
     /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
     fn acceleration(&self, state: &State, thrust: f64, disturbance: &Disturbance) -> Vector3<f64> {
-        state.thrust_axis() * (thrust / self.mass) - Vector3::z() * self.gravity
+        state.thrust_axis() * (thrust / self.mass)
+            - Vector3::z() * self.gravity
             - state.velocity * self.drag
             + disturbance.acceleration
     }
@@ -100,19 +110,16 @@ fn lag(target: f64, value: f64, time_constant: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Spacecraft {
     body: Body,
-    inertia: Matrix3<f64>,
-    inertia_inverse: Matrix3<f64>,
+    inertia: Inertia,
     max_thrust: f64,
     thrust_lag: f64,
 }
 
 impl Spacecraft {
     fn new(vehicle: &Vehicle) -> Self {
-        let inertia = inertia(vehicle);
         Self {
             body: Body::new(vehicle),
-            inertia,
-            inertia_inverse: inertia.try_inverse().expect("a checked inertia is positive definite"),
+            inertia: vehicle.inertia().expect("the configuration was checked"),
             max_thrust: vehicle.max_thrust_n,
             thrust_lag: vehicle.thrust_lag_ms * 1e-3,
         }
@@ -120,13 +127,12 @@ impl Spacecraft {
 
     fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
         let thrust = state.actuators.x;
-        let gyroscopic = state.rate.cross(&(self.inertia * state.rate));
         Derivative {
             position: state.velocity,
             velocity: self.body.acceleration(state, thrust, disturbance),
             attitude: state.attitude_rate(),
             // Eq. (3), erratum E-03.
-            rate: self.inertia_inverse * (input.torque - gyroscopic),
+            rate: self.inertia.acceleration(BodyRate(state.rate), Torque(input.torque)).0,
             actuators: Vector4::x() * lag(input.thrust * self.max_thrust, thrust, self.thrust_lag),
         }
     }
@@ -174,8 +180,7 @@ impl Eq61 {
 #[derive(Clone, Debug)]
 pub struct Rotors {
     body: Body,
-    inertia: Matrix3<f64>,
-    inertia_inverse: Matrix3<f64>,
+    inertia: Inertia,
     authority: Vector3<f64>,
     rate_lag: f64,
     max_thrust: f64,
@@ -190,7 +195,6 @@ pub struct Rotors {
 impl Rotors {
     fn new(vehicle: &Vehicle) -> Self {
         let rotors = &vehicle.rotors;
-        let inertia = inertia(vehicle);
         let (k, d) = (rotors.thrust_coefficient, rotors.torque_coefficient);
         let arm = k * rotors.arm_m;
         // Columns: front (+x), left (+y), back (-x), right (-y). Lift at +y rolls right side down, that is, about +x.
@@ -202,8 +206,7 @@ impl Rotors {
         );
         Self {
             body: Body::new(vehicle),
-            inertia,
-            inertia_inverse: inertia.try_inverse().expect("a checked inertia is positive definite"),
+            inertia: vehicle.inertia().expect("the configuration was checked"),
             authority: Vector3::from(vehicle.rate_authority_rad_s),
             rate_lag: vehicle.rate_lag_ms * 1e-3,
             max_thrust: vehicle.max_thrust_n,
@@ -219,35 +222,35 @@ impl Rotors {
         let speeds = state.actuators;
         let wrench = self.mix * speeds.component_mul(&speeds);
         let torque = wrench.fixed_rows::<3>(1).into_owned();
-        let gyroscopic = state.rate.cross(&(self.inertia * state.rate));
         let targets = self.on_board_loop(state, input, disturbance);
         Derivative {
             position: state.velocity,
             velocity: self.body.acceleration(state, wrench.x, disturbance),
             attitude: state.attitude_rate(),
             // Eq. (3), erratum E-03.
-            rate: self.inertia_inverse * (torque - gyroscopic),
+            rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
             actuators: (targets - speeds) / self.rotor_lag,
         }
     }
 
     /// Rotor speeds \[rad/s\] by which the vehicle's own loop follows the sticks: proportional in the rate with the loop's
     /// time constant, gyroscopic torque compensated, thrust curve inverted; blind to drift and to the battery.
-    fn on_board_loop(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Vector4<f64> {
+    fn on_board_loop(
+        &self,
+        state: &State,
+        input: &Input,
+        disturbance: &Disturbance,
+    ) -> Vector4<f64> {
         if input.thrust <= 0.0 {
             return Vector4::zeros();
         }
         // Eq. (61), erratum E-61.
         let rate_command = self.authority.component_mul(&input.sticks) + disturbance.rate_drift;
-        let torque = self.inertia * ((rate_command - state.rate) / self.rate_lag)
-            + state.rate.cross(&(self.inertia * state.rate));
+        let torque = self.inertia.matrix() * ((rate_command - state.rate) / self.rate_lag)
+            + self.inertia.gyroscopic_torque(BodyRate(state.rate)).0;
         let wrench = Vector4::new(input.thrust * self.max_thrust, torque.x, torque.y, torque.z);
         let limit = self.max_speed;
         (self.unmix * wrench)
             .map(|squared| squared.max(0.0).sqrt().min(limit) * disturbance.voltage_ratio)
     }
-}
-
-fn inertia(vehicle: &Vehicle) -> Matrix3<f64> {
-    Matrix3::from_fn(|row, column| vehicle.inertia_kg_m2[row][column])
 }

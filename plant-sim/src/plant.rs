@@ -148,7 +148,8 @@ impl Plant {
     fn act_on(&mut self, command: &CommandV1) {
         let actuation = Actuation::from_code(command.actuation).unwrap_or(Actuation::Neutral);
         self.armed = actuation != Actuation::Neutral;
-        let clamp = |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
+        let clamp =
+            |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
         self.input = match actuation {
             Actuation::Neutral => Input::default(),
             Actuation::Sticks => Input {

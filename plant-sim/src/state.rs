@@ -130,7 +130,8 @@ mod tests {
             actuators: Vector4::zeros(),
         };
         let error = |steps: u32| {
-            let mut state = State { position: Vector3::x(), rate: Vector3::z() * 2.0, ..State::on_floor() };
+            let mut state =
+                State { position: Vector3::x(), rate: Vector3::z() * 2.0, ..State::on_floor() };
             for _ in 0..steps {
                 state = state.step(1.0 / f64::from(steps), derivative);
             }

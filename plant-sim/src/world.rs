@@ -29,7 +29,8 @@ impl Gust {
     /// Goes on by one step.
     pub fn advance(&mut self) {
         if self.kick > 0.0 {
-            self.acceleration = self.acceleration * self.keep + normal3(&mut self.generator) * self.kick;
+            self.acceleration =
+                self.acceleration * self.keep + normal3(&mut self.generator) * self.kick;
         }
     }
 

@@ -2,7 +2,9 @@
 
 use oqtal_bus::code::Verb;
 use oqtal_bus::conductor::{Conductor, Done};
-use oqtal_bus::message::{CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{
+    CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1,
+};
 use oqtal_bus::process::{Exit, Failure};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
@@ -81,11 +83,11 @@ fn fly_watched(
                 if let Some(verb) = watch(&room.recorder) {
                     room.cycle.request(now, verb);
                 }
-                let over = room.recorder.outcome().is_some();
-                if over || now.since(start) > mission.patience() {
+                let end = start + mission.patience();
+                if room.recorder.outcome().is_some() || now >= end {
                     break;
                 }
-                Done { next: Some(now + REVIEW), published: false }
+                Done { next: Some(end.min(now + REVIEW)), published: false }
             }
         };
         conductor.done(party, done);
@@ -139,8 +141,7 @@ impl Room {
         let mut published = false;
         while let Some(delivery) = self.look(now) {
             self.poses_sent += 1;
-            let header =
-                header::<PoseV1>(self.poses_sent, delivery.frame, delivery.stamps_at(now));
+            let header = header::<PoseV1>(self.poses_sent, delivery.frame, delivery.stamps_at(now));
             self.recorder.pose(&header, &delivery.pose);
             // The newest wins, as on the bus.
             self.pose = Some((header, delivery.pose));

@@ -1,7 +1,9 @@
 //! The front door's ears on the bus: everything goes to the recorder, nothing comes back.
 
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
-use oqtal_bus::port::{Bus, BusError, Reader};
+use oqtal_bus::port::Reader;
 use oqtal_bus::topic::{POSE, TELEMETRY, TRUTH, VEHICLE};
 
 use crate::recorder::Recorder;
@@ -35,17 +37,17 @@ impl Observer {
     /// A topic speaks another version.
     pub fn listen(&mut self, recorder: &mut Recorder) -> Result<bool, BusError> {
         let mut heard = false;
-        while let Some((_, telemetry)) = self.telemetry.next()? {
+        while let Some((_, telemetry)) = self.telemetry.receive()? {
             recorder.telemetry(&telemetry);
             heard = true;
         }
-        while let Some((_, truth)) = self.truths.next()? {
+        while let Some((_, truth)) = self.truths.receive()? {
             recorder.truth(&truth);
         }
-        while let Some((header, pose)) = self.poses.next()? {
+        while let Some((header, pose)) = self.poses.receive()? {
             recorder.pose(&header, &pose);
         }
-        while let Some((header, vehicle)) = self.vehicles.next()? {
+        while let Some((header, vehicle)) = self.vehicles.receive()? {
             recorder.vehicle(&header, &vehicle);
         }
         Ok(heard)

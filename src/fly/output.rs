@@ -89,5 +89,8 @@ fn next_free(instance: &str) -> Result<PathBuf, Failure> {
 }
 
 fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::new(Exit::System, format!("{}: {error}; give another directory with --out", path.display()))
+    Failure::new(
+        Exit::System,
+        format!("{}: {error}; give another directory with --out", path.display()),
+    )
 }

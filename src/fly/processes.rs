@@ -4,11 +4,13 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Verb};
 use oqtal_bus::config::ClockKind;
+use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::pace::{Pace, StopFlag};
-use oqtal_bus::port::{Bus, ControlClient, Place};
+use oqtal_bus::place::Place;
 use oqtal_bus::process::{Exit, Failure, place_of};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
@@ -36,8 +38,8 @@ const WATCH: Duration = Duration::from_millis(20);
 pub fn fly(mission: &Mission, output: &Output) -> Result<Flight, Failure> {
     let place = place_of(&mission.config)?;
     let result = fly_at(mission, output, &place);
-    // A killed process cleans up nothing; a bus that joins does.
-    Bus::open(&place)?.clean_up_dead();
+    // A killed process cleans up nothing.
+    Bus::open(&place)?.leave();
     result
 }
 
@@ -46,12 +48,13 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     let bus = Bus::open(place)?;
     // The ears are open before anybody speaks.
     let mut observer = Observer::new(&bus)?;
-    let mut crew =
-        Crew::start(mission.config.parties(), &output.config(), output.directory())?;
+    let mut crew = Crew::start(mission.config.parties(), &output.config(), output.directory())?;
     let stop = StopFlag::default();
-    let watch = Watch { place, stop: &stop, over: AtomicBool::new(false), fallen: Mutex::new(None) };
+    let watch =
+        Watch { place, stop: &stop, over: AtomicBool::new(false), fallen: Mutex::new(None) };
     let flight = std::thread::scope(|threads| {
-        threads.spawn(|| watch.run(&mut crew, &interrupts));
+        let (watch, crew) = (&watch, &mut crew);
+        threads.spawn(move || watch.run(crew, &interrupts));
         let flight = record(mission, &bus, &mut observer, &stop);
         watch.over.store(true, Ordering::Release);
         flight
@@ -61,7 +64,10 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
         return Err(failure);
     }
     if observer.lost() > 0 {
-        eprintln!("oqtal: {} samples were not recorded: this machine is overloaded", observer.lost());
+        eprintln!(
+            "oqtal: {} samples were not recorded: this machine is overloaded",
+            observer.lost()
+        );
     }
     flight
 }
@@ -87,13 +93,13 @@ fn record(
         now = instant;
         let heard = observer.listen(&mut recorder)?;
         progress.show(&recorder);
-        if heard {
+        if heard || clock.is_virtual() {
             first.get_or_insert((now, Time::now()));
         } else if first.is_none() && Time::now().since(wall) > PATIENCE {
             return Err(never_came(mission));
         }
         let flown = first.map_or(Span::ZERO, |(began, _)| now.since(began));
-        if recorder.outcome().is_some() || flown > mission.patience() {
+        if recorder.outcome().is_some() || flown >= mission.patience() {
             break;
         }
     }
@@ -107,14 +113,18 @@ fn record(
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.
 enum Clock {
     Real(StopFlag),
-    Virtual(Pace, Option<Time>),
+    Virtual { pace: Box<Pace>, next: Option<Time>, end: Time },
 }
 
 impl Clock {
     fn new(mission: &Mission, bus: &Bus, stop: &StopFlag) -> Result<Self, Failure> {
         Ok(match mission.config.clock.kind {
             ClockKind::Real => Self::Real(stop.clone()),
-            _ => Self::Virtual(Pace::follower(bus, Party::Recorder, stop.clone())?, None),
+            ClockKind::Lockstep | ClockKind::InProcess => Self::Virtual {
+                pace: Box::new(Pace::follower(bus, Party::Recorder, stop.clone())?),
+                next: None,
+                end: Time::VIRTUAL_START + mission.patience(),
+            },
         })
     }
 
@@ -125,12 +135,16 @@ impl Clock {
                 std::thread::sleep(LISTEN);
                 Ok((!stop.is_set()).then(Time::now))
             }
-            Self::Virtual(pace, next) => {
+            Self::Virtual { pace, next, end } => {
                 let now = pace.wait(*next)?;
-                *next = now.map(|now| now + REVIEW);
+                *next = now.map(|now| (now + REVIEW).min(*end));
                 Ok(now)
             }
         }
+    }
+
+    fn is_virtual(&self) -> bool {
+        matches!(self, Self::Virtual { .. })
     }
 }
 
@@ -155,7 +169,8 @@ fn ask_to_fly(client: &ControlClient, stop: &StopFlag) -> Result<(), Failure> {
 
 fn never_came(mission: &Mission) -> Failure {
     let instance = &mission.config.instance.name;
-    let message = format!("nothing is heard of the daemon on instance `{instance}`; see its daemon.log");
+    let message =
+        format!("nothing is heard of the daemon on instance `{instance}`; see its daemon.log");
     Failure::new(Exit::Peer, message)
 }
 
@@ -183,7 +198,10 @@ impl Watch<'_> {
                     Err(_) => false,
                 };
                 if !asked {
-                    self.give_up(Failure::new(Exit::Flight, "interrupted; the daemon did not answer"));
+                    self.give_up(Failure::new(
+                        Exit::Flight,
+                        "interrupted; the daemon did not answer",
+                    ));
                     return;
                 }
             }

@@ -36,8 +36,10 @@ impl Progress {
         if telemetry.mission_s.is_finite() {
             self.bar.set_position(telemetry.mission_s.max(0.0) as u64);
         }
-        let mode = Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
-        let phase = Phase::from_number(telemetry.phase).filter(|_| sample.is_armed());
+        let mode =
+            Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
+        let flying = telemetry.mode == Mode::Flying.code();
+        let phase = Phase::from_number(telemetry.phase).filter(|_| flying);
         let phase = phase.map_or_else(String::new, |phase| format!(", {phase}"));
         let state = match SafetyState::from_code(telemetry.state) {
             Some(SafetyState::Nominal) | None => String::new(),
@@ -86,7 +88,10 @@ impl Interrupts {
         }
         self.seen.set(count);
         let verb = if count == 1 { Verb::Land } else { Verb::Stop };
-        eprintln!("{}", if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" });
+        eprintln!(
+            "{}",
+            if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" }
+        );
         Some(verb)
     }
 }

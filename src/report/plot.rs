@@ -91,7 +91,8 @@ impl Plot {
                 .expect(NEVER_FAILS);
             for shape in &self.shapes {
                 if let Shape::Band(range) = shape {
-                    let corners = [(range.start, self.y.range.start), (range.end, self.y.range.end)];
+                    let corners =
+                        [(range.start, self.y.range.start), (range.end, self.y.range.end)];
                     let band = Rectangle::new(corners, Ink::Shade.color().filled());
                     chart.plotting_area().draw(&band).expect(NEVER_FAILS);
                 }

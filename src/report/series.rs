@@ -69,7 +69,9 @@ impl<'a> Timeline<'a> {
 
     /// From the first to the last tick \[s\].
     pub fn range(&self) -> Range<f64> {
-        extent([self.samples.first(), self.samples.last()].into_iter().flatten().map(|s| self.at(s)))
+        extent(
+            [self.samples.first(), self.samples.last()].into_iter().flatten().map(|s| self.at(s)),
+        )
     }
 
     /// The judged window \[s\].
@@ -94,10 +96,16 @@ impl<'a> Timeline<'a> {
     /// The battery voltage over time, if it is known.
     pub fn battery(&self) -> Option<Trace> {
         let range = self.range();
-        let points = self.flight.battery.iter().map(|(time, voltage)| (self.seconds(*time), *voltage));
-        let shown = |(t, voltage): &Point| *t >= range.start && *t <= range.end && is_drawable(*voltage);
+        let points =
+            self.flight.battery.iter().map(|(time, voltage)| (self.seconds(*time), *voltage));
+        let shown =
+            |(t, voltage): &Point| *t >= range.start && *t <= range.end && is_drawable(*voltage);
         let points: Vec<Point> = points.filter(shown).collect();
-        (!points.is_empty()).then(|| Trace { name: "voltage", ink: Ink::Third, points: thin(points) })
+        (!points.is_empty()).then(|| Trace {
+            name: "voltage",
+            ink: Ink::Third,
+            points: thin(points),
+        })
     }
 
     /// An angle \[rad\] of every tick over time \[deg\], with a gap where it jumps from one end of its range to the other.
@@ -182,7 +190,8 @@ mod tests {
 
     #[test]
     fn thinning_keeps_a_gap() {
-        let points = (0..36_000).map(|i| (f64::from(i), if i / 1000 == 7 { f64::NAN } else { 1.0 }));
+        let points =
+            (0..36_000).map(|i| (f64::from(i), if i / 1000 == 7 { f64::NAN } else { 1.0 }));
         assert!(thin(points.collect()).iter().any(|(_, y)| y.is_nan()));
     }
 

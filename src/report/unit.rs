@@ -63,7 +63,11 @@ pub fn outcome(outcome: Outcome) -> &'static str {
 pub fn states(summary: &Summary) -> String {
     let states = &summary.state_sequence;
     let shown = states[..states.len().min(MOST_STATES)].join(" → ");
-    if states.len() > MOST_STATES { format!("{shown} … ({} changes)", states.len() - 1) } else { shown }
+    if states.len() > MOST_STATES {
+        format!("{shown} … ({} changes)", states.len() - 1)
+    } else {
+        shown
+    }
 }
 
 /// A name of the configuration or of a hop, in words.
@@ -77,7 +81,13 @@ mod tests {
 
     #[test]
     fn three_digits_are_shown_whatever_the_size() {
-        let cases = [(0.083_14, "0.0831"), (-1.0, "-1.00"), (12_345.6, "12346"), (0.0, "0"), (3e-7, "3.00e-7")];
+        let cases = [
+            (0.083_14, "0.0831"),
+            (-1.0, "-1.00"),
+            (12_345.6, "12346"),
+            (0.0, "0"),
+            (3e-7, "3.00e-7"),
+        ];
         for (value, text) in cases {
             assert_eq!(significant(value), text);
         }

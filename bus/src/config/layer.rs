@@ -35,24 +35,24 @@ impl Setting {
         Ok(Self::flag(flag, key.trim(), word_or_toml(value.trim())))
     }
 
-    /// Writes this value into `table`, which holds every key, and sees whether a configuration still comes of it.
+    /// Writes this value into `table`, which says a configuration, and sees whether it still does.
     pub(super) fn apply(&self, table: &mut Table) -> Result<(), ConfigError> {
-        let failed = |reason: String| ConfigError { origin: self.origin.clone(), reason };
-        let (sections, key) = self.key.rsplit_once('.').unwrap_or(("", &self.key));
-        let mut target = &mut *table;
-        for section in sections.split('.').filter(|section| !section.is_empty()) {
-            let known = target.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            target = target
-                .get_mut(section)
-                .and_then(Value::as_table_mut)
-                .ok_or_else(|| failed(format!("unknown section `{section}`; known are: {known}")))?;
+        let failed = |reason: &str| ConfigError {
+            origin: self.origin.clone(),
+            reason: format!("`{}`: {reason}", self.key),
+        };
+        let mut path: Vec<&str> = self.key.split('.').collect();
+        let key = path.pop().unwrap_or_default();
+        let mut section = &mut *table;
+        for name in path {
+            section = section
+                .entry(name)
+                .or_insert_with(|| Value::Table(Table::new()))
+                .as_table_mut()
+                .ok_or_else(|| failed(&format!("`{name}` is a key, not a section")))?;
         }
-        if !target.contains_key(key) {
-            let known = target.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            return Err(failed(format!("unknown key `{}`; known are: {known}", self.key)));
-        }
-        target.insert(key.to_owned(), self.value.clone());
-        deserialize(table).map(drop).map_err(|reason| failed(format!("`{}`: {reason}", self.key)))
+        section.insert(key.to_owned(), self.value.clone());
+        deserialize(table).map(drop).map_err(|reason| failed(&reason))
     }
 }
 
@@ -95,11 +95,9 @@ fn collect(
             (DeValue::Table(inner), Some(Value::Table(values))) => {
                 collect(inner, values, &key, at, settings);
             }
-            (_, Some(value)) => settings.push(Setting {
-                key,
-                value: value.clone(),
-                origin: at(name.span().start),
-            }),
+            (_, Some(value)) => {
+                settings.push(Setting { key, value: value.clone(), origin: at(name.span().start) })
+            }
             (_, None) => {}
         }
     }

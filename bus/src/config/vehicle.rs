@@ -1,5 +1,7 @@
 //! `[vehicle]`: what flies. The plant integrates it; the daemon's loops are designed for it.
 
+use nalgebra::Matrix3;
+use oqtal_control::rigid_body::{Inertia, InertiaError};
 use serde::{Deserialize, Serialize};
 
 use super::{Violation, not_negative, positive};
@@ -105,13 +107,21 @@ pub struct Battery {
 }
 
 impl Vehicle {
-    /// The inertia \[kg m^2, body\].
+    /// The inertia as the laws take it.
     ///
     /// # Errors
     /// It is not symmetric positive definite.
-    pub fn check(&self) -> Result<(), Violation> {
+    pub fn inertia(&self) -> Result<Inertia, InertiaError> {
+        Inertia::new(Matrix3::from_fn(|row, column| self.inertia_kg_m2[row][column]))
+    }
+
+    pub(super) fn check(&self) -> Result<(), Violation> {
         positive("vehicle.mass-kg", self.mass_kg)?;
         not_negative("vehicle.gravity-m-s2", self.gravity_m_s2)?;
+        if let Err(error) = self.inertia() {
+            let rule = format!("must be symmetric positive definite: {error}");
+            return Err(Violation::new("vehicle.inertia-kg-m2", rule));
+        }
         positive("vehicle.max-thrust-n", self.max_thrust_n)?;
         positive("vehicle.max-torque-nm", self.max_torque_nm)?;
         for authority in self.rate_authority_rad_s {

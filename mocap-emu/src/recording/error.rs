@@ -75,11 +75,7 @@ pub enum ErrorKind {
 
 impl RecordingError {
     pub(super) fn new(path: &Path, line: Option<usize>, kind: ErrorKind) -> Self {
-        Self {
-            path: path.into(),
-            line,
-            kind,
-        }
+        Self { path: path.into(), line, kind }
     }
 }
 
@@ -97,17 +93,11 @@ impl std::error::Error for RecordingError {}
 
 impl ErrorKind {
     pub(super) fn not_a_number(column: &'static str, text: &str) -> Self {
-        Self::NotANumber {
-            column,
-            text: shortened(text),
-        }
+        Self::NotANumber { column, text: shortened(text) }
     }
 
     pub(super) fn time_backwards(from: &str, to: &str) -> Self {
-        Self::TimeBackwards {
-            from: shortened(from),
-            to: shortened(to),
-        }
+        Self::TimeBackwards { from: shortened(from), to: shortened(to) }
     }
 }
 

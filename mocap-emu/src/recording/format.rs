@@ -78,32 +78,21 @@ impl Layout {
         if first.parse::<f64>().is_err() {
             return Err(ErrorKind::UnknownFormat);
         }
-        Ok(Some(Self {
-            format: &TUM,
-            index: std::array::from_fn(|column| column),
-            fields: 8,
-        }))
+        Ok(Some(Self { format: &TUM, index: std::array::from_fn(|column| column), fields: 8 }))
     }
 
     fn under_header(format: &'static Format, names: &[&str]) -> Result<Self, ErrorKind> {
         let mut missing = Vec::new();
         let index = format.columns.map(|column| {
-            names
-                .iter()
-                .position(|name| name.eq_ignore_ascii_case(column))
-                .unwrap_or_else(|| {
-                    missing.push(column);
-                    usize::MAX
-                })
+            names.iter().position(|name| name.eq_ignore_ascii_case(column)).unwrap_or_else(|| {
+                missing.push(column);
+                usize::MAX
+            })
         });
         if !missing.is_empty() {
             return Err(ErrorKind::MissingColumns(missing));
         }
-        Ok(Self {
-            format,
-            index,
-            fields: names.len(),
-        })
+        Ok(Self { format, index, fields: names.len() })
     }
 
     /// Whether the line that told the layout is a header, not a pose.
@@ -119,10 +108,7 @@ impl Layout {
             line.split_whitespace().collect()
         };
         if fields.len() != self.fields {
-            return Err(ErrorKind::FieldCount {
-                found: fields.len(),
-                expected: self.fields,
-            });
+            return Err(ErrorKind::FieldCount { found: fields.len(), expected: self.fields });
         }
         let texts = self.index.map(|field| fields[field]);
         let mut numbers = [0.0; 8];
@@ -152,22 +138,12 @@ fn without_unit(name: &str) -> &str {
 }
 
 fn mentions(names: &[&str], columns: &[&str]) -> bool {
-    names.iter().any(|name| {
-        columns
-            .iter()
-            .any(|column| name.eq_ignore_ascii_case(column))
-    })
+    names.iter().any(|name| columns.iter().any(|column| name.eq_ignore_ascii_case(column)))
 }
 
 fn finite(text: &str, column: &'static str) -> Result<f64, ErrorKind> {
-    let number: f64 = text
-        .parse()
-        .map_err(|_| ErrorKind::not_a_number(column, text))?;
-    if number.is_finite() {
-        Ok(number)
-    } else {
-        Err(ErrorKind::NotFinite(column))
-    }
+    let number: f64 = text.parse().map_err(|_| ErrorKind::not_a_number(column, text))?;
+    if number.is_finite() { Ok(number) } else { Err(ErrorKind::NotFinite(column)) }
 }
 
 /// A finite decimal number times 10^`exponent`, to the nearest integer; `None` if beyond 64 bits.
@@ -177,26 +153,17 @@ fn shifted(number: &str, exponent: i64) -> Option<i64> {
     let (mantissa, power) = number.split_once(['e', 'E']).unwrap_or((number, "0"));
     let magnitude = mantissa.trim_start_matches(['+', '-']);
     let (whole, fraction) = magnitude.split_once('.').unwrap_or((magnitude, ""));
-    let mut digits = whole
-        .bytes()
-        .chain(fraction.bytes())
-        .map(|digit| i64::from(digit - b'0'));
+    let mut digits = whole.bytes().chain(fraction.bytes()).map(|digit| i64::from(digit - b'0'));
     if digits.clone().all(|digit| digit == 0) {
         return Some(0);
     }
     let digits_before_point = whole.len() as i64 + i64::from(power.parse::<i32>().ok()?) + exponent;
     let mut value: i64 = 0;
     for _ in 0..digits_before_point {
-        value = value
-            .checked_mul(10)?
-            .checked_add(digits.next().unwrap_or(0))?;
+        value = value.checked_mul(10)?.checked_add(digits.next().unwrap_or(0))?;
     }
     if digits_before_point >= 0 && digits.next().is_some_and(|digit| digit >= 5) {
         value = value.checked_add(1)?;
     }
-    Some(if mantissa.starts_with('-') {
-        -value
-    } else {
-        value
-    })
+    Some(if mantissa.starts_with('-') { -value } else { value })
 }

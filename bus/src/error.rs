@@ -1,0 +1,54 @@
+//! What can go wrong on the bus.
+
+use std::path::PathBuf;
+
+/// What can go wrong on the bus, each with the object and the remedy in its message.
+#[derive(Debug, thiserror::Error)]
+pub enum BusError {
+    /// The topic has its one writer already.
+    #[error(
+        "topic `{topic}` of instance `{instance}` already has a writer; stop that process first, or use another --instance"
+    )]
+    Held {
+        /// The topic.
+        topic: &'static str,
+        /// The instance.
+        instance: String,
+    },
+    /// The other side was built from another version of the messages.
+    #[error(
+        "topic `{topic}` is spoken in another version by a running process; stop it and start all processes from one build"
+    )]
+    Version {
+        /// The topic.
+        topic: String,
+    },
+    /// The instance belongs to another user.
+    #[error("no permission for {}; run as the user that owns it, or give another --root", path.display())]
+    Permission {
+        /// The root path of the instance.
+        path: PathBuf,
+    },
+    /// A name that cannot be part of the file names behind an instance.
+    #[error("{what} `{value}` cannot be used: {rule}")]
+    Name {
+        /// What is named.
+        what: &'static str,
+        /// The name.
+        value: String,
+        /// What a name may be.
+        rule: &'static str,
+    },
+    /// The operating system refused.
+    #[error("{action} failed: {reason}")]
+    System {
+        /// What was tried.
+        action: String,
+        /// What came back.
+        reason: String,
+    },
+}
+
+pub(crate) fn system(action: impl Into<String>, reason: &dyn std::fmt::Debug) -> BusError {
+    BusError::System { action: action.into(), reason: format!("{reason:?}") }
+}

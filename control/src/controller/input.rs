@@ -1,0 +1,174 @@
+//! The two ways a vehicle is commanded. A law is the same for both; what differs is the input
+//! matrix `B`, whether the body rate is a state, and the range.
+
+use std::fmt;
+
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3};
+
+use super::options::InvalidOption;
+use crate::error::{AttitudeError, AttitudeReference};
+use crate::quantity::{BodyRate, StickCommand, Torque};
+use crate::rigid_body::Inertia;
+
+/// What a law needs to know of the vehicle's input `u`.
+pub trait InputForm {
+    /// `u` as the vehicle takes it; the default is neutral.
+    type Command: Copy + fmt::Debug + Default + PartialEq;
+
+    /// The inertia of the body if `u` is a torque. `None` if the vehicle follows a commanded rate
+    /// by itself: the rate is then no state of the law's model ("nullified", Section VII.C).
+    fn inertia(&self) -> Option<&Inertia>;
+
+    /// `B` that goes with the `A` of a law whose state is `[rate; attitude]`.
+    fn input_matrix(&self, a: &Matrix6<f64>) -> Matrix6x3<f64>;
+
+    /// The `u` that brings about `demand`: an angular acceleration \[rad/s^2\] if `u` is a torque,
+    /// a rate \[rad/s\] if it commands one.
+    fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64>;
+
+    /// The `u` with which a body without error follows its reference.
+    fn feed_forward(
+        &self,
+        error: &AttitudeError,
+        omega_e: &Vector3<f64>,
+        reference: &AttitudeReference,
+    ) -> Vector3<f64>;
+
+    /// The `u` within the vehicle's range that stands for `u`; zero if `u` is not finite.
+    fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64>;
+
+    /// `u` as a command.
+    fn command_from(u: Vector3<f64>) -> Self::Command;
+
+    /// `omega x J omega`, which a torque must cancel; zero if the vehicle does that by itself.
+    fn gyroscopic(&self, omega: BodyRate) -> Vector3<f64> {
+        self.inertia().map_or_else(Vector3::zeros, |inertia| inertia.gyroscopic_torque(omega).0)
+    }
+}
+
+/// `u` is the torque \[N m, body axes\]: the spacecraft, Eq. (3).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TorqueInput {
+    inertia: Inertia,
+    max_torque: f64,
+}
+
+impl TorqueInput {
+    /// A body of this inertia whose actuators give up to `max_torque` about each axis \[N m\].
+    ///
+    /// # Errors
+    /// If `max_torque` is not positive and finite.
+    pub fn new(inertia: Inertia, max_torque: f64) -> Result<Self, InvalidOption> {
+        InvalidOption::unless_positive("max-torque-n-m", max_torque)?;
+        Ok(Self { inertia, max_torque })
+    }
+}
+
+impl InputForm for TorqueInput {
+    type Command = Torque;
+
+    fn inertia(&self) -> Option<&Inertia> {
+        Some(&self.inertia)
+    }
+
+    fn input_matrix(&self, _: &Matrix6<f64>) -> Matrix6x3<f64> {
+        let mut b = Matrix6x3::zeros();
+        // Eqs. (4), (31), (47), (48)
+        b.fixed_view_mut::<3, 3>(0, 0).copy_from(self.inertia.inverse());
+        b
+    }
+
+    fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64> {
+        self.inertia.matrix() * demand
+    }
+
+    fn feed_forward(
+        &self,
+        error: &AttitudeError,
+        omega_e: &Vector3<f64>,
+        reference: &AttitudeReference,
+    ) -> Vector3<f64> {
+        // Eq. (40), erratum E-40: J (C omega_d_dot - omega_e x C omega_d)
+        self.input_for(&error.reference_acceleration(omega_e, reference).0)
+    }
+
+    #[inline]
+    fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64> {
+        if !is_finite(u) {
+            return Vector3::zeros();
+        }
+        // Eq. (19), erratum E-19. Dividing first keeps rounding from exceeding the limit.
+        let largest = u.amax();
+        if largest <= self.max_torque { *u } else { u / largest * self.max_torque }
+    }
+
+    fn command_from(u: Vector3<f64>) -> Torque {
+        Torque(u)
+    }
+}
+
+/// `u` are the sticks \[-1..1\], to which the vehicle's own loop makes the body rate proportional:
+/// the Hummingbird, Eq. (61).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RateInput {
+    rate_authority: Vector3<f64>,
+}
+
+impl RateInput {
+    /// A vehicle that turns at `rate_authority` at full stick: `[K_phi, K_theta, K_psi]`
+    /// \[rad/s, body axes\].
+    ///
+    /// # Errors
+    /// If one of them is not positive and finite.
+    pub fn new(rate_authority: Vector3<f64>) -> Result<Self, InvalidOption> {
+        for authority in &rate_authority {
+            InvalidOption::unless_positive("rate-authority-rad-s", *authority)?;
+        }
+        Ok(Self { rate_authority })
+    }
+}
+
+impl InputForm for RateInput {
+    type Command = StickCommand;
+
+    fn inertia(&self) -> Option<&Inertia> {
+        None
+    }
+
+    fn input_matrix(&self, a: &Matrix6<f64>) -> Matrix6x3<f64> {
+        let mut b = Matrix6x3::zeros();
+        // Eq. (61), erratum E-61, put for the rate in the lower left block of A: B = A_eps_omega
+        // K_delta
+        let k_delta = Matrix3::from_diagonal(&self.rate_authority);
+        b.fixed_view_mut::<3, 3>(3, 0).copy_from(&(a.fixed_view::<3, 3>(3, 0) * k_delta));
+        b
+    }
+
+    fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64> {
+        // Eq. (61), erratum E-61
+        demand.component_div(&self.rate_authority)
+    }
+
+    fn feed_forward(
+        &self,
+        error: &AttitudeError,
+        _: &Vector3<f64>,
+        reference: &AttitudeReference,
+    ) -> Vector3<f64> {
+        self.input_for(&(error.rotation() * reference.rate.0))
+    }
+
+    #[inline]
+    fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64> {
+        // Each stick for itself: yaw at its stop takes nothing from roll and pitch.
+        if is_finite(u) { u.map(|stick| stick.clamp(-1.0, 1.0)) } else { Vector3::zeros() }
+    }
+
+    fn command_from(u: Vector3<f64>) -> StickCommand {
+        StickCommand(u)
+    }
+}
+
+fn is_finite(u: &Vector3<f64>) -> bool {
+    u.iter().all(|component| component.is_finite())
+}

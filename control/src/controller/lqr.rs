@@ -1,0 +1,226 @@
+//! The classic LQR: a linear-quadratic regulator on Euler angles that tracks a set-point. Paper,
+//! Sections II.F and II.G.
+//!
+//! ```text
+//! u = -K [omega; Theta - Theta_d; Theta_I],  Theta_I = integral of Theta_d - Theta        Eqs. (24), (34), corrected
+//! ```
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix6, SVector, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::input::InputForm;
+use super::options::{InvalidOption, RateFeedback};
+use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
+use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use crate::error::AttitudeError;
+use crate::euler::EulerAngles;
+use crate::integral::Integral;
+use crate::riccati::RiccatiError;
+use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
+
+/// Options of [`ClassicLqr`]. The default is for the Hummingbird in rate form.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct LqrOptions {
+    /// `q`: weight on `Theta` \[1/rad^2\].
+    pub attitude_weight: f64,
+    /// Weight on `omega` \[s^2/rad^2\]; without effect in rate form.
+    pub rate_weight: f64,
+    /// Weight on `Theta_I` as a fraction of `attitude-weight` \[1/s^2\]; 0 is no integral action.
+    pub integral_weight: f64,
+    /// `r`: weight on the input.
+    pub input_weight: f64,
+    /// Limit of each component of `Theta_I` \[rad s\].
+    pub integral_limit_rad_s: f64,
+    /// Which cells of `[omega; Theta]` share a gain.
+    pub cells: Cells,
+    /// `delta`: width of a cell \[rad/s for `omega`, rad for `Theta`\].
+    pub delta_rad: f64,
+    /// When the gain is computed.
+    pub resolve: Resolve,
+    /// The pitch of an operating point stays within this \[rad\]. Towards 90 degrees the model
+    /// grows without bound, and beyond it has the wrong sign.
+    pub operating_pitch_limit_rad: f64,
+    /// The rate in `x`; without effect in rate form.
+    pub rate: RateFeedback,
+    /// Whether the reference's own motion is fed forward. Not in the paper.
+    pub feed_forward: bool,
+}
+
+impl Default for LqrOptions {
+    fn default() -> Self {
+        Self {
+            // In the paper: Table V, the largest with which flight is stable.
+            attitude_weight: 20.0,
+            // In the paper: Eq. (62) weights it as the attitude.
+            rate_weight: 20.0,
+            // In the paper: Eq. (62).
+            integral_weight: 0.01,
+            // In the paper: Section VIII.
+            input_weight: 1.0,
+            // Not in the paper. The same angle as the limit of OQTAL, whose eps is half an angle.
+            integral_limit_rad_s: 1.0,
+            // Not in the paper, which prints `floor` and reports a count that only this rule or a
+            // like one can give.
+            cells: Cells::Truncated,
+            // In the paper: Section VIII, without a unit.
+            delta_rad: 0.5,
+            resolve: Resolve::OnCellChange,
+            // Not in the paper.
+            operating_pitch_limit_rad: 1.4,
+            rate: RateFeedback::Omega,
+            feed_forward: false,
+        }
+    }
+}
+
+impl LqrOptions {
+    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
+    /// VI.B.2.
+    #[must_use]
+    pub fn spacecraft() -> Self {
+        Self {
+            attitude_weight: 128.0,
+            rate_weight: 128.0,
+            integral_weight: 0.0,
+            delta_rad: 0.2,
+            ..Self::default()
+        }
+    }
+
+    /// Whether a law can be built with these options.
+    ///
+    /// # Errors
+    /// The first option whose value has no meaning.
+    pub fn check(&self) -> Result<(), InvalidOption> {
+        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
+        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
+        InvalidOption::unless_not_negative("integral-weight", self.integral_weight)?;
+        InvalidOption::unless_positive("input-weight", self.input_weight)?;
+        InvalidOption::unless_not_negative("integral-limit-rad-s", self.integral_limit_rad_s)?;
+        InvalidOption::unless_positive("delta-rad", self.delta_rad)?;
+        InvalidOption::unless_positive("operating-pitch-limit-rad", self.operating_pitch_limit_rad)
+    }
+
+    fn weights(&self) -> Weights {
+        Weights {
+            rate: self.rate_weight,
+            attitude: self.attitude_weight,
+            integral: self.integral_weight * self.attitude_weight,
+            input: self.input_weight,
+        }
+    }
+}
+
+/// The classic law for a vehicle commanded through `I`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClassicLqr<I> {
+    options: LqrOptions,
+    input: I,
+    schedule: GainSchedule<6, Gain>,
+    theta_i: Integral,
+}
+
+impl<I: InputForm> ClassicLqr<I> {
+    /// The law with these options. Solves nothing yet.
+    ///
+    /// # Errors
+    /// The first option whose value has no meaning.
+    pub fn new(options: LqrOptions, input: I) -> Result<Self, InvalidOption> {
+        options.check()?;
+        let grid =
+            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
+        let theta_i = Integral::new(options.integral_limit_rad_s);
+        Ok(Self { options, input, schedule: GainSchedule::new(grid), theta_i })
+    }
+
+    /// `A` of Eq. (31) at the operating point `[omega; Theta]`.
+    #[must_use]
+    pub fn state_matrix(options: &LqrOptions, input: &I, point: &SVector<f64, 6>) -> Matrix6<f64> {
+        let omega = Vector3::from(point.fixed_rows::<3>(0));
+        let mut theta = EulerAngles::from_vector(&point.fixed_rows::<3>(3).into());
+        let limit = options.operating_pitch_limit_rad;
+        theta.pitch = theta.pitch.clamp(-limit, limit);
+        let mut a = Matrix6::zeros();
+        // Eqs. (4), (31), erratum E-03
+        if let Some(j) = input.inertia() {
+            a.fixed_view_mut::<3, 3>(0, 0)
+                .copy_from(&-(j.inverse() * omega.cross_matrix() * j.matrix()));
+        }
+        a.fixed_view_mut::<3, 3>(3, 0).copy_from(&theta.rate_matrix());
+        a
+    }
+
+    /// The gain at the operating point `[omega; Theta]`.
+    ///
+    /// # Errors
+    /// If the Riccati equation has no usable solution.
+    pub fn gain_at(
+        options: &LqrOptions,
+        input: &I,
+        point: &SVector<f64, 6>,
+    ) -> Result<Gain, RiccatiError> {
+        AugmentedModel::new(&Self::state_matrix(options, input, point), input)
+            .gain(&options.weights())
+    }
+}
+
+impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
+    type Command = I::Command;
+
+    fn command(
+        &mut self,
+        state: &AttitudeState,
+        reference: &AttitudeReference,
+        dt_s: f64,
+    ) -> I::Command {
+        let theta = EulerAngles::from_attitude(&state.attitude).vector();
+        let theta_d = EulerAngles::from_attitude(&reference.attitude).vector();
+        let theta_error = (theta - theta_d).map(wrap);
+        let error = AttitudeError::between(&reference.attitude, &state.attitude);
+        let omega_e = error.rate_error(state.rate, reference.rate);
+        let rate = match self.options.rate {
+            RateFeedback::Omega => state.rate.0,
+            RateFeedback::OmegaE => omega_e,
+        };
+        let x = law_state(&rate, &theta_error, self.theta_i.value());
+        let point =
+            law_state(&state.rate.0, &theta, &Vector3::zeros()).fixed_rows::<6>(0).into_owned();
+        let k =
+            self.schedule.gain(&point, |point| Self::gain_at(&self.options, &self.input, point));
+
+        // Eqs. (24), (25), erratum E-25: N_x = [0; I; 0] and N_u = 0, so the set-point is
+        // subtracted from Theta
+        let mut u = -(k * x);
+        if self.options.feed_forward {
+            u += self.input.feed_forward(&error, &omega_e, reference);
+        }
+
+        let given = self.input.saturate(&u);
+        // Eq. (33), erratum E-28
+        let theta_i_dot = -theta_error;
+        let push = -(k.fixed_columns::<3>(INTEGRAL) * theta_i_dot);
+        self.theta_i.step(&theta_i_dot, &push, &(u - given), dt_s);
+        I::command_from(given)
+    }
+
+    fn reset(&mut self) {
+        self.schedule.reset();
+        self.theta_i.reset();
+    }
+
+    fn riccati_solves(&self) -> u32 {
+        self.schedule.solves()
+    }
+
+    fn failed_solves(&self) -> u32 {
+        self.schedule.failed_solves()
+    }
+}
+
+/// The same angle within half a turn of zero \[rad\].
+fn wrap(angle: f64) -> f64 {
+    angle - TAU * (angle / TAU).round()
+}

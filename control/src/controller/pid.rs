@@ -1,0 +1,151 @@
+//! Wie's quaternion PID, with limits on the slew rate and the input. Paper, Section II.E.
+//!
+//! ```text
+//! u = -sat_U(J {2 k sat_L(eps + 1/T integral of eps) + c omega})        Eq. (17), corrected
+//! ```
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::input::InputForm;
+use super::options::{InvalidOption, RateFeedback};
+use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use crate::error::AttitudeError;
+use crate::integral::Integral;
+
+/// Options of [`QuaternionPid`]. The default is for the Hummingbird in rate form.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct PidOptions {
+    /// `k` \[1/s^2, in rate form 1/s\].
+    pub gain: f64,
+    /// `T` \[s\]; infinite is no integral action.
+    pub integral_time_s: f64,
+    /// `c` \[1/s\]; without effect in rate form.
+    pub rate_gain_per_s: f64,
+    /// The rate that `c` multiplies; without effect in rate form.
+    pub rate: RateFeedback,
+    /// `omega_max`: the slew rate about each axis stays within this \[rad/s\]; infinite is no
+    /// limit.
+    pub max_rate_rad_s: f64,
+    /// `a`: near the target the slew rate is low enough to stop with this \[rad/s^2\]; infinite is
+    /// no limit.
+    pub max_acceleration_rad_s2: f64,
+    /// Limit of each component of the integral of `eps` \[s\].
+    pub integral_limit_s: f64,
+    /// Whether the reference's own motion is fed forward. Not in the paper.
+    pub feed_forward: bool,
+}
+
+impl Default for PidOptions {
+    fn default() -> Self {
+        Self {
+            // Not in the paper, which gives no gains for its quadrotor.
+            gain: 8.0,
+            integral_time_s: 2.0,
+            // In the paper: Table IV. Nullified in rate form.
+            rate_gain_per_s: 50.0,
+            rate: RateFeedback::Omega,
+            // Not in the paper, which gives no values.
+            max_rate_rad_s: f64::INFINITY,
+            max_acceleration_rad_s2: f64::INFINITY,
+            // Not in the paper.
+            integral_limit_s: 0.5,
+            feed_forward: false,
+        }
+    }
+}
+
+impl PidOptions {
+    /// For the paper's spacecraft in torque form: Table IV.
+    #[must_use]
+    pub fn spacecraft() -> Self {
+        Self { gain: 5.95, integral_time_s: 1.15, rate_gain_per_s: 50.0, ..Self::default() }
+    }
+
+    /// Whether a law can be built with these options.
+    ///
+    /// # Errors
+    /// The first option whose value has no meaning.
+    pub fn check(&self) -> Result<(), InvalidOption> {
+        InvalidOption::unless_positive("gain", self.gain)?;
+        InvalidOption::unless_positive_or_infinite("integral-time-s", self.integral_time_s)?;
+        InvalidOption::unless_positive("rate-gain-per-s", self.rate_gain_per_s)?;
+        InvalidOption::unless_positive_or_infinite("max-rate-rad-s", self.max_rate_rad_s)?;
+        InvalidOption::unless_positive_or_infinite(
+            "max-acceleration-rad-s2",
+            self.max_acceleration_rad_s2,
+        )?;
+        InvalidOption::unless_not_negative("integral-limit-s", self.integral_limit_s)
+    }
+}
+
+/// The PID for a vehicle commanded through `I`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuaternionPid<I> {
+    options: PidOptions,
+    input: I,
+    eps_i: Integral,
+}
+
+impl<I: InputForm> QuaternionPid<I> {
+    /// The law with these options.
+    ///
+    /// # Errors
+    /// The first option whose value has no meaning.
+    pub fn new(options: PidOptions, input: I) -> Result<Self, InvalidOption> {
+        options.check()?;
+        Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
+    }
+
+    /// `sat_L`: `pi` as far as the slew rate that it stands for is allowed at this `eps`.
+    fn slew_limited(&self, pi: &Vector3<f64>, eps: &Vector3<f64>) -> Vector3<f64> {
+        // In rate form the demand is itself the slew rate.
+        let c = self.input.inertia().map_or(1.0, |_| self.options.rate_gain_per_s);
+        let k = self.options.gain;
+        let (omega_max, a) = (self.options.max_rate_rad_s, self.options.max_acceleration_rad_s2);
+        // Eq. (18), erratum E-18. `min` passes over NaN: infinity times zero, which is no limit.
+        let limit = eps.map(|eps_i| c / (2.0 * k) * (4.0 * a * eps_i.abs()).sqrt().min(omega_max));
+        pi.zip_map(&limit, |pi_i, limit_i| pi_i.clamp(-limit_i, limit_i))
+    }
+}
+
+impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
+    type Command = I::Command;
+
+    fn command(
+        &mut self,
+        state: &AttitudeState,
+        reference: &AttitudeReference,
+        dt_s: f64,
+    ) -> I::Command {
+        let (k, t) = (self.options.gain, self.options.integral_time_s);
+        // In rate form `c omega` is nullified (Section VII.C).
+        let c = self.input.inertia().map_or(0.0, |_| self.options.rate_gain_per_s);
+        let error = AttitudeError::between(&reference.attitude, &state.attitude);
+        let (eps, omega_e) = (error.eps(), error.rate_error(state.rate, reference.rate));
+        let omega = match self.options.rate {
+            RateFeedback::Omega => state.rate.0,
+            RateFeedback::OmegaE => omega_e,
+        };
+        let feed_forward = if self.options.feed_forward {
+            self.input.feed_forward(&error, &omega_e, reference)
+        } else {
+            Vector3::zeros()
+        };
+
+        let pi = eps + self.eps_i.value() / t;
+        // Eq. (17), erratum E-17
+        let u = |pi: Vector3<f64>| feed_forward - self.input.input_for(&(2.0 * k * pi + c * omega));
+        // Eq. (19), erratum E-19
+        let given = self.input.saturate(&u(self.slew_limited(&pi, eps)));
+
+        let push = -self.input.input_for(eps);
+        self.eps_i.step(eps, &push, &(u(pi) - given), dt_s);
+        I::command_from(given)
+    }
+
+    fn reset(&mut self) {
+        self.eps_i.reset();
+    }
+}

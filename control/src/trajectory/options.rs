@@ -1,0 +1,111 @@
+//! What a configuration says of a flight.
+
+use std::path::PathBuf;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::shape::{Circle, Hover, Lemniscate, Square, Step};
+use super::{Shape, Trajectory, Waypoints};
+use crate::range::{OutOfRange, check_range};
+
+/// The trajectories there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrajectoryKind {
+    /// [`Hover`]
+    Hover,
+    /// [`Step`]
+    Step,
+    /// [`Square`]
+    Square,
+    /// [`Circle`]
+    Circle,
+    /// [`Lemniscate`]
+    Lemniscate,
+    /// [`Waypoints`]
+    Waypoints,
+}
+
+/// A flight: which trajectory, the parameters of each, and what comes before and after it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct TrajectoryOptions {
+    /// The trajectory to fly.
+    pub kind: TrajectoryKind,
+    /// How long to fly it, if not as long as it lasts by itself \[s\]: cut short, or held at its end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub duration_s: Option<f64>,
+    /// Where the waypoints are, for [`TrajectoryKind::Waypoints`]. The caller reads the file: see [`Waypoints::parse`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub waypoints_file: Option<PathBuf>,
+    /// Height of the hover point over the floor \[m\].
+    pub height_m: f64,
+    /// Time of the take-off \[s\].
+    pub take_off_s: f64,
+    /// Time at rest between take-off and trajectory \[s\].
+    pub settle_s: f64,
+    /// Greatest speed of the descent \[m/s\].
+    pub descent_m_s: f64,
+    /// Parameters of the hover.
+    pub hover: Hover,
+    /// Parameters of the step.
+    pub step: Step,
+    /// Parameters of the square.
+    pub square: Square,
+    /// Parameters of the circle.
+    pub circle: Circle,
+    /// Parameters of the lemniscate.
+    pub lemniscate: Lemniscate,
+}
+
+impl Default for TrajectoryOptions {
+    fn default() -> Self {
+        Self {
+            kind: TrajectoryKind::Square,
+            duration_s: None,
+            waypoints_file: None,
+            height_m: 1.0,
+            take_off_s: 2.5,
+            settle_s: 4.0,
+            descent_m_s: 0.4,
+            hover: Hover::default(),
+            step: Step::default(),
+            square: Square::default(),
+            circle: Circle::default(),
+            lemniscate: Lemniscate::default(),
+        }
+    }
+}
+
+impl TrajectoryOptions {
+    /// # Errors
+    /// The first option outside its range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        check_range("duration-s", self.duration_s.unwrap_or(0.0), 0.0..=3600.0)?;
+        check_range("height-m", self.height_m, 0.1..=100.0)?;
+        check_range("take-off-s", self.take_off_s, 0.5..=60.0)?;
+        check_range("settle-s", self.settle_s, 0.0..=3600.0)?;
+        check_range("descent-m-s", self.descent_m_s, 0.05..=2.0)?;
+        self.hover.check()?;
+        self.step.check()?;
+        self.square.check()?;
+        self.circle.check()?;
+        self.lemniscate.check()
+    }
+
+    /// The trajectory that these options name. `waypoints` is what the file holds if it is to be
+    /// [`TrajectoryKind::Waypoints`], else not used; without them that kind is `None`.
+    #[must_use]
+    pub fn trajectory(&self, waypoints: Option<Waypoints>) -> Option<Trajectory> {
+        let shape = match self.kind {
+            TrajectoryKind::Hover => Shape::Hover(self.hover),
+            TrajectoryKind::Step => Shape::Step(self.step),
+            TrajectoryKind::Square => Shape::Square(self.square),
+            TrajectoryKind::Circle => Shape::Circle(self.circle),
+            TrajectoryKind::Lemniscate => Shape::Lemniscate(self.lemniscate),
+            TrajectoryKind::Waypoints => Shape::Waypoints(waypoints?),
+        };
+        Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })
+    }
+}

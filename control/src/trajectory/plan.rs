@@ -1,0 +1,161 @@
+//! A whole flight: take-off, settling, trajectory, landing.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::{Phase, Reference, Shape, Trajectory, TrajectoryOptions};
+use crate::quaternion::Attitude;
+
+/// How far below the floor the landing ends \[m\]: the loops press the vehicle down even if the floor is a bit lower.
+const LANDING_DEPTH_M: f64 = 0.1;
+
+/// Least time of a descent \[s\], for one that starts at its end.
+const LEAST_DESCENT_S: f64 = 1.0;
+
+/// How long the vehicle must have been at height before a hover is scored \[s\].
+const HOVER_TRANSIENT_S: f64 = 10.0;
+
+/// Greatest slope of [`minimum_jerk`], half-way.
+const MINIMUM_JERK_PEAK: f64 = 1.875;
+
+/// A position and a heading.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Place {
+    /// Position \[m, world\].
+    pub position: Vector3<f64>,
+    /// 3-2-1 yaw \[rad\].
+    pub yaw_rad: f64,
+}
+
+/// The references of a whole flight as a function of the time since its start.
+///
+/// The flight is relative to where the vehicle stands at first: its position is the origin of the path, whose axes are
+/// those of the world, and its yaw is the zero of the yaw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlightPlan {
+    trajectory: Trajectory,
+    start: Place,
+    take_off_s: f64,
+    /// From the start of the flight to that of the trajectory \[s\].
+    trajectory_start_s: f64,
+    descent_m_s: f64,
+    landing: Landing,
+}
+
+impl FlightPlan {
+    /// The flight of `trajectory` by a vehicle that stands at `start`; `options` must pass their check.
+    #[must_use]
+    pub fn new(options: &TrajectoryOptions, trajectory: Trajectory, start: Place) -> Self {
+        let trajectory_start_s = options.take_off_s + options.settle_s;
+        let end_s = trajectory_start_s + options.duration_s.unwrap_or(trajectory.duration_s());
+        let mut plan = Self {
+            trajectory,
+            start,
+            take_off_s: options.take_off_s,
+            trajectory_start_s,
+            descent_m_s: options.descent_m_s,
+            landing: Landing::NEVER,
+        };
+        plan.land_from(end_s, plan.sample(end_s).position);
+        plan
+    }
+
+    /// The reference at `t_s` \[s\] after the start of the flight.
+    #[must_use]
+    pub fn sample(&self, t_s: f64) -> Reference {
+        if t_s > self.landing.start_s {
+            return self.landing.sample(t_s);
+        }
+        let mut reference = self.relative(t_s);
+        let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.start.yaw_rad);
+        reference.position += self.start.position;
+        reference.yaw_rad += self.start.yaw_rad;
+        reference.attitude = reference
+            .attitude
+            .map(|attitude| Attitude::from_unit_quaternion(heading * attitude.unit_quaternion()));
+        reference
+    }
+
+    /// Lands from `position` \[m, world\], the present reference or where the vehicle is, beginning at `t_s` \[s\] after the
+    /// start of the flight. Once a landing has begun it is not begun again.
+    pub fn land_from(&mut self, t_s: f64, position: Vector3<f64>) {
+        if t_s <= self.landing.start_s {
+            let depth_m = (position.z - self.start.position.z + LANDING_DEPTH_M).max(0.0);
+            self.landing = Landing {
+                start_s: t_s,
+                duration_s: (MINIMUM_JERK_PEAK * depth_m / self.descent_m_s).max(LEAST_DESCENT_S),
+                from: Place { position, yaw_rad: self.sample(t_s).yaw_rad },
+                depth_m,
+            };
+        }
+    }
+
+    /// Whether the errors at `t_s` \[s\] count: those of the trajectory, as long as it lasts by itself, do; those of a hover
+    /// from 10 s after the hover point is reached.
+    #[must_use]
+    pub fn scored(&self, t_s: f64) -> bool {
+        let (from_s, to_s) = match self.trajectory.shape {
+            Shape::Hover(_) => {
+                (self.trajectory_start_s.max(self.take_off_s + HOVER_TRANSIENT_S), f64::INFINITY)
+            }
+            _ => (self.trajectory_start_s, self.trajectory_start_s + self.trajectory.duration_s()),
+        };
+        (from_s..=to_s.min(self.landing.start_s)).contains(&t_s)
+    }
+
+    /// When the reference reaches the end of the landing, since the start of the flight \[s\].
+    #[must_use]
+    pub fn end_s(&self) -> f64 {
+        self.landing.start_s + self.landing.duration_s
+    }
+
+    /// The reference before the landing, relative to the start.
+    fn relative(&self, t_s: f64) -> Reference {
+        if t_s >= self.trajectory_start_s {
+            return self.trajectory.sample(t_s - self.trajectory_start_s);
+        }
+        if t_s >= self.take_off_s {
+            return Reference::rest(self.trajectory.hover_point, Phase::Settle);
+        }
+        let (progress, slope) = minimum_jerk(t_s / self.take_off_s);
+        let position = self.trajectory.hover_point * progress;
+        let velocity = self.trajectory.hover_point * (slope / self.take_off_s);
+        Reference { velocity, ..Reference::rest(position, Phase::TakeOff) }
+    }
+}
+
+/// A minimum-jerk descent straight down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Landing {
+    /// Since the start of the flight \[s\].
+    start_s: f64,
+    duration_s: f64,
+    from: Place,
+    depth_m: f64,
+}
+
+impl Landing {
+    /// No landing yet.
+    const NEVER: Self = Self {
+        start_s: f64::INFINITY,
+        duration_s: LEAST_DESCENT_S,
+        from: Place { position: Vector3::new(0.0, 0.0, 0.0), yaw_rad: 0.0 },
+        depth_m: 0.0,
+    };
+
+    fn sample(&self, t_s: f64) -> Reference {
+        let (progress, slope) = minimum_jerk((t_s - self.start_s) / self.duration_s);
+        let position = self.from.position - Vector3::z() * (self.depth_m * progress);
+        Reference {
+            velocity: -Vector3::z() * (self.depth_m * slope / self.duration_s),
+            yaw_rad: self.from.yaw_rad,
+            ..Reference::rest(position, Phase::Landing)
+        }
+    }
+}
+
+/// The minimum-jerk course from rest at 0 to rest at 1, and its slope, for `progress` 0..1: the polynomial of fifth
+/// degree whose first and second derivatives vanish at both ends (Flash and Hogan, J. Neurosci. 5 (1985) 1688).
+fn minimum_jerk(progress: f64) -> (f64, f64) {
+    let x = progress.clamp(0.0, 1.0);
+    (x * x * x * (10.0 + x * (6.0 * x - 15.0)), 30.0 * x * x * (1.0 - x) * (1.0 - x))
+}

@@ -1,0 +1,254 @@
+//! The shapes a trajectory can have, with their parameters as they stand in the configuration.
+//!
+//! Positions are relative to the hover point, times to the start of the trajectory.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{Phase, Reference};
+use crate::quaternion::Attitude;
+use crate::range::{OutOfRange, check_range};
+
+/// Rest at the hover point.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct Hover {
+    /// How long \[s\].
+    pub duration_s: f64,
+}
+
+impl Default for Hover {
+    fn default() -> Self {
+        Self { duration_s: 30.0 }
+    }
+}
+
+impl Hover {
+    pub(super) fn check(&self) -> Result<(), OutOfRange> {
+        check_range("hover.duration-s", self.duration_s, 0.0..=3600.0)
+    }
+}
+
+/// The Euler angle of a [`Step`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StepAxis {
+    /// About body x; positive moves the vehicle to its right.
+    Roll,
+    /// About body y; positive moves the vehicle forward.
+    Pitch,
+    /// About body z; positive is anticlockwise from above.
+    Yaw,
+}
+
+/// One Euler angle is stepped up at the start and back to zero after a time; the rest is for the way back.
+///
+/// Roll and pitch are prescribed as an attitude, so the position is not controlled while they last.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct Step {
+    /// The angle that is stepped.
+    pub axis: StepAxis,
+    /// Size of the step \[deg\].
+    pub angle_deg: f64,
+    /// How long the angle is held \[s\].
+    pub hold_s: f64,
+    /// How long the trajectory lasts \[s\].
+    pub duration_s: f64,
+}
+
+impl Default for Step {
+    fn default() -> Self {
+        Self { axis: StepAxis::Roll, angle_deg: 10.0, hold_s: 1.0, duration_s: 6.0 }
+    }
+}
+
+impl Step {
+    pub(super) fn check(&self) -> Result<(), OutOfRange> {
+        let greatest = if self.axis == StepAxis::Yaw { 180.0 } else { 30.0 };
+        check_range("step.angle-deg", self.angle_deg, -greatest..=greatest)?;
+        check_range("step.duration-s", self.duration_s, 0.0..=3600.0)?;
+        check_range("step.hold-s", self.hold_s, 0.0..=self.duration_s)
+    }
+
+    pub(super) fn sample(&self, t_s: f64) -> Reference {
+        let mut reference = Reference::rest(Vector3::zeros(), Phase::Trajectory);
+        if t_s < self.hold_s {
+            let angle = self.angle_deg.to_radians();
+            match self.axis {
+                StepAxis::Roll => {
+                    reference.attitude = Some(Attitude::from_rotation_vector(Vector3::x() * angle))
+                }
+                StepAxis::Pitch => {
+                    reference.attitude = Some(Attitude::from_rotation_vector(Vector3::y() * angle))
+                }
+                StepAxis::Yaw => reference.yaw_rad = angle,
+            }
+        }
+        reference
+    }
+}
+
+/// The square of Fig. 17, anticlockwise from above and back to its start: the reference jumps from corner to corner.
+///
+/// The paper prints no size; 1.3 m and 5 s agree with its figures and Table V.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct Square {
+    /// Side \[m\].
+    pub side_m: f64,
+    /// Time between jumps; the first is at the start \[s\].
+    pub dwell_s: f64,
+    /// How long the trajectory lasts \[s\].
+    pub duration_s: f64,
+}
+
+impl Default for Square {
+    fn default() -> Self {
+        Self { side_m: 1.3, dwell_s: 5.0, duration_s: 22.0 }
+    }
+}
+
+impl Square {
+    pub(super) fn check(&self) -> Result<(), OutOfRange> {
+        check_range("square.side-m", self.side_m, 0.0..=100.0)?;
+        check_range("square.dwell-s", self.dwell_s, 0.1..=3600.0)?;
+        check_range("square.duration-s", self.duration_s, 0.0..=3600.0)
+    }
+
+    pub(super) fn sample(&self, t_s: f64) -> Reference {
+        const CORNERS: [[f64; 2]; 4] = [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]];
+        // The conversion rounds down.
+        let [x, y] = CORNERS[((t_s / self.dwell_s) as usize).min(CORNERS.len() - 1)];
+        Reference::rest(Vector3::new(x, y, 0.0) * self.side_m, Phase::Trajectory)
+    }
+}
+
+/// A horizontal circle through the hover point, anticlockwise from above, its centre on the side of negative x.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct Circle {
+    /// Radius \[m\].
+    pub radius_m: f64,
+    /// Time of one round at full speed \[s\].
+    pub period_s: f64,
+    /// Rounds.
+    pub laps: u32,
+    /// Time from rest to full speed, and back \[s\].
+    pub ramp_s: f64,
+}
+
+impl Default for Circle {
+    fn default() -> Self {
+        Self { radius_m: 0.65, period_s: 8.0, laps: 3, ramp_s: 2.0 }
+    }
+}
+
+impl Circle {
+    pub(super) fn check(&self) -> Result<(), OutOfRange> {
+        check_range("circle.radius-m", self.radius_m, 0.0..=100.0)?;
+        check_range("circle.period-s", self.period_s, 0.1..=3600.0)?;
+        check_range("circle.laps", f64::from(self.laps), 1.0..=1000.0)?;
+        check_range("circle.ramp-s", self.ramp_s, 0.0..=self.period_s)
+    }
+
+    pub(super) fn sweep(&self) -> Sweep {
+        Sweep { period_s: self.period_s, laps: self.laps, ramp_s: self.ramp_s }
+    }
+
+    pub(super) fn sample(&self, t_s: f64) -> Reference {
+        let (angle, rate) = self.sweep().sample(t_s);
+        let (sin, cos) = angle.sin_cos();
+        let position = Vector2::new(cos - 1.0, sin) * self.radius_m;
+        moving(position, Vector2::new(-sin, cos) * self.radius_m * rate)
+    }
+}
+
+/// The lemniscate of Gerono, a horizontal figure of eight along x, twice as long as wide, crossing at the hover point:
+/// x = a sin s, y = a sin s cos s.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct Lemniscate {
+    /// Half its length, a \[m\].
+    pub half_length_m: f64,
+    /// Time of one round at full speed \[s\].
+    pub period_s: f64,
+    /// Rounds.
+    pub laps: u32,
+    /// Time from rest to full speed, and back \[s\].
+    pub ramp_s: f64,
+}
+
+impl Default for Lemniscate {
+    fn default() -> Self {
+        Self { half_length_m: 0.65, period_s: 8.0, laps: 3, ramp_s: 2.0 }
+    }
+}
+
+impl Lemniscate {
+    pub(super) fn check(&self) -> Result<(), OutOfRange> {
+        check_range("lemniscate.half-length-m", self.half_length_m, 0.0..=100.0)?;
+        check_range("lemniscate.period-s", self.period_s, 0.1..=3600.0)?;
+        check_range("lemniscate.laps", f64::from(self.laps), 1.0..=1000.0)?;
+        check_range("lemniscate.ramp-s", self.ramp_s, 0.0..=self.period_s)
+    }
+
+    pub(super) fn sweep(&self) -> Sweep {
+        Sweep { period_s: self.period_s, laps: self.laps, ramp_s: self.ramp_s }
+    }
+
+    pub(super) fn sample(&self, t_s: f64) -> Reference {
+        let (angle, rate) = self.sweep().sample(t_s);
+        let (sin, cos) = angle.sin_cos();
+        let position = Vector2::new(sin, sin * cos) * self.half_length_m;
+        moving(position, Vector2::new(cos, cos * cos - sin * sin) * self.half_length_m * rate)
+    }
+}
+
+fn moving(position: Vector2<f64>, velocity: Vector2<f64>) -> Reference {
+    Reference {
+        velocity: velocity.push(0.0),
+        ..Reference::rest(position.push(0.0), Phase::Trajectory)
+    }
+}
+
+/// The course of the angle on a closed curve that is entered and left at rest. The angular speed rises and falls by
+/// 3 x^2 - 2 x^3, so the acceleration is continuous too.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sweep {
+    period_s: f64,
+    laps: u32,
+    ramp_s: f64,
+}
+
+impl Sweep {
+    /// A ramp covers half the angle of its time at full speed, hence one ramp more than the laps at full speed.
+    pub(super) fn duration_s(&self) -> f64 {
+        self.period_s * f64::from(self.laps) + self.ramp_s
+    }
+
+    /// Angle \[rad\] and angular speed \[rad/s\] at `t_s` in 0..duration.
+    fn sample(&self, t_s: f64) -> (f64, f64) {
+        let remaining_s = self.duration_s() - t_s;
+        if t_s <= remaining_s {
+            return self.rise(t_s);
+        }
+        let (angle, speed) = self.rise(remaining_s);
+        (TAU * f64::from(self.laps) - angle, speed)
+    }
+
+    /// The first half of the course.
+    fn rise(&self, t_s: f64) -> (f64, f64) {
+        let full_speed = TAU / self.period_s;
+        if t_s >= self.ramp_s {
+            return (full_speed * (t_s - 0.5 * self.ramp_s), full_speed);
+        }
+        let x = t_s / self.ramp_s;
+        (
+            full_speed * self.ramp_s * x * x * x * (1.0 - 0.5 * x),
+            full_speed * x * x * (3.0 - 2.0 * x),
+        )
+    }
+}

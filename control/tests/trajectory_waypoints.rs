@@ -1,0 +1,122 @@
+//! Waypoint tables: what is accepted, what is refused, and the path between the points.
+
+use std::fmt::Write;
+
+use nalgebra::Vector3;
+use oqtal_control::trajectory::{
+    Trajectory, TrajectoryKind, TrajectoryOptions, WaypointProblem, Waypoints,
+};
+use proptest::prelude::*;
+
+fn trajectory(text: &str) -> Trajectory {
+    let options =
+        TrajectoryOptions { kind: TrajectoryKind::Waypoints, ..TrajectoryOptions::default() };
+    options.trajectory(Some(Waypoints::parse(text).unwrap())).unwrap()
+}
+
+#[test]
+fn path_passes_through_its_points_and_rests_at_its_ends() {
+    let path = trajectory(
+        "\u{feff}t,x,y,z,yaw\r\n0,0,0,1,0\r\n\r\n4, 1, 0.5, 1.2, 0.1\r\n9,2,0.5,1,0.3\r\n",
+    );
+    assert_eq!(path.duration_s(), 9.0);
+    assert_eq!(path.sample(4.0).position, Vector3::new(1.0, 0.5, 1.2));
+    assert_eq!(path.sample(4.0).yaw_rad, 0.1);
+    assert!(path.sample(4.0).velocity.x > 0.1);
+    for (t_s, position) in [(0.0, Vector3::new(0.0, 0.0, 1.0)), (9.0, Vector3::new(2.0, 0.5, 1.0))]
+    {
+        assert_eq!(path.sample(t_s).position, position);
+        assert_eq!(path.sample(t_s).velocity, Vector3::zeros());
+    }
+    assert_eq!(path.sample(-1.0), path.sample(0.0));
+    assert_eq!(path.sample(10.0), path.sample(9.0));
+}
+
+#[test]
+fn yaw_is_zero_without_its_column_and_turns_the_short_way() {
+    assert_eq!(trajectory("t,x,y,z\n0,0,0,1\n1,1,0,1\n").sample(0.7).yaw_rad, 0.0);
+    let path = trajectory("t,x,y,z,yaw\n0,0,0,1,3\n1,0,0,1,-3\n");
+    assert!((path.sample(0.5).yaw_rad - std::f64::consts::PI).abs() < 1e-9);
+}
+
+#[test]
+fn dense_points_of_a_smooth_path_give_back_the_path() {
+    let mut text = String::from("t,x,y,z\n");
+    for k in 0..=100 {
+        let t_s = f64::from(k) * 0.1;
+        writeln!(text, "{t_s},{},{},1", (0.6 * t_s).sin(), 0.4 * t_s).unwrap();
+    }
+    let path = trajectory(&text);
+    for k in 10..900 {
+        let t_s = 0.5 + f64::from(k) * 0.01;
+        let reference = path.sample(t_s);
+        assert!((reference.position.x - (0.6 * t_s).sin()).abs() < 2e-3);
+        assert!((reference.velocity.y - 0.4).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn bad_tables_are_refused_with_line_and_reason() {
+    use WaypointProblem as P;
+    let count = |expected, found| P::FieldCount { expected, found };
+    let cases = [
+        ("", 1, P::Header),
+        ("x,y,z,t\n0,0,0,1\n", 1, P::Header),
+        ("t,x,y\n0,0,0\n", 1, P::Header),
+        ("t,x,y,z,yaw,roll\n0,0,0,1,0,0\n", 1, P::Header),
+        ("\n0,0,0,1\n1,0,0,1\n", 2, P::Header),
+        ("t,x,y,z\n", 1, P::TooFew),
+        ("t,x,y,z\n0,0,0,1\n", 2, P::TooFew),
+        ("t,x,y,z\n0,0,0,1\n\n1,0,0\n", 4, count(4, 3)),
+        ("t,x,y,z,yaw\n0,0,0,1\n", 2, count(5, 4)),
+        ("t,x,y,z\n0,0,0,1\n1,0,oops,1\n", 3, P::Number { column: "y" }),
+        ("t,x,y,z\n0,0,0,1\n1,0,0,NaN\n", 3, P::Number { column: "z" }),
+        ("t,x,y,z\n0,inf,0,1\n", 2, P::Number { column: "x" }),
+        ("t,x,y,z,yaw\n0,0,0,1,1e5\n", 2, P::Number { column: "yaw" }),
+        ("t,x,y,z\n0.5,0,0,1\n", 2, P::FirstTime),
+        ("t,x,y,z\n0,0,0,1\n2,0,0,1\n2,1,0,1\n", 4, P::TimeOrder),
+        ("t,x,y,z\n0,0,0,1\n2,0,0,1\n1,1,0,1\n", 4, P::TimeOrder),
+    ];
+    for (text, line, problem) in cases {
+        let error = Waypoints::parse(text).unwrap_err();
+        assert_eq!((error.line, error.problem), (line, problem), "{text:?}");
+        assert!(error.to_string().starts_with(&format!("line {line}: ")));
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_text_is_parsed_or_refused(text in "(t,x,y,z\n)?[-0-9.,eE\n]{0,80}") {
+        let _ = Waypoints::parse(&text);
+    }
+
+    #[test]
+    fn path_is_continuous_in_position_and_velocity_and_stays_between_its_points(
+        points in prop::collection::vec((0.2..5.0_f64, prop::array::uniform3(-3.0..3.0_f64)), 2..8),
+    ) {
+        let mut text = String::from("t,x,y,z\n");
+        let mut times = Vec::new();
+        for (dt_s, [x, y, z]) in &points {
+            let t_s: f64 = times.last().map_or(0.0, |last| last + dt_s);
+            writeln!(text, "{t_s},{x},{y},{z}").unwrap();
+            times.push(t_s);
+        }
+        let path = trajectory(&text);
+        for (k, pair) in times.windows(2).enumerate() {
+            let (from, to) = (Vector3::from(points[k].1), Vector3::from(points[k + 1].1));
+            let (least, greatest) = (from.inf(&to), from.sup(&to));
+            for j in 0..=50 {
+                let t_s = pair[0] + (pair[1] - pair[0]) * f64::from(j) / 50.0;
+                let position = path.sample(t_s).position;
+                prop_assert!((0..3).all(|i| (least[i] - 1e-9..=greatest[i] + 1e-9).contains(&position[i])));
+                let h = 1e-6;
+                let (before, after) = (path.sample(t_s - h), path.sample(t_s + h));
+                prop_assert!((after.velocity - before.velocity).norm() < 1e-2);
+                let slope = (after.position - before.position) / (2.0 * h);
+                if (h..path.duration_s() - h).contains(&t_s) {
+                    prop_assert!((slope - path.sample(t_s).velocity).norm() < 1e-2);
+                }
+            }
+        }
+    }
+}

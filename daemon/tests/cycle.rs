@@ -1,0 +1,231 @@
+//! The controller's turn of the loop, fed with good, bad and absurd poses.
+
+use oqtal_bus::code::{Actuation, Answer, Mode, SafetyState, Verb};
+use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
+use oqtal_bus::time::{Span, Time};
+use oqtal_daemon::{Cycle, Tick, trajectory};
+use proptest::prelude::*;
+
+const FRAME: Span = Span::from_nanos(16_666_667);
+const LATENCY: Span = Span::from_millis(15);
+
+/// A controller and the clock of its cameras.
+struct Bench {
+    cycle: Cycle,
+    frame: u64,
+    now: Time,
+}
+
+impl Bench {
+    fn new(settings: &[Setting]) -> Self {
+        let config = Config::from_settings(settings).unwrap();
+        let trajectory = trajectory(&config).unwrap();
+        let now = Time::VIRTUAL_START;
+        Self { cycle: Cycle::new(&config, trajectory, now).unwrap(), frame: 0, now }
+    }
+
+    /// A controller that was asked to fly and has believed its first poses.
+    fn flying(settings: &[Setting]) -> Self {
+        let mut bench = Self::new(settings);
+        bench.cycle.request(bench.now, Verb::Fly);
+        for _ in 0..10 {
+            bench.show(still(bench.frame));
+        }
+        assert_eq!(bench.mode(), Some(Mode::Flying));
+        bench
+    }
+
+    /// The next frame arrives.
+    fn show(&mut self, pose: PoseV1) -> Option<Tick> {
+        self.frame += 1;
+        self.now = self.now + FRAME;
+        let stamps = Stamps {
+            captured_at: self.now - LATENCY,
+            pose_published_at: self.now,
+            ..Stamps::default()
+        };
+        let header = Header { pose_sequence: self.frame, stamps, ..Header::default() };
+        self.cycle.step(self.now, Some(&(header, pose)))
+    }
+
+    /// No frame arrives until the deadline.
+    fn miss(&mut self) -> Option<Tick> {
+        self.frame += 1;
+        self.now = self.cycle.next_event();
+        self.cycle.step(self.now, None)
+    }
+
+    fn mode(&self) -> Option<Mode> {
+        Mode::from_code(self.cycle.telemetry().mode)
+    }
+
+    fn state(&self) -> Option<SafetyState> {
+        SafetyState::from_code(self.cycle.telemetry().state)
+    }
+}
+
+/// A vehicle at rest on the floor, with the noise that every real pose has.
+fn still(frame: u64) -> PoseV1 {
+    let noise = 1e-5 * (frame % 11) as f64;
+    PoseV1 { position: [noise, 0.0, 0.0], attitude: [noise, 0.0, 0.0, 1.0], tracked: 1 }
+}
+
+fn assert_sane(command: &CommandV1) {
+    let in_range = |value: &f64, low: f64| (low..=1.0).contains(value);
+    assert!(command.sticks.iter().all(|stick| in_range(stick, -1.0)), "{command:?}");
+    assert!(command.torque.iter().all(|torque| torque.is_finite()), "{command:?}");
+    assert!(in_range(&command.thrust, 0.0), "{command:?}");
+}
+
+fn any_bits() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        any::<u64>().prop_map(f64::from_bits),
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        -2.0..2.0f64,
+    ]
+}
+
+fn any_pose() -> impl Strategy<Value = PoseV1> {
+    let numbers = (prop::array::uniform3(any_bits()), prop::array::uniform4(any_bits()));
+    (numbers, any::<u8>()).prop_map(|((position, attitude), tracked)| PoseV1 {
+        position,
+        attitude,
+        tracked,
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn f06_no_pose_whatever_makes_a_command_that_is_not_finite_and_in_range(
+        poses in prop::collection::vec((any_pose(), any::<bool>()), 1..60),
+        law in prop::sample::select(vec!["pid", "lqr", "oqtal"]),
+        vehicle in prop::sample::select(vec!["hummingbird", "spacecraft"]),
+    ) {
+        let mut bench = Bench::flying(&[
+            Setting::flag("test", "control.controller", law),
+            Setting::flag("test", "vehicle.kind", vehicle),
+        ]);
+        for (pose, absurd) in poses {
+            let pose = if absurd { pose } else { still(bench.frame) };
+            if let Some(tick) = bench.show(pose) {
+                assert_sane(&tick.command);
+            }
+        }
+    }
+
+    #[test]
+    fn f08_the_sign_of_a_quaternion_changes_no_command(
+        flips in prop::collection::vec(any::<bool>(), 40),
+        law in prop::sample::select(vec!["pid", "lqr", "oqtal"]),
+    ) {
+        let settings = [Setting::flag("test", "control.controller", law)];
+        let (mut plain, mut flipped) = (Bench::flying(&settings), Bench::flying(&settings));
+        for flip in flips {
+            let pose = still(plain.frame);
+            let opposite = PoseV1 { attitude: pose.attitude.map(|x| -x), ..pose };
+            let a = plain.show(pose).map(|tick| tick.command);
+            let b = flipped.show(if flip { opposite } else { pose }).map(|tick| tick.command);
+            prop_assert_eq!(a, b);
+        }
+    }
+}
+
+#[test]
+fn it_is_neutral_until_asked_to_fly_and_sees() {
+    let mut bench = Bench::new(&[]);
+    for _ in 0..20 {
+        let tick = bench.show(still(bench.frame)).expect("a tick on every pose");
+        assert_eq!(tick.command.actuation, Actuation::Neutral.code());
+    }
+    assert_eq!(bench.cycle.request(bench.now, Verb::Arm).answer, Answer::Accepted.code());
+    let tick = bench.show(still(bench.frame)).unwrap();
+    assert_eq!(tick.command.actuation, Actuation::Sticks.code());
+    assert!(tick.command.thrust > 0.0);
+}
+
+#[test]
+fn arming_is_refused_before_enough_good_poses() {
+    let mut bench = Bench::new(&[]);
+    for _ in 0..5 {
+        assert_eq!(bench.cycle.request(bench.now, Verb::Arm).answer, Answer::Refused.code());
+        bench.show(still(bench.frame));
+    }
+    bench.show(still(bench.frame));
+    assert_eq!(bench.cycle.request(bench.now, Verb::Arm).answer, Answer::Accepted.code());
+}
+
+#[test]
+fn f01_a_missed_pose_holds_the_last_command() {
+    let mut bench = Bench::flying(&[]);
+    let last = bench.show(still(bench.frame)).unwrap();
+    let coasting = bench.miss().expect("a tick at the deadline");
+    assert_eq!(bench.state(), Some(SafetyState::Coast));
+    assert_eq!(coasting.command, last.command);
+    bench.show(still(bench.frame));
+    assert_eq!(bench.state(), Some(SafetyState::Nominal));
+}
+
+#[test]
+fn f02_blindness_stops_within_its_limit_and_stays_stopped() {
+    let mut bench = Bench::flying(&[]);
+    let blind_since = bench.now - LATENCY;
+    while bench.state() != Some(SafetyState::Stop) {
+        let tick = bench.miss().unwrap();
+        let blind = bench.now.since(blind_since);
+        let late = Span::from_millis(250) + Span::from_millis(25);
+        assert!(blind <= late, "still {:?} after {} ms", tick.command, blind.nanos() / 1_000_000);
+    }
+    for _ in 0..100 {
+        let tick = bench.show(still(bench.frame)).unwrap();
+        assert_eq!(tick.command, CommandV1::default());
+    }
+    assert_eq!(bench.mode(), Some(Mode::Disarmed));
+    assert_eq!(bench.state(), Some(SafetyState::Stop));
+    bench.cycle.request(bench.now, Verb::Arm);
+    bench.show(still(bench.frame));
+    assert_eq!(bench.state(), Some(SafetyState::Nominal), "an operator armed again");
+}
+
+#[test]
+fn an_operator_stop_acts_with_the_next_tick_and_latches() {
+    let mut bench = Bench::flying(&[]);
+    bench.cycle.request(bench.now, Verb::Stop);
+    assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    assert_eq!(bench.state(), Some(SafetyState::Stop));
+}
+
+#[test]
+fn a_pose_after_its_deadline_is_acted_on_no_sooner_than_half_a_period_later() {
+    let mut bench = Bench::flying(&[]);
+    bench.miss().unwrap();
+    let deadline = bench.now;
+    // Its frame comes 2 ms after the deadline, the next one in time.
+    bench.now = deadline + Span::from_millis(2) - FRAME;
+    assert!(bench.show(still(bench.frame)).is_none());
+    assert_eq!(bench.cycle.next_event(), deadline + FRAME, "it is not forgotten");
+    bench.now = deadline + Span::from_millis(9) - FRAME;
+    assert!(bench.show(still(bench.frame)).is_some());
+}
+
+#[test]
+fn a_recording_is_watched_and_never_commands() {
+    let mut bench = Bench::new(&[Setting::flag("test", "mocap.replay", "some.csv")]);
+    for _ in 0..30 {
+        let tick = bench.show(still(bench.frame)).unwrap();
+        assert_eq!(tick.command, CommandV1::default());
+    }
+    assert!(bench.cycle.telemetry().thrust > 0.0, "what would have been sent is told");
+    for _ in 0..30 {
+        bench.miss();
+    }
+    assert_eq!(bench.state(), Some(SafetyState::Stop));
+    for _ in 0..10 {
+        bench.show(still(bench.frame));
+    }
+    assert_eq!(bench.state(), Some(SafetyState::Nominal), "Stop does not latch");
+}

@@ -1,0 +1,208 @@
+//! The simulated vehicle and its radio.
+
+use oqtal_bus::code::Actuation;
+use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::message::{CommandV1, Header, TruthV1, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_plant_sim::{Output, Plant};
+
+const START: Time = Time::VIRTUAL_START;
+
+fn config(settings: &[(&str, toml::Value)]) -> Config {
+    let calm = [
+        ("vehicle.gust-sd-m-s2", toml::Value::from(0.0)),
+        ("vehicle.disturbance-spread", toml::Value::from(0.0)),
+        ("vehicle.rate-drift-deg-s", toml::Value::from(vec![0.0; 3])),
+        ("vehicle.force-n", toml::Value::from(vec![0.0; 3])),
+    ];
+    let settings: Vec<Setting> = calm
+        .iter()
+        .chain(settings)
+        .map(|(key, value)| Setting::flag("test", key, value.clone()))
+        .collect();
+    Config::from_settings(&settings).unwrap()
+}
+
+fn sticks(roll: f64, thrust: f64) -> CommandV1 {
+    let actuation = Actuation::Sticks.code();
+    CommandV1 { actuation, sticks: [roll, 0.0, 0.0], thrust, ..CommandV1::default() }
+}
+
+/// Thrust at which the default Hummingbird hovers.
+const HOVER: f64 = 0.5 * 9.81 / 20.0;
+
+struct Bench {
+    plant: Plant,
+    now: Time,
+    truths: Vec<TruthV1>,
+    applied: Vec<(Time, VehicleV1)>,
+}
+
+impl Bench {
+    fn new(config: &Config) -> Self {
+        Self { plant: Plant::new(config, START), now: START, truths: vec![], applied: vec![] }
+    }
+
+    fn fly(&mut self, millis: i64) {
+        self.now = self.now + Span::from_millis(millis);
+        let (truths, applied) = (&mut self.truths, &mut self.applied);
+        self.plant.advance(self.now, |output| match output {
+            Output::Truth(truth) => truths.push(truth),
+            Output::Applied(_, stamps, vehicle) => applied.push((stamps.applied_at, vehicle)),
+        });
+    }
+
+    fn command(&mut self, command: CommandV1) {
+        self.plant.receive(self.now, Header::default(), command, 0);
+    }
+
+    fn truth(&self) -> TruthV1 {
+        self.plant.truth()
+    }
+}
+
+#[test]
+fn it_rests_on_the_floor_until_lifted() {
+    let mut bench = Bench::new(&config(&[]));
+    bench.fly(500);
+    assert_eq!(bench.truth().position, [0.0; 3]);
+    bench.command(sticks(0.0, 0.5 * HOVER));
+    bench.fly(500);
+    assert_eq!(bench.truth().position[2], 0.0, "half its weight lifts nothing");
+    bench.command(sticks(0.0, 2.0 * HOVER));
+    bench.fly(500);
+    assert!(bench.truth().position[2] > 0.3);
+}
+
+#[test]
+fn a_command_acts_exactly_after_the_radio_delay_and_is_answered_once() {
+    let mut bench = Bench::new(&config(&[]));
+    bench.fly(7);
+    let sent = bench.now;
+    bench.command(sticks(0.0, 2.0 * HOVER));
+    bench.fly(300);
+    assert_eq!(bench.applied.len(), 1);
+    assert_eq!(bench.applied[0].0, sent + Span::from_millis(20));
+    let lifted = bench.truths.iter().find(|truth| truth.velocity[2] > 0.0).unwrap();
+    assert!(lifted.time > sent + Span::from_millis(20));
+}
+
+#[test]
+fn the_rate_follows_the_sticks_with_the_lag_of_the_on_board_loop() {
+    for fidelity in ["eq61", "rotors"] {
+        let mut bench = Bench::new(&config(&[("vehicle.fidelity", fidelity.into())]));
+        bench.command(sticks(0.0, 1.5 * HOVER));
+        bench.fly(1000);
+        bench.command(sticks(0.1, 1.5 * HOVER));
+        bench.fly(20 + 50);
+        let after_one_lag = bench.truth().rate[0] / 0.2;
+        bench.fly(300);
+        let settled = bench.truth().rate[0] / 0.2;
+        let expected = 1.0 - (-1.0f64).exp();
+        assert!((after_one_lag - expected).abs() < 0.06, "{fidelity}: {after_one_lag}");
+        assert!((settled - 1.0).abs() < 0.01, "{fidelity}: {settled}");
+    }
+}
+
+#[test]
+fn hover_thrust_hovers() {
+    for fidelity in ["eq61", "rotors"] {
+        let mut bench = Bench::new(&config(&[("vehicle.fidelity", fidelity.into())]));
+        bench.command(sticks(0.0, 2.0 * HOVER));
+        bench.fly(500);
+        bench.command(sticks(0.0, HOVER));
+        bench.fly(3000);
+        let before = bench.truth().velocity[2];
+        bench.fly(1000);
+        // Nothing but drag is left, at a quarter of the speed per second.
+        let expected = before * (-0.25f64).exp();
+        assert!((bench.truth().velocity[2] - expected).abs() < 1e-3, "{fidelity}");
+    }
+}
+
+#[test]
+fn a_sagging_battery_takes_thrust_away() {
+    let sag = [("vehicle.battery.sag", true.into()), ("vehicle.battery.capacity-ah", 0.02.into())];
+    let mut fresh = Bench::new(&config(&[]));
+    let mut sagging = Bench::new(&config(&sag));
+    for bench in [&mut fresh, &mut sagging] {
+        for _ in 0..40 {
+            bench.command(sticks(0.0, 1.3 * HOVER));
+            bench.fly(200);
+        }
+    }
+    assert!(sagging.truth().velocity[2] < fresh.truth().velocity[2]);
+    let voltage = |bench: &Bench| bench.applied.last().unwrap().1.battery_v;
+    assert!(voltage(&sagging) < voltage(&fresh));
+    assert!(voltage(&fresh) < 12.6);
+}
+
+#[test]
+fn a_torque_turns_the_spacecraft_as_euler_says() {
+    let settings = [("vehicle.kind", "spacecraft".into()), ("vehicle.radio-delay-ms", 0.0.into())];
+    let mut bench = Bench::new(&config(&settings));
+    let lift =
+        CommandV1 { actuation: Actuation::Torque.code(), thrust: 1.0, ..CommandV1::default() };
+    bench.command(lift);
+    bench.fly(500);
+    bench.command(CommandV1 { torque: [0.1, 0.0, 0.0], ..lift });
+    bench.fly(1000);
+    // omega = tau t / J with J = 0.5.
+    assert!((bench.truth().rate[0] - 0.2).abs() < 1e-9, "{:?}", bench.truth().rate);
+}
+
+#[test]
+fn nothing_absurd_on_the_radio_makes_an_absurd_state() {
+    let mut bench = Bench::new(&config(&[]));
+    for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -5.0] {
+        for actuation in 0..=u8::MAX {
+            bench.command(CommandV1 {
+                actuation,
+                sticks: [value; 3],
+                torque: [value; 3],
+                thrust: value,
+            });
+            bench.fly(1);
+        }
+    }
+    bench.fly(200);
+    let truth = bench.truth();
+    let numbers = truth.position.iter().chain(&truth.velocity).chain(&truth.attitude);
+    assert!(numbers.chain(&truth.rate).all(|number| number.is_finite()), "{truth:?}");
+}
+
+#[test]
+fn frames_are_numbered_and_fall_on_the_cameras_instants() {
+    let mut bench = Bench::new(&config(&[]));
+    bench.fly(1000);
+    let frames: Vec<_> = bench.truths.iter().filter(|truth| truth.capture > 0).collect();
+    assert_eq!(frames.len(), 61);
+    for (index, frame) in frames.iter().enumerate() {
+        assert_eq!(frame.capture, index as u64 + 1);
+        assert_eq!(frame.time, START + Span::from_seconds(index as f64 / 60.0));
+    }
+    let longest = bench.truths.windows(2).map(|pair| pair[1].time.since(pair[0].time)).max();
+    assert!(longest <= Some(Span::from_millis(1)), "steps of at most a millisecond");
+}
+
+#[test]
+fn gusts_have_their_standard_deviation_and_repeat_with_the_seed() {
+    let velocity = |seed: i64| {
+        let gusty = config(&[
+            ("vehicle.gust-sd-m-s2", 0.5.into()),
+            ("vehicle.drag-per-s", 0.0.into()),
+            ("clock.seed", seed.into()),
+        ]);
+        let mut bench = Bench::new(&gusty);
+        bench.command(sticks(0.0, 1.2 * HOVER));
+        bench.fly(5000);
+        bench.truth().velocity
+    };
+    assert_eq!(velocity(1), velocity(1));
+    // Integrated over 5 s: variance 2 sigma^2 tau (T - tau (1 - exp(-T / tau))).
+    let (sigma, tau, t) = (0.5f64, 0.8, 5.0f64);
+    let expected = (2.0 * sigma * sigma * tau * (t - tau * (1.0 - (-t / tau).exp()))).sqrt();
+    let samples: Vec<f64> = (0..60).flat_map(|seed| velocity(seed)[..2].to_vec()).collect();
+    let square_mean = samples.iter().map(|v| v * v).sum::<f64>() / samples.len() as f64;
+    assert!((square_mean.sqrt() / expected - 1.0).abs() < 0.2, "{} {expected}", square_mean.sqrt());
+}

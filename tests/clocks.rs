@@ -1,0 +1,97 @@
+//! One flight, whichever clock drives it.
+
+mod common;
+
+use common::{Testbed, number, signal, wait_for};
+use oqtal_bus::topic::{TELEMETRY, TRUTH};
+use rustix::process::Signal;
+
+/// A flight short enough to be flown often.
+const SHORT: [&str; 4] = ["--trajectory", "hover", "--duration", "3"];
+
+fn hash(clock: &str, seed: &str, more: &[&str]) -> String {
+    let words = [&["--clock", clock, "--seed", seed], more].concat();
+    let summary = Testbed::new("clocks").summary(&words);
+    assert_eq!(summary["outcome"], "landed");
+    summary["trajectory_hash"].as_str().unwrap().to_owned()
+}
+
+#[test]
+fn lockstep_repeats_and_agrees_with_in_process_bit_for_bit() {
+    let first = hash("lockstep", "7", &[]);
+    assert_eq!(first, hash("lockstep", "7", &[]));
+    assert_eq!(first, hash("in-process", "7", &[]));
+    assert_ne!(first, hash("in-process", "8", &[]));
+}
+
+#[test]
+fn the_clocks_agree_with_every_law_camera_and_vehicle() {
+    for words in [
+        &["--controller", "pid", "--set", "mocap.preset=measured"][..],
+        &["--controller", "lqr", "--set", "mocap.rate-hz=240"],
+        &["--vehicle", "sim:hummingbird,fidelity=rotors", "--set", "vehicle.battery.sag=true"],
+        &["--vehicle", "sim:spacecraft", "--set", "mocap.latency-ms=0"],
+    ] {
+        let words = [&SHORT[..], words].concat();
+        assert_eq!(hash("lockstep", "3", &words), hash("in-process", "3", &words), "{words:?}");
+    }
+}
+
+#[test]
+fn lockstep_stands_still_while_the_daemon_is_stopped_and_goes_on_after() {
+    let testbed = Testbed::new("standstill");
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let mut truth = bus.observer(&TRUTH).unwrap();
+    let long =
+        ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "600", "--json"];
+    let flight = testbed.start(&long);
+    let daemon = wait_for("the daemon", || {
+        telemetry.receive().unwrap().map(|(header, _)| header.source.try_into().unwrap())
+    });
+    signal(daemon, Signal::STOP);
+    // Whatever was under way has come to rest once nothing new is heard.
+    let mut last = None;
+    wait_for("time to stand still", || {
+        let heard = truth.latest().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        last = heard.map(|(_, truth)| truth.time).or(last);
+        heard.is_none().then_some(())
+    });
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert!(truth.latest().unwrap().is_none(), "time went on without the daemon");
+    signal(daemon, Signal::CONT);
+    wait_for("time to go on", || {
+        truth.latest().unwrap().filter(|(_, truth)| Some(truth.time) > last)
+    });
+    let output = flight.wait();
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "landed");
+    assert!(number(&summary, "/duration_s") > 600.0);
+}
+
+#[test]
+fn a_real_time_flight_lands_and_accounts_for_every_hop() {
+    let testbed = Testbed::new("real");
+    let summary = testbed.summary(&SHORT);
+    assert_eq!(summary["outcome"], "landed");
+    let count = |hop| number(&summary, &format!("/hops/{hop}/count"));
+    assert!(count("compute") > 300.0);
+    assert_eq!(count("compute"), count("sensor_to_actuator"));
+    // The radio's delay is part of the simulation, so that it is exact in real time, too.
+    assert!((number(&summary, "/hops/vehicle_to_applied/p50_ns") / 20e6 - 1.0).abs() < 0.01);
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+}
+
+#[test]
+fn two_instances_fly_side_by_side() {
+    let (a, b) = (Testbed::new("side-a"), Testbed::new("side-b"));
+    let words = [&["fly", "--seed", "5", "--json"], &SHORT[..]].concat();
+    let (first, second) = (a.start(&words), b.start(&words));
+    for flight in [first, second] {
+        let output = flight.wait();
+        assert!(output.status.success(), "{}", common::stderr(&output));
+        let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(number(&summary, "/lost/command"), 0.0);
+    }
+}

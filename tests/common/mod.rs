@@ -1,0 +1,154 @@
+//! A testbed of its own for every test: its own instance, root and output, so that tests run side by side.
+#![allow(dead_code)]
+
+use std::path::PathBuf;
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::place::Place;
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Nothing takes so long; a test that waits longer has failed, not been slow.
+pub const PATIENCE: Duration = Duration::from_secs(60);
+
+pub struct Testbed {
+    directory: TempDir,
+    instance: String,
+}
+
+impl Testbed {
+    pub fn new(name: &str) -> Self {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let directory = tempfile::tempdir().unwrap();
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        Self { directory, instance: format!("{name}-{}-{number}", std::process::id()) }
+    }
+
+    pub fn instance(&self) -> &str {
+        &self.instance
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.directory.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    pub fn place(&self) -> Place {
+        Place::new(&self.instance, Some(&self.path("run"))).unwrap()
+    }
+
+    pub fn bus(&self) -> Bus {
+        Bus::open(&self.place()).unwrap()
+    }
+
+    /// `oqtal` with these words, on this testbed.
+    pub fn oqtal<S: AsRef<str>>(&self, words: &[S]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        command.args(words.iter().map(AsRef::as_ref));
+        command.arg("--instance").arg(&self.instance).arg("--root").arg(self.path("run"));
+        command.current_dir(self.directory.path()).stdin(Stdio::null());
+        command
+    }
+
+    /// `oqtal fly` with these words.
+    pub fn fly(&self, words: &[&str]) -> Output {
+        self.oqtal(&[&["fly"], words].concat()).output().unwrap()
+    }
+
+    /// The summary of `oqtal fly --json` with these words, which must end well.
+    pub fn summary(&self, words: &[&str]) -> Value {
+        let output = self.fly(&[words, &["--json"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    pub fn start(&self, words: &[&str]) -> Running {
+        let mut command = self.oqtal(words);
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        Running { child: Some(child) }
+    }
+
+    /// What this instance still has in shared memory.
+    pub fn remains(&self) -> Vec<String> {
+        let prefix = format!("oqtal_{}_", self.instance);
+        std::fs::read_dir("/dev/shm")
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .filter(|name| name.starts_with(&prefix))
+            .collect()
+    }
+}
+
+impl Drop for Testbed {
+    fn drop(&mut self) {
+        self.bus().leave();
+    }
+}
+
+/// A running `oqtal`; killed if the test ends before it.
+pub struct Running {
+    child: Option<Child>,
+}
+
+impl Running {
+    pub fn id(&self) -> u32 {
+        self.child.as_ref().unwrap().id()
+    }
+
+    pub fn signal(&self, signal: rustix::process::Signal) {
+        self::signal(self.id(), signal);
+    }
+
+    pub fn wait(mut self) -> Output {
+        self.child.take().unwrap().wait_with_output().unwrap()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+pub fn signal(pid: u32, signal: rustix::process::Signal) {
+    let pid = rustix::process::Pid::from_raw(pid.cast_signed()).unwrap();
+    rustix::process::kill_process(pid, signal).unwrap();
+}
+
+/// Whether a process exists and is no zombie.
+pub fn is_alive(pid: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    let state = stat.rsplit(')').next().and_then(|rest| rest.trim().chars().next());
+    state.is_some_and(|state| state != 'Z' && state != 'X')
+}
+
+/// Looks again and again until `look` finds something.
+pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let began = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(began.elapsed() < PATIENCE, "waited in vain for {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+pub fn number(summary: &Value, path: &str) -> f64 {
+    summary.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {path}"))
+}

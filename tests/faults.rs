@@ -1,0 +1,130 @@
+//! What happens when a process dies, a second one comes, or an operator has had enough: real processes, real signals.
+
+mod common;
+
+use common::{Running, Testbed, is_alive, signal, stderr, wait_for};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::Mode;
+use oqtal_bus::topic::{TELEMETRY, TRUTH};
+use rustix::process::Signal;
+
+const LONG: [&str; 5] = ["fly", "--trajectory", "hover", "--duration", "60"];
+
+/// A flight that is in the air, and the process ids of its daemon and its plant.
+fn airborne(testbed: &Testbed) -> (Running, Bus, u32, u32) {
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let mut truth = bus.observer(&TRUTH).unwrap();
+    let flight = testbed.start(&[&LONG[..], &["--json"]].concat());
+    let daemon = wait_for("take-off", || {
+        let (header, telemetry) = telemetry.latest().unwrap()?;
+        (telemetry.mode == Mode::Flying.code() && telemetry.position[2] > 0.3)
+            .then_some(header.source)
+    });
+    let plant = wait_for("the truth", || truth.latest().unwrap().map(|(header, _)| header.source));
+    (flight, bus, daemon.try_into().unwrap(), plant.try_into().unwrap())
+}
+
+#[test]
+fn f14_a_killed_daemon_ends_the_flight_with_a_clear_message_and_no_remains() {
+    let testbed = Testbed::new("kill-daemon");
+    let (flight, bus, daemon, plant) = airborne(&testbed);
+    drop(bus);
+    signal(daemon, Signal::KILL);
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("daemon was killed by signal 9"), "{}", stderr(&output));
+    assert!(!is_alive(plant), "an orphan");
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+}
+
+#[test]
+fn f17_a_killed_plant_ends_the_flight_too() {
+    let testbed = Testbed::new("kill-plant");
+    let (flight, bus, daemon, plant) = airborne(&testbed);
+    drop(bus);
+    signal(plant, Signal::KILL);
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("plant-sim was killed by signal 9"), "{}", stderr(&output));
+    assert!(!is_alive(daemon), "an orphan");
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+}
+
+#[test]
+fn a_killed_front_door_leaves_no_orphans() {
+    let testbed = Testbed::new("kill-door");
+    let (flight, _bus, daemon, plant) = airborne(&testbed);
+    flight.signal(Signal::KILL);
+    wait_for("the crew to end", || (!is_alive(daemon) && !is_alive(plant)).then_some(()));
+}
+
+#[test]
+fn one_interrupt_lands() {
+    let testbed = Testbed::new("land");
+    let (flight, _bus, ..) = airborne(&testbed);
+    flight.signal(Signal::INT);
+    let output = flight.wait();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "landed");
+    assert!(common::number(&summary, "/duration_s") < 30.0);
+}
+
+#[test]
+fn two_interrupts_stop() {
+    let testbed = Testbed::new("stop");
+    let (flight, bus, ..) = airborne(&testbed);
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    flight.signal(Signal::INT);
+    wait_for("the landing", || {
+        telemetry.latest().unwrap().filter(|(_, t)| t.mode == Mode::Landing.code())
+    });
+    flight.signal(Signal::INT);
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(1));
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "stopped");
+}
+
+#[test]
+fn f25_a_second_daemon_is_refused_and_the_first_flies_on() {
+    let testbed = Testbed::new("second");
+    let (flight, _bus, daemon, _) = airborne(&testbed);
+    let second = testbed.oqtal(&["daemon", "run"]).output().unwrap();
+    assert_eq!(second.status.code(), Some(75));
+    let message = stderr(&second);
+    assert!(message.contains("topic `command`"), "{message}");
+    assert!(message.contains(&format!("held by process {daemon}")), "{message}");
+    assert!(is_alive(daemon));
+    flight.signal(Signal::INT);
+    assert!(flight.wait().status.success());
+}
+
+#[test]
+fn f33_a_daemon_asked_to_end_leaves_the_vehicle_neutral() {
+    let testbed = Testbed::new("term");
+    let bus = testbed.bus();
+    let mut commands = bus.observer(&oqtal_bus::topic::COMMAND).unwrap();
+    let daemon = testbed.start(&["daemon", "run"]);
+    wait_for("commands", || commands.latest().unwrap());
+    daemon.signal(Signal::TERM);
+    assert!(daemon.wait().status.success());
+    let (_, last) = commands.latest().unwrap().expect("a last command");
+    assert_eq!(last.actuation, 0);
+}
+
+#[test]
+fn ctl_speaks_to_a_daemon_and_says_when_there_is_none() {
+    let testbed = Testbed::new("ctl");
+    let nobody = testbed.oqtal(&["ctl", "status"]).output().unwrap();
+    assert_eq!(nobody.status.code(), Some(75));
+    assert!(stderr(&nobody).contains("no daemon answers"), "{}", stderr(&nobody));
+    let _daemon = testbed.start(&["daemon", "run"]);
+    let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
+    assert!(status.status.success(), "{}", stderr(&status));
+    assert!(String::from_utf8_lossy(&status.stdout).contains("disarmed"));
+    let arm = testbed.oqtal(&["ctl", "arm"]).output().unwrap();
+    assert_eq!(arm.status.code(), Some(1));
+    assert!(stderr(&arm).contains("no pose"), "{}", stderr(&arm));
+}

@@ -1,0 +1,155 @@
+//! Whole flights in virtual time, judged by the figures that the front door reports.
+
+mod common;
+
+use common::{Testbed, number};
+use serde_json::Value;
+
+fn fly(words: &[&str]) -> Value {
+    Testbed::new("flights").summary(&[&["--clock", "in-process", "--seed", "7"], words].concat())
+}
+
+#[test]
+fn every_law_flies_the_square_within_the_bounds() {
+    for controller in ["pid", "lqr", "oqtal"] {
+        let summary = fly(&["--controller", controller]);
+        assert_eq!(summary["outcome"], "landed", "{controller}");
+        assert!((number(&summary, "/scored_s") - 22.0).abs() < 0.05);
+        assert!(number(&summary, "/position_error_m/mean") <= 0.33, "{controller}");
+        assert!(number(&summary, "/attitude_error_deg/mean") <= 2.2, "{controller}");
+    }
+}
+
+#[test]
+fn every_law_hovers_within_three_centimetres() {
+    for controller in ["pid", "lqr", "oqtal"] {
+        let summary = fly(&["--controller", controller, "--trajectory", "hover"]);
+        assert_eq!(summary["outcome"], "landed", "{controller}");
+        assert!(number(&summary, "/position_error_m/mean") <= 0.03, "{controller}");
+    }
+}
+
+#[test]
+fn oqtal_solves_once_where_the_classic_law_solves_often() {
+    let solves = |controller| number(&fly(&["--controller", controller]), "/riccati_solves");
+    assert_eq!(solves("pid"), 0.0);
+    assert_eq!(solves("oqtal"), 1.0);
+    assert!(solves("lqr") > 1.0);
+}
+
+#[test]
+fn every_trajectory_is_flown_to_its_end() {
+    let testbed = Testbed::new("trajectories");
+    let file = testbed.write("path.csv", "t,x,y,z\n0,0,0,1\n3,0.5,0,1.2\n6,0.5,0.5,1\n9,0,0,1\n");
+    let waypoints = format!("trajectory.waypoints-file={:?}", file.display().to_string());
+    for trajectory in ["step", "circle", "lemniscate", "waypoints"] {
+        let words = ["--clock", "in-process", "--trajectory", trajectory, "--set", &waypoints];
+        let summary = testbed.summary(&words);
+        assert_eq!(summary["outcome"], "landed", "{trajectory}");
+        assert!(number(&summary, "/position_error_m/mean") < 0.8, "{trajectory}");
+    }
+}
+
+#[test]
+fn both_vehicles_and_both_fidelities_fly() {
+    for vehicle in ["sim:hummingbird,fidelity=rotors", "sim:spacecraft"] {
+        for controller in ["pid", "lqr", "oqtal"] {
+            let summary =
+                fly(&["--vehicle", vehicle, "--trajectory", "hover", "--controller", controller]);
+            assert_eq!(summary["outcome"], "landed", "{vehicle} {controller}");
+            assert!(number(&summary, "/position_error_m/mean") < 0.05, "{vehicle} {controller}");
+        }
+    }
+    let square = fly(&["--vehicle", "sim:hummingbird,fidelity=rotors"]);
+    assert!(number(&square, "/position_error_m/mean") <= 0.33);
+}
+
+#[test]
+fn the_measured_cameras_are_flown_with() {
+    let summary = fly(&["--set", "mocap.preset=measured"]);
+    assert_eq!(summary["outcome"], "landed");
+    assert!(number(&summary, "/lost/pose") > 10.0);
+    assert!(number(&summary, "/position_error_m/mean") <= 0.33);
+}
+
+#[test]
+fn faster_cameras_are_decimated_to_the_rate_of_the_loop() {
+    for rate in ["120", "240"] {
+        let summary = fly(&["--set", &format!("mocap.rate-hz={rate}")]);
+        let rate = number(&summary, "/ticks") / number(&summary, "/duration_s");
+        assert!((rate - 60.0).abs() < 0.5, "ticks at {rate} Hz");
+        assert_eq!(summary["outcome"], "landed");
+    }
+}
+
+#[test]
+fn f01_short_dropouts_are_coasted_through() {
+    let gaps = ["--set", "mocap.dropout-probability=0.02", "--set", "mocap.dropout-frames=3"];
+    let summary = fly(&gaps);
+    assert_eq!(summary["outcome"], "landed");
+    let states = summary["state_sequence"].as_array().unwrap();
+    assert!(states.iter().any(|state| state == "Coast"));
+    assert!(!states.iter().any(|state| state == "Stop"));
+    assert!(number(&summary, "/position_error_m/mean") <= 0.35);
+}
+
+#[test]
+fn f02_a_long_dropout_stops_the_motors() {
+    let testbed = Testbed::new("blind");
+    let words = ["--clock", "in-process", "--set", "mocap.dropout-probability=0.002"];
+    let output =
+        testbed.fly(&[&words[..], &["--set", "mocap.dropout-frames=1000", "--json"]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "stopped");
+    assert_eq!(summary["state_sequence"].as_array().unwrap().last().unwrap(), "Stop");
+}
+
+#[test]
+fn f09_outliers_are_refused_and_flown_through() {
+    let summary = fly(&["--set", "mocap.outlier-probability=0.01"]);
+    assert_eq!(summary["outcome"], "landed");
+    assert!(number(&summary, "/position_error_m/mean") <= 0.33);
+}
+
+#[test]
+fn a_summary_has_every_field_of_its_description() {
+    let summary = fly(&[]);
+    for field in [
+        "controller",
+        "trajectory",
+        "vehicle",
+        "clock",
+        "seed",
+        "ticks",
+        "duration_s",
+        "scored_s",
+        "outcome",
+        "error_source",
+        "position_error_m",
+        "velocity_error_m_s",
+        "attitude_error_deg",
+        "effort",
+        "riccati_solves",
+        "speed_factor",
+        "deadline_misses",
+        "lost",
+        "hops",
+        "wakeup_lateness",
+        "state_sequence",
+        "config_hash",
+        "trajectory_hash",
+    ] {
+        assert!(summary.get(field).is_some(), "{field} is missing");
+    }
+    for hop in [
+        "capture_to_publish",
+        "publish_to_daemon",
+        "compute",
+        "command_to_vehicle",
+        "vehicle_to_applied",
+        "sensor_to_actuator",
+    ] {
+        assert!(number(&summary, &format!("/hops/{hop}/count")) > 1000.0);
+    }
+}
