@@ -63,7 +63,7 @@ fn latencies(summary: &Summary) -> Table {
 
 fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
     let spans = [hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
-    let micros = spans.map(|nanos| format!("{:.1}", nanos as f64 * 1e-3));
+    let micros = spans.map(|nanos| significant(nanos as f64 * 1e-3));
     std::iter::once(name.to_owned()).chain(micros).collect()
 }
 

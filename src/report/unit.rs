@@ -21,8 +21,12 @@ pub fn significant(value: f64) -> String {
     if !(1e-6..1e9).contains(&value.abs()) {
         return format!("{value:.2e}");
     }
-    let decimals = 2.0 - value.abs().log10().floor();
-    format!("{value:.*}", decimals.max(0.0) as usize)
+    let decimals = 2 - value.abs().log10().floor() as i32;
+    let unit = 10_f64.powi(-decimals);
+    match usize::try_from(decimals) {
+        Ok(decimals) => format!("{value:.decimals$}"),
+        Err(_) => format!("{:.0}", (value / unit).round() * unit),
+    }
 }
 
 /// A span in the unit that suits it.
@@ -84,7 +88,7 @@ mod tests {
         let cases = [
             (0.083_14, "0.0831"),
             (-1.0, "-1.00"),
-            (12_345.6, "12346"),
+            (12_345.6, "12300"),
             (0.0, "0"),
             (3e-7, "3.00e-7"),
         ];
