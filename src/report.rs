@@ -154,7 +154,7 @@ fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
         ("Poses", arrivals.poses.to_string(), format!("{} frames lost", arrivals.frames_lost())),
         ("Median interval", milliseconds(median), format!("{} Hz", significant(1e3 / median))),
         (
-            "Jitter",
+            "Jitter, rms",
             milliseconds(arrivals.jitter_ms()),
             format!("longest gap {}", milliseconds(longest)),
         ),

@@ -18,13 +18,13 @@ pub fn closing(summary: &Summary) -> String {
 
 fn headline(summary: &Summary) -> String {
     let Summary { controller, trajectory, vehicle, clock, seed, .. } = summary;
-    let mut line = format!("{}: {controller}, {trajectory}, {vehicle}", outcome(summary.outcome));
-    line += &format!(
-        "\n{clock} clock, seed {seed}, {:.1} s armed, {} x real time",
+    format!(
+        "{}: {controller}, {trajectory}, {vehicle}\n\
+         {clock} clock, seed {seed}, {:.1} s armed, {} x real time",
+        outcome(summary.outcome),
         summary.duration_s,
         significant(summary.speed_factor)
-    );
-    line
+    )
 }
 
 /// The errors, if anything was judged.

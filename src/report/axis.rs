@@ -46,9 +46,8 @@ impl Axis {
     /// A logarithmic axis whose coordinate is the decimal logarithm, over whole decades that hold `range`, with `label`
     /// writing the value at a decade.
     pub fn decades(range: Range<f64>, label: impl Fn(i32) -> String) -> Self {
-        let range = drawable(range);
-        let (first, last) = (range.start.floor() as i32, range.end.ceil() as i32);
-        let last = last.max(first + 1);
+        let first = range.start.floor() as i32;
+        let last = (range.end.ceil() as i32).max(first + 1);
         let tick = |decade: i32| Tick { at: f64::from(decade), label: label(decade) };
         Self { range: f64::from(first)..f64::from(last), ticks: (first..=last).map(tick).collect() }
     }

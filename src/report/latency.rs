@@ -39,11 +39,7 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
         .hops
         .iter()
         .zip(INKS)
-        .map(|((name, distribution), ink)| Hop {
-            name: words(name).into_owned(),
-            ink,
-            distribution,
-        })
+        .map(|((name, distribution), ink)| Hop { name: words(name), ink, distribution })
         .collect();
     let any = hops.iter().any(|hop| hop.distribution.count() > 0);
     section(
@@ -181,7 +177,7 @@ fn table(summary: &Summary) -> Markup {
     let order = HOPS.into_iter().chain([WHOLE]);
     let hops = order.filter_map(|name| Some((words(name), summary.hops.get(name)?)));
     let hops = hops.filter(|(_, hop)| hop.count > 0);
-    let lateness = ("wake-up lateness".into(), &summary.wakeup_lateness);
+    let lateness = ("wake-up lateness".to_owned(), &summary.wakeup_lateness);
     html! {
         div.wide.scroll {
             table {

@@ -84,6 +84,7 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
         html! {
             (rotation_command(timeline))
             (over_time(timeline, "Collective thrust [of the greatest]", vec![thrust]))
+            // Both or none: the grid has two columns.
             @if let Some(voltage) = timeline.battery() {
                 (body_rate(timeline))
                 (over_time(timeline, "Battery voltage [V]", vec![voltage]))

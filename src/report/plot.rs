@@ -36,7 +36,7 @@ pub enum Shape {
     Band(Range<f64>),
     /// A filled rectangle between two corners.
     Block(Ink, Point, Point),
-    /// A disc.
+    /// A disc; nothing if its centre cannot be drawn.
     Disc(Ink, Point),
 }
 
@@ -89,16 +89,12 @@ impl Plot {
                 .y_label_area_size(self.label_width)
                 .build_cartesian_2d(self.x.clone(), self.y.clone())
                 .expect(NEVER_FAILS);
-            for shape in &self.shapes {
-                if let Shape::Band(range) = shape {
-                    let corners =
-                        [(range.start, self.y.range.start), (range.end, self.y.range.end)];
-                    let band = Rectangle::new(corners, Ink::Shade.color().filled());
-                    chart.plotting_area().draw(&band).expect(NEVER_FAILS);
-                }
+            let is_behind = |shape: &&Shape| matches!(shape, Shape::Band(_));
+            for shape in self.shapes.iter().filter(is_behind) {
+                draw(chart.plotting_area(), shape);
             }
             draw_axes(&mut chart);
-            for shape in &self.shapes {
+            for shape in self.shapes.iter().filter(|shape| !is_behind(shape)) {
                 draw(chart.plotting_area(), shape);
             }
             root.present().expect(NEVER_FAILS);
@@ -153,13 +149,19 @@ fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
                 }
             }
         }
+        Shape::Band(stretch) => {
+            let y = plane.get_y_range();
+            let corners = [(stretch.start, y.start), (stretch.end, y.end)];
+            let band = Rectangle::new(corners, Ink::Shade.color().filled());
+            plane.draw(&band).expect(NEVER_FAILS);
+        }
         Shape::Block(ink, from, to) => {
             plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
         }
-        Shape::Disc(ink, center) if is_drawable_point(center) => {
-            plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
+        Shape::Disc(ink, center) => {
+            if is_drawable_point(center) {
+                plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
+            }
         }
-        // A disc that no plot can show, and what lies behind the grid.
-        Shape::Disc(..) | Shape::Band(_) => {}
     }
 }

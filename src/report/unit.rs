@@ -1,6 +1,4 @@
-//! Numbers as people read them.
-
-use std::borrow::Cow;
+//! Numbers and names as people read them.
 
 use crate::flight::Outcome;
 use crate::summary::Summary;
@@ -74,9 +72,9 @@ pub fn states(summary: &Summary) -> String {
     }
 }
 
-/// A name of the configuration or of a hop, in words.
-pub fn words(name: &str) -> Cow<'_, str> {
-    if name.contains('_') { name.replace('_', " ").into() } else { name.into() }
+/// The name of a hop in words.
+pub fn words(name: &str) -> String {
+    name.replace('_', " ")
 }
 
 #[cfg(test)]
