@@ -8,8 +8,10 @@ use oqtal_control::trajectory::Phase;
 
 use crate::flight::{Flight, Sample};
 
-/// Columns of words.
-const WORDS: [(&str, fn(&TelemetryV1) -> Option<String>); 4] = [
+/// A column of words; `None` leaves the cell empty.
+type Word = (&'static str, fn(&TelemetryV1) -> Option<String>);
+
+const WORDS: [Word; 4] = [
     ("mode", |t| Mode::from_code(t.mode).map(|mode| mode.to_string())),
     ("state", |t| SafetyState::from_code(t.state).map(|state| state.to_string())),
     ("cause", |t| Cause::from_code(t.cause).map(|cause| cause.to_string())),

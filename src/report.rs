@@ -43,10 +43,10 @@ pub fn html(flight: &Flight, summary: &Summary) -> String {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
-                title { (summary.controller) " · " (summary.trajectory) " · " (unit::outcome(summary.outcome)) }
+                title { (summary.controller) " · " (subject(flight, summary)) " · " (unit::outcome(summary.outcome)) }
                 style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) }
             }
-            body { (heading(summary)) main { (body) (settings::settings(flight, summary)) } }
+            body { (heading(flight, summary)) main { (body) (settings::settings(flight, summary)) } }
         }
     };
     page.into_string()
@@ -55,7 +55,7 @@ pub fn html(flight: &Flight, summary: &Summary) -> String {
 fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     html! {
         (cards(&flight_figures(summary)))
-        (path::path(timeline))
+        (path::flown(timeline))
         (motion::position(timeline))
         (motion::attitude(timeline))
         (motion::velocity(timeline))
@@ -69,7 +69,7 @@ fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     let arrivals = Arrivals::of(timeline.flight);
     html! {
         (cards(&replay_figures(&arrivals, summary)))
-        (path::path(timeline))
+        (path::recorded(timeline))
         (replay::replay(timeline, &arrivals))
         (motion::estimate(timeline))
         (motion::command(timeline))
@@ -78,7 +78,25 @@ fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     }
 }
 
-fn heading(summary: &Summary) -> Markup {
+/// What was flown.
+fn subject<'a>(flight: &Flight, summary: &'a Summary) -> &'a str {
+    if flight.is_replay() { "replay" } else { &summary.trajectory }
+}
+
+/// On what, how and for how long.
+fn circumstances(flight: &Flight, summary: &Summary) -> String {
+    let Summary { vehicle, clock, seed, duration_s, scored_s, .. } = summary;
+    if flight.is_replay() {
+        return format!("{} · {clock} clock · {duration_s:.1} s", flight.config.mocap.replay);
+    }
+    let against = if summary.error_source == "truth" { " against the truth" } else { "" };
+    format!(
+        "{vehicle} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
+         {scored_s:.1} s of it (shaded) judged{against}"
+    )
+}
+
+fn heading(flight: &Flight, summary: &Summary) -> Markup {
     let mood = match summary.outcome {
         Outcome::Landed | Outcome::Replayed => "good",
         Outcome::Stopped | Outcome::Timeout => "warning",
@@ -88,14 +106,10 @@ fn heading(summary: &Summary) -> Markup {
         header {
             p.eyebrow { "oqtal flight report" }
             h1 {
-                (summary.controller) span.dot { "·" } (summary.trajectory)
+                (summary.controller) span.dot { "·" } (subject(flight, summary))
                 span.badge.(mood) { (unit::outcome(summary.outcome)) }
             }
-            p.note {
-                (summary.vehicle) " · " (summary.clock) " clock · seed " (summary.seed) " · "
-                (format!("{:.1} s", summary.duration_s)) " armed, " (format!("{:.1} s", summary.scored_s)) " judged"
-                @if summary.error_source == "truth" { " against the truth" }
-            }
+            p.note { (circumstances(flight, summary)) }
         }
     }
 }
@@ -118,17 +132,17 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
     let missing = || (MISSING.to_owned(), "nothing was judged".to_owned());
     let (position, detail) = summary.position_error_m.as_ref().map_or_else(missing, |error| {
         let [rms, max] = [error.rms, error.max].map(unit::length);
-        (unit::length(error.mean), format!("rms {rms}, greatest {max}"))
+        (unit::length(error.mean), format!("rms {rms}, max {max}"))
     });
     figures.push(("Mean position error", position, detail));
     let (attitude, detail) = summary.attitude_error_deg.as_ref().map_or_else(missing, |error| {
         let [mean, rms, max] = [error.mean, error.rms, error.max].map(significant);
-        (format!("{mean}°"), format!("rms {rms}°, greatest {max}°"))
+        (format!("{mean}°"), format!("rms {rms}°, max {max}°"))
     });
     figures.push(("Mean attitude error", attitude, detail));
     let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();
-    let tail = format!("p99 {}, greatest {}", span(whole.p99_ns), span(whole.max_ns));
-    figures.push(("Sensor to actuator, median", span(whole.p50_ns), tail));
+    let tail = format!("p99 {}, max {}", span(whole.p99_ns), span(whole.max_ns));
+    figures.push(("Sensor to actuator, p50", span(whole.p50_ns), tail));
     figures.extend(loop_figures(summary));
     figures
 }
@@ -140,7 +154,7 @@ fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
         ("Poses", arrivals.poses.to_string(), format!("{} frames lost", arrivals.frames_lost())),
         ("Median interval", milliseconds(median), format!("{} Hz", significant(1e3 / median))),
         (
-            "Jitter",
+            "Jitter, rms",
             milliseconds(arrivals.jitter_ms()),
             format!("longest gap {}", milliseconds(longest)),
         ),

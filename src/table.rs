@@ -3,53 +3,50 @@
 use comfy_table::{CellAlignment, Table, presets};
 use oqtal_bus::latency::{DistributionSummary, HOPS, WHOLE};
 
-use crate::report::unit::{outcome, significant, unit_of_length, words};
+use crate::report::unit::{outcome, significant, states, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 
-/// The closing table of a flight: plain text of at most 100 columns, ending in a line feed.
+/// The closing table of a flight: plain text of at most 100 columns.
 #[must_use]
 pub fn closing(summary: &Summary) -> String {
     let mut text = format!("{}\n", headline(summary));
     if let Some(errors) = errors(summary) {
         text += &format!("{errors}\n");
     }
-    text += &format!("{}\n{}\n", latencies(summary), counts(summary));
-    text
+    text + &format!("{}\n{}", latencies(summary), counts(summary))
 }
 
 fn headline(summary: &Summary) -> String {
     let Summary { controller, trajectory, vehicle, clock, seed, .. } = summary;
-    let mut line = format!("{}: {controller}, {trajectory}, {vehicle}", outcome(summary.outcome));
-    line += &format!(
-        "\n{clock} clock, seed {seed}, {:.1} s armed, {} x real time",
+    format!(
+        "{}: {controller}, {trajectory}, {vehicle}\n\
+         {clock} clock, seed {seed}, {:.1} s armed, {} x real time",
+        outcome(summary.outcome),
         summary.duration_s,
         significant(summary.speed_factor)
-    );
-    line
+    )
 }
 
 /// The errors, if anything was judged.
 fn errors(summary: &Summary) -> Option<Table> {
     let position = summary.position_error_m.as_ref();
     let (unit, per_metre) = unit_of_length(position.map_or(0.0, |error| error.max));
+    let decimals = if unit == "mm" { 1 } else { 3 };
     let rows = [
-        (format!("position [{unit}]"), position, per_metre),
-        ("velocity [m/s]".to_owned(), summary.velocity_error_m_s.as_ref(), 1.0),
-        ("attitude [deg]".to_owned(), summary.attitude_error_deg.as_ref(), 1.0),
+        (format!("position [{unit}]"), position, per_metre, decimals),
+        ("velocity [m/s]".to_owned(), summary.velocity_error_m_s.as_ref(), 1.0, 3),
+        ("attitude [deg]".to_owned(), summary.attitude_error_deg.as_ref(), 1.0, 2),
     ];
     let judged = format!("error over {:.1} s", summary.scored_s);
     let mut table = table(&[&judged, "mean", "rms", "max", "rms x, roll", "y, pitch", "z, yaw"]);
-    for (name, figures, factor) in rows {
-        table.add_row(error_row(name, figures?, factor));
+    for (name, figures, factor, decimals) in rows {
+        let ErrorFigures { mean, rms, max, rms_by_axis } = figures?;
+        let numbers = [*mean, *rms, *max].into_iter().chain(*rms_by_axis);
+        let cells = numbers.map(|number| format!("{:.decimals$}", number * factor));
+        table.add_row(std::iter::once(name).chain(cells));
     }
     align(&mut table);
     Some(table)
-}
-
-fn error_row(name: String, figures: &ErrorFigures, factor: f64) -> Vec<String> {
-    let ErrorFigures { mean, rms, max, rms_by_axis } = figures;
-    let numbers = [*mean, *rms, *max].into_iter().chain(*rms_by_axis);
-    std::iter::once(name).chain(numbers.map(|number| significant(number * factor))).collect()
 }
 
 fn latencies(summary: &Summary) -> Table {
@@ -71,13 +68,13 @@ fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
 }
 
 fn counts(summary: &Summary) -> String {
+    let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
     format!(
-        "Riccati solves {}, deadline misses {}, lost {} poses and {} commands, {}",
-        summary.riccati_solves,
-        summary.deadline_misses,
-        summary.lost.pose,
-        summary.lost.command,
-        summary.state_sequence.join(" > ")
+        "Riccati solves {riccati_solves}, deadlines missed {deadline_misses}, \
+         poses lost {}, commands lost {}\nstates: {}",
+        lost.pose,
+        lost.command,
+        states(summary)
     )
 }
 
@@ -114,7 +111,7 @@ mod tests {
             "position [m",
             "attitude [deg]",
             "sensor to actuator",
-            "Nominal > Coast > Nominal",
+            "Nominal → Coast → Nominal",
         ] {
             assert!(text.contains(word), "{word} in\n{text}");
         }

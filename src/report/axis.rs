@@ -23,10 +23,10 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// A linear axis over exactly `range`, with about `count` ticks and `unit` behind each number.
-    pub fn linear(range: Range<f64>, count: usize, unit: &str) -> Self {
+    /// A linear axis over exactly `range`, with about `count` divisions and `unit` behind each number.
+    pub fn linear(range: Range<f64>, count: f64, unit: &str) -> Self {
         let range = drawable(range);
-        let step = nice_step((range.end - range.start) / count as f64);
+        let step = nice_step((range.end - range.start) / count);
         let first = (range.start / step).ceil() as i64;
         let last = (range.end / step).floor() as i64;
         let tick =
@@ -40,15 +40,14 @@ impl Axis {
         let room = 0.07 * (end - start);
         let is_magnitude = start >= 0.0 && start <= 0.5 * end;
         let lower = if is_magnitude { 0.0 } else { start - room };
-        Self::linear(lower..end + room, 5, "")
+        Self::linear(lower..end + room, 5.0, "")
     }
 
     /// A logarithmic axis whose coordinate is the decimal logarithm, over whole decades that hold `range`, with `label`
     /// writing the value at a decade.
     pub fn decades(range: Range<f64>, label: impl Fn(i32) -> String) -> Self {
-        let range = drawable(range);
-        let (first, last) = (range.start.floor() as i32, range.end.ceil() as i32);
-        let last = last.max(first + 1);
+        let first = range.start.floor() as i32;
+        let last = (range.end.ceil() as i32).max(first + 1);
         let tick = |decade: i32| Tick { at: f64::from(decade), label: label(decade) };
         Self { range: f64::from(first)..f64::from(last), ticks: (first..=last).map(tick).collect() }
     }
@@ -113,11 +112,11 @@ mod tests {
     #[test]
     fn ticks_lie_where_a_person_would_put_them() {
         assert_eq!(
-            labels(&Axis::linear(-0.9..2.1, 6, "")),
+            labels(&Axis::linear(-0.9..2.1, 6.0, "")),
             ["-0.5", "0.0", "0.5", "1.0", "1.5", "2.0"]
         );
         assert_eq!(
-            labels(&Axis::linear(0.0..41.0, 8, " s")),
+            labels(&Axis::linear(0.0..41.0, 8.0, " s")),
             ["0 s", "10 s", "20 s", "30 s", "40 s"]
         );
         assert_eq!(

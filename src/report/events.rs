@@ -15,7 +15,7 @@ use super::plot::{Plot, Shape};
 use super::section;
 use super::series::Timeline;
 
-/// The page lists so many events and counts the rest.
+/// A list names so many events and counts the rest.
 const MOST_LISTED: usize = 100;
 
 const STATES: [(SafetyState, &str, Ink); 3] = [
@@ -34,25 +34,38 @@ const PHASES: [(Phase, &str, Ink); 4] = [
 /// The section of the events.
 pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     let refused = timeline.samples.last().map_or(0, |sample| sample.telemetry.poses_refused);
-    let events = list(timeline);
+    let pairs = timeline.samples.windows(2);
+    let events = pairs.flat_map(|pair| {
+        let at = timeline.at(&pair[1]);
+        changes(&pair[0].telemetry, &pair[1].telemetry).into_iter().map(move |what| (at, what))
+    });
     section(
         "Events",
         html! {
             (strip(timeline))
             p.note.wide {
-                (summary.lost.pose) " poses lost, " (refused) " refused; "
-                (summary.lost.command) " commands lost; " (summary.deadline_misses) " deadlines missed."
+                "Poses lost: " (summary.lost.pose) ", refused: " (refused)
+                ". Commands lost: " (summary.lost.command)
+                ". Deadlines missed: " (summary.deadline_misses) "."
             }
-            @if !events.is_empty() {
-                ol.events.wide {
-                    @for (at, what) in events.iter().take(MOST_LISTED) {
-                        li { span.time { (format!("{at:.2} s")) } (what) }
-                    }
-                    @if events.len() > MOST_LISTED { li { "… and " (events.len() - MOST_LISTED) " more" } }
-                }
-            }
+            (list(events))
         },
     )
+}
+
+/// What happened at which instants \[s\]; nothing if nothing happened.
+pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
+    let events: Vec<_> = events.collect();
+    html! {
+        @if !events.is_empty() {
+            ol.events.wide {
+                @for (at, what) in events.iter().take(MOST_LISTED) {
+                    li { span.time { (format!("{at:.2} s")) } (what) }
+                }
+                @if events.len() > MOST_LISTED { li { "… and " (events.len() - MOST_LISTED) " more" } }
+            }
+        }
+    }
 }
 
 /// Phase and safety state as bands over time.
@@ -67,7 +80,7 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
     let plot = Plot {
         size: (FULL, 250),
         label_width: 120,
-        x: Axis::linear(timeline.range(), 16, " s"),
+        x: Axis::linear(timeline.range(), 16.0, " s"),
         y: Axis::rows(["phase", "state"].into_iter()),
         shapes: phases.into_iter().chain(bands(timeline, state, 0.0)).collect(),
     };
@@ -88,17 +101,7 @@ fn bands(timeline: &Timeline<'_>, ink: impl Fn(&Sample) -> Option<Ink>, floor: f
     bands
 }
 
-/// Changes of state and cause, losses, refusals and missed deadlines, with their instants \[s\].
-fn list(timeline: &Timeline<'_>) -> Vec<(f64, String)> {
-    let pairs = timeline.samples.windows(2);
-    pairs
-        .flat_map(|pair| {
-            let at = timeline.at(&pair[1]);
-            changes(&pair[0].telemetry, &pair[1].telemetry).into_iter().map(move |what| (at, what))
-        })
-        .collect()
-}
-
+/// Changes of state and cause, losses, refusals and missed deadlines.
 fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let counted = [
         ("poses lost", before.poses_lost, now.poses_lost),

@@ -9,9 +9,9 @@ use super::palette::Ink;
 use super::plot::{Plot, Shape};
 use super::series::{Timeline, Trace};
 
-/// Half as wide as the page.
+/// Width of a plot that takes half of the page.
 pub const HALF: u32 = 1120;
-/// As wide as the page.
+/// Width of a plot that takes all of it.
 pub const FULL: u32 = 2320;
 const HEIGHT: u32 = 420;
 const PATH_HEIGHT: u32 = 900;
@@ -40,14 +40,13 @@ pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
 /// Traces over the time of the flight, the judged window shaded.
 pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Markup {
     let values = traces.iter().flat_map(|trace| &trace.points).map(|point| point.1);
-    let y = Axis::fitting(values);
     let legend: Vec<_> = traces.iter().map(|trace| (trace.name, trace.ink)).collect();
     let band = timeline.scored().map(Shape::Band);
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,
-        x: Axis::linear(timeline.range(), 8, " s"),
-        y,
+        x: Axis::linear(timeline.range(), 8.0, " s"),
+        y: Axis::fitting(values),
         shapes: band.into_iter().chain(lines(traces)).collect(),
     };
     figure(title, &legend, &plot)
@@ -58,7 +57,8 @@ pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
     let points = || paths.iter().chain(&marks).flat_map(|trace| &trace.points);
     let x = Axis::fitting(points().map(|point| point.0));
     let y = Axis::fitting(points().map(|point| point.1));
-    let legend: Vec<_> = paths.iter().chain(&marks).map(|trace| (trace.name, trace.ink)).collect();
+    let shown = paths.iter().chain(&marks).filter(|trace| !trace.points.is_empty());
+    let legend: Vec<_> = shown.map(|trace| (trace.name, trace.ink)).collect();
     let discs = marks
         .into_iter()
         .flat_map(|mark| mark.points.into_iter().map(move |at| Shape::Disc(mark.ink, at)));

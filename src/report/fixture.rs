@@ -43,7 +43,8 @@ pub(crate) fn square() -> Flight {
         let t = tick as f64 / RATE_HZ;
         let reference = reference(t);
         let command = ((reference - position) * 1.4).map(|v: f64| v.clamp(-0.8, 0.8));
-        let acceleration = (command - velocity) * 3.0;
+        let gust = Vector3::new((1.3 * t).sin(), (0.9 * t).cos(), (1.7 * t).sin()) * 0.12;
+        let acceleration = (command - velocity) * 3.0 + gust;
         velocity += acceleration / RATE_HZ;
         position += velocity / RATE_HZ;
         flight.samples.push(sample(
@@ -140,9 +141,9 @@ fn sample(tick: u64, motion: [Vector3<f64>; 5], noise: &mut Noise) -> Sample {
         attitude_command: Attitude::from_rotation_vector(tilt).xyzw(),
         sticks: (tilt + noise.vector(0.02)).into(),
         thrust: 0.245 + 0.02 * acceleration.z + 0.002 * noise.next(),
-        pose_age_s: 0.015,
+        pose_age_s: if lost { 0.015 + (tick - 999) as f64 / RATE_HZ } else { 0.015 },
         riccati_solves: 1 + tick / 300,
-        poses_lost: if tick < 1000 { 0 } else { (tick - 999).min(12) },
+        poses_lost: if tick < 1012 { 0 } else { 12 },
         mode: Mode::Flying.code(),
         state: state.code(),
         cause: if lost { Cause::NoPose } else { Cause::None }.code(),

@@ -39,11 +39,7 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
         .hops
         .iter()
         .zip(INKS)
-        .map(|((name, distribution), ink)| Hop {
-            name: words(name).into_owned(),
-            ink,
-            distribution,
-        })
+        .map(|((name, distribution), ink)| Hop { name: words(name), ink, distribution })
         .collect();
     let any = hops.iter().any(|hop| hop.distribution.count() > 0);
     section(
@@ -73,7 +69,7 @@ fn budget(summary: &Summary) -> Markup {
         figure.wide {
             figcaption { span.title { "Median of each hop" } }
             div.budget {
-                @for (name, ink) in HOPS.iter().zip(INKS) {
+                @for (name, ink) in HOPS.iter().zip(INKS).filter(|(name, _)| median(name) > 0) {
                     div style={ "width:" (format!("{:.3}", share(name))) "%;background:" (ink.css()) } {}
                 }
             }
@@ -136,7 +132,6 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
             .collect()
     };
     let curves: Vec<Vec<Point>> = hops.iter().map(curve).collect();
-    let legend: Vec<_> = hops.iter().map(|hop| (hop.name.as_str(), hop.ink)).collect();
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: 120,
@@ -148,7 +143,7 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
             .collect(),
         x,
     };
-    figure("Latency that a share of all samples does not exceed", &legend, &plot)
+    figure("Latency by percentile, colours as above", &[], &plot)
 }
 
 /// Decimal logarithm of a quantile \[ns\]; negative infinity, which no plot shows, for zero.
@@ -157,9 +152,16 @@ fn decades_of(distribution: &Distribution, quantile: f64) -> f64 {
 }
 
 fn time_axis(range: Range<f64>) -> Axis {
-    Axis::decades(range, |decade| {
-        span(10_u64.pow(decade.clamp(0, 18).unsigned_abs())).replace(".00", "")
-    })
+    Axis::decades(range, power_of_ten)
+}
+
+/// A span of a whole decade of nanoseconds, written out.
+fn power_of_ten(decade: i32) -> String {
+    let unit = ["ns", "µs", "ms"].get((decade / 3).unsigned_abs() as usize);
+    match unit {
+        Some(unit) => format!("{} {unit}", 10_u32.pow(decade.unsigned_abs() % 3)),
+        None => format!("{} s", 10_u64.pow(decade.unsigned_abs() - 9)),
+    }
 }
 
 /// The share that `nines` decades stand for.
@@ -174,13 +176,14 @@ fn percentile(nines: i32) -> String {
 fn table(summary: &Summary) -> Markup {
     let order = HOPS.into_iter().chain([WHOLE]);
     let hops = order.filter_map(|name| Some((words(name), summary.hops.get(name)?)));
-    let lateness = ("wake-up lateness".into(), &summary.wakeup_lateness);
+    let hops = hops.filter(|(_, hop)| hop.count > 0);
+    let lateness = ("wake-up lateness".to_owned(), &summary.wakeup_lateness);
     html! {
         div.wide.scroll {
             table {
                 thead { tr {
                     th { "Hop" }
-                    @for heading in ["count", "least", "median", "p99", "p99.9", "greatest"] { th { (heading) } }
+                    @for heading in ["count", "min", "p50", "p99", "p99.9", "max"] { th { (heading) } }
                 } }
                 tbody {
                     @for (name, hop) in hops.chain([lateness]) { (row(&name, hop)) }

@@ -75,15 +75,18 @@ pub fn velocity(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// What was asked of the vehicle, and the voltage it had for it.
+/// What was asked of the vehicle, how fast it turned, and the voltage it had for it.
 pub fn command(timeline: &Timeline<'_>) -> Markup {
     let thrust = timeline.trace("thrust", Ink::Actual, |s| s.telemetry.thrust);
+    let title = if timeline.flight.is_replay() { "Command, had it been sent" } else { "Command" };
     section(
-        "Command",
+        title,
         html! {
             (rotation_command(timeline))
             (over_time(timeline, "Collective thrust [of the greatest]", vec![thrust]))
+            // Both or none: the grid has two columns.
             @if let Some(voltage) = timeline.battery() {
+                (body_rate(timeline))
                 (over_time(timeline, "Battery voltage [V]", vec![voltage]))
             }
         },
@@ -99,25 +102,27 @@ fn rotation_command(timeline: &Timeline<'_>) -> Markup {
     by_component(timeline, title, ["roll", "pitch", "yaw"], vector)
 }
 
-/// The estimated velocity and body rate.
+/// The motion that the daemon estimated, and how old the poses were that it had.
 pub fn estimate(timeline: &Timeline<'_>) -> Markup {
-    let rate = |s: &Sample| s.telemetry.rate.map(f64::to_degrees);
-    section(
-        "Estimated motion",
-        html! {
-            (by_component(timeline, "Velocity [m/s]", WORLD, |s| s.telemetry.velocity))
-            (by_component(timeline, "Body rate [deg/s, body]", WORLD, rate))
-            (attitude_by_angle(timeline))
-        },
-    )
-}
-
-fn attitude_by_angle(timeline: &Timeline<'_>) -> Markup {
     let angle = |i: usize| {
         let angle = timeline.angle("estimate", Ink::Actual, |s| euler_angles(&s.attitude())[i]);
         over_time(timeline, &format!("{} [deg]", ANGLES[i]), vec![angle])
     };
-    html! { @for i in 0..3 { (angle(i)) } }
+    let age = timeline.trace("age", Ink::Bad, |s| s.telemetry.pose_age_s * 1e3);
+    section(
+        "Estimated motion",
+        html! {
+            (by_component(timeline, "Velocity [m/s]", WORLD, |s| s.telemetry.velocity))
+            (body_rate(timeline))
+            @for i in 0..3 { (angle(i)) }
+            (over_time(timeline, "Age of the newest pose at each tick [ms]", vec![age]))
+        },
+    )
+}
+
+fn body_rate(timeline: &Timeline<'_>) -> Markup {
+    let rate = |s: &Sample| s.telemetry.rate.map(f64::to_degrees);
+    by_component(timeline, "Estimated body rate [deg/s, body]", WORLD, rate)
 }
 
 fn by_component(

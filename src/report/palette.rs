@@ -3,11 +3,9 @@
 //! The plots are drawn in the light colours. The style sheet then reads the colour of each shape as the name of an ink and
 //! paints it as the reader's colour scheme wants it.
 
-use std::fmt::Write;
-
 use plotters::style::RGBColor;
 
-/// What a colour means.
+/// What a colour stands for; the numbered ones tell apart lines that have no better name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ink {
     Reference,
@@ -64,15 +62,14 @@ impl Ink {
 /// The style sheet's share of the palette.
 pub fn css() -> String {
     let hex = |[r, g, b]: [u8; 3]| format!("#{r:02X}{g:02X}{b:02X}");
-    let (mut light, mut dark, mut shapes) = (String::new(), String::new(), String::new());
-    for (_, name, in_light, in_dark) in INKS {
-        let key = hex(in_light);
-        // Writing into a string cannot fail.
-        let _ = write!(light, "--{name}:{key};");
-        let _ = write!(dark, "--{name}:{};", hex(in_dark));
-        let _ = write!(shapes, ".plot [stroke=\"{key}\"]{{stroke:var(--{name})}}");
-        let _ = write!(shapes, ".plot [fill=\"{key}\"]{{fill:var(--{name})}}");
-    }
+    let light = INKS.map(|(_, name, light, _)| format!("--{name}:{};", hex(light))).concat();
+    let dark = INKS.map(|(_, name, _, dark)| format!("--{name}:{};", hex(dark))).concat();
+    let shape = |name: &str, key: &str, property: &str| {
+        format!(".plot [{property}=\"{key}\"]{{{property}:var(--{name})}}")
+    };
+    let shapes = INKS
+        .map(|(_, name, light, _)| ["stroke", "fill"].map(|p| shape(name, &hex(light), p)).concat())
+        .concat();
     format!(
         ":root{{{light}}}@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}{shapes}"
     )

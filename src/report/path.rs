@@ -7,7 +7,7 @@ use crate::flight::Sample;
 use super::figure::in_plane;
 use super::palette::Ink;
 use super::section;
-use super::series::{Point, Timeline, Trace};
+use super::series::{Point, Timeline, Trace, thin_path};
 
 /// A reference that moves further than this in one tick steps \[m\].
 const STEP_M: f64 = 0.1;
@@ -15,31 +15,43 @@ const STEP_M: f64 = 0.1;
 /// A direction of view: horizontal and vertical component of a position.
 type View = fn([f64; 3]) -> Point;
 
-/// The section of the path, seen from above and from the side.
-pub fn path(timeline: &Timeline<'_>) -> Markup {
-    section(
-        "Path",
-        html! {
-            (seen(timeline, "From above: y over x [m]", |[x, y, _]| (x, y)))
-            (seen(timeline, "From the side: height over x [m]", |[x, _, z]| (x, z)))
-        },
-    )
+const VIEWS: [(&str, View); 2] = [
+    ("Top view: y over x [m]", |[x, y, _]| (x, y)),
+    ("Side view: z over x [m]", |[x, _, z]| (x, z)),
+];
+
+/// The section of the path flown, beside its reference.
+pub fn flown(timeline: &Timeline<'_>) -> Markup {
+    let seen = |(title, view): (&str, View)| {
+        let reference = timeline
+            .path("reference", Ink::Reference, |sample| view(sample.telemetry.reference_position));
+        let corners = Trace { name: "corners", ink: Ink::Fourth, points: corners(timeline, view) };
+        let marks = std::iter::once(corners).chain(ends(timeline, view)).collect();
+        in_plane(title, vec![reference, actual(timeline, view)], marks)
+    };
+    section("Path", html! { @for view in VIEWS { (seen(view)) } })
 }
 
-fn seen(timeline: &Timeline<'_>, title: &str, view: View) -> Markup {
-    let reference = |sample: &Sample| view(sample.telemetry.reference_position);
-    let position = |sample: &Sample| view(sample.position().into());
-    let paths = vec![
-        timeline.path("reference", Ink::Reference, reference),
-        timeline.path(timeline.actual(), Ink::Actual, position),
-    ];
-    let end = |sample: Option<&Sample>| sample.map(position).into_iter().collect();
-    let marks = vec![
-        Trace { name: "corners", ink: Ink::Reference, points: corners(timeline, view) },
-        Trace { name: "start", ink: Ink::Good, points: end(timeline.samples.first()) },
-        Trace { name: "end", ink: Ink::Second, points: end(timeline.samples.last()) },
-    ];
-    in_plane(title, paths, marks)
+/// The section of the path recorded, beside the estimate of it.
+pub fn recorded(timeline: &Timeline<'_>) -> Markup {
+    let seen = |(title, view): (&str, View)| {
+        let poses = timeline.flight.arrivals.iter().map(|arrival| view(arrival.position));
+        let points = thin_path(poses.collect());
+        let poses = Trace { name: "poses", ink: Ink::Reference, points };
+        in_plane(title, vec![poses, actual(timeline, view)], ends(timeline, view).into())
+    };
+    section("Path", html! { @for view in VIEWS { (seen(view)) } })
+}
+
+fn actual(timeline: &Timeline<'_>, view: View) -> Trace {
+    timeline.path(timeline.actual(), Ink::Actual, |sample| view(sample.position().into()))
+}
+
+/// Where it began and ended.
+fn ends(timeline: &Timeline<'_>, view: View) -> [Trace; 2] {
+    let at = |sample: Option<&Sample>| sample.map(|sample| view(sample.position().into()));
+    [("start", Ink::Good, timeline.samples.first()), ("end", Ink::Second, timeline.samples.last())]
+        .map(|(name, ink, sample)| Trace { name, ink, points: at(sample).into_iter().collect() })
 }
 
 /// Where the reference stepped from and to.

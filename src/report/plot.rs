@@ -10,14 +10,18 @@ use plotters::prelude::*;
 
 use super::axis::Axis;
 use super::palette::Ink;
-use super::series::{Point, is_drawable};
+use super::series::{Point, is_drawable_point};
 
 /// Size of text; the backend divides by 1.24.
 const FONT_SIZE: f64 = 24.0 * 1.24;
 /// Height of the labels of the horizontal axis.
-const LABEL_HEIGHT: u32 = 52;
-/// Free space at the other edges.
-const MARGIN: u32 = 22;
+const LABEL_HEIGHT: u32 = 44;
+/// Free space above the axes.
+const TOP: u32 = 22;
+/// Free space to their right: half a label.
+const RIGHT: u32 = 44;
+/// Divisions of an axis in equal scale are about this far apart.
+const DIVISION: f64 = 120.0;
 
 const NEVER_FAILS: &str = "drawing into a string cannot fail";
 
@@ -32,7 +36,7 @@ pub enum Shape {
     Band(Range<f64>),
     /// A filled rectangle between two corners.
     Block(Ink, Point, Point),
-    /// A disc.
+    /// A disc; nothing if its centre cannot be drawn.
     Disc(Ink, Point),
 }
 
@@ -53,15 +57,12 @@ pub struct Plot {
 
 impl Plot {
     /// Size of the area between the axes.
-    pub fn area(&self) -> (f64, f64) {
+    fn area(&self) -> (f64, f64) {
         let (width, height) = self.size;
-        (
-            f64::from(width - self.label_width - 2 * MARGIN),
-            f64::from(height - LABEL_HEIGHT - 2 * MARGIN),
-        )
+        (f64::from(width - self.label_width - RIGHT), f64::from(height - LABEL_HEIGHT - TOP))
     }
 
-    /// Widens one axis until a length is equally long on both, `ticks` apart.
+    /// Widens one axis until a length is equally long on both.
     pub fn with_equal_scale(mut self) -> Self {
         let (width, height) = self.area();
         let span = |axis: &Axis| axis.range.end - axis.range.start;
@@ -69,7 +70,7 @@ impl Plot {
         let widened = |axis: &Axis, pixels: f64, unit: &str| {
             let middle = 0.5 * (axis.range.start + axis.range.end);
             let half = 0.5 * per_pixel * pixels;
-            Axis::linear(middle - half..middle + half, (pixels / 120.0) as usize, unit)
+            Axis::linear(middle - half..middle + half, pixels / DIVISION, unit)
         };
         self.x = widened(&self.x, width, " m");
         self.y = widened(&self.y, height, "");
@@ -82,21 +83,18 @@ impl Plot {
         {
             let root = SVGBackend::with_string(&mut svg, self.size).into_drawing_area();
             let mut chart = ChartBuilder::on(&root)
-                .margin(MARGIN)
+                .margin_top(TOP)
+                .margin_right(RIGHT)
                 .x_label_area_size(LABEL_HEIGHT)
                 .y_label_area_size(self.label_width)
                 .build_cartesian_2d(self.x.clone(), self.y.clone())
                 .expect(NEVER_FAILS);
-            for shape in &self.shapes {
-                if let Shape::Band(range) = shape {
-                    let corners =
-                        [(range.start, self.y.range.start), (range.end, self.y.range.end)];
-                    let band = Rectangle::new(corners, Ink::Shade.color().filled());
-                    chart.plotting_area().draw(&band).expect(NEVER_FAILS);
-                }
+            let is_behind = |shape: &&Shape| matches!(shape, Shape::Band(_));
+            for shape in self.shapes.iter().filter(is_behind) {
+                draw(chart.plotting_area(), shape);
             }
             draw_axes(&mut chart);
-            for shape in &self.shapes {
+            for shape in self.shapes.iter().filter(|shape| !is_behind(shape)) {
                 draw(chart.plotting_area(), shape);
             }
             root.present().expect(NEVER_FAILS);
@@ -143,20 +141,27 @@ fn draw_axes(chart: &mut ChartContext<'_, SVGBackend<'_>, Plane>) {
 
 fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
     match shape {
-        Shape::Band(_) => {}
         Shape::Line(ink, width, points) => {
             let style = ink.color().stroke_width(*width);
-            for run in points.split(|(x, y)| !(is_drawable(*x) && is_drawable(*y))) {
+            for run in points.split(|point| !is_drawable_point(point)) {
                 if run.len() > 1 {
                     plane.draw(&PathElement::new(run, style)).expect(NEVER_FAILS);
                 }
             }
         }
+        Shape::Band(stretch) => {
+            let y = plane.get_y_range();
+            let corners = [(stretch.start, y.start), (stretch.end, y.end)];
+            let band = Rectangle::new(corners, Ink::Shade.color().filled());
+            plane.draw(&band).expect(NEVER_FAILS);
+        }
         Shape::Block(ink, from, to) => {
             plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
         }
         Shape::Disc(ink, center) => {
-            plane.draw(&Circle::new(*center, 11, ink.color().filled())).expect(NEVER_FAILS);
+            if is_drawable_point(center) {
+                plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
+            }
         }
     }
 }

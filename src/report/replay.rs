@@ -6,6 +6,7 @@ use oqtal_bus::time::Time;
 use crate::flight::Flight;
 
 use super::axis::Axis;
+use super::events::list;
 use super::figure::{FULL, figure, histogram};
 use super::palette::Ink;
 use super::plot::{Plot, Shape};
@@ -15,8 +16,6 @@ use super::unit::significant;
 
 /// Poses further apart than this make a gap \[ms\].
 const GAP_MS: f64 = 50.0;
-/// The page lists so many gaps and counts the rest.
-const MOST_LISTED: usize = 100;
 /// Bars of the histogram.
 const BARS: usize = 100;
 
@@ -71,10 +70,6 @@ impl Arrivals {
         self.lengths_ms().fold(f64::NAN, f64::max)
     }
 
-    fn gaps(&self) -> Vec<&Interval> {
-        self.intervals.iter().filter(|interval| interval.length_ms > GAP_MS).collect()
-    }
-
     fn lengths_ms(&self) -> impl Iterator<Item = f64> {
         self.intervals.iter().map(|interval| interval.length_ms)
     }
@@ -82,30 +77,23 @@ impl Arrivals {
 
 /// The section of the arrivals.
 pub fn replay(timeline: &Timeline<'_>, arrivals: &Arrivals) -> Markup {
-    let gaps = arrivals.gaps();
+    let gaps = arrivals.intervals.iter().filter(|interval| interval.length_ms > GAP_MS);
+    let what = |gap: &Interval| {
+        format!("{} ms, frames lost: {}", significant(gap.length_ms), gap.frames_lost)
+    };
     section(
         "Arrival of poses",
         html! {
             div.wide { (intervals(arrivals)) }
             p.note.wide {
-                (arrivals.frames_lost()) " frames lost, " (gaps.len()) " gaps over " (GAP_MS) " ms."
+                "Frames lost: " (arrivals.frames_lost()) ". Gaps over " (GAP_MS) " ms: " (gaps.clone().count()) "."
             }
-            @if !gaps.is_empty() {
-                ol.events.wide {
-                    @for gap in gaps.iter().take(MOST_LISTED) {
-                        li {
-                            span.time { (format!("{:.2} s", timeline.seconds(gap.from))) }
-                            (significant(gap.length_ms)) " ms, " (gap.frames_lost) " frames lost"
-                        }
-                    }
-                    @if gaps.len() > MOST_LISTED { li { "… and " (gaps.len() - MOST_LISTED) " more" } }
-                }
-            }
+            (list(gaps.map(|gap| (timeline.seconds(gap.from), what(gap)))))
         },
     )
 }
 
-/// The times between poses, up to a gap.
+/// The times between poses, up to a gap or three times the usual.
 fn intervals(arrivals: &Arrivals) -> Markup {
     let longest = GAP_MS.max(3.0 * arrivals.median_ms());
     let range = 0.0..longest;
@@ -125,7 +113,7 @@ fn intervals(arrivals: &Arrivals) -> Markup {
     let plot = Plot {
         size: (FULL, 480),
         label_width: 120,
-        x: Axis::linear(range, 10, " ms"),
+        x: Axis::linear(range, 10.0, " ms"),
         y,
         shapes: counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect(),
     };

@@ -25,9 +25,23 @@ fn a_flight_has_every_section_and_needs_nothing_else() {
 }
 
 #[test]
+fn every_colour_of_a_plot_has_a_dark_counterpart() {
+    let page = page(&fixture::square());
+    for property in ["stroke", "fill"] {
+        for rest in page.split(&format!(" {property}=\"#")).skip(1) {
+            let color = &rest[..6];
+            // Text has its colour from the page.
+            let known =
+                color == "000000" || palette::css().contains(&format!("{property}=\"#{color}\""));
+            assert!(known, "{property} {color}");
+        }
+    }
+}
+
+#[test]
 fn a_replay_shows_its_gaps_and_no_errors() {
     let page = page(&fixture::replay());
-    assert!(page.contains("Arrival of poses") && page.contains("2 gaps over 50 ms"));
+    assert!(page.contains("Arrival of poses") && page.contains("Gaps over 50 ms: 2."));
     assert!(!page.contains("error"));
 }
 

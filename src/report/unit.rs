@@ -1,11 +1,12 @@
-//! Numbers as people read them.
-
-use std::borrow::Cow;
+//! Numbers and names as people read them.
 
 use crate::flight::Outcome;
+use crate::summary::Summary;
 
 /// What stands for a number that is not there.
 pub const MISSING: &str = "–";
+/// So many safety states are named.
+const MOST_STATES: usize = 7;
 
 /// Three significant digits, without an exponent from a millionth up.
 pub fn significant(value: f64) -> String {
@@ -18,8 +19,12 @@ pub fn significant(value: f64) -> String {
     if !(1e-6..1e9).contains(&value.abs()) {
         return format!("{value:.2e}");
     }
-    let decimals = 2.0 - value.abs().log10().floor();
-    format!("{value:.*}", decimals.max(0.0) as usize)
+    let decimals = 2 - value.abs().log10().floor() as i32;
+    let unit = 10_f64.powi(-decimals);
+    match usize::try_from(decimals) {
+        Ok(decimals) => format!("{value:.decimals$}"),
+        Err(_) => format!("{:.0}", (value / unit).round() * unit),
+    }
 }
 
 /// A span in the unit that suits it.
@@ -56,9 +61,20 @@ pub fn outcome(outcome: Outcome) -> &'static str {
     }
 }
 
-/// A name of the configuration or of a hop, in words.
-pub fn words(name: &str) -> Cow<'_, str> {
-    if name.contains('_') { name.replace('_', " ").into() } else { name.into() }
+/// The safety states that a flight passed through; the first few if there are many.
+pub fn states(summary: &Summary) -> String {
+    let states = &summary.state_sequence;
+    let shown = states[..states.len().min(MOST_STATES)].join(" → ");
+    if states.len() > MOST_STATES {
+        format!("{shown} … ({} changes)", states.len() - 1)
+    } else {
+        shown
+    }
+}
+
+/// The name of a hop in words.
+pub fn words(name: &str) -> String {
+    name.replace('_', " ")
 }
 
 #[cfg(test)]
@@ -70,7 +86,7 @@ mod tests {
         let cases = [
             (0.083_14, "0.0831"),
             (-1.0, "-1.00"),
-            (12_345.6, "12346"),
+            (12_345.6, "12300"),
             (0.0, "0"),
             (3e-7, "3.00e-7"),
         ];
