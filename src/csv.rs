@@ -32,7 +32,9 @@ const NUMBERS: [Group; 20] = [
     (&["true_vx_m_s", "true_vy_m_s", "true_vz_m_s"], |s| {
         three(s.truth.map_or(UNKNOWN, |t| t.velocity))
     }),
-    (&["true_qx", "true_qy", "true_qz", "true_qw"], |s| s.truth.map_or([f64::NAN; 4], |t| t.attitude)),
+    (&["true_qx", "true_qy", "true_qz", "true_qw"], |s| {
+        s.truth.map_or([f64::NAN; 4], |t| t.attitude)
+    }),
     (&["true_rate_x_rad_s", "true_rate_y_rad_s", "true_rate_z_rad_s"], |s| {
         three(s.truth.map_or(UNKNOWN, |t| t.rate))
     }),
@@ -76,9 +78,9 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
     for sample in &flight.samples {
         let t_s = sample.telemetry.time.since(origin).seconds();
         let words = WORDS.iter().map(|(_, word)| word(&sample.telemetry).unwrap_or_default());
-        let numbers = NUMBERS.iter().flat_map(|(names, numbers)| {
-            numbers(sample).into_iter().take(names.len()).map(number)
-        });
+        let numbers = NUMBERS
+            .iter()
+            .flat_map(|(names, numbers)| numbers(sample).into_iter().take(names.len()).map(number));
         writer.write_record(std::iter::once(number(t_s)).chain(words).chain(numbers))?;
     }
     writer.flush()?;

@@ -139,8 +139,7 @@ impl Mission {
     #[must_use]
     pub fn patience(&self) -> Span {
         match self.recording {
-            // Past the last pose the daemon still tells how it coasts.
-            Some(_) => self.expected() + Span::from_millis(500),
+            Some(_) => self.expected(),
             None => self.expected() + Span::from_seconds(GRACE_S),
         }
     }

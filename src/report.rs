@@ -139,7 +139,11 @@ fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
     let mut figures = vec![
         ("Poses", arrivals.poses.to_string(), format!("{} frames lost", arrivals.frames_lost())),
         ("Median interval", milliseconds(median), format!("{} Hz", significant(1e3 / median))),
-        ("Jitter", milliseconds(arrivals.jitter_ms()), format!("longest gap {}", milliseconds(longest))),
+        (
+            "Jitter",
+            milliseconds(arrivals.jitter_ms()),
+            format!("longest gap {}", milliseconds(longest)),
+        ),
     ];
     figures.extend(loop_figures(summary));
     figures

@@ -109,7 +109,13 @@ mod tests {
         let text = closing_of(&fixture::square());
         assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
         assert!(!text.contains('\u{1b}'));
-        for word in ["landed", "position [m", "attitude [deg]", "sensor to actuator", "Nominal > Coast > Nominal"] {
+        for word in [
+            "landed",
+            "position [m",
+            "attitude [deg]",
+            "sensor to actuator",
+            "Nominal > Coast > Nominal",
+        ] {
             assert!(text.contains(word), "{word} in\n{text}");
         }
     }

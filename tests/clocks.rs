@@ -47,7 +47,7 @@ fn lockstep_stands_still_while_the_daemon_is_stopped_and_goes_on_after() {
         ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "600", "--json"];
     let flight = testbed.start(&long);
     let daemon = wait_for("the daemon", || {
-        telemetry.next().unwrap().map(|(header, _)| header.source.try_into().unwrap())
+        telemetry.receive().unwrap().map(|(header, _)| header.source.try_into().unwrap())
     });
     signal(daemon, Signal::STOP);
     // Whatever was under way has come to rest once nothing new is heard.

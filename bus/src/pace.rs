@@ -47,9 +47,9 @@ pub struct Pace {
 
 #[derive(Debug)]
 enum Clock {
-    Real(Doorbell),
+    Real(Box<Doorbell>),
     Leader(Box<Leader>),
-    Follower(Follower),
+    Follower(Box<Follower>),
 }
 
 impl Pace {
@@ -62,7 +62,7 @@ impl Pace {
         wakes_on: &Topic<M>,
         stop: StopFlag,
     ) -> Result<Self, BusError> {
-        Ok(Self::new(Clock::Real(bus.doorbell(wakes_on)?), stop, Time::now()))
+        Ok(Self::new(Clock::Real(Box::new(bus.doorbell(wakes_on)?)), stop, Time::now()))
     }
 
     /// Virtual time, and this process, `party`, grants it to the others of `parties`.
@@ -96,7 +96,7 @@ impl Pace {
             answers: bus.writer(&party.done())?,
             granted: None,
         };
-        Ok(Self::new(Clock::Follower(follower), stop, Time::VIRTUAL_START))
+        Ok(Self::new(Clock::Follower(Box::new(follower)), stop, Time::VIRTUAL_START))
     }
 
     fn new(clock: Clock, stop: StopFlag, now: Time) -> Self {

@@ -74,7 +74,7 @@ impl<M: Message> Reader<M> {
     ///
     /// # Errors
     /// The writer speaks another version, or the connection broke.
-    pub fn next(&mut self) -> Result<Option<(Header, M)>, BusError> {
+    pub fn receive(&mut self) -> Result<Option<(Header, M)>, BusError> {
         let sample = self.subscriber.receive();
         let Some(sample) = sample.map_err(|e| system(format!("reading `{}`", self.topic), &e))?
         else {
@@ -95,10 +95,10 @@ impl<M: Message> Reader<M> {
     /// The newest sample; older ones are passed over. `None` when nothing came since the last call.
     ///
     /// # Errors
-    /// As [`Reader::next`].
+    /// As [`Reader::receive`].
     pub fn latest(&mut self) -> Result<Option<(Header, M)>, BusError> {
         let mut newest = None;
-        while let Some(sample) = self.next()? {
+        while let Some(sample) = self.receive()? {
             newest = Some(sample);
         }
         Ok(newest)

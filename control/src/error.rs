@@ -1,4 +1,5 @@
-//! The tracking error: how far a body is from where it should be, and how that changes. Eqs. (8) to (12), (36) to (40).
+//! The tracking error: how far a body is from where it should be, and how that changes. Eqs. (8) to
+//! (12), (36) to (40).
 //!
 //! Terms used here and in every law:
 //!
@@ -68,8 +69,9 @@ pub struct AttitudeError {
 impl AttitudeError {
     /// The error of a body at `actual` that should be at `desired`.
     ///
-    /// `q` and `-q` are one attitude, so of the two signs of `q_e` the one whose first non-zero number of
-    /// `[lambda, eps]` is positive is taken. Half a turn away, where `lambda = 0`, that still is one of the two.
+    /// `q` and `-q` are one attitude, so of the two signs of `q_e` the one whose first non-zero
+    /// number of `[lambda, eps]` is positive is taken. Half a turn away, where `lambda = 0`, that
+    /// still is one of the two.
     #[inline]
     #[must_use]
     pub fn between(desired: &Attitude, actual: &Attitude) -> Self {
@@ -83,7 +85,8 @@ impl AttitudeError {
         Self { eps: sign * q_e.imag(), lambda: sign * q_e.w }
     }
 
-    /// `eps`: the axis of the error times the sine of half its angle \[-, body axes and desired-body axes alike\].
+    /// `eps`: the axis of the error times the sine of half its angle
+    /// \[-, body axes and desired-body axes alike\].
     #[must_use]
     pub fn eps(&self) -> &Vector3<f64> {
         &self.eps
@@ -115,24 +118,25 @@ impl AttitudeError {
 
     /// Time derivative of `eps` \[1/s\].
     #[must_use]
-    pub fn eps_rate(&self, omega_e: &Vector3<f64>) -> Vector3<f64> {
+    pub fn eps_dot(&self, omega_e: &Vector3<f64>) -> Vector3<f64> {
         // Eq. (38)
         (self.lambda * omega_e + self.eps.cross(omega_e)) / 2.0
     }
 
     /// Time derivative of `lambda` \[1/s\].
     #[must_use]
-    pub fn lambda_rate(&self, omega_e: &Vector3<f64>) -> f64 {
+    pub fn lambda_dot(&self, omega_e: &Vector3<f64>) -> f64 {
         // Eq. (39)
         -self.eps.dot(omega_e) / 2.0
     }
 
-    /// Time derivative of `omega_e` \[rad/s^2, body axes\] that goes with the second derivative of `eps` \[1/s^2\].
+    /// Time derivative of `omega_e` \[rad/s^2, body axes\] that goes with the second derivative of
+    /// `eps` \[1/s^2\].
     ///
-    /// An identity that follows from Eqs. (38) and (39) alone: it holds for every motion and says nothing about the
-    /// body. Not defined half a turn away, where `lambda = 0`.
+    /// An identity that follows from Eqs. (38) and (39) alone: it holds for every motion and says
+    /// nothing about the body. Not defined half a turn away, where `lambda = 0`.
     #[must_use]
-    pub fn rate_error_rate_of_eps(
+    pub fn omega_e_dot_of_eps(
         &self,
         eps_ddot: &Vector3<f64>,
         omega_e: &Vector3<f64>,
@@ -144,8 +148,9 @@ impl AttitudeError {
         2.0 * m * (eps_ddot + omega_e.norm_squared() / 4.0 * eps)
     }
 
-    /// The angular acceleration at which the body keeps its `omega_e`: `C omega_d_dot - omega_e x C omega_d`
-    /// \[rad/s^2, body axes\]. Times the inertia it is the feed-forward torque of the reference.
+    /// The angular acceleration at which the body keeps its `omega_e`:
+    /// `C omega_d_dot - omega_e x C omega_d` \[rad/s^2, body axes\]. Times the inertia it is the
+    /// feed-forward torque of the reference.
     #[must_use]
     pub fn reference_acceleration(
         &self,
@@ -156,10 +161,11 @@ impl AttitudeError {
         AngularAcceleration(c * reference.acceleration.0 - omega_e.cross(&(c * reference.rate.0)))
     }
 
-    /// Time derivative of `omega_e` \[rad/s^2, body axes\] of a body that accelerates by `omega_dot`, which for a rigid
-    /// body is [`Inertia::acceleration`](crate::rigid_body::Inertia::acceleration).
+    /// Time derivative of `omega_e` \[rad/s^2, body axes\] of a body that accelerates by
+    /// `omega_dot`, which for a rigid body is
+    /// [`Inertia::acceleration`](crate::rigid_body::Inertia::acceleration).
     #[must_use]
-    pub fn rate_error_rate(
+    pub fn omega_e_dot(
         &self,
         omega_dot: AngularAcceleration,
         omega_e: &Vector3<f64>,
@@ -169,8 +175,8 @@ impl AttitudeError {
         omega_dot.0 - self.reference_acceleration(omega_e, reference).0
     }
 
-    /// The Lyapunov function of the attitude error, 0 without error, 2 half a turn away. It falls at the rate `eps'eps`
-    /// under `omega_e = -eps`, Eqs. (49) to (52).
+    /// The Lyapunov function of the attitude error, 0 without error, 2 half a turn away. It falls
+    /// at the rate `eps'eps` under `omega_e = -eps`, Eqs. (49) to (52).
     #[must_use]
     pub fn lyapunov(&self) -> f64 {
         // Eq. (52); lambda is not negative here
@@ -191,17 +197,23 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_lyapunov_function_falls_at_the_square_of_eps(desired in attitude(), actual in attitude()) {
+        fn the_lyapunov_function_falls_at_the_square_of_eps(
+            desired in attitude(),
+            actual in attitude(),
+        ) {
             let error = AttitudeError::between(&desired, &actual);
             let omega_e = -error.eps();
             // Eqs. (49) to (52): lambda is not negative here, so V_dot = -2 lambda_dot
-            let v_dot = -2.0 * error.lambda_rate(&omega_e);
+            let v_dot = -2.0 * error.lambda_dot(&omega_e);
             prop_assert!((v_dot + error.eps().norm_squared()).abs() < 1e-15);
             prop_assert!((0.0..=2.0).contains(&error.lyapunov()));
         }
 
         #[test]
-        fn the_error_is_the_turn_from_desired_to_actual(desired in attitude(), actual in attitude()) {
+        fn the_error_is_the_turn_from_desired_to_actual(
+            desired in attitude(),
+            actual in attitude(),
+        ) {
             let error = AttitudeError::between(&desired, &actual);
             let half = desired.angle_to(&actual) / 2.0;
             prop_assert!((error.lambda() - half.cos()).abs() < 1e-12);
@@ -216,9 +228,6 @@ mod tests {
     fn a_body_at_its_reference_has_no_error() {
         let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::LEVEL);
         // Eq. (11)
-        assert_eq!(
-            (*error.eps(), error.lambda(), error.lyapunov()),
-            (Vector3::zeros(), 1.0, 0.0)
-        );
+        assert_eq!((*error.eps(), error.lambda(), error.lyapunov()), (Vector3::zeros(), 1.0, 0.0));
     }
 }

@@ -1,4 +1,5 @@
-//! The linear model of the attitude error that the regulator is designed on: the matrix `A` of Eq. (41).
+//! The linear model of the attitude error that the regulator is designed on: the matrix `A` of
+//! Eq. (41).
 //!
 //! About an operating point the error moves as
 //!
@@ -7,21 +8,23 @@
 //! dt[  eps  ] = [ A_eps_omega    A_eps_eps ] [  eps  ] + [ 0  ] tau
 //! ```
 //!
-//! The paper takes the upper blocks from Eq. (37), which is an identity between `eps` and `omega_e` and not the body, and
-//! prints two of them with slips. All versions are here, so that their effect can be flown: see [`Jacobian`].
+//! The paper takes the upper blocks from Eq. (37), which is an identity between `eps` and `omega_e`
+//! and not the body, and prints two of them with slips. All versions are here, so that their effect
+//! can be flown: see [`Jacobian`].
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// `lambda` of an operating point is at least this: the models divide by it. An error of 169 degrees.
+/// `lambda` of an operating point is at least this: the models divide by it. An error of 169
+/// degrees.
 pub const LAMBDA_MIN: f64 = 0.1;
 
 /// Which derivatives make up `A`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Jacobian {
-    /// The body itself: the law cancels `omega x J omega`, so torque alone moves `omega_e` and the upper blocks are zero.
-    /// The lower ones are exact. Not in the paper.
+    /// The body itself: the law cancels `omega x J omega`, so torque alone moves `omega_e` and the
+    /// upper blocks are zero. The lower ones are exact. Not in the paper.
     #[default]
     Decoupled,
     /// Eqs. (43) to (46) as printed.
@@ -30,7 +33,8 @@ pub enum Jacobian {
     /// The same with Eqs. (75) and (79) of the paper's appendix.
     #[serde(rename = "printed-75")]
     Printed75,
-    /// The derivatives of Eqs. (37) and (38) without slips, `lambda` held constant as the paper does.
+    /// The derivatives of Eqs. (37) and (38) without slips, `lambda` held constant as the paper
+    /// does.
     ExactConstantLambda,
     /// The derivatives of Eqs. (37) and (38) with `lambda` a function of `eps`.
     Exact,
@@ -50,11 +54,12 @@ pub struct OperatingPoint {
 }
 
 impl OperatingPoint {
-    /// The operating point at `eps` and `omega_e` \[rad/s, body axes\], with `eps_ddot = 0`: the paper drops it (Section
-    /// VII.C) because measurement noise, differentiated twice, would be all there is of it.
+    /// The operating point at `eps` and `omega_e` \[rad/s, body axes\], with `eps_ddot = 0`: the
+    /// paper drops it (Section VII.C) because measurement noise, differentiated twice, would be all
+    /// there is of it.
     ///
-    /// An `eps` with `lambda` below [`LAMBDA_MIN`] is shortened until `lambda` is just that. The corner of a cell may even
-    /// be longer than any error, which is never longer than one.
+    /// An `eps` with `lambda` below [`LAMBDA_MIN`] is shortened until `lambda` is just that. The
+    /// corner of a cell may even be longer than any error, which is never longer than one.
     #[must_use]
     pub fn new(eps: Vector3<f64>, omega_e: Vector3<f64>) -> Self {
         let longest = (1.0 - LAMBDA_MIN * LAMBDA_MIN).sqrt();
@@ -95,7 +100,9 @@ impl ErrorModel {
             Jacobian::Decoupled | Jacobian::Exact => {
                 point.eps_eps() + point.eps_eps_through_lambda()
             }
-            _ => point.eps_eps(),
+            Jacobian::Printed45 | Jacobian::Printed75 | Jacobian::ExactConstantLambda => {
+                point.eps_eps()
+            }
         };
         Self { omega_omega, omega_eps, eps_omega: point.eps_omega(), eps_eps }
     }
@@ -113,7 +120,8 @@ impl ErrorModel {
     }
 }
 
-/// The derivatives, with the paper's letters: `e = eps`, `l = lambda`, `w = omega_e`, `a = eps_ddot`.
+/// The derivatives, with the paper's letters: `e = eps`, `l = lambda`, `w = omega_e`,
+/// `a = eps_ddot`.
 impl OperatingPoint {
     /// Derivative of Eq. (38) with respect to `eps`, `lambda` constant.
     fn eps_eps(&self) -> Matrix3<f64> {
@@ -133,7 +141,8 @@ impl OperatingPoint {
         (self.eps.cross_matrix() + scaled_identity(self.lambda)) / 2.0
     }
 
-    /// The part of the derivative of Eq. (37) that every version of it shares: `a^x + (e a' + e'a I) / l`.
+    /// The part of the derivative of Eq. (37) that every version of it shares:
+    /// `a^x + (e a' + e'a I) / l`.
     fn omega_eps_of_acceleration(&self) -> Matrix3<f64> {
         let Self { eps: e, lambda: l, eps_ddot: a, .. } = self;
         a.cross_matrix() + (e * a.transpose() + scaled_identity(e.dot(a))) / *l
@@ -168,7 +177,8 @@ impl OperatingPoint {
             + w.norm_squared() / 4.0 * (scaled_identity(*l) + (2.0 * ee + e_e_i) / *l))
     }
 
-    /// What `eps` does to Eq. (37) through `lambda`: `2 (-b e' / l + e (e'b) e' / l^3)` with `b = a + w'w e / 4`.
+    /// What `eps` does to Eq. (37) through `lambda`: `2 (-b e' / l + e (e'b) e' / l^3)` with
+    /// `b = a + w'w e / 4`.
     fn omega_eps_through_lambda(&self) -> Matrix3<f64> {
         let Self { eps: e, lambda: l, omega_e: w, eps_ddot: a } = self;
         let b = a + w.norm_squared() / 4.0 * e;
@@ -209,33 +219,34 @@ mod tests {
 
     /// `[omega_e_dot; eps_dot]` by Eqs. (37) and (38) at `[omega_e; eps]`.
     fn rates(x: &Vector6<f64>, eps_ddot: &Vector3<f64>) -> Vector6<f64> {
-        let (omega_e, eps) = (
-            x.fixed_rows::<3>(0).into(),
-            Vector3::from(x.fixed_rows::<3>(3)),
-        );
+        let (omega_e, eps) = (x.fixed_rows::<3>(0).into(), Vector3::from(x.fixed_rows::<3>(3)));
         let lambda = (1.0 - eps.norm_squared()).sqrt();
         let q_e = UnitQuaternion::new_normalize(nalgebra::Quaternion::from_parts(lambda, eps));
         let error = AttitudeError::between(&Attitude::LEVEL, &Attitude::from_unit_quaternion(q_e));
         let mut rates = Vector6::zeros();
-        rates
-            .fixed_rows_mut::<3>(0)
-            .copy_from(&error.rate_error_rate_of_eps(eps_ddot, &omega_e));
-        rates
-            .fixed_rows_mut::<3>(3)
-            .copy_from(&error.eps_rate(&omega_e));
+        rates.fixed_rows_mut::<3>(0).copy_from(&error.omega_e_dot_of_eps(eps_ddot, &omega_e));
+        rates.fixed_rows_mut::<3>(3).copy_from(&error.eps_dot(&omega_e));
         rates
     }
 
     proptest! {
         #[test]
-        fn the_exact_model_is_the_derivative_of_the_error_kinematics(eps in vector(0.5), omega_e in vector(2.0), eps_ddot in vector(1.0)) {
+        fn the_exact_model_is_the_derivative_of_the_error_kinematics(
+            eps in vector(0.5),
+            omega_e in vector(2.0),
+            eps_ddot in vector(1.0),
+        ) {
             let x = Vector6::from_iterator(omega_e.iter().chain(&eps).copied());
             let step = 1e-5;
-            let difference = SMatrix::<f64, 6, 6>::from_columns(&std::array::from_fn::<_, 6, _>(|i| {
-                let shift = Vector6::ith(i, step);
-                (rates(&(x + shift), &eps_ddot) - rates(&(x - shift), &eps_ddot)) / (2.0 * step)
-            }));
-            let point = OperatingPoint { eps_ddot, ..OperatingPoint::new(eps, omega_e) };
+            let difference =
+                SMatrix::<f64, 6, 6>::from_columns(&std::array::from_fn::<_, 6, _>(|i| {
+                    let shift = Vector6::ith(i, step);
+                    (rates(&(x + shift), &eps_ddot) - rates(&(x - shift), &eps_ddot)) / (2.0 * step)
+                }));
+            let point = OperatingPoint {
+                eps_ddot,
+                ..OperatingPoint::new(eps, omega_e)
+            };
             let model = ErrorModel::at(Jacobian::Exact, &point).state_matrix();
             prop_assert!((model - difference).amax() < 1e-6);
         }

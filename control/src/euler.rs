@@ -1,4 +1,5 @@
-//! Euler angles, sequence 3-2-1 (yaw, pitch, roll), which the classic regulator is written in. Eqs. (1), (2), (6), (16).
+//! Euler angles, sequence 3-2-1 (yaw, pitch, roll), which the classic regulator is written in.
+//! Eqs. (1), (2), (6), (16).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,7 +9,8 @@ use crate::quaternion::Attitude;
 /// Below this cosine of the pitch angle roll and yaw cannot be told apart in double precision.
 const GIMBAL_LOCK: f64 = 1e-9;
 
-/// `Theta = [phi, theta, psi]`: yaw about z, then pitch about the new y, then roll about the new x \[rad\].
+/// `Theta = [phi, theta, psi]`: yaw about z, then pitch about the new y, then roll about the new x
+/// \[rad\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct EulerAngles {
     /// `phi`, -pi..pi when taken from an attitude \[rad\].
@@ -20,8 +22,8 @@ pub struct EulerAngles {
 }
 
 impl EulerAngles {
-    /// The angles of an attitude. Pitched straight up or down, where only the sum of roll and yaw is defined, all of it
-    /// is yaw.
+    /// The angles of an attitude. Pitched straight up or down, where only the sum of roll and yaw
+    /// is defined, all of it is yaw.
     #[must_use]
     pub fn from_attitude(attitude: &Attitude) -> Self {
         // The world-to-body matrix of Eq. (16), solved for the angles.
@@ -77,7 +79,8 @@ impl EulerAngles {
         r
     }
 
-    /// `H^-1`: takes the body rate to the rates of the angles. Grows without bound towards a pitch of 90 degrees.
+    /// `H^-1`: takes the body rate to the rates of the angles. Grows without bound towards a pitch
+    /// of 90 degrees.
     #[must_use]
     pub fn rate_matrix(&self) -> Matrix3<f64> {
         let ((s_phi, c_phi), (s_theta, c_theta)) = (self.roll.sin_cos(), self.pitch.sin_cos());

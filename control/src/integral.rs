@@ -10,7 +10,8 @@ pub struct Integral {
 }
 
 impl Integral {
-    /// An integral at zero whose components stay within `limit` \[the unit of the error times s\], which is not negative.
+    /// An integral at zero whose components stay within `limit` \[the unit of the error times s\],
+    /// which is not negative.
     #[must_use]
     pub fn new(limit: f64) -> Self {
         Self { value: Vector3::zeros(), limit }
@@ -22,10 +23,12 @@ impl Integral {
         &self.value
     }
 
-    /// Adds `error` over `dt_s` seconds, unless the command is saturated and this would drive it further out of range.
+    /// Adds `error` over `dt_s` seconds, unless the command is saturated and this would drive it
+    /// further out of range.
     ///
-    /// `excess` is the command that was wanted less the one that was given, `push` the rate at which the wanted command
-    /// moves because of this integral. An `error` or a `dt_s` that is not finite adds nothing.
+    /// `excess` is the command that was wanted less the one that was given, `push` the direction in
+    /// which this integral moves the wanted command. An `error` or a `dt_s` that is not finite adds
+    /// nothing.
     #[inline]
     pub fn step(
         &mut self,
@@ -79,12 +82,9 @@ mod tests {
     #[test]
     fn what_is_not_finite_adds_nothing() {
         let mut integral = Integral::new(1.0);
-        for (error, dt_s) in [
-            (f64::NAN, 0.1),
-            (f64::INFINITY, 0.1),
-            (1.0, f64::NAN),
-            (1.0, f64::INFINITY),
-        ] {
+        for (error, dt_s) in
+            [(f64::NAN, 0.1), (f64::INFINITY, 0.1), (1.0, f64::NAN), (1.0, f64::INFINITY)]
+        {
             integral.step(&(error * X), &X, &Vector3::zeros(), dt_s);
             assert_eq!(*integral.value(), Vector3::zeros());
         }

@@ -7,7 +7,8 @@ use nalgebra::{Matrix3, Matrix4, Vector4};
 use crate::quantity::{AngularAcceleration, BodyRate, Torque};
 use crate::quaternion::Attitude;
 
-/// How far a matrix may be from symmetric, and a body from the triangle inequality, relative to its trace.
+/// How far a matrix may be from symmetric, and a body from the triangle inequality, relative to its
+/// trace.
 const TOLERANCE: f64 = 1e-9;
 
 /// The inertia `J` of a body about its centre of mass \[kg m^2, body axes\], with its inverse.
@@ -36,7 +37,7 @@ impl fmt::Display for InertiaError {
             Self::NotFinite => "the inertia holds a number that is not finite",
             Self::NotSymmetric => "the inertia is not symmetric",
             Self::NotPositiveDefinite => "the inertia has a principal moment that is not positive",
-            Self::NotABody => "a principal moment of the inertia exceeds the sum of the others: no mass is so distributed",
+            Self::NotABody => "a principal moment of the inertia exceeds the sum of the other two",
         })
     }
 }
@@ -82,7 +83,8 @@ impl Inertia {
         Torque(omega.0.cross(&(self.matrix * omega.0)))
     }
 
-    /// The angular acceleration of the body at rate `omega` under the torque `tau`: Euler's equation.
+    /// The angular acceleration of the body at rate `omega` under the torque `tau`: Euler's
+    /// equation.
     #[must_use]
     pub fn acceleration(&self, omega: BodyRate, tau: Torque) -> AngularAcceleration {
         // Eq. (3), erratum E-03
@@ -90,7 +92,8 @@ impl Inertia {
     }
 }
 
-/// Time derivative of `[q1 q2 q3 eta]`, scalar last, of a body that turns at `omega = [p, q, r]` \[1/s\].
+/// Time derivative of `[q1 q2 q3 eta]`, scalar last, of a body that turns at `omega = [p, q, r]`
+/// \[1/s\].
 #[must_use]
 pub fn quaternion_rate(attitude: &Attitude, omega: BodyRate) -> Vector4<f64> {
     let [p, q, r] = omega.0.into();
@@ -117,14 +120,8 @@ mod tests {
         assert!(diagonal(1.0, 2.0, 2.5).is_ok());
         assert!(diagonal(1.0, 2.0, 3.0).is_ok(), "a flat plate");
         assert_eq!(diagonal(1.0, 2.0, 3.1), Err(InertiaError::NotABody));
-        assert_eq!(
-            diagonal(1.0, 0.0, 1.0),
-            Err(InertiaError::NotPositiveDefinite)
-        );
-        assert_eq!(
-            diagonal(-1.0, -1.0, -1.0),
-            Err(InertiaError::NotPositiveDefinite)
-        );
+        assert_eq!(diagonal(1.0, 0.0, 1.0), Err(InertiaError::NotPositiveDefinite));
+        assert_eq!(diagonal(-1.0, -1.0, -1.0), Err(InertiaError::NotPositiveDefinite));
         assert_eq!(diagonal(1.0, f64::NAN, 1.0), Err(InertiaError::NotFinite));
         let lopsided = Matrix3::new(1.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0);
         assert_eq!(Inertia::new(lopsided), Err(InertiaError::NotSymmetric));
@@ -132,15 +129,12 @@ mod tests {
 
     #[test]
     fn the_gyroscopic_torque_keeps_the_rate_constant() {
-        let inertia = Inertia::new(Matrix3::new(
-            0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7,
-        ))
-        .unwrap();
+        let inertia =
+            Inertia::new(Matrix3::new(0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7))
+                .unwrap();
         let omega = BodyRate(Vector3::new(1.0, -2.0, 0.5));
         assert_eq!(
-            inertia
-                .acceleration(omega, inertia.gyroscopic_torque(omega))
-                .0,
+            inertia.acceleration(omega, inertia.gyroscopic_torque(omega)).0,
             Vector3::zeros()
         );
     }

@@ -1,8 +1,8 @@
-//! Gain scheduling by cells (paper, Section II.F.3): a gain is computed for the cell of the operating space the vehicle is
-//! in, and again only when it leaves that cell.
+//! Gain scheduling by cells (paper, Section II.F.3): a gain is computed for the cell of the
+//! operating space the vehicle is in, and again only when it leaves that cell.
 //!
-//! The schedule knows nothing of the law: it is given the vector that selects the cell and a function from an operating
-//! point to a gain.
+//! The schedule knows nothing of the law: it is given the vector that selects the cell and a
+//! function from an operating point to a gain.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
@@ -13,15 +13,16 @@ use serde::{Deserialize, Serialize};
 pub enum Cells {
     /// `[(n - 1/2) delta, (n + 1/2) delta)`, stood for by `n delta`.
     Centred,
-    /// `[n delta, (n + 1) delta)`, stood for by `n delta`: the rule the paper prints. Zero is on a border, so noise alone
-    /// changes the cell.
+    /// `[n delta, (n + 1) delta)`, stood for by `n delta`: the rule the paper prints. Zero is on a
+    /// border, so noise alone changes the cell.
     Floor,
-    /// As [`Cells::Floor`] but mirrored for negative values, so zero is in the middle of a cell of double width. It agrees
-    /// with the number of solutions the paper reports.
+    /// As [`Cells::Floor`] but mirrored for negative values, so zero is in the middle of a cell of
+    /// double width. It agrees with the number of solutions the paper reports.
     #[default]
     Truncated,
-    /// The cell reaches `delta` to either side of the vector at which the last gain was computed, which stands for it.
-    /// Being centred on that vector it has hysteresis: noise cannot take the schedule back and forth.
+    /// The cell reaches `delta` to either side of the vector at which the last gain was computed,
+    /// which stands for it. Being centred on that vector it has hysteresis: noise cannot take the
+    /// schedule back and forth.
     Deadband,
 }
 
@@ -63,7 +64,7 @@ impl Grid {
             (Cells::Centred, _) => x.map(|xi| (xi / delta).round() * delta),
             // The unnumbered rule of Section II.F.3: n delta <= xi < (n + 1) delta.
             (Cells::Floor, _) => x.map(|xi| (xi / delta).floor() * delta),
-            // A cast truncates, and unlike `trunc` without a call.
+            // A cast truncates too, and saves the call that `trunc` is.
             (Cells::Truncated, _) => x.map(|xi| (xi / delta) as i64 as f64 * delta),
             (Cells::Deadband, Some(centre)) if (x - centre).amax() <= delta => *centre,
             (Cells::Deadband, _) => *x,
@@ -72,7 +73,8 @@ impl Grid {
     }
 }
 
-/// A gain that follows the operating point from cell to cell, over an operating space of `D` dimensions.
+/// A gain that follows the operating point from cell to cell, over an operating space of `D`
+/// dimensions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSchedule<const D: usize, G> {
     grid: Grid,
@@ -89,8 +91,9 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
         Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
 
-    /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain stays, and the next
-    /// attempt is at the next operating point. An `x` that is not finite changes nothing.
+    /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain
+    /// stays, and the next attempt is at the next operating point. An `x` that is not finite
+    /// changes nothing.
     #[inline]
     pub fn gain<E>(
         &mut self,
@@ -114,12 +117,6 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
         self.operating_point = None;
     }
 
-    /// The operating point of the current gain, if one was computed.
-    #[must_use]
-    pub fn operating_point(&self) -> Option<&SVector<f64, D>> {
-        self.operating_point.as_ref()
-    }
-
     /// How often a gain was computed, the first time and failures included.
     #[must_use]
     pub fn solves(&self) -> u32 {
@@ -141,11 +138,7 @@ mod tests {
 
     /// A schedule whose gain is the operating point it was computed at.
     fn schedule(cells: Cells, resolve: Resolve) -> GainSchedule<1, f64> {
-        GainSchedule::new(Grid {
-            cells,
-            delta: 0.5,
-            resolve,
-        })
+        GainSchedule::new(Grid { cells, delta: 0.5, resolve })
     }
 
     fn gain(schedule: &mut GainSchedule<1, f64>, x: f64) -> f64 {
@@ -160,18 +153,9 @@ mod tests {
     #[test]
     fn each_rule_assigns_a_value_to_its_cell() {
         let path = [-0.76, -0.5, -0.01, 0.0, 0.24, 0.26, 0.49, 0.5, 1.2];
-        assert_eq!(
-            gains(Cells::Centred, &path),
-            [-1.0, -0.5, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0]
-        );
-        assert_eq!(
-            gains(Cells::Floor, &path),
-            [-1.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]
-        );
-        assert_eq!(
-            gains(Cells::Truncated, &path),
-            [-0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]
-        );
+        assert_eq!(gains(Cells::Centred, &path), [-1.0, -0.5, 0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0]);
+        assert_eq!(gains(Cells::Floor, &path), [-1.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
+        assert_eq!(gains(Cells::Truncated, &path), [-0.5, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
     }
 
     #[test]
@@ -198,10 +182,7 @@ mod tests {
     #[test]
     fn every_tick_computes_the_gain_at_the_vector_itself() {
         let mut schedule = schedule(Cells::Truncated, Resolve::EveryTick);
-        assert_eq!(
-            [0.1, 0.1, 0.2].map(|x| gain(&mut schedule, x)),
-            [0.1, 0.1, 0.2]
-        );
+        assert_eq!([0.1, 0.1, 0.2].map(|x| gain(&mut schedule, x)), [0.1, 0.1, 0.2]);
         assert_eq!(schedule.solves(), 3);
     }
 
@@ -220,12 +201,7 @@ mod tests {
     #[test]
     fn a_vector_that_is_not_finite_computes_nothing() {
         for resolve in [Resolve::OnCellChange, Resolve::EveryTick] {
-            for cells in [
-                Cells::Centred,
-                Cells::Floor,
-                Cells::Truncated,
-                Cells::Deadband,
-            ] {
+            for cells in [Cells::Centred, Cells::Floor, Cells::Truncated, Cells::Deadband] {
                 let mut schedule = schedule(cells, resolve);
                 gain(&mut schedule, 0.6);
                 let before = schedule;

@@ -1,4 +1,5 @@
-//! Kinematics, dynamics and every linear model against an independent implementation (numpy and scipy), to 1e-12.
+//! Kinematics, dynamics and every linear model against an independent implementation (numpy and
+//! scipy), to 1e-12.
 //!
 //! The data are in `golden/kinematics.json`, made apart from this project.
 
@@ -12,6 +13,14 @@ use oqtal_control::rigid_body::{Inertia, quaternion_rate};
 use serde::Deserialize;
 
 const TOLERANCE: f64 = 1e-12;
+
+const JACOBIANS: [Jacobian; 5] = [
+    Jacobian::Decoupled,
+    Jacobian::Printed45,
+    Jacobian::Printed75,
+    Jacobian::ExactConstantLambda,
+    Jacobian::Exact,
+];
 
 type Triple = [f64; 3];
 type Square = [[f64; 3]; 3];
@@ -207,10 +216,29 @@ fn error_kinematics_agree_with_golden() {
     for sample in golden().samples {
         let error = AttitudeError::between(&attitude(sample.q_des), &attitude(sample.q));
         let omega_e = vector(sample.omega_e);
-        assert_close(&error.eps_rate(&omega_e), &vector(sample.eps_dot), "Eq. (38)");
-        assert!((error.lambda_rate(&omega_e) - sample.lambda_dot).abs() <= TOLERANCE, "Eq. (39)");
-        let omega_e_dot = error.rate_error_rate_of_eps(&vector(sample.eps_ddot), &omega_e);
+        assert_close(&error.eps_dot(&omega_e), &vector(sample.eps_dot), "Eq. (38)");
+        assert!((error.lambda_dot(&omega_e) - sample.lambda_dot).abs() <= TOLERANCE, "Eq. (39)");
+        let omega_e_dot = error.omega_e_dot_of_eps(&vector(sample.eps_ddot), &omega_e);
         assert_close(&omega_e_dot, &vector(sample.omega_e_dot), "Eq. (37)");
+    }
+}
+
+impl Jacobians {
+    /// The golden `A_omega_omega`, `A_omega_eps` and `A_eps_eps`.
+    fn blocks(&self, jacobian: Jacobian) -> [Matrix3<f64>; 3] {
+        let zero = [[0.0; 3]; 3];
+        let (constant, varying) = (self.eps_eps_constant_lambda, self.eps_eps);
+        let (printed, exact) = (self.omega_omega_printed, self.omega_omega_exact);
+        let blocks = match jacobian {
+            Jacobian::Decoupled => [zero, zero, varying],
+            Jacobian::Printed45 => [printed, self.omega_eps_printed_45, constant],
+            Jacobian::Printed75 => [printed, self.omega_eps_printed_75, constant],
+            Jacobian::ExactConstantLambda => {
+                [exact, self.omega_eps_exact_constant_lambda, constant]
+            }
+            Jacobian::Exact => [exact, self.omega_eps_exact, varying],
+        };
+        blocks.map(matrix)
     }
 }
 
@@ -223,34 +251,13 @@ fn every_jacobian_agrees_with_golden() {
             omega_e: vector(jac.omega_e),
             eps_ddot: vector(jac.eps_ddot_used),
         };
-        let zero = [[0.0; 3]; 3];
-        let (constant, varying) = (jac.eps_eps_constant_lambda, jac.eps_eps);
-        let (printed, exact) = (jac.omega_omega_printed, jac.omega_omega_exact);
-        let expected = [
-            (Jacobian::Decoupled, zero, zero, varying),
-            (Jacobian::Printed45, printed, jac.omega_eps_printed_45, constant),
-            (Jacobian::Printed75, printed, jac.omega_eps_printed_75, constant),
-            (Jacobian::ExactConstantLambda, exact, jac.omega_eps_exact_constant_lambda, constant),
-            (Jacobian::Exact, exact, jac.omega_eps_exact, varying),
-        ];
-        for (jacobian, omega_omega, omega_eps, eps_eps) in expected {
+        for jacobian in JACOBIANS {
             let model = ErrorModel::at(jacobian, &point);
-            assert_close(
-                &model.omega_omega,
-                &matrix(omega_omega),
-                &format!("{jacobian:?}, A_omega_omega"),
-            );
-            assert_close(
-                &model.omega_eps,
-                &matrix(omega_eps),
-                &format!("{jacobian:?}, A_omega_eps"),
-            );
-            assert_close(
-                &model.eps_omega,
-                &matrix(jac.eps_omega),
-                &format!("{jacobian:?}, A_eps_omega"),
-            );
-            assert_close(&model.eps_eps, &matrix(eps_eps), &format!("{jacobian:?}, A_eps_eps"));
+            let [omega_omega, omega_eps, eps_eps] = jac.blocks(jacobian);
+            assert_close(&model.omega_omega, &omega_omega, &format!("{jacobian:?}, omega_omega"));
+            assert_close(&model.omega_eps, &omega_eps, &format!("{jacobian:?}, omega_eps"));
+            assert_close(&model.eps_eps, &eps_eps, &format!("{jacobian:?}, eps_eps"));
+            assert_close(&model.eps_omega, &matrix(jac.eps_omega), "Eq. (44)");
         }
     }
 }
@@ -280,7 +287,7 @@ fn rigid_body_and_rate_error_dynamics_agree_with_golden() {
         assert_error_close(&error, sample.q_e);
         let omega_e = error.rate_error(omega, reference.rate);
         assert_close(&omega_e, &vector(sample.omega_e), "Eq. (36)");
-        let omega_e_dot = error.rate_error_rate(omega_dot, &omega_e, &reference);
+        let omega_e_dot = error.omega_e_dot(omega_dot, &omega_e, &reference);
         assert_close(&omega_e_dot, &vector(sample.omega_e_dot), "Eq. (40)");
     }
 }

@@ -1,11 +1,16 @@
-//! What is true of the attitude laws: in every law and both input forms unless a test says otherwise.
+//! What is true of the attitude laws: in every law and both input forms unless a test says
+//! otherwise.
 
 #[path = "laws/closed_loop.rs"]
 mod closed_loop;
 #[path = "laws/gains.rs"]
 mod gains;
+#[path = "laws/golden_gains.rs"]
+mod golden_gains;
 #[path = "laws/robustness.rs"]
 mod robustness;
+#[path = "laws/solves.rs"]
+mod solves;
 
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{

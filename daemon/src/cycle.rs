@@ -168,7 +168,7 @@ impl Cycle {
     fn land(&mut self, now: Time) -> Result<Answer, Cause> {
         match (self.mode, &mut self.mission) {
             (Mode::Flying, Some(mission)) => {
-                mission.land(now);
+                mission.land(now, &self.estimator.latest());
                 self.mode = Mode::Landing;
                 Ok(Answer::Done)
             }
@@ -211,7 +211,7 @@ impl Cycle {
         self.held = command;
 
         let about = fresh.as_ref().or(arrival);
-        let woken_for = about.map_or(deadline, |header| header.stamps.pose_published_at);
+        let woken_for = arrival.map_or(deadline, |header| header.stamps.pose_published_at);
         self.telemetry.wakeup_lateness_ns = now.since(woken_for).nanos();
         let stamps = about.map_or_else(Stamps::default, |header| header.stamps);
         Tick {

@@ -60,9 +60,11 @@ impl Mission {
         }
     }
 
-    /// Lands early, from where the reference is.
-    pub fn land(&mut self, now: Time) {
-        let (elapsed_s, from) = (self.elapsed_s(now), self.reference(now).position);
+    /// Lands early: where the vehicle is, from the height of its reference.
+    pub fn land(&mut self, now: Time, estimate: &Estimate) {
+        let height = self.reference(now).position.z;
+        let from = estimate.position.xy().push(height);
+        let elapsed_s = self.elapsed_s(now);
         if let Path::Plan(plan, _) = &mut self.path {
             plan.land_from(elapsed_s, from);
         }

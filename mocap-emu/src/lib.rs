@@ -64,7 +64,7 @@ fn watch(shell: &Shell) -> Result<(), Failure> {
     let mut pace = shell.pace(&bus, &TRUTH)?;
     let mut cameras = Cameras::new(&shell.config.mocap, shell.config.clock.seed);
     while let Some(now) = pace.wait(cameras.next_event())? {
-        while let Some((_, truth)) = truths.next()? {
+        while let Some((_, truth)) = truths.receive()? {
             if is_frame(&truth) {
                 cameras.capture(&truth);
             }

@@ -83,11 +83,11 @@ fn fly_watched(
                 if let Some(verb) = watch(&room.recorder) {
                     room.cycle.request(now, verb);
                 }
-                let over = room.recorder.outcome().is_some();
-                if over || now.since(start) > mission.patience() {
+                let end = start + mission.patience();
+                if room.recorder.outcome().is_some() || now >= end {
                     break;
                 }
-                Done { next: Some(now + REVIEW), published: false }
+                Done { next: Some(end.min(now + REVIEW)), published: false }
             }
         };
         conductor.done(party, done);

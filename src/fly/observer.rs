@@ -37,17 +37,17 @@ impl Observer {
     /// A topic speaks another version.
     pub fn listen(&mut self, recorder: &mut Recorder) -> Result<bool, BusError> {
         let mut heard = false;
-        while let Some((_, telemetry)) = self.telemetry.next()? {
+        while let Some((_, telemetry)) = self.telemetry.receive()? {
             recorder.telemetry(&telemetry);
             heard = true;
         }
-        while let Some((_, truth)) = self.truths.next()? {
+        while let Some((_, truth)) = self.truths.receive()? {
             recorder.truth(&truth);
         }
-        while let Some((header, pose)) = self.poses.next()? {
+        while let Some((header, pose)) = self.poses.receive()? {
             recorder.pose(&header, &pose);
         }
-        while let Some((header, vehicle)) = self.vehicles.next()? {
+        while let Some((header, vehicle)) = self.vehicles.receive()? {
             recorder.vehicle(&header, &vehicle);
         }
         Ok(heard)

@@ -93,13 +93,13 @@ fn record(
         now = instant;
         let heard = observer.listen(&mut recorder)?;
         progress.show(&recorder);
-        if heard {
+        if heard || clock.is_virtual() {
             first.get_or_insert((now, Time::now()));
         } else if first.is_none() && Time::now().since(wall) > PATIENCE {
             return Err(never_came(mission));
         }
         let flown = first.map_or(Span::ZERO, |(began, _)| now.since(began));
-        if recorder.outcome().is_some() || flown > mission.patience() {
+        if recorder.outcome().is_some() || flown >= mission.patience() {
             break;
         }
     }
@@ -113,14 +113,18 @@ fn record(
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.
 enum Clock {
     Real(StopFlag),
-    Virtual(Pace, Option<Time>),
+    Virtual { pace: Box<Pace>, next: Option<Time>, end: Time },
 }
 
 impl Clock {
     fn new(mission: &Mission, bus: &Bus, stop: &StopFlag) -> Result<Self, Failure> {
         Ok(match mission.config.clock.kind {
             ClockKind::Real => Self::Real(stop.clone()),
-            _ => Self::Virtual(Pace::follower(bus, Party::Recorder, stop.clone())?, None),
+            ClockKind::Lockstep | ClockKind::InProcess => Self::Virtual {
+                pace: Box::new(Pace::follower(bus, Party::Recorder, stop.clone())?),
+                next: None,
+                end: Time::VIRTUAL_START + mission.patience(),
+            },
         })
     }
 
@@ -131,12 +135,16 @@ impl Clock {
                 std::thread::sleep(LISTEN);
                 Ok((!stop.is_set()).then(Time::now))
             }
-            Self::Virtual(pace, next) => {
+            Self::Virtual { pace, next, end } => {
                 let now = pace.wait(*next)?;
-                *next = now.map(|now| now + REVIEW);
+                *next = now.map(|now| (now + REVIEW).min(*end));
                 Ok(now)
             }
         }
+    }
+
+    fn is_virtual(&self) -> bool {
+        matches!(self, Self::Virtual { .. })
     }
 }
 

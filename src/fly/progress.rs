@@ -38,7 +38,8 @@ impl Progress {
         }
         let mode =
             Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
-        let phase = Phase::from_number(telemetry.phase).filter(|_| sample.is_armed());
+        let flying = telemetry.mode == Mode::Flying.code();
+        let phase = Phase::from_number(telemetry.phase).filter(|_| flying);
         let phase = phase.map_or_else(String::new, |phase| format!(", {phase}"));
         let state = match SafetyState::from_code(telemetry.state) {
             Some(SafetyState::Nominal) | None => String::new(),

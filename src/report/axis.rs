@@ -29,7 +29,8 @@ impl Axis {
         let step = nice_step((range.end - range.start) / count as f64);
         let first = (range.start / step).ceil() as i64;
         let last = (range.end / step).floor() as i64;
-        let tick = |k: i64| Tick { at: k as f64 * step, label: format!("{}{unit}", number(k, step)) };
+        let tick =
+            |k: i64| Tick { at: k as f64 * step, label: format!("{}{unit}", number(k, step)) };
         Self { ticks: (first..=last).map(tick).collect(), range }
     }
 
@@ -111,9 +112,18 @@ mod tests {
 
     #[test]
     fn ticks_lie_where_a_person_would_put_them() {
-        assert_eq!(labels(&Axis::linear(-0.9..2.1, 6, "")), ["-0.5", "0.0", "0.5", "1.0", "1.5", "2.0"]);
-        assert_eq!(labels(&Axis::linear(0.0..41.0, 8, " s")), ["0 s", "10 s", "20 s", "30 s", "40 s"]);
-        assert_eq!(labels(&Axis::decades(-0.3..1.2, |k| format!("1e{k}"))), ["1e-1", "1e0", "1e1", "1e2"]);
+        assert_eq!(
+            labels(&Axis::linear(-0.9..2.1, 6, "")),
+            ["-0.5", "0.0", "0.5", "1.0", "1.5", "2.0"]
+        );
+        assert_eq!(
+            labels(&Axis::linear(0.0..41.0, 8, " s")),
+            ["0 s", "10 s", "20 s", "30 s", "40 s"]
+        );
+        assert_eq!(
+            labels(&Axis::decades(-0.3..1.2, |k| format!("1e{k}"))),
+            ["1e-1", "1e0", "1e1", "1e2"]
+        );
     }
 
     #[test]

@@ -57,8 +57,10 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
 
 /// Phase and safety state as bands over time.
 fn strip(timeline: &Timeline<'_>) -> Markup {
-    let phase = |sample: &Sample| PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2);
-    let state = |sample: &Sample| STATES.iter().find(|s| s.0.code() == sample.telemetry.state).map(|s| s.2);
+    let phase =
+        |sample: &Sample| PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2);
+    let state =
+        |sample: &Sample| STATES.iter().find(|s| s.0.code() == sample.telemetry.state).map(|s| s.2);
     let legend: Vec<_> =
         PHASES.map(|p| (p.1, p.2)).into_iter().chain(STATES.map(|s| (s.1, s.2))).collect();
     let phases = bands(timeline, |sample| phase(sample).filter(|_| sample.is_armed()), 1.0);

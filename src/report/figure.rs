@@ -59,8 +59,9 @@ pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
     let x = Axis::fitting(points().map(|point| point.0));
     let y = Axis::fitting(points().map(|point| point.1));
     let legend: Vec<_> = paths.iter().chain(&marks).map(|trace| (trace.name, trace.ink)).collect();
-    let discs =
-        marks.into_iter().flat_map(|mark| mark.points.into_iter().map(move |at| Shape::Disc(mark.ink, at)));
+    let discs = marks
+        .into_iter()
+        .flat_map(|mark| mark.points.into_iter().map(move |at| Shape::Disc(mark.ink, at)));
     let shapes = lines(paths).chain(discs).collect();
     let plot = Plot { size: (HALF, PATH_HEIGHT), label_width: LABEL_WIDTH, x, y, shapes };
     figure(title, &legend, &plot.with_equal_scale())

@@ -46,7 +46,11 @@ pub(crate) fn square() -> Flight {
         let acceleration = (command - velocity) * 3.0;
         velocity += acceleration / RATE_HZ;
         position += velocity / RATE_HZ;
-        flight.samples.push(sample(tick, [reference, position, velocity, command, acceleration], &mut noise));
+        flight.samples.push(sample(
+            tick,
+            [reference, position, velocity, command, acceleration],
+            &mut noise,
+        ));
         let at = instant(tick);
         flight.wakeup_lateness.add(Span::from_nanos(noise.nanos(60_000)));
         flight.hops.add(&stamps(at, &mut noise));
@@ -80,7 +84,8 @@ struct Noise(u64);
 
 impl Noise {
     fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 

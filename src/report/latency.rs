@@ -39,7 +39,11 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
         .hops
         .iter()
         .zip(INKS)
-        .map(|((name, distribution), ink)| Hop { name: words(name).into_owned(), ink, distribution })
+        .map(|((name, distribution), ink)| Hop {
+            name: words(name).into_owned(),
+            ink,
+            distribution,
+        })
         .collect();
     let any = hops.iter().any(|hop| hop.distribution.count() > 0);
     section(
@@ -127,7 +131,9 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
     let steps = (20.0 * x.range.end) as u32;
     let curve = |hop: &Hop<'_>| -> Vec<Point> {
         let nines = (0..=steps).map(|i| f64::from(i) / 20.0);
-        nines.map(|nines| (nines, decades_of(hop.distribution, 1.0 - 10_f64.powf(-nines)))).collect()
+        nines
+            .map(|nines| (nines, decades_of(hop.distribution, 1.0 - 10_f64.powf(-nines))))
+            .collect()
     };
     let curves: Vec<Vec<Point>> = hops.iter().map(curve).collect();
     let legend: Vec<_> = hops.iter().map(|hop| (hop.name.as_str(), hop.ink)).collect();
@@ -135,7 +141,11 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
         size: (HALF, HEIGHT),
         label_width: 120,
         y: time_axis(extent(curves.iter().flatten().map(|point| point.1))),
-        shapes: hops.iter().zip(curves).map(|(hop, curve)| Shape::Line(hop.ink, 4, curve)).collect(),
+        shapes: hops
+            .iter()
+            .zip(curves)
+            .map(|(hop, curve)| Shape::Line(hop.ink, 4, curve))
+            .collect(),
         x,
     };
     figure("Latency that a share of all samples does not exceed", &legend, &plot)
@@ -147,7 +157,9 @@ fn decades_of(distribution: &Distribution, quantile: f64) -> f64 {
 }
 
 fn time_axis(range: Range<f64>) -> Axis {
-    Axis::decades(range, |decade| span(10_u64.pow(decade.clamp(0, 18).unsigned_abs())).replace(".00", ""))
+    Axis::decades(range, |decade| {
+        span(10_u64.pow(decade.clamp(0, 18).unsigned_abs())).replace(".00", "")
+    })
 }
 
 /// The share that `nines` decades stand for.

@@ -126,8 +126,9 @@ fn by_component(
     names: [&'static str; 3],
     vector: impl Fn(&Sample) -> [f64; 3],
 ) -> Markup {
-    let traces =
-        (0..3).map(|i| timeline.trace(names[i], COMPONENTS[i], |sample| vector(sample)[i])).collect();
+    let traces = (0..3)
+        .map(|i| timeline.trace(names[i], COMPONENTS[i], |sample| vector(sample)[i]))
+        .collect();
     over_time(timeline, title, traces)
 }
 

@@ -73,7 +73,9 @@ pub fn css() -> String {
         let _ = write!(shapes, ".plot [stroke=\"{key}\"]{{stroke:var(--{name})}}");
         let _ = write!(shapes, ".plot [fill=\"{key}\"]{{fill:var(--{name})}}");
     }
-    format!(":root{{{light}}}@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}{shapes}")
+    format!(
+        ":root{{{light}}}@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}{shapes}"
+    )
 }
 
 #[cfg(test)]

@@ -55,7 +55,10 @@ impl Plot {
     /// Size of the area between the axes.
     pub fn area(&self) -> (f64, f64) {
         let (width, height) = self.size;
-        (f64::from(width - self.label_width - 2 * MARGIN), f64::from(height - LABEL_HEIGHT - 2 * MARGIN))
+        (
+            f64::from(width - self.label_width - 2 * MARGIN),
+            f64::from(height - LABEL_HEIGHT - 2 * MARGIN),
+        )
     }
 
     /// Widens one axis until a length is equally long on both, `ticks` apart.
@@ -86,7 +89,8 @@ impl Plot {
                 .expect(NEVER_FAILS);
             for shape in &self.shapes {
                 if let Shape::Band(range) = shape {
-                    let corners = [(range.start, self.y.range.start), (range.end, self.y.range.end)];
+                    let corners =
+                        [(range.start, self.y.range.start), (range.end, self.y.range.end)];
                     let band = Rectangle::new(corners, Ink::Shade.color().filled());
                     chart.plotting_area().draw(&band).expect(NEVER_FAILS);
                 }

@@ -118,7 +118,9 @@ fn intervals(arrivals: &Arrivals) -> Markup {
         let (floor, top) = (0.5_f64.log10(), (*count as f64).log10());
         Shape::Block(Ink::Actual, (from, floor), (from + 0.85 * width, top))
     };
-    let mut y = Axis::decades(0.0..greatest.log10(), |decade| 10_u64.pow(decade.unsigned_abs()).to_string());
+    let mut y = Axis::decades(0.0..greatest.log10(), |decade| {
+        10_u64.pow(decade.unsigned_abs()).to_string()
+    });
     y.range.start = 0.5_f64.log10();
     let plot = Plot {
         size: (FULL, 480),

@@ -64,7 +64,9 @@ impl<'a> Timeline<'a> {
 
     /// From the first to the last tick \[s\].
     pub fn range(&self) -> Range<f64> {
-        extent([self.samples.first(), self.samples.last()].into_iter().flatten().map(|s| self.at(s)))
+        extent(
+            [self.samples.first(), self.samples.last()].into_iter().flatten().map(|s| self.at(s)),
+        )
     }
 
     /// The judged window \[s\].
@@ -89,10 +91,16 @@ impl<'a> Timeline<'a> {
     /// The battery voltage over time, if it is known.
     pub fn battery(&self) -> Option<Trace> {
         let range = self.range();
-        let points = self.flight.battery.iter().map(|(time, voltage)| (self.seconds(*time), *voltage));
-        let shown = |(t, voltage): &Point| *t >= range.start && *t <= range.end && is_drawable(*voltage);
+        let points =
+            self.flight.battery.iter().map(|(time, voltage)| (self.seconds(*time), *voltage));
+        let shown =
+            |(t, voltage): &Point| *t >= range.start && *t <= range.end && is_drawable(*voltage);
         let points: Vec<Point> = points.filter(shown).collect();
-        (!points.is_empty()).then(|| Trace { name: "voltage", ink: Ink::Third, points: thin(points) })
+        (!points.is_empty()).then(|| Trace {
+            name: "voltage",
+            ink: Ink::Third,
+            points: thin(points),
+        })
     }
 
     /// An angle \[rad\] of every tick over time \[deg\], with a gap where it jumps from one end of its range to the other.
@@ -138,7 +146,8 @@ fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
 
 /// At most [`MOST_POINTS`] of `points`: those that lie away from the last one kept. Excursions survive.
 pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
-    let mut kept: Vec<Point> = points.into_iter().filter(|(x, y)| is_drawable(*x) && is_drawable(*y)).collect();
+    let mut kept: Vec<Point> =
+        points.into_iter().filter(|(x, y)| is_drawable(*x) && is_drawable(*y)).collect();
     let (x, y) = (extent(kept.iter().map(|p| p.0)), extent(kept.iter().map(|p| p.1)));
     let mut spacing = 1e-3 * (x.end - x.start).max(y.end - y.start);
     kept = spaced(&kept, spacing);
@@ -177,7 +186,8 @@ mod tests {
 
     #[test]
     fn thinning_keeps_a_gap() {
-        let points = (0..36_000).map(|i| (f64::from(i), if i / 1000 == 7 { f64::NAN } else { 1.0 }));
+        let points =
+            (0..36_000).map(|i| (f64::from(i), if i / 1000 == 7 { f64::NAN } else { 1.0 }));
         assert!(thin(points.collect()).iter().any(|(_, y)| y.is_nan()));
     }
 

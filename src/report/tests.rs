@@ -12,7 +12,9 @@ fn page(flight: &Flight) -> String {
 #[test]
 fn a_flight_has_every_section_and_needs_nothing_else() {
     let page = page(&fixture::square());
-    for section in ["Path", "Position", "Attitude", "Velocity", "Command", "Latency", "Events", "Settings"] {
+    for section in
+        ["Path", "Position", "Attitude", "Velocity", "Command", "Latency", "Events", "Settings"]
+    {
         assert!(page.contains(&format!("<h2>{section}</h2>")), "{section}");
     }
     let elsewhere = page.replace("http://www.w3.org/2000/svg", "");

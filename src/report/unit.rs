@@ -67,7 +67,13 @@ mod tests {
 
     #[test]
     fn three_digits_are_shown_whatever_the_size() {
-        let cases = [(0.083_14, "0.0831"), (-1.0, "-1.00"), (12_345.6, "12346"), (0.0, "0"), (3e-7, "3.00e-7")];
+        let cases = [
+            (0.083_14, "0.0831"),
+            (-1.0, "-1.00"),
+            (12_345.6, "12346"),
+            (0.0, "0"),
+            (3e-7, "3.00e-7"),
+        ];
         for (value, text) in cases {
             assert_eq!(significant(value), text);
         }

@@ -1,5 +1,5 @@
-//! The two ways a vehicle is commanded. A law is the same for both; what differs is the input matrix `B`, whether the body
-//! rate is a state, and the range.
+//! The two ways a vehicle is commanded. A law is the same for both; what differs is the input
+//! matrix `B`, whether the body rate is a state, and the range.
 
 use std::fmt;
 
@@ -15,15 +15,15 @@ pub trait InputForm {
     /// `u` as the vehicle takes it; the default is neutral.
     type Command: Copy + fmt::Debug + Default + PartialEq;
 
-    /// The inertia of the body if `u` is a torque. `None` if the vehicle follows a commanded rate by itself: the rate is
-    /// then no state of the law's model ("nullified", Section VII.C).
+    /// The inertia of the body if `u` is a torque. `None` if the vehicle follows a commanded rate
+    /// by itself: the rate is then no state of the law's model ("nullified", Section VII.C).
     fn inertia(&self) -> Option<&Inertia>;
 
     /// `B` that goes with the `A` of a law whose state is `[rate; attitude]`.
     fn input_matrix(&self, a: &Matrix6<f64>) -> Matrix6x3<f64>;
 
-    /// The `u` that brings about `demand`: an angular acceleration \[rad/s^2\] if `u` is a torque, a rate \[rad/s\] if it
-    /// commands one.
+    /// The `u` that brings about `demand`: an angular acceleration \[rad/s^2\] if `u` is a torque,
+    /// a rate \[rad/s\] if it commands one.
     fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64>;
 
     /// The `u` with which a body without error follows its reference.
@@ -38,7 +38,7 @@ pub trait InputForm {
     fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64>;
 
     /// `u` as a command.
-    fn command(u: Vector3<f64>) -> Self::Command;
+    fn command_from(u: Vector3<f64>) -> Self::Command;
 
     /// `omega x J omega`, which a torque must cancel; zero if the vehicle does that by itself.
     fn gyroscopic(&self, omega: BodyRate) -> Vector3<f64> {
@@ -102,20 +102,21 @@ impl InputForm for TorqueInput {
         if largest <= self.max_torque { *u } else { u / largest * self.max_torque }
     }
 
-    fn command(u: Vector3<f64>) -> Torque {
+    fn command_from(u: Vector3<f64>) -> Torque {
         Torque(u)
     }
 }
 
-/// `u` are the sticks \[-1..1\], to which the vehicle's own loop makes the body rate proportional: the Hummingbird,
-/// Eq. (61).
+/// `u` are the sticks \[-1..1\], to which the vehicle's own loop makes the body rate proportional:
+/// the Hummingbird, Eq. (61).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateInput {
     rate_authority: Vector3<f64>,
 }
 
 impl RateInput {
-    /// A vehicle that turns at `rate_authority` at full stick: `[K_phi, K_theta, K_psi]` \[rad/s, body axes\].
+    /// A vehicle that turns at `rate_authority` at full stick: `[K_phi, K_theta, K_psi]`
+    /// \[rad/s, body axes\].
     ///
     /// # Errors
     /// If one of them is not positive and finite.
@@ -136,7 +137,8 @@ impl InputForm for RateInput {
 
     fn input_matrix(&self, a: &Matrix6<f64>) -> Matrix6x3<f64> {
         let mut b = Matrix6x3::zeros();
-        // Eq. (61), erratum E-61, put for the rate in the lower left block of A: B = A_eps_omega K_delta
+        // Eq. (61), erratum E-61, put for the rate in the lower left block of A: B = A_eps_omega
+        // K_delta
         let k_delta = Matrix3::from_diagonal(&self.rate_authority);
         b.fixed_view_mut::<3, 3>(3, 0).copy_from(&(a.fixed_view::<3, 3>(3, 0) * k_delta));
         b
@@ -158,10 +160,11 @@ impl InputForm for RateInput {
 
     #[inline]
     fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64> {
+        // Each stick for itself: yaw at its stop takes nothing from roll and pitch.
         if is_finite(u) { u.map(|stick| stick.clamp(-1.0, 1.0)) } else { Vector3::zeros() }
     }
 
-    fn command(u: Vector3<f64>) -> StickCommand {
+    fn command_from(u: Vector3<f64>) -> StickCommand {
         StickCommand(u)
     }
 }

@@ -1,4 +1,5 @@
-//! The classic LQR: a linear-quadratic regulator on Euler angles that tracks a set-point. Paper, Sections II.F and II.G.
+//! The classic LQR: a linear-quadratic regulator on Euler angles that tracks a set-point. Paper,
+//! Sections II.F and II.G.
 //!
 //! ```text
 //! u = -K [omega; Theta - Theta_d; Theta_I],  Theta_I = integral of Theta_d - Theta        Eqs. (24), (34), corrected
@@ -39,8 +40,8 @@ pub struct LqrOptions {
     pub delta_rad: f64,
     /// When the gain is computed.
     pub resolve: Resolve,
-    /// The pitch of an operating point stays within this \[rad\]. Towards 90 degrees the model grows without bound, and
-    /// beyond it has the wrong sign.
+    /// The pitch of an operating point stays within this \[rad\]. Towards 90 degrees the model
+    /// grows without bound, and beyond it has the wrong sign.
     pub operating_pitch_limit_rad: f64,
     /// The rate in `x`; without effect in rate form.
     pub rate: RateFeedback,
@@ -61,7 +62,8 @@ impl Default for LqrOptions {
             input_weight: 1.0,
             // Not in the paper. The same angle as the limit of OQTAL, whose eps is half an angle.
             integral_limit_rad_s: 1.0,
-            // Not in the paper, which prints `floor` and reports a count that only this rule or a like one can give.
+            // Not in the paper, which prints `floor` and reports a count that only this rule or a
+            // like one can give.
             cells: Cells::Truncated,
             // In the paper: Section VIII, without a unit.
             delta_rad: 0.5,
@@ -75,7 +77,8 @@ impl Default for LqrOptions {
 }
 
 impl LqrOptions {
-    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
+    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
+    /// VI.B.2.
     #[must_use]
     pub fn spacecraft() -> Self {
         Self {
@@ -188,7 +191,8 @@ impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
         let k =
             self.schedule.gain(&point, |point| Self::gain_at(&self.options, &self.input, point));
 
-        // Eqs. (24), (25), erratum E-25: N_x = [0; I; 0] and N_u = 0, so the set-point is subtracted from Theta
+        // Eqs. (24), (25), erratum E-25: N_x = [0; I; 0] and N_u = 0, so the set-point is
+        // subtracted from Theta
         let mut u = -(k * x);
         if self.options.feed_forward {
             u += self.input.feed_forward(&error, &omega_e, reference);
@@ -196,10 +200,10 @@ impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
 
         let given = self.input.saturate(&u);
         // Eq. (33), erratum E-28
-        let theta_i_rate = -theta_error;
-        let push = -(k.fixed_columns::<3>(INTEGRAL) * theta_i_rate);
-        self.theta_i.step(&theta_i_rate, &push, &(u - given), dt_s);
-        I::command(given)
+        let theta_i_dot = -theta_error;
+        let push = -(k.fixed_columns::<3>(INTEGRAL) * theta_i_dot);
+        self.theta_i.step(&theta_i_dot, &push, &(u - given), dt_s);
+        I::command_from(given)
     }
 
     fn reset(&mut self) {

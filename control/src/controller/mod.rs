@@ -6,8 +6,9 @@
 //! | [`ClassicLqr`] | `lqr.rs` | LQR on Euler angles, Eqs. (24), (34) |
 //! | [`QuaternionPid`] | `pid.rs` | PID on the quaternion error, Eqs. (17) to (19) |
 //!
-//! A law is written once for every [`InputForm`]: torque for the spacecraft, sticks for the quadrotor. To add a law, give it
-//! a file and options like these and a line in each list of this file.
+//! A law is written once for every [`InputForm`]: torque for the spacecraft, sticks for the
+//! quadrotor. To add a law, give it a file and options like these and a line in each list of this
+//! file.
 
 mod input;
 mod lqr;
@@ -28,15 +29,15 @@ pub use regulator::{AugmentedModel, Gain, LawState, Weights};
 
 /// A law that turns the body to its reference.
 ///
-/// Whatever a law is given, it commands something finite and within the vehicle's range, and nothing it is given spoils a
-/// later command.
+/// Whatever a law is given, it commands something finite and within the vehicle's range, and
+/// nothing it is given spoils a later command.
 pub trait AttitudeLaw {
     /// What the vehicle is commanded: [`Torque`](crate::quantity::Torque) or
     /// [`StickCommand`](crate::quantity::StickCommand). The default is neutral.
     type Command: Default;
 
-    /// The command for a body at `state` that should be at `reference`, `dt_s` seconds after the last. Neutral, and the law
-    /// unchanged, if any number it is given is not finite.
+    /// The command for a body at `state` that should be at `reference`, `dt_s` seconds after the
+    /// last. Neutral, and the law unchanged, if any number it is given is not finite.
     fn update(
         &mut self,
         state: &AttitudeState,
@@ -85,7 +86,8 @@ pub enum ControllerName {
     Oqtal,
 }
 
-/// Which law flies, and the options of all of them. The default is tuned for the Hummingbird in rate form.
+/// Which law flies, and the options of all of them. The default is for the Hummingbird in rate
+/// form.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ControllerOptions {

@@ -1,7 +1,8 @@
 //! OQTAL, the paper's law: a linear-quadratic regulator on the attitude error.
 //!
-//! Terms: `eps`, `lambda` and `omega_e` are the tracking error ([`crate::error`]); `eps_I` is the integral of `-eps`; the
-//! model that `K` is optimal for is [`crate::error_model`]; when `K` is computed is up to [`crate::schedule`].
+//! Terms: `eps`, `lambda` and `omega_e` are the tracking error ([`crate::error`]); `eps_I` is the
+//! integral of `-eps`; the model that `K` is optimal for is [`crate::error_model`]; when `K` is
+//! computed is up to [`crate::schedule`].
 //!
 //! ```text
 //! u = -K [omega_e; eps; eps_I] + omega x J omega        Eq. (56), corrected
@@ -61,7 +62,8 @@ impl Default for OqtalOptions {
             integral_limit_s: 0.5,
             // Not in the paper.
             jacobian: Jacobian::Decoupled,
-            // Not in the paper, which prints `floor` and reports a count that only this rule or a like one can give.
+            // Not in the paper, which prints `floor` and reports a count that only this rule or a
+            // like one can give.
             cells: Cells::Truncated,
             // In the paper: Section VIII, without a unit.
             delta_rad: 0.5,
@@ -72,7 +74,8 @@ impl Default for OqtalOptions {
 }
 
 impl OqtalOptions {
-    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
+    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
+    /// VI.B.2.
     #[must_use]
     pub fn spacecraft() -> Self {
         Self {
@@ -172,10 +175,11 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         }
 
         let given = self.input.saturate(&u);
-        let eps_i_rate = -eps;
-        let push = -(k.fixed_columns::<3>(INTEGRAL) * eps_i_rate);
-        self.eps_i.step(&eps_i_rate, &push, &(u - given), dt_s);
-        I::command(given)
+        // Eq. (57), erratum E-57
+        let eps_i_dot = -eps;
+        let push = -(k.fixed_columns::<3>(INTEGRAL) * eps_i_dot);
+        self.eps_i.step(&eps_i_dot, &push, &(u - given), dt_s);
+        I::command_from(given)
     }
 
     fn reset(&mut self) {

@@ -25,9 +25,11 @@ pub struct PidOptions {
     pub rate_gain_per_s: f64,
     /// The rate that `c` multiplies; without effect in rate form.
     pub rate: RateFeedback,
-    /// `omega_max`: the slew rate about each axis stays within this \[rad/s\]; infinite is no limit.
+    /// `omega_max`: the slew rate about each axis stays within this \[rad/s\]; infinite is no
+    /// limit.
     pub max_rate_rad_s: f64,
-    /// `a`: near the target the slew rate is low enough to stop with this \[rad/s^2\]; infinite is no limit.
+    /// `a`: near the target the slew rate is low enough to stop with this \[rad/s^2\]; infinite is
+    /// no limit.
     pub max_acceleration_rad_s2: f64,
     /// Limit of each component of the integral of `eps` \[s\].
     pub integral_limit_s: f64,
@@ -96,16 +98,11 @@ impl<I: InputForm> QuaternionPid<I> {
         Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
     }
 
-    /// `c` of the damping in Eq. (17) and of the slew rate in Eq. (18). In rate form the demand is itself a rate: the
-    /// damping is nullified (Section VII.C) and the slew rate is the demand.
-    fn damping_and_slew_gain(&self) -> (f64, f64) {
-        let c = self.options.rate_gain_per_s;
-        if self.input.inertia().is_some() { (c, c) } else { (0.0, 1.0) }
-    }
-
     /// `sat_L`: `pi` as far as the slew rate that it stands for is allowed at this `eps`.
     fn slew_limited(&self, pi: &Vector3<f64>, eps: &Vector3<f64>) -> Vector3<f64> {
-        let (k, (_, c)) = (self.options.gain, self.damping_and_slew_gain());
+        // In rate form the demand is itself the slew rate.
+        let c = self.input.inertia().map_or(1.0, |_| self.options.rate_gain_per_s);
+        let k = self.options.gain;
         let (omega_max, a) = (self.options.max_rate_rad_s, self.options.max_acceleration_rad_s2);
         // Eq. (18), erratum E-18. `min` passes over NaN: infinity times zero, which is no limit.
         let limit = eps.map(|eps_i| c / (2.0 * k) * (4.0 * a * eps_i.abs()).sqrt().min(omega_max));
@@ -123,7 +120,8 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
         dt_s: f64,
     ) -> I::Command {
         let (k, t) = (self.options.gain, self.options.integral_time_s);
-        let (c, _) = self.damping_and_slew_gain();
+        // In rate form `c omega` is nullified (Section VII.C).
+        let c = self.input.inertia().map_or(0.0, |_| self.options.rate_gain_per_s);
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let (eps, omega_e) = (error.eps(), error.rate_error(state.rate, reference.rate));
         let omega = match self.options.rate {
@@ -142,9 +140,9 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
         // Eq. (19), erratum E-19
         let given = self.input.saturate(&u(self.slew_limited(&pi, eps)));
 
-        let push = -self.input.input_for(&(2.0 * k / t * eps));
+        let push = -self.input.input_for(eps);
         self.eps_i.step(eps, &push, &(u(pi) - given), dt_s);
-        I::command(given)
+        I::command_from(given)
     }
 
     fn reset(&mut self) {

@@ -1,4 +1,5 @@
-//! The linear-quadratic regulator that the classic law and OQTAL share: from a model and weights to a gain.
+//! The linear-quadratic regulator that the classic law and OQTAL share: from a model and weights to
+//! a gain.
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
@@ -8,7 +9,8 @@ use crate::riccati::{RiccatiError, care};
 /// `K` of `u = -K x`. Columns of states that the model does not have are zero.
 pub type Gain = SMatrix<f64, 3, 9>;
 
-/// `x`: rate, attitude and integral. `[omega_e; eps; eps_I]` in OQTAL, `[omega; Theta; Theta_I]` in the classic law.
+/// `x`: rate, attitude and integral. `[omega_e; eps; eps_I]` in OQTAL, `[omega; Theta; Theta_I]` in
+/// the classic law.
 pub type LawState = SVector<f64, 9>;
 
 /// The columns of a [`Gain`], and the rows of a [`LawState`], that hold the integral.
@@ -41,8 +43,8 @@ pub struct Weights {
     pub input: f64,
 }
 
-/// A model of rate and attitude, Eq. (20), with the integral of its output as three further states. The output, Eqs. (21),
-/// (32) and (35), is the attitude.
+/// A model of rate and attitude, Eq. (20), with the integral of its output as three further states.
+/// The output, Eqs. (21), (32) and (35), is the attitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AugmentedModel {
     /// `A` for a [`LawState`].
@@ -54,7 +56,8 @@ pub struct AugmentedModel {
 }
 
 impl AugmentedModel {
-    /// The model of a vehicle whose rate and attitude move by `a` and which is commanded through `input`.
+    /// The model of a vehicle whose rate and attitude move by `a` and which is commanded through
+    /// `input`.
     #[must_use]
     pub fn new(a: &Matrix6<f64>, input: &impl InputForm) -> Self {
         let mut augmented = Self {
@@ -62,7 +65,8 @@ impl AugmentedModel {
             b: SMatrix::zeros(),
             first: if input.inertia().is_some() { 0 } else { 3 },
         };
-        // Eqs. (28), (29), (30), (34), (57), errata E-28, E-34, E-57: the integral is of the error with its sign changed
+        // Eqs. (28), (29), (30), (34), (57), errata E-28, E-34, E-57: the integral is of the error
+        // with its sign changed
         augmented.a.fixed_view_mut::<6, 6>(0, 0).copy_from(a);
         augmented.a.fixed_view_mut::<3, 3>(INTEGRAL, 3).copy_from(&-Matrix3::identity());
         augmented.b.fixed_view_mut::<6, 3>(0, 0).copy_from(&input.input_matrix(a));

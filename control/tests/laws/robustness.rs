@@ -75,7 +75,8 @@ fn garbage() -> impl Strategy<Value = Garbage> {
     )
 }
 
-/// F06: whatever arrives, the command is finite and in range, and the next good input gives what it always gives.
+/// F06: whatever arrives, the command is finite and in range, and the next good input gives what it
+/// always gives.
 fn check_garbage<I: Form>(input: I, options: &ControllerOptions, range: f64, garbage: &[Garbage]) {
     let (state, reference) = (
         at_rest(Attitude::from_rotation_vector(Vector3::new(0.1, -0.2, 0.3))),
@@ -109,7 +110,10 @@ fn check_garbage<I: Form>(input: I, options: &ControllerOptions, range: f64, gar
 
 proptest! {
     #[test]
-    fn no_number_whatever_reaches_a_command(garbage in prop::collection::vec(garbage(), 1..5), feed_forward: bool) {
+    fn no_number_whatever_reaches_a_command(
+        garbage in prop::collection::vec(garbage(), 1..5),
+        feed_forward: bool,
+    ) {
         let mut options = ControllerOptions::default();
         options.pid.feed_forward = feed_forward;
         options.lqr.feed_forward = feed_forward;
@@ -173,6 +177,34 @@ fn the_slew_rate_limit_does_not_wind_up_the_pid() {
     let command =
         law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S).numbers();
     assert!(command.amax() < 1e-12, "wound up to {command}");
+}
+
+/// E-18: near the target the rate is one from which the body can stop with the acceleration `a`,
+/// `omega^2 = 2 a angle`.
+#[test]
+fn the_slew_rate_of_the_pid_is_one_it_can_stop_from() {
+    let (acceleration, angle) = (0.5, 1e-3);
+    let mut options = ControllerOptions::default();
+    (options.pid.gain, options.pid.max_acceleration_rad_s2) = (1e3, acceleration);
+    let state = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, angle, 0.0)));
+    let command = first_command(
+        law(ControllerName::Pid, &options, sticks()),
+        &state,
+        &AttitudeReference::default(),
+    );
+    let omega = -2.0 * command.y;
+    assert!((omega - (2.0 * acceleration * angle).sqrt()).abs() < 1e-6, "slews at {omega}");
+}
+
+/// Euler angles jump by a turn at 180 degrees; the body does not.
+#[test]
+fn the_classic_law_turns_the_short_way_round() {
+    let yaw =
+        |degrees: f64| Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, degrees.to_radians()));
+    let law = || law(ControllerName::Lqr, &ControllerOptions::default(), sticks());
+    let across = first_command(law(), &at_rest(yaw(179.0)), &resting(yaw(-179.0)));
+    let plain = first_command(law(), &at_rest(yaw(0.0)), &resting(yaw(2.0)));
+    assert!(across.z > 0.0 && (across - plain).amax() < 1e-9, "{across} instead of {plain}");
 }
 
 #[test]
