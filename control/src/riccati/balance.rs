@@ -2,33 +2,45 @@
 
 use nalgebra::SMatrix;
 
-/// Sweeps over the states; two or three settle most problems.
+/// Sweeps over the states. Two to four settle most problems, and an unsettled balance is only a less good one.
 const SWEEPS: usize = 12;
+/// A state whose rows and columns of `[A -G; -Q -A']` agree to within this factor, squared, is left as it is.
+const AGREEMENT: f64 = 4.0;
 
-/// A diagonal change of state `x = Dz`, powers of two, so that scaling rounds nothing.
-pub(super) struct Balance<const N: usize>([f64; N]);
+/// A diagonal change of state `x = Dz`. Its elements are powers of two, so scaling rounds nothing.
+pub(super) struct Balance<const N: usize> {
+    d: [f64; N],
+    inverse: [f64; N],
+}
 
 impl<const N: usize> Balance<N> {
-    /// Equalises row and column sums of `[A -G; -Q -A']` as Osborne's method does (*J. ACM* 7, 1960), restricted to the
-    /// scalings `diag(D, D^-1)` that keep the Riccati structure.
+    /// Equalises row and column sums of `[A -G; -Q -A']` by Osborne's method, restricted to the scalings `diag(D, D^-1)`
+    /// that keep its structure.
     pub(super) fn new(
         a: &SMatrix<f64, N, N>,
         g: &SMatrix<f64, N, N>,
         q: &SMatrix<f64, N, N>,
     ) -> Self {
-        let (a, g, q) = (a.abs(), g.abs(), q.abs());
-        let mut d = [1.0; N];
+        let (mut a, g, q) = (a.abs(), g.abs(), q.abs());
+        a.fill_diagonal(0.0);
+        let a_transposed = a.transpose();
+        let mut balance = Self { d: [1.0; N], inverse: [1.0; N] };
         for _ in 0..SWEEPS {
             let mut settled = true;
             for i in 0..N {
-                let (mut grows, mut shrinks) = (q[(i, i)] * d[i] * d[i], g[(i, i)] / (d[i] * d[i]));
-                for j in (0..N).filter(|&j| j != i) {
-                    grows += d[i] * (a[(j, i)] / d[j] + q[(j, i)] * d[j]);
-                    shrinks += (a[(i, j)] * d[j] + g[(i, j)] / d[j]) / d[i];
+                let (mut column, mut row) = (0.0, 0.0);
+                for j in 0..N {
+                    column += a[(j, i)] * balance.inverse[j] + q[(j, i)] * balance.d[j];
+                    row += a_transposed[(j, i)] * balance.d[j] + g[(j, i)] * balance.inverse[j];
                 }
-                let factor = power_of_two((shrinks / grows).sqrt());
-                if factor != 1.0 {
-                    d[i] *= factor;
+                let ratio = (row * balance.inverse[i]) / (column * balance.d[i]);
+                // Not true of NaN and the infinities, where there is nothing to balance against.
+                if ratio > AGREEMENT && ratio < f64::INFINITY
+                    || ratio < 1.0 / AGREEMENT && ratio > 0.0
+                {
+                    let factor = power_of_two(ratio.sqrt());
+                    balance.d[i] *= factor;
+                    balance.inverse[i] /= factor;
                     settled = false;
                 }
             }
@@ -36,38 +48,37 @@ impl<const N: usize> Balance<N> {
                 break;
             }
         }
-        Self(d)
+        balance
     }
 
-    /// `D^-1 m D`: `A` in the new units.
-    pub(super) fn map(&self, m: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-        SMatrix::from_fn(|i, j| m[(i, j)] / self.0[i] * self.0[j])
+    /// `D^-1 a D`: the dynamics in balanced units.
+    pub(super) fn dynamics(&self, a: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+        SMatrix::from_fn(|i, j| a[(i, j)] * self.inverse[i] * self.d[j])
     }
 
-    /// `D^-1 b`: `B` in the new units.
+    /// `D^-1 b`: the input matrix in balanced units.
     pub(super) fn input<const M: usize>(&self, b: &SMatrix<f64, N, M>) -> SMatrix<f64, N, M> {
-        SMatrix::from_fn(|i, j| b[(i, j)] / self.0[i])
+        SMatrix::from_fn(|i, j| b[(i, j)] * self.inverse[i])
     }
 
-    /// `D q D`: a quadratic form in the new units.
+    /// `D^-1 g D^-1`: `G` in balanced units, or `P` back from them.
+    pub(super) fn input_form(&self, g: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+        SMatrix::from_fn(|i, j| g[(i, j)] * self.inverse[i] * self.inverse[j])
+    }
+
+    /// `D q D`: the weight of the states in balanced units.
     pub(super) fn form(&self, q: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-        SMatrix::from_fn(|i, j| q[(i, j)] * self.0[i] * self.0[j])
+        SMatrix::from_fn(|i, j| q[(i, j)] * self.d[i] * self.d[j])
     }
 
-    /// `D^-1 p D^-1`: a quadratic form back in the old units.
-    pub(super) fn form_back(&self, p: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-        SMatrix::from_fn(|i, j| p[(i, j)] / self.0[i] / self.0[j])
-    }
-
-    /// `k D^-1`: a gain back in the old units.
-    pub(super) fn gain_back<const M: usize>(&self, k: &SMatrix<f64, M, N>) -> SMatrix<f64, M, N> {
-        SMatrix::from_fn(|i, j| k[(i, j)] / self.0[j])
+    /// `k D^-1`: a gain back in the units of the caller.
+    pub(super) fn gain<const M: usize>(&self, k: &SMatrix<f64, M, N>) -> SMatrix<f64, M, N> {
+        SMatrix::from_fn(|i, j| k[(i, j)] * self.inverse[j])
     }
 }
 
-/// `x` rounded down to a power of two after multiplication by sqrt 2; 1 where there is nothing to balance against.
+/// The power of two nearest to `x > 0` on a logarithmic scale.
 fn power_of_two(x: f64) -> f64 {
     const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
-    let rounded = f64::from_bits((x * std::f64::consts::SQRT_2).to_bits() & EXPONENT);
-    if rounded > 0.0 && rounded.is_finite() { rounded } else { 1.0 }
+    f64::from_bits((x * std::f64::consts::SQRT_2).to_bits() & EXPONENT)
 }

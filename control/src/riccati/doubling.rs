@@ -2,41 +2,77 @@
 
 use nalgebra::SMatrix;
 
-use super::lu::Lu;
-use super::weights::symmetrised;
+use super::inverse::{inverse, log2_determinant};
+use super::problem::{Problem, symmetrised};
 
-/// A closed loop that 2^26 steps do not bring to rest counts as not stable.
-pub(super) const MAX_DOUBLINGS: usize = 26;
+/// A loop that 2^30 steps do not bring to rest counts as unstable: rounding alone moves a double pole about as far.
+pub(super) const MAX_DOUBLINGS: usize = 30;
+/// The norm of the dynamics over 2^k steps at which the cost has converged; what is missing is smaller than its square.
+const AT_REST: f64 = 1e-7;
+/// Places tried for the centre of the Cayley transform.
+const MAX_CENTRES: usize = 8;
+/// The condition number of `A - centre I` above which the next place is tried.
+const MAX_CONDITION: f64 = 1e8;
 
-/// Relative size of the last term; convergence is quadratic, so the error left behind is about its square.
-const LAST_TERM: f64 = 1e-7;
-
-/// The discrete problem `x+ = e x + ..`, input `g = B R^-1 B'`, cost `h = Q`.
+/// A discrete-time problem over 2^k steps: dynamics `e`, reach of the input `g`, cost `h`.
 pub(super) struct Doubling<const N: usize> {
-    pub(super) e: SMatrix<f64, N, N>,
-    pub(super) g: SMatrix<f64, N, N>,
-    pub(super) h: SMatrix<f64, N, N>,
+    e: SMatrix<f64, N, N>,
+    g: SMatrix<f64, N, N>,
+    h: SMatrix<f64, N, N>,
 }
 
 impl<const N: usize> Doubling<N> {
-    /// The limit of the cost over 2^k steps: the stabilising `P`, unless the closed loop is unstable in a way that the
-    /// cost does not see. `None` if the cost grows without limit.
+    /// A discrete-time problem is its own first step.
+    pub(super) fn of_discrete<const M: usize>(problem: &Problem<N, M>) -> Self {
+        Self { e: problem.a, g: problem.g, h: problem.q }
+    }
+
+    /// The discrete-time problem with the solution of a continuous-time one, and the `centre > 0` of the Cayley transform
+    /// `s -> (s + centre) / (s - centre)` that takes the poles of one to those of the other. `None` if a closed-loop pole
+    /// is zero.
+    pub(super) fn of_continuous<const M: usize>(problem: &Problem<N, M>) -> Option<(Self, f64)> {
+        let Problem { a, g, q, .. } = problem;
+        let log_determinant = log2_determinant([[a, g], [q, &-a.transpose()]]);
+        let mut centre = (log_determinant / (2 * N) as f64).exp2();
+        for _ in 0..MAX_CENTRES {
+            if let Some(doubling) = Self::cayley(problem, centre) {
+                return Some((doubling, centre));
+            }
+            centre *= 1.5;
+        }
+        None
+    }
+
+    /// The Cayley transform of a continuous-time problem. `None` if the centre is too close to an eigenvalue of `A`.
+    fn cayley<const M: usize>(problem: &Problem<N, M>, centre: f64) -> Option<Self> {
+        let Problem { a, g, q, .. } = problem;
+        let shifted = a - SMatrix::identity() * centre;
+        let shifted_inverse = inverse(shifted)?;
+        if shifted.norm() * shifted_inverse.norm() > MAX_CONDITION {
+            return None;
+        }
+        let ag = shifted_inverse * g;
+        let w = inverse(shifted.transpose() + q * ag)?;
+        Some(Self {
+            e: SMatrix::identity() + w.transpose() * (2.0 * centre),
+            g: symmetrised(&(ag * w)) * (2.0 * centre),
+            h: symmetrised(&(w * (q * shifted_inverse))) * (2.0 * centre),
+        })
+    }
+
+    /// The limit of the cost: the stabilising `P`. `None` if the loop does not come to rest.
     pub(super) fn cost_to_go(mut self) -> Option<SMatrix<f64, N, N>> {
         for _ in 0..MAX_DOUBLINGS {
-            let lu = Lu::new(SMatrix::identity() + self.g * self.h)?;
-            let e = lu.solve(self.e);
-            let g = lu.solve(self.g);
-            let term = symmetrised(&self.e.tr_mul(&(self.h * e)));
-            self.h += term;
-            let (last, total) = (term.norm(), self.h.norm());
-            if !total.is_finite() {
-                return None;
-            }
-            if last <= LAST_TERM * total {
+            let inverse = inverse(SMatrix::identity() + self.g * self.h)?;
+            let e_transposed = self.e.transpose();
+            let e = self.e * inverse;
+            let h = self.h * inverse;
+            self.g += symmetrised(&(e * self.g * e_transposed));
+            self.h += symmetrised(&(e_transposed * (h * self.e)));
+            self.e = e * self.e;
+            if self.e.norm() <= AT_REST {
                 return Some(self.h);
             }
-            self.g += symmetrised(&(self.e * g * self.e.transpose()));
-            self.e *= e;
         }
         None
     }

@@ -1,64 +1,182 @@
-//! Newton's method on a Riccati equation: the error left by the start, and the proof that the loop is stable.
+//! Newton's method on a Riccati equation: it removes the error of the start and proves the loop stable.
+//!
+//! Both equations are written in terms of a rate of change: with `A` in continuous time and `A - I` in discrete time, and
+//! `D = A - BK`, the residual is `Q + K'RK + PD + D'P`, plus `D'PD` in discrete time. Sampled dynamics are close to the
+//! identity, and this form does not subtract it. It also sees an error of `K` only squared.
 
-use nalgebra::SMatrix;
+use nalgebra::{Cholesky, Const, SMatrix};
 
 use super::RiccatiError;
 use super::doubling::MAX_DOUBLINGS;
-use super::weights::{is_finite, symmetrised};
+use super::inverse::inverse;
+use super::problem::{Problem, is_finite, symmetrised};
+use super::twofold::Twofold;
 
-/// A step this small, relative to `P`, ends the iteration: the error after it is smaller still.
+/// A step this small, relative to `P`, is the last: the error after it is smaller still.
 const SETTLED: f64 = 1e-10;
-/// A step that no longer shrinks is rounding noise; a solution known no better than this is not returned.
-const ACCEPTABLE: f64 = 1e-7;
+/// Each step but the first two must be this much smaller than the one before. Convergence is quadratic, so a step that is
+/// not has met rounding, or a pole on the stability boundary.
+const CONTRACTION: f64 = 0.1;
 /// Steps; one is usual.
-const MAX_STEPS: usize = 12;
-/// A power of the closed loop this small ends the squaring.
+const MAX_STEPS: usize = 6;
+/// The norm of a power of the closed loop at which the squaring ends; the step is then good to the square of this.
 const AT_REST: f64 = 1e-4;
 
-/// The linearised equation at `P`, as a Stein equation `X = S'XS + W` for the correction `X` of `P`.
-pub(super) struct Stein<const N: usize> {
-    pub(super) s: SMatrix<f64, N, N>,
-    pub(super) w: SMatrix<f64, N, N>,
+/// Which of the two equations.
+pub(super) enum Time {
+    /// Continuous time, with the centre of the Cayley transform.
+    Continuous {
+        /// Maps the left half plane into the unit disc.
+        centre: f64,
+    },
+    /// Discrete time.
+    Discrete,
 }
 
-impl<const N: usize> Stein<N> {
-    /// `X = sum S'^i W S^i`, 2^k terms after k squarings. `None` if the powers of `S` do not vanish.
-    fn solve(mut self) -> Option<SMatrix<f64, N, N>> {
-        for _ in 0..MAX_DOUBLINGS {
-            self.w += self.s.tr_mul(&(self.w * self.s));
-            self.s *= self.s;
-            let rest = self.s.norm();
-            if !rest.is_finite() {
-                return None;
+/// A Riccati equation in terms of a rate of change.
+pub(super) struct Equation<'a, const N: usize, const M: usize> {
+    problem: &'a Problem<N, M>,
+    /// `A`, or `A - I` in discrete time.
+    rate: SMatrix<f64, N, N>,
+    time: Time,
+}
+
+impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
+    /// The equation of `problem`.
+    pub(super) fn new(problem: &'a Problem<N, M>, time: Time) -> Self {
+        let rate = match time {
+            Time::Continuous { .. } => problem.a,
+            Time::Discrete => problem.a - SMatrix::identity(),
+        };
+        Self { problem, rate, time }
+    }
+
+    /// Corrects `p` until the correction is small, and finds the gain.
+    pub(super) fn refine(
+        &self,
+        mut p: SMatrix<f64, N, N>,
+    ) -> Result<(SMatrix<f64, N, N>, SMatrix<f64, M, N>), RiccatiError> {
+        let mut previous = f64::INFINITY;
+        for step in 0..MAX_STEPS {
+            let correction =
+                self.correction(&p, step > 0).ok_or(RiccatiError::NoStabilisingSolution)?;
+            p += correction;
+            let size = correction.norm();
+            if size <= SETTLED * p.norm() {
+                let k = self.precise_gain(&p).ok_or(RiccatiError::IllConditioned)?;
+                return Ok((p, k));
             }
-            if rest <= AT_REST {
-                return Some(symmetrised(&self.w));
+            if step > 1 && size > CONTRACTION * previous {
+                break;
+            }
+            previous = size;
+        }
+        Err(RiccatiError::IllConditioned)
+    }
+
+    /// The Newton step at `p`. `None` if the loop that `p` closes is not stable.
+    fn correction(&self, p: &SMatrix<f64, N, N>, precise: bool) -> Option<SMatrix<f64, N, N>> {
+        let k = self.gain(p)?;
+        let d = self.rate - self.problem.b * k;
+        let residual =
+            if precise { self.precise_residual(p, &k) } else { self.residual(p, &k, &d) };
+        match self.time {
+            Time::Discrete => stein(SMatrix::identity() + d, residual),
+            // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD + residual = 0.
+            Time::Continuous { centre } => {
+                let inverse = inverse(d - SMatrix::identity() * centre)?;
+                let s = SMatrix::identity() + inverse * (2.0 * centre);
+                let w = inverse.transpose() * (residual * inverse) * (2.0 * centre);
+                stein(s, w)
             }
         }
-        None
+    }
+
+    /// The weight of the input that the gain divides by: `R`, or `R + B'PB` in discrete time.
+    fn input_weight(&self, bp: &SMatrix<f64, M, N>) -> Option<Cholesky<f64, Const<M>>> {
+        match self.time {
+            Time::Continuous { .. } => Cholesky::new(self.problem.r),
+            Time::Discrete => Cholesky::new(self.problem.r + bp * self.problem.b),
+        }
+    }
+
+    fn gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
+        let bp = self.problem.b.transpose() * p;
+        let right = match self.time {
+            Time::Continuous { .. } => bp,
+            Time::Discrete => bp + bp * self.rate,
+        };
+        Some(self.input_weight(&bp)?.solve(&right))
+    }
+
+    fn residual(
+        &self,
+        p: &SMatrix<f64, N, N>,
+        k: &SMatrix<f64, M, N>,
+        d: &SMatrix<f64, N, N>,
+    ) -> SMatrix<f64, N, N> {
+        let pd = p * d;
+        let mut sum = pd * 2.0 + k.transpose() * (self.problem.r * k);
+        if let Time::Discrete = self.time {
+            sum += d.transpose() * pd;
+        }
+        self.problem.q + symmetrised(&sum)
+    }
+
+    /// `D`, `PD` and `RK` to twice the working precision.
+    fn products(
+        &self,
+        p: &SMatrix<f64, N, N>,
+        k: &Twofold<M, N>,
+    ) -> (Twofold<N, N>, Twofold<N, N>, Twofold<M, N>) {
+        let d = Twofold::from(self.rate).plus_product(&Twofold::from(-self.problem.b), k);
+        let pd = Twofold::product(&Twofold::from(*p), &d);
+        let rk = Twofold::product(&Twofold::from(self.problem.r), k);
+        (d, pd, rk)
+    }
+
+    fn precise_residual(
+        &self,
+        p: &SMatrix<f64, N, N>,
+        k: &SMatrix<f64, M, N>,
+    ) -> SMatrix<f64, N, N> {
+        let k = Twofold::from(*k);
+        let (d, pd, rk) = self.products(p, &k);
+        let mut sum = Twofold::from(self.problem.q)
+            .plus(&pd)
+            .plus(&pd.transpose())
+            .plus_product(&k.transpose(), &rk);
+        if let Time::Discrete = self.time {
+            sum = sum.plus_product(&d.transpose(), &pd);
+        }
+        symmetrised(&sum.rounded())
+    }
+
+    /// The gain, in discrete time with one step of iterative refinement: `R + B'PB` can be much worse conditioned than `P`.
+    fn precise_gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
+        let k = self.gain(p)?;
+        if let Time::Continuous { .. } = self.time {
+            return Some(k);
+        }
+        let b = self.problem.b.transpose();
+        let (_, pd, rk) = self.products(p, &Twofold::from(k));
+        let residual = Twofold::product(&Twofold::from(b), &Twofold::from(*p).plus(&pd)).rounded()
+            - rk.rounded();
+        Some(k + self.input_weight(&(b * p))?.solve(&residual))
     }
 }
 
-/// Corrects `p` until the correction is small. `linearise` gives the Stein equation at `p`.
-pub(super) fn refine<const N: usize>(
-    mut p: SMatrix<f64, N, N>,
-    linearise: impl Fn(&SMatrix<f64, N, N>) -> Option<Stein<N>>,
-) -> Result<SMatrix<f64, N, N>, RiccatiError> {
-    let mut previous = f64::INFINITY;
-    for _ in 0..MAX_STEPS {
-        let x = linearise(&p)
-            .and_then(Stein::solve)
-            .filter(is_finite)
-            .ok_or(RiccatiError::NoStabilisingSolution)?;
-        p += x;
-        let step = x.norm() / p.norm();
-        if step <= SETTLED || x.norm() == 0.0 {
-            return Ok(p);
+/// Solves `X = S'XS + W`: the sum of `S'^i W S^i`, 2^k terms after k squarings. `None` if the powers of `S` do not vanish.
+fn stein<const N: usize>(
+    mut s: SMatrix<f64, N, N>,
+    mut w: SMatrix<f64, N, N>,
+) -> Option<SMatrix<f64, N, N>> {
+    for _ in 0..MAX_DOUBLINGS {
+        w += s.transpose() * (w * s);
+        s *= s;
+        if s.norm() <= AT_REST {
+            return Some(symmetrised(&w)).filter(is_finite);
         }
-        if step <= ACCEPTABLE && step > 0.25 * previous {
-            return Ok(p);
-        }
-        previous = step;
     }
-    Err(RiccatiError::IllConditioned)
+    None
 }
