@@ -1,0 +1,288 @@
+//! What the documents say is so: paths, symbols, tests, equations, errata, defaults, commands; and a few rules of the code
+//! that only reading it can hold.
+
+mod common;
+#[path = "documents/text.rs"]
+mod text;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::Command;
+
+use oqtal_bus::config::Config;
+use oqtal_bus::process::Exit;
+use oqtal_control::controller::ControllerOptions;
+use oqtal_control::estimator::EstimatorOptions;
+use oqtal_control::position::PositionOptions;
+use oqtal_control::trajectory::TrajectoryOptions;
+use text::{
+    Source, Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers,
+    quoted, read, root, sources,
+};
+
+/// What is wrong, one line each, instead of the first that is.
+fn none(what: &str, wrong: &[String]) {
+    assert!(wrong.is_empty(), "{what}:\n  {}", wrong.join("\n  "));
+}
+
+fn is_path(token: &str) -> bool {
+    token.contains('/') && !token.contains([' ', '<', '$', '*']) && !token.starts_with('/')
+}
+
+/// `fn name`, `struct Name` and the like occur in `text`.
+fn defines(text: &str, name: &str) -> bool {
+    ["fn", "struct", "enum", "trait", "type", "const"]
+        .iter()
+        .any(|kind| has_word(text, &format!("{kind} {name}")))
+}
+
+/// The paths in a cell, each with the symbols that follow it.
+fn places(cell: &str) -> Vec<(String, Vec<String>)> {
+    let mut places: Vec<(String, Vec<String>)> = Vec::new();
+    for token in quoted(cell) {
+        match places.last_mut() {
+            _ if is_path(token) => places.push((token.to_owned(), Vec::new())),
+            Some((_, symbols)) => symbols.push(token.to_owned()),
+            None => {}
+        }
+    }
+    places
+}
+
+fn index() -> Table {
+    Table::all(&read("docs/paper.md")).into_iter().next().expect("docs/paper.md has a table")
+}
+
+#[test]
+fn links_and_paths_in_the_documents_lead_somewhere() {
+    let mut wrong = Vec::new();
+    let documents = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/conventions.md"];
+    for document in documents.into_iter().chain(["docs/paper.md", "docs/errata.md"]) {
+        let text = read(document);
+        let folder = root().join(document).parent().unwrap().to_owned();
+        for link in links(&text) {
+            let file = link.split('#').next().unwrap_or_default();
+            if !link.contains("://") && !folder.join(file).exists() {
+                wrong.push(format!("{document}: link {link}"));
+            }
+        }
+        for token in quoted(&text).into_iter().filter(|token| is_path(token)) {
+            // What starts with the name of something here is a path; `m/s` and `pose/command` are not.
+            let first = token.split('/').next().unwrap_or_default();
+            if root().join(first).exists() && !root().join(token).exists() {
+                wrong.push(format!("{document}: path {token}"));
+            }
+        }
+    }
+    none("documents point at what is not there", &wrong);
+}
+
+#[test]
+fn every_equation_of_the_index_is_implemented_cited_and_tested_where_it_says() {
+    let mut wrong = Vec::new();
+    for row in index().rows() {
+        let equation = &row["Eq."];
+        let (code, tests) = (places(&row["implemented in"]), places(&row["test"]));
+        if code.is_empty() || tests.is_empty() || tests.iter().any(|(_, names)| names.is_empty()) {
+            wrong.push(format!("{equation}: no place, or no test"));
+        }
+        for (path, symbols) in code.iter().chain(&tests) {
+            let text = if root().join(path).is_file() { read(path) } else { String::new() };
+            let parts = symbols.iter().flat_map(|symbol| symbol.split("::"));
+            for part in parts.filter(|part| !defines(&text, part)) {
+                wrong.push(format!("{equation}: {path} has no `{part}`"));
+            }
+        }
+        let numbers = numbers(equation);
+        let cited: BTreeSet<u32> =
+            code.iter().flat_map(|(path, _)| cited_equations(&read(path))).collect();
+        if !numbers.is_empty() && numbers.iter().all(|number| !cited.contains(number)) {
+            wrong.push(format!("{equation}: not cited in {}", row["implemented in"]));
+        }
+    }
+    none("docs/paper.md is out of step", &wrong);
+}
+
+#[test]
+fn every_equation_cited_in_the_mathematics_is_in_the_index() {
+    let known: BTreeSet<u32> = index().rows().flat_map(|row| numbers(&row["Eq."])).collect();
+    let mut wrong = Vec::new();
+    for Source { path, text } in
+        sources().iter().filter(|file| file.path.starts_with("control/src"))
+    {
+        for number in cited_equations(text).difference(&known) {
+            wrong.push(format!("{path}: Eq. ({number})"));
+        }
+    }
+    none("cited, but not in docs/paper.md", &wrong);
+}
+
+#[test]
+fn errata_are_cited_in_the_code_and_known() {
+    let tables = Table::all(&read("docs/errata.md"));
+    let rows = || tables.iter().flat_map(Table::rows);
+    let known: BTreeSet<String> = rows().map(|row| row["id"].clone()).collect();
+    let indexed: BTreeSet<String> =
+        index().rows().flat_map(|row| errata(&row["erratum"])).collect();
+    let mut wrong = Vec::new();
+    let mut cited = BTreeSet::new();
+    for Source { path, text } in sources() {
+        let here = cited_errata(&text);
+        wrong.extend(here.difference(&known).map(|id| format!("{path}: {id} is no erratum")));
+        cited.extend(here);
+    }
+    wrong.extend(indexed.difference(&known).map(|id| format!("docs/paper.md: {id} is no erratum")));
+    // Where the paper is only unclear, code cannot depart from it.
+    let departs = |row: &text::Row| !["obvious", "notation"].contains(&row["how we know"].as_str());
+    let departures: BTreeSet<String> =
+        rows().filter(departs).map(|row| row["id"].clone()).collect();
+    for id in indexed.intersection(&departures).filter(|id| !cited.contains(*id)) {
+        // `E-T` and `E-S` are about tables and text: no equation to cite them at.
+        if !id.starts_with("E-T") && !id.starts_with("E-S") {
+            wrong.push(format!("docs/paper.md says that {id} is implemented; no code cites it"));
+        }
+    }
+    none("errata and code disagree", &wrong);
+}
+
+#[test]
+fn every_test_that_an_erratum_names_exists() {
+    let files = sources();
+    let mut wrong = Vec::new();
+    for row in Table::all(&read("docs/errata.md")).iter().flat_map(Table::rows) {
+        let Some(cell) = row.get("test") else { continue };
+        for name in quoted(cell) {
+            if !files.iter().any(|file| has_word(&file.text, &format!("fn {name}"))) {
+                wrong.push(format!("{}: {name}", row["id"]));
+            }
+        }
+    }
+    none("errata name tests that do not exist", &wrong);
+}
+
+#[test]
+fn the_shipped_configuration_is_the_defaults_and_shows_every_key() {
+    let file = root().join("deploy/oqtal.toml");
+    let shipped = Config::load(Some(&file), &[]).unwrap();
+    assert_eq!(shipped, Config::load(None, &[]).unwrap());
+
+    let shown: toml::Table = read("deploy/oqtal.toml").parse().unwrap();
+    let known: toml::Table = shipped.to_toml().parse().unwrap();
+    let (shown, known) = (keys(&shown, ""), keys(&known, ""));
+    assert_eq!(known.difference(&shown).collect::<Vec<_>>(), Vec::<&String>::new(), "not shown");
+}
+
+/// The dotted keys of a table.
+fn keys(table: &toml::Table, prefix: &str) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for (name, value) in table {
+        match value {
+            toml::Value::Table(inner) => found.extend(keys(inner, &format!("{prefix}{name}."))),
+            _ => drop(found.insert(format!("{prefix}{name}"))),
+        }
+    }
+    found
+}
+
+#[test]
+fn the_shipped_configuration_agrees_with_the_defaults_of_the_mathematics() {
+    let config = Config::default();
+    assert_eq!(config.control.controller_options(), ControllerOptions::default());
+    assert_eq!(config.control.estimator, EstimatorOptions::default());
+    assert_eq!(config.position, PositionOptions::default());
+    assert_eq!(config.trajectory, TrajectoryOptions::default());
+}
+
+#[test]
+fn every_preset_is_what_its_name_gives() {
+    for (key, name, file) in [
+        ("vehicle.kind", "spacecraft", "spacecraft"),
+        ("mocap.preset", "ideal", "mocap-ideal"),
+        ("mocap.preset", "measured", "mocap-measured"),
+    ] {
+        let by_name = [oqtal_bus::config::Setting::flag("test", key, name)];
+        let by_file = root().join(format!("deploy/presets/{file}.toml"));
+        let loaded = Config::load(Some(&by_file), &[]).unwrap();
+        assert_eq!(loaded, Config::load(None, &by_name).unwrap(), "{file}");
+    }
+}
+
+#[test]
+fn the_readme_lists_every_exit_code() {
+    let codes = [
+        Exit::Ok,
+        Exit::Flight,
+        Exit::Usage,
+        Exit::Data,
+        Exit::Internal,
+        Exit::System,
+        Exit::Peer,
+        Exit::Version,
+        Exit::Permission,
+        Exit::Config,
+    ];
+    let tables = Table::all(&read("README.md"));
+    let table = tables.iter().find(|table| table.has("exit code")).expect("a table of exit codes");
+    let listed: Vec<String> = table.rows().map(|row| row["exit code"].clone()).collect();
+    assert_eq!(listed, codes.map(|code| (code as u8).to_string()));
+}
+
+#[test]
+fn every_flight_in_the_readme_flies() {
+    let testbed = common::Testbed::new("readme");
+    let blocks = code_blocks(&read("README.md"));
+    let commands: Vec<&str> = blocks
+        .iter()
+        .flat_map(|block| block.lines())
+        .map(|line| line.split(" # ").next().unwrap_or_default().trim())
+        .filter(|line| line.starts_with("oqtal fly") || line.starts_with("oqtal check"))
+        .collect();
+    assert!(commands.len() >= 5, "{commands:?}");
+    for line in commands {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        command.args(line.split_whitespace().skip(1)).current_dir(root());
+        command.env("OQTAL_INSTANCE__NAME", testbed.instance());
+        command.env("OQTAL_ROOT", testbed.path("run"));
+        if line.starts_with("oqtal fly") {
+            // Virtual time unless the line names a clock.
+            command.env("OQTAL_CLOCK__KIND", "in-process").arg("--out").arg(testbed.path("out"));
+        }
+        let output = command.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{line}\n{said}{}", common::stderr(&output));
+    }
+}
+
+#[test]
+fn programs_are_thin() {
+    let wrong: Vec<String> = sources()
+        .into_iter()
+        .filter(|file| Path::new(&file.path).ends_with("src/main.rs"))
+        .filter(|file| file.text.lines().count() >= 60)
+        .map(|file| file.path)
+        .collect();
+    none("60 lines or more", &wrong);
+}
+
+#[test]
+fn clocks_are_read_in_one_place() {
+    let wrong: Vec<String> = sources()
+        .into_iter()
+        .filter(|file| file.path.contains("src/") && file.path != "bus/src/time.rs")
+        .filter(|file| ["Instant::now", "SystemTime"].iter().any(|clock| file.text.contains(clock)))
+        .map(|file| file.path)
+        .collect();
+    none("clocks read outside bus/src/time.rs", &wrong);
+}
+
+#[test]
+fn the_mathematics_touches_no_clock_file_network_thread_or_environment() {
+    let outside = ["std::time", "std::fs", "std::net", "std::thread", "std::env"];
+    let wrong: Vec<String> = sources()
+        .into_iter()
+        .filter(|file| file.path.starts_with("control/src"))
+        .filter(|file| outside.iter().any(|module| file.text.contains(module)))
+        .map(|file| file.path)
+        .collect();
+    none("the mathematics is not pure", &wrong);
+}
