@@ -1,8 +1,10 @@
-//! Newton's method on a Riccati equation: it removes the error of the start and proves the loop stable.
+//! Newton's method on a Riccati equation: it removes the error of the start and proves the loop
+//! stable.
 //!
-//! Both equations are written in terms of a rate of change: with `A` in continuous time and `A - I` in discrete time, and
-//! `D = A - BK`, the residual is `Q + K'RK + PD + D'P`, plus `D'PD` in discrete time. Sampled dynamics are close to the
-//! identity, and this form does not subtract it. It also sees an error of `K` only squared.
+//! Both equations are written in terms of a rate of change: with `A` in continuous time and `A - I`
+//! in discrete time, and `D = A - BK`, the residual is `Q + K'RK + PD + D'P`, plus `D'PD` in
+//! discrete time. Sampled dynamics are close to the identity, and this form does not subtract it.
+//! It also sees an error of `K` only squared.
 
 use nalgebra::{Cholesky, Const, SMatrix};
 
@@ -14,12 +16,13 @@ use super::twofold::Twofold;
 
 /// A step this small, relative to `P`, is the last: the error after it is smaller still.
 const SETTLED: f64 = 1e-10;
-/// Each step but the first two must be this much smaller than the one before. Convergence is quadratic, so a step that is
-/// not has met rounding, or a pole on the stability boundary.
+/// Each step but the first two must be this much smaller than the one before. Convergence is
+/// quadratic, so a step that is not has met rounding, or a pole on the stability boundary.
 const CONTRACTION: f64 = 0.1;
 /// Steps; one is usual.
 const MAX_STEPS: usize = 6;
-/// The norm of a power of the closed loop at which the squaring ends; the step is then good to the square of this.
+/// The norm of a power of the closed loop at which the squaring ends; the step is then good to the
+/// square of this.
 const AT_REST: f64 = 1e-4;
 
 /// Which of the two equations.
@@ -48,11 +51,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
             Time::Continuous { .. } => problem.a,
             Time::Discrete => problem.a - SMatrix::identity(),
         };
-        Self {
-            problem,
-            rate,
-            time,
-        }
+        Self { problem, rate, time }
     }
 
     /// Corrects `p` until the correction is small, and finds the gain.
@@ -62,9 +61,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     ) -> Result<(SMatrix<f64, N, N>, SMatrix<f64, M, N>), RiccatiError> {
         let mut previous = f64::INFINITY;
         for step in 0..MAX_STEPS {
-            let correction = self
-                .correction(&p, step > 0)
-                .ok_or(RiccatiError::NoStabilisingSolution)?;
+            let correction =
+                self.correction(&p, step > 0).ok_or(RiccatiError::NoStabilisingSolution)?;
             p += correction;
             let size = correction.norm();
             if size <= SETTLED * p.norm() {
@@ -83,14 +81,12 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     fn correction(&self, p: &SMatrix<f64, N, N>, precise: bool) -> Option<SMatrix<f64, N, N>> {
         let k = self.gain(p)?;
         let d = self.rate - self.problem.b * k;
-        let residual = if precise {
-            self.precise_residual(p, &k)
-        } else {
-            self.residual(p, &k, &d)
-        };
+        let residual =
+            if precise { self.precise_residual(p, &k) } else { self.residual(p, &k, &d) };
         match self.time {
             Time::Discrete => stein(SMatrix::identity() + d, residual),
-            // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD + residual = 0.
+            // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD +
+            // residual = 0.
             Time::Continuous { centre } => {
                 let inverse = inverse(d - SMatrix::identity() * centre)?;
                 let s = SMatrix::identity() + inverse * (2.0 * centre);
@@ -160,7 +156,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
         symmetrised(&sum.rounded())
     }
 
-    /// The gain, in discrete time with one step of iterative refinement: `R + B'PB` can be much worse conditioned than `P`.
+    /// The gain, in discrete time with one step of iterative refinement: `R + B'PB` can be much
+    /// worse conditioned than `P`.
     fn precise_gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
         let k = self.gain(p)?;
         if let Time::Continuous { .. } = self.time {
@@ -174,7 +171,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     }
 }
 
-/// Solves `X = S'XS + W`: the sum of `S'^i W S^i`, 2^k terms after k squarings. `None` if the powers of `S` do not vanish.
+/// Solves `X = S'XS + W`: the sum of `S'^i W S^i`, 2^k terms after k squarings. `None` if the
+/// powers of `S` do not vanish.
 fn stein<const N: usize>(
     mut s: SMatrix<f64, N, N>,
     mut w: SMatrix<f64, N, N>,

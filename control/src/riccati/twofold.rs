@@ -11,10 +11,7 @@ pub(super) struct Twofold<const R: usize, const C: usize> {
 
 impl<const R: usize, const C: usize> From<SMatrix<f64, R, C>> for Twofold<R, C> {
     fn from(value: SMatrix<f64, R, C>) -> Self {
-        Self {
-            value,
-            error: SMatrix::zeros(),
-        }
+        Self { value, error: SMatrix::zeros() }
     }
 }
 
@@ -25,10 +22,7 @@ impl<const R: usize, const C: usize> Twofold<R, C> {
     }
 
     pub(super) fn transpose(&self) -> Twofold<C, R> {
-        Twofold {
-            value: self.value.transpose(),
-            error: self.error.transpose(),
-        }
+        Twofold { value: self.value.transpose(), error: self.error.transpose() }
     }
 
     /// `self + x`.
@@ -47,7 +41,8 @@ impl<const R: usize, const C: usize> Twofold<R, C> {
         Self::from(SMatrix::zeros()).plus_product(x, y)
     }
 
-    /// `self + xy`, the compensated dot product of Ogita, Rump and Oishi (*SIAM J. Sci. Comput.* 26, 2005).
+    /// `self + xy`, the compensated dot product of Ogita, Rump and Oishi (*SIAM J. Sci. Comput.*
+    /// 26, 2005).
     pub(super) fn plus_product<const K: usize>(
         mut self,
         x: &Twofold<R, K>,
