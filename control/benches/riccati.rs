@@ -1,52 +1,71 @@
-//! One Riccati solve, at the operating points of the laws. Read the figures as ratios within one run.
+//! One Riccati solution for each size that the laws ask for.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use nalgebra::{Matrix3, SMatrix};
-use oqtal_control::riccati::{care, dare};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use oqtal_control::euler::EulerAngles;
+use oqtal_control::linear::discretise;
+use oqtal_control::riccati::{RiccatiError, Solution, care, dare};
 
-/// `[omega_e; eps; eps_I]` at the zero cell for a full inertia, the first `N` states of it.
-fn error_model<const N: usize>() -> (SMatrix<f64, N, N>, SMatrix<f64, N, 3>) {
-    let inertia = Matrix3::new(0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7);
-    let inverse = inertia.try_inverse().expect("an inertia is regular");
-    let (mut a, mut b) = (SMatrix::zeros(), SMatrix::zeros());
-    for i in 0..3 {
-        a[(3 + i, i)] = 0.5;
-        if N == 9 {
-            a[(6 + i, 3 + i)] = -1.0;
-        }
-        for j in 0..3 {
-            b[(i, j)] = inverse[(i, j)];
-        }
-    }
-    (a, b)
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+const DT_S: f64 = 1.0 / 60.0;
+
+type Solver<const N: usize> = fn(
+    &SMatrix<f64, N, N>,
+    &SMatrix<f64, N, 3>,
+    &SMatrix<f64, N, N>,
+    &Matrix3<f64>,
+) -> Result<Solution<N, 3>, RiccatiError>;
+
+/// A, B and Q; R is the identity.
+type System<const N: usize> = (SMatrix<f64, N, N>, SMatrix<f64, N, 3>, SMatrix<f64, N, N>);
+
+/// `[omega; attitude; integral]`, cut off after `N`: the kinematics `omega -> attitude` and an inertia.
+fn system<const N: usize>(
+    kinematics: Matrix3<f64>,
+    inertia: Vector3<f64>,
+    weights: [f64; 3],
+) -> System<N> {
+    let mut a = SMatrix::<f64, 9, 9>::zeros();
+    a.fixed_view_mut::<3, 3>(3, 0).copy_from(&kinematics);
+    a.fixed_view_mut::<3, 3>(6, 3).fill_diagonal(-1.0);
+    let mut b = SMatrix::<f64, N, 3>::zeros();
+    b.fixed_view_mut::<3, 3>(0, 0).set_diagonal(&inertia.map(|j| 1.0 / j));
+    let q = SMatrix::from_diagonal(&SVector::from_fn(|i, _| weights[i / 3]));
+    (a.fixed_view::<N, N>(0, 0).into_owned(), b, q)
 }
 
-fn solves(criterion: &mut Criterion) {
+fn solve<const N: usize>(
+    criterion: &mut Criterion,
+    name: &str,
+    solver: Solver<N>,
+    (a, b, q): System<N>,
+) {
     let r = Matrix3::identity();
-    let q3 = Matrix3::identity() * 80.0;
-    criterion.bench_function("care, 3 states", |bencher| {
-        bencher.iter(|| care(&Matrix3::zeros(), black_box(&Matrix3::identity()), &q3, &r));
-    });
-    let (a6, b6) = error_model::<6>();
-    let q6 = SMatrix::<f64, 6, 6>::identity() * 256.0;
-    criterion.bench_function("care, 6 states", |bencher| {
-        bencher.iter(|| care(black_box(&a6), &b6, &q6, &r));
-    });
-    let (a9, b9) = error_model::<9>();
-    let mut q9 = SMatrix::<f64, 9, 9>::identity() * 256.0;
-    for i in 6..9 {
-        q9[(i, i)] *= 0.01;
-    }
-    criterion.bench_function("care, 9 states", |bencher| {
-        bencher.iter(|| care(black_box(&a9), &b9, &q9, &r));
-    });
-    let (ad, bd) = (SMatrix::identity() + a6 / 60.0, b6 / 60.0);
-    criterion.bench_function("dare, 6 states", |bencher| {
-        bencher.iter(|| dare(black_box(&ad), &bd, &q6, &r));
+    assert!(solver(&a, &b, &q, &r).is_ok());
+    criterion.bench_function(name, |bencher| {
+        bencher.iter(|| solver(black_box(&a), black_box(&b), black_box(&q), black_box(&r)));
     });
 }
 
-criterion_group!(benches, solves);
+fn riccati(criterion: &mut Criterion) {
+    let half = Matrix3::from_diagonal_element(0.5);
+    let tilted = EulerAngles::from_vector(&Vector3::repeat(10.0 * DEGREE)).rate_matrix();
+    let spacecraft = Vector3::repeat(0.5);
+    let quadrotor = Vector3::new(0.0075, 0.0075, 0.013);
+    let weights = [20.0, 20.0, 0.2];
+
+    let rate_input = (SMatrix::zeros(), half, Matrix3::from_diagonal_element(200.0));
+    solve::<3>(criterion, "care/3 oqtal", care, rate_input);
+    let (a, b, q) = system(half, spacecraft, [256.0; 3]);
+    solve::<6>(criterion, "care/6 oqtal", care, (a, b, q));
+    solve::<6>(criterion, "care/6 classic", care, system(tilted, spacecraft, [128.0; 3]));
+    solve::<9>(criterion, "care/9 oqtal", care, system(half, quadrotor, weights));
+    solve::<9>(criterion, "care/9 classic", care, system(tilted, quadrotor, weights));
+    let (a, b) = discretise(&a, &b, DT_S);
+    solve::<6>(criterion, "dare/6 oqtal", dare, (a, b, q));
+}
+
+criterion_group!(benches, riccati);
 criterion_main!(benches);

@@ -10,6 +10,7 @@ pub mod error_model;
 pub mod estimator;
 pub mod euler;
 pub mod integral;
+pub mod linear;
 pub mod metrics;
 pub mod pid;
 pub mod position;

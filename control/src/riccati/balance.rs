@@ -2,9 +2,10 @@
 
 use nalgebra::SMatrix;
 
-/// Sweeps over the states. Two to four settle most problems, and an unsettled balance is only a less good one.
-const SWEEPS: usize = 12;
-/// A state whose rows and columns of `[A -G; -Q -A']` agree to within this factor, squared, is left as it is.
+/// Sweeps over the states. Two or three settle most problems; an unsettled balance is only a less
+/// good one.
+const SWEEPS: usize = 8;
+/// Sums that agree to within this factor are left as they are.
 const AGREEMENT: f64 = 4.0;
 
 /// A diagonal change of state `x = Dz`. Its elements are powers of two, so scaling rounds nothing.
@@ -14,33 +15,21 @@ pub(super) struct Balance<const N: usize> {
 }
 
 impl<const N: usize> Balance<N> {
-    /// Equalises row and column sums of `[A -G; -Q -A']` by Osborne's method, restricted to the scalings `diag(D, D^-1)`
-    /// that keep its structure.
+    /// Equalises row and column sums of `[A -G; -Q -A']` by Osborne's method, restricted to the
+    /// scalings `diag(D, D^-1)` that keep its structure.
     pub(super) fn new(
         a: &SMatrix<f64, N, N>,
         g: &SMatrix<f64, N, N>,
         q: &SMatrix<f64, N, N>,
     ) -> Self {
-        let (mut a, g, q) = (a.abs(), g.abs(), q.abs());
-        a.fill_diagonal(0.0);
-        let a_transposed = a.transpose();
         let mut balance = Self { d: [1.0; N], inverse: [1.0; N] };
         for _ in 0..SWEEPS {
             let mut settled = true;
             for i in 0..N {
-                let (mut column, mut row) = (0.0, 0.0);
-                for j in 0..N {
-                    column += a[(j, i)] * balance.inverse[j] + q[(j, i)] * balance.d[j];
-                    row += a_transposed[(j, i)] * balance.d[j] + g[(j, i)] * balance.inverse[j];
-                }
-                let ratio = (row * balance.inverse[i]) / (column * balance.d[i]);
-                // Not true of NaN and the infinities, where there is nothing to balance against.
-                if ratio > AGREEMENT && ratio < f64::INFINITY
-                    || ratio < 1.0 / AGREEMENT && ratio > 0.0
-                {
-                    let factor = power_of_two(ratio.sqrt());
-                    balance.d[i] *= factor;
-                    balance.inverse[i] /= factor;
+                let doublings = balance.doublings(a, g, q, i);
+                if doublings != 0 {
+                    balance.d[i] *= 2.0_f64.powi(doublings);
+                    balance.inverse[i] *= 2.0_f64.powi(-doublings);
                     settled = false;
                 }
             }
@@ -49,6 +38,32 @@ impl<const N: usize> Balance<N> {
             }
         }
         balance
+    }
+
+    /// How often `D_ii` is to be doubled.
+    fn doublings(
+        &self,
+        a: &SMatrix<f64, N, N>,
+        g: &SMatrix<f64, N, N>,
+        q: &SMatrix<f64, N, N>,
+        i: usize,
+    ) -> i32 {
+        // What is on the diagonal of Q grows with the square of D_ii, and of G shrinks with it; the
+        // rest grows and shrinks with D_ii itself.
+        let (d, inverse) = (&self.d, &self.inverse);
+        let (q_ii, g_ii) = (q[(i, i)].abs() * d[i], g[(i, i)].abs() * inverse[i]);
+        let (mut column, mut row) = (q_ii, g_ii);
+        for j in (0..N).filter(|&j| j != i) {
+            column += a[(j, i)].abs() * inverse[j] + q[(j, i)].abs() * d[j];
+            row += a[(i, j)].abs() * d[j] + g[(j, i)].abs() * inverse[j];
+        }
+        let ratio = (row * inverse[i]) / (column * d[i]);
+        // Without a row or a column there is nothing to balance.
+        if !(ratio > 0.0 && ratio.is_finite()) || (1.0 / AGREEMENT..=AGREEMENT).contains(&ratio) {
+            return 0;
+        }
+        // One Newton step on the logarithms.
+        (ratio.log2() / (2.0 + q_ii / column + g_ii / row)).round() as i32
     }
 
     /// `D^-1 a D`: the dynamics in balanced units.
@@ -75,10 +90,4 @@ impl<const N: usize> Balance<N> {
     pub(super) fn gain<const M: usize>(&self, k: &SMatrix<f64, M, N>) -> SMatrix<f64, M, N> {
         SMatrix::from_fn(|i, j| k[(i, j)] * self.inverse[j])
     }
-}
-
-/// The power of two nearest to `x > 0` on a logarithmic scale.
-fn power_of_two(x: f64) -> f64 {
-    const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
-    f64::from_bits((x * std::f64::consts::SQRT_2).to_bits() & EXPONENT)
 }

@@ -5,10 +5,14 @@ use nalgebra::SMatrix;
 use super::inverse::{inverse, log2_determinant};
 use super::problem::{Problem, symmetrised};
 
-/// A loop that 2^30 steps do not bring to rest counts as unstable: rounding alone moves a double pole about as far.
+/// A loop that 2^30 steps do not bring to rest counts as unstable: rounding alone moves a double
+/// pole about as far.
 pub(super) const MAX_DOUBLINGS: usize = 30;
-/// The norm of the dynamics over 2^k steps at which the cost has converged; what is missing is smaller than its square.
+/// The norm of the dynamics over 2^k steps at which the cost has converged; what is missing is
+/// smaller than its square.
 const AT_REST: f64 = 1e-7;
+/// A mode that grows by this factor before the cost stops it is seen through rounding only.
+const UNSEEN: f64 = 1e8;
 /// Places tried for the centre of the Cayley transform.
 const MAX_CENTRES: usize = 8;
 /// The condition number of `A - centre I` above which the next place is tried.
@@ -27,9 +31,9 @@ impl<const N: usize> Doubling<N> {
         Self { e: problem.a, g: problem.g, h: problem.q }
     }
 
-    /// The discrete-time problem with the solution of a continuous-time one, and the `centre > 0` of the Cayley transform
-    /// `s -> (s + centre) / (s - centre)` that takes the poles of one to those of the other. `None` if a closed-loop pole
-    /// is zero.
+    /// The discrete-time problem with the solution of a continuous-time one, and the `centre > 0`
+    /// of the Cayley transform `s -> (s + centre) / (s - centre)` that takes the poles of one to
+    /// those of the other. `None` if a closed-loop pole is zero.
     pub(super) fn of_continuous<const M: usize>(problem: &Problem<N, M>) -> Option<(Self, f64)> {
         let Problem { a, g, q, .. } = problem;
         let log_determinant = log2_determinant([[a, g], [q, &-a.transpose()]]);
@@ -43,7 +47,8 @@ impl<const N: usize> Doubling<N> {
         None
     }
 
-    /// The Cayley transform of a continuous-time problem. `None` if the centre is too close to an eigenvalue of `A`.
+    /// The Cayley transform of a continuous-time problem. `None` if the centre is too close to an
+    /// eigenvalue of `A`.
     fn cayley<const M: usize>(problem: &Problem<N, M>, centre: f64) -> Option<Self> {
         let Problem { a, g, q, .. } = problem;
         let shifted = a - SMatrix::identity() * centre;
@@ -62,6 +67,7 @@ impl<const N: usize> Doubling<N> {
 
     /// The limit of the cost: the stabilising `P`. `None` if the loop does not come to rest.
     pub(super) fn cost_to_go(mut self) -> Option<SMatrix<f64, N, N>> {
+        let limit = UNSEEN * self.e.norm_squared().max(1.0);
         for _ in 0..MAX_DOUBLINGS {
             let inverse = inverse(SMatrix::identity() + self.g * self.h)?;
             let e_transposed = self.e.transpose();
@@ -70,8 +76,12 @@ impl<const N: usize> Doubling<N> {
             self.g += symmetrised(&(e * self.g * e_transposed));
             self.h += symmetrised(&(e_transposed * (h * self.e)));
             self.e = e * self.e;
-            if self.e.norm() <= AT_REST {
+            let size = self.e.norm();
+            if size <= AT_REST {
                 return Some(self.h);
+            }
+            if size > limit {
+                return None;
             }
         }
         None

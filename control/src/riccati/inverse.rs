@@ -1,12 +1,13 @@
 //! Elimination for square matrices of any static size.
 //!
-//! nalgebra's `lu` needs `DimMin`, which a function generic over `N` can only satisfy with a `where` clause in its
-//! signature and in every caller's; its `try_inverse` does not, but takes four times as long.
+//! nalgebra's `lu` needs `DimMin`, which a function generic over `N` can only satisfy with a
+//! `where` clause in its signature and in every caller's; its `try_inverse` does not, but takes
+//! four times as long.
 
 use nalgebra::SMatrix;
 
-/// `A^-1`, or `None` if a pivot is zero or not finite. Gauss-Jordan elimination in place, by columns because columns are
-/// contiguous, with partial pivoting.
+/// `A^-1`, or `None` if a pivot is zero or not finite. Gauss-Jordan elimination in place, by
+/// columns because columns are contiguous, with partial pivoting.
 pub(super) fn inverse<const N: usize>(mut a: SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     let mut swaps = [0; N];
     for i in 0..N {

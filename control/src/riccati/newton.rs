@@ -1,8 +1,10 @@
-//! Newton's method on a Riccati equation: it removes the error of the start and proves the loop stable.
+//! Newton's method on a Riccati equation: it removes the error of the start and proves the loop
+//! stable.
 //!
-//! Both equations are written in terms of a rate of change: with `A` in continuous time and `A - I` in discrete time, and
-//! `D = A - BK`, the residual is `Q + K'RK + PD + D'P`, plus `D'PD` in discrete time. Sampled dynamics are close to the
-//! identity, and this form does not subtract it. It also sees an error of `K` only squared.
+//! Both equations are written in terms of a rate of change: with `A` in continuous time and `A - I`
+//! in discrete time, and `D = A - BK`, the residual is `Q + K'RK + PD + D'P`, plus `D'PD` in
+//! discrete time. Sampled dynamics are close to the identity, and this form does not subtract it.
+//! It also sees an error of `K` only squared.
 
 use nalgebra::{Cholesky, Const, SMatrix};
 
@@ -14,12 +16,13 @@ use super::twofold::Twofold;
 
 /// A step this small, relative to `P`, is the last: the error after it is smaller still.
 const SETTLED: f64 = 1e-10;
-/// Each step but the first two must be this much smaller than the one before. Convergence is quadratic, so a step that is
-/// not has met rounding, or a pole on the stability boundary.
+/// Each step but the first two must be this much smaller than the one before. Convergence is
+/// quadratic, so a step that is not has met rounding, or a pole on the stability boundary.
 const CONTRACTION: f64 = 0.1;
 /// Steps; one is usual.
 const MAX_STEPS: usize = 6;
-/// The norm of a power of the closed loop at which the squaring ends; the step is then good to the square of this.
+/// The norm of a power of the closed loop at which the squaring ends; the step is then good to the
+/// square of this.
 const AT_REST: f64 = 1e-4;
 
 /// Which of the two equations.
@@ -82,7 +85,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
             if precise { self.precise_residual(p, &k) } else { self.residual(p, &k, &d) };
         match self.time {
             Time::Discrete => stein(SMatrix::identity() + d, residual),
-            // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD + residual = 0.
+            // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD +
+            // residual = 0.
             Time::Continuous { centre } => {
                 let inverse = inverse(d - SMatrix::identity() * centre)?;
                 let s = SMatrix::identity() + inverse * (2.0 * centre);
@@ -152,7 +156,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
         symmetrised(&sum.rounded())
     }
 
-    /// The gain, in discrete time with one step of iterative refinement: `R + B'PB` can be much worse conditioned than `P`.
+    /// The gain, in discrete time with one step of iterative refinement: `R + B'PB` can be much
+    /// worse conditioned than `P`.
     fn precise_gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
         let k = self.gain(p)?;
         if let Time::Continuous { .. } = self.time {
@@ -166,7 +171,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     }
 }
 
-/// Solves `X = S'XS + W`: the sum of `S'^i W S^i`, 2^k terms after k squarings. `None` if the powers of `S` do not vanish.
+/// Solves `X = S'XS + W`: the sum of `S'^i W S^i`, 2^k terms after k squarings. `None` if the
+/// powers of `S` do not vanish.
 fn stein<const N: usize>(
     mut s: SMatrix<f64, N, N>,
     mut w: SMatrix<f64, N, N>,

@@ -77,14 +77,16 @@ pub(super) fn symmetrised<const N: usize>(matrix: &SMatrix<f64, N, N>) -> SMatri
     (matrix + matrix.transpose()) * 0.5
 }
 
-/// The matrix with rounding taken out of its symmetry; `None` if more than rounding is wrong with it.
+/// The matrix with rounding taken out of its symmetry; `None` if more than rounding is wrong with
+/// it.
 fn symmetric<const N: usize>(matrix: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     let asymmetry = (matrix - matrix.transpose()).amax();
     (asymmetry <= TOLERANCE * matrix.amax()).then(|| symmetrised(matrix))
 }
 
-/// Whether the symmetric matrix, brought to unit diagonal so that units do not matter, has a Cholesky factor after a shift
-/// by the tolerance. Diagonal elements within rounding of zero count as that rounding.
+/// Whether the symmetric matrix, brought to unit diagonal so that units do not matter, has a
+/// Cholesky factor after a shift by the tolerance. Diagonal elements within rounding of zero count
+/// as that rounding.
 fn is_positive_semidefinite<const N: usize>(matrix: &SMatrix<f64, N, N>) -> bool {
     let rounding = f64::EPSILON * N as f64 * matrix.amax();
     let scale: [f64; N] = std::array::from_fn(|i| (matrix[(i, i)] + rounding).sqrt());

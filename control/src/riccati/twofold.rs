@@ -41,7 +41,8 @@ impl<const R: usize, const C: usize> Twofold<R, C> {
         Self::from(SMatrix::zeros()).plus_product(x, y)
     }
 
-    /// `self + xy`, the compensated dot product of Ogita, Rump and Oishi (*SIAM J. Sci. Comput.* 26, 2005).
+    /// `self + xy`, the compensated dot product of Ogita, Rump and Oishi (*SIAM J. Sci. Comput.*
+    /// 26, 2005).
     pub(super) fn plus_product<const K: usize>(
         mut self,
         x: &Twofold<R, K>,

@@ -1,0 +1,42 @@
+//! Linear systems under a sampled input.
+
+use nalgebra::SMatrix;
+
+/// Terms of the series below: with the norm of its argument at most one half, the first term left
+/// out is under a quarter of the rounding unit.
+const TERMS: u32 = 14;
+
+/// The discrete-time system `x+ = Ad x + Bd u` that has the states of `dx/dt = Ax + Bu` at the
+/// instants `0, h, 2h, ..` \[s\] if `u` is held in between (a zero-order hold). Returns `(Ad, Bd)`.
+///
+/// Exact but for rounding: `Ad = exp(Ah)` and `Bd = Psi(Ah) B h` with `Psi(X) = I + X/2! + X^2/3! +
+/// ..`, by scaling and squaring (Moler and Van Loan, *SIAM Review* 45, 2003; C. Van Loan, *IEEE
+/// TAC* 23, 1978). Results that overflow, or data that are not finite, give numbers that are not
+/// finite.
+#[must_use]
+pub fn discretise<const N: usize, const M: usize>(
+    a: &SMatrix<f64, N, N>,
+    b: &SMatrix<f64, N, M>,
+    h: f64,
+) -> (SMatrix<f64, N, N>, SMatrix<f64, N, M>) {
+    let x = a * h;
+    let norm = x.column_iter().map(|column| column.lp_norm(1)).fold(0.0, f64::max);
+    // So that the norm of x / 2^doublings is at most one half. The bound is that of the exponents
+    // of f64.
+    let doublings = (norm.log2().ceil() + 1.0).clamp(0.0, 1024.0) as i32;
+    let x = x * 0.5_f64.powi(doublings);
+
+    let identity = SMatrix::<f64, N, N>::identity();
+    let mut psi = identity;
+    for k in (2..=TERMS).rev() {
+        psi = identity + x * psi / f64::from(k);
+    }
+    // exp(x) - I. The identity is left out of the squaring so as not to round off what is small
+    // beside it.
+    let mut change = x * psi;
+    for _ in 0..doublings {
+        psi += psi * change * 0.5;
+        change = change * 2.0 + change * change;
+    }
+    (identity + change, psi * b * h)
+}
