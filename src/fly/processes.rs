@@ -216,11 +216,10 @@ impl Watch<'_> {
                 self.give_up(failure);
                 return;
             }
-            if let Some(verb) = interrupts.next() {
-                if !self.passes_on(client.as_ref().ok().map(|(client, _)| client), verb) {
-                    self.give_up(Failure::new(Exit::Flight, "interrupted"));
-                    return;
-                }
+            let operator = client.as_ref().ok().map(|(client, _)| client);
+            if interrupts.next().is_some_and(|verb| !self.passes_on(operator, verb)) {
+                self.give_up(Failure::new(Exit::Flight, "interrupted"));
+                return;
             }
             std::thread::sleep(WATCH);
         }
