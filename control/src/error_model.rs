@@ -88,7 +88,7 @@ impl ErrorModel {
     pub fn at(jacobian: Jacobian, point: &OperatingPoint) -> Self {
         let zero = Matrix3::zeros();
         let (omega_omega, omega_eps) = match jacobian {
-            // Erratum E-47: Eqs. (45) and (46) are an identity of the kinematics, not the plant.
+            // Eqs. (45), (46), erratum E-47: an identity of the kinematics, not the plant
             Jacobian::Decoupled => (zero, zero),
             Jacobian::Printed45 => (point.omega_omega_46(), point.omega_eps_45()),
             Jacobian::Printed75 => (point.omega_omega_46(), point.omega_eps_75()),
