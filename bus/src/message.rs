@@ -10,7 +10,7 @@ use crate::time::Time;
 
 /// A message body: what a topic carries behind its [`Header`].
 pub trait Message: ZeroCopySend + Copy + std::fmt::Debug + 'static {
-    /// Hash of the wire name and of every field's name and type.
+    /// Hash of the wire name and of every field's name and type, those of the header included.
     const SCHEMA: u64;
 }
 
@@ -28,58 +28,74 @@ pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
 /// The start value of [`fnv1a`].
 pub const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 
-macro_rules! message {
-    ($(#[$meta:meta])* $name:ident = $wire:literal { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* }) => {
+/// A structure of fixed layout, and the hash of the fields that its definition names, on top of the hash of what it holds or
+/// follows.
+macro_rules! layout {
+    ($(#[$meta:meta])* $name:ident = $wire:literal on $base:expr, {
+        $($(#[$field_meta:meta])* $field:ident: $type:ty,)*
+    }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
         #[type_name($wire)]
         #[repr(C)]
         pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
 
-        impl Message for $name {
-            const SCHEMA: u64 = fnv1a(
-                FNV_OFFSET,
+        impl $name {
+            const LAYOUT: u64 = fnv1a(
+                $base,
                 concat!($wire, $(";", stringify!($field), ":", stringify!($type)),*).as_bytes(),
             );
         }
     };
 }
 
-/// When the sample that a message is about passed each station of the loop; [`Time::UNSET`] for stations still ahead.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
-#[repr(C)]
-pub struct Stamps {
-    /// The truth sample that the cameras used was taken.
-    pub captured_at: Time,
-    /// The pose was handed to the bus.
-    pub pose_published_at: Time,
-    /// The daemon woke to it.
-    pub woken_at: Time,
-    /// The daemon's computation ended.
-    pub computed_at: Time,
-    /// The command was handed to the bus.
-    pub command_published_at: Time,
-    /// The plant or the bridge took the command off the bus.
-    pub received_at: Time,
-    /// The command first acted: on the plant, after its radio delay; on the bridge, when its last byte went to the wire.
-    pub applied_at: Time,
+/// A message body. Its schema covers the header before it.
+macro_rules! message {
+    ($(#[$meta:meta])* $name:ident = $wire:literal { $($fields:tt)* }) => {
+        layout! { $(#[$meta])* $name = $wire on Header::LAYOUT, { $($fields)* } }
+
+        impl Message for $name {
+            const SCHEMA: u64 = Self::LAYOUT;
+        }
+    };
 }
 
-/// What precedes every message body.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
-#[type_name("oqtal.Header.v1")]
-#[repr(C)]
-pub struct Header {
-    /// Counts this writer's messages on this topic from 1: a gap is a loss.
-    pub sequence: u64,
-    /// The sequence of the pose that this message is about; 0 for none.
-    pub pose_sequence: u64,
-    /// [`Message::SCHEMA`] of the body.
-    pub schema: u64,
-    /// Process id of the writer.
-    pub source: u64,
-    /// The stations passed so far.
-    pub stamps: Stamps,
+layout! {
+    /// When the sample that a message is about passed each station of the loop; [`Time::UNSET`] for stations still ahead.
+    #[derive(Eq)]
+    Stamps = "oqtal.Stamps.v1" on FNV_OFFSET, {
+        /// The truth sample that the cameras used was taken.
+        captured_at: Time,
+        /// The pose was handed to the bus.
+        pose_published_at: Time,
+        /// The daemon woke to it.
+        woken_at: Time,
+        /// The daemon's computation ended.
+        computed_at: Time,
+        /// The command was handed to the bus.
+        command_published_at: Time,
+        /// The plant or the bridge took the command off the bus.
+        received_at: Time,
+        /// The command first acted: on the plant, after its radio delay; on the bridge, when its last byte went to the wire.
+        applied_at: Time,
+    }
+}
+
+layout! {
+    /// What precedes every message body.
+    #[derive(Eq)]
+    Header = "oqtal.Header.v1" on Stamps::LAYOUT, {
+        /// Counts this writer's messages on this topic from 1: a gap is a loss.
+        sequence: u64,
+        /// The sequence of the pose that this message is about; 0 for none.
+        pose_sequence: u64,
+        /// [`Message::SCHEMA`] of the body.
+        schema: u64,
+        /// Process id of the writer.
+        source: u64,
+        /// The stations passed so far.
+        stamps: Stamps,
+    }
 }
 
 message! {
@@ -278,6 +294,24 @@ mod tests {
         ];
         let distinct: std::collections::BTreeSet<_> = schemas.iter().collect();
         assert_eq!(distinct.len(), schemas.len());
+    }
+
+    message! {
+        /// A message like any other.
+        ProbeV1 = "oqtal.Probe.v1" {
+            /// A field.
+            field: u8,
+        }
+    }
+
+    #[test]
+    fn a_schema_covers_the_header_and_the_stamps_before_the_body() {
+        const STAMPS: &str = "oqtal.Stamps.v1;captured_at:Time;pose_published_at:Time;woken_at:Time;computed_at:Time;\
+                              command_published_at:Time;received_at:Time;applied_at:Time";
+        const HEADER: &str =
+            "oqtal.Header.v1;sequence:u64;pose_sequence:u64;schema:u64;source:u64;stamps:Stamps";
+        let all = [STAMPS, HEADER, "oqtal.Probe.v1;field:u8"].concat();
+        assert_eq!(ProbeV1::SCHEMA, fnv1a(FNV_OFFSET, all.as_bytes()));
     }
 
     #[test]
