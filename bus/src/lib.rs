@@ -10,6 +10,7 @@ pub mod control;
 pub mod error;
 pub mod latency;
 pub mod message;
+mod mismatch;
 pub mod pace;
 pub mod place;
 pub mod port;
