@@ -179,9 +179,9 @@ message! {
         rate: [f64; 3],
         /// Reference position \[m, world\].
         reference_position: [f64; 3],
-        /// The position loops' commanded velocity \[m/s, world\].
+        /// The position loops' commanded velocity \[m/s, world\]; NaN when not flying.
         velocity_command: [f64; 3],
-        /// The commanded attitude, scalar last \[body to world\].
+        /// The commanded attitude, scalar last \[body to world\]; NaN when not flying.
         attitude_command: [f64; 4],
         /// Attitude sticks sent \[-1..1, body\].
         sticks: [f64; 3],
@@ -195,10 +195,14 @@ message! {
         wakeup_lateness_ns: i64,
         /// Riccati equations solved so far, the first included.
         riccati_solves: u64,
+        /// Riccati equations that had no solution, so that the last gain was kept.
+        riccati_failures: u64,
         /// Ticks so far whose command came later than one period after its pose.
         deadline_misses: u64,
-        /// Poses missed between those that arrived, in total.
+        /// Camera frames that never became a pose, in total.
         poses_lost: u64,
+        /// Poses that a newer one overtook before this process looked, in total.
+        poses_superseded: u64,
         /// Poses refused by the guard, in total.
         poses_refused: u64,
         /// [`crate::code::Mode`]: what the daemon is doing.
