@@ -15,6 +15,7 @@ pub mod pace;
 pub mod place;
 pub mod port;
 pub mod process;
+pub mod program;
 pub mod random;
 pub mod time;
 pub mod topic;

@@ -19,11 +19,13 @@ mod mission;
 mod pilot;
 mod supervisor;
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, HealthV1, Stamps};
-use oqtal_bus::pace::{Pace, StopFlag};
+use oqtal_bus::pace::Pace;
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY};
@@ -51,9 +53,9 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let place = shell.place()?;
     std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
-        let stop = &shell.stop;
         // The housekeeping thread ends with the loop, however that ends.
-        let _stop = StopOnDrop(stop);
+        let _stop = shell.stop.set_on_drop();
+        let stop = &shell.stop;
         threads.spawn(move || housekeeping.run(&place, stop, &ready));
         match opened.recv() {
             Ok(Ok(())) => Ok(ports.control(&mut cycle, &mut pace, &mut desk)?),
@@ -63,13 +65,13 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     })
 }
 
-/// Asks all threads to end when it goes out of scope, be it by a panic.
-struct StopOnDrop<'a>(&'a StopFlag);
-
-impl Drop for StopOnDrop<'_> {
-    fn drop(&mut self) {
-        self.0.set();
-    }
+/// Whether the daemon could fly with `config`.
+///
+/// # Errors
+/// An option of the law has no meaning (exit code 78), or a waypoint file cannot be read (65).
+pub fn check(config: &Config) -> Result<(), Failure> {
+    Pilot::new(config).map_err(|reason| Failure::new(Exit::Config, reason))?;
+    trajectory(config).map(drop)
 }
 
 /// The flight that a configuration asks for.
@@ -108,17 +110,17 @@ impl Ports {
         Ok(Self { commands, poses: bus.reader(&POSE)?, telemetry: bus.writer(&TELEMETRY)? })
     }
 
-    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way.
+    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way, even by a panic.
     fn control(
         &mut self,
         cycle: &mut Cycle,
         pace: &mut Pace,
         desk: &mut Desk,
     ) -> Result<(), BusError> {
-        let result = self.turn(cycle, pace, desk);
+        let result = catch_unwind(AssertUnwindSafe(|| self.turn(cycle, pace, desk)));
         self.commands.send(0, Stamps::default(), CommandV1::default())?;
         self.commands.notify()?;
-        result
+        result.unwrap_or_else(|panic| resume_unwind(panic))
     }
 
     /// Wait, compute, publish; telemetry and the desk afterwards.

@@ -10,6 +10,7 @@ mod replay;
 use std::path::Path;
 
 use oqtal_bus::bus::Bus;
+use oqtal_bus::config::Config;
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::pace::Pace;
 use oqtal_bus::port::Writer;
@@ -46,6 +47,14 @@ impl Delivery {
 /// `FILE:LINE: what is wrong`, exit code 65.
 pub fn read_recording(file: &str) -> Result<Recording, Failure> {
     Recording::read(Path::new(file)).map_err(|error| Failure::new(Exit::Data, error.to_string()))
+}
+
+/// Whether the cameras could work with `config`.
+///
+/// # Errors
+/// The recording that it names is bad (exit code 65).
+pub fn check(config: &Config) -> Result<(), Failure> {
+    if config.is_replay() { read_recording(&config.mocap.replay).map(drop) } else { Ok(()) }
 }
 
 /// Sees the vehicle, or plays a recording, until asked to stop.

@@ -8,12 +8,21 @@ mod plant;
 mod state;
 mod world;
 
+use oqtal_bus::config::Config;
 use oqtal_bus::process::{Failure, Shell};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 
 pub use dynamics::{Disturbance, Dynamics, Input};
 pub use plant::{Output, Plant};
 pub use state::{Derivative, State};
+
+/// Whether the plant could fly with `config`: any that is valid will do.
+///
+/// # Errors
+/// None.
+pub fn check(_: &Config) -> Result<(), Failure> {
+    Ok(())
+}
 
 /// Flies the simulated vehicle until asked to stop.
 ///
