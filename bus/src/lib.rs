@@ -8,6 +8,7 @@ pub mod conductor;
 pub mod config;
 pub mod control;
 pub mod error;
+pub mod health;
 pub mod latency;
 pub mod message;
 mod mismatch;

@@ -225,6 +225,8 @@ message! {
 message! {
     /// Topics `health/NAME`: whether a process is well, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
+        /// When this was said, by the monotonic clock of the machine, whatever clock drives the flight.
+        time: Time,
         /// Hash of the effective configuration: processes that disagree were started from different files.
         config_hash: u64,
         /// [`crate::code::SafetyState`], for the daemon.
@@ -233,6 +235,8 @@ message! {
         mode: u8,
         /// [`crate::code::Cause`] of the state, for the daemon.
         cause: u8,
+        /// Changes of the daemon's condition that its log missed.
+        unlogged: u64,
     }
 }
 

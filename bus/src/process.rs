@@ -10,6 +10,7 @@ use rustix::process::{Pid, Signal};
 use crate::bus::Bus;
 use crate::config::{ClockKind, Config, ConfigError, LogLevel, Setting};
 use crate::error::BusError;
+use crate::health::Pulse;
 use crate::message::Message;
 use crate::pace::{Pace, StopFlag};
 use crate::place::Place;
@@ -159,6 +160,14 @@ impl Shell {
     /// As [`Bus::open`].
     pub fn bus(&self) -> Result<Bus, BusError> {
         Bus::open(&self.place()?)
+    }
+
+    /// What says that this process is well.
+    ///
+    /// # Errors
+    /// The process runs already, or the bus refuses.
+    pub fn pulse(&self, bus: &Bus) -> Result<Pulse, BusError> {
+        Pulse::new(bus, self.party, self.config.hash())
     }
 
     /// The place that the configuration names.

@@ -49,14 +49,12 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut pace = shell.pace(&bus, &POSE)?;
     let mut cycle = Cycle::new(&shell.config, trajectory, pace.now())
         .map_err(|reason| Failure::new(Exit::Config, reason))?;
-    let (mut desk, housekeeping) = housekeeping::desk(shell.config.hash());
-    let place = shell.place()?;
+    let (mut desk, housekeeping) = housekeeping::desk();
     std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
         // The housekeeping thread ends with the loop, however that ends.
         let _stop = shell.stop.set_on_drop();
-        let stop = &shell.stop;
-        threads.spawn(move || housekeeping.run(&place, stop, &ready));
+        threads.spawn(move || housekeeping.run(shell, &ready));
         match opened.recv() {
             Ok(Ok(())) => Ok(ports.control(&mut cycle, &mut pace, &mut desk)?),
             Ok(Err(error)) => Err(error.into()),
@@ -134,9 +132,7 @@ impl Ports {
             let arrival = self.poses.latest()?;
             // After the pose was taken: nothing that is stamped later may look earlier.
             let now = pace.now();
-            while let Some(verb) = desk.request() {
-                desk.answer(cycle.request(now, verb));
-            }
+            while desk.serve(|verb| cycle.request(now, verb)) {}
             if let Some(tick) = cycle.step(now, arrival.as_ref()) {
                 let computed_at = pace.now();
                 let stamps =

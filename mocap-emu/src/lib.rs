@@ -11,12 +11,12 @@ use std::path::Path;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
-use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
+use oqtal_bus::message::{HealthV1, PoseV1, Stamps, TruthV1};
 use oqtal_bus::pace::Pace;
 use oqtal_bus::port::Writer;
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{POSE, TRUTH};
+use oqtal_bus::topic::{COMMAND, POSE, TRUTH};
 
 pub use cameras::Cameras;
 pub use recording::Recording;
@@ -70,9 +70,11 @@ fn watch(shell: &Shell) -> Result<(), Failure> {
     // Between two camera instants the truth comes every millisecond: none of the instants must fall out of the buffer.
     let mut truths = bus.observer(&TRUTH)?;
     let mut poses = bus.writer(&POSE)?;
+    let mut pulse = shell.pulse(&bus)?;
     let mut pace = shell.pace(&bus, &TRUTH)?;
     let mut cameras = Cameras::new(&shell.config.mocap, shell.config.clock.seed);
     while let Some(now) = pace.wait(cameras.next_event())? {
+        pulse.beat(HealthV1::default())?;
         while let Some((_, truth)) = truths.receive()? {
             if is_frame(&truth) {
                 cameras.capture(&truth);
@@ -89,9 +91,18 @@ fn play(shell: &Shell) -> Result<(), Failure> {
     let recording = read_recording(&shell.config.mocap.replay)?;
     let bus: Bus = shell.bus()?;
     let mut poses = bus.writer(&POSE)?;
-    let mut pace = shell.pace(&bus, &TRUTH)?;
+    let mut pulse = shell.pulse(&bus)?;
+    let mut commands = bus.reader(&COMMAND)?;
+    let mut pace = shell.pace(&bus, &COMMAND)?;
+    // In virtual time nobody acts before everybody is there. In real time a daemon that commands is one that listens.
+    let mut listened_to = pace.is_virtual();
+    while !listened_to && pace.wait(None)?.is_some() {
+        pulse.beat(HealthV1::default())?;
+        listened_to = commands.latest()?.is_some();
+    }
     let mut replay = Replay::new(recording, pace.now());
     while let Some(now) = pace.wait(replay.next_event())? {
+        pulse.beat(HealthV1::default())?;
         while let Some(delivery) = replay.deliver(now) {
             publish(&mut poses, &mut pace, &delivery)?;
         }

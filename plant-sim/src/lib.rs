@@ -9,6 +9,7 @@ mod state;
 mod world;
 
 use oqtal_bus::config::Config;
+use oqtal_bus::message::HealthV1;
 use oqtal_bus::process::{Failure, Shell};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 
@@ -33,6 +34,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut commands = bus.reader(&COMMAND)?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut vehicles = bus.writer(&VEHICLE)?;
+    let mut pulse = shell.pulse(&bus)?;
     let mut pace = shell.pace(&bus, &COMMAND)?;
     let mut plant = Plant::new(&shell.config, pace.now());
     let mut outputs = Vec::with_capacity(64);
@@ -41,6 +43,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
         if pace.wait(Some(next))?.is_none() {
             return Ok(());
         }
+        pulse.beat(HealthV1::default())?;
         let arrival = commands.latest()?;
         // After the command was taken: it must not look as if it had come before it was sent.
         let now = pace.now();
