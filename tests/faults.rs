@@ -156,7 +156,7 @@ fn f31_status_tells_how_every_process_is_and_whether_they_agree() {
     assert_eq!(alone["processes"][2]["heard"]["daemon"]["mode"], "disarmed");
     assert!(alone["processes"][0]["heard"].is_null(), "a plant that does not run is silent");
     assert_eq!(alone["config_agrees"], true);
-    let _plant = testbed.start(&["plant-sim", "run"]);
+    let plant = testbed.start(&["plant-sim", "run"]);
     let mocap = testbed.start(&["mocap-emu", "run", "--set", "mocap.rate-hz=100"]);
     let all = wait_for("all processes", || {
         let all = status();
@@ -168,6 +168,10 @@ fn f31_status_tells_how_every_process_is_and_whether_they_agree() {
     let text = testbed.oqtal(&["ctl", "status"]).output().unwrap().stdout;
     let text = String::from_utf8(text).unwrap();
     assert!(text.contains("configurations differ"), "{text}");
+    plant.signal(Signal::STOP);
+    wait_for("the silence of a plant that hangs", || {
+        status()["processes"][0]["heard"].is_null().then_some(())
+    });
 }
 
 #[test]

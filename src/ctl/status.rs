@@ -57,7 +57,7 @@ pub fn listen(bus: &Bus) -> Result<Vec<ProcessHealth>, BusError> {
     for party in PROCESSES {
         readers.push((party, bus.reader(&party.health())?, None));
     }
-    let give_up = Time::now() + HEALTH_PERIOD.scaled(SILENT_PERIODS);
+    let give_up = Time::now() + patience();
     while readers.iter().any(|(.., heard)| heard.is_none()) && Time::now() < give_up {
         for (_, reader, heard) in &mut readers {
             hear(reader, heard)?;
@@ -74,14 +74,21 @@ pub fn listen(bus: &Bus) -> Result<Vec<ProcessHealth>, BusError> {
         .collect())
 }
 
+/// Takes what was said, unless it is so old that the process has fallen silent since.
 fn hear(
     reader: &mut Reader<HealthV1>,
     heard: &mut Option<(Header, HealthV1)>,
 ) -> Result<(), BusError> {
-    if let Some(said) = reader.latest()? {
+    let recent = |health: &HealthV1| Time::now().since(health.time) <= patience();
+    if let Some(said) = reader.latest()?.filter(|(_, health)| recent(health)) {
         *heard = Some(said);
     }
     Ok(())
+}
+
+/// A process that is not heard for so long is silent.
+fn patience() -> Span {
+    HEALTH_PERIOD.scaled(SILENT_PERIODS)
 }
 
 /// Whether all who are heard run with one configuration.
