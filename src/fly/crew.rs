@@ -84,7 +84,7 @@ impl Member {
             }
         }
         let child = command
-            .args([party.name(), "run", "--child", "--config"])
+            .args([party.name(), "run", "--child", &std::process::id().to_string(), "--config"])
             .arg(config)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
