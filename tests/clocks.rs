@@ -40,7 +40,12 @@ fn the_clocks_agree_with_every_law_camera_and_vehicle() {
 
 #[test]
 fn lockstep_stands_still_while_the_daemon_is_stopped_and_goes_on_after() {
-    let testbed = Testbed::new("standstill");
+    for testbed in Testbed::by_events("standstill") {
+        stands_still_while_the_daemon_is_stopped(&testbed);
+    }
+}
+
+fn stands_still_while_the_daemon_is_stopped(testbed: &Testbed) {
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     let mut truth = bus.observer(&TRUTH).unwrap();

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::place::Place;
+use oqtal_bus::wake::Events;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -17,14 +18,25 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 pub struct Testbed {
     directory: TempDir,
     instance: String,
+    events: Events,
 }
 
 impl Testbed {
     pub fn new(name: &str) -> Self {
+        Self::waking_by(Events::default(), name)
+    }
+
+    fn waking_by(events: Events, name: &str) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let directory = tempfile::tempdir().unwrap();
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        Self { directory, instance: format!("{name}-{}-{number}", std::process::id()) }
+        let instance = format!("{name}-{}-{number}", std::process::id());
+        Self { directory, instance, events }
+    }
+
+    /// One for each way of waking a process.
+    pub fn by_events(name: &str) -> [Self; 2] {
+        [Events::Futex, Events::Socket].map(|events| Self::waking_by(events, name))
     }
 
     pub fn instance(&self) -> &str {
@@ -42,7 +54,8 @@ impl Testbed {
     }
 
     pub fn place(&self) -> Place {
-        Place::new(&self.instance, Some(&self.path("run"))).unwrap()
+        let place = Place::new(&self.instance, Some(&self.path("run"))).unwrap();
+        Place { events: self.events, ..place }
     }
 
     pub fn bus(&self) -> Bus {
@@ -54,6 +67,9 @@ impl Testbed {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         command.args(words.iter().map(AsRef::as_ref));
         command.arg("--instance").arg(&self.instance).arg("--root").arg(self.path("run"));
+        if self.events == Events::Socket {
+            command.args(["--set", "realtime.events=socket"]);
+        }
         command.current_dir(self.directory.path()).stdin(Stdio::null());
         command
     }
