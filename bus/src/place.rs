@@ -40,7 +40,10 @@ impl Place {
     }
 
     /// iceoryx2's configuration for this place.
-    pub(crate) fn config(&self) -> Result<Config, BusError> {
+    ///
+    /// # Errors
+    /// The root is no absolute path of plain characters.
+    pub fn config(&self) -> Result<Config, BusError> {
         let mut root = self.root.to_string_lossy().into_owned();
         if !root.ends_with('/') {
             root.push('/');
