@@ -9,6 +9,7 @@ use oqtal_bus::topic::Party;
 use crate::check::CheckArgs;
 use crate::ctl::CtlArgs;
 use crate::fly::FlyArgs;
+use crate::latency::{LatencyArgs, Part};
 
 /// Real-time quaternion control for indoor flight laboratories
 ///
@@ -28,6 +29,8 @@ enum Command {
     Fly(Box<FlyArgs>),
     /// Speak to a running daemon
     Ctl(CtlArgs),
+    /// Where the time goes, beside what the machine gives bare
+    Latency(LatencyArgs),
     /// Print the effective configuration of a file
     Check(CheckArgs),
     /// The controller process
@@ -39,6 +42,9 @@ enum Command {
     /// The motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
     MocapEmu(ProcessCommand),
+    /// A stand-in that `latency` starts
+    #[command(subcommand, hide = true)]
+    LatencyPart(Part),
 }
 
 impl Cli {
@@ -50,7 +56,9 @@ impl Cli {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
             Some(Command::Ctl(args)) => args.execute(),
+            Some(Command::Latency(args)) => args.execute(),
             Some(Command::Check(args)) => args.execute(),
+            Some(Command::LatencyPart(part)) => return part.execute(),
             Some(Command::Daemon(command)) => {
                 return process(Party::Daemon, &command, oqtal_daemon::run);
             }
