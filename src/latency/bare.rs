@@ -173,6 +173,7 @@ fn take_all(shell: &Shell, mechanism: Mechanism) -> Result<(), Failure> {
         .map_err(|error| system(mechanism, "binding to the parent's life", &error))?;
     let mut record = Record::with_room();
     let mut taker = mechanism.taker(shell)?;
+    shell.enter_realtime();
     Record::default().save(&file(shell, mechanism, "ready"))?;
     loop {
         let parcel = taker.take()?;

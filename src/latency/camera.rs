@@ -25,6 +25,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
         .map(|mechanism| mechanism.giver(shell))
         .collect::<Result<Vec<_>, _>>()?;
     let mut lateness = Record::with_room();
+    shell.enter_realtime();
     let turns = givers.len() as u64 + 1;
     let mut grid =
         Grid::new(Time::now() + Span::from_millis(50), shell.config.control.rate_hz * turns as f64);

@@ -1,7 +1,7 @@
 //! Our periodic wake-up against cyclictest, by turns: same processor, priority, period and time.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
@@ -14,14 +14,13 @@ use rustix::thread::{CpuSet, sched_getaffinity};
 use serde::{Deserialize, Serialize};
 
 use super::part;
+use super::realtime::Realtime;
 use super::rig::{Rig, read};
 use super::sleep::RECORD;
 use crate::child::{Child, command};
 
 /// Pairs measured.
 const PAIRS: usize = 5;
-/// Under SCHED_FIFO both run at this priority, where it is permitted.
-const PRIORITY: u32 = 80;
 /// Later than this is one bin of cyclictest's histogram.
 const LONGEST_US: u64 = 100_000;
 const QUANTILE: f64 = 0.999;
@@ -37,13 +36,27 @@ pub struct Pair {
     pub ratio: f64,
 }
 
-/// How both are scheduled.
+/// On which terms both run.
 #[derive(Debug)]
 struct Terms {
+    /// Configuration file of our loop.
+    config: PathBuf,
     cpu: usize,
-    /// Under SCHED_FIFO, if permitted.
+    /// Under SCHED_FIFO, if that is asked for and permitted.
     priority: Option<u32>,
     length: Span,
+}
+
+impl Terms {
+    fn new(rig: &Rig, length: Span) -> Result<Self, Failure> {
+        let mut config = rig.config().clone();
+        let cpu = config.realtime.cpus.last().copied().map_or_else(last_cpu, Ok)?;
+        config.realtime.cpus = vec![cpu];
+        let file = rig.directory().join("periodic.toml");
+        std::fs::write(&file, config.to_toml())
+            .map_err(|e| Failure::new(Exit::System, format!("{}: {e}", file.display())))?;
+        Ok(Self { config: file, cpu, priority: None, length })
+    }
 }
 
 /// Whether cyclictest is installed.
@@ -57,19 +70,16 @@ pub fn is_installed() -> bool {
 /// # Errors
 /// One of them cannot be run.
 pub fn run(rig: &Rig, length: Span, stop: &StopFlag) -> Result<Vec<Pair>, Failure> {
-    let terms = Terms {
-        cpu: last_cpu()?,
-        priority: succeeds("chrt", &["--fifo", &PRIORITY.to_string(), "true"]).then_some(PRIORITY),
-        length,
-    };
+    let mut terms = Terms::new(rig, length)?;
     let mut pairs = Vec::new();
     for number in 0..PAIRS {
+        // Ours first: its first run also shows how the machine lets it be scheduled.
         let (ours, theirs) = if number.is_multiple_of(2) {
-            let ours = periodic(rig, &terms)?;
+            let ours = periodic(rig.directory(), &mut terms)?;
             (ours, cyclictest(rig.directory(), &terms)?)
         } else {
             let theirs = cyclictest(rig.directory(), &terms)?;
-            (periodic(rig, &terms)?, theirs)
+            (periodic(rig.directory(), &mut terms)?, theirs)
         };
         if stop.is_set() {
             break;
@@ -81,23 +91,19 @@ pub fn run(rig: &Rig, length: Span, stop: &StopFlag) -> Result<Vec<Pair>, Failur
 }
 
 /// A run of our loop: its p99.9 in nanoseconds.
-fn periodic(rig: &Rig, terms: &Terms) -> Result<u64, Failure> {
+fn periodic(directory: &Path, terms: &mut Terms) -> Result<u64, Failure> {
     start_at_any_phase();
-    let ours = command(&[part::COMMAND, "periodic"], &rig.config_file())?;
-    let mut command = Command::new("taskset");
-    command.args(["--cpu-list", &terms.cpu.to_string()]).stdin(Stdio::null());
-    if let Some(priority) = terms.priority {
-        command.args(["chrt", "--fifo", &priority.to_string()]);
-    }
-    command.arg(ours.get_program()).args(ours.get_args());
-    let mut child = Child::start("periodic", command, rig.directory())?;
+    let command = command(&[part::COMMAND, "periodic"], &terms.config)?;
+    let mut child = Child::start("periodic", command, directory)?;
     let from = Time::now();
     child.ends_within(terms.length);
     if let Some(fallen) = child.fallen() {
         return Err(fallen);
     }
+    let realtime = Realtime::of(u64::from(child.id())).unwrap_or_default();
+    terms.priority = (realtime.policy == "fifo").then_some(realtime.priority);
     child.dismiss();
-    let spans = read(&rig.directory().join(RECORD), from, Time::now())?;
+    let spans = read(&directory.join(RECORD), from, Time::now())?;
     Ok(whole_micros(spans.quantile(QUANTILE)))
 }
 

@@ -74,6 +74,12 @@ impl Rig {
         Ok(rig)
     }
 
+    /// The configuration of its processes.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
     /// Where it lives.
     #[must_use]
     pub fn place(&self) -> &Place {

@@ -38,6 +38,7 @@ pub fn sleep_until(at: Time) -> rustix::io::Result<()> {
 /// The kernel refuses.
 pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut lateness = Record::with_room();
+    shell.enter_realtime();
     let mut next = Time::now() + PERIOD;
     while !shell.stop.is_set() {
         sleep_until(next)

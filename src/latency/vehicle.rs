@@ -14,6 +14,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut commands = bus.reader(&COMMAND)?;
     let mut vehicles = bus.writer(&VEHICLE)?;
     let mut pace = shell.pace(&bus, &COMMAND)?;
+    shell.enter_realtime();
     while pace.wait(None)?.is_some() {
         let Some((header, command)) = commands.latest()? else { continue };
         let received_at = pace.now();

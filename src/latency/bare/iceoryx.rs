@@ -88,7 +88,7 @@ type Services =
 /// Where it meets, beside the instance at `place`: nothing of the bus is shared with it.
 #[must_use]
 pub fn beside(place: &Place) -> Place {
-    Place { instance: format!("{}-bare", place.instance), root: place.root.clone() }
+    Place { instance: format!("{}-bare", place.instance), ..place.clone() }
 }
 
 fn node(place: &Place) -> Result<Node<ipc::Service>, Failure> {
