@@ -8,6 +8,7 @@ use oqtal_bus::topic::Party;
 
 use crate::check::CheckArgs;
 use crate::ctl::CtlArgs;
+use crate::doctor::DoctorArgs;
 use crate::fly::FlyArgs;
 use crate::latency::{LatencyArgs, Part};
 
@@ -31,6 +32,8 @@ enum Command {
     Ctl(CtlArgs),
     /// Where the time goes, beside what the machine gives bare
     Latency(LatencyArgs),
+    /// Whether this machine is fit to fly, and what would make it fitter
+    Doctor(DoctorArgs),
     /// Print the effective configuration of a file
     Check(CheckArgs),
     /// The controller process
@@ -57,6 +60,7 @@ impl Cli {
             Some(Command::Fly(args)) => args.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Latency(args)) => args.execute(),
+            Some(Command::Doctor(args)) => args.execute(),
             Some(Command::Check(args)) => args.execute(),
             Some(Command::LatencyPart(part)) => return part.execute(),
             Some(Command::Daemon(command)) => {

@@ -7,6 +7,7 @@ mod child;
 pub mod cli;
 pub mod csv;
 pub mod ctl;
+pub mod doctor;
 pub mod flight;
 pub mod fly;
 pub mod latency;

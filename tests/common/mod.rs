@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::place::Place;
+use oqtal_bus::wake::Events;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -49,6 +50,16 @@ impl Testbed {
         Bus::open(&self.place()).unwrap()
     }
 
+    /// The bus of an instance whose processes are woken by `events`.
+    pub fn bus_with(&self, events: &str) -> Bus {
+        let events = match events {
+            "futex" => Events::Futex,
+            "socket" => Events::Socket,
+            other => panic!("no events are called {other}"),
+        };
+        Bus::open(&Place { events, ..self.place() }).unwrap()
+    }
+
     /// `oqtal` with these words, on this testbed.
     pub fn oqtal<S: AsRef<str>>(&self, words: &[S]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
@@ -71,9 +82,7 @@ impl Testbed {
     }
 
     pub fn start(&self, words: &[&str]) -> Running {
-        let mut command = self.oqtal(words);
-        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        Running { child: Some(child) }
+        Running::start(&mut self.oqtal(words))
     }
 
     /// What this instance still has in shared memory.
@@ -99,6 +108,11 @@ pub struct Running {
 }
 
 impl Running {
+    pub fn start(command: &mut Command) -> Self {
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        Self { child: Some(child) }
+    }
+
     pub fn id(&self) -> u32 {
         self.child.as_ref().unwrap().id()
     }
