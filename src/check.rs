@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_bus::config::Config;
-use oqtal_bus::process::{Exit, Failure};
+use oqtal_bus::process::{Exit, Failure, describe};
+use oqtal_bus::program::print;
 
 /// What to check.
 #[derive(Args, Debug)]
@@ -17,11 +18,13 @@ impl CheckArgs {
     /// Prints the configuration that a process would run with.
     ///
     /// # Errors
-    /// The file has an error: exit code 78, with its line.
+    /// The file has an error: exit code 78, with its line. A file that it names is bad: exit code 65.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.file.as_deref(), &[])?;
-        oqtal_daemon::Pilot::new(&config).map_err(|reason| Failure::new(Exit::Config, reason))?;
-        print!("{}", config.to_toml());
+        oqtal_daemon::check(&config)?;
+        oqtal_plant_sim::check(&config)?;
+        oqtal_mocap_emu::check(&config)?;
+        print(&describe(&config))?;
         Ok(Exit::Ok)
     }
 }

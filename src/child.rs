@@ -31,7 +31,8 @@ pub fn command(words: &[&str], config: &Path) -> Result<Command, Failure> {
     let program = std::env::current_exe()
         .map_err(|e| Failure::new(Exit::System, format!("finding this program failed: {e}")))?;
     let mut command = Command::new(program);
-    command.args(words).args(["run", "--child", "--config"]).arg(config).stdin(Stdio::null());
+    command.args(words).args(["run", "--child", &std::process::id().to_string(), "--config"]);
+    command.arg(config).stdin(Stdio::null());
     Ok(command)
 }
 

@@ -3,7 +3,8 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use oqtal_bus::process::{Exit, Failure, Job, ProcessCommand, execute};
+use oqtal_bus::process::{Exit, Failure, ProcessCommand, execute};
+use oqtal_bus::program::conclude;
 use oqtal_bus::topic::Party;
 
 use crate::check::CheckArgs;
@@ -54,7 +55,6 @@ impl Cli {
     /// Does what the command line says.
     #[must_use]
     pub fn execute(self) -> ExitCode {
-        let process = |party, command: &ProcessCommand, job: Job| execute(party, command, job);
         let result = match self.command {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
@@ -64,13 +64,15 @@ impl Cli {
             Some(Command::Check(args)) => args.execute(),
             Some(Command::LatencyPart(part)) => return part.execute(),
             Some(Command::Daemon(command)) => {
-                return process(Party::Daemon, &command, oqtal_daemon::run);
+                return execute(Party::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
             }
             Some(Command::PlantSim(command)) => {
-                return process(Party::Plant, &command, oqtal_plant_sim::run);
+                use oqtal_plant_sim::{check, run};
+                return execute(Party::Plant, &command, run, check);
             }
             Some(Command::MocapEmu(command)) => {
-                return process(Party::Mocap, &command, oqtal_mocap_emu::run);
+                use oqtal_mocap_emu::{check, run};
+                return execute(Party::Mocap, &command, run, check);
             }
         };
         finish(result)
@@ -80,17 +82,6 @@ impl Cli {
 fn finish(result: Result<Exit, Failure>) -> ExitCode {
     match result {
         Ok(exit) => exit.into(),
-        Err(failure) => {
-            eprintln!("oqtal: {failure}");
-            failure.exit.into()
-        }
+        Err(failure) => conclude("oqtal", &failure),
     }
-}
-
-/// Prints help, version or what is wrong with the command line, with the exit code that goes with it.
-#[must_use]
-pub fn explain(error: &clap::Error) -> ExitCode {
-    // Nothing is left to tell if standard output and error are closed.
-    let _ = error.print();
-    if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() }
 }

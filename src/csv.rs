@@ -49,11 +49,13 @@ const NUMBERS: [Group; 20] = [
     (&["pose_age_ms", "wakeup_lateness_us"], |s| {
         two(s.telemetry.pose_age_s * 1e3, s.telemetry.wakeup_lateness_ns as f64 * 1e-3)
     }),
-    (&["riccati_solves", "deadline_misses"], |s| {
-        two(s.telemetry.riccati_solves as f64, s.telemetry.deadline_misses as f64)
+    (&["riccati_solves", "riccati_failures", "deadline_misses"], |s| {
+        let TelemetryV1 { riccati_solves, riccati_failures, deadline_misses, .. } = s.telemetry;
+        three([riccati_solves, riccati_failures, deadline_misses].map(|count| count as f64))
     }),
-    (&["poses_lost", "poses_refused"], |s| {
-        two(s.telemetry.poses_lost as f64, s.telemetry.poses_refused as f64)
+    (&["poses_lost", "poses_superseded", "poses_refused"], |s| {
+        let TelemetryV1 { poses_lost, poses_superseded, poses_refused, .. } = s.telemetry;
+        three([poses_lost, poses_superseded, poses_refused].map(|count| count as f64))
     }),
     (&["command_sequence"], |s| two(s.telemetry.command_sequence as f64, f64::NAN)),
 ];

@@ -1,12 +1,19 @@
-//! `oqtal ctl`: speaks to a running daemon.
+//! `oqtal ctl`: speaks to a running daemon, and looks how the processes are.
+
+mod status;
 
 use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Config;
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
+use oqtal_bus::program::print;
 use oqtal_bus::time::Span;
+use serde::Serialize;
+
+use status::ProcessHealth;
 
 /// How long a running daemon may take to answer.
 const PATIENCE: Span = Span::from_millis(2000);
@@ -17,6 +24,9 @@ pub struct CtlArgs {
     /// What the daemon is asked
     #[arg(value_enum)]
     verb: Request,
+    /// Print the answer as JSON
+    #[arg(long)]
+    json: bool,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -24,7 +34,7 @@ pub struct CtlArgs {
 /// What an operator can ask.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Request {
-    /// How it is
+    /// How it is, and how the processes are
     Status,
     /// Arm and fly the configured trajectory
     Arm,
@@ -36,6 +46,34 @@ enum Request {
     Stop,
 }
 
+impl Request {
+    fn verb(self) -> Verb {
+        match self {
+            Self::Status => Verb::Status,
+            Self::Arm => Verb::Arm,
+            Self::Disarm => Verb::Disarm,
+            Self::Land => Verb::Land,
+            Self::Stop => Verb::Stop,
+        }
+    }
+}
+
+/// The answer, as it is printed.
+#[derive(Debug, Serialize)]
+struct Report {
+    verb: String,
+    answer: String,
+    mode: String,
+    state: String,
+    cause: String,
+    /// With `status` only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    processes: Vec<ProcessHealth>,
+    /// Whether all processes that are heard run with one configuration.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    config_agrees: Option<bool>,
+}
+
 impl CtlArgs {
     /// Asks, and prints the answer.
     ///
@@ -44,40 +82,72 @@ impl CtlArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let bus = Bus::open(&place_of(&config)?)?;
-        let verb = match self.verb {
-            Request::Status => Verb::Status,
-            Request::Arm => Verb::Arm,
-            Request::Disarm => Verb::Disarm,
-            Request::Land => Verb::Land,
-            Request::Stop => Verb::Stop,
-        };
-        let request = ControlRequestV1 { verb: verb.code() };
-        let answer = bus.control_client().and_then(|client| client.ask(request, PATIENCE));
+        let asked = self.ask(&bus);
         bus.leave();
-        let answer = answer?;
-        let Some(response) = answer else {
+        let Some((response, processes)) = asked? else {
             let instance = &config.instance.name;
             let message = format!(
                 "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
             );
             return Err(Failure::new(Exit::Peer, message));
         };
-        report(verb, &response)
+        let report = Report::new(self.verb.verb(), &response, processes);
+        if response.answer == Answer::Refused.code() {
+            let Report { verb, cause, mode, .. } = report;
+            let message = format!("{verb} refused: {cause} (daemon is {mode})");
+            return Err(Failure::new(Exit::Flight, message));
+        }
+        print(&if self.json { report.to_json() } else { report.to_text() })?;
+        Ok(Exit::Ok)
+    }
+
+    /// What the daemon answers, `None` if there is none; with `status` also how the processes are.
+    fn ask(&self, bus: &Bus) -> Result<Option<(ControlResponseV1, Vec<ProcessHealth>)>, BusError> {
+        let request = ControlRequestV1 { verb: self.verb.verb().code() };
+        let Some(response) = bus.control_client()?.ask(request, PATIENCE)? else {
+            return Ok(None);
+        };
+        let processes = match self.verb {
+            Request::Status => status::listen(bus)?,
+            _ => Vec::new(),
+        };
+        Ok(Some((response, processes)))
     }
 }
 
-fn report(verb: Verb, response: &ControlResponseV1) -> Result<Exit, Failure> {
-    let mode = Mode::from_code(response.mode).map_or_else(String::new, |mode| mode.to_string());
-    let state = SafetyState::from_code(response.state).map_or_else(String::new, |s| s.to_string());
-    let cause = Cause::from_code(response.cause).map_or_else(String::new, |c| c.to_string());
-    if response.answer == Answer::Refused.code() {
-        return Err(Failure::new(
-            Exit::Flight,
-            format!("{verb} refused: {cause} (daemon is {mode})"),
-        ));
+impl Report {
+    fn new(verb: Verb, response: &ControlResponseV1, processes: Vec<ProcessHealth>) -> Self {
+        let config_agrees = (!processes.is_empty()).then(|| status::config_agrees(&processes));
+        Self {
+            verb: verb.to_string(),
+            answer: word(Answer::from_code(response.answer)),
+            mode: word(Mode::from_code(response.mode)),
+            state: word(SafetyState::from_code(response.state)),
+            cause: word(Cause::from_code(response.cause)),
+            processes,
+            config_agrees,
+        }
     }
-    let answer = Answer::from_code(response.answer).map_or_else(String::new, |a| a.to_string());
-    let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
-    println!("{verb}: {answer}; {mode}, {state}{because}");
-    Ok(Exit::Ok)
+
+    fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
+    }
+
+    fn to_text(&self) -> String {
+        let Self { verb, answer, mode, state, cause, .. } = self;
+        let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
+        let mut text = format!("{verb}: {answer}; {mode}, {state}{because}");
+        for process in &self.processes {
+            text += &format!("\n{process}");
+        }
+        if self.config_agrees == Some(false) {
+            text += "\nconfigurations differ: restart the processes with one --config";
+        }
+        text
+    }
+}
+
+/// A code in words; nothing for one that no version of ours sends.
+fn word(code: Option<impl ToString>) -> String {
+    code.map_or_else(String::new, |code| code.to_string())
 }

@@ -22,6 +22,7 @@ mod system;
 use clap::Args;
 use oqtal_bus::config::Config;
 use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
+use oqtal_bus::program::print;
 
 use finding::{Finding, Level};
 use system::System;
@@ -65,11 +66,7 @@ impl DoctorArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let findings = examine(&System::live(&place_of(&config)?.root));
-        if self.json {
-            println!("{}", json(&findings));
-        } else {
-            println!("{}", text(&findings));
-        }
+        print(&if self.json { json(&findings) } else { text(&findings) })?;
         let problem = findings.iter().find(|finding| finding.level == Level::Problem);
         Ok(problem.map_or(Exit::Ok, |finding| finding.exit))
     }

@@ -1,5 +1,7 @@
 //! A recorded flight: what every process said, joined by time. The summary, the tables and the report are made from it.
 
+use std::fmt;
+
 use nalgebra::Vector3;
 use oqtal_bus::code::Mode;
 use oqtal_bus::config::Config;
@@ -23,6 +25,18 @@ pub enum Outcome {
     Timeout,
     /// A recording was played to its end.
     Replayed,
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Landed => "landed",
+            Self::Stopped => "stopped",
+            Self::Crashed => "crashed",
+            Self::Timeout => "timeout",
+            Self::Replayed => "replayed",
+        })
+    }
 }
 
 /// One tick of the daemon, and where the vehicle really was.

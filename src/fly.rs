@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use clap::Args;
 use oqtal_bus::config::{ClockKind, Config, Setting};
 use oqtal_bus::process::{CommonArgs, Exit, Failure};
+use oqtal_bus::program::print;
 use oqtal_bus::time::Span;
 use oqtal_control::trajectory::{FlightPlan, Place, Trajectory};
 use oqtal_mocap_emu::{Recording, read_recording};
@@ -33,7 +34,7 @@ pub struct FlyArgs {
     /// hover, step, square, circle, lemniscate or waypoints
     #[arg(long, value_name = "NAME")]
     trajectory: Option<String>,
-    /// Duration of the trajectory itself, without take-off and landing [s]
+    /// Duration of the trajectory itself, without take-off and landing, in seconds
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
     /// Seed of all randomness
@@ -45,10 +46,10 @@ pub struct FlyArgs {
     /// emulated, or replay:FILE to play a recording
     #[arg(long, value_name = "SOURCE", value_parser = parse_mocap)]
     mocap: Option<MocapSource>,
-    /// sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
+    /// The vehicle and, if wanted, how closely it is modelled: `sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]`
     #[arg(long, value_name = "VEHICLE", value_parser = parse_vehicle)]
     vehicle: Option<VehicleChoice>,
-    /// Where the flight is written [default: flights/INSTANCE-N]
+    /// Where the flight is written; flights/INSTANCE-N without
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the summary as JSON instead of a table
@@ -171,9 +172,9 @@ impl FlyArgs {
         let summary = Summary::of(flight);
         output.write(flight, &summary)?;
         if self.json {
-            println!("{}", summary.to_json());
+            print(&summary.to_json())?;
         } else {
-            output.print(&summary);
+            output.print(&summary)?;
         }
         match flight.outcome {
             Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),

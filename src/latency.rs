@@ -32,6 +32,7 @@ use oqtal_bus::config::Config;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::pace::StopFlag;
 use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
+use oqtal_bus::program::{print, say};
 use oqtal_bus::time::{Span, Time};
 
 use ears::Ears;
@@ -82,11 +83,7 @@ impl LatencyArgs {
             .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
         let figures =
             if self.attach { self.attach(&config, &stop)? } else { self.at_rest(&config, &stop)? };
-        if self.json {
-            println!("{}", figures.to_json());
-        } else {
-            println!("{}", show::text(&figures));
-        }
+        print(&if self.json { figures.to_json() } else { show::text(&figures) })?;
         Ok(Exit::Ok)
     }
 
@@ -101,18 +98,17 @@ impl LatencyArgs {
         let mut ears = Ears::open(&bus, Time::now())?;
         rig.start_chain()?;
         rig.start_bare()?;
-        eprintln!("the chain at rest, and bare: {} s", self.seconds);
+        say(&format!("the chain at rest, and bare: {} s", self.seconds));
         take_off(&bus, &mut ears, &mut rig)?;
         let figures = self.listen(&mut ears, Some(&mut rig), stop)?;
         rig.stop_chain();
         if !pairs::is_installed() {
-            eprintln!(
-                "cyclictest is not installed (package rt-tests): periodic wake-up is not compared"
-            );
+            say("cyclictest is not installed (package rt-tests): periodic wake-up is not compared");
             return Ok(figures);
         }
         let each = Span::from_nanos((self.span().nanos() / 2).max(Span::from_millis(1000).nanos()));
-        eprintln!("periodic wake-up and cyclictest by turns: {:.0} s", 10.0 * each.seconds());
+        let all = 10.0 * each.seconds();
+        say(&format!("periodic wake-up and cyclictest by turns: {all:.0} s"));
         Ok(figures.with_pairs(pairs::run(&rig, each, stop)?))
     }
 
@@ -138,7 +134,7 @@ impl LatencyArgs {
         if let Some(rig) = &mut rig {
             rig.start_bare()?;
         }
-        eprintln!("instance `{}`: {} s", config.instance.name, self.seconds);
+        say(&format!("instance `{}`: {} s", config.instance.name, self.seconds));
         self.listen(&mut ears, rig.as_mut(), stop)
     }
 

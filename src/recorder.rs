@@ -97,6 +97,12 @@ impl Recorder {
         self.battery.push((header.stamps.applied_at, vehicle.battery_v));
     }
 
+    /// Whether a pose was heard.
+    #[must_use]
+    pub fn sees(&self) -> bool {
+        !self.arrivals.is_empty()
+    }
+
     /// How the flight ended, once it has.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {

@@ -43,7 +43,7 @@ pub fn html(flight: &Flight, summary: &Summary) -> String {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
-                title { (summary.controller) " · " (subject(flight, summary)) " · " (unit::outcome(summary.outcome)) }
+                title { (summary.controller) " · " (subject(flight, summary)) " · " (summary.outcome) }
                 style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) }
             }
             body { (heading(flight, summary)) main { (body) (settings::settings(flight, summary)) } }
@@ -107,7 +107,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
             p.eyebrow { "oqtal flight report" }
             h1 {
                 (summary.controller) span.dot { "·" } (subject(flight, summary))
-                span.badge.(mood) { (unit::outcome(summary.outcome)) }
+                span.badge.(mood) { (summary.outcome) }
             }
             p.note { (circumstances(flight, summary)) }
         }

@@ -28,7 +28,7 @@ pub struct ErrorFigures {
 /// Messages that were missed.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Lost {
-    /// Poses, by the gaps in their frame numbers.
+    /// Poses, by the gaps in their frame numbers; in a recording by the gaps in time.
     pub pose: u64,
     /// Commands, by the gaps in their sequence.
     pub command: u64,
@@ -57,6 +57,8 @@ pub struct Summary {
     pub speed_factor: f64,
     pub deadline_misses: u64,
     pub lost: Lost,
+    /// Poses that a newer one overtook before the daemon looked: bursts, or a daemon that was late.
+    pub poses_superseded: u64,
     pub hops: BTreeMap<&'static str, DistributionSummary>,
     pub wakeup_lateness: DistributionSummary,
     /// The safety states passed through, in order.
@@ -95,6 +97,7 @@ impl Summary {
             speed_factor: flight.speed_factor,
             deadline_misses: last.deadline_misses,
             lost: Lost { pose: last.poses_lost, command: flight.commands_lost },
+            poses_superseded: last.poses_superseded,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wakeup_lateness: flight.wakeup_lateness.summary(),
             state_sequence: state_sequence(flight),

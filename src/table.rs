@@ -3,7 +3,7 @@
 use comfy_table::{CellAlignment, Table, presets};
 use oqtal_bus::latency::{DistributionSummary, HOPS, WHOLE};
 
-use crate::report::unit::{outcome, significant, states, unit_of_length, words};
+use crate::report::unit::{significant, states, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 
 /// The closing table of a flight: plain text of at most 100 columns.
@@ -21,7 +21,7 @@ fn headline(summary: &Summary) -> String {
     format!(
         "{}: {controller}, {trajectory}, {vehicle}\n\
          {clock} clock, seed {seed}, {:.1} s armed, {} x real time",
-        outcome(summary.outcome),
+        summary.outcome,
         summary.duration_s,
         significant(summary.speed_factor)
     )

@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::process::{Command, Stdio};
+
 use common::{Testbed, stderr};
 
 /// Flies with these words and expects this exit code and these words in the message.
@@ -36,12 +38,78 @@ fn a_missing_configuration_file_is_named() {
 
 #[test]
 fn an_instance_name_must_be_plain() {
-    let output =
-        Testbed::new("bad").oqtal(&["ctl", "status"]).arg("--instance").arg("a/b").output();
-    // Given twice, it is a usage error before its value matters; alone, the rule is named.
-    assert_eq!(output.unwrap().status.code(), Some(64));
-    let error = oqtal_bus::place::Place::new("a/b", None).unwrap_err();
-    assert!(error.to_string().contains("a-z, 0-9 and -"), "{error}");
+    for words in [["ctl", "status"], ["daemon", "run"]] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        let output = command.args(words).args(["--instance", "a/b"]).output().unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(64), "{message}");
+        assert!(message.contains("`a/b`") && message.contains("a-z, 0-9 and -"), "{message}");
+    }
+}
+
+#[test]
+fn help_is_no_error_and_a_wrong_word_is_one_in_every_process() {
+    for process in ["daemon", "plant-sim", "mocap-emu"] {
+        let testbed = Testbed::new("words");
+        let code = |word| testbed.oqtal(&[process, word]).output().unwrap().status.code();
+        assert_eq!((code("--help"), code("fly")), (Some(0), Some(64)), "{process}");
+    }
+}
+
+#[test]
+fn a_root_that_cannot_be_made_is_a_fault_of_the_system() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+    let output = command.args(["ctl", "status", "--root", "/dev/null/oqtal"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(71), "{}", stderr(&output));
+}
+
+#[test]
+fn a_process_checks_what_it_would_run_with() {
+    let testbed = Testbed::new("check");
+    let check = |process: &str, setting: &str| {
+        let output = testbed.oqtal(&[process, "check", "--set", setting]).output().unwrap();
+        (output.status.code(), stderr(&output))
+    };
+    let (code, message) = check("daemon", "trajectory.kind=waypoints");
+    assert_eq!(code, Some(78));
+    assert!(message.contains("waypoints-file"), "{message}");
+    let (code, message) = check("mocap-emu", "mocap.replay=nowhere.csv");
+    assert_eq!(code, Some(65));
+    assert!(message.contains("nowhere.csv"), "{message}");
+}
+
+#[test]
+fn a_check_says_at_which_rate_the_loop_will_run() {
+    let testbed = Testbed::new("rates");
+    let file = testbed.write("fast.toml", "[mocap]\nrate-hz = 100.0\n");
+    let output = testbed.oqtal(&["daemon", "check", "--config", file.to_str().unwrap()]).output();
+    let said = String::from_utf8(output.unwrap().stdout).unwrap();
+    assert!(said.starts_with("# cameras at 100 Hz"), "{said}");
+    assert!(said.lines().next().unwrap().ends_with("one pose in 2, at 50.0000 Hz"), "{said}");
+    assert!(said.parse::<toml::Table>().is_ok(), "{said}");
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let testbed = Testbed::new("pipe");
+    let short = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "1"];
+    for words in [&short[..], &[&short[..], &["--json"]].concat(), &["daemon", "check"]] {
+        let mut command = testbed.oqtal(words);
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{words:?}: {}", stderr(&output));
+        assert!(!stderr(&output).contains("panicked"), "{words:?}: {}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_child_whose_parent_is_gone_ends() {
+    let testbed = Testbed::new("orphan");
+    // The parent of this process is the test, not the first process of the machine.
+    let output = testbed.oqtal(&["daemon", "run", "--child", "1"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(75));
+    assert!(stderr(&output).contains("has ended"), "{}", stderr(&output));
 }
 
 /// A configuration file with these lines is refused, naming the line and the rule.

@@ -107,8 +107,11 @@ fn the_bus_allocates_once_for_each_message_published_and_never_else() {
     }
 }
 
-/// The system calls of the daemon's loop in steady state, the most of each in a turn, and what for.
-const EXPECTED: [(&str, [(&str, u64, &str); 3]); 2] = [
+/// A system call, the most of it in a turn, and what for.
+type Call = (&'static str, u64, &'static str);
+
+/// The system calls of the daemon's loop in steady state.
+const EXPECTED: [(&str, [Call; 3]); 2] = [
     (
         "futex",
         [

@@ -2,7 +2,8 @@
 
 mod common;
 
-use common::{Testbed, number, signal, wait_for};
+use common::{Testbed, number, signal, state_of, wait_for};
+use oqtal_bus::time::Span;
 use oqtal_bus::topic::{TELEMETRY, TRUTH};
 use rustix::process::Signal;
 
@@ -50,19 +51,21 @@ fn lockstep_stands_still_while_the_daemon_is_stopped_and_goes_on_after() {
         telemetry.receive().unwrap().map(|(header, _)| header.source.try_into().unwrap())
     });
     signal(daemon, Signal::STOP);
-    // Whatever was under way has come to rest once nothing new is heard.
+    wait_for("the daemon to stop", || (state_of(daemon) == Some('T')).then_some(()));
+    // The last that it said, and no later than when it wanted to act next.
     let mut last = None;
-    wait_for("time to stand still", || {
-        let heard = truth.latest().unwrap();
-        std::thread::sleep(std::time::Duration::from_millis(50));
-        last = heard.map(|(_, truth)| truth.time).or(last);
-        heard.is_none().then_some(())
-    });
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    assert!(truth.latest().unwrap().is_none(), "time went on without the daemon");
+    while let Some((_, tick)) = telemetry.receive().unwrap() {
+        last = Some(tick.time);
+    }
+    let limit = last.map(|last| last + Span::from_millis(26));
+    // Another flight, thousands of grants long, tells how far this one would have come meanwhile.
+    Testbed::new("yardstick").summary(&[&SHORT[..], &["--clock", "lockstep"]].concat());
+    let still = truth.latest().unwrap().map(|(_, truth)| truth.time);
+    assert!(limit.is_none_or(|limit| still <= Some(limit)), "{still:?} without the daemon");
+    assert!(telemetry.latest().unwrap().is_none(), "a stopped daemon spoke");
     signal(daemon, Signal::CONT);
     wait_for("time to go on", || {
-        truth.latest().unwrap().filter(|(_, truth)| Some(truth.time) > last)
+        truth.latest().unwrap().filter(|(_, truth)| Some(truth.time) > limit.max(still))
     });
     let output = flight.wait();
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

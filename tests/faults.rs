@@ -127,6 +127,54 @@ fn f33_a_daemon_asked_to_end_leaves_the_vehicle_neutral() {
 }
 
 #[test]
+fn f34_a_daemon_whose_log_is_closed_goes_on() {
+    let testbed = Testbed::new("deaf");
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let mut command = testbed.oqtal(&["daemon", "run", "--set", "log.level=trace"]);
+    let mut daemon = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
+    drop(daemon.stderr.take());
+    for _ in 0..10 {
+        wait_for("a tick", || telemetry.receive().unwrap());
+    }
+    signal(daemon.id(), Signal::TERM);
+    assert_eq!(daemon.wait().unwrap().code(), Some(0));
+}
+
+#[test]
+fn f31_status_tells_how_every_process_is_and_whether_they_agree() {
+    let testbed = Testbed::new("status");
+    let status = || {
+        let output = testbed.oqtal(&["ctl", "status", "--json"]).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+    };
+    let daemon = testbed.start(&["daemon", "run"]);
+    let alone = status();
+    assert_eq!(alone["processes"][2]["name"], "daemon");
+    assert_eq!(alone["processes"][2]["heard"]["pid"], daemon.id());
+    assert_eq!(alone["processes"][2]["heard"]["daemon"]["mode"], "disarmed");
+    assert!(alone["processes"][0]["heard"].is_null(), "a plant that does not run is silent");
+    assert_eq!(alone["config_agrees"], true);
+    let plant = testbed.start(&["plant-sim", "run"]);
+    let mocap = testbed.start(&["mocap-emu", "run", "--set", "mocap.rate-hz=100"]);
+    let all = wait_for("all processes", || {
+        let all = status();
+        let heard = |k: usize| all["processes"][k]["heard"].is_object();
+        (heard(0) && heard(1) && heard(2)).then_some(all)
+    });
+    assert_eq!(all["processes"][1]["heard"]["pid"], mocap.id());
+    assert_eq!(all["config_agrees"], false);
+    let text = testbed.oqtal(&["ctl", "status"]).output().unwrap().stdout;
+    let text = String::from_utf8(text).unwrap();
+    assert!(text.contains("configurations differ"), "{text}");
+    plant.signal(Signal::STOP);
+    wait_for("the silence of a plant that hangs", || {
+        status()["processes"][0]["heard"].is_null().then_some(())
+    });
+}
+
+#[test]
 fn ctl_speaks_to_a_daemon_and_says_when_there_is_none() {
     let testbed = Testbed::new("ctl");
     let nobody = testbed.oqtal(&["ctl", "status"]).output().unwrap();

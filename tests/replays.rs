@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{Testbed, number};
+use common::{Testbed, number, wait_for};
+use oqtal_bus::message::{CommandV1, Stamps};
+use oqtal_bus::topic::{COMMAND, POSE, Party};
 
 /// A second of a vehicle that circles, at 50 Hz, as (t, position, quaternion scalar last).
 fn poses() -> impl Iterator<Item = (f64, [f64; 3], [f64; 4])> {
@@ -56,6 +58,61 @@ fn every_format_is_played_alike_by_every_clock() {
     assert!(ticks[0] > 40.0);
     assert!(ticks.iter().all(|count| *count == ticks[0]), "{ticks:?}");
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+}
+
+/// A vehicle at rest, seen at these times \[ms\].
+fn seen_at(millis: impl Iterator<Item = u64>) -> String {
+    let rows = millis.map(|t| {
+        let noise = 1e-6 * (t % 97) as f64;
+        format!("{},{noise},0,1,0,0,0,1\n", t as f64 * 1e-3)
+    });
+    std::iter::once("t,x,y,z,qx,qy,qz,qw\n".to_owned()).chain(rows).collect()
+}
+
+#[test]
+fn an_irregular_recording_changes_no_state_and_a_gap_does() {
+    let testbed = Testbed::new("replay-gaps");
+    let pauses = [10, 20, 40, 30, 10, 10, 40, 30, 20, 3, 17].into_iter().cycle();
+    let times: Vec<u64> = pauses
+        .take(400)
+        .scan(0, |t, pause| {
+            *t += pause;
+            Some(*t)
+        })
+        .collect();
+    let fly = |name: &str, text: String| {
+        let file = format!("replay:{}", testbed.write(name, &text).display());
+        testbed.summary(&["--mocap", &file, "--clock", "in-process"])
+    };
+    let regular = fly("a.csv", seen_at(times.iter().copied()));
+    assert_eq!(regular["state_sequence"], serde_json::json!(["Coast", "Nominal"]));
+    // Numbered by time, so to within a frame at either end.
+    assert!(number(&regular, "/lost/pose") <= 1.0, "{}", regular["lost"]);
+    let gap = |k: usize| !(200..210).contains(&k);
+    let gone = times.iter().enumerate().filter(|(k, _)| gap(*k)).map(|(_, t)| *t);
+    let torn = fly("b.csv", seen_at(gone));
+    assert_eq!(torn["state_sequence"], serde_json::json!(["Coast", "Nominal", "Coast", "Nominal"]));
+    assert!((number(&torn, "/lost/pose") - 10.0).abs() <= 2.0, "{}", torn["lost"]);
+}
+
+#[test]
+fn in_real_time_a_recording_waits_until_the_daemon_listens() {
+    let testbed = Testbed::new("replay-waits");
+    let bus = testbed.bus();
+    let mut poses = bus.observer(&POSE).unwrap();
+    let mut health = bus.observer(&Party::Mocap.health()).unwrap();
+    let file = format!("mocap.replay={:?}", testbed.write("a.csv", &named()).display().to_string());
+    let _mocap = testbed.start(&["mocap-emu", "run", "--set", &file]);
+    // Three beats are a second, as long as the recording.
+    for _ in 0..3 {
+        wait_for("the cameras", || health.receive().unwrap());
+    }
+    assert!(poses.latest().unwrap().is_none(), "played to nobody");
+    let mut commands = bus.writer(&COMMAND).unwrap();
+    commands.send(0, Stamps::default(), CommandV1::default()).unwrap();
+    commands.notify().unwrap();
+    let (header, _) = wait_for("the first pose", || poses.receive().unwrap());
+    assert_eq!(header.pose_sequence, 1);
 }
 
 #[test]

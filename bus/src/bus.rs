@@ -7,14 +7,12 @@ use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
     CallbackProgression, Node, NodeBuilder, NodeState, ServiceName, SignalHandlingMode, ipc,
 };
-use iceoryx2::service::builder::publish_subscribe::{
-    PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
-};
 use iceoryx2::service::port_factory;
 
 use crate::control::{ControlClient, ControlServer};
 use crate::error::{BusError, system};
 use crate::message::{ControlRequestV1, ControlResponseV1, Header, Message};
+use crate::mismatch::OpenError;
 use crate::place::Place;
 use crate::port::{Reader, Writer};
 use crate::topic::{CONTROL, Topic};
@@ -37,21 +35,18 @@ impl Bus {
     /// # Errors
     /// The place belongs to another user, or the operating system refuses.
     pub fn open(place: &Place) -> Result<Self, BusError> {
-        let config = place.config()?;
-        let permission = || BusError::Permission { path: place.root.clone() };
-        std::fs::create_dir_all(&place.root).map_err(|error| match error.kind() {
-            std::io::ErrorKind::PermissionDenied => permission(),
-            _ => system(format!("creating {}", place.root.display()), &error),
-        })?;
+        let config = place.prepare()?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|error| match error {
-                NodeCreationFailure::InsufficientPermissions => permission(),
+                NodeCreationFailure::InsufficientPermissions => {
+                    BusError::Permission { path: place.root.clone() }
+                }
                 other => system(format!("joining {}", place.root.display()), &other),
             })?;
-        Ok(Self { bells: Bells::open(&config, place.events)?, node, place: place.clone() })
+        Ok(Self { bells: Bells::open(&config, place, MAX_NODES)?, node, place: place.clone() })
     }
 
     /// The place this bus lives at.
@@ -75,10 +70,10 @@ impl Bus {
             };
             CallbackProgression::Continue
         });
-        let prefix = self.place.prefix();
+        let prefix = self.node.config().global.prefix;
         drop(self.node);
         if listed.is_ok() && !others {
-            remove_node_counter(&prefix);
+            remove_node_counter(&prefix.to_string());
         }
     }
 
@@ -95,7 +90,7 @@ impl Bus {
                 other => system(format!("writing topic `{}`", topic.name), &other),
             },
         )?;
-        Ok(Writer::new(publisher, self.bells.ringer(topic.name, MAX_NODES)?, topic.name))
+        Ok(Writer::new(publisher, self.bells.ringer(topic.name)?, topic.name))
     }
 
     /// A reader that keeps the newest sample only: for the loop.
@@ -119,7 +114,7 @@ impl Bus {
     /// # Errors
     /// The operating system refuses.
     pub fn doorbell<M: Message>(&self, topic: &Topic<M>) -> Result<Doorbell, BusError> {
-        self.bells.doorbell(topic.name, MAX_NODES)
+        self.bells.doorbell(topic.name)
     }
 
     /// The daemon's end of the control service.
@@ -169,7 +164,7 @@ impl Bus {
             .max_subscribers(topic.readers)
             .max_nodes(MAX_NODES)
             .open_or_create()
-            .map_err(|error| self.explain_topic(topic.name, error))
+            .map_err(|error| error.explain(&self.place.root, "topic", topic.name))
     }
 
     fn control_service(
@@ -191,20 +186,7 @@ impl Bus {
             .max_clients(8)
             .max_nodes(MAX_NODES)
             .open_or_create()
-            .map_err(|e| system(format!("opening service `{CONTROL}`"), &e))
-    }
-
-    fn explain_topic(&self, topic: &str, error: PublishSubscribeOpenOrCreateError) -> BusError {
-        use PublishSubscribeOpenError as Open;
-        match error {
-            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
-                Open::IncompatibleTypes | Open::VersionMismatch | Open::ServiceInCorruptedState,
-            ) => BusError::Version { topic: topic.to_owned() },
-            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
-                Open::InsufficientPermissions,
-            ) => BusError::Permission { path: self.place.root.clone() },
-            other => system(format!("opening topic `{topic}`"), &other),
-        }
+            .map_err(|error| error.explain(&self.place.root, "service", CONTROL))
     }
 }
 
@@ -221,5 +203,65 @@ fn remove_node_counter(prefix: &str) {
             // Somebody else may have removed it: all the same.
             let _ = std::fs::remove_file(entry.path());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use iceoryx2::prelude::EventId;
+
+    use super::*;
+    use crate::topic::COMMAND;
+
+    fn place(root: &std::path::Path) -> Place {
+        Place::new("test", Some(root)).unwrap()
+    }
+
+    fn counters(place: &Place) -> usize {
+        let prefix = place.prepare().unwrap().global.prefix.to_string();
+        let entries = std::fs::read_dir("/dev/shm").unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.starts_with(&prefix) && name.ends_with(".global_mgmt")).count()
+    }
+
+    #[test]
+    fn who_leaves_last_takes_the_counter_of_its_own_root_alone() {
+        let (one, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let (one, other) = (place(one.path()), place(other.path()));
+        let (first, second) = (Bus::open(&one).unwrap(), Bus::open(&other).unwrap());
+        first.leave();
+        assert_eq!((counters(&one), counters(&other)), (0, 1));
+        second.leave();
+        assert_eq!(counters(&other), 0);
+    }
+
+    #[test]
+    fn a_root_is_the_same_by_whichever_path_it_is_named() {
+        let root = tempfile::tempdir().unwrap();
+        let link = root.path().join("link");
+        std::os::unix::fs::symlink(root.path(), &link).unwrap();
+        let prefix = |root: &std::path::Path| place(root).prepare().unwrap().global.prefix;
+        assert_eq!(prefix(root.path()), prefix(&link));
+    }
+
+    #[test]
+    fn f26_a_service_built_otherwise_is_another_version_not_a_fault_of_the_system() {
+        let root = tempfile::tempdir().unwrap();
+        let bus = Bus::open(&place(root.path())).unwrap();
+        let named = |name| bus.node.service_builder(&service_name(name).unwrap());
+        let _event = named("command/futex").event().notifier_dead_event(EventId::new(4)).create();
+        let _control = named(CONTROL).request_response::<u64, u64>().create();
+        let _topic = named("health/daemon").publish_subscribe::<u64>().create();
+        let version = |error: BusError| matches!(error, BusError::Version { .. });
+        assert!(version(bus.doorbell(&COMMAND).unwrap_err()));
+        assert!(version(bus.control_client().unwrap_err()));
+        assert!(version(bus.reader(&crate::topic::Party::Daemon.health()).unwrap_err()));
+        bus.leave();
+    }
+
+    #[test]
+    fn a_root_that_cannot_be_made_is_a_fault_of_the_system() {
+        let error = Bus::open(&place(std::path::Path::new("/dev/null/oqtal"))).unwrap_err();
+        assert!(matches!(error, BusError::System { .. }), "{error}");
     }
 }

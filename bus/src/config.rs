@@ -308,6 +308,23 @@ impl Config {
         if self.is_replay() { &Party::ALL[1..] } else { &Party::ALL }
     }
 
+    /// Of so many poses the loop acts on one: cameras much faster than it are decimated.
+    #[must_use]
+    pub fn poses_per_tick(&self) -> f64 {
+        (self.mocap.rate_hz / self.control.rate_hz).round().max(1.0)
+    }
+
+    /// How cameras and loop go together, in words.
+    #[must_use]
+    pub fn pace(&self) -> String {
+        let (cameras, wanted) = (self.mocap.rate_hz, self.control.rate_hz);
+        let every = self.poses_per_tick();
+        let rate = cameras / every;
+        format!(
+            "cameras at {cameras} Hz, control.rate-hz = {wanted}: the loop acts on one pose in {every}, at {rate:.4} Hz"
+        )
+    }
+
     /// The configuration as a file with every key.
     #[must_use]
     pub fn to_toml(&self) -> String {

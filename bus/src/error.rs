@@ -17,10 +17,10 @@ pub enum BusError {
     },
     /// The other side was built from another version of the messages.
     #[error(
-        "topic `{topic}` is spoken in another version by a running process; stop it and start all processes from one build"
+        "`{topic}` is spoken in another version by a running process; stop it and start all processes from one build"
     )]
     Version {
-        /// The topic.
+        /// The topic or service.
         topic: String,
     },
     /// The instance belongs to another user.

@@ -48,47 +48,63 @@ pub fn sensor_to_actuator(stamps: &Stamps) -> Span {
     stamps.applied_at.since(stamps.captured_at)
 }
 
-/// A distribution of spans in bounded memory.
+/// A distribution of spans in bounded memory: its ends are exact, what lies between them is known to three digits.
 #[derive(Clone, Debug)]
-pub struct Distribution(Histogram<u64>);
+pub struct Distribution {
+    spans: Histogram<u64>,
+    /// Least and greatest span \[ns\].
+    ends: (u64, u64),
+}
 
 impl Default for Distribution {
     fn default() -> Self {
-        Self(
-            Histogram::new_with_bounds(1, LONGEST_NS, 3)
-                .expect("the bounds are constant and valid"),
-        )
+        let spans = Histogram::new_with_bounds(1, LONGEST_NS, 3)
+            .expect("the bounds are constant and valid");
+        Self { spans, ends: (u64::MAX, 0) }
     }
 }
 
 impl Distribution {
-    /// Adds a span; negative ones count as zero, spans beyond a minute as a minute.
+    /// Adds a span; negative ones count as zero, and between the ends spans beyond a minute as a minute.
     pub fn add(&mut self, span: Span) {
-        self.0.saturating_record(span.nanos().max(0).unsigned_abs());
+        let nanos = span.nanos().max(0).unsigned_abs();
+        self.spans.saturating_record(nanos);
+        self.ends = (self.ends.0.min(nanos), self.ends.1.max(nanos));
     }
 
-    /// The span that the share `quantile` of all spans does not exceed.
+    /// The span that the share `quantile` of all spans does not exceed; zero if there are none.
     #[must_use]
     pub fn quantile(&self, quantile: f64) -> Span {
-        Span::from_nanos(self.0.value_at_quantile(quantile).cast_signed())
+        Span::from_nanos(self.quantile_ns(quantile).cast_signed())
+    }
+
+    fn quantile_ns(&self, quantile: f64) -> u64 {
+        let (least, greatest) = self.ends;
+        // The histogram knows the upper edge of a bucket, which may lie beyond every span in it.
+        if self.spans.is_empty() {
+            0
+        } else {
+            self.spans.value_at_quantile(quantile).clamp(least, greatest)
+        }
     }
 
     /// How many spans there are.
     #[must_use]
     pub fn count(&self) -> u64 {
-        self.0.len()
+        self.spans.len()
     }
 
     /// Its figures.
     #[must_use]
     pub fn summary(&self) -> DistributionSummary {
+        let (least, greatest) = self.ends;
         DistributionSummary {
-            count: self.0.len(),
-            min_ns: if self.0.is_empty() { 0 } else { self.0.min() },
-            p50_ns: self.0.value_at_quantile(0.5),
-            p99_ns: self.0.value_at_quantile(0.99),
-            p999_ns: self.0.value_at_quantile(0.999),
-            max_ns: self.0.max(),
+            count: self.spans.len(),
+            min_ns: if self.spans.is_empty() { 0 } else { least },
+            p50_ns: self.quantile_ns(0.5),
+            p99_ns: self.quantile_ns(0.99),
+            p999_ns: self.quantile_ns(0.999),
+            max_ns: greatest,
         }
     }
 }
@@ -167,6 +183,20 @@ mod tests {
     fn a_sample_that_missed_a_station_or_ran_back_is_left_out() {
         assert_eq!(hops(&stamps([10, 25, 0, 40, 41, 99])), None);
         assert_eq!(hops(&stamps([10, 25, 24, 40, 41, 99])), None);
+    }
+
+    #[test]
+    fn the_ends_are_exact_and_no_quantile_lies_beyond_them() {
+        let mut distribution = Distribution::default();
+        for nanos in [15_000_000, 15_000_000, 15_000_001, 90_000_000_123] {
+            distribution.add(Span::from_nanos(nanos));
+        }
+        let summary = distribution.summary();
+        assert_eq!((summary.min_ns, summary.max_ns), (15_000_000, 90_000_000_123));
+        let mut alike = Distribution::default();
+        alike.add(Span::from_millis(15));
+        let DistributionSummary { min_ns, p50_ns, p99_ns, p999_ns, max_ns, .. } = alike.summary();
+        assert_eq!([min_ns, p50_ns, p99_ns, p999_ns, max_ns], [15_000_000; 5]);
     }
 
     #[test]

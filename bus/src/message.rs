@@ -10,7 +10,7 @@ use crate::time::Time;
 
 /// A message body: what a topic carries behind its [`Header`].
 pub trait Message: ZeroCopySend + Copy + std::fmt::Debug + 'static {
-    /// Hash of the wire name and of every field's name and type.
+    /// Hash of the wire name and of every field's name and type, those of the header included.
     const SCHEMA: u64;
 }
 
@@ -28,58 +28,74 @@ pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {
 /// The start value of [`fnv1a`].
 pub const FNV_OFFSET: u64 = 0xcbf2_9ce4_8422_2325;
 
-macro_rules! message {
-    ($(#[$meta:meta])* $name:ident = $wire:literal { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* }) => {
+/// A structure of fixed layout, and the hash of the fields that its definition names, on top of the hash of what it holds or
+/// follows.
+macro_rules! layout {
+    ($(#[$meta:meta])* $name:ident = $wire:literal on $base:expr, {
+        $($(#[$field_meta:meta])* $field:ident: $type:ty,)*
+    }) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, ZeroCopySend)]
         #[type_name($wire)]
         #[repr(C)]
         pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
 
-        impl Message for $name {
-            const SCHEMA: u64 = fnv1a(
-                FNV_OFFSET,
+        impl $name {
+            const LAYOUT: u64 = fnv1a(
+                $base,
                 concat!($wire, $(";", stringify!($field), ":", stringify!($type)),*).as_bytes(),
             );
         }
     };
 }
 
-/// When the sample that a message is about passed each station of the loop; [`Time::UNSET`] for stations still ahead.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
-#[repr(C)]
-pub struct Stamps {
-    /// The truth sample that the cameras used was taken.
-    pub captured_at: Time,
-    /// The pose was handed to the bus.
-    pub pose_published_at: Time,
-    /// The daemon woke to it.
-    pub woken_at: Time,
-    /// The daemon's computation ended.
-    pub computed_at: Time,
-    /// The command was handed to the bus.
-    pub command_published_at: Time,
-    /// The plant or the bridge took the command off the bus.
-    pub received_at: Time,
-    /// The command first acted: on the plant, after its radio delay; on the bridge, when its last byte went to the wire.
-    pub applied_at: Time,
+/// A message body. Its schema covers the header before it.
+macro_rules! message {
+    ($(#[$meta:meta])* $name:ident = $wire:literal { $($fields:tt)* }) => {
+        layout! { $(#[$meta])* $name = $wire on Header::LAYOUT, { $($fields)* } }
+
+        impl Message for $name {
+            const SCHEMA: u64 = Self::LAYOUT;
+        }
+    };
 }
 
-/// What precedes every message body.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
-#[type_name("oqtal.Header.v1")]
-#[repr(C)]
-pub struct Header {
-    /// Counts this writer's messages on this topic from 1: a gap is a loss.
-    pub sequence: u64,
-    /// The sequence of the pose that this message is about; 0 for none.
-    pub pose_sequence: u64,
-    /// [`Message::SCHEMA`] of the body.
-    pub schema: u64,
-    /// Process id of the writer.
-    pub source: u64,
-    /// The stations passed so far.
-    pub stamps: Stamps,
+layout! {
+    /// When the sample that a message is about passed each station of the loop; [`Time::UNSET`] for stations still ahead.
+    #[derive(Eq)]
+    Stamps = "oqtal.Stamps.v1" on FNV_OFFSET, {
+        /// The truth sample that the cameras used was taken.
+        captured_at: Time,
+        /// The pose was handed to the bus.
+        pose_published_at: Time,
+        /// The daemon woke to it.
+        woken_at: Time,
+        /// The daemon's computation ended.
+        computed_at: Time,
+        /// The command was handed to the bus.
+        command_published_at: Time,
+        /// The plant or the bridge took the command off the bus.
+        received_at: Time,
+        /// The command first acted: on the plant, after its radio delay; on the bridge, when its last byte went to the wire.
+        applied_at: Time,
+    }
+}
+
+layout! {
+    /// What precedes every message body.
+    #[derive(Eq)]
+    Header = "oqtal.Header.v1" on Stamps::LAYOUT, {
+        /// Counts this writer's messages on this topic from 1: a gap is a loss.
+        sequence: u64,
+        /// The sequence of the pose that this message is about; 0 for none.
+        pose_sequence: u64,
+        /// [`Message::SCHEMA`] of the body.
+        schema: u64,
+        /// Process id of the writer.
+        source: u64,
+        /// The stations passed so far.
+        stamps: Stamps,
+    }
 }
 
 message! {
@@ -163,9 +179,9 @@ message! {
         rate: [f64; 3],
         /// Reference position \[m, world\].
         reference_position: [f64; 3],
-        /// The position loops' commanded velocity \[m/s, world\].
+        /// The position loops' commanded velocity \[m/s, world\]; NaN when not flying.
         velocity_command: [f64; 3],
-        /// The commanded attitude, scalar last \[body to world\].
+        /// The commanded attitude, scalar last \[body to world\]; NaN when not flying.
         attitude_command: [f64; 4],
         /// Attitude sticks sent \[-1..1, body\].
         sticks: [f64; 3],
@@ -179,10 +195,14 @@ message! {
         wakeup_lateness_ns: i64,
         /// Riccati equations solved so far, the first included.
         riccati_solves: u64,
+        /// Riccati equations that had no solution, so that the last gain was kept.
+        riccati_failures: u64,
         /// Ticks so far whose command came later than one period after its pose.
         deadline_misses: u64,
-        /// Poses missed between those that arrived, in total.
+        /// Camera frames that never became a pose, in total.
         poses_lost: u64,
+        /// Poses that a newer one overtook before this process looked, in total.
+        poses_superseded: u64,
         /// Poses refused by the guard, in total.
         poses_refused: u64,
         /// [`crate::code::Mode`]: what the daemon is doing.
@@ -205,6 +225,8 @@ message! {
 message! {
     /// Topics `health/NAME`: whether a process is well, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
+        /// When this was said, by the monotonic clock of the machine, whatever clock drives the flight.
+        time: Time,
         /// Hash of the effective configuration: processes that disagree were started from different files.
         config_hash: u64,
         /// [`crate::code::SafetyState`], for the daemon.
@@ -213,6 +235,8 @@ message! {
         mode: u8,
         /// [`crate::code::Cause`] of the state, for the daemon.
         cause: u8,
+        /// Changes of the daemon's condition that its log missed.
+        unlogged: u64,
     }
 }
 
@@ -278,6 +302,24 @@ mod tests {
         ];
         let distinct: std::collections::BTreeSet<_> = schemas.iter().collect();
         assert_eq!(distinct.len(), schemas.len());
+    }
+
+    message! {
+        /// A message like any other.
+        ProbeV1 = "oqtal.Probe.v1" {
+            /// A field.
+            field: u8,
+        }
+    }
+
+    #[test]
+    fn a_schema_covers_the_header_and_the_stamps_before_the_body() {
+        const STAMPS: &str = "oqtal.Stamps.v1;captured_at:Time;pose_published_at:Time;woken_at:Time;computed_at:Time;\
+                              command_published_at:Time;received_at:Time;applied_at:Time";
+        const HEADER: &str =
+            "oqtal.Header.v1;sequence:u64;pose_sequence:u64;schema:u64;source:u64;stamps:Stamps";
+        let all = [STAMPS, HEADER, "oqtal.Probe.v1;field:u8"].concat();
+        assert_eq!(ProbeV1::SCHEMA, fnv1a(FNV_OFFSET, all.as_bytes()));
     }
 
     #[test]

@@ -34,6 +34,22 @@ impl StopFlag {
     pub fn is_set(&self) -> bool {
         self.0.load(Ordering::Acquire)
     }
+
+    /// Asks the process to end when the returned guard goes out of scope, be it by a panic.
+    #[must_use]
+    pub fn set_on_drop(&self) -> SetOnDrop {
+        SetOnDrop(self.clone())
+    }
+}
+
+/// Sets a [`StopFlag`] when it goes out of scope.
+#[derive(Debug)]
+pub struct SetOnDrop(StopFlag);
+
+impl Drop for SetOnDrop {
+    fn drop(&mut self) {
+        self.0.set();
+    }
 }
 
 /// Waits for the next event of one process.

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::{Config, FileName, SemanticString};
 
-use crate::error::BusError;
+use crate::error::{BusError, system};
+use crate::message::{FNV_OFFSET, fnv1a};
 use crate::wake::Events;
 
 /// Where a bus lives: two buses with different places never hear each other.
@@ -37,16 +38,21 @@ impl Place {
         Ok(Self { instance: instance.to_owned(), root, events: Events::default() })
     }
 
-    /// What the names of everything in this instance's shared memory begin with.
-    pub(crate) fn prefix(&self) -> String {
-        format!("oqtal_{}_", self.instance)
+    /// What the names of everything in this instance's shared memory begin with. The same instance under another root is
+    /// another: its shared memory must not be taken for this one's. The root exists: by whichever path it is named, it counts
+    /// as the same.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
+        let root = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());
+        format!("oqtal_{}_{root:016x}_", self.instance)
     }
 
-    /// iceoryx2's configuration for this place.
+    /// Makes the root directory, and iceoryx2's configuration for this place.
     ///
     /// # Errors
-    /// The root is no absolute path of plain characters.
-    pub fn config(&self) -> Result<Config, BusError> {
+    /// The directory cannot be made, or its name is no absolute path of plain characters.
+    pub fn prepare(&self) -> Result<Config, BusError> {
         let mut root = self.root.to_string_lossy().into_owned();
         if !root.ends_with('/') {
             root.push('/');
@@ -60,6 +66,12 @@ impl Place {
         if !self.root.is_absolute() || root.len() > 200 {
             return Err(bad_root());
         }
+        std::fs::create_dir_all(&self.root).map_err(|error| match error.kind() {
+            std::io::ErrorKind::PermissionDenied => {
+                BusError::Permission { path: self.root.clone() }
+            }
+            _ => system(format!("creating {}", self.root.display()), &error),
+        })?;
         let mut config = Config::default();
         // Shared memory ignores the root path and files ignore the prefix: an instance needs both.
         config.global.set_root_path(&path);

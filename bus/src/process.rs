@@ -5,14 +5,16 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
-use rustix::process::Signal;
+use rustix::process::{Pid, Signal};
 
 use crate::bus::Bus;
 use crate::config::{ClockKind, Config, ConfigError, LogLevel, Setting};
 use crate::error::BusError;
+use crate::health::Pulse;
 use crate::message::Message;
 use crate::pace::{Pace, StopFlag};
 use crate::place::Place;
+use crate::program::{conclude, guarded, print};
 use crate::realtime;
 use crate::topic::{Party, Topic};
 
@@ -101,8 +103,8 @@ pub struct CommonArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
     /// End when the process that started this one dies
-    #[arg(long, hide = true)]
-    pub child: bool,
+    #[arg(long, hide = true, value_name = "PID")]
+    pub child: Option<i32>,
 }
 
 impl CommonArgs {
@@ -138,6 +140,9 @@ pub enum ProcessCommand {
 /// The job of one process, inside the shell.
 pub type Job = fn(&Shell) -> Result<(), Failure>;
 
+/// Whether a process could do its job with a configuration that is valid by itself.
+pub type Check = fn(&Config) -> Result<(), Failure>;
+
 /// What a running process has of its surroundings.
 #[derive(Debug)]
 pub struct Shell {
@@ -156,6 +161,14 @@ impl Shell {
     /// As [`Bus::open`].
     pub fn bus(&self) -> Result<Bus, BusError> {
         Bus::open(&self.place()?)
+    }
+
+    /// What says that this process is well.
+    ///
+    /// # Errors
+    /// The process runs already, or the bus refuses.
+    pub fn pulse(&self, bus: &Bus) -> Result<Pulse, BusError> {
+        Pulse::new(bus, self.party, self.config.hash())
     }
 
     /// The place that the configuration names.
@@ -211,18 +224,24 @@ pub fn place_of(config: &Config) -> Result<Place, BusError> {
 
 /// Does what the command line asks of `party`, whose job is `job`, and says how it ended.
 #[must_use]
-pub fn execute(party: Party, command: &ProcessCommand, job: Job) -> ExitCode {
+pub fn execute(party: Party, command: &ProcessCommand, job: Job, check: Check) -> ExitCode {
     let result = match command {
-        ProcessCommand::Check(args) => load(args).map(|config| print!("{}", config.to_toml())),
+        ProcessCommand::Check(args) => load(args).and_then(|config| {
+            check(&config)?;
+            print(&describe(&config))
+        }),
         ProcessCommand::Run(args) => run(party, args, job),
     };
     match result {
         Ok(()) => Exit::Ok.into(),
-        Err(failure) => {
-            eprintln!("oqtal {}: {failure}", party.name());
-            failure.exit.into()
-        }
+        Err(failure) => conclude(&format!("oqtal {}", party.name()), &failure),
     }
+}
+
+/// The effective configuration as a file, under a comment that says at which rate the loop will run.
+#[must_use]
+pub fn describe(config: &Config) -> String {
+    format!("# {}\n{}", config.pace(), config.to_toml().trim_end())
 }
 
 fn load(args: &CommonArgs) -> Result<Config, Failure> {
@@ -230,12 +249,13 @@ fn load(args: &CommonArgs) -> Result<Config, Failure> {
 }
 
 fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
-    if args.child {
-        die_with_parent()?;
+    if let Some(parent) = args.child {
+        die_with(parent)?;
     }
     let config = load(args)?;
     start_log(config.log.level);
     let stop = stop_on_signals()?;
+    stop_on_panics(&stop);
     let shell = Shell { config, stop, party };
     tracing::info!(
         instance = shell.config.instance.name,
@@ -243,7 +263,7 @@ fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         "{} starts",
         party.name()
     );
-    let result = job(&shell);
+    let result = guarded(|| job(&shell));
     // Its ports are closed; whoever leaves last tidies up.
     if let Ok(bus) = shell.bus() {
         bus.leave();
@@ -252,11 +272,27 @@ fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     result
 }
 
-/// Ends this process when the one that started it dies: a front door that is killed leaves no orphans.
-fn die_with_parent() -> Result<(), Failure> {
+/// Ends this process when `parent`, which started it, dies: a front door that is killed leaves no orphans.
+fn die_with(parent: i32) -> Result<(), Failure> {
     rustix::process::set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| {
         Failure::new(Exit::System, format!("binding to the parent's life failed: {e}"))
-    })
+    })?;
+    // It may have died before: then the signal never comes.
+    if rustix::process::getppid() == Pid::from_raw(parent) {
+        Ok(())
+    } else {
+        let message = format!("process {parent}, which started this one, has ended");
+        Err(Failure::new(Exit::Peer, message))
+    }
+}
+
+/// A panic on any thread ends the whole process in good order: half of one must not go on.
+fn stop_on_panics(stop: &StopFlag) {
+    let (report, stop) = (std::panic::take_hook(), stop.clone());
+    std::panic::set_hook(Box::new(move |panic| {
+        stop.set();
+        report(panic);
+    }));
 }
 
 /// Sets the flag on SIGINT or SIGTERM.
@@ -282,5 +318,7 @@ fn start_log(level: LogLevel) {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
+        // Standard error may be closed: the loop goes on without a log.
+        .log_internal_errors(false)
         .init();
 }

@@ -38,6 +38,8 @@ use rustix::thread::futex;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{BusError, system};
+use crate::mismatch::OpenError;
+use crate::place::Place;
 use crate::time::{Span, Time};
 
 /// Sent to a listener when a notifier's process died: it wakes up, which is all that is wanted of it.
@@ -56,7 +58,14 @@ pub enum Events {
 
 /// Where events are opened.
 #[derive(Debug)]
-pub(crate) enum Bells {
+pub(crate) struct Bells {
+    node: EventNode,
+    place: Place,
+    max_nodes: usize,
+}
+
+#[derive(Debug)]
+enum EventNode {
     Futex(Node<FutexService>),
     Socket(Node<ipc::Service>),
 }
@@ -64,27 +73,28 @@ pub(crate) enum Bells {
 impl Bells {
     /// # Errors
     /// The operating system refuses.
-    pub(crate) fn open(config: &Config, events: Events) -> Result<Self, BusError> {
-        Ok(match events {
-            Events::Futex => Self::Futex(node(config)?),
-            Events::Socket => Self::Socket(node(config)?),
-        })
+    pub(crate) fn open(config: &Config, place: &Place, max_nodes: usize) -> Result<Self, BusError> {
+        let node = match place.events {
+            Events::Futex => EventNode::Futex(join(config)?),
+            Events::Socket => EventNode::Socket(join(config)?),
+        };
+        Ok(Self { node, place: place.clone(), max_nodes })
     }
 
     /// What rings the bell `name`.
     ///
     /// # Errors
-    /// The operating system refuses.
-    pub(crate) fn ringer(&self, name: &str, max_nodes: usize) -> Result<Ringer, BusError> {
-        let failed = |e: &dyn Debug| system(format!("notifying `{name}`"), e);
-        Ok(match self {
-            Self::Futex(node) => {
-                let event = event(node, &futex_name(name), max_nodes)?;
-                Ringer::Futex(event.notifier_builder().create().map_err(|e| failed(&e))?)
+    /// The bell was made by another version, or the operating system refuses.
+    pub(crate) fn ringer(&self, name: &str) -> Result<Ringer, BusError> {
+        let failed = |e| system(format!("notifying `{name}`"), &e);
+        Ok(match &self.node {
+            EventNode::Futex(node) => {
+                let event = self.event(node, &futex_name(name))?;
+                Ringer::Futex(event.notifier_builder().create().map_err(failed)?)
             }
-            Self::Socket(node) => {
-                let event = event(node, name, max_nodes)?;
-                Ringer::Socket(event.notifier_builder().create().map_err(|e| failed(&e))?)
+            EventNode::Socket(node) => {
+                let event = self.event(node, name)?;
+                Ringer::Socket(event.notifier_builder().create().map_err(failed)?)
             }
         })
     }
@@ -92,19 +102,30 @@ impl Bells {
     /// What hears the bell `name`.
     ///
     /// # Errors
-    /// The operating system refuses.
-    pub(crate) fn doorbell(&self, name: &str, max_nodes: usize) -> Result<Doorbell, BusError> {
-        let failed = |e: &dyn Debug| system(format!("listening to `{name}`"), e);
-        Ok(match self {
-            Self::Futex(node) => {
-                let event = event(node, &futex_name(name), max_nodes)?;
-                Doorbell::Futex(event.listener_builder().create().map_err(|e| failed(&e))?)
+    /// As [`Bells::ringer`].
+    pub(crate) fn doorbell(&self, name: &str) -> Result<Doorbell, BusError> {
+        let failed = |e| system(format!("listening to `{name}`"), &e);
+        Ok(match &self.node {
+            EventNode::Futex(node) => {
+                let event = self.event(node, &futex_name(name))?;
+                Doorbell::Futex(event.listener_builder().create().map_err(failed)?)
             }
-            Self::Socket(node) => {
-                let event = event(node, name, max_nodes)?;
-                Doorbell::Socket(event.listener_builder().create().map_err(|e| failed(&e))?)
+            EventNode::Socket(node) => {
+                let event = self.event(node, name)?;
+                Doorbell::Socket(event.listener_builder().create().map_err(failed)?)
             }
         })
+    }
+
+    fn event<S: Service>(&self, node: &Node<S>, name: &str) -> Result<PortFactory<S>, BusError> {
+        let service =
+            ServiceName::new(name).map_err(|e| system(format!("naming event `{name}`"), &e))?;
+        node.service_builder(&service)
+            .event()
+            .notifier_dead_event(DEAD_WRITER)
+            .max_nodes(self.max_nodes)
+            .open_or_create()
+            .map_err(|error| error.explain(&self.place.root, "event", name))
     }
 }
 
@@ -113,27 +134,12 @@ fn futex_name(name: &str) -> String {
     format!("{name}/futex")
 }
 
-fn node<S: Service>(config: &Config) -> Result<Node<S>, BusError> {
+fn join<S: Service>(config: &Config) -> Result<Node<S>, BusError> {
     NodeBuilder::new()
         .config(config)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create()
         .map_err(|e| system("joining the events", &e))
-}
-
-fn event<S: Service>(
-    node: &Node<S>,
-    name: &str,
-    max_nodes: usize,
-) -> Result<PortFactory<S>, BusError> {
-    let failed = |e: &dyn Debug| system(format!("opening event `{name}`"), e);
-    let service = ServiceName::new(name).map_err(|e| failed(&e))?;
-    node.service_builder(&service)
-        .event()
-        .notifier_dead_event(DEAD_WRITER)
-        .max_nodes(max_nodes)
-        .open_or_create()
-        .map_err(|e| failed(&e))
 }
 
 /// Wakes whoever listens.

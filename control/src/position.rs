@@ -114,7 +114,6 @@ pub struct PositionLoops {
     options: PositionOptions,
     mass_kg: f64,
     gravity_m_s2: f64,
-    frozen: bool,
     horizontal_position: HorizontalPids,
     horizontal_velocity: HorizontalPids,
     vertical_position: Pid,
@@ -135,7 +134,6 @@ impl PositionLoops {
             options: *options,
             mass_kg,
             gravity_m_s2,
-            frozen: false,
             horizontal_position: HorizontalPids::new(pid(
                 options.horizontal_position,
                 position(f64::INFINITY),
@@ -179,14 +177,7 @@ impl PositionLoops {
         }
     }
 
-    /// Holds all integrals (`true`), as when the estimate is old, or lets them run (`false`, as at first).
-    pub fn freeze(&mut self, frozen: bool) {
-        self.frozen = frozen;
-        self.vertical_position.freeze(frozen);
-        self.vertical_velocity.freeze(frozen);
-    }
-
-    /// Forgets every past error. Options and [`PositionLoops::freeze`] stay.
+    /// Forgets every past error. Options stay.
     pub fn reset(&mut self) {
         self.horizontal_position.reset();
         self.horizontal_velocity.reset();
@@ -213,7 +204,7 @@ impl PositionLoops {
         dt_s: f64,
         lift: f64,
     ) -> (Vector2<f64>, Vector2<f64>) {
-        let held = self.frozen || reference.attitude.is_some();
+        let held = reference.attitude.is_some();
         let error = (reference.position - estimate.position).xy();
         let correction = self.horizontal_position.update(error, dt_s, held);
         let limit = self.options.horizontal_velocity_limit_m_s;

@@ -96,22 +96,6 @@ fn integral_stands_still_while_the_velocity_is_capped() {
 }
 
 #[test]
-fn frozen_loops_command_the_same_for_the_same_estimate() {
-    let mut loops = loops();
-    let estimate = Estimate { position: Vector3::new(0.1, -0.2, 0.05), ..Estimate::default() };
-    let reference = rest_at(Vector3::zeros());
-    loops.update(&estimate, &reference, DT_S);
-    loops.freeze(true);
-    let held = loops.update(&estimate, &reference, DT_S);
-    for _ in 0..30 {
-        assert_eq!(loops.update(&estimate, &reference, DT_S), held);
-    }
-    loops.freeze(false);
-    loops.update(&estimate, &reference, DT_S);
-    assert_ne!(loops.update(&estimate, &reference, DT_S), held);
-}
-
-#[test]
 fn reset_loops_are_as_new() {
     let mut used = loops();
     let estimate = Estimate { position: Vector3::new(3.0, -0.2, 0.05), ..Estimate::default() };

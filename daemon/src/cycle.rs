@@ -1,7 +1,7 @@
 //! One turn of the loop: guard, estimate, position loops, attitude law, limits. Pure: poses and time come in, a command goes
 //! out. The same object runs behind the bus and in an in-process flight.
 
-use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
+use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Config;
 use oqtal_bus::message::{CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
@@ -11,11 +11,14 @@ use oqtal_control::trajectory::{FlightPlan, Place, Reference, Trajectory, Trajec
 
 use crate::guard::Guard;
 use crate::mission::Mission;
-use crate::pilot::{Decision, Pilot};
+use crate::pilot::{Decision, Pilot, finite_or_neutral};
 use crate::supervisor::{Conditions, Supervisor};
 
 /// Without a pose the loop acts this many periods after its last tick.
 const DEADLINE_PERIODS: f64 = 1.5;
+/// Without a believable pose for so many periods the daemon coasts: at the second deadline in a row, three periods after the
+/// last pose. The first one is missed by every source that is polled, late by a frame or a little slower than the loop.
+const COAST_PERIODS: f64 = 2.5;
 /// A vehicle unseen for no longer than this many periods is believed at once when it is seen again.
 const SHORT_GAP_PERIODS: f64 = 6.0;
 
@@ -54,6 +57,8 @@ pub struct Cycle {
     stop_requested: bool,
 
     last_tick: Time,
+    /// The last tick on a believable pose, and the last such tick in Nominal.
+    last_seen: Option<Time>,
     last_nominal: Option<Time>,
     /// The newest pose since the last tick, if it was believed.
     fresh: Option<Header>,
@@ -70,7 +75,7 @@ impl Cycle {
     /// An option of the law has no meaning; says which.
     pub fn new(config: &Config, trajectory: Trajectory, now: Time) -> Result<Self, String> {
         let period = Span::period_of(config.control.rate_hz);
-        let poses_per_tick = (config.mocap.rate_hz / config.control.rate_hz).round().max(1.0);
+        let poses_per_tick = config.poses_per_tick();
         Ok(Self {
             period,
             spacing: period.scaled(1.0 - 0.5 / poses_per_tick),
@@ -89,6 +94,7 @@ impl Cycle {
             mission: None,
             stop_requested: false,
             last_tick: now,
+            last_seen: None,
             last_nominal: None,
             fresh: None,
             missing: Cause::NoPose,
@@ -222,10 +228,9 @@ impl Cycle {
         let fresh = self.fresh.take();
         if arrival.is_none() && fresh.is_none() {
             self.missing = Cause::NoPose;
-            self.guard.missed();
         }
         self.supervise(now, fresh.is_some());
-        self.change_mode(now);
+        self.change_mode(now, fresh.is_some());
         let command = self.command(now, dt.seconds(), fresh.is_some());
         self.last_tick = now;
 
@@ -246,15 +251,26 @@ impl Cycle {
         self.guard.last().map(|last| now.since(last.captured_at))
     }
 
+    /// Whether it is more than so many periods ago, or never was.
+    fn is_past(&self, now: Time, instant: Option<Time>, periods: f64) -> bool {
+        instant.is_none_or(|instant| now.since(instant) > self.period.scaled(periods))
+    }
+
     fn supervise(&mut self, now: Time, fresh: bool) {
+        if fresh {
+            self.last_seen = Some(now);
+        }
+        let poses_missing = self.is_past(now, self.last_seen, COAST_PERIODS);
+        if poses_missing {
+            self.guard.missed();
+        }
         let age = self.pose_age(now);
         let armed = matches!(self.mode, Mode::Flying | Mode::Landing);
-        let short_gap = self.period.scaled(SHORT_GAP_PERIODS);
         let briefly_unseen = self.supervisor.cause() == Cause::NoPose
-            && self.last_nominal.is_some_and(|last| now.since(last) <= short_gap);
+            && !self.is_past(now, self.last_nominal, SHORT_GAP_PERIODS);
         let needed = if briefly_unseen { 1 } else { self.recovery_poses };
         let conditions = Conditions {
-            pose_missed: !fresh,
+            poses_missing,
             poses_good: fresh && self.guard.good_in_a_row() >= needed,
             blind_too_long: armed && age.is_none_or(|age| age > self.coast),
             operator_stops: std::mem::take(&mut self.stop_requested),
@@ -262,12 +278,12 @@ impl Cycle {
             operator_arms: self.mode == Mode::Waiting || self.watches_only,
         };
         let cause = if conditions.operator_stops { Cause::Operator } else { self.missing };
-        if self.supervisor.step(&conditions, cause) == SafetyState::Nominal {
+        if self.supervisor.step(&conditions, cause) == SafetyState::Nominal && fresh {
             self.last_nominal = Some(now);
         }
     }
 
-    fn change_mode(&mut self, now: Time) {
+    fn change_mode(&mut self, now: Time, fresh: bool) {
         let estimate = self.estimator.latest();
         match (self.mode, self.supervisor.state()) {
             (Mode::Disarmed, SafetyState::Nominal) if self.watches_only => {
@@ -279,7 +295,7 @@ impl Cycle {
             (Mode::Waiting, SafetyState::Coast | SafetyState::Stop) if self.arms_at_once => {
                 self.mode = Mode::Disarmed;
             }
-            (Mode::Waiting, SafetyState::Nominal) => {
+            (Mode::Waiting, SafetyState::Nominal) if fresh => {
                 let start = Place {
                     position: estimate.position,
                     yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
@@ -351,7 +367,9 @@ impl Cycle {
         telemetry.rate = estimate.rate.0.into();
         telemetry.pose_age_s = age_s;
         telemetry.riccati_solves = u64::from(self.pilot.riccati_solves());
+        telemetry.riccati_failures = u64::from(self.pilot.riccati_failures());
         telemetry.poses_lost = self.guard.lost();
+        telemetry.poses_superseded = self.guard.superseded();
         telemetry.poses_refused = self.guard.refused();
         telemetry.mode = self.mode.code();
         telemetry.state = self.supervisor.state().code();
@@ -360,23 +378,27 @@ impl Cycle {
         let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
         telemetry.scored = u8::from(scored);
         telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
-        if let Some(reference) = reference {
-            telemetry.reference_position = reference.position.into();
-        }
-        if let Some(Decision { wish, saturated, .. }) = decision {
-            telemetry.velocity_command = wish.velocity.into();
-            telemetry.attitude_command = wish.attitude.xyzw();
-            telemetry.saturated = u8::from(*saturated);
-        }
+        note_commands(telemetry, reference, decision);
     }
 }
 
-/// The last line of defence: a command with a number that is not finite is none.
-fn finite_or_neutral(command: CommandV1) -> CommandV1 {
-    let numbers = command.sticks.iter().chain(&command.torque).chain([&command.thrust]);
-    if numbers.clone().all(|number| number.is_finite()) {
-        command
-    } else {
-        CommandV1 { actuation: Actuation::Neutral.code(), ..CommandV1::default() }
+/// Writes down what was asked for and commanded: the last of it while coasting, nothing when not flying.
+fn note_commands(
+    telemetry: &mut TelemetryV1,
+    reference: Option<&Reference>,
+    decision: Option<&Decision>,
+) {
+    match reference {
+        Some(reference) => telemetry.reference_position = reference.position.into(),
+        None => {
+            telemetry.velocity_command = [f64::NAN; 3];
+            telemetry.attitude_command = [f64::NAN; 4];
+            telemetry.saturated = 0;
+        }
+    }
+    if let Some(Decision { wish, saturated, .. }) = decision {
+        telemetry.velocity_command = wish.velocity.into();
+        telemetry.attitude_command = wish.attitude.xyzw();
+        telemetry.saturated = u8::from(*saturated);
     }
 }

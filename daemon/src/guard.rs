@@ -32,12 +32,14 @@ pub struct Guard {
     max_rate: f64,
     last: Option<Believed>,
     last_frame: u64,
+    last_message: u64,
     last_source: u64,
     last_pose: PoseV1,
     repeats: u32,
     /// How long the vehicle had been out of sight when the first of the present run of jumps came \[s\].
     unseen_s: Option<f64>,
     lost: u64,
+    superseded: u64,
     refused: u64,
     good_in_a_row: u32,
 }
@@ -52,11 +54,13 @@ impl Guard {
             max_rate: safety.max_rate_rad_s,
             last: None,
             last_frame: 0,
+            last_message: 0,
             last_source: 0,
             last_pose: PoseV1::default(),
             repeats: 0,
             unseen_s: None,
             lost: 0,
+            superseded: 0,
             refused: 0,
             good_in_a_row: 0,
         }
@@ -114,10 +118,16 @@ impl Guard {
         self.good_in_a_row
     }
 
-    /// Frames missed, by the gaps in their numbers.
+    /// Frames that were never published as a pose, by the gaps in their numbers.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// Poses that were published, and overtaken by the next one before anybody looked.
+    #[must_use]
+    pub fn superseded(&self) -> u64 {
+        self.superseded
     }
 
     /// Poses not believed.
@@ -167,9 +177,13 @@ impl Guard {
             return Err(Cause::Order);
         }
         if self.last_frame > 0 && !restarted {
-            self.lost += frame - self.last_frame - 1;
+            let messages = header.sequence.saturating_sub(self.last_message + 1);
+            let frames = frame - self.last_frame - 1;
+            self.superseded += messages;
+            self.lost += frames.saturating_sub(messages);
         }
         self.last_frame = frame;
+        self.last_message = header.sequence;
         match self.last {
             Some(last) if header.stamps.captured_at <= last.captured_at => Err(Cause::Order),
             _ => Ok(()),
@@ -265,6 +279,22 @@ mod tests {
         feed.frame += 3;
         assert!(feed.show(pose_at(0.0)).is_ok());
         assert_eq!(feed.guard.lost(), 3);
+    }
+
+    #[test]
+    fn a_burst_of_which_the_last_is_seen_is_superseded_and_not_lost() {
+        let mut guard = Guard::new(&Config::default().safety);
+        let mut show = |frame: u64, message: u64| {
+            let now = Time::VIRTUAL_START + Span::from_millis(17 * frame.cast_signed());
+            let stamps = Stamps { captured_at: now, ..Stamps::default() };
+            let header =
+                Header { sequence: message, pose_sequence: frame, stamps, ..Header::default() };
+            assert!(guard.judge(now, &header, &pose_at(1e-6 * frame as f64), true).is_ok());
+            (guard.superseded(), guard.lost())
+        };
+        assert_eq!(show(1, 1), (0, 0));
+        assert_eq!(show(4, 4), (2, 0), "three at once");
+        assert_eq!(show(9, 6), (3, 3), "five frames, of which two became poses");
     }
 
     #[test]

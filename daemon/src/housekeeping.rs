@@ -7,19 +7,15 @@ use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, Stamps, TelemetryV1};
-use oqtal_bus::pace::StopFlag;
-use oqtal_bus::place::Place;
-use oqtal_bus::port::Writer;
-use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Party;
+use oqtal_bus::health::Pulse;
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, TelemetryV1};
+use oqtal_bus::process::Shell;
 
 const QUEUE: usize = 64;
 /// How often requests are looked for.
 const POLL: Duration = Duration::from_millis(5);
 /// How long an operator's request may wait for the next tick before it is answered with "accepted".
 const PATIENCE: Duration = Duration::from_millis(60);
-const HEALTH_PERIOD: Span = Span::from_millis(500);
 
 /// The condition of the loop, as it changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,6 +25,8 @@ pub struct Condition {
     cause: u8,
     /// Sequence of the command at which it changed.
     command_sequence: u64,
+    /// Changes before it that found the queue full.
+    unlogged: u64,
 }
 
 impl Condition {
@@ -36,7 +34,7 @@ impl Condition {
     #[must_use]
     pub fn of(telemetry: &TelemetryV1) -> Self {
         let TelemetryV1 { mode, state, cause, command_sequence, .. } = *telemetry;
-        Self { mode, state, cause, command_sequence }
+        Self { mode, state, cause, command_sequence, unlogged: 0 }
     }
 
     fn differs_from(&self, other: &Self) -> bool {
@@ -44,58 +42,52 @@ impl Condition {
     }
 }
 
+/// The number by which a request and its answer find each other.
+type Number = u64;
+
 /// The real-time thread's end: never blocks, never allocates.
 #[derive(Debug)]
 pub struct Desk {
-    requests: Receiver<Verb>,
-    answers: Sender<ControlResponseV1>,
+    requests: Receiver<(Number, Verb)>,
+    answers: Sender<(Number, ControlResponseV1)>,
     conditions: Sender<Condition>,
     last: Condition,
-    dropped: u64,
+    unlogged: u64,
 }
 
 impl Desk {
-    /// An operator's request, if one waits.
-    #[must_use]
-    pub fn request(&self) -> Option<Verb> {
-        self.requests.try_recv().ok()
+    /// Answers an operator's request, if one waits, by `answer`; `false` if none does.
+    pub fn serve(&self, answer: impl FnOnce(Verb) -> ControlResponseV1) -> bool {
+        let Ok((number, verb)) = self.requests.try_recv() else { return false };
+        // Nobody may be waiting for the answer any more.
+        let _ = self.answers.try_send((number, answer(verb)));
+        true
     }
 
-    /// Answers the request just taken. Nobody may be waiting for it any more.
-    pub fn answer(&self, response: ControlResponseV1) {
-        let _ = self.answers.try_send(response);
-    }
-
-    /// Tells of a change; counts those that found the queue full.
+    /// Tells of a change; counts those that found the queue full, and tells with the next one how many.
     pub fn note(&mut self, condition: Condition) {
         if condition.differs_from(&self.last) {
-            self.last = condition;
-            if let Err(TrySendError::Full(_)) = self.conditions.try_send(condition) {
-                self.dropped += 1;
+            self.last = Condition { unlogged: self.unlogged, ..condition };
+            if let Err(TrySendError::Full(_)) = self.conditions.try_send(self.last) {
+                self.unlogged += 1;
             }
         }
-    }
-
-    /// Changes nobody heard of.
-    #[must_use]
-    pub fn dropped(&self) -> u64 {
-        self.dropped
     }
 }
 
 /// The housekeeping thread's end.
 #[derive(Debug)]
 pub struct Housekeeping {
-    requests: Sender<Verb>,
-    answers: Receiver<ControlResponseV1>,
+    requests: Sender<(Number, Verb)>,
+    answers: Receiver<(Number, ControlResponseV1)>,
     conditions: Receiver<Condition>,
-    config_hash: u64,
+    asked: Number,
     last: Condition,
 }
 
-/// Both ends, for a daemon whose configuration has this hash.
+/// Both ends.
 #[must_use]
-pub fn desk(config_hash: u64) -> (Desk, Housekeeping) {
+pub fn desk() -> (Desk, Housekeeping) {
     let (request_in, request_out) = bounded(QUEUE);
     let (answer_in, answer_out) = bounded(QUEUE);
     let (condition_in, condition_out) = bounded(QUEUE);
@@ -104,13 +96,13 @@ pub fn desk(config_hash: u64) -> (Desk, Housekeeping) {
         answers: answer_in,
         conditions: condition_in,
         last: Condition::default(),
-        dropped: 0,
+        unlogged: 0,
     };
     let housekeeping = Housekeeping {
         requests: request_in,
         answers: answer_out,
         conditions: condition_out,
-        config_hash,
+        asked: 0,
         last: Condition::default(),
     };
     (desk, housekeeping)
@@ -118,13 +110,13 @@ pub fn desk(config_hash: u64) -> (Desk, Housekeeping) {
 
 impl Housekeeping {
     /// Keeps house until asked to stop; says through `ready` whether the ports are open.
-    pub fn run(mut self, place: &Place, stop: &StopFlag, ready: &Sender<Result<(), BusError>>) {
-        let opened = Bus::open(place).and_then(|bus| {
+    pub fn run(mut self, shell: &Shell, ready: &Sender<Result<(), BusError>>) {
+        let opened = shell.bus().and_then(|bus: Bus| {
             let server = bus.control_server()?;
-            let health = bus.writer(&Party::Daemon.health())?;
-            Ok((bus, server, health))
+            let pulse = shell.pulse(&bus)?;
+            Ok((bus, server, pulse))
         });
-        let (_bus, server, mut health) = match opened {
+        let (_bus, server, mut pulse) = match opened {
             Ok(ports) => {
                 let _ = ready.send(Ok(()));
                 ports
@@ -134,25 +126,19 @@ impl Housekeeping {
                 return;
             }
         };
-        let mut next_health = Time::now();
-        while !stop.is_set() {
-            let changed = self.hear();
+        while !shell.stop.is_set() {
+            self.hear();
             if let Err(error) = server.serve(|request| self.ask(request)) {
                 tracing::warn!("{error}");
             }
-            if changed || Time::now() >= next_health {
-                next_health = Time::now() + HEALTH_PERIOD;
-                self.tell(&mut health);
-            }
+            self.tell(&mut pulse);
             std::thread::sleep(POLL);
         }
     }
 
     /// Takes in what changed, and logs it.
-    fn hear(&mut self) -> bool {
-        let mut changed = false;
+    fn hear(&mut self) {
         while let Ok(condition) = self.conditions.try_recv() {
-            changed = true;
             let (mode, state) =
                 (Mode::from_code(condition.mode), SafetyState::from_code(condition.state));
             if let (Some(mode), Some(state), Some(cause)) =
@@ -162,29 +148,39 @@ impl Housekeeping {
             }
             self.last = condition;
         }
-        changed
     }
 
     /// Passes a request on to the loop and waits for its answer; the loop may be standing still.
-    fn ask(&self, request: ControlRequestV1) -> ControlResponseV1 {
+    fn ask(&mut self, request: ControlRequestV1) -> ControlResponseV1 {
         let Condition { mode, state, cause, .. } = self.last;
         let reply =
             |answer: Answer| ControlResponseV1 { answer: answer.code(), mode, state, cause };
         let Some(verb) = Verb::from_code(request.verb) else {
             return reply(Answer::Refused);
         };
-        // An answer that came too late for its request must not be taken for this one's.
-        while self.answers.try_recv().is_ok() {}
-        if self.requests.try_send(verb).is_err() {
+        self.asked += 1;
+        if self.requests.try_send((self.asked, verb)).is_err() {
             return reply(Answer::Refused);
         }
-        self.answers.recv_timeout(PATIENCE).unwrap_or_else(|_| reply(Answer::Accepted))
+        let give_up = crossbeam_channel::after(PATIENCE);
+        loop {
+            crossbeam_channel::select! {
+                recv(self.answers) -> answer => match answer {
+                    Ok((number, response)) if number == self.asked => return response,
+                    // It came too late for its own request.
+                    Ok(_) => {}
+                    Err(_) => return reply(Answer::Refused),
+                },
+                recv(give_up) -> _ => return reply(Answer::Accepted),
+            }
+        }
     }
 
-    fn tell(&self, health: &mut Writer<HealthV1>) {
-        let Condition { mode, state, cause, .. } = self.last;
-        let body = HealthV1 { config_hash: self.config_hash, state, mode, cause };
-        if let Err(error) = health.send(0, Stamps::default(), body) {
+    fn tell(&self, pulse: &mut Pulse) {
+        let Condition { mode, state, cause, unlogged, .. } = self.last;
+        if let Err(error) =
+            pulse.beat(HealthV1 { state, mode, cause, unlogged, ..HealthV1::default() })
+        {
             tracing::warn!("{error}");
         }
     }
@@ -197,5 +193,53 @@ fn log(mode: Mode, state: SafetyState, cause: Cause, sequence: u64) {
         tracing::info!(state = state_name, sequence, "{mode_name}");
     } else {
         tracing::warn!(state = state_name, cause = cause_name, sequence, "{mode_name}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asks(verb: Verb) -> ControlRequestV1 {
+        ControlRequestV1 { verb: verb.code() }
+    }
+
+    fn answers(answer: Answer) -> ControlResponseV1 {
+        ControlResponseV1 { answer: answer.code(), ..ControlResponseV1::default() }
+    }
+
+    #[test]
+    fn nobody_gets_the_answer_to_the_request_of_another() {
+        let (desk, mut housekeeping) = desk();
+        // The loop stands still: the first operator goes without an answer of its own.
+        let first = housekeeping.ask(asks(Verb::Status));
+        assert_eq!(first.answer, Answer::Accepted.code());
+        let second = std::thread::spawn(move || housekeeping.ask(asks(Verb::Land)));
+        // The loop goes on once the second request is there, too.
+        while desk.requests.len() < 2 {
+            std::thread::yield_now();
+        }
+        assert!(desk.serve(|_| answers(Answer::Refused)));
+        assert!(desk.serve(|verb| {
+            assert_eq!(verb, Verb::Land);
+            answers(Answer::Done)
+        }));
+        let second = second.join().unwrap().answer;
+        // Accepted: this machine took longer for the above than an operator waits.
+        assert!([Answer::Done, Answer::Accepted].map(Answer::code).contains(&second));
+    }
+
+    #[test]
+    fn changes_that_found_the_queue_full_are_told_with_the_next_one() {
+        let (mut desk, mut housekeeping) = desk();
+        let condition = |mode| Condition { mode: u8::from(mode), ..Condition::default() };
+        for number in 1..=QUEUE + 3 {
+            desk.note(condition(number % 2 == 1));
+        }
+        housekeeping.hear();
+        assert_eq!(housekeeping.last.unlogged, 0);
+        desk.note(condition(QUEUE % 2 == 1));
+        housekeeping.hear();
+        assert_eq!(housekeeping.last.unlogged, 3);
     }
 }

@@ -19,11 +19,13 @@ mod mission;
 mod pilot;
 mod supervisor;
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, HealthV1, Stamps};
-use oqtal_bus::pace::{Pace, StopFlag};
+use oqtal_bus::pace::Pace;
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY};
@@ -47,14 +49,12 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut pace = shell.pace(&bus, &POSE)?;
     let mut cycle = Cycle::new(&shell.config, trajectory, pace.now())
         .map_err(|reason| Failure::new(Exit::Config, reason))?;
-    let (mut desk, housekeeping) = housekeeping::desk(shell.config.hash());
-    let place = shell.place()?;
+    let (mut desk, housekeeping) = housekeeping::desk();
     std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
-        let stop = &shell.stop;
         // The housekeeping thread ends with the loop, however that ends.
-        let _stop = StopOnDrop(stop);
-        threads.spawn(move || housekeeping.run(&place, stop, &ready));
+        let _stop = shell.stop.set_on_drop();
+        threads.spawn(move || housekeeping.run(shell, &ready));
         match opened.recv() {
             Ok(Ok(())) => {
                 shell.enter_realtime();
@@ -66,13 +66,13 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     })
 }
 
-/// Asks all threads to end when it goes out of scope, be it by a panic.
-struct StopOnDrop<'a>(&'a StopFlag);
-
-impl Drop for StopOnDrop<'_> {
-    fn drop(&mut self) {
-        self.0.set();
-    }
+/// Whether the daemon could fly with `config`.
+///
+/// # Errors
+/// An option of the law has no meaning (exit code 78), or a waypoint file cannot be read (65).
+pub fn check(config: &Config) -> Result<(), Failure> {
+    Pilot::new(config).map_err(|reason| Failure::new(Exit::Config, reason))?;
+    trajectory(config).map(drop)
 }
 
 /// The flight that a configuration asks for.
@@ -111,17 +111,17 @@ impl Ports {
         Ok(Self { commands, poses: bus.reader(&POSE)?, telemetry: bus.writer(&TELEMETRY)? })
     }
 
-    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way.
+    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way, even by a panic.
     fn control(
         &mut self,
         cycle: &mut Cycle,
         pace: &mut Pace,
         desk: &mut Desk,
     ) -> Result<(), BusError> {
-        let result = self.turn(cycle, pace, desk);
+        let result = catch_unwind(AssertUnwindSafe(|| self.turn(cycle, pace, desk)));
         self.commands.send(0, Stamps::default(), CommandV1::default())?;
         self.commands.notify()?;
-        result
+        result.unwrap_or_else(|panic| resume_unwind(panic))
     }
 
     /// Wait, compute, publish; telemetry and the desk afterwards.
@@ -135,9 +135,7 @@ impl Ports {
             let arrival = self.poses.latest()?;
             // After the pose was taken: nothing that is stamped later may look earlier.
             let now = pace.now();
-            while let Some(verb) = desk.request() {
-                desk.answer(cycle.request(now, verb));
-            }
+            while desk.serve(|verb| cycle.request(now, verb)) {}
             if let Some(tick) = cycle.step(now, arrival.as_ref()) {
                 let computed_at = pace.now();
                 let stamps =

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use oqtal_bus::process::{ProcessCommand, execute};
+use oqtal_bus::program;
 use oqtal_bus::topic::Party;
 
 /// The controller process of oqtal: from poses to commands
@@ -16,5 +17,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    execute(Party::Daemon, &Cli::parse().command, oqtal_daemon::run)
+    program::run(|cli: Cli| {
+        execute(Party::Daemon, &cli.command, oqtal_daemon::run, oqtal_daemon::check)
+    })
 }

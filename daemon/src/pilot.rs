@@ -106,6 +106,15 @@ impl Pilot {
         Decision { wish, command, saturated: largest >= SATURATED }
     }
 
+    /// Riccati equations that had no solution, so that the last gain was kept.
+    #[must_use]
+    pub fn riccati_failures(&self) -> u32 {
+        match &self.law {
+            Law::Sticks(law) => law.failed_solves(),
+            Law::Torque(law) => law.failed_solves(),
+        }
+    }
+
     /// Riccati equations solved so far.
     #[must_use]
     pub fn riccati_solves(&self) -> u32 {
@@ -113,5 +122,15 @@ impl Pilot {
             Law::Sticks(law) => law.riccati_solves(),
             Law::Torque(law) => law.riccati_solves(),
         }
+    }
+}
+
+/// The last line of defence: a command with a number that is not finite is none.
+pub(crate) fn finite_or_neutral(command: CommandV1) -> CommandV1 {
+    let numbers = command.sticks.iter().chain(&command.torque).chain([&command.thrust]);
+    if numbers.clone().all(|number| number.is_finite()) {
+        command
+    } else {
+        CommandV1 { actuation: Actuation::Neutral.code(), ..CommandV1::default() }
     }
 }

@@ -1,7 +1,7 @@
 //! Whether the daemon may fly on what it sees: three states, and their transitions as one table.
 //!
 //! ```text
-//!            pose missed                   blind too long, flying
+//!           poses missing                  blind too long, flying
 //!  Nominal ──────────────▶ Coast ────────────────────────────────▶ Stop
 //!     ▲                      │                                       │
 //!     └──── poses good ──────┴──────────── operator arms ────────────┘
@@ -13,8 +13,8 @@ use oqtal_bus::code::{Cause, SafetyState};
 /// What is true in this tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Conditions {
-    /// No believable pose came in time.
-    pub pose_missed: bool,
+    /// No believable pose for longer than a regular source ever pauses.
+    pub poses_missing: bool,
     /// Enough good poses came in a row.
     pub poses_good: bool,
     /// The last believable pose is too long ago, in flight.
@@ -39,7 +39,7 @@ const TRANSITIONS: [Transition; 6] = {
         Transition { from: Nominal, to: Stop, when: |c| c.operator_stops },
         Transition { from: Coast, to: Stop, when: |c| c.operator_stops || c.blind_too_long },
         Transition { from: Nominal, to: Stop, when: |c| c.blind_too_long },
-        Transition { from: Nominal, to: Coast, when: |c| c.pose_missed },
+        Transition { from: Nominal, to: Coast, when: |c| c.poses_missing },
         Transition { from: Coast, to: Nominal, when: |c| c.poses_good },
         // Latched: only an operator ends it, and only once poses are good.
         Transition {
@@ -65,7 +65,7 @@ impl Default for Supervisor {
 }
 
 impl Supervisor {
-    /// Goes on by one tick. `cause` says why a pose was missed, or who stops.
+    /// Goes on by one tick. `cause` says why poses are missing, or who stops.
     pub fn step(&mut self, conditions: &Conditions, cause: Cause) -> SafetyState {
         let taken = TRANSITIONS.iter().find(|way| way.from == self.state && (way.when)(conditions));
         if let Some(way) = taken {
@@ -94,13 +94,13 @@ mod tests {
     use SafetyState::{Coast, Nominal, Stop};
 
     const MISSED: Conditions = Conditions {
-        pose_missed: true,
+        poses_missing: true,
         poses_good: false,
         blind_too_long: false,
         operator_stops: false,
         operator_arms: false,
     };
-    const GOOD: Conditions = Conditions { pose_missed: false, poses_good: true, ..MISSED };
+    const GOOD: Conditions = Conditions { poses_missing: false, poses_good: true, ..MISSED };
 
     fn in_state(state: SafetyState) -> Supervisor {
         Supervisor { state, cause: Cause::None }
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missed_pose_coasts_and_keeps_its_cause() {
+    fn missing_poses_coast_and_keep_their_cause() {
         let mut supervisor = in_state(Nominal);
         assert_eq!(supervisor.step(&MISSED, Cause::Jump), Coast);
         assert_eq!(supervisor.cause(), Cause::Jump);
@@ -135,7 +135,7 @@ mod tests {
         for bits in 0..32u8 {
             let on = |bit: u8| bits & (1 << bit) != 0;
             let conditions = Conditions {
-                pose_missed: on(0),
+                poses_missing: on(0),
                 poses_good: on(1),
                 blind_too_long: on(2),
                 operator_stops: on(3),

@@ -159,14 +159,49 @@ fn arming_is_refused_before_enough_good_poses() {
 }
 
 #[test]
-fn f01_a_missed_pose_holds_the_last_command() {
+fn f01_missing_poses_hold_the_last_command_and_coast_after_three_periods() {
     let mut bench = Bench::flying(&[]);
     let last = bench.show(still(bench.frame)).unwrap();
-    let coasting = bench.miss().expect("a tick at the deadline");
+    let seen = bench.now;
+    let held = bench.miss().expect("a tick at the deadline");
+    assert_eq!(bench.state(), Some(SafetyState::Nominal), "one deadline may be missed");
+    assert_eq!(held.command, last.command);
+    let held = bench.miss().expect("a tick at the second deadline");
     assert_eq!(bench.state(), Some(SafetyState::Coast));
-    assert_eq!(coasting.command, last.command);
+    assert_eq!(held.command, last.command);
+    assert!(bench.now.since(seen) < FRAME.scaled(3.01));
     bench.show(still(bench.frame));
     assert_eq!(bench.state(), Some(SafetyState::Nominal));
+}
+
+#[test]
+fn f11_poses_that_come_irregularly_but_come_change_no_state() {
+    let mut bench = Bench::flying(&[]);
+    for (k, millis) in
+        [10, 20, 40, 30, 10, 10, 40, 40, 20, 3].into_iter().cycle().take(300).enumerate()
+    {
+        let arrival = bench.now + Span::from_millis(millis);
+        while bench.cycle.next_event() < arrival {
+            bench.now = bench.cycle.next_event();
+            bench.cycle.step(bench.now, None);
+            assert_eq!(bench.state(), Some(SafetyState::Nominal), "at pose {k}");
+        }
+        bench.now = arrival - FRAME;
+        bench.show(still(bench.frame));
+        assert_eq!(bench.state(), Some(SafetyState::Nominal), "at pose {k}");
+    }
+}
+
+#[test]
+fn after_a_flight_nothing_is_commanded_any_more() {
+    let mut bench = Bench::flying(&[]);
+    bench.show(still(bench.frame));
+    assert!(bench.cycle.telemetry().attitude_command[3].is_finite());
+    bench.cycle.request(bench.now, Verb::Stop);
+    bench.show(still(bench.frame));
+    let telemetry = bench.cycle.telemetry();
+    let commands = telemetry.velocity_command.iter().chain(&telemetry.attitude_command);
+    assert!(commands.into_iter().all(|number| number.is_nan()), "{telemetry:?}");
 }
 
 #[test]
@@ -288,6 +323,7 @@ fn arming_means_now_or_not_at_all() {
         bench.show(still(bench.frame));
     }
     bench.cycle.request(bench.now, Verb::Arm);
+    bench.miss();
     bench.miss();
     for _ in 0..30 {
         assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());

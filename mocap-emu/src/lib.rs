@@ -10,12 +10,13 @@ mod replay;
 use std::path::Path;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
+use oqtal_bus::config::Config;
+use oqtal_bus::message::{HealthV1, PoseV1, Stamps, TruthV1};
 use oqtal_bus::pace::Pace;
 use oqtal_bus::port::Writer;
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{POSE, TRUTH};
+use oqtal_bus::topic::{COMMAND, POSE, TRUTH};
 
 pub use cameras::Cameras;
 pub use recording::Recording;
@@ -48,6 +49,14 @@ pub fn read_recording(file: &str) -> Result<Recording, Failure> {
     Recording::read(Path::new(file)).map_err(|error| Failure::new(Exit::Data, error.to_string()))
 }
 
+/// Whether the cameras could work with `config`.
+///
+/// # Errors
+/// The recording that it names is bad (exit code 65).
+pub fn check(config: &Config) -> Result<(), Failure> {
+    if config.is_replay() { read_recording(&config.mocap.replay).map(drop) } else { Ok(()) }
+}
+
 /// Sees the vehicle, or plays a recording, until asked to stop.
 ///
 /// # Errors
@@ -61,10 +70,12 @@ fn watch(shell: &Shell) -> Result<(), Failure> {
     // Between two camera instants the truth comes every millisecond: none of the instants must fall out of the buffer.
     let mut truths = bus.observer(&TRUTH)?;
     let mut poses = bus.writer(&POSE)?;
+    let mut pulse = shell.pulse(&bus)?;
     let mut pace = shell.pace(&bus, &TRUTH)?;
     let mut cameras = Cameras::new(&shell.config.mocap, shell.config.clock.seed);
     shell.enter_realtime();
     while let Some(now) = pace.wait(cameras.next_event())? {
+        pulse.beat(HealthV1::default())?;
         while let Some((_, truth)) = truths.receive()? {
             if is_frame(&truth) {
                 cameras.capture(&truth);
@@ -81,10 +92,19 @@ fn play(shell: &Shell) -> Result<(), Failure> {
     let recording = read_recording(&shell.config.mocap.replay)?;
     let bus: Bus = shell.bus()?;
     let mut poses = bus.writer(&POSE)?;
-    let mut pace = shell.pace(&bus, &TRUTH)?;
+    let mut pulse = shell.pulse(&bus)?;
+    let mut commands = bus.reader(&COMMAND)?;
+    let mut pace = shell.pace(&bus, &COMMAND)?;
+    // In virtual time nobody acts before everybody is there. In real time a daemon that commands is one that listens.
+    let mut listened_to = pace.is_virtual();
+    while !listened_to && pace.wait(None)?.is_some() {
+        pulse.beat(HealthV1::default())?;
+        listened_to = commands.latest()?.is_some();
+    }
     let mut replay = Replay::new(recording, pace.now());
     shell.enter_realtime();
     while let Some(now) = pace.wait(replay.next_event())? {
+        pulse.beat(HealthV1::default())?;
         while let Some(delivery) = replay.deliver(now) {
             publish(&mut poses, &mut pace, &delivery)?;
         }

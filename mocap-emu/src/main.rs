@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use oqtal_bus::process::{ProcessCommand, execute};
+use oqtal_bus::program;
 use oqtal_bus::topic::Party;
 
 /// The motion-capture process of oqtal: emulated cameras, or a recording
@@ -16,5 +17,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    execute(Party::Mocap, &Cli::parse().command, oqtal_mocap_emu::run)
+    program::run(|cli: Cli| {
+        execute(Party::Mocap, &cli.command, oqtal_mocap_emu::run, oqtal_mocap_emu::check)
+    })
 }

@@ -82,6 +82,24 @@ impl Recording {
         &self.poses
     }
 
+    /// The rate of the cameras \[Hz\], as far as arrivals tell: the mean without pauses of more than three ordinary intervals.
+    /// The poses that come in a burst after a pause are part of it.
+    #[must_use]
+    pub fn nominal_rate_hz(&self) -> f64 {
+        let Timing { mean_rate_hz, median_ns, .. } = self.timing();
+        let pause_ns = 3 * median_ns.max((1e9 / mean_rate_hz) as u64);
+        let (mut count, mut regular_ns, mut paused) = (0_u64, 0_u64, false);
+        for pair in self.poses.windows(2) {
+            let interval = pair[1].time_ns - pair[0].time_ns;
+            paused = interval > pause_ns || (paused && interval < median_ns / 2);
+            if !paused {
+                count += 1;
+                regular_ns += interval;
+            }
+        }
+        if regular_ns > 0 { 1e9 * count as f64 / regular_ns as f64 } else { mean_rate_hz }
+    }
+
     /// How regularly the poses arrived.
     #[must_use]
     pub fn timing(&self) -> Timing {

@@ -1,4 +1,8 @@
 //! A recording in place of the cameras, with its own timing: gaps and bursts included.
+//!
+//! A recording holds the poses that arrived, not the frames that did not. Frames are numbered by time, at the nominal rate
+//! of the recording, so that a gap shows in the numbers as it would have with the cameras. A pose that arrived late, as in
+//! the burst after a stall, is no loss: every pose gets the latest number that its arrival and the poses after it allow.
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
@@ -10,6 +14,8 @@ use crate::recording::Recording;
 #[derive(Clone, Debug)]
 pub struct Replay {
     recording: Recording,
+    /// The number of each pose's frame, from 1.
+    frames: Vec<u64>,
     start: Time,
     played: usize,
 }
@@ -18,7 +24,8 @@ impl Replay {
     /// Plays `recording`; its first pose arrives at `start`.
     #[must_use]
     pub fn new(recording: Recording, start: Time) -> Self {
-        Self { recording, start, played: 0 }
+        let frames = number_frames(&recording);
+        Self { recording, frames, start, played: 0 }
     }
 
     /// When the next pose arrives; `None` once all have been played.
@@ -32,9 +39,10 @@ impl Replay {
     pub fn deliver(&mut self, now: Time) -> Option<Delivery> {
         let arrives_at = self.next_event().filter(|arrives_at| *arrives_at <= now)?;
         let pose = self.recording.poses()[self.played];
+        let frame = self.frames[self.played];
         self.played += 1;
         Some(Delivery {
-            frame: self.played as u64,
+            frame,
             // A recording knows when its poses arrived, not when they were captured.
             stamps: Stamps { captured_at: arrives_at, ..Stamps::default() },
             pose: PoseV1 {
@@ -43,5 +51,65 @@ impl Replay {
                 tracked: 1,
             },
         })
+    }
+}
+
+/// The frame numbers of a recording's poses: of as many frames as its duration has at its nominal rate.
+fn number_frames(recording: &Recording) -> Vec<u64> {
+    let rate_hz = recording.nominal_rate_hz();
+    let mut limit = i64::MAX;
+    let latest = recording.poses().iter().rev().map(|pose| {
+        let by_time = (pose.time_ns as f64 * 1e-9 * rate_hz).round() as i64;
+        limit = by_time.min(limit - 1);
+        limit
+    });
+    let latest: Vec<i64> = latest.collect();
+    let first = latest.last().copied().unwrap_or_default();
+    latest.iter().rev().map(|frame| 1 + (frame - first).unsigned_abs()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    /// The frame numbers of poses that arrived at these times \[ms\].
+    fn frames(millis: &[u64]) -> Vec<u64> {
+        let rows = millis.iter().map(|t| format!("{},0,0,1,0,0,0,1\n", *t as f64 * 1e-3));
+        let text = std::iter::once("t,x,y,z,qx,qy,qz,qw\n".to_owned()).chain(rows);
+        let recording =
+            Recording::parse(Path::new("test.csv"), text.collect::<String>().as_bytes());
+        number_frames(&recording.unwrap())
+    }
+
+    #[test]
+    fn regular_poses_are_numbered_one_by_one() {
+        let millis: Vec<u64> = (0..500).map(|k| k * 20).collect();
+        assert_eq!(frames(&millis), (1..=500).collect::<Vec<u64>>());
+    }
+
+    #[test]
+    fn a_gap_leaves_out_as_many_numbers_as_frames_were_lost() {
+        let millis: Vec<u64> =
+            (0..500).filter(|k| !(200..207).contains(k)).map(|k| k * 20).collect();
+        let frames = frames(&millis);
+        assert_eq!(frames[200] - frames[199], 8);
+        assert_eq!(frames.last(), Some(&500));
+    }
+
+    #[test]
+    fn a_stall_whose_poses_come_in_a_burst_loses_none() {
+        let millis = (0..500).map(|k| if (200..207).contains(&k) { 207 * 20 } else { k * 20 });
+        let frames = frames(&millis.collect::<Vec<u64>>());
+        assert_eq!(frames.last(), Some(&500));
+        assert!(frames.windows(2).all(|pair| pair[1] == pair[0] + 1));
+    }
+
+    #[test]
+    fn poses_at_the_pace_of_a_polling_host_are_all_there() {
+        // 60 Hz, handed on at multiples of 10 ms.
+        let millis: Vec<u64> = (0..2000_u64).map(|k| (k * 1000).div_ceil(600) * 10).collect();
+        let frames = frames(&millis);
+        assert!(frames.last().unwrap().abs_diff(2000) <= 1, "{:?}", frames.last());
     }
 }

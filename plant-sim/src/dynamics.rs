@@ -100,8 +100,8 @@ impl Body {
     }
 }
 
-/// The first-order lag `(target - value) / time_constant`. Vehicles without a lag get one of a tenth of a millisecond's
-/// order, far below everything else, so that thrust stays a state.
+/// The first-order lag `(target - value) / time_constant`. Vehicles without a lag get one of a millisecond, the integrator's
+/// step and the least that it follows, so that thrust stays a state.
 fn lag(target: f64, value: f64, time_constant: f64) -> f64 {
     (target - value) / time_constant.max(1e-3)
 }

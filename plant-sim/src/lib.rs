@@ -8,12 +8,22 @@ mod plant;
 mod state;
 mod world;
 
+use oqtal_bus::config::Config;
+use oqtal_bus::message::HealthV1;
 use oqtal_bus::process::{Failure, Shell};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 
 pub use dynamics::{Disturbance, Dynamics, Input};
 pub use plant::{Output, Plant};
 pub use state::{Derivative, State};
+
+/// Whether the plant could fly with `config`: any that is valid will do.
+///
+/// # Errors
+/// None.
+pub fn check(_: &Config) -> Result<(), Failure> {
+    Ok(())
+}
 
 /// Flies the simulated vehicle until asked to stop.
 ///
@@ -24,6 +34,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut commands = bus.reader(&COMMAND)?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut vehicles = bus.writer(&VEHICLE)?;
+    let mut pulse = shell.pulse(&bus)?;
     let mut pace = shell.pace(&bus, &COMMAND)?;
     let mut plant = Plant::new(&shell.config, pace.now());
     let mut outputs = Vec::with_capacity(64);
@@ -33,6 +44,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
         if pace.wait(Some(next))?.is_none() {
             return Ok(());
         }
+        pulse.beat(HealthV1::default())?;
         let arrival = commands.latest()?;
         // After the command was taken: it must not look as if it had come before it was sent.
         let now = pace.now();

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use oqtal_bus::process::{ProcessCommand, execute};
+use oqtal_bus::program;
 use oqtal_bus::topic::Party;
 
 /// The plant process of oqtal: a simulated vehicle and its radio
@@ -16,5 +17,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    execute(Party::Plant, &Cli::parse().command, oqtal_plant_sim::run)
+    program::run(|cli: Cli| {
+        execute(Party::Plant, &cli.command, oqtal_plant_sim::run, oqtal_plant_sim::check)
+    })
 }

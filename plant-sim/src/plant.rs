@@ -209,7 +209,8 @@ impl Plant {
         };
         self.battery.draw(self.dynamics.thrust(&self.state), h);
         let (dynamics, input) = (&self.dynamics, &self.input);
-        self.state = self.state.step(h, |state| dynamics.derivative(state, input, &disturbance));
-        rest_on_floor(&mut self.state);
+        let before = self.state;
+        self.state = before.step(h, |state| dynamics.derivative(state, input, &disturbance));
+        rest_on_floor(&before, &mut self.state);
     }
 }

@@ -7,7 +7,7 @@ use oqtal_bus::random::{Generator, Source, normal3, stream};
 
 use crate::state::State;
 
-/// An Ornstein-Uhlenbeck process per world axis, constant over each millisecond.
+/// A stationary Ornstein-Uhlenbeck process per world axis, constant over each millisecond.
 #[derive(Clone, Debug)]
 pub struct Gust {
     generator: Generator,
@@ -20,10 +20,12 @@ impl Gust {
     /// The gusts of `vehicle`'s room, advancing by `step_s` seconds.
     #[must_use]
     pub fn new(vehicle: &Vehicle, seed: u64, step_s: f64) -> Self {
-        // The exact discretisation: stationary with the configured standard deviation.
+        // The exact discretisation, begun with a draw from the distribution that it keeps.
         let keep = (-step_s / vehicle.gust_time_s).exp();
         let kick = vehicle.gust_sd_m_s2 * (1.0 - keep * keep).sqrt();
-        Self { generator: stream(seed, Source::Gust), keep, kick, acceleration: Vector3::zeros() }
+        let mut generator = stream(seed, Source::Gust);
+        let acceleration = normal3(&mut generator) * vehicle.gust_sd_m_s2;
+        Self { generator, keep, kick, acceleration }
     }
 
     /// Goes on by one step.
@@ -99,11 +101,31 @@ impl Cell {
     }
 }
 
-/// Keeps a vehicle above the floor, z = 0: it lands without bouncing and rests until lifted.
-pub fn rest_on_floor(state: &mut State) {
-    if state.position.z <= 0.0 && state.velocity.z <= 0.0 {
-        state.position.z = 0.0;
-        state.velocity = Vector3::zeros();
-        state.rate = Vector3::zeros();
+/// Keeps a vehicle above the floor, z = 0: it lands without bouncing, and stays where it stood `before` until lifted.
+pub fn rest_on_floor(before: &State, state: &mut State) {
+    if state.position.z > 0.0 || state.velocity.z > 0.0 {
+        return;
+    }
+    if before.position.z <= 0.0 {
+        state.position = before.position;
+        state.attitude = before.attitude;
+    }
+    state.position.z = 0.0;
+    state.velocity = Vector3::zeros();
+    state.rate = Vector3::zeros();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::config::Config;
+
+    #[test]
+    fn gusts_are_as_strong_at_first_as_ever() {
+        let vehicle = Config::default().vehicle;
+        let first = |seed| Gust::new(&vehicle, seed, 1e-3).acceleration();
+        let squares: f64 = (0..2000).map(|seed| first(seed).norm_squared()).sum();
+        let deviation = (squares / 6000.0).sqrt();
+        assert!((deviation / vehicle.gust_sd_m_s2 - 1.0).abs() < 0.03, "{deviation}");
     }
 }

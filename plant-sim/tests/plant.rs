@@ -28,6 +28,15 @@ fn sticks(roll: f64, thrust: f64) -> CommandV1 {
     CommandV1 { actuation, sticks: [roll, 0.0, 0.0], thrust, ..CommandV1::default() }
 }
 
+#[test]
+fn a_vehicle_on_the_floor_stays_where_it_stands() {
+    let mut bench = Bench::new(&config(&[("vehicle.force-n", vec![0.1, -0.1, 0.0].into())]));
+    let first = bench.plant.truth();
+    bench.hold(sticks(0.5, 0.5 * HOVER), 2000);
+    let last = bench.plant.truth();
+    assert_eq!((last.position, last.attitude), (first.position, first.attitude));
+}
+
 /// Thrust at which the default Hummingbird hovers.
 const HOVER: f64 = 0.5 * 9.81 / 20.0;
 

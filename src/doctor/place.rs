@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use oqtal_bus::place::Place;
 use oqtal_bus::process::Exit;
 
 use super::finding::Finding;
@@ -23,39 +24,44 @@ pub fn root(system: &System) -> Option<Finding> {
 /// Instances in shared memory whose processes are all gone.
 pub fn remains(system: &System) -> Option<Finding> {
     let files = system.list("dev/shm");
-    let named: BTreeSet<&str> = files.iter().filter_map(|file| instance_of(file)).collect();
     let held = mapped(system);
-    let dead: Vec<&str> = named.into_iter().filter(|name| !held.contains(*name)).collect();
+    let dead: BTreeSet<&str> = files
+        .iter()
+        .filter_map(|file| instance_of(system, file))
+        .filter(|instance| !held.contains(*instance))
+        .collect();
     let why =
         "a killed process frees no shared memory; the next of its instance does, others never";
     let finding = |found: String| Finding::ok("remains of dead instances", why, found);
     Some(match dead.first() {
         None => finding("none".to_owned()),
-        Some(first) => finding(dead.join(", ")).advise(format!(
-            "oqtal ctl status --root {} --instance {first} # joins and tidies up",
-            system.instances.display()
-        )),
+        Some(first) => {
+            let all: Vec<&str> = dead.iter().copied().collect();
+            finding(all.join(", ")).advise(format!(
+                "oqtal ctl status --root {} --instance {first} # joins and tidies up",
+                system.instances.display()
+            ))
+        }
     })
 }
 
-/// The instance that a file in shared memory belongs to.
-fn instance_of(file: &str) -> Option<&str> {
+/// The instance, of those with the same root, that a file in shared memory belongs to.
+fn instance_of<'a>(system: &System, file: &'a str) -> Option<&'a str> {
     let (instance, _) = file.strip_prefix("oqtal_")?.split_once('_')?;
-    Some(instance)
+    let place = Place::new(instance, Some(&system.instances)).ok()?;
+    file.starts_with(&place.prefix()).then_some(instance)
 }
 
 /// Instances whose memory a process has mapped.
 fn mapped(system: &System) -> BTreeSet<String> {
+    let mut held = BTreeSet::new();
     let processes = system.list("proc");
-    let maps = processes
-        .iter()
-        .filter(|name| name.bytes().all(|digit| digit.is_ascii_digit()))
-        .filter_map(|pid| system.read(&format!("proc/{pid}/maps")));
-    let instances = |text: String| -> Vec<String> {
-        let files = text.lines().filter_map(|line| line.split("/dev/shm/").nth(1));
-        files.filter_map(instance_of).map(str::to_owned).collect()
-    };
-    maps.flat_map(instances).collect()
+    for pid in processes.iter().filter(|name| name.bytes().all(|digit| digit.is_ascii_digit())) {
+        let maps = system.read(&format!("proc/{pid}/maps")).unwrap_or_default();
+        let files = maps.lines().filter_map(|line| line.split("/dev/shm/").nth(1));
+        held.extend(files.filter_map(|file| instance_of(system, file)).map(str::to_owned));
+    }
+    held
 }
 
 /// Serial ports that a vehicle's radio may be on.

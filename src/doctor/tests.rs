@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use oqtal_bus::place::Place;
 use tempfile::TempDir;
 
 use super::*;
@@ -187,10 +188,16 @@ fn a_folder_that_cannot_be_written_forbids_a_flight() {
 #[test]
 fn an_instance_is_dead_when_no_process_has_its_memory() {
     let machine = Machine::fit();
-    machine.write("dev/shm/oqtal_alive_1.data", "");
-    machine.write("dev/shm/oqtal_dead-one_2.data", "");
+    let file = |instance: &str, root: &str| {
+        let prefix = Place::new(instance, Some(Path::new(root))).unwrap().prefix();
+        format!("dev/shm/{prefix}1.data")
+    };
+    machine.write(&file("alive", "/run/oqtal"), "");
+    machine.write(&file("dead-one", "/run/oqtal"), "");
+    machine.write(&file("elsewhere", "/run/other"), "");
     machine.write("dev/shm/somebody_elses", "");
-    machine.write("proc/17/maps", "7f00-7f01 rw-s 00000000 00:19 5  /dev/shm/oqtal_alive_1.data\n");
+    let map = format!("7f00-7f01 rw-s 00000000 00:19 5  /{}\n", file("alive", "/run/oqtal"));
+    machine.write("proc/17/maps", &map);
     let finding = machine.finding("remains of dead instances");
     assert_eq!((finding.level, finding.found.as_str()), (Level::Advice, "dead-one"));
     assert!(finding.remedy.unwrap().contains("--instance dead-one"));

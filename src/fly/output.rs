@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use oqtal_bus::config::Config;
 use oqtal_bus::process::{Exit, Failure};
+use oqtal_bus::program::print;
 
 use crate::flight::Flight;
 use crate::summary::Summary;
@@ -62,9 +63,12 @@ impl Output {
     }
 
     /// Prints the closing table, and where the report is.
-    pub fn print(&self, summary: &Summary) {
-        println!("{}", table::closing(summary));
-        println!("report: {}", self.directory.join("report.html").display());
+    ///
+    /// # Errors
+    /// Standard output cannot be written.
+    pub fn print(&self, summary: &Summary) -> Result<(), Failure> {
+        let report = self.directory.join("report.html");
+        print(&format!("{}\nreport: {}", table::closing(summary), report.display()))
     }
 
     fn save(&self, name: &str, text: &str) -> Result<(), Failure> {

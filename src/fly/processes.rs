@@ -1,7 +1,6 @@
 //! A flight through processes over the bus, in real time or in lockstep.
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
@@ -12,6 +11,7 @@ use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::pace::{Pace, StopFlag};
 use oqtal_bus::place::Place;
 use oqtal_bus::process::{Exit, Failure, place_of};
+use oqtal_bus::program::say;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
 
@@ -53,13 +53,12 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     refuse_company(&bus, &mission.config.instance.name)?;
     let mut crew = Crew::start(mission.config.parties(), &output.config(), output.directory())?;
     let stop = StopFlag::default();
-    let watch =
-        Watch { place, stop: &stop, over: AtomicBool::new(false), fallen: Mutex::new(None) };
+    let watch = Watch { place, stop: &stop, over: StopFlag::default(), fallen: Mutex::new(None) };
     let flight = std::thread::scope(|threads| {
         let (watch, crew) = (&watch, &mut crew);
         threads.spawn(move || watch.run(crew, &interrupts));
         // However the recording ends, the watch ends with it.
-        let _over = SetOnDrop(&watch.over);
+        let _over = watch.over.set_on_drop();
         record(mission, &bus, &mut observer, &stop)
     });
     crew.dismiss();
@@ -67,10 +66,8 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
         return Err(failure);
     }
     if observer.lost() > 0 {
-        eprintln!(
-            "oqtal: {} samples were not recorded: this machine is overloaded",
-            observer.lost()
-        );
+        let lost = observer.lost();
+        say(&format!("oqtal: {lost} samples were not recorded: this machine is overloaded"));
     }
     flight
 }
@@ -110,7 +107,9 @@ fn record(
         now = instant;
         let heard = observer.listen(&mut recorder)?;
         progress.show(&recorder);
-        if heard || clock.is_virtual() {
+        // A recording begins with its first pose, whenever the daemon began.
+        let begun = if mission.recording.is_some() { recorder.sees() } else { heard };
+        if begun || clock.is_virtual() {
             first.get_or_insert((now, Time::now()));
         } else if first.is_none() && Time::now().since(wall) > PATIENCE {
             return Err(never_came(mission));
@@ -191,27 +190,20 @@ fn never_came(mission: &Mission) -> Failure {
     Failure::new(Exit::Peer, message)
 }
 
-/// Raises a flag when it goes out of scope, be it by a panic.
-struct SetOnDrop<'a>(&'a AtomicBool);
-
-impl Drop for SetOnDrop<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Release);
-    }
-}
-
 /// Looks after the crew and the operator while the flight is recorded.
 struct Watch<'a> {
     place: &'a Place,
     stop: &'a StopFlag,
-    over: AtomicBool,
+    over: StopFlag,
     fallen: Mutex<Option<Failure>>,
 }
 
 impl Watch<'_> {
     fn run(&self, crew: &mut Crew, interrupts: &Interrupts) {
+        // Without a watch there is no flight, however the watch ended.
+        let _stop = self.stop.set_on_drop();
         let client = Bus::open(self.place).and_then(|bus| Ok((bus.control_client()?, bus)));
-        while !self.over.load(Ordering::Acquire) {
+        while !self.over.is_set() {
             if let Some(failure) = crew.fallen() {
                 self.give_up(failure);
                 return;
@@ -236,6 +228,5 @@ impl Watch<'_> {
         if let Ok(mut fallen) = self.fallen.lock() {
             *fallen = Some(failure);
         }
-        self.stop.set();
     }
 }

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use indicatif::{ProgressBar, ProgressStyle};
 use oqtal_bus::code::{Mode, SafetyState, Verb};
 use oqtal_bus::process::{Exit, Failure};
+use oqtal_bus::program::say;
 use oqtal_bus::time::Span;
 use oqtal_control::trajectory::Phase;
 
@@ -88,10 +89,7 @@ impl Interrupts {
         }
         self.seen.set(count);
         let verb = if count == 1 { Verb::Land } else { Verb::Stop };
-        eprintln!(
-            "{}",
-            if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" }
-        );
+        say(if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" });
         Some(verb)
     }
 }

@@ -1,6 +1,5 @@
 //! Numbers and names as people read them.
 
-use crate::flight::Outcome;
 use crate::summary::Summary;
 
 /// What stands for a number that is not there.
@@ -48,17 +47,6 @@ pub fn unit_of_length(metres: f64) -> (&'static str, f64) {
 pub fn length(metres: f64) -> String {
     let (unit, per_metre) = unit_of_length(metres);
     format!("{} {unit}", significant(metres * per_metre))
-}
-
-/// An outcome, in a word.
-pub fn outcome(outcome: Outcome) -> &'static str {
-    match outcome {
-        Outcome::Landed => "landed",
-        Outcome::Stopped => "stopped",
-        Outcome::Crashed => "crashed",
-        Outcome::Timeout => "timeout",
-        Outcome::Replayed => "replayed",
-    }
 }
 
 /// The safety states that a flight passed through; the first few if there are many.

@@ -16,6 +16,8 @@ use super::twofold::Twofold;
 
 /// A step this small, relative to `P`, is the last: the error after it is smaller still.
 const SETTLED: f64 = 1e-10;
+/// The same for the first step. Its residual is rounded, and nothing tells what that did to the solution but the step itself.
+const SETTLED_ROUNDED: f64 = 1e-13;
 /// Each step but the first two must be this much smaller than the one before. Convergence is
 /// quadratic, so a step that is not has met rounding, or a pole on the stability boundary.
 const CONTRACTION: f64 = 0.1;
@@ -65,7 +67,8 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
                 self.correction(&p, step > 0).ok_or(RiccatiError::NoStabilisingSolution)?;
             p += correction;
             let size = correction.norm();
-            if size <= SETTLED * p.norm() {
+            let settled = if step == 0 { SETTLED_ROUNDED } else { SETTLED };
+            if size <= settled * p.norm() {
                 let k = self.precise_gain(&p).ok_or(RiccatiError::IllConditioned)?;
                 return Ok((p, k));
             }

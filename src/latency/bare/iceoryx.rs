@@ -94,7 +94,7 @@ pub fn beside(place: &Place) -> Place {
 fn node(place: &Place) -> Result<Node<ipc::Service>, Failure> {
     let place = beside(place);
     let created = NodeBuilder::new()
-        .config(&place.config()?)
+        .config(&place.prepare()?)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>();
     created.map_err(|error| failed("joining", &error))

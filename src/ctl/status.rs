@@ -1,0 +1,132 @@
+//! How the processes of an instance are, as they say themselves.
+
+use std::fmt;
+use std::time::Duration;
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::{Cause, Mode, SafetyState};
+use oqtal_bus::error::BusError;
+use oqtal_bus::health::HEALTH_PERIOD;
+use oqtal_bus::message::{Header, HealthV1};
+use oqtal_bus::port::Reader;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Party;
+use serde::Serialize;
+
+use super::word;
+
+/// Who is listened for.
+const PROCESSES: [Party; 3] = [Party::Plant, Party::Mocap, Party::Daemon];
+/// A process that is not heard for so many periods is silent.
+const SILENT_PERIODS: f64 = 3.0;
+
+/// How one process is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ProcessHealth {
+    name: &'static str,
+    /// What it said; `None` if it is silent: not started, ended, hung, or waiting for virtual time.
+    heard: Option<Heard>,
+}
+
+/// What a process says of itself.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Heard {
+    pid: u64,
+    age_ms: f64,
+    config_hash: String,
+    /// Of the daemon only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    daemon: Option<Condition>,
+}
+
+/// What only the daemon has to say.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Condition {
+    mode: String,
+    state: String,
+    cause: String,
+    unlogged: u64,
+}
+
+/// Listens until every process was heard, or must be silent.
+///
+/// # Errors
+/// A process speaks another version.
+pub fn listen(bus: &Bus) -> Result<Vec<ProcessHealth>, BusError> {
+    let mut readers = Vec::new();
+    for party in PROCESSES {
+        readers.push((party, bus.reader(&party.health())?, None));
+    }
+    let give_up = Time::now() + patience();
+    while readers.iter().any(|(.., heard)| heard.is_none()) && Time::now() < give_up {
+        for (_, reader, heard) in &mut readers {
+            hear(reader, heard)?;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let now = Time::now();
+    Ok(readers
+        .iter()
+        .map(|(party, _, heard)| ProcessHealth {
+            name: party.name(),
+            heard: heard.as_ref().map(|said| Heard::new(*party, said, now)),
+        })
+        .collect())
+}
+
+/// Takes what was said, unless it is so old that the process has fallen silent since.
+fn hear(
+    reader: &mut Reader<HealthV1>,
+    heard: &mut Option<(Header, HealthV1)>,
+) -> Result<(), BusError> {
+    let recent = |health: &HealthV1| Time::now().since(health.time) <= patience();
+    if let Some(said) = reader.latest()?.filter(|(_, health)| recent(health)) {
+        *heard = Some(said);
+    }
+    Ok(())
+}
+
+/// A process that is not heard for so long is silent.
+fn patience() -> Span {
+    HEALTH_PERIOD.scaled(SILENT_PERIODS)
+}
+
+/// Whether all who are heard run with one configuration.
+pub fn config_agrees(processes: &[ProcessHealth]) -> bool {
+    let mut hashes = processes.iter().filter_map(|p| Some(&p.heard.as_ref()?.config_hash));
+    let first = hashes.next();
+    hashes.all(|hash| Some(hash) == first)
+}
+
+impl Heard {
+    fn new(party: Party, (header, health): &(Header, HealthV1), now: Time) -> Self {
+        let daemon = (party == Party::Daemon).then(|| Condition {
+            mode: word(Mode::from_code(health.mode)),
+            state: word(SafetyState::from_code(health.state)),
+            cause: word(Cause::from_code(health.cause)),
+            unlogged: health.unlogged,
+        });
+        Self {
+            pid: header.source,
+            age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
+            config_hash: format!("{:016x}", health.config_hash),
+            daemon,
+        }
+    }
+}
+
+impl fmt::Display for ProcessHealth {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(Heard { pid, age_ms, config_hash, daemon }) = &self.heard else {
+            return write!(f, "{:<10} silent", self.name);
+        };
+        let (name, state) = (self.name, daemon.as_ref().map_or("well", |daemon| &daemon.state));
+        write!(f, "{name:<10} {state:<8} {age_ms:>4.0} ms ago  config {config_hash}  pid {pid}")?;
+        match daemon {
+            Some(daemon) if daemon.unlogged > 0 => {
+                write!(f, "  {} changes not logged", daemon.unlogged)
+            }
+            _ => Ok(()),
+        }
+    }
+}
