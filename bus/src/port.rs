@@ -44,6 +44,11 @@ impl<M: Message> Writer<M> {
         Ok(sequence)
     }
 
+    /// Goes the way of [`Writer::send`] up to the sending, so that the way is warm when it is needed.
+    pub fn rehearse(&self) {
+        drop(self.publisher.loan_uninit());
+    }
+
     /// Wakes whoever holds a [`Doorbell`](crate::wake::Doorbell) of this topic.
     ///
     /// # Errors

@@ -34,7 +34,7 @@ pub struct Tick {
 }
 
 /// The controller between its events.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Cycle {
     period: Span,
     /// Two ticks are at least this far apart: faster cameras are decimated.

@@ -7,6 +7,7 @@
 //! | `supervisor.rs` | the table of safety states |
 //! | `mission.rs` | what is flown, and since when |
 //! | `pilot.rs` | outer loops and attitude law |
+//! | `rehearsal.rs` | keeping the loop warm |
 //! | `housekeeping.rs` | logs, health, operators |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
@@ -17,6 +18,7 @@ mod guard;
 mod housekeeping;
 mod mission;
 mod pilot;
+mod rehearsal;
 mod supervisor;
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -24,8 +26,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, HealthV1, Stamps};
+use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, Stamps, TelemetryV1};
 use oqtal_bus::pace::Pace;
+use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY};
@@ -36,6 +39,7 @@ pub use guard::{Believed, Guard};
 pub use housekeeping::{Condition, Desk};
 pub use mission::Mission;
 pub use pilot::{Decision, Pilot};
+pub use rehearsal::Rehearsal;
 pub use supervisor::{Conditions, Supervisor};
 
 /// Controls the vehicle until asked to stop; leaves it neutral.
@@ -45,11 +49,13 @@ pub use supervisor::{Conditions, Supervisor};
 pub fn run(shell: &Shell) -> Result<(), Failure> {
     let trajectory = trajectory(&shell.config)?;
     let bus = shell.bus()?;
-    let mut ports = Ports::open(&bus)?;
-    let mut pace = shell.pace(&bus, &POSE)?;
-    let mut cycle = Cycle::new(&shell.config, trajectory, pace.now())
+    let ports = Ports::open(&bus)?;
+    let pace = shell.pace(&bus, &POSE)?;
+    let cycle = Cycle::new(&shell.config, trajectory, pace.now())
         .map_err(|reason| Failure::new(Exit::Config, reason))?;
-    let (mut desk, housekeeping) = housekeeping::desk();
+    let rehearsal =
+        if pace.is_virtual() { Rehearsal::never() } else { Rehearsal::of(&shell.config) };
+    let (desk, housekeeping) = housekeeping::desk();
     std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
         // The housekeeping thread ends with the loop, however that ends.
@@ -58,7 +64,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
         match opened.recv() {
             Ok(Ok(())) => {
                 shell.enter_realtime();
-                Ok(ports.control(&mut cycle, &mut pace, &mut desk)?)
+                Ok(Loop { ports, pace, cycle, rehearsal, desk }.control()?)
             }
             Ok(Err(error)) => Err(error.into()),
             Err(_) => Err(Failure::new(Exit::Internal, "the housekeeping thread did not start")),
@@ -97,11 +103,57 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
     })
 }
 
+/// The real-time thread's all.
+struct Loop {
+    ports: Ports,
+    pace: Pace,
+    cycle: Cycle,
+    rehearsal: Rehearsal,
+    desk: Desk,
+}
+
+impl Loop {
+    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way, even by a panic.
+    fn control(&mut self) -> Result<(), BusError> {
+        let result = catch_unwind(AssertUnwindSafe(|| self.turns()));
+        self.ports.commands.send(0, Stamps::default(), CommandV1::default())?;
+        self.ports.commands.notify()?;
+        result.unwrap_or_else(|panic| resume_unwind(panic))
+    }
+
+    /// Wait, compute, publish; telemetry and the desk afterwards.
+    fn turns(&mut self) -> Result<(), BusError> {
+        let Self { ports, pace, cycle, rehearsal, desk } = self;
+        while pace.wait(Some(rehearsal.or(cycle.next_event())))?.is_some() {
+            let arrival = ports.poses.latest()?;
+            // After the pose was taken: nothing that is stamped later may look earlier.
+            let now = pace.now();
+            if let Some(tick) = cycle.step(now, arrival.as_ref()) {
+                let computed_at = pace.now();
+                let stamps =
+                    Stamps { computed_at, command_published_at: pace.now(), ..tick.stamps };
+                let sequence = ports.commands.send(tick.pose_sequence, stamps, tick.command)?;
+                pace.announce(&ports.commands)?;
+                let telemetry = cycle.report(&stamps, sequence);
+                ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
+                desk.note(Condition::of(&telemetry));
+            } else if rehearsal.perform(now, cycle) {
+                ports.commands.rehearse();
+            }
+            if let Some(arrival) = &arrival {
+                rehearsal.expect(now, arrival);
+            }
+            while desk.serve(|verb| cycle.request(now, verb)) {}
+        }
+        Ok(())
+    }
+}
+
 /// The daemon's ports in the loop.
 struct Ports {
-    poses: oqtal_bus::port::Reader<oqtal_bus::message::PoseV1>,
-    commands: oqtal_bus::port::Writer<CommandV1>,
-    telemetry: oqtal_bus::port::Writer<oqtal_bus::message::TelemetryV1>,
+    poses: Reader<PoseV1>,
+    commands: Writer<CommandV1>,
+    telemetry: Writer<TelemetryV1>,
 }
 
 impl Ports {
@@ -109,45 +161,6 @@ impl Ports {
     fn open(bus: &Bus) -> Result<Self, Failure> {
         let commands = bus.writer(&COMMAND).map_err(|error| name_holder(bus, error))?;
         Ok(Self { commands, poses: bus.reader(&POSE)?, telemetry: bus.writer(&TELEMETRY)? })
-    }
-
-    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way, even by a panic.
-    fn control(
-        &mut self,
-        cycle: &mut Cycle,
-        pace: &mut Pace,
-        desk: &mut Desk,
-    ) -> Result<(), BusError> {
-        let result = catch_unwind(AssertUnwindSafe(|| self.turn(cycle, pace, desk)));
-        self.commands.send(0, Stamps::default(), CommandV1::default())?;
-        self.commands.notify()?;
-        result.unwrap_or_else(|panic| resume_unwind(panic))
-    }
-
-    /// Wait, compute, publish; telemetry and the desk afterwards.
-    fn turn(
-        &mut self,
-        cycle: &mut Cycle,
-        pace: &mut Pace,
-        desk: &mut Desk,
-    ) -> Result<(), BusError> {
-        while pace.wait(Some(cycle.next_event()))?.is_some() {
-            let arrival = self.poses.latest()?;
-            // After the pose was taken: nothing that is stamped later may look earlier.
-            let now = pace.now();
-            while desk.serve(|verb| cycle.request(now, verb)) {}
-            if let Some(tick) = cycle.step(now, arrival.as_ref()) {
-                let computed_at = pace.now();
-                let stamps =
-                    Stamps { computed_at, command_published_at: pace.now(), ..tick.stamps };
-                let sequence = self.commands.send(tick.pose_sequence, stamps, tick.command)?;
-                pace.announce(&self.commands)?;
-                let telemetry = cycle.report(&stamps, sequence);
-                self.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
-                desk.note(Condition::of(&telemetry));
-            }
-        }
-        Ok(())
     }
 }
 

@@ -15,7 +15,7 @@ use oqtal_control::trajectory::Reference;
 const SATURATED: f64 = 1.0 - 1e-9;
 
 /// The chosen attitude law, in the form that the vehicle takes.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 enum Law {
     Sticks(Controller<RateInput>),
     Torque(Controller<TorqueInput>),
@@ -33,7 +33,7 @@ pub struct Decision {
 }
 
 /// The control loops. Pure, and free of allocation in a tick.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Pilot {
     loops: PositionLoops,
     law: Law,

@@ -4,6 +4,7 @@
 
 use std::hint::black_box;
 
+use oqtal_bus::config::Config;
 use oqtal_bus::message::{Header, PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 
@@ -19,10 +20,18 @@ pub struct Rehearsal {
 }
 
 impl Rehearsal {
-    /// `lead` before a pose is expected, a `period` after the last; `None` for never.
+    /// None at all: in virtual time nothing is gained by it.
     #[must_use]
-    pub fn new(lead: Option<Span>, period: Span) -> Self {
-        Self { lead, period, last: None, due: None }
+    pub fn never() -> Self {
+        Self { lead: None, period: Span::ZERO, last: None, due: None }
+    }
+
+    /// As a configuration asks for.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        let lead = Span::from_seconds(config.realtime.rehearsal_us * 1e-6);
+        let period = Span::period_of(config.mocap.rate_hz);
+        Self { lead: (lead > Span::ZERO).then_some(lead), period, ..Self::never() }
     }
 
     /// Expects the pose after `arrival`, which came at `now`.
@@ -64,5 +73,49 @@ impl Rehearsal {
         let tick = copy.step(due + lead, Some(&(header, pose)));
         black_box(tick.map(|tick| copy.report(&tick.stamps, 0)));
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn arrival(now: Time) -> (Header, PoseV1) {
+        let stamps = Stamps { captured_at: now, pose_published_at: now, ..Stamps::default() };
+        let pose = PoseV1 { attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1, ..PoseV1::default() };
+        (Header { pose_sequence: 1, stamps, ..Header::default() }, pose)
+    }
+
+    fn cycle(now: Time) -> Cycle {
+        let config = Config::default();
+        Cycle::new(&config, crate::trajectory(&config).unwrap(), now).unwrap()
+    }
+
+    #[test]
+    fn a_rehearsal_comes_once_before_each_pose_and_leaves_no_trace() {
+        let start = Time::VIRTUAL_START;
+        let cycle = cycle(start);
+        let before = format!("{cycle:?}");
+        let mut rehearsal = Rehearsal::of(&Config::default());
+        let far = start + Span::from_millis(1000);
+        assert_eq!(rehearsal.or(far), far, "no pose is expected yet");
+        for k in 0..3 {
+            let now = start + Span::from_millis(17).scaled(f64::from(k));
+            rehearsal.expect(now, &arrival(now));
+            let due = rehearsal.or(far);
+            assert!(due > now && due < now + Span::from_millis(17));
+            assert!(!rehearsal.perform(now, &cycle), "too early");
+            assert!(rehearsal.perform(due, &cycle));
+            assert!(!rehearsal.perform(due, &cycle), "once is enough");
+        }
+        assert_eq!(format!("{cycle:?}"), before);
+    }
+
+    #[test]
+    fn without_a_lead_nothing_is_rehearsed() {
+        let now = Time::VIRTUAL_START;
+        let mut rehearsal = Rehearsal::never();
+        rehearsal.expect(now, &arrival(now));
+        assert!(!rehearsal.perform(now + Span::from_millis(1000), &cycle(now)));
     }
 }

@@ -10,6 +10,9 @@ const MAX_PRIORITY: u8 = 80;
 /// More CPUs than this no set of CPUs can name.
 const MAX_CPU: usize = 1023;
 
+/// A rehearsal earlier than this is forgotten again when the pose comes \[us\].
+const LONGEST_LEAD_US: f64 = 5000.0;
+
 /// How a loop is scheduled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -34,6 +37,9 @@ pub struct Realtime {
     pub lock_memory: bool,
     /// How much later than asked the kernel may wake a loop that is not under SCHED_FIFO \[us\].
     pub timer_slack_us: f64,
+    /// So long before the next pose is expected the daemon runs a turn on a copy of itself, to have it in the caches; 0 for
+    /// never \[us\].
+    pub rehearsal_us: f64,
     /// What wakes a loop.
     pub events: Events,
 }
@@ -47,6 +53,11 @@ impl Realtime {
         if let Some(cpu) = self.cpus.iter().find(|&&cpu| cpu > MAX_CPU) {
             let rule = format!("names CPU {cpu}, it must be at most {MAX_CPU}");
             return Err(Violation::new("realtime.cpus", rule));
+        }
+        if !(0.0..=LONGEST_LEAD_US).contains(&self.rehearsal_us) {
+            let rule =
+                format!("must lie between 0 and {LONGEST_LEAD_US}, is {}", self.rehearsal_us);
+            return Err(Violation::new("realtime.rehearsal-us", rule));
         }
         positive("realtime.timer-slack-us", self.timer_slack_us)
     }

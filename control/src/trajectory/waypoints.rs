@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 use std::fmt;
+use std::sync::Arc;
 
 use nalgebra::Vector4;
 
@@ -33,8 +34,8 @@ const LEAST_SPACING_S: f64 = 1e-3;
 /// between two neighbouring points, so the path stays where its author put it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Waypoints {
-    /// At least two, the first at time 0.
-    knots: Vec<Knot>,
+    /// At least two, the first at time 0. Shared, so that a flight under way can be copied without allocating.
+    knots: Arc<[Knot]>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,7 +129,7 @@ impl Waypoints {
             return Err(WaypointError { line: last_line, problem: WaypointProblem::TooFew });
         }
         set_slopes(&mut knots);
-        Ok(Self { knots })
+        Ok(Self { knots: knots.into() })
     }
 
     /// Time of the last point \[s\].
