@@ -117,8 +117,8 @@ const EXPECTED: [(&str, [Call; 3]); 2] = [
         [
             (
                 "futex",
-                3,
-                "sleep until a pose, again if the wake-up was not for it; wake the vehicle",
+                4,
+                "sleep until the rehearsal and until the pose; wake the vehicle; once more if woken for nothing",
             ),
             ("restart_syscall", 1, "the sleep that strace interrupted as it came"),
             ("sched_yield", 0, "never"),
@@ -127,8 +127,8 @@ const EXPECTED: [(&str, [Call; 3]); 2] = [
     (
         "socket",
         [
-            ("ppoll", 2, "sleep until a pose, and the sleep that strace interrupted as it came"),
-            ("recvfrom", 2, "take the wake-up off the socket"),
+            ("ppoll", 3, "sleep until the rehearsal and until the pose, again where strace came"),
+            ("recvfrom", 3, "take the wake-up off the socket, after every sleep"),
             ("sendto", 1, "wake the vehicle"),
         ],
     ),
