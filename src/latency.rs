@@ -106,7 +106,8 @@ impl LatencyArgs {
             say("cyclictest is not installed (package rt-tests): periodic wake-up is not compared");
             return Ok(figures);
         }
-        let each = Span::from_nanos((self.span().nanos() / 2).max(Span::from_millis(1000).nanos()));
+        // cyclictest takes whole seconds.
+        let each = Span::from_millis(i64::from((self.seconds / 2).max(1)) * 1000);
         let all = 10.0 * each.seconds();
         say(&format!("periodic wake-up and cyclictest by turns: {all:.0} s"));
         Ok(figures.with_pairs(pairs::run(&rig, each, stop)?))
