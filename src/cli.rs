@@ -9,7 +9,9 @@ use oqtal_bus::topic::Party;
 
 use crate::check::CheckArgs;
 use crate::ctl::CtlArgs;
+use crate::doctor::DoctorArgs;
 use crate::fly::FlyArgs;
+use crate::latency::{LatencyArgs, Part};
 
 /// Real-time quaternion control for indoor flight laboratories
 ///
@@ -29,6 +31,10 @@ enum Command {
     Fly(Box<FlyArgs>),
     /// Speak to a running daemon
     Ctl(CtlArgs),
+    /// Where the time goes, beside what the machine gives bare
+    Latency(LatencyArgs),
+    /// Whether this machine is fit to fly, and what would make it fitter
+    Doctor(DoctorArgs),
     /// Print the effective configuration of a file
     Check(CheckArgs),
     /// The controller process
@@ -40,6 +46,9 @@ enum Command {
     /// The motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
     MocapEmu(ProcessCommand),
+    /// A stand-in that `latency` starts
+    #[command(subcommand, hide = true)]
+    LatencyPart(Part),
 }
 
 impl Cli {
@@ -50,7 +59,10 @@ impl Cli {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
             Some(Command::Ctl(args)) => args.execute(),
+            Some(Command::Latency(args)) => args.execute(),
+            Some(Command::Doctor(args)) => args.execute(),
             Some(Command::Check(args)) => args.execute(),
+            Some(Command::LatencyPart(part)) => return part.execute(),
             Some(Command::Daemon(command)) => {
                 return execute(Party::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
             }

@@ -1,12 +1,16 @@
 //! The front door of oqtal: flies, judges and shows.
-#![forbid(unsafe_code)]
+// Shared memory of a bare futex, in `latency/bare/shared.rs`.
+#![deny(unsafe_code)]
 
 pub mod check;
+mod child;
 pub mod cli;
 pub mod csv;
 pub mod ctl;
+pub mod doctor;
 pub mod flight;
 pub mod fly;
+pub mod latency;
 pub mod recorder;
 pub mod report;
 pub mod summary;

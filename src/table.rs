@@ -61,7 +61,8 @@ fn latencies(summary: &Summary) -> Table {
     table
 }
 
-fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
+/// A distribution as a row of a table of latencies.
+pub(crate) fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
     let spans = [hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
     let micros = spans.map(|nanos| significant(nanos as f64 * 1e-3));
     std::iter::once(name.to_owned()).chain(micros).collect()
@@ -78,7 +79,8 @@ fn counts(summary: &Summary) -> String {
     )
 }
 
-fn table(header: &[&str]) -> Table {
+/// An empty table.
+pub(crate) fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
     table.set_header(header.iter().copied());
@@ -86,7 +88,7 @@ fn table(header: &[&str]) -> Table {
 }
 
 /// Numbers to the right, below their headings.
-fn align(table: &mut Table) {
+pub(crate) fn align(table: &mut Table) {
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }

@@ -41,14 +41,18 @@ impl Place {
     /// What the names of everything in this instance's shared memory begin with. The same instance under another root is
     /// another: its shared memory must not be taken for this one's. The root exists: by whichever path it is named, it counts
     /// as the same.
-    fn prefix(&self) -> String {
+    #[must_use]
+    pub fn prefix(&self) -> String {
         let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
         let root = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());
         format!("oqtal_{}_{root:016x}_", self.instance)
     }
 
     /// Makes the root directory, and iceoryx2's configuration for this place.
-    pub(crate) fn prepare(&self) -> Result<Config, BusError> {
+    ///
+    /// # Errors
+    /// The directory cannot be made, or its name is no absolute path of plain characters.
+    pub fn prepare(&self) -> Result<Config, BusError> {
         let mut root = self.root.to_string_lossy().into_owned();
         if !root.ends_with('/') {
             root.push('/');

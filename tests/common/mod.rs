@@ -62,6 +62,16 @@ impl Testbed {
         Bus::open(&self.place()).unwrap()
     }
 
+    /// The bus of an instance whose processes are woken by `events`.
+    pub fn bus_with(&self, events: &str) -> Bus {
+        let events = match events {
+            "futex" => Events::Futex,
+            "socket" => Events::Socket,
+            other => panic!("no events are called {other}"),
+        };
+        Bus::open(&Place { events, ..self.place() }).unwrap()
+    }
+
     /// `oqtal` with these words, on this testbed.
     pub fn oqtal<S: AsRef<str>>(&self, words: &[S]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
@@ -87,9 +97,7 @@ impl Testbed {
     }
 
     pub fn start(&self, words: &[&str]) -> Running {
-        let mut command = self.oqtal(words);
-        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-        Running { child: Some(child) }
+        Running::start(&mut self.oqtal(words))
     }
 
     /// What this instance still has in shared memory.
@@ -115,6 +123,11 @@ pub struct Running {
 }
 
 impl Running {
+    pub fn start(command: &mut Command) -> Self {
+        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        Self { child: Some(child) }
+    }
+
     pub fn id(&self) -> u32 {
         self.child.as_ref().unwrap().id()
     }

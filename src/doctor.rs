@@ -1,0 +1,105 @@
+//! `oqtal doctor`: is this machine fit to fly, and what would make it fitter.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `system.rs` | what is looked at: files of the kernel, and a few answers of it |
+//! | `finding.rs` | what a check says |
+//! | `scheduling.rs` | rights, preemption, throttling |
+//! | `processor.rs` | number, clock, frequency and sleep of processors |
+//! | `memory.rs` | shared memory, locked memory, swap |
+//! | `place.rs` | files of instances, remains of dead ones, serial ports |
+//!
+//! Not looked at: timer slack, which every loop sets for itself; transparent huge pages, since locked memory is there before
+//! it is needed; the time of day, since all clocks are monotonic.
+
+mod finding;
+mod memory;
+mod place;
+mod processor;
+mod scheduling;
+mod system;
+
+use clap::Args;
+use oqtal_bus::config::Config;
+use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
+use oqtal_bus::program::print;
+
+use finding::{Finding, Level};
+use system::System;
+
+/// A check; `None` where there is nothing to check.
+type Check = fn(&System) -> Option<Finding>;
+
+/// Those that can keep a vehicle on the ground first.
+const CHECKS: [Check; 14] = [
+    memory::shared,
+    place::root,
+    place::remains,
+    place::serial_ports,
+    scheduling::permission,
+    memory::locked,
+    memory::swap,
+    scheduling::throttling,
+    scheduling::preemption,
+    processor::number,
+    processor::governor,
+    processor::idle_states,
+    processor::clock_source,
+    processor::hypervisor,
+];
+
+/// What to look at.
+#[derive(Args, Clone, Debug)]
+pub struct DoctorArgs {
+    /// Print one JSON document instead of text
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl DoctorArgs {
+    /// Looks, and prints what was found. The exit code is that of the first problem that prevents a flight.
+    ///
+    /// # Errors
+    /// The configuration is wrong.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let findings = examine(&System::live(&place_of(&config)?.root));
+        print(&if self.json { json(&findings) } else { text(&findings) })?;
+        let problem = findings.iter().find(|finding| finding.level == Level::Problem);
+        Ok(problem.map_or(Exit::Ok, |finding| finding.exit))
+    }
+}
+
+fn examine(system: &System) -> Vec<Finding> {
+    CHECKS.iter().filter_map(|check| check(system)).collect()
+}
+
+fn json(findings: &[Finding]) -> String {
+    let worst = findings.iter().map(|finding| finding.level).max().unwrap_or(Level::Ok);
+    let document = serde_json::json!({ "level": worst, "checks": findings });
+    serde_json::to_string_pretty(&document).expect("findings hold only what JSON can say")
+}
+
+/// A line for each check; below what could be better, why that matters and what mends it.
+fn text(findings: &[Finding]) -> String {
+    let mut lines = Vec::new();
+    for finding in findings {
+        lines.push(format!("{:8} {}: {}", finding.level.name(), finding.name, finding.found));
+        if finding.level > Level::Ok {
+            lines.push(format!("         why: {}", finding.why));
+            lines.extend(finding.remedy.iter().map(|remedy| format!("         mend: {remedy}")));
+        }
+    }
+    let count = |level| findings.iter().filter(|finding| finding.level == level).count();
+    lines.push(match (count(Level::Problem), count(Level::Advice)) {
+        (0, 0) => "fit to fly".to_owned(),
+        (0, advice) => format!("fit to fly; {advice} could be better"),
+        (problems, _) => format!("not fit to fly: {problems} to mend first"),
+    });
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,77 @@
+//! Rights, preemption, throttling.
+
+use super::finding::Finding;
+use super::system::System;
+
+const CAP_SYS_NICE: u32 = 23;
+/// The greatest priority a loop can be given.
+const PRIORITY: u64 = 80;
+/// Less of each second for real-time threads than this is felt \[us\].
+const LEAST_RUNTIME_US: i64 = 500_000;
+
+/// Whether loops may run under SCHED_FIFO.
+pub fn permission(system: &System) -> Option<Finding> {
+    let why = "under ordinary scheduling any other program can delay the loop by milliseconds; it flies nevertheless";
+    let finding = |found: String| Finding::ok("real-time priority", why, found);
+    if system.has_capability(CAP_SYS_NICE) {
+        return Some(finding("permitted by CAP_SYS_NICE".to_owned()));
+    }
+    Some(match system.limit("Max realtime priority") {
+        Some(limit) if limit < PRIORITY => finding(format!("limited to {limit} (rtprio)")).advise(
+            "echo \"$USER - rtprio 80\" | sudo tee -a /etc/security/limits.d/oqtal.conf # then log in again",
+        ),
+        _ => finding("permitted by limit (rtprio)".to_owned()),
+    })
+}
+
+/// Whether the kernel lets real-time threads run for most of a second.
+pub fn throttling(system: &System) -> Option<Finding> {
+    let runtime: i64 = system.read("proc/sys/kernel/sched_rt_runtime_us")?.parse().ok()?;
+    let why =
+        "real-time threads that have had their share of a second stand still until it is over";
+    let found = match runtime {
+        -1 => "none".to_owned(),
+        micros => format!("after {} ms of a second", micros / 1000),
+    };
+    let finding = Finding::ok("real-time throttling", why, found);
+    Some(if (0..LEAST_RUNTIME_US).contains(&runtime) {
+        finding.advise("sudo sysctl kernel.sched_rt_runtime_us=950000")
+    } else {
+        finding
+    })
+}
+
+/// Whether a woken loop may interrupt the kernel.
+pub fn preemption(system: &System) -> Option<Finding> {
+    let why =
+        "while the kernel works for another program and cannot be preempted, a woken loop waits";
+    let finding = |found: &str| Finding::ok("preemption", why, found);
+    if system.read("sys/kernel/realtime").as_deref() == Some("1") {
+        return Some(finding("PREEMPT_RT"));
+    }
+    let version = system.read("proc/version")?;
+    if version.contains("PREEMPT_DYNAMIC") {
+        // The mode in force is in brackets; only root may read it.
+        let mode = system.read("sys/kernel/debug/sched/preempt");
+        let chosen = mode.as_deref().and_then(|modes| modes.split(['(', ')']).nth(1));
+        let asked = system.read("proc/cmdline").is_some_and(|line| line.contains("preempt=full"));
+        let full = chosen.map_or(asked, |mode| mode == "full");
+        let found =
+            format!("dynamic, {}", chosen.unwrap_or(if full { "full" } else { "mode unknown" }));
+        let dynamic = finding(&found);
+        return Some(if full {
+            dynamic
+        } else {
+            dynamic.advise(
+                "echo full | sudo tee /sys/kernel/debug/sched/preempt # or boot with preempt=full",
+            )
+        });
+    }
+    Some(if version.contains("PREEMPT") {
+        finding("full")
+    } else {
+        finding("none, or at chosen points only").advise(
+            "sudo apt install linux-image-rt-amd64 # a kernel with PREEMPT_RT; then boot it",
+        )
+    })
+}

@@ -1,0 +1,89 @@
+//! What the checks look at.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{Access, access, statvfs};
+
+/// A view of a machine: its files below some folder, so that a test can bring its own, and what no file says.
+#[derive(Clone, Debug)]
+pub struct System {
+    /// What stands for `/`.
+    pub root: PathBuf,
+    /// Shared memory: bytes in all and free; `None` if there is none.
+    pub shared_memory: Option<(u64, u64)>,
+    /// Where the files of instances are.
+    pub instances: PathBuf,
+    /// Whether instances can be made there.
+    pub instances_writable: bool,
+}
+
+impl System {
+    /// This machine, with the files of instances in `instances`.
+    #[must_use]
+    pub fn live(instances: &Path) -> Self {
+        let space = statvfs("/dev/shm").ok();
+        // Of a folder that is not there yet, its nearest ancestor decides.
+        let standing = instances.ancestors().find(|ancestor| ancestor.exists());
+        Self {
+            root: PathBuf::from("/"),
+            shared_memory: space
+                .map(|space| (space.f_blocks * space.f_frsize, space.f_bavail * space.f_frsize)),
+            instances: instances.to_path_buf(),
+            instances_writable: standing.is_some_and(may_write),
+        }
+    }
+
+    /// A file, without its last line's end; `None` if it cannot be read.
+    #[must_use]
+    pub fn read(&self, path: &str) -> Option<String> {
+        let text = fs::read_to_string(self.root.join(path)).ok()?;
+        Some(text.trim_end().to_owned())
+    }
+
+    /// The names in a folder, in order; none if it cannot be read.
+    #[must_use]
+    pub fn list(&self, path: &str) -> Vec<String> {
+        let entries = fs::read_dir(self.root.join(path)).into_iter().flatten().flatten();
+        let mut names: Vec<String> =
+            entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+        names.sort();
+        names
+    }
+
+    /// Whether this user may read and write a file.
+    #[must_use]
+    pub fn may_use(&self, path: &str) -> bool {
+        access(self.root.join(path), Access::READ_OK | Access::WRITE_OK).is_ok()
+    }
+
+    /// The value behind `key:` in a file of such lines.
+    #[must_use]
+    pub fn value(&self, path: &str, key: &str) -> Option<String> {
+        let text = self.read(path)?;
+        let line = text.lines().find_map(|line| line.strip_prefix(key)?.trim().strip_prefix(':'));
+        line.map(|value| value.trim().to_owned())
+    }
+
+    /// Whether this process has a capability, by its number in capabilities(7)'s header.
+    #[must_use]
+    pub fn has_capability(&self, number: u32) -> bool {
+        let effective = self.value("proc/self/status", "CapEff").unwrap_or_default();
+        u64::from_str_radix(&effective, 16).is_ok_and(|bits| bits >> number & 1 == 1)
+    }
+
+    /// The soft limit of this process that getrlimit(2) would tell; `None` is unlimited.
+    #[must_use]
+    pub fn limit(&self, name: &str) -> Option<u64> {
+        let limits = self.read("proc/self/limits").unwrap_or_default();
+        let line = limits.lines().find_map(|line| line.strip_prefix(name)).unwrap_or("0");
+        match line.split_whitespace().next() {
+            Some("unlimited") => None,
+            soft => Some(soft.and_then(|soft| soft.parse().ok()).unwrap_or(0)),
+        }
+    }
+}
+
+fn may_write(path: &Path) -> bool {
+    access(path, Access::WRITE_OK).is_ok()
+}

@@ -1,0 +1,225 @@
+//! The checks on machines made of files.
+
+use std::path::Path;
+
+use oqtal_bus::place::Place;
+use tempfile::TempDir;
+
+use super::*;
+
+/// A fit machine, to be spoilt file by file.
+struct Machine {
+    root: TempDir,
+    system: System,
+}
+
+impl Machine {
+    fn fit() -> Self {
+        let root = tempfile::tempdir().unwrap();
+        let system = System {
+            root: root.path().to_path_buf(),
+            shared_memory: Some((1 << 30, 1 << 29)),
+            instances: Path::new("/run/oqtal").to_path_buf(),
+            instances_writable: true,
+        };
+        let machine = Self { root, system };
+        for (path, text) in [
+            ("proc/self/status", "Name:\toqtal\nCapEff:\t0000000000000000\n"),
+            ("proc/self/limits", LIMITS),
+            ("proc/sys/kernel/sched_rt_runtime_us", "950000\n"),
+            ("proc/version", "Linux version 6.12.1 (cc) #1 SMP PREEMPT_RT\n"),
+            ("proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc sse2\n"),
+            ("proc/swaps", "Filename\tType\tSize\tUsed\tPriority\n"),
+            ("sys/kernel/realtime", "1\n"),
+            ("sys/devices/system/cpu/online", "0-3\n"),
+            ("sys/devices/system/cpu/isolated", "2-3\n"),
+            ("sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "performance\n"),
+            ("sys/devices/system/cpu/cpu0/cpuidle/state1/name", "C1\n"),
+            ("sys/devices/system/cpu/cpu0/cpuidle/state1/latency", "2\n"),
+            ("sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc\n"),
+        ] {
+            machine.write(path, text);
+        }
+        machine
+    }
+
+    fn write(&self, path: &str, text: &str) {
+        let path = self.root.path().join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+
+    fn finding(&self, name: &str) -> Finding {
+        let findings = examine(&self.system);
+        findings.into_iter().find(|finding| finding.name == name).unwrap()
+    }
+
+    /// What is said of `name` once `path` holds `text`: the level, and the remedy.
+    fn with(path: &str, text: &str, name: &str) -> (Level, String) {
+        let machine = Self::fit();
+        machine.write(path, text);
+        let finding = machine.finding(name);
+        (finding.level, finding.remedy.unwrap_or_default())
+    }
+}
+
+const LIMITS: &str = "\
+Limit                     Soft Limit           Hard Limit           Units
+Max locked memory         unlimited            unlimited            bytes
+Max realtime priority     80                   80
+";
+
+#[test]
+fn a_fit_machine_gets_no_advice() {
+    let findings = examine(&Machine::fit().system);
+    let not_ok: Vec<&Finding> = findings.iter().filter(|f| f.level != Level::Ok).collect();
+    assert!(not_ok.is_empty(), "{not_ok:?}");
+    assert!(text(&findings).ends_with("fit to fly"));
+    // No serial port, nothing to say of it.
+    assert_eq!(findings.len(), CHECKS.len() - 1);
+}
+
+#[test]
+fn whatever_could_be_better_comes_with_its_command() {
+    let cases = [
+        (
+            "proc/self/limits",
+            "Max realtime priority     0  0\nMax locked memory unlimited\n",
+            "real-time priority",
+            "rtprio",
+        ),
+        (
+            "proc/self/limits",
+            "Max realtime priority     99 99\nMax locked memory 8388608 8388608 bytes\n",
+            "locked memory",
+            "memlock",
+        ),
+        ("proc/sys/kernel/sched_rt_runtime_us", "100000", "real-time throttling", "sysctl"),
+        (
+            "sys/devices/system/cpu/cpu1/cpufreq/scaling_governor",
+            "powersave",
+            "frequency governor",
+            "scaling_governor",
+        ),
+        ("sys/devices/system/cpu/cpu0/cpuidle/state3/latency", "890", "idle states", "idle-set"),
+    ];
+    for (path, text, name, word) in cases {
+        let (level, remedy) = Machine::with(path, text, name);
+        assert_eq!(level, Level::Advice, "{name}");
+        assert!(remedy.contains(word), "{name}: {remedy}");
+    }
+}
+
+#[test]
+fn a_capability_is_as_good_as_a_limit() {
+    let machine = Machine::fit();
+    machine.write("proc/self/limits", "Max realtime priority 0 0\nMax locked memory 65536 65536\n");
+    machine.write("proc/self/status", "CapEff:\t0000000000804000\n");
+    assert_eq!(machine.finding("real-time priority").level, Level::Ok);
+    assert_eq!(machine.finding("locked memory").level, Level::Ok);
+}
+
+#[test]
+fn preemption_is_told_in_every_form_a_kernel_has_it() {
+    let level = |realtime: &str, version: &str, mode: Option<&str>| {
+        let machine = Machine::fit();
+        machine.write("sys/kernel/realtime", realtime);
+        machine.write("proc/version", version);
+        if let Some(mode) = mode {
+            machine.write("sys/kernel/debug/sched/preempt", mode);
+        }
+        machine.finding("preemption").level
+    };
+    assert_eq!(level("1", "SMP PREEMPT_RT", None), Level::Ok);
+    assert_eq!(level("0", "SMP PREEMPT", None), Level::Ok);
+    assert_eq!(level("0", "SMP PREEMPT_DYNAMIC", Some("none voluntary (full) lazy")), Level::Ok);
+    assert_eq!(level("0", "SMP PREEMPT_DYNAMIC", Some("none (voluntary) full")), Level::Advice);
+    assert_eq!(level("0", "SMP PREEMPT_DYNAMIC", None), Level::Advice);
+    assert_eq!(level("0", "SMP", None), Level::Advice);
+}
+
+#[test]
+fn swap_matters_only_to_memory_that_cannot_be_locked() {
+    let machine = Machine::fit();
+    machine.write("proc/swaps", "Filename\tType\n/dev/sda2 partition\n");
+    assert_eq!(machine.finding("swap").level, Level::Ok);
+    machine.write("proc/self/limits", "Max locked memory 65536 65536 bytes\n");
+    assert_eq!(machine.finding("swap").level, Level::Advice);
+}
+
+#[test]
+fn a_slow_clock_is_advised_against_where_a_fast_one_is_there() {
+    let clocks = "sys/devices/system/clocksource/clocksource0";
+    let machine = Machine::fit();
+    machine.write(&format!("{clocks}/current_clocksource"), "hpet\n");
+    machine.write(&format!("{clocks}/available_clocksource"), "hpet acpi_pm\n");
+    assert_eq!(machine.finding("clock source").remedy, None);
+    machine.write(&format!("{clocks}/available_clocksource"), "tsc hpet acpi_pm\n");
+    let finding = machine.finding("clock source");
+    assert_eq!(finding.level, Level::Advice);
+    assert!(finding.remedy.unwrap().starts_with("echo tsc"));
+}
+
+#[test]
+fn too_little_shared_memory_forbids_a_flight() {
+    let mut machine = Machine::fit();
+    for (space, level) in [
+        (None, Level::Problem),
+        (Some((64 << 20, 1 << 20)), Level::Problem),
+        (Some((64 << 20, 64 << 20)), Level::Advice),
+    ] {
+        machine.system.shared_memory = space;
+        let finding = machine.finding("shared memory");
+        assert_eq!(finding.level, level, "{space:?}");
+        assert!(finding.remedy.is_some());
+    }
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_forbids_a_flight() {
+    let mut machine = Machine::fit();
+    machine.system.instances_writable = false;
+    let finding = machine.finding("instances");
+    assert_eq!((finding.level, finding.exit), (Level::Problem, Exit::Permission));
+    assert!(finding.remedy.unwrap().contains("/run/oqtal"));
+    assert!(text(&examine(&machine.system)).ends_with("not fit to fly: 1 to mend first"));
+}
+
+#[test]
+fn an_instance_is_dead_when_no_process_has_its_memory() {
+    let machine = Machine::fit();
+    let file = |instance: &str, root: &str| {
+        let prefix = Place::new(instance, Some(Path::new(root))).unwrap().prefix();
+        format!("dev/shm/{prefix}1.data")
+    };
+    machine.write(&file("alive", "/run/oqtal"), "");
+    machine.write(&file("dead-one", "/run/oqtal"), "");
+    machine.write(&file("elsewhere", "/run/other"), "");
+    machine.write("dev/shm/somebody_elses", "");
+    let map = format!("7f00-7f01 rw-s 00000000 00:19 5  /{}\n", file("alive", "/run/oqtal"));
+    machine.write("proc/17/maps", &map);
+    let finding = machine.finding("remains of dead instances");
+    assert_eq!((finding.level, finding.found.as_str()), (Level::Advice, "dead-one"));
+    assert!(finding.remedy.unwrap().contains("--instance dead-one"));
+}
+
+#[test]
+fn a_virtual_machine_and_a_single_processor_are_noted() {
+    let flags = "processor\t: 0\nflags\t\t: fpu hypervisor\n";
+    assert_eq!(Machine::with("proc/cpuinfo", flags, "hypervisor").0, Level::Advice);
+    assert_eq!(Machine::with("sys/devices/system/cpu/online", "0", "processors").0, Level::Advice);
+}
+
+#[test]
+fn the_document_says_the_worst_level_and_every_check() {
+    let mut machine = Machine::fit();
+    machine.system.shared_memory = None;
+    let findings = examine(&machine.system);
+    let document: serde_json::Value = serde_json::from_str(&json(&findings)).unwrap();
+    assert_eq!(document["level"], "problem");
+    let checks = document["checks"].as_array().unwrap();
+    assert_eq!(checks.len(), findings.len());
+    for key in ["name", "level", "found", "why", "remedy"] {
+        assert!(checks.iter().all(|check| check.get(key).is_some()), "{key}");
+    }
+}

@@ -1,0 +1,61 @@
+//! An eventfd, with the message in shared memory.
+
+use std::os::fd::AsFd;
+use std::path::Path;
+
+use oqtal_bus::process::Failure;
+use rustix::io::{Errno, read, write};
+
+use super::shared::Slot;
+use super::{Giver, Mechanism, Parcel, Taker, system};
+
+/// Either end. The eventfd is standard input.
+#[derive(Debug)]
+pub struct Eventfd {
+    slot: &'static Slot,
+    seen: u32,
+}
+
+impl Eventfd {
+    /// The taking end, its memory at `path`.
+    ///
+    /// # Errors
+    /// The memory cannot be shared.
+    pub fn create(path: &Path) -> Result<Self, Failure> {
+        let slot = Slot::map(path).map_err(|e| system(Mechanism::Eventfd, "sharing memory", &e))?;
+        Ok(Self { slot, seen: 0 })
+    }
+
+    /// The giving end.
+    ///
+    /// # Errors
+    /// The memory cannot be shared.
+    pub fn open(path: &Path) -> Result<Self, Failure> {
+        Self::create(path)
+    }
+}
+
+impl Giver for Eventfd {
+    fn give(&mut self, parcel: &Parcel) -> Result<(), Failure> {
+        self.slot.put(parcel);
+        let written = write(std::io::stdin().as_fd(), &1_u64.to_ne_bytes());
+        written.map(drop).map_err(|error| system(Mechanism::Eventfd, "waking", &error))
+    }
+}
+
+impl Taker for Eventfd {
+    fn take(&mut self) -> Result<Parcel, Failure> {
+        let stdin = std::io::stdin();
+        loop {
+            let mut count = [0; 8];
+            match read(stdin.as_fd(), &mut count) {
+                Ok(_) | Err(Errno::INTR) => {}
+                Err(error) => return Err(system(Mechanism::Eventfd, "waiting", &error)),
+            }
+            if let Ok((version, parcel)) = self.slot.get(self.seen) {
+                self.seen = version;
+                return Ok(parcel);
+            }
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! Stands in for the cameras: publishes poses of a hovering vehicle, and between them gives a message by each bare mechanism.
+
+use oqtal_bus::message::{PoseV1, Stamps};
+use oqtal_bus::port::Writer;
+use oqtal_bus::process::{Exit, Failure, Shell};
+use oqtal_bus::time::{Grid, Span, Time};
+use oqtal_bus::topic::POSE;
+
+use super::bare::{Giver, Mechanism, Parcel, directory};
+use super::record::Record;
+use super::sleep::sleep_until;
+
+/// Where its record of how late it woke is left.
+pub const RECORD: &str = "sleep.record";
+
+/// A pose every period, at the period's beginning; then the bare mechanisms, evenly spread, in an order that rotates.
+///
+/// # Errors
+/// The bus refuses or breaks, or a mechanism does.
+pub fn run(shell: &Shell) -> Result<(), Failure> {
+    let bus = shell.bus()?;
+    let mut poses = bus.writer(&POSE)?;
+    let mut givers = Mechanism::ALL
+        .iter()
+        .map(|mechanism| mechanism.giver(shell))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut lateness = Record::with_room();
+    shell.enter_realtime();
+    let turns = givers.len() as u64 + 1;
+    let mut grid =
+        Grid::new(Time::now() + Span::from_millis(50), shell.config.control.rate_hz * turns as f64);
+    while !shell.stop.is_set() {
+        let (at, round, turn) = (grid.next(), grid.index() / turns, grid.index() % turns);
+        grid.advance();
+        sleep_until(at).map_err(|e| Failure::new(Exit::System, format!("sleeping failed: {e}")))?;
+        lateness.add(at, Time::now());
+        if turn == 0 {
+            publish(&mut poses, round, at)?;
+        } else {
+            let next = ((turn - 1 + round) % givers.len() as u64) as usize;
+            givers[next].give(&Parcel::now())?;
+        }
+    }
+    finish(shell, &mut givers, &lateness)
+}
+
+/// A pose at hover, as the cameras' process publishes it: stamped, sent, announced.
+fn publish(poses: &mut Writer<PoseV1>, round: u64, captured_at: Time) -> Result<(), Failure> {
+    // A pose that never changes at all would not be believed.
+    let noise = if round.is_multiple_of(2) { 1e-4 } else { -1e-4 };
+    let pose = PoseV1 {
+        position: [noise, -noise, 1.0 + noise],
+        attitude: [noise, -noise, noise, 1.0],
+        tracked: 1,
+    };
+    let stamps = Stamps { captured_at, pose_published_at: Time::now(), ..Stamps::default() };
+    poses.send(round + 1, stamps, pose)?;
+    Ok(poses.notify()?)
+}
+
+fn finish(shell: &Shell, givers: &mut [Box<dyn Giver>], lateness: &Record) -> Result<(), Failure> {
+    for giver in givers {
+        giver.give(&Parcel::LAST)?;
+    }
+    lateness.save(&directory(&shell.config.instance.name).join(RECORD))
+}

@@ -1,0 +1,154 @@
+//! What `oqtal latency` found, as its JSON document says it.
+
+use std::collections::BTreeMap;
+
+use oqtal_bus::latency::DistributionSummary;
+use serde::Serialize;
+
+use super::bare::Mechanism;
+use super::ears::{Counters, Ears};
+use super::pairs::Pair;
+use super::realtime::Realtime;
+use super::rig::Bare;
+
+/// The hops that only carry: what they take is the bus's, not a computation's.
+pub const TRANSPORT: [&str; 2] = ["publish_to_daemon", "command_to_vehicle"];
+
+/// A hop over the bare listener of iceoryx2, at two quantiles.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[allow(missing_docs)]
+pub struct Ratio {
+    pub p50: f64,
+    pub p99: f64,
+}
+
+impl Ratio {
+    /// `ours` over `theirs`.
+    #[must_use]
+    pub fn of(ours: &DistributionSummary, theirs: &DistributionSummary) -> Self {
+        let over = |ours: u64, theirs: u64| ours as f64 / theirs.max(1) as f64;
+        Self { p50: over(ours.p50_ns, theirs.p50_ns), p99: over(ours.p99_ns, theirs.p99_ns) }
+    }
+}
+
+/// How late processes woke.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Wakeup {
+    /// The daemon, after a pose was published or its deadline had come.
+    pub daemon: DistributionSummary,
+    /// A process that sleeps until an instant and does nothing else.
+    pub sleep: Option<DistributionSummary>,
+    /// Such a process and cyclictest, by turns; empty where cyclictest is not installed.
+    pub pairs: Vec<Pair>,
+    /// Median of the pairs' ratios.
+    pub median_ratio: Option<f64>,
+}
+
+/// The document.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Figures {
+    /// Every hop, and the whole.
+    pub hops: BTreeMap<&'static str, DistributionSummary>,
+    /// What the machine gives bare.
+    pub bare: BTreeMap<&'static str, DistributionSummary>,
+    /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2.
+    pub ratio: BTreeMap<&'static str, Ratio>,
+    /// Wake-ups.
+    pub wakeup: Wakeup,
+    /// How the daemon is scheduled.
+    pub realtime: Realtime,
+    /// What was counted.
+    pub counters: Counters,
+}
+
+impl Figures {
+    /// The figures of what was heard, beside what was measured bare.
+    #[must_use]
+    pub fn new(ears: &Ears, bare: Option<&Bare>, realtime: Realtime) -> Self {
+        let measured = bare.into_iter().flat_map(|bare| &bare.mechanisms);
+        let mut figures = Self {
+            hops: ears.hops().iter().map(|(name, hop)| (name, hop.summary())).collect(),
+            bare: measured.map(|(name, spans)| (*name, spans.summary())).collect(),
+            ratio: BTreeMap::new(),
+            wakeup: Wakeup {
+                daemon: ears.wakeup().summary(),
+                sleep: bare.map(|bare| bare.sleep.summary()),
+                ..Wakeup::default()
+            },
+            realtime,
+            counters: ears.counters(),
+        };
+        figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
+        figures
+    }
+
+    /// The hops of [`TRANSPORT`] over `mechanism`; none where one of the two was not measured.
+    #[must_use]
+    pub fn ratios(&self, mechanism: Mechanism) -> BTreeMap<&'static str, Ratio> {
+        let measured = |summary: &&DistributionSummary| summary.count > 0;
+        let Some(bare) = self.bare.get(mechanism.name()).filter(measured) else {
+            return BTreeMap::new();
+        };
+        let hops = TRANSPORT.into_iter().filter_map(|name| {
+            let hop = self.hops.get(name).filter(measured)?;
+            Some((name, Ratio::of(hop, bare)))
+        });
+        hops.collect()
+    }
+
+    /// Adds what was measured against cyclictest.
+    #[must_use]
+    pub fn with_pairs(mut self, pairs: Vec<Pair>) -> Self {
+        let mut ratios: Vec<f64> = pairs.iter().map(|pair| pair.ratio).collect();
+        ratios.sort_by(f64::total_cmp);
+        let middle = ratios.len() / 2;
+        self.wakeup.median_ratio = match ratios.len() {
+            0 => None,
+            odd if odd % 2 == 1 => Some(ratios[middle]),
+            _ => Some(0.5 * (ratios[middle - 1] + ratios[middle])),
+        };
+        self.wakeup.pairs = pairs;
+        self
+    }
+
+    /// As one JSON document.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("figures hold only what JSON can say")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn summary(p50_ns: u64, p99_ns: u64) -> DistributionSummary {
+        DistributionSummary { count: 10, p50_ns, p99_ns, ..DistributionSummary::default() }
+    }
+
+    #[test]
+    fn a_hop_is_compared_only_with_what_was_measured() {
+        let mut figures = Figures::default();
+        figures.hops.insert("publish_to_daemon", summary(40, 90));
+        figures.hops.insert("command_to_vehicle", DistributionSummary::default());
+        figures.hops.insert("compute", summary(5, 6));
+        assert!(figures.ratios(Mechanism::Futex).is_empty());
+        figures.bare.insert("futex", summary(20, 100));
+        let ratios = figures.ratios(Mechanism::Futex);
+        assert_eq!(ratios.keys().collect::<Vec<_>>(), [&"publish_to_daemon"]);
+        assert!((ratios["publish_to_daemon"].p50 - 2.0).abs() < 1e-12);
+        assert!((ratios["publish_to_daemon"].p99 - 0.9).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_median_of_pairs_is_that_of_their_ratios() {
+        let pair = |ratio| Pair { ours_p999_ns: 1, cyclictest_p999_ns: 1, ratio };
+        let median = |ratios: &[f64]| {
+            let pairs = ratios.iter().copied().map(pair).collect();
+            Figures::default().with_pairs(pairs).wakeup.median_ratio
+        };
+        assert_eq!(median(&[]), None);
+        assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), Some(2.5));
+    }
+}

@@ -1,0 +1,208 @@
+//! Our periodic wake-up against cyclictest, by turns: same processor, priority, period and time.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use oqtal_bus::latency::Distribution;
+use oqtal_bus::message::{FNV_OFFSET, fnv1a};
+use oqtal_bus::pace::StopFlag;
+use oqtal_bus::process::{Exit, Failure};
+use oqtal_bus::time::{Span, Time};
+use rustix::thread::{CpuSet, sched_getaffinity};
+use serde::{Deserialize, Serialize};
+
+use super::part;
+use super::realtime::Realtime;
+use super::rig::{Rig, read};
+use super::sleep::RECORD;
+use crate::child::{Child, command};
+
+/// Pairs measured.
+const PAIRS: usize = 5;
+/// Later than this is one bin of cyclictest's histogram.
+const LONGEST_US: u64 = 100_000;
+const QUANTILE: f64 = 0.999;
+
+/// One run of each.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Pair {
+    /// Lateness of our loop that 99.9 % of its wake-ups do not exceed.
+    pub ours_p999_ns: u64,
+    /// The same of cyclictest.
+    pub cyclictest_p999_ns: u64,
+    /// Ours over cyclictest's.
+    pub ratio: f64,
+}
+
+/// On which terms both run.
+#[derive(Debug)]
+struct Terms {
+    /// Configuration file of our loop.
+    config: PathBuf,
+    cpu: usize,
+    /// Under SCHED_FIFO, if that is asked for and permitted.
+    priority: Option<u32>,
+    length: Span,
+}
+
+impl Terms {
+    fn new(rig: &Rig, length: Span) -> Result<Self, Failure> {
+        let mut config = rig.config().clone();
+        let cpu = config.realtime.cpus.last().copied().map_or_else(last_cpu, Ok)?;
+        config.realtime.cpus = vec![cpu];
+        let file = rig.directory().join("periodic.toml");
+        std::fs::write(&file, config.to_toml())
+            .map_err(|e| Failure::new(Exit::System, format!("{}: {e}", file.display())))?;
+        Ok(Self { config: file, cpu, priority: None, length })
+    }
+}
+
+/// Whether cyclictest is installed.
+#[must_use]
+pub fn is_installed() -> bool {
+    succeeds("cyclictest", &["--help"])
+}
+
+/// Runs each for `length`, several times by turns, who begins alternating.
+///
+/// # Errors
+/// One of them cannot be run.
+pub fn run(rig: &Rig, length: Span, stop: &StopFlag) -> Result<Vec<Pair>, Failure> {
+    let mut terms = Terms::new(rig, length)?;
+    let mut pairs = Vec::new();
+    for number in 0..PAIRS {
+        // Ours first: its first run also shows how the machine lets it be scheduled.
+        let (ours, theirs) = if number.is_multiple_of(2) {
+            let ours = periodic(rig.directory(), &mut terms)?;
+            (ours, cyclictest(rig.directory(), &terms)?)
+        } else {
+            let theirs = cyclictest(rig.directory(), &terms)?;
+            (periodic(rig.directory(), &mut terms)?, theirs)
+        };
+        if stop.is_set() {
+            break;
+        }
+        let ratio = ours as f64 / theirs.max(1) as f64;
+        pairs.push(Pair { ours_p999_ns: ours, cyclictest_p999_ns: theirs, ratio });
+    }
+    Ok(pairs)
+}
+
+/// A run of our loop: its p99.9 in nanoseconds.
+fn periodic(directory: &Path, terms: &mut Terms) -> Result<u64, Failure> {
+    start_at_any_phase();
+    let command = command(&[part::COMMAND, "periodic"], &terms.config)?;
+    let mut child = Child::start("periodic", command, directory)?;
+    let from = Time::now();
+    child.ends_within(terms.length);
+    if let Some(fallen) = child.fallen() {
+        return Err(fallen);
+    }
+    let realtime = Realtime::of(u64::from(child.id())).unwrap_or_default();
+    terms.priority = (realtime.policy == "fifo").then_some(realtime.priority);
+    child.dismiss();
+    let spans = read(&directory.join(RECORD), from, Time::now())?;
+    Ok(whole_micros(spans.quantile(QUANTILE)))
+}
+
+/// A run of cyclictest: its p99.9 in nanoseconds.
+fn cyclictest(directory: &Path, terms: &Terms) -> Result<u64, Failure> {
+    start_at_any_phase();
+    let report = directory.join("cyclictest.json");
+    let mut command = Command::new("cyclictest");
+    let duration = terms.length.to_duration().as_secs().max(1);
+    // It must not tune the machine while ours does not.
+    command.args(["--quiet", "--default-system", "--mlockall", "--threads=1", "--interval=1000"]);
+    command.arg(format!("--affinity={}", terms.cpu)).arg(format!("--duration={duration}"));
+    command.arg(format!("--histogram={LONGEST_US}"));
+    match terms.priority {
+        Some(priority) => command.arg(format!("--priority={priority}")),
+        None => command.arg("--policy=other"),
+    };
+    command.arg(format!("--json={}", report.display())).stdin(Stdio::null());
+    let mut child = Child::start("cyclictest", command, directory)?;
+    if !child.ends_within(terms.length + Span::from_millis(5000)) {
+        return Err(Failure::new(Exit::System, "cyclictest did not end when its time was over"));
+    }
+    let text = std::fs::read_to_string(&report).unwrap_or_default();
+    p999_of(&text).ok_or_else(|| {
+        Failure::new(Exit::System, "cyclictest left no histogram; rt-tests 2.0 or newer is needed")
+    })
+}
+
+/// What cyclictest writes with `--json`.
+#[derive(Deserialize)]
+struct Report {
+    thread: BTreeMap<String, Thread>,
+}
+
+#[derive(Deserialize)]
+struct Thread {
+    /// Wake-ups by lateness in microseconds.
+    histogram: BTreeMap<String, u64>,
+    cycles: u64,
+}
+
+fn p999_of(report: &str) -> Option<u64> {
+    let report: Report = serde_json::from_str(report).ok()?;
+    let thread = report.thread.into_values().next()?;
+    let mut bins = Vec::new();
+    for (micros, count) in &thread.histogram {
+        bins.push((micros.parse::<u64>().ok()?, *count));
+    }
+    let listed: u64 = bins.iter().map(|(_, count)| count).sum();
+    bins.push((LONGEST_US, thread.cycles.saturating_sub(listed)));
+    bins.sort_unstable();
+    let mut distribution = Distribution::default();
+    for (micros, count) in bins {
+        for _ in 0..count {
+            distribution.add(Span::from_nanos((micros * 1000).cast_signed()));
+        }
+    }
+    (distribution.count() > 0).then(|| whole_micros(distribution.quantile(QUANTILE)))
+}
+
+/// Both to the whole microsecond below, as cyclictest counts.
+fn whole_micros(span: Span) -> u64 {
+    span.nanos().max(0).unsigned_abs() / 1000 * 1000
+}
+
+/// The machine's own clocks tick in milliseconds, too: no run may owe its figures to where it began.
+fn start_at_any_phase() {
+    let dice = fnv1a(FNV_OFFSET, &Time::now().nanos().to_le_bytes());
+    std::thread::sleep(Duration::from_nanos(dice % 10_000_000));
+}
+
+/// The last processor this process may use: the first serves most interrupts.
+fn last_cpu() -> Result<usize, Failure> {
+    let allowed = sched_getaffinity(None)
+        .map_err(|e| Failure::new(Exit::System, format!("asking for processors failed: {e}")))?;
+    Ok((0..CpuSet::MAX_CPU).rev().find(|cpu| allowed.is_set(*cpu)).unwrap_or(0))
+}
+
+fn succeeds(program: &str, words: &[&str]) -> bool {
+    let mut command = Command::new(program);
+    command.args(words).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command.status().is_ok_and(|status| status.success())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_histogram_of_cyclictest_is_read_with_what_lies_beyond_it() {
+        let report = |cycles: u64| {
+            format!(
+                r#"{{"file_version": 1, "thread": {{"0": {{"histogram": {{"7": 900, "12": 99, "40": 1}},
+                "cycles": {cycles}, "min": 7, "max": 40, "avg": 7.5, "cpu": 1, "node": 0}}}}}}"#
+            )
+        };
+        assert_eq!(p999_of(&report(1000)), Some(12_000));
+        // Ten more that the histogram does not list came later than its end.
+        assert!(p999_of(&report(1010)).unwrap() >= 100_000_000);
+        assert_eq!(p999_of("{}"), None);
+    }
+}

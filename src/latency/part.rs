@@ -1,0 +1,60 @@
+//! The stand-ins as processes: `oqtal latency-part NAME run`.
+
+use std::process::ExitCode;
+
+use clap::Subcommand;
+use oqtal_bus::process::{Job, ProcessCommand, execute};
+use oqtal_bus::topic::Party;
+
+use super::bare::Mechanism;
+use super::{camera, sleep, vehicle};
+
+/// Word of the command line that starts a stand-in.
+pub const COMMAND: &str = "latency-part";
+
+/// The stand-ins; each is set up like the process that it stands in for.
+#[derive(Subcommand, Clone, Debug)]
+#[command(rename_all = "snake_case")]
+pub enum Part {
+    /// Publishes poses, and gives by the bare mechanisms
+    #[command(subcommand)]
+    Camera(ProcessCommand),
+    /// Takes commands
+    #[command(subcommand)]
+    Vehicle(ProcessCommand),
+    /// Wakes every millisecond
+    #[command(subcommand)]
+    Periodic(ProcessCommand),
+    /// Takes by a futex
+    #[command(subcommand)]
+    Futex(ProcessCommand),
+    /// Takes by an eventfd
+    #[command(subcommand)]
+    Eventfd(ProcessCommand),
+    /// Takes by a Unix datagram socket
+    #[command(subcommand)]
+    UnixDatagram(ProcessCommand),
+    /// Takes by a listener of iceoryx2
+    #[command(subcommand)]
+    Iceoryx2Listener(ProcessCommand),
+}
+
+impl Part {
+    /// Plays the part until asked to stop.
+    #[must_use]
+    pub fn execute(&self) -> ExitCode {
+        let (party, command, job): (Party, &ProcessCommand, Job) = match self {
+            Self::Camera(command) => (Party::Mocap, command, camera::run),
+            Self::Vehicle(command) => (Party::Plant, command, vehicle::run),
+            Self::Periodic(command) => (Party::Daemon, command, sleep::run),
+            Self::Futex(command) => (Party::Daemon, command, Mechanism::Futex.job()),
+            Self::Eventfd(command) => (Party::Daemon, command, Mechanism::Eventfd.job()),
+            Self::UnixDatagram(command) => (Party::Daemon, command, Mechanism::UnixDatagram.job()),
+            Self::Iceoryx2Listener(command) => {
+                (Party::Daemon, command, Mechanism::Iceoryx2Listener.job())
+            }
+        };
+        // Its configuration was checked by who starts it.
+        execute(party, command, job, |_| Ok(()))
+    }
+}

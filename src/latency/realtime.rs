@@ -1,0 +1,79 @@
+//! What the kernel grants a process: scheduling, processors, locked memory. Read from `/proc`, so it is what is, not what was
+//! asked for.
+
+use std::fs;
+
+use serde::Serialize;
+
+/// How the most urgent thread of a process is scheduled.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Realtime {
+    /// `other`, `fifo`, `rr`, `batch`, `idle` or `deadline`.
+    pub policy: &'static str,
+    /// Real-time priority; 0 under ordinary scheduling.
+    pub priority: u32,
+    /// The one processor it may use; `None` if there are several.
+    pub cpu: Option<usize>,
+    /// Whether its memory cannot be paged out.
+    pub locked: bool,
+}
+
+impl Realtime {
+    /// That of the process `pid`; `None` if there is none.
+    #[must_use]
+    pub fn of(pid: u64) -> Option<Self> {
+        let tasks = fs::read_dir(format!("/proc/{pid}/task")).ok()?;
+        let threads = tasks.flatten().filter_map(|task| {
+            let read = |name| fs::read_to_string(task.path().join(name)).ok();
+            Self::parse(&read("stat")?, &read("status")?)
+        });
+        threads.max_by_key(|thread| thread.priority)
+    }
+
+    /// From the `stat` and `status` of a thread, proc(5).
+    fn parse(stat: &str, status: &str) -> Option<Self> {
+        // The name may hold blanks and brackets; the fields behind it start with the third.
+        let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
+        let field = |number: usize| fields.get(number - 3)?.parse::<usize>().ok();
+        let line = |key: &str| {
+            status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':')).map(str::trim)
+        };
+        let locked_kb = line("VmLck").and_then(|text| text.split(' ').next());
+        Some(Self {
+            policy: policy(field(41)?),
+            priority: u32::try_from(field(40)?).ok()?,
+            cpu: line("Cpus_allowed_list").and_then(|list| list.parse().ok()),
+            locked: locked_kb.is_some_and(|kilobytes| kilobytes != "0"),
+        })
+    }
+}
+
+/// sched(7), as numbered in the kernel's `sched.h`.
+fn policy(number: usize) -> &'static str {
+    ["other", "fifo", "rr", "batch", "iso", "idle", "deadline"].get(number).unwrap_or(&"unknown")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fields_of_proc_are_found_behind_any_name() {
+        let mut fields: Vec<String> = (3..=52).map(|number| number.to_string()).collect();
+        fields[40 - 3] = "80".to_owned();
+        fields[41 - 3] = "1".to_owned();
+        let stat = format!("17 (a) b (c) {}", fields.join(" "));
+        let status = "Name:\tx\nVmLck:\t  5120 kB\nCpus_allowed_list:\t1\n";
+        let found = Realtime::parse(&stat, status).unwrap();
+        assert_eq!(found, Realtime { policy: "fifo", priority: 80, cpu: Some(1), locked: true });
+        let several = Realtime::parse(&stat, "VmLck:\t0 kB\nCpus_allowed_list:\t0-1\n").unwrap();
+        assert_eq!((several.cpu, several.locked), (None, false));
+    }
+
+    #[test]
+    fn this_process_is_scheduled_somehow() {
+        let own = Realtime::of(u64::from(std::process::id())).unwrap();
+        assert_ne!(own.policy, "unknown");
+        assert_eq!(Realtime::of(u64::MAX), None);
+    }
+}

@@ -1,0 +1,214 @@
+//! The processes of a measurement: the chain at rest, and the bare mechanisms that it is measured beside.
+//!
+//! ```text
+//!  camera ─ pose ─▶ daemon ─ command ─▶ vehicle      the very daemon, in an instance of its own
+//!       └─ futex, eventfd, ... ─▶ one taker each     interleaved
+//! ```
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::config::{ClockKind, Config};
+use oqtal_bus::latency::Distribution;
+use oqtal_bus::place::Place;
+use oqtal_bus::process::{Exit, Failure, place_of};
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::trajectory::TrajectoryKind;
+
+use super::bare::{Mechanism, beside, counter, directory};
+use super::record::Record;
+use super::{camera, part};
+use crate::child::{Child, command};
+
+/// A process has so long to come up, or to write its record.
+const PATIENCE: Span = Span::from_millis(10_000);
+/// No flight is longer; a measurement is shorter.
+const LONGEST_FLIGHT_S: f64 = 3600.0;
+
+/// What the bare mechanisms and the sleep of the camera took.
+#[derive(Debug, Default)]
+pub struct Bare {
+    /// From before it was given to after it was taken, by mechanism.
+    pub mechanisms: BTreeMap<&'static str, Distribution>,
+    /// How late the camera woke from absolute sleeps.
+    pub sleep: Distribution,
+}
+
+/// Running stand-ins, in an instance of their own. Nothing of them is left when this is dropped.
+#[derive(Debug)]
+pub struct Rig {
+    config: Config,
+    place: Place,
+    directory: PathBuf,
+    takers: Vec<(Mechanism, Child)>,
+    chain: Vec<Child>,
+    camera: Option<Child>,
+}
+
+impl Rig {
+    /// An instance beside that of `config`, in which nothing runs yet.
+    ///
+    /// # Errors
+    /// Its files cannot be written.
+    pub fn new(config: &Config) -> Result<Self, Failure> {
+        let mut config = config.clone();
+        let root = place_of(&config)?.root;
+        config.instance.root = root.display().to_string();
+        // Never a running one: its vehicle may be real.
+        config.instance.name = format!("latency-{}", std::process::id());
+        config.clock.kind = ClockKind::Real;
+        config.mocap.replay.clear();
+        config.trajectory.kind = TrajectoryKind::Hover;
+        config.trajectory.duration_s = Some(LONGEST_FLIGHT_S);
+        let place = place_of(&config)?;
+        let directory = directory(&config.instance.name);
+        let rig =
+            Self { config, place, directory, takers: Vec::new(), chain: Vec::new(), camera: None };
+        let written = fs::create_dir_all(&rig.directory)
+            .and_then(|()| fs::write(rig.config_file(), rig.config.to_toml()));
+        written.map_err(|e| failed(&rig.directory, &e))?;
+        Ok(rig)
+    }
+
+    /// The configuration of its processes.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Where it lives.
+    #[must_use]
+    pub fn place(&self) -> &Place {
+        &self.place
+    }
+
+    /// The directory of its files.
+    #[must_use]
+    pub fn directory(&self) -> &Path {
+        &self.directory
+    }
+
+    /// Its configuration.
+    #[must_use]
+    pub fn config_file(&self) -> PathBuf {
+        self.directory.join("config.toml")
+    }
+
+    /// Starts the daemon and what stands in for the vehicle.
+    ///
+    /// # Errors
+    /// One cannot be started.
+    pub fn start_chain(&mut self) -> Result<(), Failure> {
+        for (name, words) in [("vehicle", &[part::COMMAND, "vehicle"][..]), ("daemon", &["daemon"])]
+        {
+            let command = command(words, &self.config_file())?;
+            self.chain.push(Child::start(name, command, &self.directory)?);
+        }
+        Ok(())
+    }
+
+    /// Starts the takers of all mechanisms, and when they are ready the camera, which feeds them and the chain.
+    ///
+    /// # Errors
+    /// One cannot be started, or ends at once.
+    pub fn start_bare(&mut self) -> Result<(), Failure> {
+        let file = self.config_file();
+        let counter = counter()?;
+        let duplicate =
+            || counter.try_clone().map(Stdio::from).map_err(|e| failed(Path::new("eventfd"), &e));
+        for mechanism in Mechanism::ALL {
+            let mut command = command(&[part::COMMAND, mechanism.name()], &file)?;
+            command.stdin(duplicate()?);
+            let child = Child::start(mechanism.name(), command, &self.directory)?;
+            self.takers.push((mechanism, child));
+        }
+        self.wait_until_ready()?;
+        let mut command = command(&[part::COMMAND, "camera"], &file)?;
+        command.stdin(duplicate()?);
+        self.camera = Some(Child::start("camera", command, &self.directory)?);
+        Ok(())
+    }
+
+    fn wait_until_ready(&mut self) -> Result<(), Failure> {
+        let give_up = Time::now() + PATIENCE;
+        for mechanism in Mechanism::ALL {
+            let sign = self.directory.join(format!("{}.ready", mechanism.name()));
+            while !sign.exists() {
+                self.check()?;
+                if Time::now() >= give_up {
+                    let message = format!("the taker of {} never came up", mechanism.name());
+                    return Err(Failure::new(Exit::System, message));
+                }
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends the daemon, then the vehicle.
+    pub fn stop_chain(&mut self) {
+        while let Some(mut process) = self.chain.pop() {
+            process.dismiss();
+        }
+    }
+
+    /// # Errors
+    /// One of the processes has ended.
+    pub fn check(&mut self) -> Result<(), Failure> {
+        let takers = self.takers.iter_mut().map(|(_, taker)| taker);
+        let all = self.camera.iter_mut().chain(&mut self.chain).chain(takers);
+        all.map(Child::fallen).find_map(|fallen| fallen).map_or(Ok(()), Err)
+    }
+
+    /// Ends the camera and with it the takers, and reads what they measured between `from` and `to`.
+    ///
+    /// # Errors
+    /// One of them left no record.
+    pub fn finish(&mut self, from: Time, to: Time) -> Result<Bare, Failure> {
+        if let Some(mut camera) = self.camera.take() {
+            camera.dismiss();
+        }
+        let mut bare = Bare::default();
+        for (mechanism, mut taker) in self.takers.drain(..) {
+            // The camera's last message ends it.
+            taker.ends_within(PATIENCE);
+            let file = self.directory.join(format!("{}.record", mechanism.name()));
+            let spans = read(&file, from, to)?;
+            bare.mechanisms.insert(mechanism.name(), spans);
+        }
+        bare.sleep = read(&self.directory.join(camera::RECORD), from, to)?;
+        Ok(bare)
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        self.camera = None;
+        self.stop_chain();
+        self.takers.clear();
+        for place in [&self.place, &beside(&self.place)] {
+            if let Ok(bus) = Bus::open(place) {
+                bus.leave();
+            }
+        }
+        // Nothing is lost if it stays but a few kilobytes.
+        let _ = fs::remove_dir_all(&self.directory);
+    }
+}
+
+/// The spans of a record between `from` and `to`.
+pub fn read(file: &Path, from: Time, to: Time) -> Result<Distribution, Failure> {
+    let mut distribution = Distribution::default();
+    for span in Record::load(file)?.within(from, to) {
+        distribution.add(span);
+    }
+    Ok(distribution)
+}
+
+fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::new(Exit::System, format!("{}: {error}", path.display()))
+}

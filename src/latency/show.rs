@@ -1,0 +1,130 @@
+//! What a person reads in the terminal.
+
+use comfy_table::Table;
+use oqtal_bus::latency::{HOPS, WHOLE};
+
+use super::bare::Mechanism;
+use super::figures::{Figures, TRANSPORT};
+use crate::report::unit::{significant, words};
+use crate::table::{align, latency_row, table};
+
+/// The tables: hops beside bare mechanisms, and their ratios.
+#[must_use]
+pub fn text(figures: &Figures) -> String {
+    let mut parts = vec![scheduling(figures), latencies(figures).to_string()];
+    parts.extend(ratios(figures).map(|table| table.to_string()));
+    parts.extend(pairs(figures));
+    parts.push(counts(figures));
+    parts.join("\n")
+}
+
+fn scheduling(figures: &Figures) -> String {
+    let realtime = &figures.realtime;
+    let priority = match realtime.priority {
+        0 => String::new(),
+        priority => format!(", priority {priority}"),
+    };
+    let cpu = realtime.cpu.map_or_else(|| "any".to_owned(), |cpu| cpu.to_string());
+    let locked = if realtime.locked { "locked" } else { "not locked" };
+    format!(
+        "daemon: SCHED_{}{priority}, processor {cpu}, memory {locked}",
+        realtime.policy.to_uppercase()
+    )
+}
+
+fn latencies(figures: &Figures) -> Table {
+    let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
+    for name in HOPS.into_iter().chain([WHOLE]) {
+        if let Some(hop) = figures.hops.get(name).filter(|hop| hop.count > 0) {
+            table.add_row(latency_row(&words(name), hop));
+        }
+    }
+    table.add_row(latency_row("daemon wake-up", &figures.wakeup.daemon));
+    for mechanism in Mechanism::ALL {
+        if let Some(bare) = figures.bare.get(mechanism.name()) {
+            table.add_row(latency_row(&format!("bare {}", words(mechanism.name())), bare));
+        }
+    }
+    if let Some(sleep) = &figures.wakeup.sleep {
+        table.add_row(latency_row("bare sleep, lateness", sleep));
+    }
+    align(&mut table);
+    table
+}
+
+/// Each transport hop over each bare mechanism, p50 and p99.
+fn ratios(figures: &Figures) -> Option<Table> {
+    if figures.ratio.is_empty() {
+        return None;
+    }
+    let mut table = table(&["hop over bare, p50 / p99", "publish to daemon", "command to vehicle"]);
+    for mechanism in Mechanism::ALL {
+        let ratios = figures.ratios(mechanism);
+        let cells = TRANSPORT.map(|name| {
+            ratios.get(name).map_or_else(String::new, |ratio| {
+                format!("{} / {}", significant(ratio.p50), significant(ratio.p99))
+            })
+        });
+        table.add_row(std::iter::once(words(mechanism.name())).chain(cells));
+    }
+    align(&mut table);
+    Some(table)
+}
+
+fn pairs(figures: &Figures) -> Option<String> {
+    let wakeup = &figures.wakeup;
+    let median = wakeup.median_ratio?;
+    let ratios: Vec<String> = wakeup.pairs.iter().map(|pair| significant(pair.ratio)).collect();
+    Some(format!(
+        "periodic wake-up, p99.9 over cyclictest's: median {}, pairs {}",
+        significant(median),
+        ratios.join(" ")
+    ))
+}
+
+fn counts(figures: &Figures) -> String {
+    let counters = &figures.counters;
+    let unheard = match counters.unheard {
+        0 => String::new(),
+        unheard => format!("; {unheard} samples were not heard: this machine is overloaded"),
+    };
+    format!(
+        "ticks {}, on a pose {}, deadlines missed {}, poses lost {}, refused {}, commands {}, lost {}{unheard}",
+        counters.ticks,
+        counters.fresh_ticks,
+        counters.deadline_misses,
+        counters.poses_lost,
+        counters.poses_refused,
+        counters.commands,
+        counters.commands_lost
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::latency::DistributionSummary;
+
+    #[test]
+    fn it_fits_a_terminal_and_shows_every_hop_and_mechanism() {
+        let summary = DistributionSummary {
+            count: 600,
+            min_ns: 10_000,
+            p50_ns: 40_000,
+            p99_ns: 90_000,
+            p999_ns: 1_000_000,
+            max_ns: 4_000_000,
+        };
+        let mut figures = Figures::default();
+        figures.hops.extend(HOPS.into_iter().chain([WHOLE]).map(|name| (name, summary)));
+        figures.bare.extend(Mechanism::ALL.map(|mechanism| (mechanism.name(), summary)));
+        figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
+        figures.wakeup.sleep = Some(summary);
+        let text = text(&figures);
+        assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
+        for word in ["publish to daemon", "bare futex", "bare iceoryx2 listener", "1.00 / 1.00"] {
+            assert!(text.contains(word), "{word} in\n{text}");
+        }
+        assert!(!text.contains("cyclictest"), "{text}");
+    }
+}

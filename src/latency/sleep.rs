@@ -1,0 +1,54 @@
+//! Sleeping until an instant, and a loop that does nothing else.
+
+use oqtal_bus::process::{Exit, Failure, Shell};
+use oqtal_bus::time::{Span, Time};
+use rustix::io::Errno;
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::Timespec;
+
+use super::bare::directory;
+use super::record::Record;
+
+/// Where the record of [`run`] is left.
+pub const RECORD: &str = "periodic.record";
+/// Period of the loop: that of cyclictest unless it is told otherwise.
+const PERIOD: Span = Span::from_millis(1);
+
+/// Sleeps until `at`, whatever signals come.
+///
+/// # Errors
+/// The kernel refuses.
+pub fn sleep_until(at: Time) -> rustix::io::Result<()> {
+    let nanos = at.nanos();
+    let request = Timespec {
+        tv_sec: (nanos / 1_000_000_000).cast_signed(),
+        tv_nsec: (nanos % 1_000_000_000).cast_signed(),
+    };
+    loop {
+        match clock_nanosleep_absolute(ClockId::Monotonic, &request) {
+            Err(Errno::INTR) => {}
+            result => return result,
+        }
+    }
+}
+
+/// Wakes every millisecond until asked to stop, and leaves a record of how late it woke.
+///
+/// # Errors
+/// The kernel refuses.
+pub fn run(shell: &Shell) -> Result<(), Failure> {
+    let mut lateness = Record::with_room();
+    shell.enter_realtime();
+    let mut next = Time::now() + PERIOD;
+    while !shell.stop.is_set() {
+        sleep_until(next)
+            .map_err(|e| Failure::new(Exit::System, format!("sleeping failed: {e}")))?;
+        let now = Time::now();
+        lateness.add(next, now);
+        // Periods that were overslept are left out, as cyclictest does.
+        while next <= now {
+            next = next + PERIOD;
+        }
+    }
+    lateness.save(&directory(&shell.config.instance.name).join(RECORD))
+}

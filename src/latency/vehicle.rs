@@ -1,0 +1,32 @@
+//! Stands in for the vehicle: takes each command as the plant does, applies it at once, and says so.
+
+use oqtal_bus::code::Actuation;
+use oqtal_bus::message::{Stamps, VehicleV1};
+use oqtal_bus::process::{Failure, Shell};
+use oqtal_bus::topic::{COMMAND, VEHICLE};
+
+/// Takes commands until asked to stop.
+///
+/// # Errors
+/// The bus refuses or breaks.
+pub fn run(shell: &Shell) -> Result<(), Failure> {
+    let bus = shell.bus()?;
+    let mut commands = bus.reader(&COMMAND)?;
+    let mut vehicles = bus.writer(&VEHICLE)?;
+    let mut pace = shell.pace(&bus, &COMMAND)?;
+    shell.enter_realtime();
+    while pace.wait(None)?.is_some() {
+        let Some((header, command)) = commands.latest()? else { continue };
+        let received_at = pace.now();
+        let stamps = Stamps { received_at, applied_at: pace.now(), ..header.stamps };
+        let vehicle = VehicleV1 {
+            command_sequence: header.sequence,
+            lost: commands.lost(),
+            battery_v: f64::NAN,
+            armed: u8::from(command.actuation != Actuation::Neutral.code()),
+            link: 1,
+        };
+        vehicles.send(header.pose_sequence, stamps, vehicle)?;
+    }
+    Ok(())
+}

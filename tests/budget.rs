@@ -1,0 +1,192 @@
+//! What a turn of the daemon may cost: no allocation, and no system call but those that wait and wake.
+
+mod common;
+#[path = "budget/flight.rs"]
+mod flight;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::process::{Command, Stdio};
+
+use common::{Running, Testbed, wait_for};
+use oqtal_bus::code::Mode;
+use oqtal_bus::message::{PoseV1, Stamps};
+use oqtal_bus::time::Span;
+use oqtal_bus::topic::{POSE, TELEMETRY};
+use rustix::process::Signal;
+
+/// Counts what each thread takes from the heap.
+struct Counting;
+
+thread_local! {
+    static TAKEN: Cell<u64> = const { Cell::new(0) };
+}
+
+fn count() {
+    // A thread that ends has no count any more.
+    let _ = TAKEN.try_with(|taken| taken.set(taken.get() + 1));
+}
+
+// SAFETY: every call goes to the system's allocator unchanged; counting touches no heap, since the counter is a constant
+// initialised thread local without destructor.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: the caller keeps the contract of `dealloc`; the memory came from `System`.
+        unsafe { System.dealloc(memory, layout) }
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count();
+        // SAFETY: the caller keeps the contract of `realloc`; the memory came from `System`.
+        unsafe { System.realloc(memory, layout, size) }
+    }
+}
+
+#[global_allocator]
+static HEAP: Counting = Counting;
+
+/// How often `work` went to the heap, and its result.
+fn allocations<T>(work: impl FnOnce() -> T) -> (u64, T) {
+    let before = TAKEN.get();
+    let result = work();
+    (TAKEN.get() - before, result)
+}
+
+#[test]
+fn the_counter_counts() {
+    assert_eq!(allocations(|| Box::new(7)).0, 1);
+    assert_eq!(allocations(|| 7).0, 0);
+}
+
+#[test]
+fn no_turn_of_the_daemon_allocates_in_a_whole_flight_under_any_law() {
+    for law in ["pid", "lqr", "oqtal"] {
+        for resolve in ["on-cell-change", "every-tick"] {
+            let mut taken = 0;
+            let flown = flight::fly(law, resolve, |turn| taken += allocations(turn).0);
+            assert!(flown > 1500, "{law}, {resolve}: {flown} ticks armed");
+            assert_eq!(taken, 0, "{law}, {resolve}");
+        }
+    }
+}
+
+#[test]
+fn the_bus_allocates_once_for_each_message_published_and_never_else() {
+    const MESSAGES: u64 = 500;
+    for events in ["futex", "socket"] {
+        let testbed = Testbed::new("heap");
+        let bus = testbed.bus_with(events);
+        let mut writer = bus.writer(&POSE).unwrap();
+        let mut reader = bus.reader(&POSE).unwrap();
+        let bell = bus.doorbell(&POSE).unwrap();
+        let (mut sending, mut waking, mut waiting, mut reading) = (0, 0, 0, 0);
+        for message in 1..=MESSAGES + 10 {
+            let pose = PoseV1::default();
+            let sent = allocations(|| writer.send(message, Stamps::default(), pose).unwrap());
+            let rung = allocations(|| writer.notify().unwrap());
+            let woken = allocations(|| bell.wait(None, Span::from_millis(1000)).unwrap());
+            let read = allocations(|| reader.latest().unwrap());
+            assert_eq!(read.1.unwrap().0.pose_sequence, message);
+            // The first messages meet connections that are still being made.
+            if message > 10 {
+                sending += sent.0;
+                waking += rung.0;
+                waiting += woken.0;
+                reading += read.0;
+            }
+        }
+        // The one is iceoryx2's, in `loan`.
+        assert_eq!((sending, waking, waiting, reading), (MESSAGES, 0, 0, 0), "{events}");
+    }
+}
+
+/// A system call, the most of it in a turn, and what for.
+type Call = (&'static str, u64, &'static str);
+
+/// The system calls of the daemon's loop in steady state.
+const EXPECTED: [(&str, [Call; 3]); 2] = [
+    (
+        "futex",
+        [
+            (
+                "futex",
+                4,
+                "sleep until the rehearsal and until the pose; wake the vehicle; once more if woken for nothing",
+            ),
+            ("restart_syscall", 1, "the sleep that strace interrupted as it came"),
+            ("sched_yield", 0, "never"),
+        ],
+    ),
+    (
+        "socket",
+        [
+            ("ppoll", 3, "sleep until the rehearsal and until the pose, again where strace came"),
+            ("recvfrom", 3, "take the wake-up off the socket, after every sleep"),
+            ("sendto", 1, "wake the vehicle"),
+        ],
+    ),
+];
+
+#[test]
+fn the_loop_makes_only_the_system_calls_that_wait_and_wake() {
+    if !may_trace() {
+        eprintln!("skipped: strace is not installed, or may not trace here (package strace)");
+        return;
+    }
+    for (events, expected) in EXPECTED {
+        let (calls, ticks) = trace(events, 120);
+        for (name, count) in &calls {
+            let most = expected.iter().find(|(call, ..)| call == name).map_or(0, |call| call.1);
+            assert!(*count <= most * ticks, "{events}: {name} {count} times in {ticks} ticks");
+        }
+        assert!(calls.values().sum::<u64>() >= 2 * 120, "{events}: {calls:?} in {ticks} ticks");
+    }
+}
+
+fn may_trace() -> bool {
+    let mut strace = Command::new("strace");
+    strace.args(["-o", "/dev/null", "true"]).stdout(Stdio::null()).stderr(Stdio::null());
+    strace.status().is_ok_and(|status| status.success())
+}
+
+/// The system calls of a flying daemon's loop by name, over at least `ticks` ticks, and the ticks that they are at most from.
+fn trace(events: &str, ticks: u64) -> (BTreeMap<String, u64>, u64) {
+    let testbed = Testbed::new("trace");
+    let bus = testbed.bus_with(events);
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let events = format!("realtime.events={events}");
+    let words = ["fly", "--trajectory", "hover", "--duration", "600", "--set", &events];
+    let flight = testbed.start(&[&words[..], &["--set", "realtime.scheduling=other"]].concat());
+    let mut flying = || telemetry.latest().unwrap().filter(|(_, t)| t.mode == Mode::Flying.code());
+    let (header, before) = wait_for("take-off", &mut flying);
+    let log = testbed.path("strace");
+    let mut strace = Command::new("strace");
+    strace.arg("-o").arg(&log).args(["-e", "signal=none", "-p", &header.source.to_string()]);
+    let strace = Running::start(&mut strace);
+    let lines = || std::fs::read_to_string(&log).unwrap_or_default().lines().count() as u64;
+    wait_for("the first calls", || (lines() > 0).then_some(()));
+    let traced_from = wait_for("a tick", &mut flying).1.tick;
+    wait_for("ticks", || flying().filter(|(_, t)| t.tick >= traced_from + ticks));
+    strace.signal(Signal::INT);
+    strace.wait();
+    let after = wait_for("a tick", &mut flying).1;
+    flight.signal(Signal::INT);
+    drop(flight);
+    let mut calls = BTreeMap::new();
+    for line in std::fs::read_to_string(&log).unwrap().lines() {
+        // Signals and the like have no bracket directly behind a name.
+        if let Some((name, _)) = line.split_once('(')
+            && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
+        {
+            *calls.entry(name.to_owned()).or_default() += 1;
+        }
+    }
+    (calls, after.tick - before.tick + 1)
+}

@@ -1,0 +1,104 @@
+//! A flight of the pure objects in one process, with every turn of the daemon handed to whoever counts.
+
+use oqtal_bus::code::{Mode, Verb};
+use oqtal_bus::conductor::{Conductor, Done};
+use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Party;
+use oqtal_daemon::{Cycle, trajectory};
+use oqtal_mocap_emu::{Cameras, is_frame};
+use oqtal_plant_sim::{Output, Plant};
+
+/// Take-off, square and landing fit in.
+const LENGTH_S: f64 = 40.0;
+
+/// Flies the square under `law` and passes each turn of the daemon, report included, to `count`; returns the ticks flown.
+pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) -> u64 {
+    let mut settings = vec![Setting::flag("test", "control.controller", law)];
+    if law != "pid" {
+        settings.push(Setting::flag("test", &format!("control.{law}.resolve"), resolve));
+    }
+    let start = Time::VIRTUAL_START;
+    let mut flight = Flight::new(&Config::from_settings(&settings).unwrap(), start);
+    let mut conductor = Conductor::new(start, &Party::ALL[..3]);
+    while let Some((party, now)) = conductor.turn() {
+        if now > start + Span::from_seconds(LENGTH_S) {
+            break;
+        }
+        let done = match party {
+            Party::Plant => flight.plant(now),
+            Party::Mocap => flight.cameras(now),
+            Party::Daemon => flight.daemon(now, &mut count),
+            Party::Recorder => Done::default(),
+        };
+        conductor.done(party, done);
+    }
+    flight.flown
+}
+
+struct Flight {
+    plant: Plant,
+    cameras: Cameras,
+    cycle: Cycle,
+    frames: Vec<TruthV1>,
+    pose: Option<(Header, PoseV1)>,
+    command: Option<(Header, CommandV1)>,
+    commands: u64,
+    flown: u64,
+}
+
+impl Flight {
+    fn new(config: &Config, start: Time) -> Self {
+        let mut cycle = Cycle::new(config, trajectory(config).unwrap(), start).unwrap();
+        cycle.request(start, Verb::Fly);
+        Self {
+            plant: Plant::new(config, start),
+            cameras: Cameras::new(&config.mocap, config.clock.seed),
+            cycle,
+            frames: Vec::new(),
+            pose: None,
+            command: None,
+            commands: 0,
+            flown: 0,
+        }
+    }
+
+    fn plant(&mut self, now: Time) -> Done {
+        let frames = &mut self.frames;
+        self.plant.advance(now, |output| match output {
+            Output::Truth(truth) if is_frame(&truth) => frames.push(truth),
+            _ => {}
+        });
+        if let Some((header, command)) = self.command.take() {
+            self.plant.receive(now, header, command, 0);
+        }
+        Done { next: Some(self.plant.next_event()), published: !self.frames.is_empty() }
+    }
+
+    fn cameras(&mut self, now: Time) -> Done {
+        for truth in self.frames.drain(..) {
+            self.cameras.capture(&truth);
+        }
+        while let Some(delivery) = self.cameras.deliver(now) {
+            let stamps = delivery.stamps_at(now);
+            let header = Header { pose_sequence: delivery.frame, stamps, ..Header::default() };
+            self.pose = Some((header, delivery.pose));
+        }
+        Done { next: self.cameras.next_event(), published: self.pose.is_some() }
+    }
+
+    fn daemon(&mut self, now: Time, count: &mut impl FnMut(&mut dyn FnMut())) -> Done {
+        let arrival = self.pose.take();
+        count(&mut || {
+            let Some(tick) = self.cycle.step(now, arrival.as_ref()) else { return };
+            let stamps = Stamps { computed_at: now, command_published_at: now, ..tick.stamps };
+            self.commands += 1;
+            let telemetry = self.cycle.report(&stamps, self.commands);
+            self.flown += u64::from(telemetry.mode != Mode::Disarmed.code());
+            let header = Header { sequence: self.commands, stamps, ..Header::default() };
+            self.command = Some((header, tick.command));
+        });
+        Done { next: Some(self.cycle.next_event()), published: self.command.is_some() }
+    }
+}

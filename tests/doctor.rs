@@ -1,0 +1,52 @@
+//! `oqtal doctor` on this machine: its form, and the remains of a killed daemon.
+
+mod common;
+
+use common::{Testbed, wait_for};
+use rustix::process::Signal;
+use serde_json::Value;
+
+fn examine(testbed: &Testbed) -> Value {
+    let output = testbed.oqtal(&["doctor", "--json"]).output().unwrap();
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn every_check_says_what_was_found_and_what_is_not_well_says_why() {
+    let testbed = Testbed::new("doctor");
+    let document = examine(&testbed);
+    let checks = document["checks"].as_array().unwrap();
+    assert!(checks.len() >= 8, "{document}");
+    for check in checks {
+        for key in ["name", "found", "why"] {
+            assert!(!check[key].as_str().unwrap().is_empty(), "{check}");
+        }
+        let level = check["level"].as_str().unwrap();
+        assert!(["ok", "advice", "problem"].contains(&level), "{check}");
+        assert!(level != "problem" || check["remedy"].is_string(), "{check}");
+    }
+    let text = testbed.oqtal(&["doctor"]).output().unwrap();
+    assert_eq!(text.status.code() == Some(0), document["level"] != "problem");
+    assert!(String::from_utf8_lossy(&text.stdout).contains("fit to fly"));
+}
+
+#[test]
+fn a_dead_instance_is_found_and_named_in_its_remedy() {
+    let testbed = Testbed::new("dead");
+    let bus = testbed.bus();
+    let mut commands = bus.observer(&oqtal_bus::topic::COMMAND).unwrap();
+    let daemon = testbed.start(&["daemon", "run", "--set", "realtime.scheduling=other"]);
+    wait_for("commands", || commands.latest().unwrap());
+    drop((commands, bus));
+    daemon.signal(Signal::KILL);
+    daemon.wait();
+    let remains = |document: Value| {
+        let checks = document["checks"].as_array().unwrap().clone();
+        checks.into_iter().find(|check| check["name"] == "remains of dead instances").unwrap()
+    };
+    let found = remains(examine(&testbed));
+    assert!(found["found"].as_str().unwrap().contains(testbed.instance()), "{found}");
+    let remedy = found["remedy"].as_str().unwrap();
+    assert!(remedy.starts_with("oqtal ctl status --root"), "{found}");
+    assert!(remedy.contains(&format!("--instance {}", testbed.instance())), "{found}");
+}

@@ -1,0 +1,160 @@
+//! `oqtal latency`: what it says, whom it disturbs, what it leaves behind.
+
+mod common;
+
+use std::path::Path;
+
+use common::{Running, Testbed, is_alive, number, stderr, wait_for};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::Mode;
+use oqtal_bus::place::Place;
+use oqtal_bus::topic::TELEMETRY;
+use rustix::process::Signal;
+use serde_json::Value;
+
+const HOPS: [&str; 6] = [
+    "capture_to_publish",
+    "publish_to_daemon",
+    "compute",
+    "command_to_vehicle",
+    "vehicle_to_applied",
+    "sensor_to_actuator",
+];
+const BARE: [&str; 4] = ["futex", "eventfd", "unix_datagram", "iceoryx2_listener"];
+/// Tests share their machine.
+const ORDINARY: [&str; 2] = ["--set", "realtime.scheduling=other"];
+
+/// `oqtal latency` where cyclictest cannot be found.
+fn measure(testbed: &Testbed, words: &[&str]) -> Running {
+    let words = [&["latency", "--json"], &ORDINARY[..], words].concat();
+    let mut command = testbed.oqtal(&words);
+    Running::start(command.env("PATH", ""))
+}
+
+fn figures(output: &std::process::Output) -> Value {
+    assert!(output.status.success(), "{}", stderr(output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// What a measurement by the process `pid` still has in shared memory.
+fn remains(pid: u32) -> Vec<String> {
+    let entries = std::fs::read_dir("/dev/shm").unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
+    names.filter(|name| name.contains(&format!("latency-{pid}"))).collect()
+}
+
+/// The processes that `pid` started.
+fn children(pid: u32) -> Vec<u32> {
+    let file = format!("/proc/{pid}/task/{pid}/children");
+    let list = std::fs::read_to_string(file).unwrap_or_default();
+    list.split_whitespace().map(|child| child.parse().unwrap()).collect()
+}
+
+#[test]
+fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
+    let testbed = Testbed::new("rest");
+    let running = measure(&testbed, &["--seconds", "2"]);
+    let pid = running.id();
+    let output = running.wait();
+    let figures = figures(&output);
+    let count = |path: &str| number(&figures, &format!("/{path}/count"));
+    for hop in HOPS {
+        // The same samples in every hop and in their sum.
+        assert_eq!(count(&format!("hops/{hop}")), count("hops/sensor_to_actuator"), "{hop}");
+    }
+    assert!(count("hops/compute") > 60.0);
+    for name in BARE {
+        assert!(count(&format!("bare/{name}")) > 60.0, "{name}");
+        let at = |key: &str| number(&figures, &format!("/bare/{name}/{key}"));
+        assert!(at("min_ns") > 0.0 && at("min_ns") <= at("p50_ns"), "{name}");
+        assert!(at("p50_ns") <= at("p99_ns") && at("p99_ns") <= at("p999_ns"), "{name}");
+    }
+    for hop in ["publish_to_daemon", "command_to_vehicle"] {
+        let p50 = |part: &str, name: &str| number(&figures, &format!("/{part}/{name}/p50_ns"));
+        let ratio = p50("hops", hop) / p50("bare", "iceoryx2_listener");
+        assert!((number(&figures, &format!("/ratio/{hop}/p50")) - ratio).abs() < 1e-9, "{hop}");
+        number(&figures, &format!("/ratio/{hop}/p99"));
+    }
+    assert_eq!(figures["realtime"]["policy"], "other");
+    assert_eq!(number(&figures, "/counters/commands_lost"), 0.0);
+    // Without cyclictest it says so, and compares nothing.
+    assert!(stderr(&output).contains("cyclictest is not installed"), "{}", stderr(&output));
+    assert_eq!(figures["wakeup"]["pairs"], serde_json::json!([]));
+    assert!(figures["wakeup"]["median_ratio"].is_null());
+    assert!(remains(pid).is_empty(), "{:?}", remains(pid));
+}
+
+#[test]
+fn nothing_runs_to_be_attached_to() {
+    let testbed = Testbed::new("nobody");
+    let output = measure(&testbed, &["--attach", "--seconds", "1"]).wait();
+    assert_eq!(output.status.code(), Some(75));
+    assert!(stderr(&output).contains(testbed.instance()), "{}", stderr(&output));
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+}
+
+#[test]
+fn a_running_flight_is_observed_and_lands_as_if_alone() {
+    let testbed = Testbed::new("observed");
+    let bus: Bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let words = ["fly", "--trajectory", "hover", "--duration", "60", "--json"];
+    let flight = testbed.start(&[&words[..], &ORDINARY].concat());
+    wait_for("take-off", || {
+        telemetry.latest().unwrap().filter(|(_, t)| t.mode == Mode::Flying.code())
+    });
+    let attached = figures(&measure(&testbed, &["--attach", "--seconds", "2"]).wait());
+    for hop in HOPS {
+        assert!(number(&attached, &format!("/hops/{hop}/count")) > 60.0, "{hop}");
+    }
+    // The simulated radio is part of what is seen.
+    let radio = number(&attached, "/hops/vehicle_to_applied/p50_ns");
+    assert!((radio / 20e6 - 1.0).abs() < 0.05, "{radio}");
+    assert!(number(&attached, "/counters/ticks") > 60.0);
+    assert_eq!(attached["bare"], serde_json::json!({}));
+    assert_eq!(attached["ratio"], serde_json::json!({}));
+    flight.signal(Signal::INT);
+    let summary = figures(&flight.wait());
+    assert_eq!(summary["outcome"], "landed");
+    assert_eq!(number(&summary, "/lost/command"), 0.0);
+}
+
+#[test]
+fn an_interrupted_measurement_says_what_it_has_and_leaves_nothing() {
+    let testbed = Testbed::new("interrupted");
+    let running = measure(&testbed, &["--seconds", "600"]);
+    let pid = running.id();
+    wait_for("the chain and the bare mechanisms", || (children(pid).len() == 7).then_some(()));
+    // Two seconds of samples, whenever they come.
+    let place = Place::new(&format!("latency-{pid}"), Some(&testbed.path("run"))).unwrap();
+    let bus = Bus::open(&place).unwrap();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("a hover", || {
+        telemetry.latest().unwrap().filter(|(_, t)| t.mode == Mode::Flying.code() && t.tick > 120)
+    });
+    drop((telemetry, bus));
+    running.signal(Signal::INT);
+    let figures = figures(&running.wait());
+    assert!(number(&figures, "/hops/compute/count") > 0.0);
+    assert!(remains(pid).is_empty(), "{:?}", remains(pid));
+}
+
+#[test]
+fn a_killed_measurement_leaves_no_orphans() {
+    let testbed = Testbed::new("killed");
+    let running = measure(&testbed, &["--seconds", "600"]);
+    let pid = running.id();
+    let started =
+        wait_for("its processes", || Some(children(pid)).filter(|children| children.len() == 7));
+    running.signal(Signal::KILL);
+    for child in started {
+        wait_for("an orphan to end", || (!is_alive(child)).then_some(()));
+    }
+    // A killed process cleans up nothing; the next that comes does.
+    for name in [format!("latency-{pid}"), format!("latency-{pid}-bare")] {
+        let place = Place::new(&name, Some(&testbed.path("run"))).unwrap();
+        Bus::open(&place).unwrap().leave();
+    }
+    std::fs::remove_dir_all(Path::new("/dev/shm").join(format!("oqtal-latency-{pid}"))).unwrap();
+    assert!(remains(pid).is_empty(), "{:?}", remains(pid));
+}
