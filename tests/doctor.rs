@@ -32,7 +32,15 @@ fn every_check_says_what_was_found_and_what_is_not_well_says_why() {
 
 #[test]
 fn a_dead_instance_is_found_and_named_in_its_remedy() {
-    let testbed = Testbed::new("dead");
+    for testbed in Testbed::by_events("dead") {
+        find_the_dead(&testbed);
+        // Its remedy.
+        testbed.oqtal(&["ctl", "status"]).output().unwrap();
+        assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+    }
+}
+
+fn find_the_dead(testbed: &Testbed) {
     let bus = testbed.bus();
     let mut commands = bus.observer(&oqtal_bus::topic::COMMAND).unwrap();
     let daemon = testbed.start(&["daemon", "run", "--set", "realtime.scheduling=other"]);
@@ -44,7 +52,7 @@ fn a_dead_instance_is_found_and_named_in_its_remedy() {
         let checks = document["checks"].as_array().unwrap().clone();
         checks.into_iter().find(|check| check["name"] == "remains of dead instances").unwrap()
     };
-    let found = remains(examine(&testbed));
+    let found = remains(examine(testbed));
     assert!(found["found"].as_str().unwrap().contains(testbed.instance()), "{found}");
     let remedy = found["remedy"].as_str().unwrap();
     assert!(remedy.starts_with("oqtal ctl status --root"), "{found}");

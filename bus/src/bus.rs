@@ -1,13 +1,12 @@
 //! An instance of the bus: joins, opens ports, leaves.
 
-use std::time::Duration;
-
+use iceoryx2::config::Config;
 use iceoryx2::node::{NodeCreationFailure, NodeView};
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
     CallbackProgression, Node, NodeBuilder, NodeState, ServiceName, SignalHandlingMode, ipc,
 };
-use iceoryx2::service::port_factory;
+use iceoryx2::service::{Service, port_factory};
 
 use crate::control::{ControlClient, ControlServer};
 use crate::error::{BusError, system};
@@ -35,18 +34,13 @@ impl Bus {
     /// # Errors
     /// The place belongs to another user, or the operating system refuses.
     pub fn open(place: &Place) -> Result<Self, BusError> {
-        let config = place.prepare()?;
-        let node = NodeBuilder::new()
-            .config(&config)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
-            .map_err(|error| match error {
-                NodeCreationFailure::InsufficientPermissions => {
-                    BusError::Permission { path: place.root.clone() }
-                }
-                other => system(format!("joining {}", place.root.display()), &other),
-            })?;
-        Ok(Self { bells: Bells::open(&config, place, MAX_NODES)?, node, place: place.clone() })
+        let mut config = place.prepare()?;
+        // The bells first: remains of a dead listener are gone for good only if who removes them knows its kind.
+        let bells = Bells::open(&config, place, MAX_NODES)?;
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        Ok(Self { bells, node: join(&config, place)?, place: place.clone() })
     }
 
     /// The place this bus lives at.
@@ -58,8 +52,8 @@ impl Bus {
     /// Leaves the instance and removes what nobody needs any more: the remains of processes that died without a word, and,
     /// if this was the last process, the instance's counter of nodes, which iceoryx2 leaves behind in shared memory.
     pub fn leave(self) {
+        self.bells.remove_the_dead();
         drop(self.bells);
-        self.node.blocking_cleanup_dead_nodes(Duration::from_millis(500));
         let mut others = false;
         let own = *self.node.id();
         let listed = Node::<ipc::Service>::list(self.node.config(), |state| {
@@ -188,6 +182,23 @@ impl Bus {
             .open_or_create()
             .map_err(|error| error.explain(&self.place.root, "service", CONTROL))
     }
+}
+
+/// A node at `place`: a process's presence there.
+///
+/// # Errors
+/// As [`Bus::open`].
+pub(crate) fn join<S: Service>(config: &Config, place: &Place) -> Result<Node<S>, BusError> {
+    NodeBuilder::new()
+        .config(config)
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create()
+        .map_err(|error| match error {
+            NodeCreationFailure::InsufficientPermissions => {
+                BusError::Permission { path: place.root.clone() }
+            }
+            other => system(format!("joining {}", place.root.display()), &other),
+        })
 }
 
 fn service_name(name: &str) -> Result<ServiceName, BusError> {

@@ -19,8 +19,7 @@ use iceoryx2::config::Config;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{
-    EventId, FileDescriptorBased, FileName, Node, NodeBuilder, Path, ServiceName,
-    SignalHandlingMode, ZeroCopySend, ipc,
+    EventId, FileDescriptorBased, FileName, Node, Path, ServiceName, ZeroCopySend, ipc,
 };
 use iceoryx2::service::Service;
 use iceoryx2::service::internal::ServiceInternal;
@@ -37,6 +36,7 @@ use rustix::io::Errno;
 use rustix::thread::futex;
 use serde::{Deserialize, Serialize};
 
+use crate::bus::join;
 use crate::error::{BusError, system};
 use crate::mismatch::OpenError;
 use crate::place::Place;
@@ -44,6 +44,9 @@ use crate::time::{Span, Time};
 
 /// Sent to a listener when a notifier's process died: it wakes up, which is all that is wanted of it.
 const DEAD_WRITER: EventId = EventId::new(3);
+
+/// Somebody else may be removing the same remains: for so long they are waited for.
+const PATIENCE: Duration = Duration::from_millis(500);
 
 /// What wakes a sleeping process. All processes of an instance use the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,10 +78,18 @@ impl Bells {
     /// The operating system refuses.
     pub(crate) fn open(config: &Config, place: &Place, max_nodes: usize) -> Result<Self, BusError> {
         let node = match place.events {
-            Events::Futex => EventNode::Futex(join(config)?),
-            Events::Socket => EventNode::Socket(join(config)?),
+            Events::Futex => EventNode::Futex(join(config, place)?),
+            Events::Socket => EventNode::Socket(join(config, place)?),
         };
         Ok(Self { node, place: place.clone(), max_nodes })
+    }
+
+    /// Removes what processes left behind that died without a word.
+    pub(crate) fn remove_the_dead(&self) {
+        match &self.node {
+            EventNode::Futex(node) => drop(node.blocking_cleanup_dead_nodes(PATIENCE)),
+            EventNode::Socket(node) => drop(node.blocking_cleanup_dead_nodes(PATIENCE)),
+        }
     }
 
     /// What rings the bell `name`.
@@ -132,14 +143,6 @@ impl Bells {
 /// The two kinds of events never meet: a listener of one kind cannot be woken by a notifier of the other.
 fn futex_name(name: &str) -> String {
     format!("{name}/futex")
-}
-
-fn join<S: Service>(config: &Config) -> Result<Node<S>, BusError> {
-    NodeBuilder::new()
-        .config(config)
-        .signal_handling_mode(SignalHandlingMode::Disabled)
-        .create()
-        .map_err(|e| system("joining the events", &e))
 }
 
 /// Wakes whoever listens.
