@@ -11,6 +11,8 @@ use oqtal_bus::time::Time;
 use oqtal_control::quaternion::Attitude;
 use serde::Serialize;
 
+use crate::kernel::Observed;
+
 /// How a flight ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -74,12 +76,20 @@ pub struct Flight {
     pub hops: HopDistributions,
     /// How late the daemon woke.
     pub wakeup_lateness: Distribution,
+    /// How far the time between two turns of the loop was from a period.
+    pub period_jitter: Distribution,
     /// Commands that never reached the vehicle.
     pub commands_lost: u64,
+    /// Poses whose frame number had been there before.
+    pub poses_repeated: u64,
+    /// Commands that the vehicle got more than once.
+    pub commands_repeated: u64,
     /// Battery voltage over time: (instant, \[V\]).
     pub battery: Vec<(Time, f64)>,
     /// Simulated over wall time, from the first to the last tick.
     pub speed_factor: f64,
+    /// The daemon as the kernel sees it; `None` if it was no process of its own.
+    pub daemon: Option<Observed>,
 }
 
 impl Sample {

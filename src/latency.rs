@@ -7,7 +7,6 @@
 //! | `bare.rs`, `bare/` | other ways to hand a message over |
 //! | `ears.rs` | what an instance says of itself |
 //! | `pairs.rs`, `sleep.rs` | periodic wake-up against cyclictest |
-//! | `realtime.rs` | how the kernel schedules a process |
 //! | `figures.rs`, `show.rs` | JSON and tables |
 
 mod bare;
@@ -16,7 +15,6 @@ mod ears;
 mod figures;
 mod pairs;
 mod part;
-mod realtime;
 mod record;
 mod rig;
 mod show;
@@ -35,12 +33,12 @@ use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
 use oqtal_bus::program::{print, say};
 use oqtal_bus::time::{Span, Time};
 
+use crate::kernel::Realtime;
 use ears::Ears;
 use figures::Figures;
 use rig::Rig;
 
 pub use part::Part;
-pub use realtime::Realtime;
 
 /// A process has so long to come up and fly.
 const PATIENCE: Span = Span::from_millis(10_000);

@@ -10,6 +10,7 @@ pub mod ctl;
 pub mod doctor;
 pub mod flight;
 pub mod fly;
+pub mod kernel;
 pub mod latency;
 pub mod recorder;
 pub mod report;

@@ -31,7 +31,12 @@ pub struct Recorder {
     arrivals: Vec<Arrival>,
     hops: HopDistributions,
     wakeup_lateness: Distribution,
+    period_jitter: Distribution,
     commands_lost: u64,
+    poses_repeated: u64,
+    commands_repeated: u64,
+    last_tick: Option<Time>,
+    last_command: u64,
     battery: Vec<(Time, f64)>,
     waiting: VecDeque<TelemetryV1>,
     /// The newest samples of the truth, oldest first.
@@ -51,7 +56,12 @@ impl Recorder {
             arrivals: Vec::with_capacity(4096),
             hops: HopDistributions::default(),
             wakeup_lateness: Distribution::default(),
+            period_jitter: Distribution::default(),
             commands_lost: 0,
+            poses_repeated: 0,
+            commands_repeated: 0,
+            last_tick: None,
+            last_command: 0,
             battery: Vec::new(),
             waiting: VecDeque::new(),
             truths: VecDeque::with_capacity(TRUTHS_KEPT),
@@ -73,6 +83,11 @@ impl Recorder {
     /// Takes a tick of the daemon.
     pub fn telemetry(&mut self, telemetry: &TelemetryV1) {
         self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        if let Some(last) = self.last_tick.replace(telemetry.time) {
+            let period = Span::period_of(self.config.control.rate_hz);
+            let deviation = telemetry.time.since(last) - period;
+            self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
+        }
         if self.config.is_replay() {
             self.push(Sample { telemetry: *telemetry, truth: None });
             return;
@@ -83,6 +98,8 @@ impl Recorder {
 
     /// Takes a pose.
     pub fn pose(&mut self, header: &Header, pose: &PoseV1) {
+        let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
+        self.poses_repeated += u64::from(header.pose_sequence == last);
         self.arrivals.push(Arrival {
             at: header.stamps.pose_published_at,
             frame: header.pose_sequence,
@@ -94,6 +111,8 @@ impl Recorder {
     pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
         self.hops.add(&header.stamps);
         self.commands_lost = vehicle.lost;
+        self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
+        self.last_command = vehicle.command_sequence;
         self.battery.push((header.stamps.applied_at, vehicle.battery_v));
     }
 
@@ -126,9 +145,13 @@ impl Recorder {
             arrivals: self.arrivals,
             hops: self.hops,
             wakeup_lateness: self.wakeup_lateness,
+            period_jitter: self.period_jitter,
             commands_lost: self.commands_lost,
+            poses_repeated: self.poses_repeated,
+            commands_repeated: self.commands_repeated,
             battery: self.battery,
             speed_factor,
+            daemon: None,
         }
     }
 

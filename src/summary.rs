@@ -11,6 +11,7 @@ use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
 use crate::flight::{Flight, Outcome, Sample};
+use crate::kernel::Observed;
 
 /// Mean, root mean square and greatest value of an error's magnitude, and the root mean square by axis.
 #[derive(Clone, Debug, Serialize)]
@@ -25,9 +26,9 @@ pub struct ErrorFigures {
     pub rms_by_axis: [f64; 3],
 }
 
-/// Messages that were missed.
+/// Messages by topic that were missed, or came more than once.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Lost {
+pub struct Counts {
     /// Poses, by the gaps in their frame numbers; in a recording by the gaps in time.
     pub pose: u64,
     /// Commands, by the gaps in their sequence.
@@ -56,11 +57,16 @@ pub struct Summary {
     pub riccati_solves: u64,
     pub speed_factor: f64,
     pub deadline_misses: u64,
-    pub lost: Lost,
+    pub lost: Counts,
+    pub repeated: Counts,
     /// Poses that a newer one overtook before the daemon looked: bursts, or a daemon that was late.
     pub poses_superseded: u64,
     pub hops: BTreeMap<&'static str, DistributionSummary>,
     pub wakeup_lateness: DistributionSummary,
+    /// How far the time between two turns of the loop was from a period.
+    pub period_jitter: DistributionSummary,
+    /// The daemon as the kernel sees it; `None` if it was no process of its own.
+    pub daemon: Option<Observed>,
     /// The safety states passed through, in order.
     pub state_sequence: Vec<String>,
     pub config_hash: String,
@@ -96,10 +102,13 @@ impl Summary {
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,
             deadline_misses: last.deadline_misses,
-            lost: Lost { pose: last.poses_lost, command: flight.commands_lost },
+            lost: Counts { pose: last.poses_lost, command: flight.commands_lost },
+            repeated: Counts { pose: flight.poses_repeated, command: flight.commands_repeated },
             poses_superseded: last.poses_superseded,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wakeup_lateness: flight.wakeup_lateness.summary(),
+            period_jitter: flight.period_jitter.summary(),
+            daemon: flight.daemon.clone(),
             state_sequence: state_sequence(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),

@@ -3,6 +3,7 @@
 use comfy_table::{CellAlignment, Table, presets};
 use oqtal_bus::latency::{DistributionSummary, HOPS, WHOLE};
 
+use crate::kernel::Observed;
 use crate::report::unit::{significant, states, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 
@@ -13,7 +14,8 @@ pub fn closing(summary: &Summary) -> String {
     if let Some(errors) = errors(summary) {
         text += &format!("{errors}\n");
     }
-    text + &format!("{}\n{}", latencies(summary), counts(summary))
+    text += &format!("{}\n{}", latencies(summary), counts(summary));
+    text + &summary.daemon.as_ref().map_or_else(String::new, process)
 }
 
 fn headline(summary: &Summary) -> String {
@@ -57,6 +59,7 @@ fn latencies(summary: &Summary) -> Table {
         }
     }
     table.add_row(latency_row("wake-up lateness", &summary.wakeup_lateness));
+    table.add_row(latency_row("period jitter", &summary.period_jitter));
     align(&mut table);
     table
 }
@@ -76,6 +79,15 @@ fn counts(summary: &Summary) -> String {
         lost.pose,
         lost.command,
         states(summary)
+    )
+}
+
+/// How the daemon was run, and whether it grew.
+fn process(daemon: &Observed) -> String {
+    let Observed { realtime, start, end } = daemon;
+    format!(
+        "\ndaemon: {realtime}; resident {} KiB at first, {} at last; open files {}, {}",
+        start.resident_kib, end.resident_kib, start.open_files, end.open_files
     )
 }
 

@@ -9,6 +9,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
 use oqtal_bus::place::Place;
 use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::wake::Events;
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -151,9 +152,13 @@ fn a_killed_measurement_leaves_no_orphans() {
         wait_for("an orphan to end", || (!is_alive(child)).then_some(()));
     }
     // A killed process cleans up nothing; the next that comes does.
-    for name in [format!("latency-{pid}"), format!("latency-{pid}-bare")] {
+    let places = [
+        (format!("latency-{pid}"), Events::Futex),
+        (format!("latency-{pid}-bare"), Events::Socket),
+    ];
+    for (name, events) in places {
         let place = Place::new(&name, Some(&testbed.path("run"))).unwrap();
-        Bus::open(&place).unwrap().leave();
+        Bus::open(&Place { events, ..place }).unwrap().leave();
     }
     std::fs::remove_dir_all(Path::new("/dev/shm").join(format!("oqtal-latency-{pid}"))).unwrap();
     assert!(remains(pid).is_empty(), "{:?}", remains(pid));

@@ -15,6 +15,7 @@ pub struct Observer {
     poses: Reader<PoseV1>,
     vehicles: Reader<VehicleV1>,
     telemetry: Reader<TelemetryV1>,
+    daemon: Option<u64>,
 }
 
 impl Observer {
@@ -28,6 +29,7 @@ impl Observer {
             poses: bus.observer(&POSE)?,
             vehicles: bus.observer(&VEHICLE)?,
             telemetry: bus.observer(&TELEMETRY)?,
+            daemon: None,
         })
     }
 
@@ -37,7 +39,8 @@ impl Observer {
     /// A topic speaks another version.
     pub fn listen(&mut self, recorder: &mut Recorder) -> Result<bool, BusError> {
         let mut heard = false;
-        while let Some((_, telemetry)) = self.telemetry.receive()? {
+        while let Some((header, telemetry)) = self.telemetry.receive()? {
+            self.daemon = Some(header.source);
             recorder.telemetry(&telemetry);
             heard = true;
         }
@@ -51,6 +54,12 @@ impl Observer {
             recorder.vehicle(&header, &vehicle);
         }
         Ok(heard)
+    }
+
+    /// Process id of the daemon, once it was heard.
+    #[must_use]
+    pub fn daemon(&self) -> Option<u64> {
+        self.daemon
     }
 
     /// Samples that nobody heard because this process was late.

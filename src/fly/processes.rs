@@ -22,6 +22,7 @@ use super::observer::Observer;
 use super::output::Output;
 use super::progress::{Interrupts, Progress};
 use crate::flight::Flight;
+use crate::kernel::Observed;
 use crate::recorder::Recorder;
 
 /// A process has so long to come up.
@@ -103,10 +104,12 @@ fn record(
     let wall = Time::now();
     let mut first = None;
     let mut now = Time::UNSET;
+    let mut daemon = None;
     while let Some(instant) = clock.next_review()? {
         now = instant;
         let heard = observer.listen(&mut recorder)?;
         progress.show(&recorder);
+        daemon = daemon.or_else(|| Observed::of(observer.daemon()?));
         // A recording begins with its first pose, whenever the daemon began.
         let begun = if mission.recording.is_some() { recorder.sees() } else { heard };
         if begun || clock.is_virtual() {
@@ -123,7 +126,10 @@ fn record(
     let speed_factor = first.map_or(0.0, |(began, wall)| {
         now.since(began).seconds() / Time::now().since(wall).seconds().max(1e-9)
     });
-    Ok(recorder.finish(mission.otherwise(), speed_factor))
+    if let (Some(daemon), Some(pid)) = (&mut daemon, observer.daemon()) {
+        daemon.look_again(pid);
+    }
+    Ok(Flight { daemon, ..recorder.finish(mission.otherwise(), speed_factor) })
 }
 
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.

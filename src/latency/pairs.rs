@@ -14,10 +14,10 @@ use rustix::thread::{CpuSet, sched_getaffinity};
 use serde::{Deserialize, Serialize};
 
 use super::part;
-use super::realtime::Realtime;
 use super::rig::{Rig, read};
 use super::sleep::RECORD;
 use crate::child::{Child, command};
+use crate::kernel::Realtime;
 
 /// Pairs measured.
 const PAIRS: usize = 5;

@@ -11,25 +11,11 @@ use crate::table::{align, latency_row, table};
 /// The tables: hops beside bare mechanisms, and their ratios.
 #[must_use]
 pub fn text(figures: &Figures) -> String {
-    let mut parts = vec![scheduling(figures), latencies(figures).to_string()];
+    let mut parts = vec![format!("daemon: {}", figures.realtime), latencies(figures).to_string()];
     parts.extend(ratios(figures).map(|table| table.to_string()));
     parts.extend(pairs(figures));
     parts.push(counts(figures));
     parts.join("\n")
-}
-
-fn scheduling(figures: &Figures) -> String {
-    let realtime = &figures.realtime;
-    let priority = match realtime.priority {
-        0 => String::new(),
-        priority => format!(", priority {priority}"),
-    };
-    let cpu = realtime.cpu.map_or_else(|| "any".to_owned(), |cpu| cpu.to_string());
-    let locked = if realtime.locked { "locked" } else { "not locked" };
-    format!(
-        "daemon: SCHED_{}{priority}, processor {cpu}, memory {locked}",
-        realtime.policy.to_uppercase()
-    )
 }
 
 fn latencies(figures: &Figures) -> Table {

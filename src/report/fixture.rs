@@ -28,9 +28,13 @@ pub(crate) fn empty() -> Flight {
         arrivals: Vec::new(),
         hops: HopDistributions::default(),
         wakeup_lateness: Distribution::default(),
+        period_jitter: Distribution::default(),
         commands_lost: 0,
+        poses_repeated: 0,
+        commands_repeated: 0,
         battery: Vec::new(),
         speed_factor: f64::NAN,
+        daemon: None,
     }
 }
 
@@ -54,6 +58,7 @@ pub(crate) fn square() -> Flight {
         ));
         let at = instant(tick);
         flight.wakeup_lateness.add(Span::from_nanos(noise.nanos(60_000)));
+        flight.period_jitter.add(Span::from_nanos(noise.nanos(40_000)));
         flight.hops.add(&stamps(at, &mut noise));
         flight.battery.push((at, 12.4 - 0.01 * t + 0.01 * noise.next()));
         flight.arrivals.push(Arrival { at, frame: tick + 1, position: position.into() });

@@ -177,7 +177,10 @@ fn table(summary: &Summary) -> Markup {
     let order = HOPS.into_iter().chain([WHOLE]);
     let hops = order.filter_map(|name| Some((words(name), summary.hops.get(name)?)));
     let hops = hops.filter(|(_, hop)| hop.count > 0);
-    let lateness = ("wake-up lateness".to_owned(), &summary.wakeup_lateness);
+    let of_loop = [
+        ("wake-up lateness".to_owned(), &summary.wakeup_lateness),
+        ("period jitter".to_owned(), &summary.period_jitter),
+    ];
     html! {
         div.wide.scroll {
             table {
@@ -186,7 +189,7 @@ fn table(summary: &Summary) -> Markup {
                     @for heading in ["count", "min", "p50", "p99", "p99.9", "max"] { th { (heading) } }
                 } }
                 tbody {
-                    @for (name, hop) in hops.chain([lateness]) { (row(&name, hop)) }
+                    @for (name, hop) in hops.chain(of_loop) { (row(&name, hop)) }
                 }
             }
         }

@@ -9,6 +9,7 @@ use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode, ipc};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use oqtal_bus::place::Place;
 use oqtal_bus::process::Failure;
+use oqtal_bus::wake::Events;
 
 use super::{Mechanism, Parcel, system};
 
@@ -85,10 +86,11 @@ impl super::Taker for Taker {
 type Services =
     (publish_subscribe::PortFactory<ipc::Service, Parcel, ()>, event::PortFactory<ipc::Service>);
 
-/// Where it meets, beside the instance at `place`: nothing of the bus is shared with it.
+/// Where it meets, beside the instance at `place`: nothing of the bus is shared with it, and events are the stock ones.
 #[must_use]
 pub fn beside(place: &Place) -> Place {
-    Place { instance: format!("{}-bare", place.instance), ..place.clone() }
+    let instance = format!("{}-bare", place.instance);
+    Place { instance, events: Events::Socket, ..place.clone() }
 }
 
 fn node(place: &Place) -> Result<Node<ipc::Service>, Failure> {

@@ -1,7 +1,7 @@
-//! What the kernel grants a process: scheduling, processors, locked memory. Read from `/proc`, so it is what is, not what was
+//! What the kernel says of a process: how it is scheduled, what it holds. Read from `/proc`, so it is what is, not what was
 //! asked for.
 
-use std::fs;
+use std::{fmt, fs};
 
 use serde::Serialize;
 
@@ -16,6 +16,20 @@ pub struct Realtime {
     pub cpu: Option<usize>,
     /// Whether its memory cannot be paged out.
     pub locked: bool,
+}
+
+impl fmt::Display for Realtime {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "SCHED_{}", self.policy.to_uppercase())?;
+        if self.priority > 0 {
+            write!(f, ", priority {}", self.priority)?;
+        }
+        match self.cpu {
+            Some(cpu) => write!(f, ", processor {cpu}")?,
+            None => write!(f, ", any processor")?,
+        }
+        write!(f, ", memory {}", if self.locked { "locked" } else { "not locked" })
+    }
 }
 
 impl Realtime {
@@ -53,6 +67,53 @@ fn policy(number: usize) -> &'static str {
     ["other", "fifo", "rr", "batch", "iso", "idle", "deadline"].get(number).unwrap_or(&"unknown")
 }
 
+/// What a process holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Footprint {
+    /// Memory in RAM \[KiB\].
+    pub resident_kib: u64,
+    /// Open files, sockets included.
+    pub open_files: usize,
+}
+
+impl Footprint {
+    /// That of the process `pid`; `None` if there is none, or it is another user's.
+    #[must_use]
+    pub fn of(pid: u64) -> Option<Self> {
+        let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+        let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+        Some(Self {
+            resident_kib: resident.trim().split(' ').next()?.parse().ok()?,
+            open_files: fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count(),
+        })
+    }
+}
+
+/// A process over the time it was looked at.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Observed {
+    /// How it was scheduled.
+    pub realtime: Realtime,
+    /// What it held when it was first looked at.
+    pub start: Footprint,
+    /// What it held in the end.
+    pub end: Footprint,
+}
+
+impl Observed {
+    /// The process `pid`, looked at for the first time.
+    #[must_use]
+    pub fn of(pid: u64) -> Option<Self> {
+        let start = Footprint::of(pid)?;
+        Some(Self { realtime: Realtime::of(pid)?, start, end: start })
+    }
+
+    /// Looks again; what is gone stays as it was.
+    pub fn look_again(&mut self, pid: u64) {
+        self.end = Footprint::of(pid).unwrap_or(self.end);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -75,5 +136,7 @@ mod tests {
         let own = Realtime::of(u64::from(std::process::id())).unwrap();
         assert_ne!(own.policy, "unknown");
         assert_eq!(Realtime::of(u64::MAX), None);
+        let held = Footprint::of(u64::from(std::process::id())).unwrap();
+        assert!(held.resident_kib > 0 && held.open_files > 2, "{held:?}");
     }
 }
