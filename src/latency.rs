@@ -106,9 +106,10 @@ impl LatencyArgs {
         }
         // cyclictest takes whole seconds.
         let each = Span::from_millis(i64::from((self.seconds / 2).max(1)) * 1000);
-        let all = 10.0 * each.seconds();
-        say(&format!("periodic wake-up and cyclictest by turns: {all:.0} s"));
-        Ok(figures.with_pairs(pairs::run(&rig, each, stop)?))
+        let all = f64::from(pairs::PAIRS) * each.seconds();
+        say(&format!("periodic wake-up and cyclictest side by side: {all:.0} s"));
+        let pairs = pairs::run(&rig, each, &figures.realtime, stop)?;
+        Ok(figures.with_pairs(pairs))
     }
 
     /// A running instance.

@@ -38,7 +38,7 @@ pub struct Wakeup {
     pub daemon: DistributionSummary,
     /// A process that sleeps until an instant and does nothing else.
     pub sleep: Option<DistributionSummary>,
-    /// Such a process and cyclictest, by turns; empty where cyclictest is not installed.
+    /// Such a process and cyclictest, side by side; empty where cyclictest is not installed.
     pub pairs: Vec<Pair>,
     /// Median of the pairs' ratios.
     pub median_ratio: Option<f64>,

@@ -1,4 +1,5 @@
-//! Our periodic wake-up against cyclictest, by turns: same processor, priority, period and time.
+//! Our periodic wake-up against cyclictest: the same processor, priority and period at the same time, so that whatever else the
+//! machine does happens to both. Where in the period each wakes is left to chance.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,7 +21,7 @@ use crate::child::{Child, command};
 use crate::kernel::Realtime;
 
 /// Pairs measured.
-const PAIRS: usize = 5;
+pub const PAIRS: u32 = 5;
 /// Later than this is one bin of cyclictest's histogram.
 const LONGEST_US: u64 = 100_000;
 const QUANTILE: f64 = 0.999;
@@ -42,20 +43,21 @@ struct Terms {
     /// Configuration file of our loop.
     config: PathBuf,
     cpu: usize,
-    /// Under SCHED_FIFO, if that is asked for and permitted.
+    /// Under SCHED_FIFO.
     priority: Option<u32>,
     length: Span,
 }
 
 impl Terms {
-    fn new(rig: &Rig, length: Span) -> Result<Self, Failure> {
+    fn new(rig: &Rig, length: Span, realtime: &Realtime) -> Result<Self, Failure> {
         let mut config = rig.config().clone();
         let cpu = config.realtime.cpus.last().copied().map_or_else(last_cpu, Ok)?;
         config.realtime.cpus = vec![cpu];
         let file = rig.directory().join("periodic.toml");
         std::fs::write(&file, config.to_toml())
             .map_err(|e| Failure::new(Exit::System, format!("{}: {e}", file.display())))?;
-        Ok(Self { config: file, cpu, priority: None, length })
+        let priority = (realtime.policy == "fifo").then_some(realtime.priority);
+        Ok(Self { config: file, cpu, priority, length })
     }
 }
 
@@ -65,52 +67,49 @@ pub fn is_installed() -> bool {
     succeeds("cyclictest", &["--help"])
 }
 
-/// Runs each for `length`, several times by turns, who begins alternating.
+/// Runs both side by side for `length`, several times, scheduled as `realtime`.
 ///
 /// # Errors
 /// One of them cannot be run.
-pub fn run(rig: &Rig, length: Span, stop: &StopFlag) -> Result<Vec<Pair>, Failure> {
-    let mut terms = Terms::new(rig, length)?;
+pub fn run(
+    rig: &Rig,
+    length: Span,
+    realtime: &Realtime,
+    stop: &StopFlag,
+) -> Result<Vec<Pair>, Failure> {
+    let terms = Terms::new(rig, length, realtime)?;
     let mut pairs = Vec::new();
-    for number in 0..PAIRS {
-        // Ours first: its first run also shows how the machine lets it be scheduled.
-        let (ours, theirs) = if number.is_multiple_of(2) {
-            let ours = periodic(rig.directory(), &mut terms)?;
-            (ours, cyclictest(rig.directory(), &terms)?)
-        } else {
-            let theirs = cyclictest(rig.directory(), &terms)?;
-            (periodic(rig.directory(), &mut terms)?, theirs)
-        };
-        if stop.is_set() {
-            break;
-        }
-        let ratio = ours as f64 / theirs.max(1) as f64;
-        pairs.push(Pair { ours_p999_ns: ours, cyclictest_p999_ns: theirs, ratio });
+    while pairs.len() < PAIRS as usize && !stop.is_set() {
+        pairs.push(pair(rig.directory(), &terms)?);
     }
     Ok(pairs)
 }
 
-/// A run of our loop: its p99.9 in nanoseconds.
-fn periodic(directory: &Path, terms: &mut Terms) -> Result<u64, Failure> {
-    start_at_any_phase();
-    let command = command(&[part::COMMAND, "periodic"], &terms.config)?;
-    let mut child = Child::start("periodic", command, directory)?;
+fn pair(directory: &Path, terms: &Terms) -> Result<Pair, Failure> {
+    let report = directory.join("cyclictest.json");
+    let ours = command(&[part::COMMAND, "periodic"], &terms.config)?;
+    let mut ours = Child::start("periodic", ours, directory)?;
+    wait_for_any_phase();
     let from = Time::now();
-    child.ends_within(terms.length);
-    if let Some(fallen) = child.fallen() {
+    let mut theirs = Child::start("cyclictest", cyclictest(&report, terms), directory)?;
+    if !theirs.ends_within(terms.length + Span::from_millis(5000)) {
+        return Err(Failure::new(Exit::System, "cyclictest did not end when its time was over"));
+    }
+    if let Some(fallen) = ours.fallen() {
         return Err(fallen);
     }
-    let realtime = Realtime::of(u64::from(child.id())).unwrap_or_default();
-    terms.priority = (realtime.policy == "fifo").then_some(realtime.priority);
-    child.dismiss();
-    let spans = read(&directory.join(RECORD), from, Time::now())?;
-    Ok(whole_micros(spans.quantile(QUANTILE)))
+    let to = Time::now();
+    ours.dismiss();
+    let ours = whole_micros(read(&directory.join(RECORD), from, to)?.quantile(QUANTILE));
+    let text = std::fs::read_to_string(&report).unwrap_or_default();
+    let theirs = p999_of(&text).ok_or_else(|| {
+        Failure::new(Exit::System, "cyclictest left no histogram; rt-tests 2.0 or newer is needed")
+    })?;
+    let ratio = ours as f64 / theirs.max(1) as f64;
+    Ok(Pair { ours_p999_ns: ours, cyclictest_p999_ns: theirs, ratio })
 }
 
-/// A run of cyclictest: its p99.9 in nanoseconds.
-fn cyclictest(directory: &Path, terms: &Terms) -> Result<u64, Failure> {
-    start_at_any_phase();
-    let report = directory.join("cyclictest.json");
+fn cyclictest(report: &Path, terms: &Terms) -> Command {
     let mut command = Command::new("cyclictest");
     let duration = terms.length.to_duration().as_secs().max(1);
     // It must not tune the machine while ours does not.
@@ -122,14 +121,7 @@ fn cyclictest(directory: &Path, terms: &Terms) -> Result<u64, Failure> {
         None => command.arg("--policy=other"),
     };
     command.arg(format!("--json={}", report.display())).stdin(Stdio::null());
-    let mut child = Child::start("cyclictest", command, directory)?;
-    if !child.ends_within(terms.length + Span::from_millis(5000)) {
-        return Err(Failure::new(Exit::System, "cyclictest did not end when its time was over"));
-    }
-    let text = std::fs::read_to_string(&report).unwrap_or_default();
-    p999_of(&text).ok_or_else(|| {
-        Failure::new(Exit::System, "cyclictest left no histogram; rt-tests 2.0 or newer is needed")
-    })
+    command
 }
 
 /// What cyclictest writes with `--json`.
@@ -169,8 +161,8 @@ fn whole_micros(span: Span) -> u64 {
     span.nanos().max(0).unsigned_abs() / 1000 * 1000
 }
 
-/// The machine's own clocks tick in milliseconds, too: no run may owe its figures to where it began.
-fn start_at_any_phase() {
+/// Neither may owe its figures to where in the other's period, or in the machine's own, it began.
+fn wait_for_any_phase() {
     let dice = fnv1a(FNV_OFFSET, &Time::now().nanos().to_le_bytes());
     std::thread::sleep(Duration::from_nanos(dice % 10_000_000));
 }
