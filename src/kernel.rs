@@ -3,6 +3,7 @@
 
 use std::{fmt, fs};
 
+use oqtal_bus::config::{self, Scheduling};
 use serde::Serialize;
 
 /// How the most urgent thread of a process is scheduled.
@@ -42,6 +43,17 @@ impl Realtime {
             Self::parse(&read("stat")?, &read("status")?)
         });
         threads.max_by_key(|thread| thread.priority)
+    }
+
+    /// What `asked` asks for and the kernel does not grant.
+    #[must_use]
+    pub fn lacks(&self, asked: &config::Realtime) -> Vec<&'static str> {
+        let wanted = [
+            ("SCHED_FIFO", asked.scheduling == Scheduling::Fifo, self.policy == "fifo"),
+            ("locked memory", asked.lock_memory, self.locked),
+        ];
+        let lacking = wanted.into_iter().filter(|(_, asked, granted)| *asked && !granted);
+        lacking.map(|(name, ..)| name).collect()
     }
 
     /// From the `stat` and `status` of a thread, proc(5).
@@ -129,6 +141,16 @@ mod tests {
         assert_eq!(found, Realtime { policy: "fifo", priority: 80, cpu: Some(1), locked: true });
         let several = Realtime::parse(&stat, "VmLck:\t0 kB\nCpus_allowed_list:\t0-1\n").unwrap();
         assert_eq!((several.cpu, several.locked), (None, false));
+    }
+
+    #[test]
+    fn what_is_asked_for_and_not_granted_is_named() {
+        let asked = config::Config::default().realtime;
+        let granted = Realtime { policy: "fifo", priority: 50, cpu: None, locked: true };
+        assert!(granted.lacks(&asked).is_empty());
+        assert_eq!(Realtime::default().lacks(&asked), ["SCHED_FIFO", "locked memory"]);
+        let content = config::Realtime { lock_memory: false, ..asked };
+        assert_eq!(Realtime::default().lacks(&content), ["SCHED_FIFO"]);
     }
 
     #[test]

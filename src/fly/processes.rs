@@ -70,7 +70,21 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
         let lost = observer.lost();
         say(&format!("oqtal: {lost} samples were not recorded: this machine is overloaded"));
     }
-    flight
+    let flight = flight?;
+    say_what_is_lacking(&flight);
+    Ok(flight)
+}
+
+/// In virtual time nothing is asked of the kernel.
+fn say_what_is_lacking(flight: &Flight) {
+    let Some(daemon) = &flight.daemon else { return };
+    let lacking = daemon.realtime.lacks(&flight.config.realtime);
+    if flight.config.clock.kind == ClockKind::Real && !lacking.is_empty() {
+        say(&format!(
+            "oqtal: this machine did not grant {}; `oqtal doctor` says how to get it",
+            lacking.join(" and ")
+        ));
+    }
 }
 
 /// A daemon that already runs on this instance is somebody else's: it must not be made to fly.
