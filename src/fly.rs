@@ -10,7 +10,7 @@ mod progress;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_bus::config::{ClockKind, Config, Setting};
+use oqtal_bus::config::{ClockKind, Config, Setting, Vehicle};
 use oqtal_bus::process::{CommonArgs, Exit, Failure};
 use oqtal_bus::time::Span;
 use oqtal_control::trajectory::{FlightPlan, Place, Trajectory};
@@ -106,6 +106,8 @@ pub struct Mission {
     pub trajectory: Trajectory,
     /// What is played instead of the cameras, if anything.
     pub recording: Option<Recording>,
+    /// What really flies, if it is not what the daemon believes: for studies of robustness, in one process only.
+    pub plant: Option<Vehicle>,
 }
 
 impl Mission {
@@ -120,7 +122,7 @@ impl Mission {
             true => Some(read_recording(&config.mocap.replay)?),
             false => None,
         };
-        Ok(Self { config, trajectory, recording })
+        Ok(Self { config, trajectory, recording, plant: None })
     }
 
     /// How long it takes if all goes well.

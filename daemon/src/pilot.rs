@@ -66,7 +66,7 @@ impl Pilot {
                 let rotation = Rotation::RateLoop { lag_s };
                 let predictive = config.control.controller == ControllerName::OqtalDt;
                 let input = input.and_then(|input| match predictive {
-                    true => input.with_lag(lag_s),
+                    true => input.with_lag(lag_s, 1.0 / config.control.rate_hz),
                     false => Ok(input),
                 });
                 Form::Sticks(Loops::new(config, input.map_err(|e| e.to_string())?, rotation)?)

@@ -1,6 +1,7 @@
 //! A flight in one process: the same pure objects, conducted by the same conductor, with mailboxes in place of topics.
 
 use oqtal_bus::code::{Answer, Verb};
+use oqtal_bus::config::Config;
 use oqtal_bus::conductor::{Conductor, Done};
 use oqtal_bus::message::{
     CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1,
@@ -102,12 +103,14 @@ fn fly_watched(
 impl Room {
     fn new(mission: &Mission, start: Time) -> Result<Self, Failure> {
         let config = &mission.config;
+        let vehicle = mission.plant.clone().unwrap_or_else(|| config.vehicle.clone());
+        let world = Config { vehicle, ..config.clone() };
         let eyes = match &mission.recording {
             Some(recording) => Eyes::Replay(Replay::new(recording.clone(), start)),
             None => Eyes::Cameras(Box::new(Cameras::new(&config.mocap, config.clock.seed))),
         };
         Ok(Self {
-            plant: Plant::new(config, start),
+            plant: Plant::new(&world, start),
             eyes,
             cycle: Cycle::new(config, mission.trajectory.clone(), start)
                 .map_err(|reason| Failure::new(Exit::Config, reason))?,

@@ -18,10 +18,14 @@
 //! | `reference_model.rs` | a reference within speed, acceleration and jerk |
 //! | `position_law.rs`, `command_filter.rs` | the acceleration to have |
 //! | `flatness.rs` | the attitude, rate and angular acceleration for it |
+//! | `agenda.rs` | what was decided for which instant |
+//! | `ring.rs` | the newest of something |
 //!
-//! Everything the law sees is for one instant, that at which a command sent now will act: the
-//! motion is predicted to it, the reference led on to it.
+//! Everything a law sees is for one instant, that at which a command sent now will act: the motion
+//! is predicted to it, and the reference is the one for it. What is reported as the wish for now was
+//! decided a delay ago.
 
+mod agenda;
 mod attitude_filter;
 mod command_filter;
 mod flatness;
@@ -33,6 +37,7 @@ mod options;
 mod position_filter;
 mod position_law;
 mod reference_model;
+mod ring;
 
 use nalgebra::Vector3;
 
@@ -44,6 +49,7 @@ use crate::estimator::Estimate;
 use crate::position::{PositionCommand, PositionOptions};
 use crate::quantity::BodyRate;
 use crate::trajectory::Reference;
+use agenda::Agenda;
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
 pub use flatness::{Force, ahead};
@@ -75,7 +81,7 @@ pub struct Design<I> {
 /// What the autopilot decides.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
-    /// What it wants the vehicle to do now.
+    /// What the vehicle should do now, as decided a delay ago, and the thrust that it is told.
     pub wish: PositionCommand,
     /// The input to the rotation, within the vehicle's range.
     pub u: Vector3<f64>,
@@ -89,6 +95,7 @@ pub struct Autopilot<I> {
     history: CommandHistory,
     position: PositionLaw,
     attitude: OqtalDt<I>,
+    agenda: Agenda,
 }
 
 impl<I: InputForm + Copy> Autopilot<I> {
@@ -107,6 +114,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             history: CommandHistory::new(design.delay_s),
             position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
             attitude: OqtalDt::new(law, design.input, design.period_s)?,
+            agenda: Agenda::new(),
             design,
         })
     }
@@ -115,6 +123,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
     pub fn reset(&mut self) {
         self.observer.reset();
         self.position.reset();
+        self.agenda = Agenda::new();
     }
 
     /// Takes the pose captured at `t_s` \[s\], with rates from differences.
@@ -146,19 +155,24 @@ impl<I: InputForm + Copy> Autopilot<I> {
     pub fn decide(&mut self, now_s: f64, reference: &Reference, dt_s: f64) -> Option<Decision> {
         let delay_s = self.history.delay_s();
         let motion = self.observer.predict(now_s + delay_s, &self.history)?;
-        let usable = motion.is_finite() && reference.is_finite() && dt_s.is_finite() && dt_s > 0.0;
-        if !usable {
+        let sound = motion.is_finite() && reference.is_finite() && now_s.is_finite();
+        if !(sound && dt_s.is_finite() && dt_s > 0.0) {
             return None;
         }
         let bias = self.observer.bias();
         let Wish { velocity, force } =
             self.position.update((&motion, &bias), reference, (dt_s, delay_s));
-        let wanted = reference.attitude.unwrap_or_else(|| force.attitude(reference.yaw_rad));
-        let u = self.rotate(&motion, &bias, &ahead(&wanted, delay_s));
+        let wanted = match &reference.attitude {
+            Some(prescribed) => ahead(prescribed, delay_s),
+            None => force.attitude(reference.yaw_rad),
+        };
+        let u = self.rotate(&motion, &bias, &wanted);
         let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);
         let thrust_n = self.design.model.mass_kg * force.value.z / cosine;
-        let wish = PositionCommand { attitude: wanted, thrust_n, velocity };
-        Some(Decision { wish, u })
+        self.agenda.push(now_s + delay_s, PositionCommand { attitude: wanted, thrust_n, velocity });
+        let mut now = self.agenda.at(now_s)?;
+        now.attitude = reference.attitude.unwrap_or(now.attitude);
+        Some(Decision { wish: PositionCommand { thrust_n, ..now }, u })
     }
 
     /// Riccati equations solved so far.
