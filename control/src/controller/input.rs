@@ -33,6 +33,12 @@ pub trait InputForm {
     /// the rate follows `u` at once.
     fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)>;
 
+    /// The angular acceleration that is there about any axis to stop a turn with \[rad/s^2\];
+    /// infinite if the vehicle sees to that.
+    fn braking(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// The `u` with which a body without error follows its reference.
     fn feed_forward(
         &self,
@@ -98,6 +104,11 @@ impl InputForm for TorqueInput {
 
     fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
         Some((Matrix3::zeros(), *self.inertia.inverse()))
+    }
+
+    fn braking(&self) -> f64 {
+        // About the axis of greatest inertia. Half is for what else the torque has to do.
+        0.5 * self.max_torque / self.inertia.matrix().symmetric_eigenvalues().max()
     }
 
     fn feed_forward(

@@ -18,6 +18,7 @@
 //! | `reference_model.rs` | a reference within speed, acceleration and jerk |
 //! | `position_law.rs`, `command_filter.rs` | the acceleration to have |
 //! | `flatness.rs` | the attitude, rate and angular acceleration for it |
+//! | `lead.rs` | a prescribed attitude at the instant of effect |
 //! | `agenda.rs` | what was decided for which instant |
 //! | `ring.rs` | the newest of something |
 //!
@@ -31,6 +32,7 @@ mod command_filter;
 mod flatness;
 mod history;
 mod kalman;
+mod lead;
 mod model;
 mod observer;
 mod options;
@@ -52,9 +54,10 @@ use crate::trajectory::Reference;
 use agenda::Agenda;
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
-pub use flatness::{Force, ahead};
+pub use flatness::Force;
 pub use history::CommandHistory;
 pub use kalman::{Covariance, Transition};
+pub use lead::Lead;
 pub use model::{Bias, Input, Motion, Rotation, VehicleModel};
 pub use observer::Observer;
 pub use options::{FilterOptions, PredictiveOptions};
@@ -96,6 +99,7 @@ pub struct Autopilot<I> {
     position: PositionLaw,
     attitude: OqtalDt<I>,
     agenda: Agenda,
+    lead: Lead,
 }
 
 impl<I: InputForm + Copy> Autopilot<I> {
@@ -115,6 +119,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
             attitude: OqtalDt::new(law, design.input, design.period_s)?,
             agenda: Agenda::new(),
+            lead: Lead::default(),
             design,
         })
     }
@@ -124,6 +129,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.observer.reset();
         self.position.reset();
         self.agenda = Agenda::new();
+        self.lead.reset();
     }
 
     /// Takes the pose captured at `t_s` \[s\], with rates from differences.
@@ -163,8 +169,11 @@ impl<I: InputForm + Copy> Autopilot<I> {
         let Wish { velocity, force } =
             self.position.update((&motion, &bias), reference, (dt_s, delay_s));
         let wanted = match &reference.attitude {
-            Some(prescribed) => ahead(prescribed, delay_s),
-            None => force.attitude(reference.yaw_rad),
+            Some(prescribed) => self.lead.lead(prescribed, dt_s, delay_s),
+            None => {
+                self.lead.reset();
+                force.attitude(reference.yaw_rad)
+            }
         };
         let u = self.rotate(&motion, &bias, &wanted);
         let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);

@@ -106,7 +106,7 @@ fn a_prescribed_attitude_is_followed_through_the_delay() {
             worst = worst.max((roll - expected).abs());
         }
     }
-    assert!(worst < 0.004, "off by {worst} rad");
+    assert!(worst < 0.003, "off by {worst} rad");
 }
 
 #[test]
