@@ -3,10 +3,10 @@
 
 #[path = "laws/closed_loop.rs"]
 mod closed_loop;
-#[path = "laws/gains.rs"]
-mod gains;
 #[path = "laws/discrete.rs"]
 mod discrete;
+#[path = "laws/gains.rs"]
+mod gains;
 #[path = "laws/golden_gains.rs"]
 mod golden_gains;
 #[path = "laws/robustness.rs"]
@@ -32,8 +32,7 @@ const LAWS: [ControllerName; 4] =
     [ControllerName::Pid, ControllerName::Lqr, ControllerName::Oqtal, ControllerName::Geometric];
 /// Those whose gain a Riccati equation gives, at an operating point.
 const SCHEDULED: [ControllerName; 2] = [ControllerName::Lqr, ControllerName::Oqtal];
-const ALL: [ControllerName; 5] =
-    [LAWS[0], LAWS[1], LAWS[2], LAWS[3], ControllerName::OqtalDt];
+const ALL: [ControllerName; 5] = [LAWS[0], LAWS[1], LAWS[2], LAWS[3], ControllerName::OqtalDt];
 
 /// A command as numbers, so that one test can speak of both forms.
 trait Numbers {

@@ -210,7 +210,7 @@ impl<I: InputForm + Copy> Loops<I> {
                 let u = I::u_from(law.update(&state, &wish.attitude, dt_s));
                 Some(predictive::Decision { wish, u })
             }
-            Self::Predictive(autopilot) => autopilot.decide(now_s, reference, dt_s),
+            Self::Predictive(autopilot) => autopilot.decide(now_s, reference),
         }
     }
 

@@ -1,8 +1,8 @@
 //! A flight in one process: the same pure objects, conducted by the same conductor, with mailboxes in place of topics.
 
 use oqtal_bus::code::{Answer, Verb};
-use oqtal_bus::config::Config;
 use oqtal_bus::conductor::{Conductor, Done};
+use oqtal_bus::config::Config;
 use oqtal_bus::message::{
     CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1,
 };

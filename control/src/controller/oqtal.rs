@@ -180,7 +180,8 @@ impl<I: InputForm> Oqtal<I> {
     ) -> Result<Gain, RiccatiError> {
         let part = |row| Vector3::from(point.fixed_rows::<3>(row));
         let still = OperatingPoint::new(part(3), part(0));
-        let model = ErrorModel::at(options.jacobian, &OperatingPoint { eps_ddot: part(6), ..still });
+        let model =
+            ErrorModel::at(options.jacobian, &OperatingPoint { eps_ddot: part(6), ..still });
         AugmentedModel::new(&model.state_matrix(), input).gain(&options.weights())
     }
 
@@ -218,9 +219,9 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
             Some(_) => law_state(&omega_e, eps, &self.differentiate(error.eps_dot(&omega_e), dt_s)),
             None => law_state(&Vector3::zeros(), eps, &Vector3::zeros()),
         };
-        let k = self.schedule.gain(&point, |point| {
-            Self::gain_accelerating(&self.options, &self.input, point)
-        });
+        let k = self
+            .schedule
+            .gain(&point, |point| Self::gain_accelerating(&self.options, &self.input, point));
 
         // Eq. (56), erratum E-56
         let mut u = -(k * x) + self.input.gyroscopic(state.rate);

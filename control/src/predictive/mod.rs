@@ -65,6 +65,9 @@ pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Wish};
 pub use reference_model::{Course, Limits, ReferenceModel, ReferenceModelOptions};
 
+/// Time without a decision beyond this does not count \[s\]: the reference waits.
+const LONGEST_STEP_S: f64 = 0.1;
+
 /// The cosine of the tilt by which the thrust is divided is at least this: that of 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
 
@@ -100,6 +103,8 @@ pub struct Autopilot<I> {
     attitude: OqtalDt<I>,
     agenda: Agenda,
     lead: Lead,
+    /// When it last decided \[s\].
+    last_s: Option<f64>,
 }
 
 impl<I: InputForm + Copy> Autopilot<I> {
@@ -120,6 +125,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             attitude: OqtalDt::new(law, design.input, design.period_s)?,
             agenda: Agenda::new(),
             lead: Lead::default(),
+            last_s: None,
             design,
         })
     }
@@ -130,6 +136,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.position.reset();
         self.agenda = Agenda::new();
         self.lead.reset();
+        self.last_s = None;
     }
 
     /// Takes the pose captured at `t_s` \[s\], with rates from differences.
@@ -156,32 +163,52 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.history.delay_s()
     }
 
-    /// The command at `now_s` \[s\], `dt_s` \[s\] after the last, for a vehicle that should be at
-    /// `reference`. `None`, and nothing changed, before the first pose and if a number is not finite.
-    pub fn decide(&mut self, now_s: f64, reference: &Reference, dt_s: f64) -> Option<Decision> {
-        let delay_s = self.history.delay_s();
+    /// The command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the
+    /// first pose, if no time has passed, and if a number is not finite or so great that one becomes
+    /// it; nothing of that is remembered.
+    pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<Decision> {
+        let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
+        let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.delay_s());
         let motion = self.observer.predict(now_s + delay_s, &self.history)?;
         let sound = motion.is_finite() && reference.is_finite() && now_s.is_finite();
-        if !(sound && dt_s.is_finite() && dt_s > 0.0) {
+        if !sound || dt_s <= 0.0 {
             return None;
         }
+        let wish = self.wish(&motion, reference, (dt_s, delay_s))?;
+        let u = self.rotate(&motion, &wish.attitude);
+        self.agenda.push(now_s + delay_s, wish);
+        self.last_s = Some(now_s);
+        let mut now = self.agenda.at(now_s)?;
+        now.attitude = reference.attitude.unwrap_or(now.attitude);
+        Some(Decision { wish: PositionCommand { thrust_n: wish.thrust_n, ..now }, u })
+    }
+
+    /// What the vehicle should do when it will be at `motion`.
+    fn wish(
+        &mut self,
+        motion: &Motion,
+        reference: &Reference,
+        (dt_s, delay_s): (f64, f64),
+    ) -> Option<PositionCommand> {
         let bias = self.observer.bias();
         let Wish { velocity, force } =
-            self.position.update((&motion, &bias), reference, (dt_s, delay_s));
-        let wanted = match &reference.attitude {
+            self.position.update((motion, &bias), reference, (dt_s, delay_s));
+        let attitude = match &reference.attitude {
             Some(prescribed) => self.lead.lead(prescribed, dt_s, delay_s),
             None => {
                 self.lead.reset();
                 force.attitude(reference.yaw_rad)
             }
         };
-        let u = self.rotate(&motion, &bias, &wanted);
         let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);
         let thrust_n = self.design.model.mass_kg * force.value.z / cosine;
-        self.agenda.push(now_s + delay_s, PositionCommand { attitude: wanted, thrust_n, velocity });
-        let mut now = self.agenda.at(now_s)?;
-        now.attitude = reference.attitude.unwrap_or(now.attitude);
-        Some(Decision { wish: PositionCommand { thrust_n, ..now }, u })
+        let numbers = velocity.iter().chain(&force.value).chain([&thrust_n]);
+        if attitude.is_finite() && numbers.copied().all(f64::is_finite) {
+            return Some(PositionCommand { attitude, thrust_n, velocity });
+        }
+        self.position.reset();
+        self.lead.reset();
+        None
     }
 
     /// Riccati equations solved so far.
@@ -191,7 +218,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
     }
 
     /// The law's input, less the bias that the filters know of.
-    fn rotate(&self, motion: &Motion, bias: &Bias, wanted: &AttitudeReference) -> Vector3<f64> {
+    fn rotate(&self, motion: &Motion, wanted: &AttitudeReference) -> Vector3<f64> {
+        let bias = self.observer.bias();
         let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };
         let Design { input, .. } = &self.design;
         input.saturate(&(self.attitude.input(&state, wanted) - input.input_for(&bias.demand)))

@@ -64,21 +64,12 @@ fn a_rate_that_follows_at_once_is_no_state() {
 fn weights_without_a_gain_are_refused() {
     let options = OqtalDtOptions { attitude_weight: f64::MAX, ..OqtalDtOptions::default() };
     assert_eq!(OqtalDt::new(options, lagged(), DT_S).unwrap_err().key, "attitude-weight");
-    assert_eq!(
-        OqtalDt::new(OqtalDtOptions::default(), lagged(), 0.0).unwrap_err().key,
-        "period-s"
-    );
+    assert_eq!(OqtalDt::new(OqtalDtOptions::default(), lagged(), 0.0).unwrap_err().key, "period-s");
 }
 
 /// How far a body is from its reference, as `2 (1 - lambda)`, after `seconds` under a held torque.
-fn left_after(
-    mut state: AttitudeState,
-    input: TorqueInput,
-    inertia: Inertia,
-    seconds: f64,
-) -> f64 {
-    let mut law =
-        OqtalDt::new(OqtalDtOptions::spacecraft(), input, PERIOD_S).unwrap();
+fn left_after(mut state: AttitudeState, input: TorqueInput, inertia: Inertia, seconds: f64) -> f64 {
+    let mut law = OqtalDt::new(OqtalDtOptions::spacecraft(), input, PERIOD_S).unwrap();
     let reference = AttitudeReference::default();
     for _ in 0..(seconds / PERIOD_S) as u32 {
         let torque = law.update(&state, &reference, PERIOD_S);
