@@ -144,12 +144,12 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.observer.take(t_s, measured, &self.history);
     }
 
-    /// Remembers a command as it was sent at `t_s` \[s\]: `u` and the thrust \[N\].
+    /// Remembers a command as it was sent at `t_s` \[s\]: `u`, and the thrust \[N\] of a vehicle that
+    /// only pushes.
     pub fn sent(&mut self, sequence: u64, t_s: f64, (u, thrust_n): (&Vector3<f64>, f64)) {
-        let demand = self.design.input.demand_of(u);
-        if demand.iter().all(|number| number.is_finite()) && thrust_n.is_finite() {
-            self.history.push(sequence, t_s, Input { demand, thrust_n });
-        }
+        let demand = self.design.input.demand_of(&self.design.input.saturate(u));
+        let thrust_n = if thrust_n.is_finite() { thrust_n.max(0.0) } else { 0.0 };
+        self.history.push(sequence, t_s, Input { demand, thrust_n });
     }
 
     /// Learns that a command began to act at `t_s` \[s\].

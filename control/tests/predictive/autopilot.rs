@@ -159,7 +159,8 @@ proptest! {
                 ..bench.estimate()
             };
             bench.autopilot.observe(bench.now_s() + g.abs().min(1e-3), &estimate);
-            bench.autopilot.sent(bench.tick, g, (&Vector3::new(a, b, c), d));
+            bench.tick += 1;
+            bench.autopilot.sent(bench.tick, bench.now_s(), (&Vector3::new(a, b, c), d));
             bench.autopilot.applied(bench.tick, h);
             let reference = Reference { position: Vector3::new(f, g, h), ..hover() };
             if let Some(decision) = bench.autopilot.decide(bench.now_s(), &reference) {
