@@ -31,10 +31,17 @@ pub struct Decision {
 /// The loops for a vehicle commanded through `I`.
 #[derive(Debug)]
 enum Loops<I: InputForm> {
-    /// The six PIDs and the chosen law, on the motion as differenced from poses.
-    Paper { position: PositionLoops, law: Controller<I> },
+    /// The paper's.
+    Paper(Box<PaperLoops<I>>),
     /// Estimation, prediction and `oqtal-dt`.
     Predictive(Box<Autopilot<I>>),
+}
+
+/// The six PIDs and the chosen law, on the motion as differenced from poses.
+#[derive(Debug)]
+struct PaperLoops<I: InputForm> {
+    position: PositionLoops,
+    law: Controller<I>,
 }
 
 /// The loops in the form that the vehicle takes.
@@ -167,7 +174,7 @@ impl<I: InputForm + Copy> Loops<I> {
             let law = Controller::new(&options, input).map_err(|error| error.to_string())?;
             let position =
                 PositionLoops::new(&config.position, vehicle.mass_kg, vehicle.gravity_m_s2);
-            return Ok(Self::Paper { position, law });
+            return Ok(Self::Paper(Box::new(PaperLoops { position, law })));
         }
         let model = VehicleModel {
             rotation,
@@ -189,9 +196,9 @@ impl<I: InputForm + Copy> Loops<I> {
 
     fn reset(&mut self) {
         match self {
-            Self::Paper { position, law } => {
-                position.reset();
-                law.reset();
+            Self::Paper(loops) => {
+                loops.position.reset();
+                loops.law.reset();
             }
             Self::Predictive(autopilot) => autopilot.reset(),
         }
@@ -204,10 +211,10 @@ impl<I: InputForm + Copy> Loops<I> {
         reference: &Reference,
     ) -> Option<predictive::Decision> {
         match self {
-            Self::Paper { position, law } => {
-                let wish = position.update(estimate, reference, dt_s);
+            Self::Paper(loops) => {
+                let wish = loops.position.update(estimate, reference, dt_s);
                 let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
-                let u = I::u_from(law.update(&state, &wish.attitude, dt_s));
+                let u = I::u_from(loops.law.update(&state, &wish.attitude, dt_s));
                 Some(predictive::Decision { wish, u })
             }
             Self::Predictive(autopilot) => autopilot.decide(now_s, reference),
@@ -216,7 +223,7 @@ impl<I: InputForm + Copy> Loops<I> {
 
     fn riccati_solves(&self) -> u32 {
         match self {
-            Self::Paper { law, .. } => law.riccati_solves(),
+            Self::Paper(loops) => loops.law.riccati_solves(),
             Self::Predictive(autopilot) => autopilot.riccati_solves(),
         }
     }
