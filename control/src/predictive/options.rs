@@ -34,7 +34,7 @@ impl Default for FilterOptions {
             rate_walk_rad_s: 0.5,
             demand_bias_walk: 0.0175,
             velocity_walk_m_s: 0.008,
-            acceleration_walk_m_s2: 0.25,
+            acceleration_walk_m_s2: 0.35,
         }
     }
 }
@@ -70,8 +70,10 @@ pub struct PredictiveOptions {
 
 impl Default for PredictiveOptions {
     fn default() -> Self {
-        // This and what it holds: by an evolution strategy over squares, hovers, chirps and doublets of the
-        // nominal vehicle, of one with a fifth less rate authority and of one with a lag of 80 ms.
+        // This and what it holds: by an evolution strategy over squares, hovers, chirps and doublets
+        // of the nominal vehicle, of one with a fifth less rate authority and of one with a lag of
+        // 80 ms; then by hand, the walk of the acceleration for the hover, and the gains of the
+        // reference so that its speed keeps the limit.
         Self {
             position_gain_per_s: 1.45,
             velocity_gain_per_s: 7.7,
