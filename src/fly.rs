@@ -10,7 +10,7 @@ mod progress;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_bus::config::{ClockKind, Config, Setting};
+use oqtal_bus::config::{ClockKind, Config, Setting, Vehicle};
 use oqtal_bus::process::{CommonArgs, Exit, Failure};
 use oqtal_bus::program::print;
 use oqtal_bus::time::Span;
@@ -28,10 +28,10 @@ const GRACE_S: f64 = 15.0;
 /// What to fly, and how.
 #[derive(Args, Clone, Debug)]
 pub struct FlyArgs {
-    /// Attitude law: pid, lqr or oqtal
+    /// pid, lqr, oqtal, oqtal-dt or geometric
     #[arg(long, value_name = "NAME")]
     controller: Option<String>,
-    /// hover, step, square, circle, lemniscate or waypoints
+    /// hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet or waypoints
     #[arg(long, value_name = "NAME")]
     trajectory: Option<String>,
     /// Duration of the trajectory itself, without take-off and landing, in seconds
@@ -107,6 +107,8 @@ pub struct Mission {
     pub trajectory: Trajectory,
     /// What is played instead of the cameras, if anything.
     pub recording: Option<Recording>,
+    /// What really flies, if it is not what the daemon believes: for studies of robustness, in one process only.
+    pub plant: Option<Vehicle>,
 }
 
 impl Mission {
@@ -121,7 +123,7 @@ impl Mission {
             true => Some(read_recording(&config.mocap.replay)?),
             false => None,
         };
-        Ok(Self { config, trajectory, recording })
+        Ok(Self { config, trajectory, recording, plant: None })
     }
 
     /// How long it takes if all goes well.

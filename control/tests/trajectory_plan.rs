@@ -5,12 +5,14 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{FlightPlan, Phase, Place, TrajectoryKind, TrajectoryOptions};
 use proptest::prelude::*;
 
-const KINDS: [TrajectoryKind; 5] = [
+const KINDS: [TrajectoryKind; 7] = [
     TrajectoryKind::Hover,
     TrajectoryKind::Step,
     TrajectoryKind::Square,
     TrajectoryKind::Circle,
     TrajectoryKind::Lemniscate,
+    TrajectoryKind::AttitudeChirp,
+    TrajectoryKind::AttitudeDoublet,
 ];
 
 const START: Place = Place { position: Vector3::new(2.0, -1.0, 0.2), yaw_rad: 0.3 };
@@ -71,7 +73,7 @@ fn flight_is_relative_to_where_the_vehicle_stands() {
 
 #[test]
 fn attitude_step_is_about_the_heading_at_the_start() {
-    let attitude = plan(&options(TrajectoryKind::Step)).sample(6.5).attitude.unwrap();
+    let attitude = plan(&options(TrajectoryKind::Step)).sample(6.5).attitude.unwrap().attitude;
     let expected = Attitude::from_rotation_vector(Vector3::z() * START.yaw_rad)
         .turned_by(Vector3::x() * 10.0_f64.to_radians());
     assert!(attitude.angle_to(&expected) < 1e-9);

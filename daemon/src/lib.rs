@@ -26,12 +26,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, Stamps, TelemetryV1};
+use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, Stamps, TelemetryV1, VehicleV1};
 use oqtal_bus::pace::Pace;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY};
+use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY, VEHICLE};
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 
 pub use cycle::{Cycle, Tick};
@@ -128,6 +128,9 @@ impl Loop {
             let arrival = ports.poses.latest()?;
             // After the pose was taken: nothing that is stamped later may look earlier.
             let now = pace.now();
+            if let Some((header, vehicle)) = ports.vehicles.latest()? {
+                cycle.applied(&header, &vehicle);
+            }
             if let Some(tick) = cycle.step(now, arrival.as_ref()) {
                 let computed_at = pace.now();
                 let stamps =
@@ -152,6 +155,7 @@ impl Loop {
 /// The daemon's ports in the loop.
 struct Ports {
     poses: Reader<PoseV1>,
+    vehicles: Reader<VehicleV1>,
     commands: Writer<CommandV1>,
     telemetry: Writer<TelemetryV1>,
 }
@@ -160,7 +164,12 @@ impl Ports {
     /// Opens them, the command topic first: it is the lock against a second controller.
     fn open(bus: &Bus) -> Result<Self, Failure> {
         let commands = bus.writer(&COMMAND).map_err(|error| name_holder(bus, error))?;
-        Ok(Self { commands, poses: bus.reader(&POSE)?, telemetry: bus.writer(&TELEMETRY)? })
+        Ok(Self {
+            commands,
+            poses: bus.reader(&POSE)?,
+            vehicles: bus.reader(&VEHICLE)?,
+            telemetry: bus.writer(&TELEMETRY)?,
+        })
     }
 }
 

@@ -2,6 +2,7 @@
 
 use oqtal_bus::code::{Answer, Verb};
 use oqtal_bus::conductor::{Conductor, Done};
+use oqtal_bus::config::Config;
 use oqtal_bus::message::{
     CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1,
 };
@@ -35,6 +36,7 @@ struct Room {
     frames: Vec<TruthV1>,
     pose: Option<(Header, PoseV1)>,
     command: Option<(Header, CommandV1)>,
+    vehicle: Option<(Header, VehicleV1)>,
     poses_sent: u64,
     commands_sent: u64,
 }
@@ -101,12 +103,14 @@ fn fly_watched(
 impl Room {
     fn new(mission: &Mission, start: Time) -> Result<Self, Failure> {
         let config = &mission.config;
+        let vehicle = mission.plant.clone().unwrap_or_else(|| config.vehicle.clone());
+        let world = Config { vehicle, ..config.clone() };
         let eyes = match &mission.recording {
             Some(recording) => Eyes::Replay(Replay::new(recording.clone(), start)),
             None => Eyes::Cameras(Box::new(Cameras::new(&config.mocap, config.clock.seed))),
         };
         Ok(Self {
-            plant: Plant::new(config, start),
+            plant: Plant::new(&world, start),
             eyes,
             cycle: Cycle::new(config, mission.trajectory.clone(), start)
                 .map_err(|reason| Failure::new(Exit::Config, reason))?,
@@ -114,13 +118,14 @@ impl Room {
             frames: Vec::with_capacity(4),
             pose: None,
             command: None,
+            vehicle: None,
             poses_sent: 0,
             commands_sent: 0,
         })
     }
 
     fn plant_turn(&mut self, now: Time) -> Done {
-        let Self { plant, recorder, frames, .. } = self;
+        let Self { plant, recorder, frames, vehicle: newest, .. } = self;
         plant.advance(now, |output| match output {
             Output::Truth(truth) => {
                 recorder.truth(&truth);
@@ -129,7 +134,9 @@ impl Room {
                 }
             }
             Output::Applied(pose_sequence, stamps, vehicle) => {
-                recorder.vehicle(&header::<VehicleV1>(0, pose_sequence, stamps), &vehicle);
+                let header = header::<VehicleV1>(0, pose_sequence, stamps);
+                recorder.vehicle(&header, &vehicle);
+                *newest = Some((header, vehicle));
             }
         });
         if let Some((header, command)) = self.command.take() {
@@ -170,6 +177,9 @@ impl Room {
 
     fn daemon_turn(&mut self, now: Time) -> Done {
         let pose = self.pose.take();
+        if let Some((header, vehicle)) = self.vehicle.take() {
+            self.cycle.applied(&header, &vehicle);
+        }
         let tick = self.cycle.step(now, pose.as_ref());
         if let Some(tick) = &tick {
             let stamps = Stamps { computed_at: now, command_published_at: now, ..tick.stamps };

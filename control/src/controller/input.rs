@@ -26,6 +26,19 @@ pub trait InputForm {
     /// a rate \[rad/s\] if it commands one.
     fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64>;
 
+    /// What `u` brings about: the inverse of [`input_for`](Self::input_for).
+    fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64>;
+
+    /// `(A, B)` of `omega_dot = A omega + B u` once the gyroscopic torque is cancelled. `None` if
+    /// the rate follows `u` at once.
+    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)>;
+
+    /// The angular acceleration that is there about any axis to stop a turn with \[rad/s^2\];
+    /// infinite if the vehicle sees to that.
+    fn braking(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// The `u` with which a body without error follows its reference.
     fn feed_forward(
         &self,
@@ -39,6 +52,9 @@ pub trait InputForm {
 
     /// `u` as a command.
     fn command_from(u: Vector3<f64>) -> Self::Command;
+
+    /// A command as `u`.
+    fn u_from(command: Self::Command) -> Vector3<f64>;
 
     /// `omega x J omega`, which a torque must cancel; zero if the vehicle does that by itself.
     fn gyroscopic(&self, omega: BodyRate) -> Vector3<f64> {
@@ -82,6 +98,19 @@ impl InputForm for TorqueInput {
         self.inertia.matrix() * demand
     }
 
+    fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64> {
+        self.inertia.inverse() * u
+    }
+
+    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+        Some((Matrix3::zeros(), *self.inertia.inverse()))
+    }
+
+    fn braking(&self) -> f64 {
+        // About the axis of greatest inertia. Half is for what else the torque has to do.
+        0.5 * self.max_torque / self.inertia.matrix().symmetric_eigenvalues().max()
+    }
+
     fn feed_forward(
         &self,
         error: &AttitudeError,
@@ -105,6 +134,10 @@ impl InputForm for TorqueInput {
     fn command_from(u: Vector3<f64>) -> Torque {
         Torque(u)
     }
+
+    fn u_from(command: Torque) -> Vector3<f64> {
+        command.0
+    }
 }
 
 /// `u` are the sticks \[-1..1\], to which the vehicle's own loop makes the body rate proportional:
@@ -112,6 +145,9 @@ impl InputForm for TorqueInput {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateInput {
     rate_authority: Vector3<f64>,
+    lag_s: f64,
+    /// How much earlier than its effect a change of the rate must be commanded \[s\].
+    lead_s: f64,
 }
 
 impl RateInput {
@@ -124,7 +160,21 @@ impl RateInput {
         for authority in &rate_authority {
             InvalidOption::unless_positive("rate-authority-rad-s", *authority)?;
         }
-        Ok(Self { rate_authority })
+        Ok(Self { rate_authority, lag_s: 0.0, lead_s: 0.0 })
+    }
+
+    /// The same for a law that knows that the rate follows with a time constant of `lag_s` \[s\] and
+    /// that a command is held for `period_s` \[s\]. The paper's laws do not.
+    ///
+    /// # Errors
+    /// If one of them is not positive and finite.
+    pub fn with_lag(self, lag_s: f64, period_s: f64) -> Result<Self, InvalidOption> {
+        InvalidOption::unless_positive("rate-lag-s", lag_s)?;
+        InvalidOption::unless_positive("period-s", period_s)?;
+        // A held command moves the rate by (1 - e^(-T/lag)) (u - omega): for omega_d to grow by T
+        // omega_d_dot it must be ahead by T / (1 - e^(-T/lag)), which is the lag and half a period.
+        let lead_s = period_s / -(-period_s / lag_s).exp_m1();
+        Ok(Self { lag_s, lead_s, ..self })
     }
 }
 
@@ -149,13 +199,26 @@ impl InputForm for RateInput {
         demand.component_div(&self.rate_authority)
     }
 
+    fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64> {
+        u.component_mul(&self.rate_authority)
+    }
+
+    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+        let k_delta = Matrix3::from_diagonal(&self.rate_authority);
+        // Eq. (61), erratum E-61, with the lag of the vehicle's own loop
+        (self.lag_s > 0.0)
+            .then(|| (Matrix3::from_diagonal_element(-1.0 / self.lag_s), k_delta / self.lag_s))
+    }
+
     fn feed_forward(
         &self,
         error: &AttitudeError,
-        _: &Vector3<f64>,
+        omega_e: &Vector3<f64>,
         reference: &AttitudeReference,
     ) -> Vector3<f64> {
-        self.input_for(&(error.rotation() * reference.rate.0))
+        // What the inertia is to a torque, the lag is to a rate: it takes so much to accelerate.
+        let acceleration = error.reference_acceleration(omega_e, reference).0;
+        self.input_for(&(error.rotation() * reference.rate.0 + acceleration * self.lead_s))
     }
 
     #[inline]
@@ -166,6 +229,10 @@ impl InputForm for RateInput {
 
     fn command_from(u: Vector3<f64>) -> StickCommand {
         StickCommand(u)
+    }
+
+    fn u_from(command: StickCommand) -> Vector3<f64> {
+        command.0
     }
 }
 

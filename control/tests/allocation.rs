@@ -1,0 +1,110 @@
+//! No step of a law or of the autopilot allocates.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use nalgebra::{Matrix3, Vector3};
+use oqtal_control::controller::{
+    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerName, ControllerOptions,
+    InputForm, OqtalDtOptions, RateInput, TorqueInput,
+};
+use oqtal_control::estimator::Estimate;
+use oqtal_control::position::PositionOptions;
+use oqtal_control::predictive::{Autopilot, Design, PredictiveOptions, Rotation, VehicleModel};
+use oqtal_control::quaternion::Attitude;
+use oqtal_control::rigid_body::Inertia;
+use oqtal_control::trajectory::{Phase, Reference};
+
+const DT_S: f64 = 1.0 / 60.0;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// The system's allocator, counted for each thread.
+struct Counted;
+
+// SAFETY: every call goes on to the system's allocator as it is; counting touches no memory of its own, for the cell
+// is a constant-initialised number without a destructor.
+unsafe impl GlobalAlloc for Counted {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the pointer came from `alloc` above, that is, from the system.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTED: Counted = Counted;
+
+/// How often `act` allocates.
+fn allocations(act: impl FnOnce()) -> u64 {
+    let before = ALLOCATIONS.get();
+    act();
+    ALLOCATIONS.get() - before
+}
+
+fn check_laws<I: InputForm>(options: &ControllerOptions, input: impl Fn() -> I) {
+    use ControllerName::{Geometric, Lqr, Oqtal, OqtalDt, Pid};
+    for controller in [Pid, Lqr, Oqtal, OqtalDt, Geometric] {
+        let options = ControllerOptions { controller, ..*options };
+        let mut law = Controller::new(&options, input()).unwrap();
+        let count = allocations(|| {
+            for tick in 0..60 {
+                // Through several cells, so that Riccati equations are solved.
+                let turn = Vector3::new(0.03, -0.02, 0.01) * f64::from(tick);
+                let attitude = Attitude::from_rotation_vector(turn);
+                let state = AttitudeState { attitude, ..AttitudeState::default() };
+                law.update(&state, &AttitudeReference::default(), DT_S);
+            }
+        });
+        assert_eq!(count, 0, "{controller:?}");
+    }
+}
+
+#[test]
+fn the_count_counts() {
+    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))), 1);
+}
+
+#[test]
+fn no_law_allocates_in_a_step() {
+    check_laws(&ControllerOptions::default(), || RateInput::new(Vector3::repeat(2.0)).unwrap());
+    let inertia = Inertia::new(Matrix3::from_diagonal_element(0.5)).unwrap();
+    check_laws(&ControllerOptions::spacecraft(), || TorqueInput::new(inertia, 20.0).unwrap());
+}
+
+#[test]
+fn the_autopilot_does_not_allocate_in_a_step() {
+    let model = VehicleModel {
+        rotation: Rotation::RateLoop { lag_s: 0.05 },
+        mass_kg: 0.5,
+        gravity_m_s2: 9.81,
+        drag_per_s: 0.25,
+        thrust_lag_s: 0.05,
+    };
+    let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
+    let design = Design { model, input, delay_s: 0.02, period_s: DT_S };
+    let (options, loops) = (PredictiveOptions::default(), PositionOptions::default());
+    let mut autopilot =
+        Autopilot::new(design, OqtalDtOptions::default(), &options, &loops).unwrap();
+    let reference = Reference::rest(Vector3::new(1.3, 0.0, 1.0), Phase::Trajectory);
+    let mut decided = 0;
+    let count = allocations(|| {
+        for tick in 1..=200 {
+            let now_s = tick as f64 * DT_S;
+            autopilot.observe(now_s - 0.015, &Estimate::default());
+            if let Some(decision) = autopilot.decide(now_s, &reference) {
+                decided += 1;
+                autopilot.sent(tick, now_s, (&decision.u, decision.wish.thrust_n));
+                autopilot.applied(tick, now_s + 0.02);
+            }
+        }
+    });
+    assert_eq!((count, decided), (0, 200));
+}
