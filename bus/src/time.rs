@@ -167,13 +167,14 @@ pub struct Grid {
     start: Time,
     rate_hz: f64,
     index: u64,
+    next: Time,
 }
 
 impl Grid {
     /// A grid of `rate_hz` instants a second whose instant 0 is `start`.
     #[must_use]
     pub const fn new(start: Time, rate_hz: f64) -> Self {
-        Self { start, rate_hz, index: 0 }
+        Self { start, rate_hz, index: 0, next: start }
     }
 
     /// The index of the instant that comes next.
@@ -184,13 +185,14 @@ impl Grid {
 
     /// The instant that comes next.
     #[must_use]
-    pub fn next(&self) -> Time {
-        self.start + Span::from_seconds(self.index as f64 / self.rate_hz)
+    pub const fn next(&self) -> Time {
+        self.next
     }
 
     /// Goes on to the instant after it.
     pub fn advance(&mut self) {
         self.index += 1;
+        self.next = self.start + Span::from_seconds(self.index as f64 / self.rate_hz);
     }
 }
 

@@ -100,10 +100,10 @@ impl Body {
     }
 }
 
-/// The first-order lag `(target - value) / time_constant`. Vehicles without a lag get one of a millisecond, the integrator's
-/// step and the least that it follows, so that thrust stays a state.
-fn lag(target: f64, value: f64, time_constant: f64) -> f64 {
-    (target - value) / time_constant.max(1e-3)
+/// The bandwidth of a first-order lag \[1/s\]. Vehicles without a lag get one of a millisecond, the integrator's step and the
+/// least that it follows, so that thrust stays a state.
+fn bandwidth(lag_ms: f64) -> f64 {
+    1e3 / lag_ms.max(1.0)
 }
 
 /// The lander of Table I.
@@ -112,7 +112,7 @@ pub struct Spacecraft {
     body: Body,
     inertia: Inertia,
     max_thrust: f64,
-    thrust_lag: f64,
+    thrust_bandwidth: f64,
 }
 
 impl Spacecraft {
@@ -121,7 +121,7 @@ impl Spacecraft {
             body: Body::new(vehicle),
             inertia: vehicle.inertia().expect("the configuration was checked"),
             max_thrust: vehicle.max_thrust_n,
-            thrust_lag: vehicle.thrust_lag_ms * 1e-3,
+            thrust_bandwidth: bandwidth(vehicle.thrust_lag_ms),
         }
     }
 
@@ -133,7 +133,8 @@ impl Spacecraft {
             attitude: state.attitude_rate(),
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(input.torque)).0,
-            actuators: Vector4::x() * lag(input.thrust * self.max_thrust, thrust, self.thrust_lag),
+            actuators: Vector4::x()
+                * ((input.thrust * self.max_thrust - thrust) * self.thrust_bandwidth),
         }
     }
 }
@@ -143,9 +144,9 @@ impl Spacecraft {
 pub struct Eq61 {
     body: Body,
     authority: Vector3<f64>,
-    rate_lag: f64,
+    rate_bandwidth: f64,
     max_thrust: f64,
-    thrust_lag: f64,
+    thrust_bandwidth: f64,
 }
 
 impl Eq61 {
@@ -153,9 +154,9 @@ impl Eq61 {
         Self {
             body: Body::new(vehicle),
             authority: Vector3::from(vehicle.rate_authority_rad_s),
-            rate_lag: vehicle.rate_lag_ms * 1e-3,
+            rate_bandwidth: 1e3 / vehicle.rate_lag_ms,
             max_thrust: vehicle.max_thrust_n,
-            thrust_lag: vehicle.thrust_lag_ms * 1e-3,
+            thrust_bandwidth: bandwidth(vehicle.thrust_lag_ms),
         }
     }
 
@@ -169,8 +170,8 @@ impl Eq61 {
             position: state.velocity,
             velocity: self.body.acceleration(state, thrust, disturbance),
             attitude: state.attitude_rate(),
-            rate: (rate_command - state.rate) / self.rate_lag,
-            actuators: Vector4::x() * lag(input.thrust * greatest, thrust, self.thrust_lag),
+            rate: (rate_command - state.rate) * self.rate_bandwidth,
+            actuators: Vector4::x() * ((input.thrust * greatest - thrust) * self.thrust_bandwidth),
         }
     }
 }

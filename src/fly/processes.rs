@@ -22,7 +22,7 @@ use super::observer::Observer;
 use super::output::Output;
 use super::progress::{Interrupts, Progress};
 use crate::flight::Flight;
-use crate::kernel::Observed;
+use crate::kernel::{Observed, OneProcessor};
 use crate::recorder::Recorder;
 
 /// A process has so long to come up.
@@ -52,6 +52,8 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     // The ears are open before anybody speaks.
     let mut observer = Observer::new(&bus)?;
     refuse_company(&bus, &mission.config.instance.name)?;
+    let lockstep = mission.config.clock.kind == ClockKind::Lockstep;
+    let _here = lockstep.then(OneProcessor::stay);
     let mut crew = Crew::start(mission.config.parties(), &output.config(), output.directory())?;
     let stop = StopFlag::default();
     let watch = Watch { place, stop: &stop, over: StopFlag::default(), fallen: Mutex::new(None) };
