@@ -48,7 +48,7 @@ fn integrate(
 ) -> State {
     let dynamics = Dynamics::new(&config.vehicle);
     (0..350).fold(state(motion), |state, _| {
-        state.step(STEP_S, |state| dynamics.derivative(state, input, disturbance))
+        dynamics.step(&state, STEP_S, input, disturbance)
     })
 }
 

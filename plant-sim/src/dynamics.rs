@@ -53,18 +53,14 @@ impl Dynamics {
         }
     }
 
-    /// The time derivative of `state`.
+    /// The state `h` seconds after `state`, under a constant input and disturbance.
     #[must_use]
-    pub fn derivative(
-        &self,
-        state: &State,
-        input: &Input,
-        disturbance: &Disturbance,
-    ) -> Derivative {
+    pub fn step(&self, state: &State, h: f64, input: &Input, disturbance: &Disturbance) -> State {
+        // Which vehicle it is is asked once a step, not at each of its four stages.
         match self {
-            Self::Spacecraft(vehicle) => vehicle.derivative(state, input, disturbance),
-            Self::Eq61(vehicle) => vehicle.derivative(state, input, disturbance),
-            Self::Rotors(vehicle) => vehicle.derivative(state, input, disturbance),
+            Self::Spacecraft(it) => state.step(h, |s| it.derivative(s, input, disturbance)),
+            Self::Eq61(it) => state.step(h, |s| it.derivative(s, input, disturbance)),
+            Self::Rotors(it) => state.step(h, |s| it.derivative(s, input, disturbance)),
         }
     }
 
@@ -92,6 +88,7 @@ impl Body {
     }
 
     /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
+    #[inline]
     fn acceleration(&self, state: &State, thrust: f64, disturbance: &Disturbance) -> Vector3<f64> {
         state.thrust_axis() * (thrust / self.mass)
             - Vector3::z() * self.gravity
@@ -125,6 +122,7 @@ impl Spacecraft {
         }
     }
 
+    #[inline]
     fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
         let thrust = state.actuators.x;
         Derivative {
@@ -160,6 +158,7 @@ impl Eq61 {
         }
     }
 
+    #[inline]
     fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
         let thrust = state.actuators.x;
         // Eq. (61), erratum E-61: what the on-board loop makes of the sticks, its bias included.
@@ -219,6 +218,7 @@ impl Rotors {
         }
     }
 
+    #[inline]
     fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
         let speeds = state.actuators;
         let wrench = self.mix * speeds.component_mul(&speeds);

@@ -208,9 +208,8 @@ impl Plant {
             voltage_ratio: self.battery.ratio(),
         };
         self.battery.draw(self.dynamics.thrust(&self.state), h);
-        let (dynamics, input) = (&self.dynamics, &self.input);
         let before = self.state;
-        self.state = before.step(h, |state| dynamics.derivative(state, input, &disturbance));
+        self.state = self.dynamics.step(&before, h, &self.input, &disturbance);
         rest_on_floor(&before, &mut self.state);
     }
 }
