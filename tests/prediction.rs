@@ -47,9 +47,7 @@ fn integrate(
     disturbance: &Disturbance,
 ) -> State {
     let dynamics = Dynamics::new(&config.vehicle);
-    (0..350).fold(state(motion), |state, _| {
-        dynamics.step(&state, STEP_S, input, disturbance)
-    })
+    (0..350).fold(state(motion), |state, _| dynamics.step(&state, STEP_S, input, disturbance))
 }
 
 fn assert_same(predicted: &Motion, state: &State) {

@@ -77,20 +77,21 @@ impl Dynamics {
 /// What every vehicle has in common: a point mass under thrust, weight, drag and gusts.
 #[derive(Clone, Debug)]
 struct Body {
-    mass: f64,
+    per_mass: f64,
     gravity: f64,
     drag: f64,
 }
 
 impl Body {
     fn new(vehicle: &Vehicle) -> Self {
-        Self { mass: vehicle.mass_kg, gravity: vehicle.gravity_m_s2, drag: vehicle.drag_per_s }
+        let per_mass = vehicle.mass_kg.recip();
+        Self { per_mass, gravity: vehicle.gravity_m_s2, drag: vehicle.drag_per_s }
     }
 
     /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
     #[inline]
     fn acceleration(&self, state: &State, thrust: f64, disturbance: &Disturbance) -> Vector3<f64> {
-        state.thrust_axis() * (thrust / self.mass)
+        state.thrust_axis() * (thrust * self.per_mass)
             - Vector3::z() * self.gravity
             - state.velocity * self.drag
             + disturbance.acceleration

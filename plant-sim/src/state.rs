@@ -68,7 +68,7 @@ impl State {
         let k3 = derivative(&(*self + k2 * (h / 2.0)));
         let k4 = derivative(&(*self + k3 * h));
         let mut next = *self + (k1 + k2 * 2.0 + k3 * 2.0 + k4) * (h / 6.0);
-        next.attitude /= next.attitude.norm();
+        next.attitude *= next.attitude.norm().recip();
         next
     }
 }

@@ -60,8 +60,12 @@ pub fn imperfections(vehicle: &Vehicle, seed: u64) -> (Vector3<f64>, Vector3<f64
 #[derive(Clone, Debug)]
 pub struct Cell {
     battery: Battery,
-    weight: f64,
-    drawn_ah: f64,
+    /// Hover's share of thrust in one newton; 0 without weight.
+    per_weight: f64,
+    /// Share of the charge in one ampere second.
+    per_ampere_second: f64,
+    /// Share of the charge that is left.
+    charge: f64,
     voltage: f64,
 }
 
@@ -69,22 +73,24 @@ impl Cell {
     /// A full battery for `vehicle`.
     #[must_use]
     pub fn new(vehicle: &Vehicle) -> Self {
+        let weight = vehicle.mass_kg * vehicle.gravity_m_s2;
         Self {
             battery: vehicle.battery.clone(),
-            weight: vehicle.mass_kg * vehicle.gravity_m_s2,
-            drawn_ah: 0.0,
+            per_weight: if weight > 0.0 { weight.recip() } else { 0.0 },
+            per_ampere_second: (3600.0 * vehicle.battery.capacity_ah).recip(),
+            charge: 1.0,
             voltage: vehicle.battery.full_v,
         }
     }
 
     /// Draws the current of `thrust` newtons for `step_s` seconds.
     pub fn draw(&mut self, thrust: f64, step_s: f64) {
-        let load = if self.weight > 0.0 { (thrust / self.weight).max(0.0) } else { 0.0 };
+        let load = (thrust * self.per_weight).max(0.0);
         // Momentum theory: a rotor's power goes with thrust^(3/2).
         let current = self.battery.hover_current_a * load * load.sqrt();
-        self.drawn_ah += current * step_s / 3600.0;
-        let charge = (1.0 - self.drawn_ah / self.battery.capacity_ah).max(0.0);
-        let open = self.battery.empty_v + charge * (self.battery.full_v - self.battery.empty_v);
+        self.charge = (self.charge - current * step_s * self.per_ampere_second).max(0.0);
+        let open =
+            self.battery.empty_v + self.charge * (self.battery.full_v - self.battery.empty_v);
         self.voltage = (open - current * self.battery.resistance_ohm).max(0.0);
     }
 
