@@ -6,9 +6,12 @@ use clap::{Parser, Subcommand};
 use oqtal_bus::process::{Exit, Failure, Job, ProcessCommand, execute};
 use oqtal_bus::topic::Party;
 
+use crate::campaign::CampaignArgs;
 use crate::check::CheckArgs;
 use crate::ctl::CtlArgs;
 use crate::fly::FlyArgs;
+use crate::reproduce::ReproduceArgs;
+use crate::tune::TuneArgs;
 
 /// Real-time quaternion control for indoor flight laboratories
 ///
@@ -26,6 +29,12 @@ pub struct Cli {
 enum Command {
     /// Fly a trajectory: start the processes, fly, land, print errors and latencies, write a report
     Fly(Box<FlyArgs>),
+    /// Fly every attitude law many times, and compare
+    Campaign(CampaignArgs),
+    /// Repeat the paper's experiments: its tables and figures, as printed and ours
+    Reproduce(ReproduceArgs),
+    /// Tune gains on simulated flights
+    Tune(TuneArgs),
     /// Speak to a running daemon
     Ctl(CtlArgs),
     /// Print the effective configuration of a file
@@ -49,6 +58,9 @@ impl Cli {
         let result = match self.command {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
+            Some(Command::Campaign(args)) => args.execute(),
+            Some(Command::Reproduce(args)) => args.execute(),
+            Some(Command::Tune(args)) => args.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Check(args)) => args.execute(),
             Some(Command::Daemon(command)) => {

@@ -106,6 +106,9 @@ pub struct Mission {
     pub trajectory: Trajectory,
     /// What is played instead of the cameras, if anything.
     pub recording: Option<Recording>,
+    /// The vehicle and the cameras as they are, for flights in one process: where they differ from the configuration, the
+    /// daemon does not know.
+    world: Option<Config>,
 }
 
 impl Mission {
@@ -120,7 +123,19 @@ impl Mission {
             true => Some(read_recording(&config.mocap.replay)?),
             false => None,
         };
-        Ok(Self { config, trajectory, recording })
+        Ok(Self { config, trajectory, recording, world: None })
+    }
+
+    /// The same in a world that is not what the configuration says: a test of robustness.
+    #[must_use]
+    pub fn in_world(self, world: Config) -> Self {
+        Self { world: Some(world), ..self }
+    }
+
+    /// The configuration of the vehicle and the cameras.
+    #[must_use]
+    pub fn world(&self) -> &Config {
+        self.world.as_ref().unwrap_or(&self.config)
     }
 
     /// How long it takes if all goes well.

@@ -100,13 +100,13 @@ fn fly_watched(
 
 impl Room {
     fn new(mission: &Mission, start: Time) -> Result<Self, Failure> {
-        let config = &mission.config;
+        let (config, world) = (&mission.config, mission.world());
         let eyes = match &mission.recording {
             Some(recording) => Eyes::Replay(Replay::new(recording.clone(), start)),
-            None => Eyes::Cameras(Box::new(Cameras::new(&config.mocap, config.clock.seed))),
+            None => Eyes::Cameras(Box::new(Cameras::new(&world.mocap, world.clock.seed))),
         };
         Ok(Self {
-            plant: Plant::new(config, start),
+            plant: Plant::new(world, start),
             eyes,
             cycle: Cycle::new(config, mission.trajectory.clone(), start)
                 .map_err(|reason| Failure::new(Exit::Config, reason))?,
