@@ -3,10 +3,9 @@
 use std::time::Duration;
 
 use iceoryx2::node::{NodeCreationFailure, NodeView};
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
-    CallbackProgression, EventId, Node, NodeBuilder, NodeState, ServiceName, SignalHandlingMode,
+    CallbackProgression, Node, NodeBuilder, NodeState, ServiceName, SignalHandlingMode,
     ipc,
 };
 use iceoryx2::service::builder::publish_subscribe::{
@@ -20,16 +19,15 @@ use crate::message::{ControlRequestV1, ControlResponseV1, Header, Message};
 use crate::place::Place;
 use crate::port::{Reader, Writer};
 use crate::topic::{CONTROL, Topic};
-use crate::wake::Doorbell;
+use crate::wake::{Bells, Doorbell};
 
 /// How many processes may touch one instance at once.
 const MAX_NODES: usize = 24;
-/// Sent to a listener when a notifier's process died.
-const DEAD_WRITER: EventId = EventId::new(3);
 
 /// A process's (or a thread's) access to one instance. Ports stay with the thread that opened them.
 #[derive(Debug)]
 pub struct Bus {
+    bells: Bells,
     node: Node<ipc::Service>,
     place: Place,
 }
@@ -54,7 +52,7 @@ impl Bus {
                 NodeCreationFailure::InsufficientPermissions => permission(),
                 other => system(format!("joining {}", place.root.display()), &other),
             })?;
-        Ok(Self { node, place: place.clone() })
+        Ok(Self { bells: Bells::open(&config, place.events)?, node, place: place.clone() })
     }
 
     /// The place this bus lives at.
@@ -66,6 +64,7 @@ impl Bus {
     /// Leaves the instance and removes what nobody needs any more: the remains of processes that died without a word, and,
     /// if this was the last process, the instance's counter of nodes, which iceoryx2 leaves behind in shared memory.
     pub fn leave(self) {
+        drop(self.bells);
         self.node.blocking_cleanup_dead_nodes(Duration::from_millis(500));
         let mut others = false;
         let own = *self.node.id();
@@ -97,7 +96,7 @@ impl Bus {
                 other => system(format!("writing topic `{}`", topic.name), &other),
             },
         )?;
-        Ok(Writer::new(publisher, self.ringer(topic.name)?, topic.name))
+        Ok(Writer::new(publisher, self.bells.ringer(topic.name, MAX_NODES)?, topic.name))
     }
 
     /// A reader that keeps the newest sample only: for the loop.
@@ -121,10 +120,7 @@ impl Bus {
     /// # Errors
     /// The operating system refuses.
     pub fn doorbell<M: Message>(&self, topic: &Topic<M>) -> Result<Doorbell, BusError> {
-        let listener = self.event_service(topic.name)?.listener_builder().create();
-        Ok(Doorbell::new(
-            listener.map_err(|e| system(format!("listening to `{}`", topic.name), &e))?,
-        ))
+        self.bells.doorbell(topic.name, MAX_NODES)
     }
 
     /// The daemon's end of the control service.
@@ -158,11 +154,6 @@ impl Bus {
         ))
     }
 
-    fn ringer(&self, name: &'static str) -> Result<Notifier<ipc::Service>, BusError> {
-        let notifier = self.event_service(name)?.notifier_builder().create();
-        notifier.map_err(|e| system(format!("notifying `{name}`"), &e))
-    }
-
     fn topic_service<M: Message>(
         &self,
         topic: &Topic<M>,
@@ -180,19 +171,6 @@ impl Bus {
             .max_nodes(MAX_NODES)
             .open_or_create()
             .map_err(|error| self.explain_topic(topic.name, error))
-    }
-
-    fn event_service(
-        &self,
-        name: &str,
-    ) -> Result<port_factory::event::PortFactory<ipc::Service>, BusError> {
-        self.node
-            .service_builder(&service_name(name)?)
-            .event()
-            .notifier_dead_event(DEAD_WRITER)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|e| system(format!("opening event `{name}`"), &e))
     }
 
     fn control_service(

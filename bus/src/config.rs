@@ -5,6 +5,7 @@
 
 mod layer;
 mod mocap;
+mod realtime;
 mod vehicle;
 
 use std::path::Path;
@@ -21,6 +22,7 @@ use toml::Table;
 
 pub use layer::Setting;
 pub use mocap::Mocap;
+pub use realtime::{Realtime, Scheduling};
 pub use vehicle::{Battery, Fidelity, Rotors, Vehicle, VehicleKind};
 
 use crate::message::{FNV_OFFSET, fnv1a};
@@ -189,6 +191,8 @@ pub struct Config {
     pub trajectory: TrajectoryOptions,
     /// `[safety]`.
     pub safety: Safety,
+    /// `[realtime]`: how the loops are run by the operating system.
+    pub realtime: Realtime,
     /// `[log]`.
     pub log: Log,
 }
@@ -270,6 +274,7 @@ impl Config {
             return Err(Violation::new("safety.recovery-poses", "must be at least 1"));
         }
         self.control.check()?;
+        self.realtime.check()?;
         self.check_flight()?;
         positive("safety.max-pose-age-ms", self.safety.max_pose_age_ms)?;
         positive("safety.max-speed-m-s", self.safety.max_speed_m_s)?;

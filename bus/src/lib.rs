@@ -1,5 +1,5 @@
 //! How the processes of oqtal meet: messages, topics, ports, time, latency, configuration, the process shell.
-// One borrow of a file descriptor, in `wake.rs`.
+// Two borrows in `wake.rs`: of a file descriptor, and of a word in shared memory.
 #![deny(unsafe_code)]
 
 pub mod bus;
@@ -15,6 +15,7 @@ pub mod place;
 pub mod port;
 pub mod process;
 pub mod random;
+pub mod realtime;
 pub mod time;
 pub mod topic;
 pub mod wake;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use iceoryx2::prelude::{Config, FileName, SemanticString};
 
 use crate::error::BusError;
+use crate::wake::Events;
 
 /// Where a bus lives: two buses with different places never hear each other.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -13,6 +14,8 @@ pub struct Place {
     pub instance: String,
     /// The directory of its service files.
     pub root: PathBuf,
+    /// What wakes the processes that meet here.
+    pub events: Events,
 }
 
 impl Place {
@@ -31,7 +34,7 @@ impl Place {
             });
         }
         let root = root.map_or_else(default_root, Path::to_path_buf);
-        Ok(Self { instance: instance.to_owned(), root })
+        Ok(Self { instance: instance.to_owned(), root, events: Events::default() })
     }
 
     /// What the names of everything in this instance's shared memory begin with.

@@ -1,18 +1,18 @@
 //! Writers and readers: iceoryx2 behind the few operations that the processes use.
 
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 
 use crate::error::{BusError, system};
 use crate::message::{Header, Message, Stamps};
+use crate::wake::Ringer;
 
 /// The writing end of a topic.
 #[derive(Debug)]
 pub struct Writer<M: Message> {
     publisher: Publisher<ipc::Service, M, Header>,
-    bell: Notifier<ipc::Service>,
+    bell: Ringer,
     topic: &'static str,
     source: u64,
     sequence: u64,
@@ -21,7 +21,7 @@ pub struct Writer<M: Message> {
 impl<M: Message> Writer<M> {
     pub(crate) fn new(
         publisher: Publisher<ipc::Service, M, Header>,
-        bell: Notifier<ipc::Service>,
+        bell: Ringer,
         topic: &'static str,
     ) -> Self {
         Self { publisher, bell, topic, source: u64::from(std::process::id()), sequence: 0 }
@@ -49,7 +49,7 @@ impl<M: Message> Writer<M> {
     /// # Errors
     /// The event's shared memory is gone.
     pub fn notify(&self) -> Result<(), BusError> {
-        self.bell.notify().map(drop).map_err(|e| system(format!("notifying `{}`", self.topic), &e))
+        self.bell.ring().map_err(|e| system(format!("notifying `{}`", self.topic), &e))
     }
 }
 

@@ -13,6 +13,7 @@ use crate::error::BusError;
 use crate::message::Message;
 use crate::pace::{Pace, StopFlag};
 use crate::place::Place;
+use crate::realtime;
 use crate::topic::{Party, Topic};
 
 /// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
@@ -165,6 +166,20 @@ impl Shell {
         place_of(&self.config)
     }
 
+    /// Readies the calling thread for its loop; in virtual time there is nothing to be late for. Threads started before are
+    /// left as they are.
+    pub fn enter_realtime(&self) {
+        if self.config.clock.kind != ClockKind::Real {
+            return;
+        }
+        let granted = realtime::enter(&self.config.realtime);
+        for refusal in &granted.refused {
+            tracing::warn!("{refusal}");
+        }
+        let realtime::Granted { policy, priority, cpu, locked, .. } = granted;
+        tracing::debug!(policy, priority, ?cpu, locked, "loop is ready");
+    }
+
     /// The pacer of this process: real time, woken by `wakes_on`, or virtual time. The plant leads virtual time; where a
     /// recording is played there is no plant, and the cameras lead.
     ///
@@ -190,7 +205,8 @@ impl Shell {
 /// A bad instance name.
 pub fn place_of(config: &Config) -> Result<Place, BusError> {
     let root = Some(&config.instance.root).filter(|root| !root.is_empty());
-    Place::new(&config.instance.name, root.map(std::path::Path::new))
+    let place = Place::new(&config.instance.name, root.map(std::path::Path::new))?;
+    Ok(Place { events: config.realtime.events, ..place })
 }
 
 /// Does what the command line asks of `party`, whose job is `job`, and says how it ended.

@@ -102,11 +102,15 @@ impl Cycle {
     }
 
     /// When the loop acts if no pose comes before. A pose that came too soon after the last tick, and after which no other
-    /// is expected before long, is acted on a period after that tick.
+    /// is expected before long, is acted on as soon as a tick is allowed again: the pose after it then finds the loop ready,
+    /// and ticks fall in step with poses at once.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        let periods = if self.fresh.is_some() && !self.decimates { 1.0 } else { DEADLINE_PERIODS };
-        self.last_tick + self.period.scaled(periods)
+        if self.fresh.is_some() && !self.decimates {
+            self.last_tick + self.spacing
+        } else {
+            self.last_tick + self.period.scaled(DEADLINE_PERIODS)
+        }
     }
 
     /// Looks at a pose, if one came, and acts if it is time to; `None` if not.

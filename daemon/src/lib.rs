@@ -56,7 +56,10 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
         let _stop = StopOnDrop(stop);
         threads.spawn(move || housekeeping.run(&place, stop, &ready));
         match opened.recv() {
-            Ok(Ok(())) => Ok(ports.control(&mut cycle, &mut pace, &mut desk)?),
+            Ok(Ok(())) => {
+                shell.enter_realtime();
+                Ok(ports.control(&mut cycle, &mut pace, &mut desk)?)
+            }
             Ok(Err(error)) => Err(error.into()),
             Err(_) => Err(Failure::new(Exit::Internal, "the housekeeping thread did not start")),
         }

@@ -63,6 +63,7 @@ fn watch(shell: &Shell) -> Result<(), Failure> {
     let mut poses = bus.writer(&POSE)?;
     let mut pace = shell.pace(&bus, &TRUTH)?;
     let mut cameras = Cameras::new(&shell.config.mocap, shell.config.clock.seed);
+    shell.enter_realtime();
     while let Some(now) = pace.wait(cameras.next_event())? {
         while let Some((_, truth)) = truths.receive()? {
             if is_frame(&truth) {
@@ -82,6 +83,7 @@ fn play(shell: &Shell) -> Result<(), Failure> {
     let mut poses = bus.writer(&POSE)?;
     let mut pace = shell.pace(&bus, &TRUTH)?;
     let mut replay = Replay::new(recording, pace.now());
+    shell.enter_realtime();
     while let Some(now) = pace.wait(replay.next_event())? {
         while let Some(delivery) = replay.deliver(now) {
             publish(&mut poses, &mut pace, &delivery)?;

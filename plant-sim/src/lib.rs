@@ -27,6 +27,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let mut pace = shell.pace(&bus, &COMMAND)?;
     let mut plant = Plant::new(&shell.config, pace.now());
     let mut outputs = Vec::with_capacity(64);
+    shell.enter_realtime();
     loop {
         let next = if pace.is_virtual() { plant.next_event() } else { plant.next_sample() };
         if pace.wait(Some(next))?.is_none() {

@@ -1,0 +1,133 @@
+//! What a loop asks of the operating system, so that it runs when it should. What is refused is said, with the remedy, and the
+//! loop runs on without it.
+
+use std::hint::black_box;
+
+use rustix::io::Errno;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rustix::thread::{
+    CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity,
+    set_current_timer_slack,
+};
+use serde::Serialize;
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy,
+    set_thread_priority_and_policy, thread_native_id,
+};
+
+use crate::config::{Realtime, Scheduling};
+
+/// Stack that a loop may use without a page fault \[bytes\].
+const STACK: usize = 256 * 1024;
+/// A loop under SCHED_FIFO that has not slept for so long is ended by the kernel (SIGXCPU), or it would take its CPU from
+/// everything else \[us\].
+const LONGEST_TURN_US: u64 = 500_000;
+
+/// What the operating system granted to the calling thread.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Granted {
+    /// `fifo` or `other`.
+    pub policy: &'static str,
+    /// Priority under SCHED_FIFO; 0 without.
+    pub priority: u8,
+    /// The CPU that the thread is bound to; `None` if it may move.
+    pub cpu: Option<usize>,
+    /// Whether all memory stays in RAM.
+    pub locked: bool,
+    /// What was asked for and refused, each with the remedy.
+    #[serde(skip)]
+    pub refused: Vec<String>,
+}
+
+/// Asks for what `options` say, for the calling thread; its memory for the whole process.
+#[must_use]
+pub fn enter(options: &Realtime) -> Granted {
+    let mut granted = Granted { policy: "other", ..Granted::default() };
+    let mut note = |result: Result<(), String>| match result {
+        Ok(()) => true,
+        Err(refusal) => {
+            granted.refused.push(refusal);
+            false
+        }
+    };
+    note(bind(&options.cpus));
+    note(sharpen(options.timer_slack_us));
+    let locked = options.lock_memory && note(lock_memory());
+    let fifo = options.scheduling == Scheduling::Fifo && note(fifo(options.priority));
+    granted.locked = locked;
+    if fifo {
+        (granted.policy, granted.priority) = ("fifo", options.priority);
+    }
+    granted.cpu = bound_to();
+    granted
+}
+
+fn bind(cpus: &[usize]) -> Result<(), String> {
+    if cpus.is_empty() {
+        return Ok(());
+    }
+    let mut set = CpuSet::new();
+    cpus.iter().for_each(|&cpu| set.set(cpu));
+    sched_setaffinity(None, &set).map_err(|error| {
+        format!("not bound to CPUs {cpus:?} ({error}): name CPUs that exist in `realtime.cpus`")
+    })
+}
+
+fn bound_to() -> Option<usize> {
+    let set = sched_getaffinity(None).ok()?;
+    (set.count() == 1).then(|| (0..CpuSet::MAX_CPU).find(|&cpu| set.is_set(cpu)))?
+}
+
+fn sharpen(slack_us: f64) -> Result<(), String> {
+    // At least 1 ns: 0 means the default of 50 us.
+    let slack_ns = (slack_us * 1e3).max(1.0) as u64;
+    set_current_timer_slack(std::num::NonZeroU64::new(slack_ns))
+        .map_err(|error| format!("timer slack not set ({error})"))
+}
+
+fn lock_memory() -> Result<(), String> {
+    // Under a limit the lock could succeed now and let an allocation fail in flight.
+    let limit = getrlimit(Resource::Memlock).current;
+    let privileged = capabilities(None)
+        .is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
+    if let (Some(bytes), false) = (limit, privileged) {
+        return Err(format!(
+            "memory not locked (limit {} KiB): raise it to unlimited, `LimitMEMLOCK=infinity` in the unit or `memlock` in \
+             /etc/security/limits.d",
+            bytes / 1024
+        ));
+    }
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE)
+        .map_err(|error| format!("memory not locked ({error})"))?;
+    prefault_stack();
+    Ok(())
+}
+
+/// Touches the stack below, so that no page of it is missing later.
+#[inline(never)]
+fn prefault_stack() {
+    black_box(&mut [0_u8; STACK]);
+}
+
+fn fifo(priority: u8) -> Result<(), String> {
+    let allowed = getrlimit(Resource::Rttime).maximum.unwrap_or(u64::MAX);
+    let longest = Some(LONGEST_TURN_US.min(allowed));
+    setrlimit(Resource::Rttime, Rlimit { current: longest, maximum: longest }).map_err(|error| {
+        format!("no SCHED_FIFO, since its turns could not be limited (RLIMIT_RTTIME: {error})")
+    })?;
+    let os_priority = ThreadPriority::Crossplatform(
+        priority.try_into().map_err(|reason| format!("priority {priority}: {reason}"))?,
+    );
+    let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    set_thread_priority_and_policy(thread_native_id(), os_priority, policy).map_err(|error| {
+        let reason = match error {
+            thread_priority::Error::OS(code) => Errno::from_raw_os_error(code).to_string(),
+            other => format!("{other:?}"),
+        };
+        format!(
+            "no SCHED_FIFO ({reason}): give the process CAP_SYS_NICE or `LimitRTPRIO={priority}`, as root in the unit, or \
+             `rtprio {priority}` in /etc/security/limits.d; or set `realtime.scheduling = \"other\"`"
+        )
+    })
+}
