@@ -27,10 +27,10 @@ const GRACE_S: f64 = 15.0;
 /// What to fly, and how.
 #[derive(Args, Clone, Debug)]
 pub struct FlyArgs {
-    /// Attitude law: pid, lqr or oqtal
+    /// pid, lqr, oqtal, oqtal-dt or geometric
     #[arg(long, value_name = "NAME")]
     controller: Option<String>,
-    /// hover, step, square, circle, lemniscate or waypoints
+    /// hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet or waypoints
     #[arg(long, value_name = "NAME")]
     trajectory: Option<String>,
     /// Duration of the trajectory itself, without take-off and landing [s]

@@ -11,10 +11,12 @@ mod vehicle;
 use std::path::Path;
 
 use oqtal_control::controller::{
-    ControllerName, ControllerOptions, InvalidOption, LqrOptions, OqtalOptions, PidOptions,
+    ControllerName, ControllerOptions, GeometricOptions, InvalidOption, LqrOptions, OqtalDtOptions,
+    OqtalOptions, PidOptions,
 };
 use oqtal_control::estimator::EstimatorOptions;
 use oqtal_control::position::PositionOptions;
+use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::range::OutOfRange;
 use oqtal_control::trajectory::TrajectoryOptions;
 use serde::{Deserialize, Serialize};
@@ -111,6 +113,12 @@ pub struct Control {
     pub lqr: LqrOptions,
     /// `[control.oqtal]`.
     pub oqtal: OqtalOptions,
+    /// `[control.oqtal-dt]`.
+    pub oqtal_dt: OqtalDtOptions,
+    /// `[control.geometric]`.
+    pub geometric: GeometricOptions,
+    /// `[control.predictive]`: what `oqtal-dt` flies with instead of estimator and position loops.
+    pub predictive: PredictiveOptions,
     /// `[control.estimator]`.
     pub estimator: EstimatorOptions,
 }
@@ -124,14 +132,17 @@ impl Control {
         self.pid.check().map_err(|error| invalid("pid", error))?;
         self.lqr.check().map_err(|error| invalid("lqr", error))?;
         self.oqtal.check().map_err(|error| invalid("oqtal", error))?;
+        self.oqtal_dt.check().map_err(|error| invalid("oqtal-dt", error))?;
+        self.geometric.check().map_err(|error| invalid("geometric", error))?;
+        self.predictive.check().map_err(|error| outside("control.predictive", error))?;
         self.estimator.check().map_err(|error| outside("control.estimator", error))
     }
 
     /// The law that flies, and the options of all laws.
     #[must_use]
     pub fn controller_options(&self) -> ControllerOptions {
-        let Self { controller, pid, lqr, oqtal, .. } = *self;
-        ControllerOptions { controller, pid, lqr, oqtal }
+        let Self { controller, rate_hz, pid, lqr, oqtal, oqtal_dt, geometric, .. } = *self;
+        ControllerOptions { controller, rate_hz, pid, lqr, oqtal, oqtal_dt, geometric }
     }
 }
 

@@ -46,6 +46,12 @@ pub struct AttitudeReference {
 }
 
 impl AttitudeReference {
+    /// An attitude that does not turn.
+    #[must_use]
+    pub fn at_rest(attitude: Attitude) -> Self {
+        Self { attitude, ..Self::default() }
+    }
+
     /// Whether every number is finite.
     #[inline]
     #[must_use]

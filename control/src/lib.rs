@@ -15,6 +15,7 @@ pub mod linear;
 pub mod metrics;
 pub mod pid;
 pub mod position;
+pub mod predictive;
 pub mod quantity;
 pub mod quaternion;
 pub mod range;

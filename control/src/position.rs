@@ -7,6 +7,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::error::AttitudeReference;
 use crate::estimator::Estimate;
 use crate::pid::{Pid, PidGains, PidLimits};
 use crate::quaternion::Attitude;
@@ -100,8 +101,9 @@ impl PositionOptions {
 /// What the outer loops ask for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionCommand {
-    /// The attitude to be held by the attitude law.
-    pub attitude: Attitude,
+    /// The attitude to be held by the attitude law. It is commanded without a rate of its own, as in
+    /// the paper's experiments, unless the reference prescribes both.
+    pub attitude: AttitudeReference,
     /// Thrust along body z \[N\].
     pub thrust_n: f64,
     /// The velocity commanded by the position PIDs \[m/s, world\].
@@ -162,14 +164,15 @@ impl PositionLoops {
         let (climb, lift) = self.vertical(estimate, reference, dt_s);
         let (velocity, acceleration) = self.horizontal(estimate, reference, dt_s, lift);
         let (attitude, specific_thrust) = match reference.attitude {
-            Some(attitude) => {
-                let cosine_of_tilt = attitude.to_world(&Vector3::z()).z;
+            Some(prescribed) => {
+                let cosine_of_tilt = prescribed.attitude.to_world(&Vector3::z()).z;
                 let least_cosine = GREATEST_TILT_DEG.to_radians().cos();
-                (attitude, lift / cosine_of_tilt.max(least_cosine))
+                (prescribed, lift / cosine_of_tilt.max(least_cosine))
             }
             None => {
                 let specific_force = acceleration.push(lift);
-                (attitude_along(&specific_force, reference.yaw_rad), specific_force.norm())
+                let attitude = attitude_along(&specific_force, reference.yaw_rad);
+                (AttitudeReference::at_rest(attitude), specific_force.norm())
             }
         };
         PositionCommand {

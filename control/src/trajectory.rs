@@ -7,11 +7,13 @@ use std::fmt;
 
 use nalgebra::Vector3;
 
-use crate::quaternion::Attitude;
+use crate::error::AttitudeReference;
+pub use attitude::{AttitudeChirp, AttitudeDoublet};
 pub use options::{TrajectoryKind, TrajectoryOptions};
 pub use plan::{FlightPlan, Place};
 pub use waypoints::{WaypointError, WaypointProblem, Waypoints};
 
+mod attitude;
 mod options;
 mod plan;
 pub mod shape;
@@ -26,8 +28,9 @@ pub struct Reference {
     pub velocity: Vector3<f64>,
     /// Desired 3-2-1 yaw \[rad\].
     pub yaw_rad: f64,
-    /// An attitude to fly instead of the horizontal position.
-    pub attitude: Option<Attitude>,
+    /// An attitude to fly instead of the horizontal position, with its rate and acceleration for
+    /// the laws that feed them forward.
+    pub attitude: Option<AttitudeReference>,
     /// The part of the flight.
     pub phase: Phase,
 }
@@ -37,6 +40,14 @@ impl Reference {
     #[must_use]
     pub fn rest(position: Vector3<f64>, phase: Phase) -> Self {
         Self { position, velocity: Vector3::zeros(), yaw_rad: 0.0, attitude: None, phase }
+    }
+
+    /// Whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.position.iter().chain(&self.velocity).all(|number| number.is_finite())
+            && self.yaw_rad.is_finite()
+            && self.attitude.is_none_or(|attitude| attitude.is_finite())
     }
 }
 
@@ -90,6 +101,8 @@ enum Shape {
     Square(shape::Square),
     Circle(shape::Circle),
     Lemniscate(shape::Lemniscate),
+    AttitudeChirp(AttitudeChirp),
+    AttitudeDoublet(AttitudeDoublet),
     Waypoints(Waypoints),
 }
 
@@ -105,6 +118,8 @@ impl Trajectory {
             Shape::Square(square) => square.sample(t_s),
             Shape::Circle(circle) => circle.sample(t_s),
             Shape::Lemniscate(lemniscate) => lemniscate.sample(t_s),
+            Shape::AttitudeChirp(chirp) => chirp.sample(t_s),
+            Shape::AttitudeDoublet(doublet) => doublet.sample(t_s),
             // Waypoints are not relative to the hover point.
             Shape::Waypoints(waypoints) => return waypoints.sample(t_s),
         };
@@ -121,7 +136,14 @@ impl Trajectory {
             Shape::Square(square) => square.duration_s,
             Shape::Circle(circle) => circle.sweep().duration_s(),
             Shape::Lemniscate(lemniscate) => lemniscate.sweep().duration_s(),
+            Shape::AttitudeChirp(chirp) => chirp.duration_s(),
+            Shape::AttitudeDoublet(doublet) => doublet.duration_s(),
             Shape::Waypoints(waypoints) => waypoints.duration_s(),
         }
+    }
+
+    /// Whether this is about the attitude alone: then only what prescribes one counts.
+    fn is_of_attitude(&self) -> bool {
+        matches!(self.shape, Shape::AttitudeChirp(_) | Shape::AttitudeDoublet(_))
     }
 }

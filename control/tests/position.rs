@@ -34,7 +34,7 @@ fn tilt_of(attitude: &Attitude) -> f64 {
 
 /// The acceleration that the command gives a vehicle which follows it at once.
 fn acceleration_of(command: &PositionCommand) -> Vector3<f64> {
-    command.attitude.to_world(&Vector3::z()) * (command.thrust_n / MASS_KG)
+    command.attitude.attitude.to_world(&Vector3::z()) * (command.thrust_n / MASS_KG)
         - Vector3::z() * GRAVITY_M_S2
 }
 
@@ -45,7 +45,7 @@ fn vector3(bound: f64) -> impl Strategy<Value = Vector3<f64>> {
 #[test]
 fn at_rest_on_the_reference_the_command_is_level_with_the_weight_as_thrust() {
     let command = loops().update(&Estimate::default(), &rest_at(Vector3::zeros()), DT_S);
-    assert_eq!(command.attitude, Attitude::LEVEL);
+    assert_eq!(command.attitude.attitude, Attitude::LEVEL);
     assert_eq!(command.velocity, Vector3::zeros());
     assert!((command.thrust_n - MASS_KG * GRAVITY_M_S2).abs() < 1e-12);
 }
@@ -126,10 +126,13 @@ fn reset_loops_are_as_new() {
 #[test]
 fn attitude_reference_is_passed_on_and_height_is_kept() {
     let attitude = Attitude::from_rotation_vector(Vector3::new(10.0_f64.to_radians(), 0.0, 0.0));
-    let reference = Reference { attitude: Some(attitude), ..rest_at(Vector3::zeros()) };
+    let reference = Reference {
+        attitude: Some(AttitudeReference::at_rest(attitude)),
+        ..rest_at(Vector3::zeros())
+    };
     let away = Estimate { position: Vector3::new(0.7, -0.4, 0.0), ..Estimate::default() };
     let command = loops().update(&away, &reference, DT_S);
-    assert_eq!(command.attitude, attitude);
+    assert_eq!(command.attitude.attitude, attitude);
     assert!(acceleration_of(&command).z.abs() < 1e-12);
 }
 
@@ -143,7 +146,10 @@ fn open_horizontal_loops_do_not_wind_up() {
     for _ in 0..600 {
         loops.update(
             &away,
-            &Reference { attitude: Some(attitude), ..rest_at(Vector3::zeros()) },
+            &Reference {
+                attitude: Some(AttitudeReference::at_rest(attitude)),
+                ..rest_at(Vector3::zeros())
+            },
             DT_S,
         );
     }
@@ -184,10 +190,10 @@ proptest! {
             let command = loops.update(&estimate, &reference, DT_S);
             prop_assert!(command.velocity.xy().norm() <= options.horizontal_velocity_limit_m_s + 1e-9);
             prop_assert!(command.velocity.z.abs() <= options.vertical_velocity_limit_m_s);
-            prop_assert!(tilt_of(&command.attitude) <= options.tilt_limit_deg.to_radians() + 1e-9);
+            prop_assert!(tilt_of(&command.attitude.attitude) <= options.tilt_limit_deg.to_radians() + 1e-9);
             let vertical = acceleration_of(&command).z;
             prop_assert!(vertical.abs() <= options.vertical_acceleration_limit_m_s2 + 1e-9);
-            prop_assert!((yaw_of(&command.attitude) - yaw_rad).abs() < 1e-9);
+            prop_assert!((yaw_of(&command.attitude.attitude) - yaw_rad).abs() < 1e-9);
         }
     }
 
@@ -209,7 +215,7 @@ proptest! {
         estimate.velocity[2 - which] = bad;
         let command = loops.update(&estimate, &rest_at(Vector3::zeros()), DT_S);
         prop_assert!(command.thrust_n.is_finite());
-        prop_assert!(command.attitude.xyzw().iter().all(|value| value.is_finite()));
+        prop_assert!(command.attitude.attitude.xyzw().iter().all(|value| value.is_finite()));
         prop_assert!(command.velocity.iter().all(|value| value.is_finite()));
     }
 }

@@ -68,7 +68,7 @@ fn step_prescribes_the_attitude_while_it_holds() {
         options.step.axis = axis;
         let step = options.trajectory(None).unwrap();
         let expected = Attitude::from_rotation_vector(direction * 10.0_f64.to_radians());
-        assert!(step.sample(0.0).attitude.unwrap().angle_to(&expected) < 1e-9);
+        assert!(step.sample(0.0).attitude.unwrap().attitude.angle_to(&expected) < 1e-9);
         assert!(step.sample(0.99).attitude.is_some());
         assert_eq!(step.sample(1.0), Reference::rest(HOVER_POINT, Phase::Trajectory));
     }

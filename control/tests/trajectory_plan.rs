@@ -71,7 +71,7 @@ fn flight_is_relative_to_where_the_vehicle_stands() {
 
 #[test]
 fn attitude_step_is_about_the_heading_at_the_start() {
-    let attitude = plan(&options(TrajectoryKind::Step)).sample(6.5).attitude.unwrap();
+    let attitude = plan(&options(TrajectoryKind::Step)).sample(6.5).attitude.unwrap().attitude;
     let expected = Attitude::from_rotation_vector(Vector3::z() * START.yaw_rad)
         .turned_by(Vector3::x() * 10.0_f64.to_radians());
     assert!(attitude.angle_to(&expected) < 1e-9);

@@ -3,7 +3,9 @@
 
 use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Config;
-use oqtal_bus::message::{CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1};
+use oqtal_bus::message::{
+    CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1, VehicleV1,
+};
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::estimator::Estimator;
 use oqtal_control::euler::EulerAngles;
@@ -60,6 +62,8 @@ pub struct Cycle {
     /// Why the last pose that was due is not there.
     missing: Cause,
     held: CommandV1,
+    /// What the last tick put out.
+    sent: CommandV1,
     telemetry: TelemetryV1,
 }
 
@@ -93,6 +97,7 @@ impl Cycle {
             fresh: None,
             missing: Cause::NoPose,
             held: CommandV1::default(),
+            sent: CommandV1::default(),
             telemetry: TelemetryV1 {
                 mission_s: f64::NAN,
                 pose_age_s: f64::NAN,
@@ -122,8 +127,14 @@ impl Cycle {
         (now >= due).then(|| self.tick(now, arrival.map(|(header, _)| header)))
     }
 
+    /// Learns from the vehicle when a command began to act.
+    pub fn applied(&mut self, header: &Header, vehicle: &VehicleV1) {
+        self.pilot.applied(vehicle.command_sequence, header.stamps.applied_at);
+    }
+
     /// What the last tick knew and decided, once its command is out.
     pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> TelemetryV1 {
+        self.pilot.sent(command_sequence, stamps.command_published_at, &self.sent);
         let late = stamps.pose_published_at.is_set()
             && stamps.command_published_at.since(stamps.pose_published_at) > self.period;
         self.telemetry.deadline_misses += u64::from(late);
@@ -203,7 +214,9 @@ impl Cycle {
             Ok(believed) => {
                 // Times since the clock's origin keep microseconds in an f64 for a century.
                 let captured_s = believed.captured_at.since(Time::UNSET).seconds();
-                self.estimator.update(captured_s, believed.position, believed.attitude);
+                let estimate =
+                    self.estimator.update(captured_s, believed.position, believed.attitude);
+                self.pilot.observe(believed.captured_at, &estimate);
                 self.fresh = Some(*header);
             }
             Err(cause) => {
@@ -313,7 +326,7 @@ impl Cycle {
         let estimate = self.estimator.latest();
         let reference = self.mission.as_ref().map(|mission| mission.reference(now));
         let decision = match &reference {
-            Some(reference) if fresh => Some(self.pilot.decide(&estimate, reference, dt_s)),
+            Some(reference) if fresh => self.pilot.decide((now, dt_s), &estimate, reference),
             _ => None,
         };
         let wanted = match &decision {
@@ -327,7 +340,8 @@ impl Cycle {
         self.telemetry.thrust = wanted.thrust;
         self.held = wanted;
         // A vehicle that is only watched is told nothing; telemetry says what it would have been told.
-        if self.watches_only { CommandV1::default() } else { wanted }
+        self.sent = if self.watches_only { CommandV1::default() } else { wanted };
+        self.sent
     }
 
     /// Writes down what this tick knew and decided.
@@ -365,7 +379,7 @@ impl Cycle {
         }
         if let Some(Decision { wish, saturated, .. }) = decision {
             telemetry.velocity_command = wish.velocity.into();
-            telemetry.attitude_command = wish.attitude.xyzw();
+            telemetry.attitude_command = wish.attitude.attitude.xyzw();
             telemetry.saturated = u8::from(*saturated);
         }
     }

@@ -22,11 +22,11 @@ mod supervisor;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, HealthV1, Stamps};
+use oqtal_bus::message::{CommandV1, HealthV1, Stamps, VehicleV1};
 use oqtal_bus::pace::{Pace, StopFlag};
 use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY};
+use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY, VEHICLE};
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 
 pub use cycle::{Cycle, Tick};
@@ -100,6 +100,7 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
 /// The daemon's ports in the loop.
 struct Ports {
     poses: oqtal_bus::port::Reader<oqtal_bus::message::PoseV1>,
+    vehicles: oqtal_bus::port::Reader<VehicleV1>,
     commands: oqtal_bus::port::Writer<CommandV1>,
     telemetry: oqtal_bus::port::Writer<oqtal_bus::message::TelemetryV1>,
 }
@@ -108,7 +109,12 @@ impl Ports {
     /// Opens them, the command topic first: it is the lock against a second controller.
     fn open(bus: &Bus) -> Result<Self, Failure> {
         let commands = bus.writer(&COMMAND).map_err(|error| name_holder(bus, error))?;
-        Ok(Self { commands, poses: bus.reader(&POSE)?, telemetry: bus.writer(&TELEMETRY)? })
+        Ok(Self {
+            commands,
+            poses: bus.reader(&POSE)?,
+            vehicles: bus.reader(&VEHICLE)?,
+            telemetry: bus.writer(&TELEMETRY)?,
+        })
     }
 
     /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way.
@@ -137,6 +143,9 @@ impl Ports {
             let now = pace.now();
             while let Some(verb) = desk.request() {
                 desk.answer(cycle.request(now, verb));
+            }
+            if let Some((header, vehicle)) = self.vehicles.latest()? {
+                cycle.applied(&header, &vehicle);
             }
             if let Some(tick) = cycle.step(now, arrival.as_ref()) {
                 let computed_at = pace.now();

@@ -1,25 +1,21 @@
-//! From what is known of the vehicle and where it should be to a command: the outer loops of Fig. 16, then the attitude law.
+//! From what is known of the vehicle and where it should be to a command: the outer loops of Fig. 16, then the attitude law;
+//! or the autopilot, which estimates, predicts and has both.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::config::{Config, VehicleKind};
 use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::Time;
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, RateInput, TorqueInput,
+    AttitudeLaw, AttitudeState, Controller, ControllerName, InputForm, RateInput, TorqueInput,
 };
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::{PositionCommand, PositionLoops};
+use oqtal_control::predictive::{self, Autopilot, Design, Rotation, VehicleModel};
 use oqtal_control::trajectory::Reference;
 
 /// Sticks this close to their end, or a torque this close to its limit, count as saturated.
 const SATURATED: f64 = 1.0 - 1e-9;
-
-/// The chosen attitude law, in the form that the vehicle takes.
-#[derive(Debug)]
-enum Law {
-    Sticks(Controller<RateInput>),
-    Torque(Controller<TorqueInput>),
-}
 
 /// What the pilot wants in one tick.
 #[derive(Clone, Copy, Debug)]
@@ -32,11 +28,26 @@ pub struct Decision {
     pub saturated: bool,
 }
 
+/// The loops for a vehicle commanded through `I`.
+#[derive(Debug)]
+enum Loops<I: InputForm> {
+    /// The six PIDs and the chosen law, on the motion as differenced from poses.
+    Paper { position: PositionLoops, law: Controller<I> },
+    /// Estimation, prediction and `oqtal-dt`.
+    Predictive(Box<Autopilot<I>>),
+}
+
+/// The loops in the form that the vehicle takes.
+#[derive(Debug)]
+enum Form {
+    Sticks(Loops<RateInput>),
+    Torque(Loops<TorqueInput>),
+}
+
 /// The control loops. Pure, and free of allocation in a tick.
 #[derive(Debug)]
 pub struct Pilot {
-    loops: PositionLoops,
-    law: Law,
+    form: Form,
     max_thrust: f64,
     max_torque: f64,
 }
@@ -48,70 +59,170 @@ impl Pilot {
     /// An option of the law, or the inertia, has no meaning; says which.
     pub fn new(config: &Config) -> Result<Self, String> {
         let vehicle = &config.vehicle;
-        let options = config.control.controller_options();
-        let law = match vehicle.kind {
+        let form = match vehicle.kind {
             VehicleKind::Hummingbird => {
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s));
-                let input = input.map_err(|error| error.to_string())?;
-                Law::Sticks(Controller::new(&options, input).map_err(|error| error.to_string())?)
+                let lag_s = vehicle.rate_lag_ms * 1e-3;
+                let rotation = Rotation::RateLoop { lag_s };
+                let predictive = config.control.controller == ControllerName::OqtalDt;
+                let input = input.and_then(|input| match predictive {
+                    true => input.with_lag(lag_s),
+                    false => Ok(input),
+                });
+                Form::Sticks(Loops::new(config, input.map_err(|e| e.to_string())?, rotation)?)
             }
             VehicleKind::Spacecraft => {
                 let inertia = vehicle.inertia().map_err(|error| error.to_string())?;
                 let input = TorqueInput::new(inertia, vehicle.max_torque_nm);
-                let input = input.map_err(|error| error.to_string())?;
-                Law::Torque(Controller::new(&options, input).map_err(|error| error.to_string())?)
+                let rotation = Rotation::RigidBody { inertia };
+                Form::Torque(Loops::new(config, input.map_err(|e| e.to_string())?, rotation)?)
             }
         };
-        Ok(Self {
-            loops: PositionLoops::new(&config.position, vehicle.mass_kg, vehicle.gravity_m_s2),
-            law,
-            max_thrust: vehicle.max_thrust_n,
-            max_torque: vehicle.max_torque_nm,
-        })
+        Ok(Self { form, max_thrust: vehicle.max_thrust_n, max_torque: vehicle.max_torque_nm })
     }
 
     /// Starts anew: nothing is left of an earlier flight in any integrator.
     pub fn reset(&mut self) {
-        self.loops.reset();
-        match &mut self.law {
-            Law::Sticks(law) => law.reset(),
-            Law::Torque(law) => law.reset(),
+        match &mut self.form {
+            Form::Sticks(loops) => loops.reset(),
+            Form::Torque(loops) => loops.reset(),
         }
     }
 
-    /// The command for a vehicle at `estimate` that should be at `reference`, `dt_s` seconds after the last.
-    pub fn decide(&mut self, estimate: &Estimate, reference: &Reference, dt_s: f64) -> Decision {
-        let wish = self.loops.update(estimate, reference, dt_s);
-        let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
-        // The outer loops command attitudes, not rates: omega_d = 0, as in the paper's experiments.
-        let target = AttitudeReference { attitude: wish.attitude, ..AttitudeReference::default() };
-        // Eq. (61), erratum E-61: T = K_T delta_c.
-        let thrust = (wish.thrust_n / self.max_thrust).clamp(0.0, 1.0);
-        let (command, largest) = match &mut self.law {
-            Law::Sticks(law) => {
-                let sticks = law.update(&state, &target, dt_s).0;
-                let actuation = Actuation::Sticks.code();
-                let command =
-                    CommandV1 { actuation, sticks: sticks.into(), thrust, ..CommandV1::default() };
-                (command, sticks.amax())
+    /// Takes a believed pose captured at `captured_at`, with the rates that follow from differences.
+    pub fn observe(&mut self, captured_at: Time, measured: &Estimate) {
+        let captured_s = seconds(captured_at);
+        match &mut self.form {
+            Form::Sticks(Loops::Predictive(autopilot)) => autopilot.observe(captured_s, measured),
+            Form::Torque(Loops::Predictive(autopilot)) => autopilot.observe(captured_s, measured),
+            _ => {}
+        }
+    }
+
+    /// Remembers what was sent, and when: a prediction rests on it.
+    pub fn sent(&mut self, sequence: u64, at: Time, command: &CommandV1) {
+        let thrust = command.thrust * self.max_thrust;
+        match &mut self.form {
+            Form::Sticks(Loops::Predictive(autopilot)) => {
+                autopilot.sent(sequence, seconds(at), (&command.sticks.into(), thrust));
             }
-            Law::Torque(law) => {
-                let torque = law.update(&state, &target, dt_s).0;
-                let actuation = Actuation::Torque.code();
-                let command =
-                    CommandV1 { actuation, torque: torque.into(), thrust, ..CommandV1::default() };
-                (command, torque.amax() / self.max_torque)
+            Form::Torque(Loops::Predictive(autopilot)) => {
+                autopilot.sent(sequence, seconds(at), (&command.torque.into(), thrust));
+            }
+            _ => {}
+        }
+    }
+
+    /// Learns when a command began to act.
+    pub fn applied(&mut self, sequence: u64, at: Time) {
+        match &mut self.form {
+            Form::Sticks(Loops::Predictive(autopilot)) => autopilot.applied(sequence, seconds(at)),
+            Form::Torque(Loops::Predictive(autopilot)) => autopilot.applied(sequence, seconds(at)),
+            _ => {}
+        }
+    }
+
+    /// The command at `now` for a vehicle at `estimate` that should be at `reference`, `dt_s` seconds after the last. `None`
+    /// if there is nothing to go by.
+    pub fn decide(
+        &mut self,
+        (now, dt_s): (Time, f64),
+        estimate: &Estimate,
+        reference: &Reference,
+    ) -> Option<Decision> {
+        let now_s = seconds(now);
+        let (predictive::Decision { wish, u }, actuation, limit) = match &mut self.form {
+            Form::Sticks(loops) => {
+                (loops.decide((now_s, dt_s), estimate, reference)?, Actuation::Sticks, 1.0)
+            }
+            Form::Torque(loops) => {
+                let decision = loops.decide((now_s, dt_s), estimate, reference)?;
+                (decision, Actuation::Torque, self.max_torque)
             }
         };
-        Decision { wish, command, saturated: largest >= SATURATED }
+        // Eq. (61), erratum E-61: T = K_T delta_c.
+        let thrust = (wish.thrust_n / self.max_thrust).clamp(0.0, 1.0);
+        let neutral = CommandV1 { actuation: actuation.code(), thrust, ..CommandV1::default() };
+        let command = match actuation {
+            Actuation::Torque => CommandV1 { torque: u.into(), ..neutral },
+            _ => CommandV1 { sticks: u.into(), ..neutral },
+        };
+        Some(Decision { wish, command, saturated: u.amax() / limit >= SATURATED })
     }
 
     /// Riccati equations solved so far.
     #[must_use]
     pub fn riccati_solves(&self) -> u32 {
-        match &self.law {
-            Law::Sticks(law) => law.riccati_solves(),
-            Law::Torque(law) => law.riccati_solves(),
+        match &self.form {
+            Form::Sticks(loops) => loops.riccati_solves(),
+            Form::Torque(loops) => loops.riccati_solves(),
         }
     }
+}
+
+impl<I: InputForm + Copy> Loops<I> {
+    fn new(config: &Config, input: I, rotation: Rotation) -> Result<Self, String> {
+        let (vehicle, options) = (&config.vehicle, config.control.controller_options());
+        if options.controller != ControllerName::OqtalDt {
+            let law = Controller::new(&options, input).map_err(|error| error.to_string())?;
+            let position =
+                PositionLoops::new(&config.position, vehicle.mass_kg, vehicle.gravity_m_s2);
+            return Ok(Self::Paper { position, law });
+        }
+        let model = VehicleModel {
+            rotation,
+            mass_kg: vehicle.mass_kg,
+            gravity_m_s2: vehicle.gravity_m_s2,
+            drag_per_s: vehicle.drag_per_s,
+            thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
+        };
+        let design = Design {
+            model,
+            input,
+            delay_s: vehicle.radio_delay_ms * 1e-3,
+            period_s: 1.0 / options.rate_hz,
+        };
+        let (law, aids) = (options.oqtal_dt, &config.control.predictive);
+        let autopilot = Autopilot::new(design, law, aids, &config.position);
+        Ok(Self::Predictive(Box::new(autopilot.map_err(|error| error.to_string())?)))
+    }
+
+    fn reset(&mut self) {
+        match self {
+            Self::Paper { position, law } => {
+                position.reset();
+                law.reset();
+            }
+            Self::Predictive(autopilot) => autopilot.reset(),
+        }
+    }
+
+    fn decide(
+        &mut self,
+        (now_s, dt_s): (f64, f64),
+        estimate: &Estimate,
+        reference: &Reference,
+    ) -> Option<predictive::Decision> {
+        match self {
+            Self::Paper { position, law } => {
+                let wish = position.update(estimate, reference, dt_s);
+                let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
+                let u = I::u_from(law.update(&state, &wish.attitude, dt_s));
+                Some(predictive::Decision { wish, u })
+            }
+            Self::Predictive(autopilot) => autopilot.decide(now_s, reference, dt_s),
+        }
+    }
+
+    fn riccati_solves(&self) -> u32 {
+        match self {
+            Self::Paper { law, .. } => law.riccati_solves(),
+            Self::Predictive(autopilot) => autopilot.riccati_solves(),
+        }
+    }
+}
+
+/// Times since the clock's origin keep microseconds in an f64 for a century.
+fn seconds(time: Time) -> f64 {
+    time.since(Time::UNSET).seconds()
 }

@@ -35,6 +35,7 @@ struct Room {
     frames: Vec<TruthV1>,
     pose: Option<(Header, PoseV1)>,
     command: Option<(Header, CommandV1)>,
+    vehicle: Option<(Header, VehicleV1)>,
     poses_sent: u64,
     commands_sent: u64,
 }
@@ -114,13 +115,14 @@ impl Room {
             frames: Vec::with_capacity(4),
             pose: None,
             command: None,
+            vehicle: None,
             poses_sent: 0,
             commands_sent: 0,
         })
     }
 
     fn plant_turn(&mut self, now: Time) -> Done {
-        let Self { plant, recorder, frames, .. } = self;
+        let Self { plant, recorder, frames, vehicle: newest, .. } = self;
         plant.advance(now, |output| match output {
             Output::Truth(truth) => {
                 recorder.truth(&truth);
@@ -129,7 +131,9 @@ impl Room {
                 }
             }
             Output::Applied(pose_sequence, stamps, vehicle) => {
-                recorder.vehicle(&header::<VehicleV1>(0, pose_sequence, stamps), &vehicle);
+                let header = header::<VehicleV1>(0, pose_sequence, stamps);
+                recorder.vehicle(&header, &vehicle);
+                *newest = Some((header, vehicle));
             }
         });
         if let Some((header, command)) = self.command.take() {
@@ -170,6 +174,9 @@ impl Room {
 
     fn daemon_turn(&mut self, now: Time) -> Done {
         let pose = self.pose.take();
+        if let Some((header, vehicle)) = self.vehicle.take() {
+            self.cycle.applied(&header, &vehicle);
+        }
         let tick = self.cycle.step(now, pose.as_ref());
         if let Some(tick) = &tick {
             let stamps = Stamps { computed_at: now, command_published_at: now, ..tick.stamps };

@@ -26,6 +26,13 @@ pub trait InputForm {
     /// a rate \[rad/s\] if it commands one.
     fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64>;
 
+    /// What `u` brings about: the inverse of [`input_for`](Self::input_for).
+    fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64>;
+
+    /// `(A, B)` of `omega_dot = A omega + B u` once the gyroscopic torque is cancelled. `None` if
+    /// the rate follows `u` at once.
+    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)>;
+
     /// The `u` with which a body without error follows its reference.
     fn feed_forward(
         &self,
@@ -39,6 +46,9 @@ pub trait InputForm {
 
     /// `u` as a command.
     fn command_from(u: Vector3<f64>) -> Self::Command;
+
+    /// A command as `u`.
+    fn u_from(command: Self::Command) -> Vector3<f64>;
 
     /// `omega x J omega`, which a torque must cancel; zero if the vehicle does that by itself.
     fn gyroscopic(&self, omega: BodyRate) -> Vector3<f64> {
@@ -82,6 +92,14 @@ impl InputForm for TorqueInput {
         self.inertia.matrix() * demand
     }
 
+    fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64> {
+        self.inertia.inverse() * u
+    }
+
+    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+        Some((Matrix3::zeros(), *self.inertia.inverse()))
+    }
+
     fn feed_forward(
         &self,
         error: &AttitudeError,
@@ -105,6 +123,10 @@ impl InputForm for TorqueInput {
     fn command_from(u: Vector3<f64>) -> Torque {
         Torque(u)
     }
+
+    fn u_from(command: Torque) -> Vector3<f64> {
+        command.0
+    }
 }
 
 /// `u` are the sticks \[-1..1\], to which the vehicle's own loop makes the body rate proportional:
@@ -112,6 +134,7 @@ impl InputForm for TorqueInput {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateInput {
     rate_authority: Vector3<f64>,
+    lag_s: f64,
 }
 
 impl RateInput {
@@ -124,7 +147,17 @@ impl RateInput {
         for authority in &rate_authority {
             InvalidOption::unless_positive("rate-authority-rad-s", *authority)?;
         }
-        Ok(Self { rate_authority })
+        Ok(Self { rate_authority, lag_s: 0.0 })
+    }
+
+    /// The same for a law that knows that the rate follows with a time constant of `lag_s` \[s\].
+    /// The paper's laws do not.
+    ///
+    /// # Errors
+    /// If it is negative or not finite.
+    pub fn with_lag(self, lag_s: f64) -> Result<Self, InvalidOption> {
+        InvalidOption::unless_not_negative("rate-lag-s", lag_s)?;
+        Ok(Self { lag_s, ..self })
     }
 }
 
@@ -149,13 +182,26 @@ impl InputForm for RateInput {
         demand.component_div(&self.rate_authority)
     }
 
+    fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64> {
+        u.component_mul(&self.rate_authority)
+    }
+
+    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+        let k_delta = Matrix3::from_diagonal(&self.rate_authority);
+        // Eq. (61), erratum E-61, with the lag of the vehicle's own loop
+        (self.lag_s > 0.0)
+            .then(|| (Matrix3::from_diagonal_element(-1.0 / self.lag_s), k_delta / self.lag_s))
+    }
+
     fn feed_forward(
         &self,
         error: &AttitudeError,
-        _: &Vector3<f64>,
+        omega_e: &Vector3<f64>,
         reference: &AttitudeReference,
     ) -> Vector3<f64> {
-        self.input_for(&(error.rotation() * reference.rate.0))
+        // What the inertia is to a torque, the lag is to a rate: it takes so much to accelerate.
+        let acceleration = error.reference_acceleration(omega_e, reference).0;
+        self.input_for(&(error.rotation() * reference.rate.0 + acceleration * self.lag_s))
     }
 
     #[inline]
@@ -166,6 +212,10 @@ impl InputForm for RateInput {
 
     fn command_from(u: Vector3<f64>) -> StickCommand {
         StickCommand(u)
+    }
+
+    fn u_from(command: StickCommand) -> Vector3<f64> {
+        command.0
     }
 }
 

@@ -5,25 +5,31 @@
 //! | [`Oqtal`] | `oqtal.rs` | the paper's: LQR on the quaternion error model, Eq. (56) |
 //! | [`ClassicLqr`] | `lqr.rs` | LQR on Euler angles, Eqs. (24), (34) |
 //! | [`QuaternionPid`] | `pid.rs` | PID on the quaternion error, Eqs. (17) to (19) |
+//! | [`OqtalDt`] | `oqtal_dt.rs` | ours: discrete time, split weights, feed-forward |
+//! | [`Geometric`] | `geometric.rs` | Lee's tracking on SO(3) |
 //!
 //! A law is written once for every [`InputForm`]: torque for the spacecraft, sticks for the
 //! quadrotor. To add a law, give it a file and options like these and a line in each list of this
 //! file.
 
+mod geometric;
 mod input;
 mod lqr;
 mod options;
 mod oqtal;
+mod oqtal_dt;
 mod pid;
 mod regulator;
 
 use serde::{Deserialize, Serialize};
 
 pub use crate::error::{AttitudeReference, AttitudeState};
+pub use geometric::{Geometric, GeometricOptions};
 pub use input::{InputForm, RateInput, TorqueInput};
 pub use lqr::{ClassicLqr, LqrOptions};
 pub use options::{InvalidOption, RateFeedback};
 pub use oqtal::{Oqtal, OqtalOptions};
+pub use oqtal_dt::{DiscreteGain, OqtalDt, OqtalDtOptions};
 pub use pid::{PidOptions, QuaternionPid};
 pub use regulator::{AugmentedModel, Gain, LawState, Weights};
 
@@ -84,21 +90,45 @@ pub enum ControllerName {
     /// [`Oqtal`].
     #[default]
     Oqtal,
+    /// [`OqtalDt`].
+    OqtalDt,
+    /// [`Geometric`].
+    Geometric,
 }
 
 /// Which law flies, and the options of all of them. The default is for the Hummingbird in rate
 /// form.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ControllerOptions {
     /// The law that flies.
     pub controller: ControllerName,
+    /// Rate of the loop, for laws that are designed for it \[Hz\].
+    pub rate_hz: f64,
     /// Options of [`QuaternionPid`].
     pub pid: PidOptions,
     /// Options of [`ClassicLqr`].
     pub lqr: LqrOptions,
     /// Options of [`Oqtal`].
     pub oqtal: OqtalOptions,
+    /// Options of [`OqtalDt`].
+    pub oqtal_dt: OqtalDtOptions,
+    /// Options of [`Geometric`].
+    pub geometric: GeometricOptions,
+}
+
+impl Default for ControllerOptions {
+    fn default() -> Self {
+        Self {
+            controller: ControllerName::default(),
+            rate_hz: 60.0,
+            pid: PidOptions::default(),
+            lqr: LqrOptions::default(),
+            oqtal: OqtalOptions::default(),
+            oqtal_dt: OqtalDtOptions::default(),
+            geometric: GeometricOptions::default(),
+        }
+    }
 }
 
 impl ControllerOptions {
@@ -106,10 +136,12 @@ impl ControllerOptions {
     #[must_use]
     pub fn spacecraft() -> Self {
         Self {
-            controller: ControllerName::default(),
             pid: PidOptions::spacecraft(),
             lqr: LqrOptions::spacecraft(),
             oqtal: OqtalOptions::spacecraft(),
+            oqtal_dt: OqtalDtOptions::spacecraft(),
+            geometric: GeometricOptions::spacecraft(),
+            ..Self::default()
         }
     }
 
@@ -120,7 +152,9 @@ impl ControllerOptions {
     pub fn check(&self) -> Result<(), InvalidOption> {
         self.pid.check()?;
         self.lqr.check()?;
-        self.oqtal.check()
+        self.oqtal.check()?;
+        self.oqtal_dt.check()?;
+        self.geometric.check()
     }
 }
 
@@ -133,6 +167,10 @@ pub enum Controller<I> {
     Lqr(ClassicLqr<I>),
     /// OQTAL.
     Oqtal(Oqtal<I>),
+    /// OQTAL in discrete time.
+    OqtalDt(OqtalDt<I>),
+    /// Geometric tracking.
+    Geometric(Geometric<I>),
 }
 
 impl<I: InputForm> Controller<I> {
@@ -145,6 +183,10 @@ impl<I: InputForm> Controller<I> {
             ControllerName::Pid => Self::Pid(QuaternionPid::new(options.pid, input)?),
             ControllerName::Lqr => Self::Lqr(ClassicLqr::new(options.lqr, input)?),
             ControllerName::Oqtal => Self::Oqtal(Oqtal::new(options.oqtal, input)?),
+            ControllerName::OqtalDt => {
+                Self::OqtalDt(OqtalDt::new(options.oqtal_dt, input, 1.0 / options.rate_hz)?)
+            }
+            ControllerName::Geometric => Self::Geometric(Geometric::new(options.geometric, input)?),
         })
     }
 
@@ -153,6 +195,8 @@ impl<I: InputForm> Controller<I> {
             Self::Pid(law) => law,
             Self::Lqr(law) => law,
             Self::Oqtal(law) => law,
+            Self::OqtalDt(law) => law,
+            Self::Geometric(law) => law,
         }
     }
 
@@ -161,6 +205,8 @@ impl<I: InputForm> Controller<I> {
             Self::Pid(law) => law,
             Self::Lqr(law) => law,
             Self::Oqtal(law) => law,
+            Self::OqtalDt(law) => law,
+            Self::Geometric(law) => law,
         }
     }
 }

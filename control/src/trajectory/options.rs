@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::shape::{Circle, Hover, Lemniscate, Square, Step};
-use super::{Shape, Trajectory, Waypoints};
+use super::{AttitudeChirp, AttitudeDoublet, Shape, Trajectory, Waypoints};
 use crate::range::{OutOfRange, check_range};
 
 /// The trajectories there are.
@@ -23,6 +23,10 @@ pub enum TrajectoryKind {
     Circle,
     /// [`Lemniscate`]
     Lemniscate,
+    /// [`AttitudeChirp`]
+    AttitudeChirp,
+    /// [`AttitudeDoublet`]
+    AttitudeDoublet,
     /// [`Waypoints`]
     Waypoints,
 }
@@ -57,6 +61,10 @@ pub struct TrajectoryOptions {
     pub circle: Circle,
     /// Parameters of the lemniscate.
     pub lemniscate: Lemniscate,
+    /// Parameters of the attitude chirp.
+    pub attitude_chirp: AttitudeChirp,
+    /// Parameters of the attitude doublet.
+    pub attitude_doublet: AttitudeDoublet,
 }
 
 impl Default for TrajectoryOptions {
@@ -74,6 +82,8 @@ impl Default for TrajectoryOptions {
             square: Square::default(),
             circle: Circle::default(),
             lemniscate: Lemniscate::default(),
+            attitude_chirp: AttitudeChirp::default(),
+            attitude_doublet: AttitudeDoublet::default(),
         }
     }
 }
@@ -91,7 +101,9 @@ impl TrajectoryOptions {
         self.step.check()?;
         self.square.check()?;
         self.circle.check()?;
-        self.lemniscate.check()
+        self.lemniscate.check()?;
+        self.attitude_chirp.check()?;
+        self.attitude_doublet.check()
     }
 
     /// The trajectory that these options name. `waypoints` is what the file holds if it is to be
@@ -104,6 +116,8 @@ impl TrajectoryOptions {
             TrajectoryKind::Square => Shape::Square(self.square),
             TrajectoryKind::Circle => Shape::Circle(self.circle),
             TrajectoryKind::Lemniscate => Shape::Lemniscate(self.lemniscate),
+            TrajectoryKind::AttitudeChirp => Shape::AttitudeChirp(self.attitude_chirp),
+            TrajectoryKind::AttitudeDoublet => Shape::AttitudeDoublet(self.attitude_doublet),
             TrajectoryKind::Waypoints => Shape::Waypoints(waypoints?),
         };
         Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })

@@ -3,6 +3,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Phase, Reference, Shape, Trajectory, TrajectoryOptions};
+use crate::error::AttitudeReference;
 use crate::quaternion::Attitude;
 
 /// How far below the floor the landing ends \[m\]: the loops press the vehicle down even if the floor is a bit lower.
@@ -69,9 +70,9 @@ impl FlightPlan {
         let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.start.yaw_rad);
         reference.position += self.start.position;
         reference.yaw_rad += self.start.yaw_rad;
-        reference.attitude = reference
-            .attitude
-            .map(|attitude| Attitude::from_unit_quaternion(heading * attitude.unit_quaternion()));
+        if let Some(AttitudeReference { attitude, .. }) = &mut reference.attitude {
+            *attitude = Attitude::from_unit_quaternion(heading * attitude.unit_quaternion());
+        }
         reference
     }
 
@@ -90,7 +91,7 @@ impl FlightPlan {
     }
 
     /// Whether the errors at `t_s` \[s\] count: those of the trajectory, as long as it lasts by itself, do; those of a hover
-    /// from 10 s after the hover point is reached.
+    /// from 10 s after the hover point is reached; those of a trajectory about the attitude alone while it prescribes one.
     #[must_use]
     pub fn scored(&self, t_s: f64) -> bool {
         let (from_s, to_s) = match self.trajectory.shape {
@@ -100,6 +101,7 @@ impl FlightPlan {
             _ => (self.trajectory_start_s, self.trajectory_start_s + self.trajectory.duration_s()),
         };
         (from_s..=to_s.min(self.landing.start_s)).contains(&t_s)
+            && (!self.trajectory.is_of_attitude() || self.sample(t_s).attitude.is_some())
     }
 
     /// When the reference reaches the end of the landing, since the start of the flight \[s\].

@@ -8,6 +8,7 @@ use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{Phase, Reference};
+use crate::error::AttitudeReference;
 use crate::quaternion::Attitude;
 use crate::range::{OutOfRange, check_range};
 
@@ -77,13 +78,12 @@ impl Step {
         let mut reference = Reference::rest(Vector3::zeros(), Phase::Trajectory);
         if t_s < self.hold_s {
             let angle = self.angle_deg.to_radians();
+            let turned = |axis: Vector3<f64>| {
+                Some(AttitudeReference::at_rest(Attitude::from_rotation_vector(axis * angle)))
+            };
             match self.axis {
-                StepAxis::Roll => {
-                    reference.attitude = Some(Attitude::from_rotation_vector(Vector3::x() * angle))
-                }
-                StepAxis::Pitch => {
-                    reference.attitude = Some(Attitude::from_rotation_vector(Vector3::y() * angle))
-                }
+                StepAxis::Roll => reference.attitude = turned(Vector3::x()),
+                StepAxis::Pitch => reference.attitude = turned(Vector3::y()),
                 StepAxis::Yaw => reference.yaw_rad = angle,
             }
         }

@@ -1,0 +1,135 @@
+//! Geometric tracking on SO(3): what many users would pick instead. Not in the paper.
+//!
+//! ```text
+//! u = -J (k_R e_R + k_Omega e_Omega + k_I e_I) + omega x J omega + J (C omega_d_dot - omega_e x C omega_d)
+//! ```
+//!
+//! `e_R = (R_d'R - R'R_d)^v / 2` and `e_Omega = omega_e` (T. Lee, M. Leok and N. H. McClamroch, *IEEE
+//! CDC* 2010, Eqs. (10), (11), (16)); `e_I`, the integral of `e_Omega + c e_R`, is that of F.
+//! Goodarzi, D. Lee and T. Lee, *ECC* 2013. With the error used here, `e_R = 2 lambda eps`: the sine
+//! of the error angle, where OQTAL has the sine of half of it. It therefore fades towards half a
+//! turn. Different from the source: gains are per inertia, so that one set serves bodies alike.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::input::InputForm;
+use super::options::InvalidOption;
+use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use crate::error::AttitudeError;
+use crate::integral::Integral;
+
+/// Options of [`Geometric`]. The default is for the Hummingbird in rate form.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct GeometricOptions {
+    /// `k_R` \[1/s^2, in rate form 1/s\].
+    pub attitude_gain: f64,
+    /// `k_Omega` \[1/s\]; without effect in rate form.
+    pub rate_gain_per_s: f64,
+    /// `k_I` per `k_R` \[1/s\]; 0 is no integral action.
+    pub integral_gain_per_s: f64,
+    /// `c`: weight of the attitude in the integral \[1/s\]; in rate form the integral is of `e_R`
+    /// alone.
+    pub integral_attitude_gain_per_s: f64,
+    /// Limit of each component of `e_I` \[rad, in rate form rad s\].
+    pub integral_limit: f64,
+    /// Whether the reference's own motion is fed forward, as in the source.
+    pub feed_forward: bool,
+}
+
+impl Default for GeometricOptions {
+    fn default() -> Self {
+        Self {
+            attitude_gain: 8.0,
+            rate_gain_per_s: 22.0,
+            integral_gain_per_s: 0.5,
+            integral_attitude_gain_per_s: 2.0,
+            integral_limit: 0.5,
+            feed_forward: true,
+        }
+    }
+}
+
+impl GeometricOptions {
+    /// For the paper's spacecraft in torque form.
+    #[must_use]
+    pub fn spacecraft() -> Self {
+        Self {
+            attitude_gain: 256.0,
+            rate_gain_per_s: 32.0,
+            integral_gain_per_s: 0.0,
+            ..Self::default()
+        }
+    }
+
+    /// Whether a law can be built with these options.
+    ///
+    /// # Errors
+    /// The first option whose value has no meaning.
+    pub fn check(&self) -> Result<(), InvalidOption> {
+        InvalidOption::unless_positive("attitude-gain", self.attitude_gain)?;
+        InvalidOption::unless_not_negative("rate-gain-per-s", self.rate_gain_per_s)?;
+        InvalidOption::unless_not_negative("integral-gain-per-s", self.integral_gain_per_s)?;
+        let c = self.integral_attitude_gain_per_s;
+        InvalidOption::unless_not_negative("integral-attitude-gain-per-s", c)?;
+        InvalidOption::unless_not_negative("integral-limit", self.integral_limit)
+    }
+}
+
+/// The law for a vehicle commanded through `I`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometric<I> {
+    options: GeometricOptions,
+    input: I,
+    e_i: Integral,
+}
+
+impl<I: InputForm> Geometric<I> {
+    /// The law with these options.
+    ///
+    /// # Errors
+    /// The first option whose value has no meaning.
+    pub fn new(options: GeometricOptions, input: I) -> Result<Self, InvalidOption> {
+        options.check()?;
+        Ok(Self { options, input, e_i: Integral::new(options.integral_limit) })
+    }
+}
+
+impl<I: InputForm> AttitudeLaw for Geometric<I> {
+    type Command = I::Command;
+
+    fn command(
+        &mut self,
+        state: &AttitudeState,
+        reference: &AttitudeReference,
+        dt_s: f64,
+    ) -> I::Command {
+        let Self { options, input, .. } = self;
+        let error = AttitudeError::between(&reference.attitude, &state.attitude);
+        let e_omega = error.rate_error(state.rate, reference.rate);
+        let e_r = 2.0 * error.lambda() * error.eps();
+        // In rate form the vehicle's own loop sees to the rate.
+        let (k_omega, e_i_dot) = match input.inertia() {
+            Some(_) => {
+                (options.rate_gain_per_s, e_omega + options.integral_attitude_gain_per_s * e_r)
+            }
+            None => (0.0, e_r),
+        };
+        let k_i = options.integral_gain_per_s * options.attitude_gain;
+        let demand = options.attitude_gain * e_r + k_omega * e_omega + k_i * self.e_i.value();
+        let mut u = input.gyroscopic(state.rate) - input.input_for(&demand);
+        if options.feed_forward {
+            u += input.feed_forward(&error, &e_omega, reference);
+        }
+
+        let given = input.saturate(&u);
+        let push: Vector3<f64> = -input.input_for(&(k_i * e_i_dot));
+        self.e_i.step(&e_i_dot, &push, &(u - given), dt_s);
+        I::command_from(given)
+    }
+
+    fn reset(&mut self) {
+        self.e_i.reset();
+    }
+}

@@ -1,0 +1,175 @@
+//! `oqtal-dt`: OQTAL designed for the loop as it is, sampled. Not in the paper.
+//!
+//! ```text
+//! u = -K [omega_e; eps] + J (C omega_d_dot - omega_e x C omega_d) + omega x J omega
+//! ```
+//!
+//! - `K` solves the discrete-time Riccati equation for the sampled plant under a held input, so
+//!   that no weight is too great for the rate of the loop; the paper's gains are unstable at 60 Hz
+//!   from `q/r = 2^12` on.
+//! - Attitude and rate are weighted apart. With equal weights, as in the paper, a pole stays at half
+//!   a radian per second however great the weights are.
+//! - The reference's motion is fed forward. For a commanded rate the lag of the vehicle's own loop
+//!   takes the place of the inertia: see [`InputForm::feed_forward`].
+//!
+//! There is one gain, that of the error zero: in every other cell the exact model differs only by a
+//! rotation and by `lambda`, which stays within 1 % of one below 15 degrees. There is no integral
+//! action: a steady disturbance is the estimator's to know ([`crate::predictive`]).
+
+use nalgebra::{Matrix3, Matrix6, Matrix6x3, SMatrix, SVector, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::input::InputForm;
+use super::options::InvalidOption;
+use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use crate::error::AttitudeError;
+use crate::linear::discretise;
+use crate::riccati::{RiccatiError, dare};
+
+/// `K` of `u = -K [omega_e; eps]`.
+pub type DiscreteGain = SMatrix<f64, 3, 6>;
+
+/// Options of [`OqtalDt`]. The default is for the Hummingbird in rate form.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct OqtalDtOptions {
+    /// Weight on `eps`.
+    pub attitude_weight: f64,
+    /// Weight on `omega_e` \[s^2/rad^2\].
+    pub rate_weight: f64,
+    /// Weight on the input.
+    pub input_weight: f64,
+}
+
+impl Default for OqtalDtOptions {
+    fn default() -> Self {
+        Self { attitude_weight: 1000.0, rate_weight: 0.007, input_weight: 1.0 }
+    }
+}
+
+impl OqtalDtOptions {
+    /// For the paper's spacecraft in torque form.
+    #[must_use]
+    pub fn spacecraft() -> Self {
+        // 2^20 and 2^6 over 1
+        Self { attitude_weight: 1_048_576.0, rate_weight: 64.0, input_weight: 1.0 }
+    }
+
+    /// Whether a law can be built with these options.
+    ///
+    /// # Errors
+    /// The first option whose value has no meaning.
+    pub fn check(&self) -> Result<(), InvalidOption> {
+        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
+        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
+        InvalidOption::unless_positive("input-weight", self.input_weight)
+    }
+}
+
+/// The law for a vehicle commanded through `I`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OqtalDt<I> {
+    input: I,
+    gain: DiscreteGain,
+}
+
+impl<I: InputForm> OqtalDt<I> {
+    /// The law with these options for a loop that runs every `period_s` \[s\]. Solves its one Riccati
+    /// equation here.
+    ///
+    /// # Errors
+    /// An option whose value has no meaning, or weights so far apart that there is no gain.
+    pub fn new(options: OqtalDtOptions, input: I, period_s: f64) -> Result<Self, InvalidOption> {
+        options.check()?;
+        InvalidOption::unless_positive("period-s", period_s)?;
+        let gain = Self::gain_for(&options, &input, period_s).map_err(|_| InvalidOption {
+            key: "attitude-weight",
+            value: options.attitude_weight,
+            expected: "nearer to the other weights: the Riccati equation has no usable solution",
+        })?;
+        Ok(Self { input, gain })
+    }
+
+    /// The sampled plant `(A, B)` for the state `[omega_e; eps]` about the error zero, without its
+    /// first three rows if the rate follows the input at once.
+    #[must_use]
+    pub fn plant(input: &I, period_s: f64) -> (Matrix6<f64>, Matrix6x3<f64>) {
+        let (mut a, mut b) = (Matrix6::zeros(), Matrix6x3::zeros());
+        let half = Matrix3::from_diagonal_element(0.5);
+        match input.rate_model() {
+            Some((rate, drive)) => {
+                a.fixed_view_mut::<3, 3>(0, 0).copy_from(&rate);
+                b.fixed_view_mut::<3, 3>(0, 0).copy_from(&drive);
+                // Eq. (44) at the error zero
+                a.fixed_view_mut::<3, 3>(3, 0).copy_from(&half);
+            }
+            None => b.fixed_view_mut::<3, 3>(3, 0).copy_from(
+                &input
+                    .input_matrix(&{
+                        let mut kinematics = Matrix6::zeros();
+                        kinematics.fixed_view_mut::<3, 3>(3, 0).copy_from(&half);
+                        kinematics
+                    })
+                    .fixed_view::<3, 3>(3, 0),
+            ),
+        }
+        discretise(&a, &b, period_s)
+    }
+
+    fn gain_for(
+        options: &OqtalDtOptions,
+        input: &I,
+        period_s: f64,
+    ) -> Result<DiscreteGain, RiccatiError> {
+        let (a, b) = Self::plant(input, period_s);
+        let weights = [options.rate_weight, options.attitude_weight];
+        let q = Matrix6::from_diagonal(&SVector::from_fn(|i, _| weights[i / 3]));
+        let r = Matrix3::from_diagonal_element(options.input_weight);
+        if input.rate_model().is_some() {
+            return Ok(dare(&a, &b, &q, &r)?.k);
+        }
+        let part = |matrix: &Matrix6<f64>| matrix.fixed_view::<3, 3>(3, 3).into_owned();
+        let b = b.fixed_view::<3, 3>(3, 0).into_owned();
+        let mut gain = DiscreteGain::zeros();
+        let k = dare(&part(&a), &b, &part(&q), &r)?.k;
+        gain.fixed_view_mut::<3, 3>(0, 3).copy_from(&k);
+        Ok(gain)
+    }
+
+    /// `K`.
+    #[must_use]
+    pub fn gain(&self) -> &DiscreteGain {
+        &self.gain
+    }
+
+    /// `u` before the limits of the vehicle.
+    #[must_use]
+    pub fn input(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
+        let error = AttitudeError::between(&reference.attitude, &state.attitude);
+        let omega_e = error.rate_error(state.rate, reference.rate);
+        let mut x = SVector::<f64, 6>::zeros();
+        x.fixed_rows_mut::<3>(0).copy_from(&omega_e);
+        x.fixed_rows_mut::<3>(3).copy_from(error.eps());
+        self.input.feed_forward(&error, &omega_e, reference) + self.input.gyroscopic(state.rate)
+            - self.gain * x
+    }
+}
+
+impl<I: InputForm> AttitudeLaw for OqtalDt<I> {
+    type Command = I::Command;
+
+    fn command(
+        &mut self,
+        state: &AttitudeState,
+        reference: &AttitudeReference,
+        _: f64,
+    ) -> I::Command {
+        I::command_from(self.input.saturate(&self.input(state, reference)))
+    }
+
+    fn reset(&mut self) {}
+
+    fn riccati_solves(&self) -> u32 {
+        1
+    }
+}

@@ -1,0 +1,97 @@
+//! A multiplicative Kalman filter for attitude, rate and the bias of the demand.
+//!
+//! The attitude itself is carried by the vehicle model; what the filter estimates is its error, a
+//! rotation vector, which a correction moves into the attitude (Lefferts, Markley and Shuster, *J.
+//! Guidance* 5, 1982). About one axis the error `[theta; omega; d]` moves as the model does; what
+//! one axis does to another, of the size of the angle turned between two poses, is left out.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::kalman::{Covariance, Transition};
+use super::model::{Motion, Rotation};
+use super::options::FilterOptions;
+use crate::quaternion::Attitude;
+
+/// Standard deviations at take-off: of rate \[rad/s\] and bias \[as the demand\].
+const INITIAL_RATE: f64 = 0.1;
+const INITIAL_BIAS: f64 = 0.05;
+
+/// A bias component beyond this is no bias \[as the demand\].
+const BIAS_LIMIT: f64 = 1.0;
+
+/// The filter; the motion it corrects is its owner's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AttitudeFilter {
+    noise: f64,
+    rate_walk: f64,
+    bias_walk: f64,
+    covariance: Covariance,
+    bias: Vector3<f64>,
+}
+
+impl AttitudeFilter {
+    /// A filter that knows no bias.
+    #[must_use]
+    pub fn new(options: &FilterOptions) -> Self {
+        let noise = options.attitude_noise_deg.to_radians();
+        Self {
+            noise,
+            rate_walk: options.rate_walk_rad_s,
+            bias_walk: options.demand_bias_walk,
+            covariance: Covariance::of([noise, INITIAL_RATE, INITIAL_BIAS]),
+            bias: Vector3::zeros(),
+        }
+    }
+
+    /// `d`: the bias of the demand \[rad/s or rad/s^2, body axes\].
+    #[must_use]
+    pub fn bias(&self) -> &Vector3<f64> {
+        &self.bias
+    }
+
+    /// The covariance of `[theta; omega; d]` about each axis.
+    #[must_use]
+    pub fn covariance(&self) -> &Covariance {
+        &self.covariance
+    }
+
+    /// How the error goes on over `dt_s` \[s\].
+    #[must_use]
+    pub fn transition(&self, rotation: &Rotation, dt_s: f64) -> Transition {
+        let h = dt_s;
+        #[rustfmt::skip]
+        let f = match rotation {
+            Rotation::RateLoop { lag_s } => {
+                let decay = (-h / lag_s).exp();
+                let turn = lag_s * (1.0 - decay);
+                Matrix3::new(
+                    1.0, turn, h - turn,
+                    0.0, decay, 1.0 - decay,
+                    0.0, 0.0, 1.0,
+                )
+            }
+            Rotation::RigidBody { .. } => Matrix3::new(
+                1.0, h, h * h / 2.0,
+                0.0, 1.0, h,
+                0.0, 0.0, 1.0,
+            ),
+        };
+        Transition::new(f, self.rate_walk, self.bias_walk, h)
+    }
+
+    /// Becomes less certain over `dt_s` \[s\] without a pose.
+    pub fn predict(&mut self, rotation: &Rotation, dt_s: f64) {
+        let transition = self.transition(rotation, dt_s);
+        self.covariance.predict(&transition);
+    }
+
+    /// Corrects `motion` by the attitude measured; returns the innovation \[rad, body axes\].
+    pub fn correct(&mut self, motion: &mut Motion, measured: &Attitude) -> Vector3<f64> {
+        let innovation = motion.attitude.rotation_to(measured);
+        let gain = self.covariance.correct(self.noise);
+        motion.attitude = motion.attitude.turned_by(innovation * gain.x);
+        motion.rate += innovation * gain.y;
+        self.bias = (self.bias + innovation * gain.z).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));
+        innovation
+    }
+}

@@ -1,0 +1,54 @@
+//! From the force that the vehicle should give to the attitude it must have for that, and how that
+//! attitude turns: a quadrotor is differentially flat (Mellinger and Kumar, *ICRA* 2011).
+
+use nalgebra::Vector3;
+
+use crate::error::AttitudeReference;
+use crate::position::attitude_along;
+use crate::quantity::{AngularAcceleration, BodyRate};
+
+/// The derivatives of the attitude are differences over this time \[s\]: short against a jerk's
+/// effect, long against rounding.
+const DIFFERENCE_S: f64 = 5e-3;
+
+/// A force over time, per mass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Force {
+    /// \[m/s^2, world\].
+    pub value: Vector3<f64>,
+    /// \[m/s^3, world\].
+    pub slope: Vector3<f64>,
+    /// \[m/s^4, world\].
+    pub curvature: Vector3<f64>,
+}
+
+impl Force {
+    fn at(&self, t_s: f64) -> Vector3<f64> {
+        self.value + (self.slope + self.curvature * (t_s / 2.0)) * t_s
+    }
+
+    /// The attitude whose body z axis points along the force, at 3-2-1 yaw `yaw_rad`, with the rate
+    /// and the acceleration at which it turns.
+    #[must_use]
+    pub fn attitude(&self, yaw_rad: f64) -> AttitudeReference {
+        let h = DIFFERENCE_S;
+        let [before, now, after] = [-h, 0.0, h].map(|t_s| attitude_along(&self.at(t_s), yaw_rad));
+        let (back, forth) = (now.rotation_to(&before), now.rotation_to(&after));
+        AttitudeReference {
+            attitude: now,
+            rate: BodyRate((forth - back) / (2.0 * h)),
+            acceleration: AngularAcceleration((forth + back) / (h * h)),
+        }
+    }
+}
+
+/// Where a turning reference is after `dt_s` \[s\] if its acceleration stays.
+#[must_use]
+pub fn ahead(reference: &AttitudeReference, dt_s: f64) -> AttitudeReference {
+    let AttitudeReference { attitude, rate, acceleration } = reference;
+    AttitudeReference {
+        attitude: attitude.turned_by((rate.0 + acceleration.0 * (dt_s / 2.0)) * dt_s),
+        rate: BodyRate(rate.0 + acceleration.0 * dt_s),
+        acceleration: *acceleration,
+    }
+}

@@ -1,0 +1,113 @@
+//! The commands already sent: what acts on the vehicle now, and what will until a command sent now
+//! arrives.
+
+use super::model::{Bias, Input, Motion, VehicleModel};
+
+/// Commands kept. At 60 Hz that is a second, at 1 kHz still more than any delay flown with.
+const KEPT: usize = 64;
+
+/// Share of a newly measured delay that enters the delay expected: at 60 Hz a time constant of a
+/// sixth of a second.
+const DELAY_WEIGHT: f64 = 0.1;
+
+/// A measured delay longer than this is no delay but a mistake in a stamp \[s\].
+const LONGEST_DELAY_S: f64 = 0.25;
+
+/// A command on its way, or arrived.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sent {
+    sequence: u64,
+    sent_s: f64,
+    acts_s: f64,
+    input: Input,
+}
+
+/// The newest commands, with the instants at which they act, and the delay in between as measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CommandHistory {
+    /// A ring: the newest is before `next`.
+    sent: [Option<Sent>; KEPT],
+    next: usize,
+    delay_s: f64,
+}
+
+impl CommandHistory {
+    /// No command sent yet; one sent now would act after `delay_s` \[s\], until measured.
+    #[must_use]
+    pub fn new(delay_s: f64) -> Self {
+        Self { sent: [None; KEPT], next: 0, delay_s }
+    }
+
+    /// From a command sent to its effect \[s\], as measured so far.
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.delay_s
+    }
+
+    /// Takes a command sent at `sent_s` \[s\]. One that does not follow the last is ignored.
+    pub fn push(&mut self, sequence: u64, sent_s: f64, input: Input) {
+        let newest = self.newest();
+        let follows = newest.is_none_or(|last| last.sent_s <= sent_s);
+        if follows && sent_s.is_finite() {
+            // Commands travel on one connection: none overtakes another.
+            let acts_s = (sent_s + self.delay_s).max(newest.map_or(sent_s, |last| last.acts_s));
+            self.sent[self.next] = Some(Sent { sequence, sent_s, acts_s, input });
+            self.next = (self.next + 1) % KEPT;
+        }
+    }
+
+    /// Learns that a command began to act at `acts_s` \[s\].
+    pub fn applied(&mut self, sequence: u64, acts_s: f64) {
+        let Some(sent) = self.sent.iter_mut().flatten().find(|sent| sent.sequence == sequence)
+        else {
+            return;
+        };
+        let measured_s = acts_s - sent.sent_s;
+        if (0.0..=LONGEST_DELAY_S).contains(&measured_s) {
+            sent.acts_s = acts_s;
+            self.delay_s += DELAY_WEIGHT * (measured_s - self.delay_s);
+        }
+    }
+
+    /// Carries `motion` from the instant `from_s` \[s\] to `to_s` \[s\] under the commands that act
+    /// in between.
+    #[must_use]
+    pub fn carry(
+        &self,
+        model: &VehicleModel,
+        (motion, bias): (&Motion, &Bias),
+        (from_s, to_s): (f64, f64),
+    ) -> Motion {
+        let (mut motion, mut t_s) = (*motion, from_s);
+        // Each turn passes a change of the input, of which there are no more than commands.
+        for _ in 0..=KEPT {
+            let (input, until_s) = self.at(t_s);
+            let end_s = until_s.min(to_s);
+            if end_s > t_s {
+                motion = model.advance(&motion, &input, bias, end_s - t_s);
+                t_s = end_s;
+            }
+            if t_s >= to_s {
+                break;
+            }
+        }
+        motion
+    }
+
+    /// The input that acts at `t_s` \[s\], and until when; neutral before the first command.
+    fn at(&self, t_s: f64) -> (Input, f64) {
+        let mut until_s = f64::INFINITY;
+        for back in 1..=KEPT {
+            match self.sent[(self.next + KEPT - back) % KEPT] {
+                Some(sent) if sent.acts_s <= t_s => return (sent.input, until_s),
+                Some(sent) => until_s = until_s.min(sent.acts_s),
+                None => break,
+            }
+        }
+        (Input::default(), until_s)
+    }
+
+    fn newest(&self) -> Option<&Sent> {
+        self.sent[(self.next + KEPT - 1) % KEPT].as_ref()
+    }
+}

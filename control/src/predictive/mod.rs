@@ -1,0 +1,176 @@
+//! Flying with what is known: estimation, prediction over the loop's delay and a reference that can
+//! be followed, around the law [`OqtalDt`]. Not in the paper.
+//!
+//! ```text
+//!  reference ─▶ reference model ─▶ position law ─▶ flatness ─▶ OqtalDt ─▶ command ─▶ vehicle
+//!                                      ▲                         ▲           │
+//!                     predicted motion ┴─────────────────────────┘           │ and when it acts
+//!                            ▲                                               ▼
+//!  poses ──▶ Kalman filters ─┴──────────────◀─────────────── commands already sent
+//! ```
+//!
+//! | file | subject |
+//! |---|---|
+//! | `model.rs` | the vehicle as it is known |
+//! | `history.rs` | commands sent, and the delay as measured |
+//! | `kalman.rs`, `attitude_filter.rs`, `position_filter.rs` | the filters |
+//! | `observer.rs` | both about one motion; on the floor, differences |
+//! | `reference_model.rs` | a reference within speed, acceleration and jerk |
+//! | `position_law.rs`, `command_filter.rs` | the acceleration to have |
+//! | `flatness.rs` | the attitude, rate and angular acceleration for it |
+//!
+//! Everything the law sees is for one instant, that at which a command sent now will act: the
+//! motion is predicted to it, the reference led on to it.
+
+mod attitude_filter;
+mod command_filter;
+mod flatness;
+mod history;
+mod kalman;
+mod model;
+mod observer;
+mod options;
+mod position_filter;
+mod position_law;
+mod reference_model;
+
+use nalgebra::Vector3;
+
+use crate::controller::{
+    AttitudeLaw, AttitudeReference, AttitudeState, InputForm, InvalidOption, OqtalDt,
+    OqtalDtOptions,
+};
+use crate::estimator::Estimate;
+use crate::position::{PositionCommand, PositionOptions};
+use crate::quantity::BodyRate;
+use crate::trajectory::Reference;
+pub use attitude_filter::AttitudeFilter;
+pub use command_filter::{CommandFilter, Smooth};
+pub use flatness::{Force, ahead};
+pub use history::CommandHistory;
+pub use kalman::{Covariance, Transition};
+pub use model::{Bias, Input, Motion, Rotation, VehicleModel};
+pub use observer::Observer;
+pub use options::{FilterOptions, PredictiveOptions};
+pub use position_filter::PositionFilter;
+pub use position_law::{PositionLaw, Wish};
+pub use reference_model::{Course, Limits, ReferenceModel, ReferenceModelOptions};
+
+/// The cosine of the tilt by which the thrust is divided is at least this: that of 60 degrees.
+const LEAST_COSINE: f64 = 0.5;
+
+/// What the autopilot is made for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Design<I> {
+    /// The vehicle.
+    pub model: VehicleModel,
+    /// How it is commanded.
+    pub input: I,
+    /// From a command sent to its effect, until measured \[s\].
+    pub delay_s: f64,
+    /// From step to step \[s\].
+    pub period_s: f64,
+}
+
+/// What the autopilot decides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// What it wants the vehicle to do now.
+    pub wish: PositionCommand,
+    /// The input to the rotation, within the vehicle's range.
+    pub u: Vector3<f64>,
+}
+
+/// Estimation, prediction, position law and attitude law in one. No step allocates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Autopilot<I> {
+    design: Design<I>,
+    observer: Observer,
+    history: CommandHistory,
+    position: PositionLaw,
+    attitude: OqtalDt<I>,
+}
+
+impl<I: InputForm + Copy> Autopilot<I> {
+    /// The autopilot of a vehicle, within the limits of `loops`.
+    ///
+    /// # Errors
+    /// An option of the attitude law whose value has no meaning.
+    pub fn new(
+        design: Design<I>,
+        law: OqtalDtOptions,
+        options: &PredictiveOptions,
+        loops: &PositionOptions,
+    ) -> Result<Self, InvalidOption> {
+        Ok(Self {
+            observer: Observer::new(design.model, options.filter),
+            history: CommandHistory::new(design.delay_s),
+            position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
+            attitude: OqtalDt::new(law, design.input, design.period_s)?,
+            design,
+        })
+    }
+
+    /// Starts anew with a vehicle that stands; what was sent, and the delay measured, is kept.
+    pub fn reset(&mut self) {
+        self.observer.reset();
+        self.position.reset();
+    }
+
+    /// Takes the pose captured at `t_s` \[s\], with rates from differences.
+    pub fn observe(&mut self, t_s: f64, measured: &Estimate) {
+        self.observer.take(t_s, measured, &self.history);
+    }
+
+    /// Remembers a command as it was sent at `t_s` \[s\]: `u` and the thrust \[N\].
+    pub fn sent(&mut self, sequence: u64, t_s: f64, (u, thrust_n): (&Vector3<f64>, f64)) {
+        let demand = self.design.input.demand_of(u);
+        if demand.iter().all(|number| number.is_finite()) && thrust_n.is_finite() {
+            self.history.push(sequence, t_s, Input { demand, thrust_n });
+        }
+    }
+
+    /// Learns that a command began to act at `t_s` \[s\].
+    pub fn applied(&mut self, sequence: u64, t_s: f64) {
+        self.history.applied(sequence, t_s);
+    }
+
+    /// From a command sent to its effect \[s\], as measured.
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.history.delay_s()
+    }
+
+    /// The command at `now_s` \[s\], `dt_s` \[s\] after the last, for a vehicle that should be at
+    /// `reference`. `None`, and nothing changed, before the first pose and if a number is not finite.
+    pub fn decide(&mut self, now_s: f64, reference: &Reference, dt_s: f64) -> Option<Decision> {
+        let delay_s = self.history.delay_s();
+        let motion = self.observer.predict(now_s + delay_s, &self.history)?;
+        let usable = motion.is_finite() && reference.is_finite() && dt_s.is_finite() && dt_s > 0.0;
+        if !usable {
+            return None;
+        }
+        let bias = self.observer.bias();
+        let Wish { velocity, force } =
+            self.position.update((&motion, &bias), reference, (dt_s, delay_s));
+        let wanted = reference.attitude.unwrap_or_else(|| force.attitude(reference.yaw_rad));
+        let u = self.rotate(&motion, &bias, &ahead(&wanted, delay_s));
+        let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);
+        let thrust_n = self.design.model.mass_kg * force.value.z / cosine;
+        let wish = PositionCommand { attitude: wanted, thrust_n, velocity };
+        Some(Decision { wish, u })
+    }
+
+    /// Riccati equations solved so far.
+    #[must_use]
+    pub fn riccati_solves(&self) -> u32 {
+        self.attitude.riccati_solves()
+    }
+
+    /// The law's input, less the bias that the filters know of.
+    fn rotate(&self, motion: &Motion, bias: &Bias, wanted: &AttitudeReference) -> Vector3<f64> {
+        let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };
+        let Design { input, .. } = &self.design;
+        input.saturate(&(self.attitude.input(&state, wanted) - input.input_for(&bias.demand)))
+    }
+}

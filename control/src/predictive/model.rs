@@ -1,0 +1,170 @@
+//! The vehicle as the predictor knows it: a point mass under thrust, weight and drag, whose rate
+//! follows what it is commanded. Not in the paper.
+//!
+//! Both vehicles are one model. The *demand* is what an input asks of the rotation: the rate that
+//! the on-board loop is to follow, Eq. (61), or the angular acceleration that a torque brings
+//! about, Eq. (3). A constant error of the demand, and a constant acceleration from outside, are
+//! the [`Bias`].
+
+use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
+
+use crate::estimator::Estimate;
+use crate::quantity::BodyRate;
+use crate::quaternion::Attitude;
+use crate::rigid_body::{Inertia, quaternion_rate};
+
+/// No step of the integration is longer \[s\]. Against a lag of 50 ms the error of a step is then
+/// below `1e-7` of what the lag does in it.
+const LONGEST_STEP_S: f64 = 5e-3;
+
+/// Lags of the thrust shorter than this are taken to be this long \[s\]: of no effect on a flight.
+const SHORTEST_LAG_S: f64 = 1e-3;
+
+/// `[position; velocity; attitude; rate]`.
+type Vector13 = SVector<f64, 13>;
+
+/// How the body answers a demand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rotation {
+    /// The rate follows the demanded rate with this lag \[s\].
+    RateLoop {
+        /// Time constant \[s\], positive.
+        lag_s: f64,
+    },
+    /// The rate accelerates by the demanded acceleration, less what the body's own rotation takes.
+    RigidBody {
+        /// The inertia of the body.
+        inertia: Inertia,
+    },
+}
+
+/// What is known of the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VehicleModel {
+    /// How it turns.
+    pub rotation: Rotation,
+    /// Mass \[kg\].
+    pub mass_kg: f64,
+    /// Gravity \[m/s^2\], along -z of the world.
+    pub gravity_m_s2: f64,
+    /// Linear drag per mass \[1/s\].
+    pub drag_per_s: f64,
+    /// Time constant of the thrust \[s\]; 0 for none.
+    pub thrust_lag_s: f64,
+}
+
+/// What the vehicle is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// The demand: a rate \[rad/s, body axes\] or an angular acceleration \[rad/s^2, body axes\].
+    pub demand: Vector3<f64>,
+    /// Thrust along body z \[N\].
+    pub thrust_n: f64,
+}
+
+/// What acts besides the input.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Bias {
+    /// Added to every demand \[as the demand\].
+    pub demand: Vector3<f64>,
+    /// Added to the acceleration \[m/s^2, world\].
+    pub acceleration: Vector3<f64>,
+}
+
+/// How the vehicle moves, and what its thrust is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Position \[m, world\].
+    pub position: Vector3<f64>,
+    /// Velocity \[m/s, world\].
+    pub velocity: Vector3<f64>,
+    /// Attitude, body to world.
+    pub attitude: Attitude,
+    /// Body rate \[rad/s, body axes\].
+    pub rate: Vector3<f64>,
+    /// Thrust along body z \[N\].
+    pub thrust_n: f64,
+}
+
+impl Motion {
+    /// The motion of `estimate` under `thrust_n` \[N\].
+    #[must_use]
+    pub fn of(estimate: &Estimate, thrust_n: f64) -> Self {
+        let Estimate { position, velocity, attitude, rate: BodyRate(rate) } = *estimate;
+        Self { position, velocity, attitude, rate, thrust_n }
+    }
+
+    /// Whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let vectors = [self.position, self.velocity, self.rate];
+        vectors.iter().flatten().all(|number| number.is_finite())
+            && self.attitude.is_finite()
+            && self.thrust_n.is_finite()
+    }
+
+    fn vector(&self) -> Vector13 {
+        let numbers = self.position.iter().chain(&self.velocity).copied();
+        Vector13::from_iterator(
+            numbers.chain(self.attitude.xyzw()).chain(self.rate.iter().copied()),
+        )
+    }
+
+    fn from_vector(x: &Vector13, thrust_n: f64) -> Self {
+        let q = Quaternion::new(x[9], x[6], x[7], x[8]);
+        Self {
+            position: x.fixed_rows::<3>(0).into(),
+            velocity: x.fixed_rows::<3>(3).into(),
+            attitude: Attitude::from_unit_quaternion(UnitQuaternion::new_normalize(q)),
+            rate: x.fixed_rows::<3>(10).into(),
+            thrust_n,
+        }
+    }
+}
+
+impl VehicleModel {
+    /// The motion `dt_s` seconds after `motion` if `input` and `bias` act in between.
+    #[must_use]
+    pub fn advance(&self, motion: &Motion, input: &Input, bias: &Bias, dt_s: f64) -> Motion {
+        let steps = (dt_s / LONGEST_STEP_S).ceil().clamp(1.0, 1000.0);
+        let h = dt_s / steps;
+        (0..steps as u32).fold(*motion, |motion, _| self.step(&motion, input, bias, h))
+    }
+
+    /// One Runge-Kutta step of fourth order; the thrust, which nothing else acts on, is exact.
+    fn step(&self, motion: &Motion, input: &Input, bias: &Bias, h: f64) -> Motion {
+        let thrust = |t: f64| {
+            let keep = (-t / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp();
+            input.thrust_n + (motion.thrust_n - input.thrust_n) * keep
+        };
+        let rate =
+            |x: &Vector13, t: f64| self.derivative(&Motion::from_vector(x, thrust(t)), input, bias);
+        let x = motion.vector();
+        let k1 = rate(&x, 0.0);
+        let k2 = rate(&(x + k1 * (h / 2.0)), h / 2.0);
+        let k3 = rate(&(x + k2 * (h / 2.0)), h / 2.0);
+        let k4 = rate(&(x + k3 * h), h);
+        Motion::from_vector(&(x + (k1 + 2.0 * k2 + 2.0 * k3 + k4) * (h / 6.0)), thrust(h))
+    }
+
+    fn derivative(&self, motion: &Motion, input: &Input, bias: &Bias) -> Vector13 {
+        let demand = input.demand + bias.demand;
+        let rate_dot = match &self.rotation {
+            // Eq. (61), erratum E-61, with the lag of the on-board loop
+            Rotation::RateLoop { lag_s } => (demand - motion.rate) / *lag_s,
+            // Eq. (3), erratum E-03
+            Rotation::RigidBody { inertia } => {
+                demand - inertia.inverse() * inertia.gyroscopic_torque(BodyRate(motion.rate)).0
+            }
+        };
+        // Newton's law in the world frame, in place of Eq. (15), erratum E-15
+        let acceleration = motion.attitude.to_world(&Vector3::z())
+            * (motion.thrust_n / self.mass_kg)
+            - Vector3::z() * self.gravity_m_s2
+            - motion.velocity * self.drag_per_s
+            + bias.acceleration;
+        let attitude_dot = quaternion_rate(&motion.attitude, BodyRate(motion.rate));
+        let linear = motion.velocity.iter().chain(&acceleration);
+        Vector13::from_iterator(linear.chain(&attitude_dot).chain(&rate_dot).copied())
+    }
+}

@@ -1,0 +1,93 @@
+//! What a configuration says of estimation, prediction and the position law around `oqtal-dt`.
+
+use serde::{Deserialize, Serialize};
+
+use super::reference_model::ReferenceModelOptions;
+use crate::range::{OutOfRange, check_range};
+
+/// Options of the Kalman filters: how much is believed of what.
+///
+/// A *walk* is the standard deviation that a state gains in one second by what the model does not
+/// know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct FilterOptions {
+    /// Standard deviation of a measured attitude about each axis \[deg\].
+    pub attitude_noise_deg: f64,
+    /// Standard deviation of a measured position along each axis \[mm\].
+    pub position_noise_mm: f64,
+    /// Walk of the body rate \[rad/s\].
+    pub rate_walk_rad_s: f64,
+    /// Walk of the bias of the demand \[rad/s, in torque form rad/s^2\].
+    pub demand_bias_walk: f64,
+    /// Walk of the velocity \[m/s\].
+    pub velocity_walk_m_s: f64,
+    /// Walk of the acceleration from outside \[m/s^2\].
+    pub acceleration_walk_m_s2: f64,
+}
+
+impl Default for FilterOptions {
+    fn default() -> Self {
+        Self {
+            attitude_noise_deg: 0.2,
+            position_noise_mm: 0.5,
+            rate_walk_rad_s: 0.52,
+            demand_bias_walk: 0.017,
+            velocity_walk_m_s: 0.011,
+            acceleration_walk_m_s2: 0.118,
+        }
+    }
+}
+
+impl FilterOptions {
+    /// # Errors
+    /// The first option outside its range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        check_range("filter.attitude-noise-deg", self.attitude_noise_deg, 1e-4..=45.0)?;
+        check_range("filter.position-noise-mm", self.position_noise_mm, 1e-4..=1000.0)?;
+        check_range("filter.rate-walk-rad-s", self.rate_walk_rad_s, 1e-6..=1000.0)?;
+        check_range("filter.demand-bias-walk", self.demand_bias_walk, 0.0..=1000.0)?;
+        check_range("filter.velocity-walk-m-s", self.velocity_walk_m_s, 1e-6..=1000.0)?;
+        check_range("filter.acceleration-walk-m-s2", self.acceleration_walk_m_s2, 0.0..=1000.0)
+    }
+}
+
+/// Options of the [`Autopilot`](super::Autopilot).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct PredictiveOptions {
+    /// Corrective velocity per position error \[1/s\].
+    pub position_gain_per_s: f64,
+    /// Corrective acceleration per velocity error \[1/s\].
+    pub velocity_gain_per_s: f64,
+    /// Bandwidth of the filter on the corrective acceleration \[rad/s\].
+    pub command_bandwidth_rad_s: f64,
+    /// The Kalman filters.
+    pub filter: FilterOptions,
+    /// The reference model.
+    pub reference: ReferenceModelOptions,
+}
+
+impl Default for PredictiveOptions {
+    fn default() -> Self {
+        Self {
+            position_gain_per_s: 1.2,
+            velocity_gain_per_s: 10.0,
+            command_bandwidth_rad_s: 14.1,
+            filter: FilterOptions::default(),
+            reference: ReferenceModelOptions::default(),
+        }
+    }
+}
+
+impl PredictiveOptions {
+    /// # Errors
+    /// The first option outside its range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        check_range("position-gain-per-s", self.position_gain_per_s, 0.0..=100.0)?;
+        check_range("velocity-gain-per-s", self.velocity_gain_per_s, 0.0..=100.0)?;
+        check_range("command-bandwidth-rad-s", self.command_bandwidth_rad_s, 0.1..=1000.0)?;
+        self.filter.check()?;
+        self.reference.check()
+    }
+}

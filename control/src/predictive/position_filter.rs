@@ -1,0 +1,81 @@
+//! A Kalman filter for position, velocity and the acceleration that the model does not know of:
+//! wind, a thrust or a mass other than configured.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::kalman::{Covariance, Transition};
+use super::model::Motion;
+use super::options::FilterOptions;
+
+/// Standard deviations at take-off: of velocity \[m/s\] and acceleration \[m/s^2\].
+const INITIAL_VELOCITY: f64 = 0.05;
+const INITIAL_ACCELERATION: f64 = 0.3;
+
+/// An acceleration component beyond this is none that the wind could cause \[m/s^2\].
+const BIAS_LIMIT: f64 = 3.0;
+
+/// The filter; the motion it corrects is its owner's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PositionFilter {
+    noise: f64,
+    velocity_walk: f64,
+    bias_walk: f64,
+    covariance: Covariance,
+    bias: Vector3<f64>,
+}
+
+impl PositionFilter {
+    /// A filter that knows of no acceleration from outside.
+    #[must_use]
+    pub fn new(options: &FilterOptions) -> Self {
+        let noise = options.position_noise_mm * 1e-3;
+        Self {
+            noise,
+            velocity_walk: options.velocity_walk_m_s,
+            bias_walk: options.acceleration_walk_m_s2,
+            covariance: Covariance::of([noise, INITIAL_VELOCITY, INITIAL_ACCELERATION]),
+            bias: Vector3::zeros(),
+        }
+    }
+
+    /// The acceleration from outside \[m/s^2, world\].
+    #[must_use]
+    pub fn bias(&self) -> &Vector3<f64> {
+        &self.bias
+    }
+
+    /// The covariance of position, velocity and acceleration along each axis.
+    #[must_use]
+    pub fn covariance(&self) -> &Covariance {
+        &self.covariance
+    }
+
+    /// How the error goes on over `dt_s` \[s\] under `drag_per_s` \[1/s\].
+    #[must_use]
+    pub fn transition(&self, drag_per_s: f64, dt_s: f64) -> Transition {
+        let h = dt_s;
+        #[rustfmt::skip]
+        let f = Matrix3::new(
+            1.0, h, h * h / 2.0,
+            0.0, (-drag_per_s * h).exp(), h,
+            0.0, 0.0, 1.0,
+        );
+        Transition::new(f, self.velocity_walk, self.bias_walk, h)
+    }
+
+    /// Becomes less certain over `dt_s` \[s\] without a pose.
+    pub fn predict(&mut self, drag_per_s: f64, dt_s: f64) {
+        let transition = self.transition(drag_per_s, dt_s);
+        self.covariance.predict(&transition);
+    }
+
+    /// Corrects `motion` by the position measured \[m, world\]; returns the innovation \[m\].
+    pub fn correct(&mut self, motion: &mut Motion, measured: &Vector3<f64>) -> Vector3<f64> {
+        let innovation = measured - motion.position;
+        let gain = self.covariance.correct(self.noise);
+        motion.position += innovation * gain.x;
+        motion.velocity += innovation * gain.y;
+        self.bias = (self.bias + innovation * gain.z).map(|b| b.clamp(-BIAS_LIMIT, BIAS_LIMIT));
+        innovation
+    }
+}
