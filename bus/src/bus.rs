@@ -5,8 +5,7 @@ use std::time::Duration;
 use iceoryx2::node::{NodeCreationFailure, NodeView};
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
-    CallbackProgression, Node, NodeBuilder, NodeState, ServiceName, SignalHandlingMode,
-    ipc,
+    CallbackProgression, Node, NodeBuilder, NodeState, ServiceName, SignalHandlingMode, ipc,
 };
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,

@@ -89,8 +89,8 @@ fn sharpen(slack_us: f64) -> Result<(), String> {
 fn lock_memory() -> Result<(), String> {
     // Under a limit the lock could succeed now and let an allocation fail in flight.
     let limit = getrlimit(Resource::Memlock).current;
-    let privileged = capabilities(None)
-        .is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
+    let privileged =
+        capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
     if let (Some(bytes), false) = (limit, privileged) {
         return Err(format!(
             "memory not locked (limit {} KiB): raise it to unlimited, `LimitMEMLOCK=infinity` in the unit or `memlock` in \
@@ -113,9 +113,11 @@ fn prefault_stack() {
 fn fifo(priority: u8) -> Result<(), String> {
     let allowed = getrlimit(Resource::Rttime).maximum.unwrap_or(u64::MAX);
     let longest = Some(LONGEST_TURN_US.min(allowed));
-    setrlimit(Resource::Rttime, Rlimit { current: longest, maximum: longest }).map_err(|error| {
-        format!("no SCHED_FIFO, since its turns could not be limited (RLIMIT_RTTIME: {error})")
-    })?;
+    setrlimit(Resource::Rttime, Rlimit { current: longest, maximum: longest }).map_err(
+        |error| {
+            format!("no SCHED_FIFO, since its turns could not be limited (RLIMIT_RTTIME: {error})")
+        },
+    )?;
     let os_priority = ThreadPriority::Crossplatform(
         priority.try_into().map_err(|reason| format!("priority {priority}: {reason}"))?,
     );

@@ -40,6 +40,20 @@ pub const MISMATCHED: [Plant; 5] = [
     Plant { name: "inner lag 80 ms", settings: &[("vehicle.rate-lag-ms", 80.0)], rate_gain: 1.0 },
 ];
 
+/// What gains are tuned on: a plant for each training seed, so that no gain relies on one plant being exactly known.
+pub const TRAINING: [Plant; 6] = [
+    NOMINAL,
+    NOMINAL,
+    Plant { name: "rate gain -12 %", settings: &[], rate_gain: 0.88 },
+    Plant { name: "rate gain +12 %", settings: &[], rate_gain: 1.12 },
+    Plant { name: "inner lag 65 ms", settings: &[("vehicle.rate-lag-ms", 65.0)], rate_gain: 1.0 },
+    Plant {
+        name: "inner lag 40 ms, delay +5 ms",
+        settings: &[("vehicle.rate-lag-ms", 40.0), ("vehicle.radio-delay-ms", 25.0)],
+        rate_gain: 1.0,
+    },
+];
+
 /// The flights of one seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Test {
@@ -59,8 +73,8 @@ impl Test {
         match self {
             Self::Square => vec![("trajectory.kind", "square".into())],
             Self::Hover => vec![("trajectory.kind", "hover".into())],
-            Self::Chirp => vec![("trajectory.kind", "step".into())],
-            Self::Doublet => vec![("trajectory.kind", "step".into())],
+            Self::Chirp => vec![("trajectory.kind", "attitude-chirp".into())],
+            Self::Doublet => vec![("trajectory.kind", "attitude-doublet".into())],
         }
     }
 }

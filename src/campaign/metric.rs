@@ -126,7 +126,7 @@ pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let judged: Vec<(&Sample, f64, _)> = flight
         .scored()
         .filter_map(|sample| {
-            let wanted = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?;
+            let wanted = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?.attitude;
             Some((sample, sample.attitude().angle_to(&wanted).to_degrees(), wanted))
         })
         .collect();

@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 use oqtal_bus::config::{Config, Setting, Vehicle};
 use oqtal_bus::process::Failure;
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, Controller, ControllerOptions, InvalidOption, RateInput,
+    AttitudeLaw, AttitudeReference, Controller, ControllerName, ControllerOptions, InvalidOption,
+    RateInput,
 };
 use oqtal_control::quantity::Torque;
 use oqtal_control::quaternion::Attitude;
@@ -89,6 +90,11 @@ impl Body {
             }
             Self::Quadrotor(vehicle) => {
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?;
+                // As the daemon builds it: the paper's laws do not know of the lag.
+                let input = match options.controller {
+                    ControllerName::OqtalDt => input.with_lag(vehicle.rate_lag_ms * 1e-3)?,
+                    _ => input,
+                };
                 let law = Controller::new(options, input)?;
                 let dynamics = Dynamics::new(vehicle);
                 let attitude = *manoeuvre.attitude.unit_quaternion().quaternion();

@@ -146,7 +146,8 @@ impl Lander {
         descent: &Descent,
         watch: impl FnMut(&Moment),
     ) -> Result<Option<TableTwo>, InvalidOption> {
-        let law = Controller::new(options, self.input(false))?;
+        let options = ControllerOptions { rate_hz: descent.rate_hz, ..*options };
+        let law = Controller::new(&options, self.input(false))?;
         Ok(self.fly_with(law, descent, watch))
     }
 

@@ -10,7 +10,7 @@ use super::body::{Body, Manoeuvre, Turned};
 use super::lander::Lander;
 use super::progress::Progress;
 use super::roster::{self, Entry};
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
+use super::sheet::{Cell, Column, Row, Sheet};
 use super::{Chapter, invalid};
 
 /// How far off at first \[rad\].
@@ -81,9 +81,7 @@ fn quadrotor_laws() -> Vec<Entry> {
     let shipped = |entry: Entry| {
         let options =
             ControllerOptions { controller: entry.options.controller, ..Default::default() };
-        let variant =
-            if entry.variant == Variant::Ours { Variant::Ours } else { Variant::AsPrinted };
-        Entry { settings: "shipped gains".to_owned(), options, variant, ..entry }
+        Entry { settings: "shipped gains".to_owned(), options, ..entry }
     };
     roster::each().into_iter().map(shipped).collect()
 }

@@ -1,7 +1,8 @@
 //! The attitude laws of the spacecraft's experiments, as data. A further law is a further entry.
 
 use oqtal_control::controller::{
-    ControllerName, ControllerOptions, LqrOptions, OqtalOptions, PidOptions, RateFeedback,
+    ControllerName, ControllerOptions, LqrOptions, OqtalDtOptions, OqtalOptions, PidOptions,
+    RateFeedback,
 };
 use oqtal_control::schedule::Cells;
 
@@ -77,6 +78,17 @@ pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
     }
 }
 
+/// `oqtal-dt` with these weights on attitude, rate and input.
+#[must_use]
+pub fn oqtal_dt([attitude_weight, rate_weight, input_weight]: [f64; 3]) -> ControllerOptions {
+    let oqtal_dt = OqtalDtOptions { attitude_weight, rate_weight, input_weight };
+    ControllerOptions {
+        controller: ControllerName::OqtalDt,
+        oqtal_dt,
+        ..ControllerOptions::spacecraft()
+    }
+}
+
 /// The laws of Table IV.
 #[must_use]
 pub fn table_4() -> Vec<Entry> {
@@ -94,7 +106,12 @@ fn entry(
     let weights = match options.controller {
         ControllerName::Pid => [10.0, 1.0],
         ControllerName::Lqr => [options.lqr.attitude_weight, options.lqr.input_weight],
-        _ => [options.oqtal.attitude_weight, options.oqtal.input_weight],
+        ControllerName::OqtalDt => {
+            [options.oqtal_dt.attitude_weight, options.oqtal_dt.input_weight]
+        }
+        ControllerName::Oqtal | ControllerName::Geometric => {
+            [options.oqtal.attitude_weight, options.oqtal.input_weight]
+        }
     };
     let descent = Descent::default();
     Entry { controller, variant, settings: settings.into(), options, descent, weights }
@@ -148,7 +165,7 @@ fn ours() -> Vec<Entry> {
     with_rate_error.lqr.rate = RateFeedback::OmegaE;
     let mut fed_forward = oqtal([256.0, 1.0], Cells::Centred);
     fed_forward.oqtal.feed_forward = true;
-    vec![
+    let mut entries = vec![
         entry("pid", ours, "c 50, k 5.95, T 1.15, c omega_e", pid(gains, RateFeedback::OmegaE)),
         entry(
             "lqr",
@@ -157,17 +174,37 @@ fn ours() -> Vec<Entry> {
             with_rate_error,
         ),
         entry("oqtal", ours, "q 256, r 1, centred cells, feed-forward", fed_forward),
+    ];
+    entries.extend(new_laws());
+    entries
+}
+
+/// The laws that are not in the paper, at the gains they come with.
+fn new_laws() -> [Entry; 2] {
+    let geometric = ControllerOptions {
+        controller: ControllerName::Geometric,
+        ..ControllerOptions::spacecraft()
+    };
+    // 2^20 and 2^6
+    let text = "split weights 2^20 and 2^6, r 1";
+    [
+        entry("geometric", Variant::Ours, "k_R 256, k_Omega 32", geometric),
+        entry("oqtal-dt", Variant::Ours, text, oqtal_dt([1_048_576.0, 64.0, 1.0])),
     ]
 }
 
 /// One setting of each law, for experiments other than the gravity turn.
 #[must_use]
 pub fn each() -> Vec<Entry> {
-    let wanted = |entry: &Entry| match entry.options.controller {
-        ControllerName::Pid => entry.variant == Variant::AsPrinted,
-        ControllerName::Lqr => entry.options.lqr.cells == Cells::Truncated,
-        ControllerName::Oqtal => entry.options.oqtal.cells == Cells::Truncated,
-    };
-    let printed = as_printed().into_iter().filter(wanted);
-    printed.collect()
+    let pid = pid([50.0, 5.95, 1.15], RateFeedback::Omega);
+    let lqr = lqr([128.0, 1.0], Cells::Truncated);
+    let oqtal = oqtal([256.0, 1.0], Cells::Truncated);
+    let printed = Variant::AsPrinted;
+    let mut entries = vec![
+        entry("pid", printed, "c 50, k 5.95, T 1.15 (Table IV)", pid),
+        entry("lqr", printed, "q 128, r 1, truncated cells", lqr),
+        entry("oqtal", printed, "q 256, r 1, truncated cells", oqtal),
+    ];
+    entries.extend(new_laws());
+    entries
 }

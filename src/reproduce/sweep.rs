@@ -41,27 +41,38 @@ struct Law {
     /// From `[q, r]` to its options.
     options: fn([f64; 2]) -> ControllerOptions,
     descent: fn() -> Descent,
+    variant: Variant,
 }
 
-/// The two laws that the paper compares, and the classic one without the singularity at the start of the turn.
-const LAWS: [Law; 3] = [
+/// The two laws that the paper compares, the classic one without the singularity at the start of the turn, and ours.
+const LAWS: [Law; 4] = [
     Law {
         name: "lqr",
         settings: "centred cells",
         options: |weights| roster::lqr(weights, Cells::Centred),
         descent: Descent::default,
+        variant: Variant::AsPrinted,
     },
     Law {
         name: "oqtal",
         settings: "centred cells",
         options: |weights| roster::oqtal(weights, Cells::Centred),
         descent: Descent::default,
+        variant: Variant::AsPrinted,
     },
     Law {
         name: "lqr",
         settings: "centred cells, in the plane to the last bit",
         options: |weights| roster::lqr(weights, Cells::Centred),
         descent: || Descent { noise_rad: 0.0, ..Descent::default() },
+        variant: Variant::AsPrinted,
+    },
+    Law {
+        name: "oqtal-dt",
+        settings: "Q = q I",
+        options: |[q, r]| roster::oqtal_dt([q, q, r]),
+        descent: Descent::default,
+        variant: Variant::Ours,
     },
 ];
 
@@ -156,7 +167,7 @@ fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
                 metrics.map(|m| m.effort).into(),
             ];
             let settings = format!("q/r = 2^{ratio}, {}", law.settings);
-            Row::new(Variant::AsPrinted, law.name, settings, cells)
+            Row::new(law.variant, law.name, settings, cells)
         })
     });
     Sheet {

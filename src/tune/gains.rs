@@ -4,10 +4,12 @@ use oqtal_bus::config::Setting;
 use toml::{Table, Value};
 
 /// The files of `deploy/tuned`.
-const FILES: [(&str, &str); 3] = [
+const FILES: [(&str, &str); 5] = [
     ("pid", include_str!("../../deploy/tuned/pid.toml")),
     ("lqr", include_str!("../../deploy/tuned/lqr.toml")),
     ("oqtal", include_str!("../../deploy/tuned/oqtal.toml")),
+    ("geometric", include_str!("../../deploy/tuned/geometric.toml")),
+    ("oqtal-dt", include_str!("../../deploy/tuned/oqtal-dt.toml")),
 ];
 
 /// The tuned settings of a law.

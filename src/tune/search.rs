@@ -5,7 +5,7 @@ use oqtal_bus::process::Failure;
 use oqtal_control::tuning::{BeeColony, Best};
 use rayon::prelude::*;
 
-use crate::campaign::flights::{Contender, NOMINAL};
+use crate::campaign::flights::{Contender, Plant, TRAINING, Trial};
 use crate::campaign::metric::Figures;
 use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::reproduce::progress::Progress;
@@ -135,8 +135,12 @@ pub fn law(space: &LawSpace, budget: Budget, progress: &Progress) -> Result<Tune
     })
 }
 
+/// Mean figures over the training seeds, each on its plant.
 fn trained(contender: &Contender) -> Result<Figures, Failure> {
-    Ok(Runs::fly(contender, &NOMINAL, TRAINING_SEEDS)?.mean())
+    let fly = |(seed, plant): (u64, &Plant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);
+    let flights: Vec<(u64, &Plant)> = TRAINING_SEEDS.zip(&TRAINING).collect();
+    let figures: Result<Vec<Figures>, Failure> = flights.into_par_iter().map(fly).collect();
+    Ok(Runs { figures: figures?, solves: 0 }.mean())
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ pub struct LawSpace {
     pub controller: &'static str,
     /// Its gains; the first is the one that `max_q` raises.
     pub gains: &'static [Parameter],
-    /// Whether the estimator and the position loops of the paper surround it.
+    /// Whether the estimator and the position loops of the paper surround it, or it has its own.
     pub surrounded: bool,
 }
 
@@ -27,7 +27,7 @@ const fn parameter(key: &'static str, low: f64, high: f64) -> Parameter {
 }
 
 /// The laws that are tuned and compared.
-pub const LAWS: [LawSpace; 3] = [
+pub const LAWS: [LawSpace; 5] = [
     LawSpace {
         controller: "pid",
         gains: &[
@@ -51,6 +51,27 @@ pub const LAWS: [LawSpace; 3] = [
             parameter("control.oqtal.integral-weight", 1e-4, 1.0),
         ],
         surrounded: true,
+    },
+    LawSpace {
+        controller: "geometric",
+        gains: &[
+            parameter("control.geometric.attitude-gain", 1.0, 40.0),
+            parameter("control.geometric.integral-gain-per-s", 0.01, 5.0),
+        ],
+        surrounded: true,
+    },
+    LawSpace {
+        controller: "oqtal-dt",
+        gains: &[
+            parameter("control.oqtal-dt.attitude-weight", 100.0, 1e5),
+            parameter("control.oqtal-dt.rate-weight", 1e-3, 10.0),
+            parameter("control.predictive.position-gain-per-s", 0.3, 4.0),
+            parameter("control.predictive.velocity-gain-per-s", 2.0, 20.0),
+            parameter("control.predictive.command-bandwidth-rad-s", 4.0, 40.0),
+            parameter("control.predictive.filter.rate-walk-rad-s", 0.05, 5.0),
+            parameter("control.predictive.filter.acceleration-walk-m-s2", 0.01, 1.0),
+        ],
+        surrounded: false,
     },
 ];
 
