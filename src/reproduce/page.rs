@@ -8,6 +8,8 @@ use super::Chapter;
 use super::sheet::{Cell, Row, Sheet, Variant};
 
 const STYLE: &str = include_str!("page.css");
+/// A table with more rows is folded.
+const LONG: usize = 40;
 const LEAD: &str = "Each table has three blocks. Paper: the printed numbers. As printed: the paper's equations, with only the \
      corrections without which nothing flies, computed here, with all settings the paper leaves open named. Ours: with \
      something the paper does not have. Nothing is tuned to meet a printed number.";
@@ -43,20 +45,36 @@ fn section(chapter: &Chapter) -> Markup {
 }
 
 fn table(sheet: &Sheet) -> Markup {
-    let shown = Variant::ALL.into_iter().filter(|variant| sheet.of(*variant).next().is_some());
     html! {
         div.sheet {
             h3 { (sheet.title) }
-            table {
-                thead { tr { th { "controller" } th { "settings" } @for (_, title) in &sheet.columns { th { (title) } } } }
-                tbody {
-                    @for variant in shown {
-                        tr.variant { th colspan=(sheet.columns.len() + 2) { (variant.title()) } }
-                        @for row in sheet.of(variant) { (line(row)) }
-                    }
-                }
+            @if sheet.rows.len() > LONG {
+                details { summary { (sheet.rows.len()) " rows" } (rows(sheet)) }
+            } @else {
+                (rows(sheet))
             }
             @for note in &sheet.notes { p.note { (note) } }
+        }
+    }
+}
+
+fn rows(sheet: &Sheet) -> Markup {
+    let shown = Variant::ALL.into_iter().filter(|variant| sheet.of(*variant).next().is_some());
+    html! {
+        table {
+            thead {
+                tr {
+                    th { "controller" }
+                    th { "settings" }
+                    @for (_, title) in &sheet.columns { th { (title) } }
+                }
+            }
+            tbody {
+                @for variant in shown {
+                    tr.variant { th colspan=(sheet.columns.len() + 2) { (variant.title()) } }
+                    @for row in sheet.of(variant) { (line(row)) }
+                }
+            }
         }
     }
 }

@@ -76,9 +76,12 @@ const NOTES: [&str; 4] = [
      are here. A dash stands where the body got out of control.",
     "The paper contradicts itself on the PID: the printed torque of 1.1744 is the fitness of Table III for [10, 1]; the effort \
      there is 0.8252.",
-    "What reproduces: the quaternion error, one calculation and the ranking of OQTAL, with cells centred on zero. The printed \
-     rule (floor) gives over a hundred calculations. What does not: every number of the PID, OQTAL's position error and effort, \
-     and the count of the classic LQR, which depends on the rule for cells and on a singular start at a pitch of 90 degrees.",
+    "What reproduces: quaternion error, one calculation and rank of OQTAL, with cells centred on zero; the printed rule \
+     (floor) gives over a hundred calculations. Errors and effort of the classic LQR come near with centred cells, but for a \
+     reason that is no merit of any law: the turn begins at a pitch of 90 degrees, where Euler angles are singular, rounding \
+     decides what happens, and the cell there is linearised beyond the singularity. Kept in its plane to the last bit it needs a \
+     hundredth of the effort. What does not reproduce: any number of the PID, OQTAL's position error and effort, and 23 \
+     calculations.",
     "OQTAL's advantage over the classic LQR is that it is told the rate of the reference, not its linearisation: without \
      omega_d it is worse by over a hundred times, and the classic LQR that is given the rate error is better than OQTAL at \
      the same weights.",

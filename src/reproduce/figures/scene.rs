@@ -12,9 +12,9 @@ use crate::report::palette::Ink;
 pub type Point3 = [f64; 3];
 
 /// Size of the drawing.
-const SIZE: (f64, f64) = (560.0, 380.0);
+const SIZE: (f64, f64) = (560.0, 350.0);
 /// Where the middle of the box is.
-const MIDDLE: (f64, f64) = (280.0, 205.0);
+const MIDDLE: (f64, f64) = (280.0, 180.0);
 /// Length of the edges along x, y and z in the drawing.
 const EDGES: Point3 = [230.0, 230.0, 190.0];
 /// Direction of view: cosine and sine of the angle about the vertical, and of that above the horizontal.
@@ -37,6 +37,8 @@ pub struct Edge {
 pub struct Scene {
     edges: [Edge; 3],
     body: String,
+    /// In front of everything.
+    labels: String,
     legend: Vec<(&'static str, Ink)>,
 }
 
@@ -44,7 +46,8 @@ impl Scene {
     /// An empty box.
     #[must_use]
     pub fn new(edges: [Edge; 3]) -> Self {
-        let mut scene = Self { edges, body: String::new(), legend: Vec::new() };
+        let mut scene =
+            Self { edges, body: String::new(), labels: String::new(), legend: Vec::new() };
         scene.draw_box();
         scene
     }
@@ -108,7 +111,7 @@ impl Scene {
                     }
                 }
                 div.scroll role="img" aria-label=(title) {
-                    svg viewBox={ "0 0 " (width) " " (height) } { (PreEscaped(&self.body)) }
+                    svg viewBox={ "0 0 " (width) " " (height) } { (PreEscaped(&self.body)) (PreEscaped(&self.labels)) }
                 }
             }
         }
@@ -177,7 +180,7 @@ impl Scene {
                 let (x, y) = Self::projected(place);
                 let text = html! { (text) }.into_string();
                 let _ = write!(
-                    self.body,
+                    self.labels,
                     "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"11\" text-anchor=\"middle\">{text}</text>"
                 );
             }
@@ -185,16 +188,19 @@ impl Scene {
     }
 }
 
-/// A box around `points`, never empty.
+/// A box around `points`; no edge is shorter than a tenth of the longest.
 #[must_use]
 pub fn around<'a>(
     names: [&'static str; 3],
     points: impl Iterator<Item = &'a Point3> + Clone,
 ) -> [Edge; 3] {
+    let ranges: [Range<f64>; 3] =
+        std::array::from_fn(|i| extent(points.clone().map(|point| point[i])));
+    let longest = ranges.iter().map(|range| range.end - range.start).fold(1e-3, f64::max);
     std::array::from_fn(|i| {
-        let Range { start, end } = extent(points.clone().map(|point| point[i]));
-        let room = if end > start { 0.0 } else { 0.5 };
+        let Range { start, end } = ranges[i];
+        let missing = (0.1 * longest - (end - start)).max(0.0);
         let label = |value: f64| crate::report::unit::rounded(value, 3);
-        Edge { name: names[i], range: start - room..end + room, label }
+        Edge { name: names[i], range: start - missing / 2.0..end + missing / 2.0, label }
     })
 }

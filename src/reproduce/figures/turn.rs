@@ -55,10 +55,11 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, InvalidOption> {
         (over_time("Fig. 11 D: z [m]", |t| t.place[2]))
     };
     let pitch = traces(&paths, |tick| (tick.place[2], tick.pitch_deg));
+    // Pairs of one height stand side by side.
     Ok([
         (10, in_space(&paths)),
-        (11, position),
         (12, over("Fig. 12: pitch [deg] over altitude", " m", pitch)),
+        (11, position),
         (13, over_time("Fig. 13: velocity in x [m/s]", |t| t.velocity[0])),
         (14, over_time("Fig. 14: velocity in z [m/s]", |t| t.velocity[2])),
     ]
