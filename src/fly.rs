@@ -10,7 +10,7 @@ mod progress;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_bus::config::{ClockKind, Config, Setting};
+use oqtal_bus::config::{ClockKind, Config, Setting, Vehicle};
 use oqtal_bus::process::{CommonArgs, Exit, Failure};
 use oqtal_bus::time::Span;
 use oqtal_control::trajectory::{FlightPlan, Place, Trajectory};
@@ -106,9 +106,8 @@ pub struct Mission {
     pub trajectory: Trajectory,
     /// What is played instead of the cameras, if anything.
     pub recording: Option<Recording>,
-    /// The vehicle and the cameras as they are, for flights in one process: where they differ from the configuration, the
-    /// daemon does not know.
-    world: Option<Config>,
+    /// What really flies, if it is not what the daemon believes: for studies of robustness, in one process only.
+    pub plant: Option<Vehicle>,
 }
 
 impl Mission {
@@ -123,19 +122,7 @@ impl Mission {
             true => Some(read_recording(&config.mocap.replay)?),
             false => None,
         };
-        Ok(Self { config, trajectory, recording, world: None })
-    }
-
-    /// The same in a world that is not what the configuration says: a test of robustness.
-    #[must_use]
-    pub fn in_world(self, world: Config) -> Self {
-        Self { world: Some(world), ..self }
-    }
-
-    /// The configuration of the vehicle and the cameras.
-    #[must_use]
-    pub fn world(&self) -> &Config {
-        self.world.as_ref().unwrap_or(&self.config)
+        Ok(Self { config, trajectory, recording, plant: None })
     }
 
     /// How long it takes if all goes well.

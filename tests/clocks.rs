@@ -28,6 +28,7 @@ fn lockstep_repeats_and_agrees_with_in_process_bit_for_bit() {
 fn the_clocks_agree_with_every_law_camera_and_vehicle() {
     for words in [
         &["--controller", "pid", "--set", "mocap.preset=measured"][..],
+        &["--controller", "oqtal-dt", "--set", "mocap.preset=measured"],
         &["--controller", "lqr", "--set", "mocap.rate-hz=240"],
         &["--vehicle", "sim:hummingbird,fidelity=rotors", "--set", "vehicle.battery.sag=true"],
         &["--vehicle", "sim:spacecraft", "--set", "mocap.latency-ms=0"],

@@ -14,6 +14,7 @@ use oqtal_bus::process::Exit;
 use oqtal_control::controller::ControllerOptions;
 use oqtal_control::estimator::EstimatorOptions;
 use oqtal_control::position::PositionOptions;
+use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
 use text::{
     Source, Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers,
@@ -57,7 +58,8 @@ fn index() -> Table {
 fn links_and_paths_in_the_documents_lead_somewhere() {
     let mut wrong = Vec::new();
     let documents = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/conventions.md"];
-    for document in documents.into_iter().chain(["docs/paper.md", "docs/errata.md"]) {
+    let more = ["docs/paper.md", "docs/errata.md", "docs/oqtal-dt.md"];
+    for document in documents.into_iter().chain(more) {
         let text = read(document);
         let folder = root().join(document).parent().unwrap().to_owned();
         for link in links(&text) {
@@ -191,6 +193,7 @@ fn the_shipped_configuration_agrees_with_the_defaults_of_the_mathematics() {
     let config = Config::default();
     assert_eq!(config.control.controller_options(), ControllerOptions::default());
     assert_eq!(config.control.estimator, EstimatorOptions::default());
+    assert_eq!(config.control.predictive, PredictiveOptions::default());
     assert_eq!(config.position, PositionOptions::default());
     assert_eq!(config.trajectory, TrajectoryOptions::default());
 }

@@ -5,8 +5,8 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, ClassicLqr, ControllerOptions, InputForm, Oqtal,
-    QuaternionPid, RateInput, TorqueInput,
+    AttitudeLaw, AttitudeReference, AttitudeState, ClassicLqr, ControllerOptions, Geometric,
+    InputForm, Oqtal, OqtalDt, QuaternionPid, RateInput, TorqueInput,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate};
 use oqtal_control::quaternion::Attitude;
@@ -41,6 +41,10 @@ fn laws(
     step(criterion, &format!("{form}/pid"), QuaternionPid::new(options.pid, input).unwrap());
     step(criterion, &format!("{form}/lqr"), ClassicLqr::new(options.lqr, input).unwrap());
     step(criterion, &format!("{form}/oqtal"), Oqtal::new(options.oqtal, input).unwrap());
+    let law = OqtalDt::new(options.oqtal_dt, input, DT_S).unwrap();
+    step(criterion, &format!("{form}/oqtal-dt"), law);
+    let law = Geometric::new(options.geometric, input).unwrap();
+    step(criterion, &format!("{form}/geometric"), law);
 }
 
 fn attitude(criterion: &mut Criterion) {

@@ -3,6 +3,8 @@
 
 #[path = "laws/closed_loop.rs"]
 mod closed_loop;
+#[path = "laws/discrete.rs"]
+mod discrete;
 #[path = "laws/gains.rs"]
 mod gains;
 #[path = "laws/golden_gains.rs"]
@@ -25,7 +27,12 @@ use proptest::prelude::*;
 
 const DT_S: f64 = 1.0 / 60.0;
 const MAX_TORQUE: f64 = 20.0;
-const LAWS: [ControllerName; 3] = [ControllerName::Pid, ControllerName::Lqr, ControllerName::Oqtal];
+/// The laws with integral action.
+const LAWS: [ControllerName; 4] =
+    [ControllerName::Pid, ControllerName::Lqr, ControllerName::Oqtal, ControllerName::Geometric];
+/// Those whose gain a Riccati equation gives, at an operating point.
+const SCHEDULED: [ControllerName; 2] = [ControllerName::Lqr, ControllerName::Oqtal];
+const ALL: [ControllerName; 5] = [LAWS[0], LAWS[1], LAWS[2], LAWS[3], ControllerName::OqtalDt];
 
 /// A command as numbers, so that one test can speak of both forms.
 trait Numbers {
@@ -69,10 +76,11 @@ fn law<I: Form>(name: ControllerName, options: &ControllerOptions, input: I) -> 
     Controller::new(&ControllerOptions { controller: name, ..*options }, input).unwrap()
 }
 
-/// Options with which every law feeds back the rate error.
+/// Options with which every law feeds back the rate error and nothing is fed forward.
 fn with_rate_error(mut options: ControllerOptions) -> ControllerOptions {
     options.pid.rate = RateFeedback::OmegaE;
     options.lqr.rate = RateFeedback::OmegaE;
+    options.geometric.feed_forward = false;
     options
 }
 
@@ -80,6 +88,7 @@ fn without_integral_action(mut options: ControllerOptions) -> ControllerOptions 
     options.pid.integral_time_s = f64::INFINITY;
     options.lqr.integral_weight = 0.0;
     options.oqtal.integral_weight = 0.0;
+    options.geometric.integral_gain_per_s = 0.0;
     options
 }
 

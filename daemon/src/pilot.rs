@@ -66,7 +66,7 @@ impl Pilot {
                 let rotation = Rotation::RateLoop { lag_s };
                 let predictive = config.control.controller == ControllerName::OqtalDt;
                 let input = input.and_then(|input| match predictive {
-                    true => input.with_lag(lag_s),
+                    true => input.with_lag(lag_s, 1.0 / config.control.rate_hz),
                     false => Ok(input),
                 });
                 Form::Sticks(Loops::new(config, input.map_err(|e| e.to_string())?, rotation)?)
@@ -210,7 +210,7 @@ impl<I: InputForm + Copy> Loops<I> {
                 let u = I::u_from(law.update(&state, &wish.attitude, dt_s));
                 Some(predictive::Decision { wish, u })
             }
-            Self::Predictive(autopilot) => autopilot.decide(now_s, reference, dt_s),
+            Self::Predictive(autopilot) => autopilot.decide(now_s, reference),
         }
     }
 

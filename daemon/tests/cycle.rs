@@ -2,18 +2,22 @@
 
 use oqtal_bus::code::{Actuation, Answer, Mode, SafetyState, Verb};
 use oqtal_bus::config::{Config, Setting};
-use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_daemon::{Cycle, Tick, trajectory};
 use proptest::prelude::*;
 
 const FRAME: Span = Span::from_nanos(16_666_667);
 const LATENCY: Span = Span::from_millis(15);
+const RADIO: Span = Span::from_millis(20);
+
+const LAWS: [&str; 5] = ["pid", "lqr", "oqtal", "oqtal-dt", "geometric"];
 
 /// A controller and the clock of its cameras.
 struct Bench {
     cycle: Cycle,
     frame: u64,
+    sent: u64,
     now: Time,
 }
 
@@ -22,7 +26,7 @@ impl Bench {
         let config = Config::from_settings(settings).unwrap();
         let trajectory = trajectory(&config).unwrap();
         let now = Time::VIRTUAL_START;
-        Self { cycle: Cycle::new(&config, trajectory, now).unwrap(), frame: 0, now }
+        Self { cycle: Cycle::new(&config, trajectory, now).unwrap(), frame: 0, sent: 0, now }
     }
 
     /// A controller that was asked to fly and has believed its first poses.
@@ -46,14 +50,28 @@ impl Bench {
             ..Stamps::default()
         };
         let header = Header { pose_sequence: self.frame, stamps, ..Header::default() };
-        self.cycle.step(self.now, Some(&(header, pose)))
+        let tick = self.cycle.step(self.now, Some(&(header, pose)));
+        self.send(tick)
+    }
+
+    /// A command goes out at once and acts after the radio's delay.
+    fn send(&mut self, tick: Option<Tick>) -> Option<Tick> {
+        let sent = tick?;
+        self.sent += 1;
+        let stamps = Stamps { command_published_at: self.now, ..sent.stamps };
+        self.cycle.report(&stamps, self.sent);
+        let stamps = Stamps { applied_at: self.now + RADIO, ..stamps };
+        let vehicle = VehicleV1 { command_sequence: self.sent, ..VehicleV1::default() };
+        self.cycle.applied(&Header { stamps, ..Header::default() }, &vehicle);
+        tick
     }
 
     /// No frame arrives until the deadline.
     fn miss(&mut self) -> Option<Tick> {
         self.frame += 1;
         self.now = self.cycle.next_event();
-        self.cycle.step(self.now, None)
+        let tick = self.cycle.step(self.now, None);
+        self.send(tick)
     }
 
     fn mode(&self) -> Option<Mode> {
@@ -102,7 +120,7 @@ proptest! {
     #[test]
     fn f06_no_pose_whatever_makes_a_command_that_is_not_finite_and_in_range(
         poses in prop::collection::vec((any_pose(), any::<bool>()), 1..60),
-        law in prop::sample::select(vec!["pid", "lqr", "oqtal"]),
+        law in prop::sample::select(LAWS.to_vec()),
         vehicle in prop::sample::select(vec!["hummingbird", "spacecraft"]),
     ) {
         let mut bench = Bench::flying(&[
@@ -120,7 +138,7 @@ proptest! {
     #[test]
     fn f08_the_sign_of_a_quaternion_changes_no_command(
         flips in prop::collection::vec(any::<bool>(), 40),
-        law in prop::sample::select(vec!["pid", "lqr", "oqtal"]),
+        law in prop::sample::select(LAWS.to_vec()),
     ) {
         let settings = [Setting::flag("test", "control.controller", law)];
         let (mut plain, mut flipped) = (Bench::flying(&settings), Bench::flying(&settings));

@@ -1,6 +1,6 @@
 //! The flights that a law is judged by, one set for each seed, in one process.
 
-use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::config::{Config, Setting, Vehicle};
 use oqtal_bus::process::Failure;
 
 use crate::flight::{Flight, Outcome};
@@ -98,7 +98,8 @@ impl Contender {
 #[derive(Clone, Debug)]
 pub struct Prepared {
     config: Config,
-    world: Config,
+    /// The vehicle as it is.
+    vehicle: Vehicle,
 }
 
 impl Prepared {
@@ -109,12 +110,12 @@ impl Prepared {
     pub fn new(contender: &Contender, test: Test, plant: &Plant) -> Result<Self, Failure> {
         let config = contender.config(test, &[])?;
         let different = |(key, value): &(&str, f64)| Setting::flag("plant", key, *value);
-        let mut world =
-            contender.config(test, &plant.settings.iter().map(different).collect::<Vec<_>>())?;
-        for authority in &mut world.vehicle.rate_authority_rad_s {
+        let settings: Vec<Setting> = plant.settings.iter().map(different).collect();
+        let mut vehicle = contender.config(test, &settings)?.vehicle;
+        for authority in &mut vehicle.rate_authority_rad_s {
             *authority *= plant.rate_gain;
         }
-        Ok(Self { config, world })
+        Ok(Self { config, vehicle })
     }
 
     /// Flies with `seed`; the flight and its mission, or nothing if it did not land.
@@ -122,12 +123,9 @@ impl Prepared {
     /// # Errors
     /// An option of the law has no meaning.
     pub fn fly(&self, seed: u64) -> Result<Option<(Flight, Mission)>, Failure> {
-        let seeded = |config: &Config| {
-            let mut config = config.clone();
-            config.clock.seed = seed;
-            config
-        };
-        let mission = Mission::new(seeded(&self.config))?.in_world(seeded(&self.world));
+        let mut config = self.config.clone();
+        config.clock.seed = seed;
+        let mission = Mission { plant: Some(self.vehicle.clone()), ..Mission::new(config)? };
         let flight = fly_in_process(&mission)?;
         Ok((flight.outcome == Outcome::Landed).then_some((flight, mission)))
     }

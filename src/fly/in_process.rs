@@ -2,6 +2,7 @@
 
 use oqtal_bus::code::{Answer, Verb};
 use oqtal_bus::conductor::{Conductor, Done};
+use oqtal_bus::config::Config;
 use oqtal_bus::message::{
     CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, TruthV1, VehicleV1,
 };
@@ -101,13 +102,15 @@ fn fly_watched(
 
 impl Room {
     fn new(mission: &Mission, start: Time) -> Result<Self, Failure> {
-        let (config, world) = (&mission.config, mission.world());
+        let config = &mission.config;
+        let vehicle = mission.plant.clone().unwrap_or_else(|| config.vehicle.clone());
+        let world = Config { vehicle, ..config.clone() };
         let eyes = match &mission.recording {
             Some(recording) => Eyes::Replay(Replay::new(recording.clone(), start)),
-            None => Eyes::Cameras(Box::new(Cameras::new(&world.mocap, world.clock.seed))),
+            None => Eyes::Cameras(Box::new(Cameras::new(&config.mocap, config.clock.seed))),
         };
         Ok(Self {
-            plant: Plant::new(world, start),
+            plant: Plant::new(&world, start),
             eyes,
             cycle: Cycle::new(config, mission.trajectory.clone(), start)
                 .map_err(|reason| Failure::new(Exit::Config, reason))?,

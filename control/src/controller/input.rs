@@ -33,6 +33,12 @@ pub trait InputForm {
     /// the rate follows `u` at once.
     fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)>;
 
+    /// The angular acceleration that is there about any axis to stop a turn with \[rad/s^2\];
+    /// infinite if the vehicle sees to that.
+    fn braking(&self) -> f64 {
+        f64::INFINITY
+    }
+
     /// The `u` with which a body without error follows its reference.
     fn feed_forward(
         &self,
@@ -100,6 +106,11 @@ impl InputForm for TorqueInput {
         Some((Matrix3::zeros(), *self.inertia.inverse()))
     }
 
+    fn braking(&self) -> f64 {
+        // About the axis of greatest inertia. Half is for what else the torque has to do.
+        0.5 * self.max_torque / self.inertia.matrix().symmetric_eigenvalues().max()
+    }
+
     fn feed_forward(
         &self,
         error: &AttitudeError,
@@ -135,6 +146,8 @@ impl InputForm for TorqueInput {
 pub struct RateInput {
     rate_authority: Vector3<f64>,
     lag_s: f64,
+    /// How much earlier than its effect a change of the rate must be commanded \[s\].
+    lead_s: f64,
 }
 
 impl RateInput {
@@ -147,17 +160,21 @@ impl RateInput {
         for authority in &rate_authority {
             InvalidOption::unless_positive("rate-authority-rad-s", *authority)?;
         }
-        Ok(Self { rate_authority, lag_s: 0.0 })
+        Ok(Self { rate_authority, lag_s: 0.0, lead_s: 0.0 })
     }
 
-    /// The same for a law that knows that the rate follows with a time constant of `lag_s` \[s\].
-    /// The paper's laws do not.
+    /// The same for a law that knows that the rate follows with a time constant of `lag_s` \[s\] and
+    /// that a command is held for `period_s` \[s\]. The paper's laws do not.
     ///
     /// # Errors
-    /// If it is negative or not finite.
-    pub fn with_lag(self, lag_s: f64) -> Result<Self, InvalidOption> {
-        InvalidOption::unless_not_negative("rate-lag-s", lag_s)?;
-        Ok(Self { lag_s, ..self })
+    /// If one of them is not positive and finite.
+    pub fn with_lag(self, lag_s: f64, period_s: f64) -> Result<Self, InvalidOption> {
+        InvalidOption::unless_positive("rate-lag-s", lag_s)?;
+        InvalidOption::unless_positive("period-s", period_s)?;
+        // A held command moves the rate by (1 - e^(-T/lag)) (u - omega): for omega_d to grow by T
+        // omega_d_dot it must be ahead by T / (1 - e^(-T/lag)), which is the lag and half a period.
+        let lead_s = period_s / -(-period_s / lag_s).exp_m1();
+        Ok(Self { lag_s, lead_s, ..self })
     }
 }
 
@@ -201,7 +218,7 @@ impl InputForm for RateInput {
     ) -> Vector3<f64> {
         // What the inertia is to a torque, the lag is to a rate: it takes so much to accelerate.
         let acceleration = error.reference_acceleration(omega_e, reference).0;
-        self.input_for(&(error.rotation() * reference.rate.0 + acceleration * self.lag_s))
+        self.input_for(&(error.rotation() * reference.rate.0 + acceleration * self.lead_s))
     }
 
     #[inline]

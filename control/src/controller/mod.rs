@@ -28,7 +28,7 @@ pub use geometric::{Geometric, GeometricOptions};
 pub use input::{InputForm, RateInput, TorqueInput};
 pub use lqr::{ClassicLqr, LqrOptions};
 pub use options::{InvalidOption, RateFeedback};
-pub use oqtal::{Oqtal, OqtalOptions};
+pub use oqtal::{EpsDdot, Oqtal, OqtalOptions};
 pub use oqtal_dt::{DiscreteGain, OqtalDt, OqtalDtOptions};
 pub use pid::{PidOptions, QuaternionPid};
 pub use regulator::{AugmentedModel, Gain, LawState, Weights};

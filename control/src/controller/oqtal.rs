@@ -8,7 +8,7 @@
 //! u = -K [omega_e; eps; eps_I] + omega x J omega        Eq. (56), corrected
 //! ```
 
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
@@ -18,8 +18,23 @@ use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::error::AttitudeError;
 use crate::error_model::{ErrorModel, Jacobian, OperatingPoint};
 use crate::integral::Integral;
+use crate::pid::low_pass_weight;
 use crate::riccati::RiccatiError;
 use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
+
+/// What the model makes of the second time derivative of `eps`, Section VII.C. It is the difference
+/// of Eq. (38) between two steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EpsDdot {
+    /// Nothing: it is taken to be zero, the paper's choice for its quadrotor.
+    #[default]
+    Dropped,
+    /// It as it is, noise and all.
+    Differenced,
+    /// It through a first-order low-pass: "some kind of noise cancellation".
+    Filtered,
+}
 
 /// Options of [`Oqtal`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,9 +52,14 @@ pub struct OqtalOptions {
     pub integral_limit_s: f64,
     /// Which linear model; without effect in rate form, where all are the same.
     pub jacobian: Jacobian,
-    /// Which cells of `[omega_e; eps]`, in rate form of `eps`, share a gain.
+    /// The second derivative of `eps` in that model; without effect in rate form and in the
+    /// decoupled model, which do not have it.
+    pub eps_ddot: EpsDdot,
+    /// Cut-off of the low-pass on it \[Hz\].
+    pub eps_ddot_cutoff_hz: f64,
+    /// Which cells of `[omega_e; eps; eps_ddot]`, in rate form of `eps`, share a gain.
     pub cells: Cells,
-    /// `delta`: width of a cell \[rad/s for `omega_e`, none for `eps`\].
+    /// `delta`: width of a cell \[rad/s for `omega_e`, none for `eps`, 1/s^2 for `eps_ddot`\].
     pub delta_rad: f64,
     /// When the gain is computed.
     pub resolve: Resolve,
@@ -62,6 +82,9 @@ impl Default for OqtalOptions {
             integral_limit_s: 0.5,
             // Not in the paper.
             jacobian: Jacobian::Decoupled,
+            eps_ddot: EpsDdot::Dropped,
+            // Not in the paper.
+            eps_ddot_cutoff_hz: 2.0,
             // Not in the paper, which prints `floor` and reports a count that only this rule or a
             // like one can give.
             cells: Cells::Truncated,
@@ -97,6 +120,7 @@ impl OqtalOptions {
         InvalidOption::unless_not_negative("integral-weight", self.integral_weight)?;
         InvalidOption::unless_positive("input-weight", self.input_weight)?;
         InvalidOption::unless_not_negative("integral-limit-s", self.integral_limit_s)?;
+        InvalidOption::unless_positive("eps-ddot-cutoff-hz", self.eps_ddot_cutoff_hz)?;
         InvalidOption::unless_positive("delta-rad", self.delta_rad)
     }
 
@@ -115,8 +139,11 @@ impl OqtalOptions {
 pub struct Oqtal<I> {
     options: OqtalOptions,
     input: I,
-    schedule: GainSchedule<6, Gain>,
+    schedule: GainSchedule<9, Gain>,
     eps_i: Integral,
+    /// `eps_dot` of the last step.
+    eps_dot: Option<Vector3<f64>>,
+    eps_ddot: Vector3<f64>,
 }
 
 impl<I: InputForm> Oqtal<I> {
@@ -129,10 +156,11 @@ impl<I: InputForm> Oqtal<I> {
         let grid =
             Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let eps_i = Integral::new(options.integral_limit_s);
-        Ok(Self { options, input, schedule: GainSchedule::new(grid), eps_i })
+        let schedule = GainSchedule::new(grid);
+        Ok(Self { options, input, schedule, eps_i, eps_dot: None, eps_ddot: Vector3::zeros() })
     }
 
-    /// The gain at the operating point `[omega_e; eps]`.
+    /// The gain at the operating point `[omega_e; eps]` without acceleration.
     ///
     /// # Errors
     /// If the Riccati equation has no usable solution.
@@ -141,9 +169,35 @@ impl<I: InputForm> Oqtal<I> {
         input: &I,
         point: &SVector<f64, 6>,
     ) -> Result<Gain, RiccatiError> {
-        let (omega_e, eps) = (point.fixed_rows::<3>(0).into(), point.fixed_rows::<3>(3).into());
-        let model = ErrorModel::at(options.jacobian, &OperatingPoint::new(eps, omega_e));
+        Self::gain_accelerating(options, input, &point.fixed_resize(0.0))
+    }
+
+    /// The gain at the operating point `[omega_e; eps; eps_ddot]`.
+    fn gain_accelerating(
+        options: &OqtalOptions,
+        input: &I,
+        point: &SVector<f64, 9>,
+    ) -> Result<Gain, RiccatiError> {
+        let part = |row| Vector3::from(point.fixed_rows::<3>(row));
+        let still = OperatingPoint::new(part(3), part(0));
+        let model =
+            ErrorModel::at(options.jacobian, &OperatingPoint { eps_ddot: part(6), ..still });
         AugmentedModel::new(&model.state_matrix(), input).gain(&options.weights())
+    }
+
+    /// The second derivative of `eps` as far as the model wants it \[1/s^2\].
+    fn differentiate(&mut self, eps_dot: Vector3<f64>, dt_s: f64) -> Vector3<f64> {
+        let weight = match self.options.eps_ddot {
+            EpsDdot::Dropped => return Vector3::zeros(),
+            EpsDdot::Differenced => 1.0,
+            EpsDdot::Filtered => low_pass_weight(self.options.eps_ddot_cutoff_hz, dt_s),
+        };
+        let raw = self.eps_dot.map_or_else(Vector3::zeros, |last| (eps_dot - last) / dt_s);
+        let next = self.eps_ddot + (raw - self.eps_ddot) * weight;
+        if next.iter().all(|number| number.is_finite()) {
+            (self.eps_dot, self.eps_ddot) = (Some(eps_dot), next);
+        }
+        self.eps_ddot
     }
 }
 
@@ -161,12 +215,13 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         let x = law_state(&omega_e, eps, self.eps_i.value());
 
         // In rate form omega_e is no state of the model and has no say in its operating point.
-        let mut point = x.fixed_rows::<6>(0).into_owned();
-        if self.input.inertia().is_none() {
-            point.fixed_rows_mut::<3>(0).fill(0.0);
-        }
-        let k =
-            self.schedule.gain(&point, |point| Self::gain_at(&self.options, &self.input, point));
+        let point = match self.input.inertia() {
+            Some(_) => law_state(&omega_e, eps, &self.differentiate(error.eps_dot(&omega_e), dt_s)),
+            None => law_state(&Vector3::zeros(), eps, &Vector3::zeros()),
+        };
+        let k = self
+            .schedule
+            .gain(&point, |point| Self::gain_accelerating(&self.options, &self.input, point));
 
         // Eq. (56), erratum E-56
         let mut u = -(k * x) + self.input.gyroscopic(state.rate);
@@ -185,6 +240,7 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
     fn reset(&mut self) {
         self.schedule.reset();
         self.eps_i.reset();
+        (self.eps_dot, self.eps_ddot) = (None, Vector3::zeros());
     }
 
     fn riccati_solves(&self) -> u32 {

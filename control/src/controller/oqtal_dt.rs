@@ -12,6 +12,10 @@
 //! - The reference's motion is fed forward. For a commanded rate the lag of the vehicle's own loop
 //!   takes the place of the inertia: see [`InputForm::feed_forward`].
 //!
+//! - Far from the reference the body turns no faster than it can stop: otherwise a great gain and a
+//!   limited torque turn it past its reference, round and round. `eps` is then shortened, as far as
+//!   `K_omega omega_e = -K_eps eps` stands for more than that.
+//!
 //! There is one gain, that of the error zero: in every other cell the exact model differs only by a
 //! rotation and by `lambda`, which stays within 1 % of one below 15 degrees. There is no integral
 //! action: a steady disturbance is the estimator's to know ([`crate::predictive`]).
@@ -71,6 +75,10 @@ impl OqtalDtOptions {
 pub struct OqtalDt<I> {
     input: I,
     gain: DiscreteGain,
+    /// `K_omega^-1 K_eps`: the rate at which an error is turned back per its `eps` \[rad/s\]. Zero if
+    /// the rate is no state.
+    turn: Matrix3<f64>,
+    braking: f64,
 }
 
 impl<I: InputForm> OqtalDt<I> {
@@ -87,7 +95,10 @@ impl<I: InputForm> OqtalDt<I> {
             value: options.attitude_weight,
             expected: "nearer to the other weights: the Riccati equation has no usable solution",
         })?;
-        Ok(Self { input, gain })
+        let part = |column| gain.fixed_view::<3, 3>(0, column).into_owned();
+        let turn = part(0).try_inverse().map_or_else(Matrix3::zeros, |inverse| inverse * part(3));
+        let braking = input.braking();
+        Ok(Self { input, gain, turn, braking })
     }
 
     /// The sampled plant `(A, B)` for the state `[omega_e; eps]` about the error zero, without its
@@ -142,6 +153,14 @@ impl<I: InputForm> OqtalDt<I> {
         &self.gain
     }
 
+    /// `eps`, shortened until the rate that it stands for can be stopped within it.
+    fn stoppable(&self, eps: &Vector3<f64>) -> Vector3<f64> {
+        // omega^2 = 2 a angle, and the angle is at least twice eps.
+        let fastest = (4.0 * self.braking * eps.norm()).sqrt();
+        let rate = (self.turn * eps).norm();
+        if rate > fastest { eps * (fastest / rate) } else { *eps }
+    }
+
     /// `u` before the limits of the vehicle.
     #[must_use]
     pub fn input(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
@@ -149,7 +168,7 @@ impl<I: InputForm> OqtalDt<I> {
         let omega_e = error.rate_error(state.rate, reference.rate);
         let mut x = SVector::<f64, 6>::zeros();
         x.fixed_rows_mut::<3>(0).copy_from(&omega_e);
-        x.fixed_rows_mut::<3>(3).copy_from(error.eps());
+        x.fixed_rows_mut::<3>(3).copy_from(&self.stoppable(error.eps()));
         self.input.feed_forward(&error, &omega_e, reference) + self.input.gyroscopic(state.rate)
             - self.gain * x
     }

@@ -41,14 +41,3 @@ impl Force {
         }
     }
 }
-
-/// Where a turning reference is after `dt_s` \[s\] if its acceleration stays.
-#[must_use]
-pub fn ahead(reference: &AttitudeReference, dt_s: f64) -> AttitudeReference {
-    let AttitudeReference { attitude, rate, acceleration } = reference;
-    AttitudeReference {
-        attitude: attitude.turned_by((rate.0 + acceleration.0 * (dt_s / 2.0)) * dt_s),
-        rate: BodyRate(rate.0 + acceleration.0 * dt_s),
-        acceleration: *acceleration,
-    }
-}

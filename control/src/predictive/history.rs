@@ -2,9 +2,7 @@
 //! arrives.
 
 use super::model::{Bias, Input, Motion, VehicleModel};
-
-/// Commands kept. At 60 Hz that is a second, at 1 kHz still more than any delay flown with.
-const KEPT: usize = 64;
+use super::ring::Ring;
 
 /// Share of a newly measured delay that enters the delay expected: at 60 Hz a time constant of a
 /// sixth of a second.
@@ -25,9 +23,7 @@ struct Sent {
 /// The newest commands, with the instants at which they act, and the delay in between as measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommandHistory {
-    /// A ring: the newest is before `next`.
-    sent: [Option<Sent>; KEPT],
-    next: usize,
+    sent: Ring<Sent>,
     delay_s: f64,
 }
 
@@ -35,7 +31,7 @@ impl CommandHistory {
     /// No command sent yet; one sent now would act after `delay_s` \[s\], until measured.
     #[must_use]
     pub fn new(delay_s: f64) -> Self {
-        Self { sent: [None; KEPT], next: 0, delay_s }
+        Self { sent: Ring::new(), delay_s }
     }
 
     /// From a command sent to its effect \[s\], as measured so far.
@@ -46,20 +42,18 @@ impl CommandHistory {
 
     /// Takes a command sent at `sent_s` \[s\]. One that does not follow the last is ignored.
     pub fn push(&mut self, sequence: u64, sent_s: f64, input: Input) {
-        let newest = self.newest();
+        let newest = self.sent.newest_first().next();
         let follows = newest.is_none_or(|last| last.sent_s <= sent_s);
         if follows && sent_s.is_finite() {
             // Commands travel on one connection: none overtakes another.
             let acts_s = (sent_s + self.delay_s).max(newest.map_or(sent_s, |last| last.acts_s));
-            self.sent[self.next] = Some(Sent { sequence, sent_s, acts_s, input });
-            self.next = (self.next + 1) % KEPT;
+            self.sent.push(Sent { sequence, sent_s, acts_s, input });
         }
     }
 
     /// Learns that a command began to act at `acts_s` \[s\].
     pub fn applied(&mut self, sequence: u64, acts_s: f64) {
-        let Some(sent) = self.sent.iter_mut().flatten().find(|sent| sent.sequence == sequence)
-        else {
+        let Some(sent) = self.sent.iter_mut().find(|sent| sent.sequence == sequence) else {
             return;
         };
         let measured_s = acts_s - sent.sent_s;
@@ -79,17 +73,11 @@ impl CommandHistory {
         (from_s, to_s): (f64, f64),
     ) -> Motion {
         let (mut motion, mut t_s) = (*motion, from_s);
-        // Each turn passes a change of the input, of which there are no more than commands.
-        for _ in 0..=KEPT {
+        while t_s < to_s {
             let (input, until_s) = self.at(t_s);
             let end_s = until_s.min(to_s);
-            if end_s > t_s {
-                motion = model.advance(&motion, &input, bias, end_s - t_s);
-                t_s = end_s;
-            }
-            if t_s >= to_s {
-                break;
-            }
+            motion = model.advance(&motion, &input, bias, end_s - t_s);
+            t_s = end_s;
         }
         motion
     }
@@ -97,17 +85,12 @@ impl CommandHistory {
     /// The input that acts at `t_s` \[s\], and until when; neutral before the first command.
     fn at(&self, t_s: f64) -> (Input, f64) {
         let mut until_s = f64::INFINITY;
-        for back in 1..=KEPT {
-            match self.sent[(self.next + KEPT - back) % KEPT] {
-                Some(sent) if sent.acts_s <= t_s => return (sent.input, until_s),
-                Some(sent) => until_s = until_s.min(sent.acts_s),
-                None => break,
+        for sent in self.sent.newest_first() {
+            if sent.acts_s <= t_s {
+                return (sent.input, until_s);
             }
+            until_s = until_s.min(sent.acts_s);
         }
         (Input::default(), until_s)
-    }
-
-    fn newest(&self) -> Option<&Sent> {
-        self.sent[(self.next + KEPT - 1) % KEPT].as_ref()
     }
 }

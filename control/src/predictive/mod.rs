@@ -18,21 +18,28 @@
 //! | `reference_model.rs` | a reference within speed, acceleration and jerk |
 //! | `position_law.rs`, `command_filter.rs` | the acceleration to have |
 //! | `flatness.rs` | the attitude, rate and angular acceleration for it |
+//! | `lead.rs` | a prescribed attitude at the instant of effect |
+//! | `agenda.rs` | what was decided for which instant |
+//! | `ring.rs` | the newest of something |
 //!
-//! Everything the law sees is for one instant, that at which a command sent now will act: the
-//! motion is predicted to it, the reference led on to it.
+//! Everything a law sees is for one instant, that at which a command sent now will act: the motion
+//! is predicted to it, and the reference is the one for it. What is reported as the wish for now was
+//! decided a delay ago.
 
+mod agenda;
 mod attitude_filter;
 mod command_filter;
 mod flatness;
 mod history;
 mod kalman;
+mod lead;
 mod model;
 mod observer;
 mod options;
 mod position_filter;
 mod position_law;
 mod reference_model;
+mod ring;
 
 use nalgebra::Vector3;
 
@@ -44,17 +51,22 @@ use crate::estimator::Estimate;
 use crate::position::{PositionCommand, PositionOptions};
 use crate::quantity::BodyRate;
 use crate::trajectory::Reference;
+use agenda::Agenda;
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
-pub use flatness::{Force, ahead};
+pub use flatness::Force;
 pub use history::CommandHistory;
 pub use kalman::{Covariance, Transition};
+pub use lead::Lead;
 pub use model::{Bias, Input, Motion, Rotation, VehicleModel};
 pub use observer::Observer;
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Wish};
 pub use reference_model::{Course, Limits, ReferenceModel, ReferenceModelOptions};
+
+/// Time without a decision beyond this does not count \[s\]: the reference waits.
+const LONGEST_STEP_S: f64 = 0.1;
 
 /// The cosine of the tilt by which the thrust is divided is at least this: that of 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
@@ -75,7 +87,7 @@ pub struct Design<I> {
 /// What the autopilot decides.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
-    /// What it wants the vehicle to do now.
+    /// What the vehicle should do now, as decided a delay ago, and the thrust that it is told.
     pub wish: PositionCommand,
     /// The input to the rotation, within the vehicle's range.
     pub u: Vector3<f64>,
@@ -89,6 +101,10 @@ pub struct Autopilot<I> {
     history: CommandHistory,
     position: PositionLaw,
     attitude: OqtalDt<I>,
+    agenda: Agenda,
+    lead: Lead,
+    /// When it last decided \[s\].
+    last_s: Option<f64>,
 }
 
 impl<I: InputForm + Copy> Autopilot<I> {
@@ -107,6 +123,9 @@ impl<I: InputForm + Copy> Autopilot<I> {
             history: CommandHistory::new(design.delay_s),
             position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
             attitude: OqtalDt::new(law, design.input, design.period_s)?,
+            agenda: Agenda::new(),
+            lead: Lead::default(),
+            last_s: None,
             design,
         })
     }
@@ -115,6 +134,9 @@ impl<I: InputForm + Copy> Autopilot<I> {
     pub fn reset(&mut self) {
         self.observer.reset();
         self.position.reset();
+        self.agenda = Agenda::new();
+        self.lead.reset();
+        self.last_s = None;
     }
 
     /// Takes the pose captured at `t_s` \[s\], with rates from differences.
@@ -122,12 +144,12 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.observer.take(t_s, measured, &self.history);
     }
 
-    /// Remembers a command as it was sent at `t_s` \[s\]: `u` and the thrust \[N\].
+    /// Remembers a command as it was sent at `t_s` \[s\]: `u`, and the thrust \[N\] of a vehicle that
+    /// only pushes.
     pub fn sent(&mut self, sequence: u64, t_s: f64, (u, thrust_n): (&Vector3<f64>, f64)) {
-        let demand = self.design.input.demand_of(u);
-        if demand.iter().all(|number| number.is_finite()) && thrust_n.is_finite() {
-            self.history.push(sequence, t_s, Input { demand, thrust_n });
-        }
+        let demand = self.design.input.demand_of(&self.design.input.saturate(u));
+        let thrust_n = if thrust_n.is_finite() { thrust_n.max(0.0) } else { 0.0 };
+        self.history.push(sequence, t_s, Input { demand, thrust_n });
     }
 
     /// Learns that a command began to act at `t_s` \[s\].
@@ -141,24 +163,52 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.history.delay_s()
     }
 
-    /// The command at `now_s` \[s\], `dt_s` \[s\] after the last, for a vehicle that should be at
-    /// `reference`. `None`, and nothing changed, before the first pose and if a number is not finite.
-    pub fn decide(&mut self, now_s: f64, reference: &Reference, dt_s: f64) -> Option<Decision> {
-        let delay_s = self.history.delay_s();
+    /// The command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the
+    /// first pose, if no time has passed, and if a number is not finite or so great that one becomes
+    /// it; nothing of that is remembered.
+    pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<Decision> {
+        let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
+        let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.delay_s());
         let motion = self.observer.predict(now_s + delay_s, &self.history)?;
-        let usable = motion.is_finite() && reference.is_finite() && dt_s.is_finite() && dt_s > 0.0;
-        if !usable {
+        let sound = motion.is_finite() && reference.is_finite() && now_s.is_finite();
+        if !sound || dt_s <= 0.0 {
             return None;
         }
+        let wish = self.wish(&motion, reference, (dt_s, delay_s))?;
+        let u = self.rotate(&motion, &wish.attitude);
+        self.agenda.push(now_s + delay_s, wish);
+        self.last_s = Some(now_s);
+        let mut now = self.agenda.at(now_s)?;
+        now.attitude = reference.attitude.unwrap_or(now.attitude);
+        Some(Decision { wish: PositionCommand { thrust_n: wish.thrust_n, ..now }, u })
+    }
+
+    /// What the vehicle should do when it will be at `motion`.
+    fn wish(
+        &mut self,
+        motion: &Motion,
+        reference: &Reference,
+        (dt_s, delay_s): (f64, f64),
+    ) -> Option<PositionCommand> {
         let bias = self.observer.bias();
         let Wish { velocity, force } =
-            self.position.update((&motion, &bias), reference, (dt_s, delay_s));
-        let wanted = reference.attitude.unwrap_or_else(|| force.attitude(reference.yaw_rad));
-        let u = self.rotate(&motion, &bias, &ahead(&wanted, delay_s));
+            self.position.update((motion, &bias), reference, (dt_s, delay_s));
+        let attitude = match &reference.attitude {
+            Some(prescribed) => self.lead.lead(prescribed, dt_s, delay_s),
+            None => {
+                self.lead.reset();
+                force.attitude(reference.yaw_rad)
+            }
+        };
         let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);
         let thrust_n = self.design.model.mass_kg * force.value.z / cosine;
-        let wish = PositionCommand { attitude: wanted, thrust_n, velocity };
-        Some(Decision { wish, u })
+        let numbers = velocity.iter().chain(&force.value).chain([&thrust_n]);
+        if attitude.is_finite() && numbers.copied().all(f64::is_finite) {
+            return Some(PositionCommand { attitude, thrust_n, velocity });
+        }
+        self.position.reset();
+        self.lead.reset();
+        None
     }
 
     /// Riccati equations solved so far.
@@ -168,7 +218,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
     }
 
     /// The law's input, less the bias that the filters know of.
-    fn rotate(&self, motion: &Motion, bias: &Bias, wanted: &AttitudeReference) -> Vector3<f64> {
+    fn rotate(&self, motion: &Motion, wanted: &AttitudeReference) -> Vector3<f64> {
+        let bias = self.observer.bias();
         let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };
         let Design { input, .. } = &self.design;
         input.saturate(&(self.attitude.input(&state, wanted) - input.input_for(&bias.demand)))

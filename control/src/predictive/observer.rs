@@ -10,6 +10,9 @@ use crate::estimator::Estimate;
 /// With this share of its weight as thrust a vehicle is about to leave the floor.
 const LIFTING: f64 = 0.9;
 
+/// A pose further than this from where the vehicle was expected starts the filters anew \[m\].
+const LOST_M: f64 = 1.0;
+
 /// Both filters about one model of the vehicle.
 ///
 /// On the floor the model does not hold: the floor pushes, too. Until the vehicle lifts, its motion
@@ -81,12 +84,12 @@ impl Observer {
         self.attitude.predict(&self.model.rotation, dt_s);
         self.position.predict(self.model.drag_per_s, dt_s);
         self.attitude.correct(&mut motion, &measured.attitude);
-        self.position.correct(&mut motion, &measured.position);
-        if motion.is_finite() {
+        let innovation = self.position.correct(&mut motion, &measured.position);
+        if motion.is_finite() && innovation.norm() <= LOST_M {
             return motion;
         }
-        self.reset();
-        Motion::of(measured, 0.0)
+        *self = Self { airborne: true, ..Self::new(self.model, self.options) };
+        Motion::of(measured, self.model.mass_kg * self.model.gravity_m_s2)
     }
 
     fn stand(&mut self, carried: &Motion, measured: &Estimate) -> Motion {

@@ -76,18 +76,18 @@ impl PositionLaw {
         self.filter.reset();
     }
 
-    /// What to do `dt_s` \[s\] after the last step for a vehicle that will be at `motion` when a
-    /// command sent now acts, `delay_s` \[s\] from now.
+    /// What to do, `dt_s` \[s\] after the last step, when a command sent now acts: `delay_s` \[s\] from
+    /// now, the vehicle being at `motion` then. The reference is that of now.
     pub fn update(
         &mut self,
         (motion, bias): (&Motion, &Bias),
         reference: &Reference,
         (dt_s, delay_s): (f64, f64),
     ) -> Wish {
-        let course = self.follow(motion, reference, dt_s);
-        let aim = course.after(delay_s);
-        let correction = (aim.position - motion.position) * self.options.position_gain_per_s;
-        let missing = aim.velocity + correction - motion.velocity;
+        let course = self.follow(motion, reference, (dt_s, delay_s));
+        let correction = (course.position - motion.position) * self.options.position_gain_per_s;
+        let velocity = course.velocity + correction;
+        let missing = velocity - motion.velocity;
         let corrective = missing * self.options.velocity_gain_per_s - bias.acceleration;
 
         let limit = self.vertical_acceleration;
@@ -100,17 +100,23 @@ impl PositionLaw {
         let force = Force {
             value: (course.acceleration.xy() + smooth.value).push(lift),
             slope: (course.jerk.xy() + smooth.slope).push(0.0),
-            curvature: smooth.curvature.push(0.0),
+            curvature: (course.snap.xy() + smooth.curvature).push(0.0),
         };
-        Wish { velocity: course.velocity + correction, force: within(force, limit) }
+        Wish { velocity, force: within(force, limit) }
     }
 
     /// Leads the reference on and returns it. While the position is not controlled it stays with
     /// the vehicle, so that it starts from there.
-    fn follow(&mut self, motion: &Motion, reference: &Reference, dt_s: f64) -> Course {
+    fn follow(
+        &mut self,
+        motion: &Motion,
+        reference: &Reference,
+        (dt_s, delay_s): (f64, f64),
+    ) -> Course {
         let Reference { position, velocity, .. } = *reference;
         let target = Course { position, velocity, ..Course::default() };
         let target = Course { acceleration: self.acceleration(&velocity, dt_s), ..target };
+        let target = target.after(delay_s);
         let (horizontal, vertical) = (axes(&target, HORIZONTAL), axes(&target, VERTICAL));
         if self.following.is_none() {
             self.vertical.restart(vertical.position, vertical.velocity);
@@ -146,6 +152,7 @@ fn axes(course: &Course, axes: Vector3<f64>) -> Course {
         velocity: course.velocity.component_mul(&axes),
         acceleration: course.acceleration.component_mul(&axes),
         jerk: course.jerk.component_mul(&axes),
+        snap: course.snap.component_mul(&axes),
     }
 }
 
@@ -155,6 +162,7 @@ fn sum(a: &Course, b: &Course) -> Course {
         velocity: a.velocity + b.velocity,
         acceleration: a.acceleration + b.acceleration,
         jerk: a.jerk + b.jerk,
+        snap: a.snap + b.snap,
     }
 }
 

@@ -4,7 +4,8 @@
 //! ```text
 //! v_d = v_t + f(e) e/|e|,   f(e) = min(k_p |e|, sqrt(2 a_b (|e| - a_b / 2 k_p^2)), v_max)
 //! a_d = k_v (v_d - v) + d v_d / dt
-//! j   = k_a (a_d - a)
+//! j_d = k_a (a_d - a)
+//! s   = k_j (j_d - j)
 //! ```
 //!
 //! `e` is the way left, `a_b` the deceleration with which it is braked for: near the target `f`
@@ -32,6 +33,8 @@ pub struct ReferenceModelOptions {
     pub velocity_gain_per_s: f64,
     /// `k_a`: jerk per acceleration missing \[1/s\].
     pub acceleration_gain_per_s: f64,
+    /// `k_j`: snap per jerk missing \[1/s\].
+    pub jerk_gain_per_s: f64,
     /// `a_b`: the deceleration that braking is planned with \[m/s^2\].
     pub braking_m_s2: f64,
     /// Greatest jerk \[m/s^3\].
@@ -44,6 +47,7 @@ impl Default for ReferenceModelOptions {
             position_gain_per_s: 3.36,
             velocity_gain_per_s: 4.19,
             acceleration_gain_per_s: 8.69,
+            jerk_gain_per_s: 25.0,
             braking_m_s2: 1.39,
             jerk_limit_m_s3: 22.6,
         }
@@ -61,6 +65,7 @@ impl ReferenceModelOptions {
             self.acceleration_gain_per_s,
             0.1..=100.0,
         )?;
+        check_range("reference.jerk-gain-per-s", self.jerk_gain_per_s, 0.1..=100.0)?;
         check_range("reference.braking-m-s2", self.braking_m_s2, 0.05..=20.0)?;
         check_range("reference.jerk-limit-m-s3", self.jerk_limit_m_s3, 0.1..=1000.0)
     }
@@ -86,18 +91,18 @@ pub struct Course {
     pub acceleration: Vector3<f64>,
     /// \[m/s^3, world\].
     pub jerk: Vector3<f64>,
+    /// \[m/s^4, world\].
+    pub snap: Vector3<f64>,
 }
 
 impl Course {
-    /// Where this course leads within `dt_s` \[s\] if its jerk stays.
+    /// Where this course leads within `dt_s` \[s\] if its acceleration stays.
     #[must_use]
     pub fn after(&self, dt_s: f64) -> Self {
-        let Self { position: p, velocity: v, acceleration: a, jerk: j } = self;
         Self {
-            position: p + (v + (a + j * (dt_s / 3.0)) * (dt_s / 2.0)) * dt_s,
-            velocity: v + (a + j * (dt_s / 2.0)) * dt_s,
-            acceleration: a + j * dt_s,
-            jerk: *j,
+            position: self.position + (self.velocity + self.acceleration * (dt_s / 2.0)) * dt_s,
+            velocity: self.velocity + self.acceleration * dt_s,
+            ..*self
         }
     }
 }
@@ -129,14 +134,17 @@ impl ReferenceModel {
         self.course = Course { position, velocity, ..Course::default() };
     }
 
-    /// Goes on by `dt_s` \[s\] towards `target`, of which the jerk is not used.
+    /// Goes on by `dt_s` \[s\] towards `target`, as it is then; its jerk and snap are not used.
     pub fn advance(&mut self, target: &Course, dt_s: f64) {
         let h = dt_s / f64::from(STEPS);
-        for _ in 0..STEPS {
-            let wanted = self.acceleration(target).cap_magnitude(self.limits.acceleration);
-            let Course { position, velocity, acceleration, jerk } = &mut self.course;
+        for step in 0..STEPS {
+            let target = target.after(-h * f64::from(STEPS - step));
+            let wanted = self.acceleration(&target).cap_magnitude(self.limits.acceleration);
+            let Course { position, velocity, acceleration, jerk, snap } = &mut self.course;
             let change = (wanted - *acceleration) * self.options.acceleration_gain_per_s;
-            *jerk = change.cap_magnitude(self.options.jerk_limit_m_s3);
+            let change = change.cap_magnitude(self.options.jerk_limit_m_s3);
+            *snap = (change - *jerk) * self.options.jerk_gain_per_s;
+            *jerk += *snap * h;
             *acceleration += *jerk * h;
             *velocity += *acceleration * h;
             *position += *velocity * h;

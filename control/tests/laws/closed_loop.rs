@@ -27,7 +27,7 @@ fn state_of(motion: &Motion) -> AttitudeState {
 }
 
 /// One step of a body whose rate changes by `omega_dot` at each state.
-fn step(
+pub(super) fn step(
     state: &AttitudeState,
     mut omega_dot: impl FnMut(&AttitudeState) -> Vector3<f64>,
 ) -> AttitudeState {
@@ -269,7 +269,8 @@ proptest! {
                 &state,
                 &reference,
             );
-            let cancels = f64::from(name == ControllerName::Oqtal);
+            let cancels = [ControllerName::Oqtal, ControllerName::Geometric].contains(&name);
+            let cancels = f64::from(u8::from(cancels));
             let expected = cancels * uneven_inertia().gyroscopic_torque(state.rate).0;
             assert!(
                 (command - expected).amax() < 1e-12,
@@ -288,9 +289,11 @@ proptest! {
             rate: reference.rate,
         };
         let input = TorqueInput::new(uneven_inertia(), 1e6).unwrap();
-        let torque = law(ControllerName::Oqtal, &options, input).update(&state, &reference, DT_S);
-        let omega_dot = uneven_inertia().acceleration(state.rate, torque);
-        assert!((omega_dot.0 - reference.acceleration.0).amax() < 1e-9);
+        for name in [ControllerName::Oqtal, ControllerName::OqtalDt, ControllerName::Geometric] {
+            let torque = law(name, &options, input).update(&state, &reference, DT_S);
+            let omega_dot = uneven_inertia().acceleration(state.rate, torque);
+            assert!((omega_dot.0 - reference.acceleration.0).amax() < 1e-9, "{name:?}");
+        }
 
         let slow = AttitudeReference {
             rate: BodyRate(0.5 * reference.rate.0),

@@ -13,7 +13,7 @@ fn negated(attitude: &Attitude) -> Attitude {
 
 /// F08: the sign of a measured quaternion means nothing.
 fn check_sign_of_quaternion<I: Form>(input: I, state: AttitudeState, reference: AttitudeReference) {
-    for name in LAWS {
+    for name in ALL {
         let law = law(name, &ControllerOptions::default(), input);
         let command = first_command(law, &state, &reference);
         let turned = AttitudeState { attitude: negated(&state.attitude), ..state };
@@ -82,7 +82,7 @@ fn check_garbage<I: Form>(input: I, options: &ControllerOptions, range: f64, gar
         at_rest(Attitude::from_rotation_vector(Vector3::new(0.1, -0.2, 0.3))),
         AttitudeReference::default(),
     );
-    for name in LAWS {
+    for name in ALL {
         let fresh = law(name, options, input);
         let mut law = fresh;
         for (state, reference, dt_s) in garbage {
@@ -141,7 +141,7 @@ proptest! {
 /// A body that cannot move is held far from its reference, then let go at it: nothing has wound up.
 fn check_windup<I: Form>(input: I, options: &ControllerOptions) {
     let far = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, 2.0)));
-    for name in LAWS {
+    for name in ALL {
         let mut law = law(name, options, input);
         for _ in 0..600 {
             law.update(&far, &AttitudeReference::default(), DT_S);
@@ -208,25 +208,29 @@ fn the_classic_law_turns_the_short_way_round() {
 }
 
 #[test]
-fn a_law_solves_nothing_before_its_first_step_and_the_pid_nothing_at_all() {
+fn a_scheduled_law_solves_nothing_before_its_first_step_and_others_nothing_at_all() {
     for name in LAWS {
         let mut law = law(name, &ControllerOptions::default(), sticks());
         assert_eq!(law.riccati_solves(), 0);
         law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S);
-        assert_eq!(law.riccati_solves(), u32::from(name != ControllerName::Pid));
+        assert_eq!(law.riccati_solves(), u32::from(SCHEDULED.contains(&name)));
     }
 }
 
 #[test]
 fn options_without_meaning_are_refused_by_name() {
     type Set = fn(&mut ControllerOptions, f64);
-    let cases: [(&str, Set); 6] = [
+    let cases: [(&str, Set); 10] = [
         ("gain", |o, v| o.pid.gain = v),
         ("integral-time-s", |o, v| o.pid.integral_time_s = v),
         ("operating-pitch-limit-rad", |o, v| o.lqr.operating_pitch_limit_rad = v),
         ("rate-weight", |o, v| o.lqr.rate_weight = v),
         ("attitude-weight", |o, v| o.oqtal.attitude_weight = v),
         ("delta-rad", |o, v| o.oqtal.delta_rad = v),
+        ("eps-ddot-cutoff-hz", |o, v| o.oqtal.eps_ddot_cutoff_hz = v),
+        ("rate-weight", |o, v| o.oqtal_dt.rate_weight = v),
+        ("input-weight", |o, v| o.oqtal_dt.input_weight = v),
+        ("attitude-gain", |o, v| o.geometric.attitude_gain = v),
     ];
     for (key, set) in cases {
         for value in [-1.0, f64::NAN, f64::NEG_INFINITY] {

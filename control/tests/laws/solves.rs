@@ -1,5 +1,7 @@
 //! When a gain is computed.
 
+use oqtal_control::controller::EpsDdot;
+use oqtal_control::error_model::Jacobian;
 use oqtal_control::schedule::Resolve;
 
 use super::*;
@@ -81,11 +83,51 @@ fn every_tick_is_a_solution_in_every_step() {
     let mut options = ControllerOptions::default();
     options.lqr.resolve = Resolve::EveryTick;
     options.oqtal.resolve = Resolve::EveryTick;
-    for name in [ControllerName::Lqr, ControllerName::Oqtal] {
+    for name in SCHEDULED {
         let mut law = law(name, &options, sticks());
         for _ in 0..10 {
             law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S);
         }
         assert_eq!(law.riccati_solves(), 10);
     }
+}
+
+/// Section VII.C: the noise of a second derivative is all there is of it, and takes the gain from
+/// cell to cell.
+#[test]
+fn the_second_derivative_of_eps_makes_noise_solve_and_a_filter_less() {
+    let solves = |jacobian, eps_ddot| {
+        let mut options = ControllerOptions::spacecraft();
+        (options.oqtal.jacobian, options.oqtal.eps_ddot) = (jacobian, eps_ddot);
+        let mut law = law(ControllerName::Oqtal, &options, spacecraft());
+        for tick in 0..600 {
+            let t = f64::from(tick) * DT_S;
+            let trembling = Vector3::new((91.0 * t).sin(), (83.0 * t).sin(), (97.0 * t).sin());
+            let rate = BodyRate(trembling * 0.02);
+            let state = AttitudeState { rate, ..at_rest(Attitude::LEVEL) };
+            law.update(&state, &AttitudeReference::default(), DT_S);
+        }
+        law.riccati_solves()
+    };
+    let [dropped, filtered, differenced] =
+        [EpsDdot::Dropped, EpsDdot::Filtered, EpsDdot::Differenced]
+            .map(|eps_ddot| solves(Jacobian::Exact, eps_ddot));
+    assert_eq!(dropped, 1);
+    assert!(filtered < differenced / 2, "{filtered} with a filter, {differenced} without");
+    assert!(differenced > 100, "{differenced}");
+}
+
+#[test]
+fn a_new_flight_knows_no_second_derivative_of_the_last() {
+    let mut options = ControllerOptions::spacecraft();
+    (options.oqtal.jacobian, options.oqtal.eps_ddot) = (Jacobian::Exact, EpsDdot::Differenced);
+    let fresh = law(ControllerName::Oqtal, &options, spacecraft());
+    let moving = AttitudeState { rate: BodyRate(Vector3::x()), ..AttitudeState::default() };
+    let mut used = fresh;
+    used.update(&moving, &AttitudeReference::default(), DT_S);
+    used.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S);
+    used.reset();
+    let turned = at_rest(Attitude::from_rotation_vector(Vector3::new(0.1, -0.2, 0.3)));
+    let command = used.update(&turned, &AttitudeReference::default(), DT_S).numbers();
+    assert_eq!(command, first_command(fresh, &turned, &AttitudeReference::default()));
 }

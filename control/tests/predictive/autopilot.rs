@@ -1,0 +1,177 @@
+//! All parts together, about a vehicle that is exactly as modelled.
+
+use oqtal_control::controller::AttitudeReference;
+use oqtal_control::estimator::Estimate;
+use oqtal_control::predictive::{Bias, CommandHistory, Input, Motion};
+use oqtal_control::quaternion::Attitude;
+use oqtal_control::trajectory::{Phase, Reference};
+
+use super::*;
+
+const LATENCY_S: f64 = 0.015;
+
+/// The autopilot, its vehicle and the time between a pose and its effect.
+struct Bench {
+    autopilot: Autopilot<RateInput>,
+    history: CommandHistory,
+    motion: Motion,
+    bias: Bias,
+    tick: u64,
+}
+
+impl Bench {
+    fn new(bias: Bias) -> Self {
+        let motion = Motion { thrust_n: 0.5 * 9.81, ..Motion::default() };
+        Self {
+            autopilot: autopilot(),
+            history: CommandHistory::new(DELAY_S),
+            motion,
+            bias,
+            tick: 0,
+        }
+    }
+
+    fn now_s(&self) -> f64 {
+        1.0 + self.tick as f64 * PERIOD_S
+    }
+
+    fn estimate(&self) -> Estimate {
+        let Motion { position, velocity, attitude, rate, .. } = self.motion;
+        Estimate { position, velocity, attitude, rate: oqtal_control::quantity::BodyRate(rate) }
+    }
+
+    /// A pose is taken, arrives, and is acted on; the vehicle flies on to the next.
+    fn turn(&mut self, reference: &Reference) -> Option<Vector3<f64>> {
+        let captured_s = self.now_s();
+        let sent_s = captured_s + LATENCY_S;
+        self.autopilot.observe(captured_s, &self.estimate());
+        let decision = self.autopilot.decide(sent_s, reference);
+        let (u, thrust_n) =
+            decision.map_or((Vector3::zeros(), 0.5 * 9.81), |d| (d.u, d.wish.thrust_n));
+        self.tick += 1;
+        self.autopilot.sent(self.tick, sent_s, (&u, thrust_n));
+        self.history.push(self.tick, sent_s, Input { demand: u * AUTHORITY, thrust_n });
+        let span = (captured_s, self.now_s());
+        self.motion = self.history.carry(&quadrotor(), (&self.motion, &self.bias), span);
+        decision.map(|decision| decision.u)
+    }
+}
+
+fn hover() -> Reference {
+    Reference::rest(Vector3::zeros(), Phase::Settle)
+}
+
+#[test]
+fn without_error_nothing_is_commanded_but_the_weight() {
+    let mut bench = Bench::new(Bias::default());
+    // Until the first command arrives the model knows of no thrust: give it time.
+    for _ in 0..600 {
+        bench.turn(&hover());
+    }
+    let u = bench.turn(&hover()).unwrap();
+    assert!(u.amax() < 1e-6, "commands {u}");
+    assert!(bench.motion.position.norm() < 1e-6);
+}
+
+#[test]
+fn steady_disturbances_are_learnt_and_leave_no_error() {
+    let bias = Bias {
+        demand: Vector3::new(0.035, -0.026, 0.017),
+        acceleration: Vector3::new(0.06, -0.04, 0.1),
+    };
+    let mut bench = Bench::new(bias);
+    for _ in 0..1200 {
+        bench.turn(&hover());
+    }
+    assert!(bench.motion.position.norm() < 1e-4, "off by {}", bench.motion.position);
+    assert!(bench.motion.attitude.angle_to(&Attitude::LEVEL) < 0.02);
+}
+
+#[test]
+fn a_prescribed_attitude_is_followed_through_the_delay() {
+    let mut bench = Bench::new(Bias::default());
+    for _ in 0..300 {
+        bench.turn(&hover());
+    }
+    let (mut worst, frequency) = (0.0_f64, std::f64::consts::TAU * 2.0);
+    for tick in 0..120 {
+        // The reference of the instant at which the pose is acted on.
+        let angle = |t: f64| 0.05 * (1.0 - (frequency * t).cos());
+        let t = f64::from(tick) * PERIOD_S + LATENCY_S;
+        let (rate, acceleration) = (
+            0.05 * frequency * (frequency * t).sin(),
+            0.05 * frequency.powi(2) * (frequency * t).cos(),
+        );
+        let attitude = AttitudeReference {
+            attitude: Attitude::from_rotation_vector(Vector3::x() * angle(t)),
+            rate: oqtal_control::quantity::BodyRate(Vector3::x() * rate),
+            acceleration: oqtal_control::quantity::AngularAcceleration(Vector3::x() * acceleration),
+        };
+        bench.turn(&Reference { attitude: Some(attitude), ..hover() });
+        let expected = angle(t - LATENCY_S + PERIOD_S);
+        let roll = Attitude::LEVEL.rotation_to(&bench.motion.attitude).x;
+        if tick > 30 {
+            worst = worst.max((roll - expected).abs());
+        }
+    }
+    assert!(worst < 0.003, "off by {worst} rad");
+}
+
+#[test]
+fn before_the_first_pose_and_without_finite_numbers_nothing_is_decided() {
+    let mut autopilot = autopilot();
+    assert_eq!(autopilot.decide(1.0, &hover()), None);
+    autopilot.observe(1.0, &Estimate::default());
+    let before = autopilot.clone();
+    let nan = Reference { yaw_rad: f64::NAN, ..hover() };
+    for (now_s, reference) in [(1.0, nan), (f64::NAN, hover()), (f64::INFINITY, hover())] {
+        assert_eq!(autopilot.decide(now_s, &reference), None);
+        assert_eq!(autopilot, before);
+    }
+    assert!(autopilot.decide(1.015, &hover()).is_some());
+    assert_eq!(autopilot.decide(1.015, &hover()), None, "no time has passed");
+}
+
+fn garbage() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        any::<u64>().prop_map(f64::from_bits),
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        -10.0..10.0_f64,
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn no_number_whatever_reaches_a_command_or_spoils_a_later_one(
+        numbers in prop::collection::vec(prop::array::uniform8(garbage()), 1..30),
+    ) {
+        let mut bench = Bench::new(Bias::default());
+        for _ in 0..60 {
+            bench.turn(&hover());
+        }
+        for [a, b, c, d, e, f, g, h] in numbers {
+            let estimate = Estimate {
+                position: Vector3::new(a, b, c),
+                attitude: Attitude::from_rotation_vector(Vector3::new(d, e, f)),
+                ..bench.estimate()
+            };
+            bench.autopilot.observe(bench.now_s() + g.abs().min(1e-3), &estimate);
+            bench.tick += 1;
+            bench.autopilot.sent(bench.tick, bench.now_s(), (&Vector3::new(a, b, c), d));
+            bench.autopilot.applied(bench.tick, h);
+            let reference = Reference { position: Vector3::new(f, g, h), ..hover() };
+            if let Some(decision) = bench.autopilot.decide(bench.now_s(), &reference) {
+                prop_assert!(decision.u.iter().all(|stick| (-1.0..=1.0).contains(stick)));
+                prop_assert!(decision.wish.thrust_n.is_finite());
+                prop_assert!(decision.wish.attitude.is_finite());
+            }
+        }
+        for _ in 0..1200 {
+            bench.turn(&hover());
+        }
+        prop_assert!(bench.motion.position.norm() < 0.01, "left at {}", bench.motion.position);
+    }
+}

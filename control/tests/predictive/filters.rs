@@ -1,0 +1,173 @@
+//! The filters are the optimal ones for the model they have.
+
+use nalgebra::{Matrix1, Matrix3};
+use oqtal_control::predictive::{
+    AttitudeFilter, Covariance, FilterOptions, Motion, PositionFilter, Transition,
+};
+use oqtal_control::quaternion::Attitude;
+use oqtal_control::riccati::dare;
+
+use super::*;
+
+/// Deviates of the standard normal distribution, from a generator of linear congruences.
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        // Box and Muller
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
+    fn vector(&mut self) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.normal())
+    }
+}
+
+fn options() -> FilterOptions {
+    FilterOptions::default()
+}
+
+/// The covariance before a measurement, after many of them.
+fn settled(transition: &Transition, sd: f64) -> Matrix3<f64> {
+    let mut covariance = Covariance::of([sd, 1.0, 1.0]);
+    for _ in 0..20_000 {
+        covariance.correct(sd);
+        covariance.predict(transition);
+    }
+    covariance.0
+}
+
+/// Estimation is the dual of control: the filter's covariance settles at the solution of the Riccati
+/// equation of the transposed system.
+fn check_dual(transition: &Transition, sd: f64) {
+    let Transition { f, q } = transition;
+    let r = Matrix1::new(sd * sd);
+    // In units in which the noise of the measurement is one, for the sake of conditioning.
+    let dual = dare(&f.transpose(), &Vector3::x(), &(q / r[0]), &Matrix1::new(1.0)).unwrap();
+    let settled = settled(transition, sd) / r[0];
+    let error = (settled - dual.p).amax() / dual.p.amax();
+    assert!(error < 1e-8, "{settled} instead of {}", dual.p);
+}
+
+#[test]
+fn the_covariances_settle_where_our_own_riccati_solver_says() {
+    let options = options();
+    let attitude = AttitudeFilter::new(&options).transition(&quadrotor().rotation, PERIOD_S);
+    check_dual(&attitude, options.attitude_noise_deg.to_radians());
+    let position = PositionFilter::new(&options).transition(0.25, PERIOD_S);
+    check_dual(&position, options.position_noise_mm * 1e-3);
+}
+
+/// Mean square of the innovations over their expected variance, and their correlation from one to
+/// the next: 1 and 0 if the filter knows all there is to know.
+fn statistics(innovations: &[f64], variance: f64) -> (f64, f64) {
+    let n = innovations.len() as f64;
+    let square = innovations.iter().map(|i| i * i).sum::<f64>() / n;
+    let product = innovations.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / n;
+    (square / variance, product / square)
+}
+
+fn assert_white(innovations: &[f64], variance: f64) {
+    let (size, correlation) = statistics(&innovations[200..], variance);
+    assert!((size - 1.0).abs() < 0.05, "the innovations are {size} times what is expected");
+    assert!(correlation.abs() < 0.03, "they are correlated by {correlation}");
+}
+
+#[test]
+fn innovations_of_the_position_filter_are_white_and_of_the_size_it_expects() {
+    let options = options();
+    let mut filter = PositionFilter::new(&options);
+    let mut noise = Noise(1);
+    let (h, sd) = (PERIOD_S, options.position_noise_mm * 1e-3);
+    let (mut truth, mut bias) = (Motion::default(), Vector3::zeros());
+    let mut estimate = Motion::default();
+    let mut innovations = Vec::new();
+    for _ in 0..8000 {
+        for (motion, bias) in [(&mut truth, &bias), (&mut estimate, filter.bias())] {
+            motion.position += motion.velocity * h + bias * (h * h / 2.0);
+            motion.velocity += bias * h - motion.velocity * (0.25 * h);
+        }
+        // Noise of the velocity within the step also moves the position: correlated by 3/4.
+        let kick = noise.vector() * (options.velocity_walk_m_s * h.sqrt());
+        let more = noise.vector() * (options.velocity_walk_m_s * h.sqrt() / 12.0_f64.sqrt());
+        truth.velocity += kick;
+        truth.position += (kick / 2.0 + more) * h;
+        bias += noise.vector() * (options.acceleration_walk_m_s2 * h.sqrt());
+        filter.predict(0.25, h);
+        let measured = truth.position + noise.vector() * sd;
+        innovations.extend(filter.correct(&mut estimate, &measured).iter().copied().skip(2));
+    }
+    let transition = PositionFilter::new(&options).transition(0.25, h);
+    assert_white(&innovations, settled(&transition, sd)[(0, 0)] + sd * sd);
+}
+
+#[test]
+fn innovations_of_the_attitude_filter_are_white_and_of_the_size_it_expects() {
+    let options = options();
+    let model = quadrotor();
+    let mut filter = AttitudeFilter::new(&options);
+    let mut noise = Noise(2);
+    let (h, sd) = (PERIOD_S, options.attitude_noise_deg.to_radians());
+    let decay = (-h / LAG_S).exp();
+    let turn = LAG_S * (1.0 - decay);
+    let (mut truth, mut drift) = (Motion::default(), Vector3::zeros());
+    let mut estimate = Motion::default();
+    let mut innovations = Vec::new();
+    for _ in 0..8000 {
+        for (motion, drift) in [(&mut truth, &drift), (&mut estimate, filter.bias())] {
+            let angle = motion.rate * turn + drift * (h - turn);
+            motion.attitude = motion.attitude.turned_by(angle);
+            motion.rate = motion.rate * decay + drift * (1.0 - decay);
+        }
+        let kick = noise.vector() * (options.rate_walk_rad_s * h.sqrt());
+        let more = noise.vector() * (options.rate_walk_rad_s * h.sqrt() / 12.0_f64.sqrt());
+        truth.rate += kick;
+        truth.attitude = truth.attitude.turned_by((kick / 2.0 + more) * h);
+        drift += noise.vector() * (options.demand_bias_walk * h.sqrt());
+        filter.predict(&model.rotation, h);
+        let measured = truth.attitude.turned_by(noise.vector() * sd);
+        innovations.push(filter.correct(&mut estimate, &measured).x);
+    }
+    let transition = AttitudeFilter::new(&options).transition(&model.rotation, h);
+    assert_white(&innovations, settled(&transition, sd)[(0, 0)] + sd * sd);
+}
+
+proptest! {
+    #[test]
+    fn a_covariance_stays_symmetric_and_positive_whatever_the_spacing_of_the_poses(
+        spacing_s in prop::collection::vec(1e-4..0.5_f64, 1..200),
+    ) {
+        let options = options();
+        let mut filter = AttitudeFilter::new(&options);
+        let mut motion = Motion::default();
+        for dt_s in spacing_s {
+            filter.predict(&quadrotor().rotation, dt_s);
+            filter.correct(&mut motion, &Attitude::LEVEL);
+            let p = filter.covariance().0;
+            prop_assert!((p - p.transpose()).amax() <= 1e-12 * p.amax());
+            prop_assert!(p.symmetric_eigenvalues().min() > -1e-12 * p.amax());
+        }
+    }
+
+    /// The sign with which a pose writes its attitude is not the vehicle's.
+    #[test]
+    fn the_sign_of_a_measured_quaternion_does_not_matter(turn in vector(0.5), estimate in vector(3.0)) {
+        let measured = Attitude::from_rotation_vector(turn);
+        let q = measured.unit_quaternion().quaternion();
+        let opposite = Attitude::from_unit_quaternion(nalgebra::UnitQuaternion::new_unchecked(-*q));
+        let correct = |measured: &Attitude| {
+            let mut filter = AttitudeFilter::new(&options());
+            let attitude = Attitude::from_rotation_vector(estimate);
+            let mut motion = Motion { attitude, ..Motion::default() };
+            filter.correct(&mut motion, measured);
+            (motion, *filter.bias())
+        };
+        prop_assert_eq!(correct(&measured), correct(&opposite));
+    }
+}

@@ -1,0 +1,78 @@
+//! Commands on their way.
+
+use oqtal_control::predictive::{Bias, CommandHistory, Input, Motion};
+
+use super::*;
+
+fn thrust(thrust_n: f64) -> Input {
+    Input { demand: Vector3::zeros(), thrust_n }
+}
+
+/// The thrust that a vehicle without lag has at `t_s`.
+fn thrust_at(history: &CommandHistory, t_s: f64) -> f64 {
+    let model = VehicleModel { thrust_lag_s: 0.0, ..quadrotor() };
+    let state = (&Motion::default(), &Bias::default());
+    history.carry(&model, state, (0.0, t_s)).thrust_n
+}
+
+#[test]
+fn a_command_acts_a_delay_after_it_was_sent_and_until_the_next_does() {
+    let mut history = CommandHistory::new(DELAY_S);
+    for (sequence, sent_s) in [(1, 0.1), (2, 0.3)] {
+        history.push(sequence, sent_s, thrust(sequence as f64));
+    }
+    for (t_s, expected) in [(0.119, 0.0), (0.135, 1.0), (0.319, 1.0), (0.335, 2.0), (9.0, 2.0)] {
+        assert!((thrust_at(&history, t_s) - expected).abs() < 1e-5, "at {t_s}");
+    }
+}
+
+#[test]
+fn the_delay_is_learnt_from_what_the_vehicle_says() {
+    let mut history = CommandHistory::new(0.0);
+    for sequence in 1..200 {
+        let sent_s = sequence as f64 * PERIOD_S;
+        history.push(sequence, sent_s, thrust(1.0));
+        history.applied(sequence, sent_s + 0.03);
+    }
+    assert!((history.delay_s() - 0.03).abs() < 1e-6);
+    // Neither a command nobody knows nor a stamp that cannot be changes it.
+    history.applied(7_000, 0.0);
+    history.applied(199, 1e3);
+    history.applied(199, f64::NAN);
+    assert!((history.delay_s() - 0.03).abs() < 1e-6);
+}
+
+#[test]
+fn what_is_not_finite_or_older_than_the_last_is_not_remembered() {
+    let mut history = CommandHistory::new(DELAY_S);
+    history.push(1, 1.0, thrust(1.0));
+    let before = history;
+    history.push(2, 0.5, thrust(2.0));
+    history.push(3, f64::NAN, thrust(3.0));
+    assert_eq!(history, before);
+}
+
+proptest! {
+    /// Carrying in two parts is carrying at once.
+    #[test]
+    fn prediction_is_a_flow(
+        demands in prop::collection::vec(vector(2.0), 5),
+        rate in vector(1.0),
+        split_s in 0.0..0.2_f64,
+    ) {
+        let mut history = CommandHistory::new(DELAY_S);
+        for (k, demand) in (0_u32..).zip(&demands) {
+            let input = Input { demand: *demand, thrust_n: 4.0 + f64::from(k) };
+            history.push(u64::from(k), f64::from(k) * PERIOD_S, input);
+        }
+        let (model, bias) = (quadrotor(), Bias::default());
+        let start = Motion { rate, thrust_n: 4.905, ..Motion::default() };
+        let whole = history.carry(&model, (&start, &bias), (0.0, 0.2));
+        let part = history.carry(&model, (&start, &bias), (0.0, split_s));
+        let parts = history.carry(&model, (&part, &bias), (split_s, 0.2));
+        prop_assert!((whole.position - parts.position).amax() < 1e-8);
+        prop_assert!((whole.velocity - parts.velocity).amax() < 1e-7);
+        prop_assert!(whole.attitude.angle_to(&parts.attitude) < 1e-6);
+        prop_assert!((whole.rate - parts.rate).amax() < 1e-6);
+    }
+}

@@ -1,0 +1,127 @@
+//! The reference that is followed, and the attitude that goes with it.
+
+use nalgebra::Vector2;
+use oqtal_control::controller::AttitudeReference;
+use oqtal_control::predictive::{
+    CommandFilter, Course, Force, Lead, Limits, ReferenceModel, ReferenceModelOptions,
+};
+use oqtal_control::quantity::{AngularAcceleration, BodyRate};
+use oqtal_control::quaternion::Attitude;
+
+use super::*;
+
+const LIMITS: Limits = Limits { speed: 0.8, acceleration: 2.3 };
+
+fn towards(target: Vector3<f64>, seconds: f64) -> Vec<Course> {
+    let mut model = ReferenceModel::new(ReferenceModelOptions::default(), LIMITS);
+    let target = Course { position: target, ..Course::default() };
+    let ticks = (seconds / PERIOD_S) as usize;
+    (0..ticks)
+        .map(|_| {
+            model.advance(&target, PERIOD_S);
+            *model.course()
+        })
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn the_reference_keeps_its_limits_and_arrives_without_going_past(target in vector(3.0)) {
+        let courses = towards(target, 15.0);
+        let jerk_limit = ReferenceModelOptions::default().jerk_limit_m_s3;
+        for course in &courses {
+            prop_assert!(course.velocity.norm() <= LIMITS.speed * 1.05);
+            prop_assert!(course.acceleration.norm() <= LIMITS.acceleration * 1.05);
+            prop_assert!(course.jerk.norm() <= jerk_limit * (1.0 + 1e-9));
+            let past = course.position.dot(&target) - target.norm_squared();
+            prop_assert!(past <= 0.005 * target.norm(), "{past} past {target}");
+        }
+        let last = courses[courses.len() - 1];
+        prop_assert!((last.position - target).norm() < 1e-3);
+    }
+
+    /// What the attitude is said to turn at is what it turns at.
+    #[test]
+    fn rate_and_acceleration_are_the_derivatives_of_the_attitude(
+        value in vector(2.0),
+        slope in vector(5.0),
+        curvature in vector(10.0),
+        yaw in -3.0..3.0_f64,
+    ) {
+        let force = |t: f64| Force {
+            value: value + Vector3::z() * 9.81 + slope * t + curvature * (t * t / 2.0),
+            slope: slope + curvature * t,
+            curvature,
+        };
+        let h = 1e-3;
+        let (now, next) = (force(0.0).attitude(yaw), force(h).attitude(yaw));
+        let turned = now.attitude.rotation_to(&next.attitude) / h;
+        prop_assert!((turned - now.rate.0).amax() < 0.02);
+        let accelerated = (next.rate.0 - now.rate.0) / h;
+        prop_assert!((accelerated - now.acceleration.0).amax() < 0.5);
+    }
+}
+
+#[test]
+fn a_moving_target_is_followed_without_lag() {
+    let mut model = ReferenceModel::new(ReferenceModelOptions::default(), LIMITS);
+    let mut target = Course { velocity: Vector3::x() * 0.5, ..Course::default() };
+    for _ in 0..600 {
+        target = target.after(PERIOD_S);
+        model.advance(&target, PERIOD_S);
+    }
+    let course = model.course();
+    assert!((course.position - target.position).norm() < 1e-3);
+    assert!((course.velocity - target.velocity).norm() < 1e-3);
+}
+
+#[test]
+fn the_command_filter_is_critically_damped_and_exact() {
+    let (w, input) = (14.0, Vector2::new(1.0, -2.0));
+    let mut filter = CommandFilter::new(w);
+    let mut smooth = filter.update(&input, 0.0);
+    for _ in 0..10 {
+        smooth = filter.update(&input, 0.01);
+    }
+    let step = 1.0 - (1.0 + w * 0.1) * (-w * 0.1_f64).exp();
+    assert!((smooth.value - input * step).amax() < 1e-12);
+    assert!((smooth.slope - input * (w * w * 0.1 * (-w * 0.1_f64).exp())).amax() < 1e-12);
+    filter.reset();
+    assert_eq!(filter.update(&Vector2::zeros(), 0.01).value, Vector2::zeros());
+}
+
+/// A sine of 3 Hz about body x, by 4 degrees.
+fn sine(t_s: f64) -> AttitudeReference {
+    let (amplitude, w) = (0.07, std::f64::consts::TAU * 3.0);
+    let x = Vector3::x() * amplitude;
+    AttitudeReference {
+        attitude: Attitude::from_rotation_vector(x * (w * t_s).sin()),
+        rate: BodyRate(x * (w * (w * t_s).cos())),
+        acceleration: AngularAcceleration(-x * (w * w * (w * t_s).sin())),
+    }
+}
+
+#[test]
+fn a_prescribed_attitude_is_led_over_the_delay() {
+    let mut lead = Lead::default();
+    for tick in 0..60 {
+        let t_s = f64::from(tick) * PERIOD_S;
+        let led = lead.lead(&sine(t_s), PERIOD_S, DELAY_S);
+        let (then, middle) = (sine(t_s + DELAY_S), sine(t_s + DELAY_S + PERIOD_S / 2.0));
+        if tick > 0 {
+            assert!(led.attitude.angle_to(&then.attitude) < 5e-4);
+            assert!((led.rate.0 - then.rate.0).norm() < 0.08);
+            assert!((led.acceleration.0 - middle.acceleration.0).norm() < 8.0);
+        }
+    }
+}
+
+#[test]
+fn a_step_of_a_prescribed_attitude_leads_nowhere() {
+    let mut lead = Lead::default();
+    lead.lead(&sine(0.02), PERIOD_S, DELAY_S);
+    let level = AttitudeReference::default();
+    assert_eq!(lead.lead(&level, PERIOD_S, DELAY_S), level);
+}

@@ -1,0 +1,110 @@
+//! What the autopilot knows of the vehicle is what the simulated vehicle does, where nothing disturbs it.
+
+use nalgebra::{Quaternion, Vector3, Vector4};
+use oqtal_bus::config::{Config, Setting};
+use oqtal_control::predictive::{Bias, Input, Motion, Rotation, VehicleModel};
+use oqtal_control::quaternion::Attitude;
+use oqtal_plant_sim::{Disturbance, Dynamics, State};
+use proptest::prelude::*;
+
+const STEP_S: f64 = 1e-4;
+
+fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
+    prop::array::uniform3(-limit..limit).prop_map(Vector3::from)
+}
+
+fn config(vehicle: &str) -> Config {
+    Config::from_settings(&[Setting::flag("test", "vehicle.kind", vehicle)]).unwrap()
+}
+
+fn model(config: &Config, rotation: Rotation) -> VehicleModel {
+    let vehicle = &config.vehicle;
+    VehicleModel {
+        rotation,
+        mass_kg: vehicle.mass_kg,
+        gravity_m_s2: vehicle.gravity_m_s2,
+        drag_per_s: vehicle.drag_per_s,
+        thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
+    }
+}
+
+fn state(motion: &Motion) -> State {
+    let [x, y, z, w] = motion.attitude.xyzw();
+    State {
+        position: motion.position,
+        velocity: motion.velocity,
+        attitude: Quaternion::new(w, x, y, z),
+        rate: motion.rate,
+        actuators: Vector4::x() * motion.thrust_n,
+    }
+}
+
+/// The plant's own equations, in steps a tenth as long as it takes.
+fn integrate(
+    config: &Config,
+    motion: &Motion,
+    input: &oqtal_plant_sim::Input,
+    disturbance: &Disturbance,
+) -> State {
+    let dynamics = Dynamics::new(&config.vehicle);
+    (0..350).fold(state(motion), |state, _| {
+        state.step(STEP_S, |state| dynamics.derivative(state, input, disturbance))
+    })
+}
+
+fn assert_same(predicted: &Motion, state: &State) {
+    assert!((predicted.position - state.position).norm() < 1e-8);
+    assert!((predicted.velocity - state.velocity).norm() < 1e-6);
+    assert!((predicted.rate - state.rate).norm() < 1e-5);
+    let q = state.attitude;
+    let attitude = Attitude::from_xyzw([q.i, q.j, q.k, q.w]).unwrap();
+    assert!(predicted.attitude.angle_to(&attitude) < 1e-6);
+    assert!((predicted.thrust_n - state.actuators.x).abs() < 1e-6);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn the_prediction_is_what_the_quadrotor_does(
+        (velocity, turn, rate) in (vector(2.0), vector(1.0), vector(2.0)),
+        (sticks, thrust, thrust_n) in (vector(1.0), 0.0..1.0_f64, 0.0..20.0_f64),
+        (drift, push) in (vector(0.1), vector(0.5)),
+    ) {
+        let config = config("hummingbird");
+        let lag_s = config.vehicle.rate_lag_ms * 1e-3;
+        let model = model(&config, Rotation::RateLoop { lag_s });
+        let attitude = Attitude::from_rotation_vector(turn);
+        let motion = Motion { position: Vector3::z(), velocity, attitude, rate, thrust_n };
+        let authority = Vector3::from(config.vehicle.rate_authority_rad_s);
+        let input = Input {
+            demand: sticks.component_mul(&authority),
+            thrust_n: thrust * config.vehicle.max_thrust_n,
+        };
+        let bias = Bias { demand: drift, acceleration: push };
+        let disturbance = Disturbance { acceleration: push, rate_drift: drift, voltage_ratio: 1.0 };
+        let told = oqtal_plant_sim::Input { sticks, thrust, ..Default::default() };
+        let predicted = model.advance(&motion, &input, &bias, 0.035);
+        assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
+    }
+
+    #[test]
+    fn the_prediction_is_what_the_spacecraft_does(
+        (velocity, turn, rate) in (vector(2.0), vector(1.0), vector(2.0)),
+        (torque, push) in (vector(1.0), vector(0.5)),
+    ) {
+        let config = config("spacecraft");
+        let inertia = config.vehicle.inertia().unwrap();
+        let model = model(&config, Rotation::RigidBody { inertia });
+        let attitude = Attitude::from_rotation_vector(turn);
+        let motion = Motion { position: Vector3::z(), velocity, attitude, rate, thrust_n: 1.6 };
+        let input = Input { demand: inertia.inverse() * torque, thrust_n: 1.6 };
+        let bias = Bias { demand: Vector3::zeros(), acceleration: push };
+        let disturbance =
+            Disturbance { acceleration: push, rate_drift: Vector3::zeros(), voltage_ratio: 1.0 };
+        let thrust = 1.6 / config.vehicle.max_thrust_n;
+        let told = oqtal_plant_sim::Input { torque, thrust, ..Default::default() };
+        let predicted = model.advance(&motion, &input, &bias, 0.035);
+        assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
+    }
+}
