@@ -7,7 +7,6 @@ use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, Controller, ControllerName, ControllerOptions, InvalidOption,
     RateInput,
 };
-use oqtal_control::quantity::Torque;
 use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
 
@@ -86,13 +85,18 @@ impl Body {
         match self {
             Self::Spacecraft(lander, limited) => {
                 let law = Controller::new(options, lander.input(*limited))?;
-                Ok(turn_spacecraft(lander, law, manoeuvre))
+                let start = lander.turning(&manoeuvre.attitude, manoeuvre.rate);
+                Ok(follow(law, start, manoeuvre, |state, torque| {
+                    (torque.0, lander.hold(state, torque.0, 1.0 / RATE_HZ))
+                }))
             }
             Self::Quadrotor(vehicle) => {
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?;
                 // As the daemon builds it: the paper's laws do not know of the lag.
                 let input = match options.controller {
-                    ControllerName::OqtalDt => input.with_lag(vehicle.rate_lag_ms * 1e-3)?,
+                    ControllerName::OqtalDt => {
+                        input.with_lag(vehicle.rate_lag_ms * 1e-3, 1.0 / RATE_HZ)?
+                    }
                     _ => input,
                 };
                 let law = Controller::new(options, input)?;
@@ -105,18 +109,6 @@ impl Body {
             }
         }
     }
-}
-
-/// Turns the spacecraft under any law of torque, 60 times a second.
-pub fn turn_spacecraft(
-    lander: &Lander,
-    law: impl AttitudeLaw<Command = Torque>,
-    manoeuvre: &Manoeuvre,
-) -> Turned {
-    let start = lander.turning(&manoeuvre.attitude, manoeuvre.rate);
-    follow(law, start, manoeuvre, |state, torque| {
-        (torque.0, lander.hold(state, torque.0, 1.0 / RATE_HZ))
-    })
 }
 
 /// The state after `sticks` have been held for a tick.

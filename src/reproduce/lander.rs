@@ -12,7 +12,7 @@ use oqtal_control::error::AttitudeError;
 use oqtal_control::gravity_turn::{GravityTurn, Guidance, GuidanceOptions};
 use oqtal_control::metrics::{Sample, TableTwo};
 use oqtal_control::position::attitude_along;
-use oqtal_control::quantity::{BodyRate, Torque};
+use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
 
@@ -148,13 +148,12 @@ impl Lander {
     ) -> Result<Option<TableTwo>, InvalidOption> {
         let options = ControllerOptions { rate_hz: descent.rate_hz, ..*options };
         let law = Controller::new(&options, self.input(false))?;
-        Ok(self.fly_with(law, descent, watch))
+        Ok(self.descend(law, descent, watch))
     }
 
-    /// The same under any law.
-    pub fn fly_with(
+    fn descend(
         &self,
-        mut law: impl AttitudeLaw<Command = Torque>,
+        mut law: Controller<TorqueInput>,
         descent: &Descent,
         mut watch: impl FnMut(&Moment),
     ) -> Option<TableTwo> {

@@ -44,7 +44,7 @@ pub fn chapter(context: &Context) -> Result<Chapter, Failure> {
     Ok(Chapter {
         title: "Square on the testbed",
         intro: vec![INTRO.to_owned()],
-        sheets: vec![main, counts(context)?],
+        sheets: vec![main, outer(context)?, counts(context)?],
         figures: figures::square::all(&entrants)?,
     })
 }
@@ -106,6 +106,34 @@ fn paper() -> impl Iterator<Item = Row> {
         Row::new(Variant::Paper, name, "laboratory", cells)
     })
 }
+
+/// The shipped `oqtal` with the outer loops as shipped, and tuned one at a time.
+fn outer(context: &Context) -> Result<Sheet, Failure> {
+    let tuned = match context.retune {
+        true => {
+            let tuned = tune::tune("outer", Default::default(), &context.progress)?;
+            context.keep("tuned/outer.toml", &tuned.to_toml())?;
+            tuned.settings()
+        }
+        false => tune::gains::tuned("outer"),
+    };
+    let entrants =
+        [("as shipped", Vec::new()), ("tuned one at a time", tuned)].map(|(outer, settings)| {
+            Entrant {
+                contender: Contender { controller: "oqtal", settings },
+                variant: Variant::Ours,
+                settings: format!("q 80, outer loops {outer}"),
+            }
+        });
+    let scope = table::Scope { raises_weights: false, ..PAPER };
+    let rows = table::rows(&entrants, &NOMINAL, &scope, &context.progress)?;
+    Ok(Sheet { notes: vec![OUTER.to_owned()], ..sheet("outer", OUTER_TITLE.to_owned(), rows) })
+}
+
+const OUTER_TITLE: &str = "The six outer PIDs, tuned one at a time";
+const OUTER: &str = "As the paper's reference [27] does in flight: one loop after the other, single input and single output, the inner \
+     ones first, each for its own error and a calm command; X and Y share their gains. The paper keeps the result for all \
+     three attitude laws.";
 
 const COUNTS: [Column; 3] = [
     ("cells", "cells"),

@@ -4,22 +4,23 @@ use oqtal_bus::config::Setting;
 use toml::{Table, Value};
 
 /// The files of `deploy/tuned`.
-const FILES: [(&str, &str); 5] = [
+const FILES: [(&str, &str); 6] = [
     ("pid", include_str!("../../deploy/tuned/pid.toml")),
     ("lqr", include_str!("../../deploy/tuned/lqr.toml")),
     ("oqtal", include_str!("../../deploy/tuned/oqtal.toml")),
     ("geometric", include_str!("../../deploy/tuned/geometric.toml")),
     ("oqtal-dt", include_str!("../../deploy/tuned/oqtal-dt.toml")),
+    ("outer", include_str!("../../deploy/tuned/outer.toml")),
 ];
 
-/// The tuned settings of a law.
+/// The tuned settings of a law, or of the outer loops.
 ///
 /// # Panics
 /// If there are none: a test holds that every law has its file.
 #[must_use]
-pub fn tuned(controller: &str) -> Vec<Setting> {
+pub fn tuned(what: &str) -> Vec<Setting> {
     let (name, text) =
-        FILES.iter().find(|(name, _)| *name == controller).expect("every law has its file");
+        FILES.iter().find(|(name, _)| *name == what).expect("every law has its file");
     let table: Table = text.parse().expect("written by us");
     let mut settings = Vec::new();
     collect(name, "", &table, &mut settings);

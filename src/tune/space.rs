@@ -68,6 +68,8 @@ pub const LAWS: [LawSpace; 5] = [
             parameter("control.predictive.position-gain-per-s", 0.3, 4.0),
             parameter("control.predictive.velocity-gain-per-s", 2.0, 20.0),
             parameter("control.predictive.command-bandwidth-rad-s", 4.0, 40.0),
+            parameter("control.predictive.reference.velocity-gain-per-s", 1.0, 12.0),
+            parameter("control.predictive.reference.braking-m-s2", 0.5, 2.5),
             parameter("control.predictive.filter.rate-walk-rad-s", 0.05, 5.0),
             parameter("control.predictive.filter.acceleration-walk-m-s2", 0.01, 1.0),
         ],
