@@ -68,9 +68,11 @@ fn table_4_reproduces_what_can_be_reproduced() {
     assert!(ratio > 100.0, "{ratio}");
     let lqr = row(&table, "lqr", "as-printed", "centred cells");
     assert!(number(lqr, "quaternion_error_norm") > 100.0 * number(oqtal, "quaternion_error_norm"));
-    for row in rows(&table).iter().filter(|row| row["variant"] == "paper") {
-        assert!(number(row, "position_error") > 0.0);
-    }
+    let ours = row(&table, "oqtal-dt", "ours", "");
+    assert!(number(ours, "position_error") <= 0.06, "{ours}");
+    assert!(number(ours, "quaternion_error_norm") <= 1e-4, "{ours}");
+    assert!(number(ours, "effort_norm") <= 0.115, "{ours}");
+    assert_eq!(rows(&table).iter().filter(|row| row["variant"] == "paper").count(), 3);
 }
 
 #[test]
@@ -106,6 +108,10 @@ fn the_claim_of_the_sweep_holds_for_errors_and_not_for_effort() {
     }
     assert_eq!(claim("effort", "to the last bit"), "false");
     assert_eq!(claim("calculations", "to the last bit"), "false");
+    let along = &table["tables"][0];
+    for row in rows(along).iter().filter(|row| row["controller"] == "oqtal-dt") {
+        assert!(row["position_error"].is_number(), "stable everywhere: {row}");
+    }
 }
 
 #[test]
@@ -147,17 +153,34 @@ fn a_page_a_document_and_the_rows_are_written() {
 }
 
 #[test]
-fn a_small_campaign_gives_a_number_for_every_metric() {
+fn in_a_small_campaign_prediction_pays_where_no_command_of_its_own_can_help() {
     let testbed = Testbed::new("campaign");
-    let words = ["campaign", "--controllers", "oqtal", "--runs", "2", "--best", "1", "--json"];
-    let table = printed(&testbed, &words);
-    let [row] = rows(&table).as_slice() else { panic!("{table:#}") };
-    for key in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
-        assert!(row[key]["mean"].is_number() && row[key]["sd"].is_number(), "{key} in {row:#}");
+    let table = printed(&testbed, &["campaign", "--runs", "4", "--best", "2", "--json"]);
+    for row in rows(&table) {
+        for key in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
+            assert!(row[key]["mean"].is_number() && row[key]["sd"].is_number(), "{key}: {row:#}");
+        }
+        assert_eq!((&row["runs"], &row["best"]), (&Value::from(4), &Value::from(2)));
     }
-    for key in ["hover_rms_mm", "settle_s", "overshoot_mm", "chirp4_rms_deg", "doublet_settle_s"] {
-        assert!(row[key].is_number(), "{key} in {row:#}");
+    let ours = row(&table, "oqtal-dt", "ours", "");
+    let rivals = || rows(&table).iter().filter(|row| row["controller"] != "oqtal-dt");
+    assert_eq!(rivals().count(), 4);
+    for (key, times) in [("chirp4_rms_deg", 3.0), ("hover_rms_mm", 2.0), ("doublet_settle_s", 1.8)]
+    {
+        let best = rivals().map(|row| number(row, key)).fold(f64::INFINITY, f64::min);
+        assert!(best >= times * number(ours, key), "{key}: {best} and {}", number(ours, key));
     }
+}
+
+#[test]
+fn a_law_is_tuned_within_its_budget_and_the_configuration_loads() {
+    let testbed = Testbed::new("tune");
+    let words = ["tune", "pid", "--budget", "12", "--out", "found.toml"];
+    let output = oqtal(&testbed, &words).output().unwrap();
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    let check = oqtal(&testbed, &["check", "found.toml"]).output().unwrap();
+    assert!(check.status.success(), "{}", common::stderr(&check));
+    assert!(String::from_utf8_lossy(&check.stdout).contains("controller = \"pid\""));
 }
 
 #[test]

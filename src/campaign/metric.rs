@@ -77,7 +77,7 @@ fn corners(flight: &Flight) -> (f64, f64) {
     let samples: Vec<&Sample> = flight.scored().collect();
     let reference = |sample: &Sample| Vector3::from(sample.telemetry.reference_position);
     let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
-    let mut from = before.map_or_else(Vector3::zeros, |sample| reference(sample));
+    let mut from = before.map_or_else(Vector3::zeros, reference);
     let (mut settle, mut overshoot) = (Statistics::default(), Statistics::default());
     for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < CORNER_M) {
         let to = reference(corner[0]);

@@ -19,7 +19,7 @@ const STEPS: u32 = 4;
 #[derive(Clone, Debug)]
 pub enum Body {
     /// Torque in; limited to what the vehicle can do, or not.
-    Spacecraft(Lander, bool),
+    Spacecraft(Box<Lander>, bool),
     /// Sticks in.
     Quadrotor(Box<Vehicle>),
 }

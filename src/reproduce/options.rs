@@ -116,7 +116,7 @@ fn flown(lander: &Lander, case: &Case) -> Result<Row, Failure> {
     let mut options = roster::oqtal([256.0, 1.0], Cells::Centred);
     options.oqtal = case.options;
     let turn = lander.fly(&options, &Descent::default(), |_| ()).map_err(invalid)?;
-    let body = Body::Spacecraft(lander.clone(), false);
+    let body = Body::Spacecraft(Box::new(lander.clone()), false);
     let far = body.turn(&options, &manoeuvre).map_err(invalid)?;
     let eps = |attitude| AttitudeError::between(&Attitude::LEVEL, attitude).eps().norm();
     let far_error: f64 = far.ticks.iter().map(|tick| eps(&tick.attitude) / RATE_HZ).sum();

@@ -38,7 +38,7 @@ const COLUMNS: [Column; 6] = [
 /// # Errors
 /// An option of a law has no meaning.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
-    let spacecraft = Body::Spacecraft(lander.clone(), true);
+    let spacecraft = Body::Spacecraft(Box::new(lander.clone()), true);
     let quadrotor = Body::quadrotor()?;
     let mut cases: Vec<(&str, &Body, Entry)> =
         roster::each().into_iter().map(|entry| ("spacecraft, 5 N m", &spacecraft, entry)).collect();

@@ -43,7 +43,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         .flat_map(|entry| steps().map(move |(axis, angle)| (entry, axis, angle)))
         .collect();
     let bar = progress.start("single step", cases.len());
-    let body = Body::Spacecraft(lander.clone(), false);
+    let body = Body::Spacecraft(Box::new(lander.clone()), false);
     let step = |(entry, axis, angle): &(&Entry, usize, f64)| {
         let row = stepped(&body, entry, *axis, *angle)?;
         bar.inc();

@@ -60,7 +60,6 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         intro: INTRO.map(str::to_owned).to_vec(),
         sheets: vec![sheet],
         figures: figures::turn::all(lander).map_err(invalid)?,
-        ..Chapter::default()
     })
 }
 
