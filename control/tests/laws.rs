@@ -7,6 +7,8 @@ mod closed_loop;
 mod discrete;
 #[path = "laws/gains.rs"]
 mod gains;
+#[path = "laws/geometric.rs"]
+mod geometric;
 #[path = "laws/golden_gains.rs"]
 mod golden_gains;
 #[path = "laws/robustness.rs"]

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
+use oqtal_control::error::AttitudeReference;
 use oqtal_control::estimator::{Estimate, Estimator, EstimatorOptions};
 use oqtal_control::metrics::Statistics;
 use oqtal_control::position::{PositionCommand, PositionLoops, PositionOptions, attitude_along};

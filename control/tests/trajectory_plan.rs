@@ -5,12 +5,14 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{FlightPlan, Phase, Place, TrajectoryKind, TrajectoryOptions};
 use proptest::prelude::*;
 
-const KINDS: [TrajectoryKind; 5] = [
+const KINDS: [TrajectoryKind; 7] = [
     TrajectoryKind::Hover,
     TrajectoryKind::Step,
     TrajectoryKind::Square,
     TrajectoryKind::Circle,
     TrajectoryKind::Lemniscate,
+    TrajectoryKind::AttitudeChirp,
+    TrajectoryKind::AttitudeDoublet,
 ];
 
 const START: Place = Place { position: Vector3::new(2.0, -1.0, 0.2), yaw_rad: 0.3 };

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! `e_R = (R_d'R - R'R_d)^v / 2` and `e_Omega = omega_e` (T. Lee, M. Leok and N. H. McClamroch, *IEEE
-//! CDC* 2010, Eqs. (10), (11), (16)); `e_I`, the integral of `e_Omega + c e_R`, is that of F.
+//! CDC* 2010); `e_I`, the integral of `e_Omega + c e_R`, is that of F.
 //! Goodarzi, D. Lee and T. Lee, *ECC* 2013. With the error used here, `e_R = 2 lambda eps`: the sine
 //! of the error angle, where OQTAL has the sine of half of it. It therefore fades towards half a
 //! turn. Different from the source: gains are per inertia, so that one set serves bodies alike.

@@ -157,7 +157,7 @@ impl VehicleModel {
                 demand - inertia.inverse() * inertia.gyroscopic_torque(BodyRate(motion.rate)).0
             }
         };
-        // Newton's law in the world frame, in place of Eq. (15), erratum E-15
+        // Newton's law, in the world frame
         let acceleration = motion.attitude.to_world(&Vector3::z())
             * (motion.thrust_n / self.mass_kg)
             - Vector3::z() * self.gravity_m_s2

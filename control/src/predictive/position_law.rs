@@ -21,6 +21,10 @@ use crate::trajectory::Reference;
 /// Share of the tilt that the reference may take; the rest is for corrections.
 const REFERENCE_SHARE: f64 = 0.9;
 
+/// A vehicle further than this from its reference was pushed away: the reference starts anew from
+/// where it is, so that the way back, too, keeps the limits \[m\].
+const LEASH_M: f64 = 0.3;
+
 /// What the law wants.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wish {
@@ -105,8 +109,8 @@ impl PositionLaw {
         Wish { velocity, force: within(force, limit) }
     }
 
-    /// Leads the reference on and returns it. While the position is not controlled it stays with
-    /// the vehicle, so that it starts from there.
+    /// Leads the reference on and returns it. While the position is not controlled, and when the
+    /// vehicle was pushed away, it starts from there.
     fn follow(
         &mut self,
         motion: &Motion,
@@ -118,14 +122,17 @@ impl PositionLaw {
         let target = Course { acceleration: self.acceleration(&velocity, dt_s), ..target };
         let target = target.after(delay_s);
         let (horizontal, vertical) = (axes(&target, HORIZONTAL), axes(&target, VERTICAL));
-        if self.following.is_none() {
+        let begins = self.following.is_none();
+        if begins {
             self.vertical.restart(vertical.position, vertical.velocity);
+        } else if strays(&self.vertical, motion, VERTICAL) {
+            restart(&mut self.vertical, motion, VERTICAL);
         }
-        if self.following.is_none() || reference.attitude.is_some() {
+        if begins || reference.attitude.is_some() || strays(&self.horizontal, motion, HORIZONTAL) {
             self.filter.reset();
-            let here = |vector: &Vector3<f64>| vector.component_mul(&HORIZONTAL);
-            self.horizontal.restart(here(&motion.position), here(&motion.velocity));
-        } else {
+            restart(&mut self.horizontal, motion, HORIZONTAL);
+        }
+        if reference.attitude.is_none() {
             self.horizontal.advance(&horizontal, dt_s);
         }
         self.vertical.advance(&vertical, dt_s);
@@ -144,6 +151,15 @@ impl PositionLaw {
 
 const HORIZONTAL: Vector3<f64> = Vector3::new(1.0, 1.0, 0.0);
 const VERTICAL: Vector3<f64> = Vector3::new(0.0, 0.0, 1.0);
+
+/// Whether the vehicle is not where a reference that it could follow would have it.
+fn strays(model: &ReferenceModel, motion: &Motion, axes: Vector3<f64>) -> bool {
+    (motion.position.component_mul(&axes) - model.course().position).norm() > LEASH_M
+}
+
+fn restart(model: &mut ReferenceModel, motion: &Motion, axes: Vector3<f64>) {
+    model.restart(motion.position.component_mul(&axes), motion.velocity.component_mul(&axes));
+}
 
 /// The part of a course along some axes.
 fn axes(course: &Course, axes: Vector3<f64>) -> Course {

@@ -44,12 +44,12 @@ pub struct ReferenceModelOptions {
 impl Default for ReferenceModelOptions {
     fn default() -> Self {
         Self {
-            position_gain_per_s: 3.36,
-            velocity_gain_per_s: 4.19,
-            acceleration_gain_per_s: 8.69,
+            position_gain_per_s: 3.5,
+            velocity_gain_per_s: 6.0,
+            acceleration_gain_per_s: 14.0,
             jerk_gain_per_s: 25.0,
-            braking_m_s2: 1.39,
-            jerk_limit_m_s3: 22.6,
+            braking_m_s2: 2.4,
+            jerk_limit_m_s3: 17.0,
         }
     }
 }

@@ -118,6 +118,23 @@ fn a_prescribed_attitude_is_followed_through_the_delay() {
 }
 
 #[test]
+fn a_vehicle_that_was_pushed_away_comes_back_no_faster_than_it_may() {
+    let mut bench = Bench::new(Bias::default());
+    for _ in 0..300 {
+        bench.turn(&hover());
+    }
+    // The filters take part of the jump for speed: hence not quite the limit of 0.8.
+    bench.motion.position += Vector3::new(0.6, -0.6, 0.4);
+    let mut fastest = 0.0_f64;
+    for _ in 0..600 {
+        bench.turn(&hover());
+        fastest = fastest.max(bench.motion.velocity.xy().norm());
+    }
+    assert!(fastest < 1.0, "{fastest} m/s");
+    assert!(bench.motion.position.norm() < 1e-3, "left at {}", bench.motion.position);
+}
+
+#[test]
 fn before_the_first_pose_and_without_finite_numbers_nothing_is_decided() {
     let mut autopilot = autopilot();
     assert_eq!(autopilot.decide(1.0, &hover()), None);

@@ -32,7 +32,7 @@ proptest! {
         let courses = towards(target, 15.0);
         let jerk_limit = ReferenceModelOptions::default().jerk_limit_m_s3;
         for course in &courses {
-            prop_assert!(course.velocity.norm() <= LIMITS.speed * 1.05);
+            prop_assert!(course.velocity.norm() <= LIMITS.speed * 1.02);
             prop_assert!(course.acceleration.norm() <= LIMITS.acceleration * 1.05);
             prop_assert!(course.jerk.norm() <= jerk_limit * (1.0 + 1e-9));
             let past = course.position.dot(&target) - target.norm_squared();

@@ -1,0 +1,50 @@
+//! The geometric law, against its own formulas in rotation matrices.
+
+use oqtal_control::controller::GeometricOptions;
+
+use super::*;
+
+fn matrix(attitude: &Attitude) -> Matrix3<f64> {
+    attitude.unit_quaternion().to_rotation_matrix().into_inner()
+}
+
+/// `x` of the skew matrix `x^`.
+fn vee(skew: &Matrix3<f64>) -> Vector3<f64> {
+    Vector3::new(skew[(2, 1)], skew[(0, 2)], skew[(1, 0)])
+}
+
+proptest! {
+    #[test]
+    fn it_is_the_law_of_its_source(state in state(), reference in reference()) {
+        let inertia = uneven_inertia();
+        let input = TorqueInput::new(inertia, 1e6).unwrap();
+        let options = ControllerOptions::spacecraft();
+        let command =
+            first_command(law(ControllerName::Geometric, &options, input), &state, &reference);
+
+        let GeometricOptions { attitude_gain, rate_gain_per_s, .. } = options.geometric;
+        let (r, r_d) = (matrix(&state.attitude), matrix(&reference.attitude));
+        let (omega, omega_d) = (state.rate.0, reference.rate.0);
+        let c = r.transpose() * r_d;
+        let e_r = vee(&(r_d.transpose() * r - r.transpose() * r_d)) / 2.0;
+        let e_omega = omega - c * omega_d;
+        let j = inertia.matrix();
+        let expected = -(j * (attitude_gain * e_r + rate_gain_per_s * e_omega))
+            + omega.cross(&(j * omega))
+            - j * (omega.cross_matrix() * c * omega_d - c * reference.acceleration.0);
+        prop_assert!((command - expected).amax() < 1e-9 * (1.0 + expected.amax()));
+    }
+
+    /// What is 2 lambda eps elsewhere in this crate.
+    #[test]
+    fn it_fades_towards_half_a_turn(axis in vector(1.0)) {
+        prop_assume!(axis.norm() > 1e-3);
+        let pull = |degrees: f64| {
+            let turn = axis.normalize() * degrees.to_radians();
+            let law = law(ControllerName::Geometric, &ControllerOptions::spacecraft(), spacecraft());
+            let level = AttitudeReference::default();
+            first_command(law, &at_rest(Attitude::from_rotation_vector(turn)), &level).norm()
+        };
+        prop_assert!((pull(175.0) - pull(5.0)).abs() < 1e-9);
+    }
+}
