@@ -129,7 +129,7 @@ pub struct ReproduceArgs {
     /// Tables, experiments and figures
     #[arg(value_parser = PossibleValuesParser::new(targets()), default_value = ALL)]
     what: Vec<String>,
-    /// Tune the gains of Table V anew, in place of those that come with the program; takes an hour or so
+    /// Tune the gains of Table V anew, in place of those that come with the program: minutes for each law
     #[arg(long)]
     retune: bool,
     /// Where reproduction.html, reproduction.md and reproduction.json are written

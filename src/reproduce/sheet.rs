@@ -208,7 +208,9 @@ impl Sheet {
     /// As Markdown, one block of rows for each variant.
     #[must_use]
     pub fn to_markdown(&self) -> String {
-        let headings = self.headings();
+        // A bar in a cell would end it.
+        let headings: Vec<String> =
+            self.headings().iter().map(|heading| heading.replace('|', "\\|")).collect();
         let mut text = format!("### {}\n\n", self.title);
         for note in &self.notes {
             text += &format!("{note}\n\n");
@@ -217,7 +219,7 @@ impl Sheet {
         for variant in Variant::ALL {
             for row in self.of(variant) {
                 let cells: Vec<String> = row.cells.iter().map(Cell::show).collect();
-                let (name, settings) = (&row.controller, &row.settings);
+                let (name, settings) = (&row.controller, row.settings.replace('|', "\\|"));
                 let cells = cells.join(" | ");
                 text += &format!("| {} | {name} | {settings} | {cells} |\n", variant.title());
             }
@@ -235,7 +237,7 @@ mod tests {
         Sheet {
             name: "IV".to_owned(),
             title: "Table IV".to_owned(),
-            columns: vec![("a", "A"), ("b", "B"), ("c", "C")],
+            columns: vec![("a", "∫|A|"), ("b", "B"), ("c", "C")],
             rows: vec![Row::new(Variant::Ours, "oqtal", "q 256", cells)],
             ..Sheet::default()
         }
@@ -248,6 +250,14 @@ mod tests {
             "a": 0.004_992, "b": { "mean": 1.25, "sd": 0.033 }, "c": null,
         }] });
         assert_eq!(sheet().to_json(), expected);
+    }
+
+    #[test]
+    fn a_bar_does_not_end_a_cell_of_markdown() {
+        let text = sheet().to_markdown();
+        assert!(text.contains("∫\\|A\\|"), "{text}");
+        let cells = |line: &str| line.replace("\\|", "").matches('|').count();
+        assert!(text.lines().filter(|line| line.starts_with('|')).all(|line| cells(line) == 7));
     }
 
     #[test]

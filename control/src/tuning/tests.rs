@@ -7,6 +7,9 @@ use proptest::prelude::*;
 
 use super::*;
 
+/// Plain and guided, each from three seeds.
+const COLONIES: [(f64, u64); 6] = [(0.0, 0), (0.0, 1), (0.0, 2), (1.5, 0), (1.5, 1), (1.5, 2)];
+
 fn sphere(x: &[f64]) -> f64 {
     x.iter().map(|xi| xi * xi).sum()
 }
@@ -21,32 +24,37 @@ fn rastrigin(x: &[f64]) -> f64 {
     x.iter().map(|xi| xi * xi - 10.0 * (TAU * xi).cos() + 10.0).sum()
 }
 
-fn minimum(objective: fn(&[f64]) -> f64, dimensions: usize, budget: usize, seed: u64) -> Best {
+fn minimum(
+    objective: fn(&[f64]) -> f64,
+    dimensions: usize,
+    budget: usize,
+    (pull, seed): (f64, u64),
+) -> Best {
     let bounds = vec![-5.0..=5.0; dimensions];
-    let colony = BeeColony::within(budget, dimensions, seed);
+    let colony = BeeColony { pull, ..BeeColony::within(budget, dimensions, seed) };
     colony.minimise(&bounds, &[], |points| points.iter().map(|x| objective(x)).collect())
 }
 
 #[test]
 fn it_finds_the_bottom_of_a_bowl() {
-    for seed in 0..5 {
-        let best = minimum(sphere, 4, 4000, seed);
+    for colony in COLONIES {
+        let best = minimum(sphere, 4, 4000, colony);
         assert!(best.value < 1e-6, "{best:?}");
     }
 }
 
 #[test]
 fn it_follows_a_bent_valley() {
-    for seed in 0..5 {
-        let best = minimum(rosenbrock, 2, 20_000, seed);
+    for colony in COLONIES {
+        let best = minimum(rosenbrock, 2, 20_000, colony);
         assert!(best.value < 0.05, "{best:?}");
     }
 }
 
 #[test]
 fn it_is_not_caught_in_one_of_many_dips() {
-    for seed in 0..5 {
-        let best = minimum(rastrigin, 4, 8000, seed);
+    for colony in COLONIES {
+        let best = minimum(rastrigin, 4, 8000, colony);
         assert!(best.value < 1e-3, "{best:?}");
     }
 }
@@ -95,4 +103,11 @@ proptest! {
         prop_assert_eq!(best.value, sphere(&best.point));
         prop_assert_eq!(search(), best);
     }
+}
+
+#[test]
+fn guidance_saves_evaluations() {
+    let values =
+        |pull: f64| (0..20).map(move |seed| minimum(sphere, 7, 400, (pull, seed)).value.ln());
+    assert!(values(1.5).sum::<f64>() < values(0.0).sum::<f64>());
 }
