@@ -7,11 +7,14 @@ use oqtal_bus::process::{Exit, Failure, ProcessCommand, execute};
 use oqtal_bus::program::conclude;
 use oqtal_bus::topic::Party;
 
+use crate::campaign::CampaignArgs;
 use crate::check::CheckArgs;
 use crate::ctl::CtlArgs;
 use crate::doctor::DoctorArgs;
 use crate::fly::FlyArgs;
 use crate::latency::{LatencyArgs, Part};
+use crate::reproduce::ReproduceArgs;
+use crate::tune::TuneArgs;
 
 /// Real-time quaternion control for indoor flight laboratories
 ///
@@ -29,6 +32,12 @@ pub struct Cli {
 enum Command {
     /// Fly a trajectory: start the processes, fly, land, print errors and latencies, write a report
     Fly(Box<FlyArgs>),
+    /// Fly every attitude law many times, and compare
+    Campaign(CampaignArgs),
+    /// Repeat the paper's experiments: its tables and figures, as printed and ours
+    Reproduce(ReproduceArgs),
+    /// Tune gains on simulated flights
+    Tune(TuneArgs),
     /// Speak to a running daemon
     Ctl(CtlArgs),
     /// Where the time goes, beside what the machine gives bare
@@ -58,6 +67,9 @@ impl Cli {
         let result = match self.command {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
+            Some(Command::Campaign(args)) => args.execute(),
+            Some(Command::Reproduce(args)) => args.execute(),
+            Some(Command::Tune(args)) => args.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Latency(args)) => args.execute(),
             Some(Command::Doctor(args)) => args.execute(),

@@ -2,6 +2,7 @@
 // Shared memory of a bare futex, in `latency/bare/shared.rs`.
 #![deny(unsafe_code)]
 
+pub mod campaign;
 pub mod check;
 mod child;
 pub mod cli;
@@ -14,5 +15,7 @@ pub mod kernel;
 pub mod latency;
 pub mod recorder;
 pub mod report;
+pub mod reproduce;
 pub mod summary;
 pub mod table;
+pub mod tune;

@@ -1,17 +1,17 @@
 //! The report of a flight: one HTML page that needs nothing else.
 
-mod axis;
+pub(crate) mod axis;
 mod events;
-mod figure;
+pub(crate) mod figure;
 #[cfg(test)]
 pub(crate) mod fixture;
 mod latency;
 mod motion;
-mod palette;
+pub(crate) mod palette;
 mod path;
-mod plot;
+pub(crate) mod plot;
 mod replay;
-mod series;
+pub(crate) mod series;
 mod settings;
 pub(crate) mod unit;
 
@@ -36,6 +36,14 @@ pub fn html(flight: &Flight, summary: &Summary) -> String {
     } else {
         of_flight(&timeline, summary)
     };
+    let title =
+        format!("{} · {} · {}", summary.controller, subject(flight, summary), summary.outcome);
+    let main = html! { (body) (settings::settings(flight, summary)) };
+    page(&title, "", &html! { (heading(flight, summary)) main { (main) } })
+}
+
+/// A complete HTML document in the style of the reports, with `style` added to it.
+pub(crate) fn page(title: &str, style: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -43,10 +51,10 @@ pub fn html(flight: &Flight, summary: &Summary) -> String {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
-                title { (summary.controller) " · " (subject(flight, summary)) " · " (summary.outcome) }
-                style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) }
+                title { (title) }
+                style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) (PreEscaped(style)) }
             }
-            body { (heading(flight, summary)) main { (body) (settings::settings(flight, summary)) } }
+            body { (body) }
         }
     };
     page.into_string()

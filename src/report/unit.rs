@@ -9,6 +9,11 @@ const MOST_STATES: usize = 7;
 
 /// Three significant digits, without an exponent from a millionth up.
 pub fn significant(value: f64) -> String {
+    rounded(value, 3)
+}
+
+/// The same with that many significant digits.
+pub fn rounded(value: f64, digits: i32) -> String {
     if !value.is_finite() {
         return MISSING.to_owned();
     }
@@ -16,9 +21,9 @@ pub fn significant(value: f64) -> String {
         return "0".to_owned();
     }
     if !(1e-6..1e9).contains(&value.abs()) {
-        return format!("{value:.2e}");
+        return format!("{value:.*e}", digits.unsigned_abs() as usize - 1);
     }
-    let decimals = 2 - value.abs().log10().floor() as i32;
+    let decimals = digits - 1 - value.abs().log10().floor() as i32;
     let unit = 10_f64.powi(-decimals);
     match usize::try_from(decimals) {
         Ok(decimals) => format!("{value:.decimals$}"),

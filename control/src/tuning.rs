@@ -1,0 +1,213 @@
+//! Tuning by search: the artificial bee colony, which needs nothing of an objective but its values.
+//!
+//! D. Karaboga and B. Basturk, *J. Global Optimization* 39 (2007) 459; it is the optimiser that the paper tunes its rivals
+//! with. A *source* is a point of the search space. In every cycle each source sends out one *employed* bee and, the
+//! better it is the more often, *onlookers*: each bee looks at a point that differs from its source in one coordinate and
+//! moves the source there if that is better. A source that was not improved for long is given up and a *scout* finds
+//! another anywhere.
+//!
+//! The bees of one kind fly at once: all points of a batch are chosen before any of them is evaluated. So a caller may
+//! evaluate a batch in parallel, and the result does not depend on how.
+
+use std::ops::RangeInclusive;
+
+use random::SplitMix64;
+
+mod random;
+
+/// An artificial bee colony: how far it searches, and from which seed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BeeColony {
+    /// Sources, employed bees and onlookers; at least 2.
+    pub sources: usize,
+    /// Cycles after the first look at every source.
+    pub cycles: usize,
+    /// A source that so many bees left without improving it is given up.
+    pub limit: usize,
+    /// How strongly every bee is drawn towards the best point so far: 0 is Karaboga's colony; 1.5 is the guided one of G.
+    /// Zhu and S. Kwong, *Appl. Math. Comput.* 217 (2010) 3166, which needs fewer evaluations.
+    pub pull: f64,
+    /// Seed of every choice.
+    pub seed: u64,
+}
+
+/// The best point found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Best {
+    /// Its coordinates.
+    pub point: Vec<f64>,
+    /// The objective there; infinite if no point had a value.
+    pub value: f64,
+    /// How many points were evaluated.
+    pub evaluations: usize,
+}
+
+/// A point under search.
+#[derive(Clone, Debug)]
+struct Source {
+    point: Vec<f64>,
+    value: f64,
+    /// Bees that did not improve it.
+    trials: usize,
+}
+
+impl BeeColony {
+    /// A guided colony that evaluates about `budget` points in all, with Karaboga's limit: as many bees as would have tried
+    /// every coordinate of every source.
+    #[must_use]
+    pub fn within(budget: usize, dimensions: usize, seed: u64) -> Self {
+        let sources = 10;
+        let cycles = budget.saturating_sub(sources) / (2 * sources);
+        Self { sources, cycles, limit: sources * dimensions, pull: 1.5, seed }
+    }
+
+    /// How many points are evaluated at most.
+    #[must_use]
+    pub fn most_evaluations(&self) -> usize {
+        // At most one scout per cycle.
+        self.sources + self.cycles * (2 * self.sources + 1)
+    }
+
+    /// The point within `bounds` at which the objective is least, of those the colony looks at.
+    ///
+    /// `starts` are sources to begin with; the others are drawn. `evaluate` gives the objective at each point of a batch,
+    /// in order; a value that is not a number counts as infinite.
+    ///
+    /// # Panics
+    /// If there are no `bounds`: a point needs a coordinate to move along.
+    pub fn minimise(
+        &self,
+        bounds: &[RangeInclusive<f64>],
+        starts: &[Vec<f64>],
+        evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
+    ) -> Best {
+        let mut search = Search::begin(self, bounds, starts, evaluate);
+        for _ in 0..self.cycles {
+            let everyone = (0..search.sources.len()).collect();
+            search.send(everyone);
+            let chosen = search.choose();
+            search.send(chosen);
+            search.scout(self.limit);
+        }
+        search.best
+    }
+}
+
+/// A search under way.
+struct Search<'a, F> {
+    pull: f64,
+    bounds: &'a [RangeInclusive<f64>],
+    evaluate: F,
+    random: SplitMix64,
+    sources: Vec<Source>,
+    best: Best,
+}
+
+impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> Search<'a, F> {
+    fn begin(
+        colony: &BeeColony,
+        bounds: &'a [RangeInclusive<f64>],
+        starts: &[Vec<f64>],
+        evaluate: F,
+    ) -> Self {
+        let mut random = SplitMix64::new(colony.seed);
+        let count = colony.sources.max(2);
+        let mut points: Vec<Vec<f64>> = starts.iter().take(count).cloned().collect();
+        while points.len() < count {
+            points.push(anywhere(bounds, &mut random));
+        }
+        let best = Best { point: points[0].clone(), value: f64::INFINITY, evaluations: 0 };
+        let pull = colony.pull;
+        let mut search = Self { pull, bounds, evaluate, random, sources: Vec::new(), best };
+        let values = search.look(&points);
+        let source = |(point, value)| Source { point, value, trials: 0 };
+        search.sources = points.into_iter().zip(values).map(source).collect();
+        search
+    }
+
+    /// The objective at `points`; remembers the best.
+    fn look(&mut self, points: &[Vec<f64>]) -> Vec<f64> {
+        let mut values = (self.evaluate)(points);
+        values.resize(points.len(), f64::INFINITY);
+        for (point, value) in points.iter().zip(&mut values) {
+            if value.is_nan() {
+                *value = f64::INFINITY;
+            }
+            if *value < self.best.value {
+                self.best.point.clone_from(point);
+                self.best.value = *value;
+            }
+        }
+        self.best.evaluations += points.len();
+        values
+    }
+
+    /// Sends one bee from each of these sources; a source may send several.
+    fn send(&mut self, from: Vec<usize>) {
+        let points: Vec<_> = from.iter().map(|index| self.near(*index)).collect();
+        let values = self.look(&points);
+        for ((index, point), value) in from.into_iter().zip(points).zip(values) {
+            let source = &mut self.sources[index];
+            if value < source.value {
+                *source = Source { point, value, trials: 0 };
+            } else {
+                source.trials += 1;
+            }
+        }
+    }
+
+    /// A point that differs from a source in one coordinate, by a share of its distance to another source there and, if the
+    /// colony is guided, of that to the best point.
+    fn near(&mut self, index: usize) -> Vec<f64> {
+        let axis = self.random.below(self.bounds.len());
+        let other = (index + 1 + self.random.below(self.sources.len() - 1)) % self.sources.len();
+        let mut point = self.sources[index].point.clone();
+        let distance = point[axis] - self.sources[other].point[axis];
+        let bounds = &self.bounds[axis];
+        let to_best = self.best.point[axis] - point[axis];
+        let moved = point[axis]
+            + self.random.between(-1.0, 1.0) * distance
+            + self.random.between(0.0, self.pull) * to_best;
+        point[axis] = moved.clamp(*bounds.start(), *bounds.end());
+        point
+    }
+
+    /// The sources that the onlookers fly to: each with a probability in proportion to its fitness.
+    fn choose(&mut self) -> Vec<usize> {
+        let fitness: Vec<f64> = self.sources.iter().map(|source| fitness(source.value)).collect();
+        let total: f64 = fitness.iter().sum();
+        let mut chosen = Vec::with_capacity(fitness.len());
+        for _ in 0..fitness.len() {
+            let mut ticket = self.random.between(0.0, total);
+            let mut index = 0;
+            while index + 1 < fitness.len() && ticket >= fitness[index] {
+                ticket -= fitness[index];
+                index += 1;
+            }
+            chosen.push(index);
+        }
+        chosen
+    }
+
+    /// Replaces the source that was tried most often in vain, if that is more than `limit` bees.
+    fn scout(&mut self, limit: usize) {
+        let tired = (0..self.sources.len()).max_by_key(|index| self.sources[*index].trials);
+        let Some(index) = tired.filter(|index| self.sources[*index].trials > limit) else { return };
+        let point = anywhere(self.bounds, &mut self.random);
+        let value = self.look(std::slice::from_ref(&point))[0];
+        self.sources[index] = Source { point, value, trials: 0 };
+    }
+}
+
+/// A point drawn evenly from within the bounds.
+fn anywhere(bounds: &[RangeInclusive<f64>], random: &mut SplitMix64) -> Vec<f64> {
+    bounds.iter().map(|axis| random.between(*axis.start(), *axis.end())).collect()
+}
+
+/// What onlookers go by: above 0, and the greater the lower the value.
+fn fitness(value: f64) -> f64 {
+    if value >= 0.0 { 1.0 / (1.0 + value) } else { 1.0 - value }
+}
+
+#[cfg(test)]
+mod tests;

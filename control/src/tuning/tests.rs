@@ -1,0 +1,113 @@
+//! The colony on functions whose minimum is known.
+
+use std::cell::Cell;
+use std::f64::consts::TAU;
+
+use proptest::prelude::*;
+
+use super::*;
+
+/// Plain and guided, each from three seeds.
+const COLONIES: [(f64, u64); 6] = [(0.0, 0), (0.0, 1), (0.0, 2), (1.5, 0), (1.5, 1), (1.5, 2)];
+
+fn sphere(x: &[f64]) -> f64 {
+    x.iter().map(|xi| xi * xi).sum()
+}
+
+fn rosenbrock(x: &[f64]) -> f64 {
+    let term =
+        |pair: &[f64]| 100.0 * (pair[1] - pair[0] * pair[0]).powi(2) + (1.0 - pair[0]).powi(2);
+    x.windows(2).map(term).sum()
+}
+
+fn rastrigin(x: &[f64]) -> f64 {
+    x.iter().map(|xi| xi * xi - 10.0 * (TAU * xi).cos() + 10.0).sum()
+}
+
+fn minimum(
+    objective: fn(&[f64]) -> f64,
+    dimensions: usize,
+    budget: usize,
+    (pull, seed): (f64, u64),
+) -> Best {
+    let bounds = vec![-5.0..=5.0; dimensions];
+    let colony = BeeColony { pull, ..BeeColony::within(budget, dimensions, seed) };
+    colony.minimise(&bounds, &[], |points| points.iter().map(|x| objective(x)).collect())
+}
+
+#[test]
+fn it_finds_the_bottom_of_a_bowl() {
+    for colony in COLONIES {
+        let best = minimum(sphere, 4, 4000, colony);
+        assert!(best.value < 1e-6, "{best:?}");
+    }
+}
+
+#[test]
+fn it_follows_a_bent_valley() {
+    for colony in COLONIES {
+        let best = minimum(rosenbrock, 2, 20_000, colony);
+        assert!(best.value < 0.05, "{best:?}");
+    }
+}
+
+#[test]
+fn it_is_not_caught_in_one_of_many_dips() {
+    for colony in COLONIES {
+        let best = minimum(rastrigin, 4, 8000, colony);
+        assert!(best.value < 1e-3, "{best:?}");
+    }
+}
+
+#[test]
+fn a_good_start_is_never_lost() {
+    let bounds = vec![-5.0..=5.0; 6];
+    let colony = BeeColony::within(60, 6, 3);
+    let start = vec![vec![1e-3; 6]];
+    let evaluate = |points: &[Vec<f64>]| points.iter().map(|x| sphere(x)).collect();
+    assert!(colony.minimise(&bounds, &start, evaluate).value <= sphere(&start[0]));
+}
+
+#[test]
+fn an_objective_without_values_is_survived() {
+    let colony = BeeColony::within(100, 2, 1);
+    let bounds = [0.0..=1.0, 0.0..=1.0];
+    let best = colony.minimise(&bounds, &[], |points| vec![f64::NAN; points.len()]);
+    assert_eq!(best.value, f64::INFINITY);
+    assert_eq!(best.point.len(), 2);
+}
+
+proptest! {
+    #[test]
+    fn it_stays_within_bounds_and_budget_and_repeats(
+        seed in any::<u64>(),
+        budget in 40_usize..400,
+        low in -3.0..0.0_f64,
+        width in 0.0..4.0_f64,
+    ) {
+        let bounds = [low..=low + width, 0.5..=0.5, -1.0..=1.0];
+        let colony = BeeColony::within(budget, 3, seed);
+        let seen = Cell::new(0);
+        let search = || {
+            colony.minimise(&bounds, &[], |points| {
+                seen.set(seen.get() + points.len());
+                for point in points {
+                    assert!(point.iter().zip(&bounds).all(|(x, axis)| axis.contains(x)));
+                }
+                points.iter().map(|x| sphere(x)).collect()
+            })
+        };
+        let best = search();
+        prop_assert_eq!(best.evaluations, seen.get());
+        prop_assert!(best.evaluations <= colony.most_evaluations());
+        prop_assert_eq!(best.value, sphere(&best.point));
+        prop_assert_eq!(search(), best);
+    }
+}
+
+#[test]
+fn guidance_saves_evaluations() {
+    let values =
+        |pull: f64| (0..20).map(move |seed| minimum(sphere, 7, 400, (pull, seed)).value.ln());
+    assert!(values(1.5).sum::<f64>() < values(0.0).sum::<f64>());
+}

@@ -1,0 +1,46 @@
+//! Figs. 6 to 9: a criterion over the weights, classic LQR and OQTAL on the same axes.
+
+use std::ops::Range;
+
+use oqtal_control::metrics::TableTwo;
+
+use crate::report::axis::extent;
+use crate::report::palette::Ink;
+use crate::reproduce::sweep::{CRITERIA, Criterion, EXPONENTS, Surface};
+
+use super::Figure;
+use super::scene::{Edge, Scene};
+
+const NAMES: [(&str, Ink); 2] = [("classic LQR", Ink::Second), ("OQTAL", Ink::Actual)];
+
+/// The four figures.
+#[must_use]
+pub fn all(surfaces: [&Surface; 2]) -> Vec<Figure> {
+    CRITERIA.iter().map(|criterion| figure(criterion, surfaces)).collect()
+}
+
+fn figure(criterion: &Criterion, surfaces: [&Surface; 2]) -> Figure {
+    let side = (EXPONENTS.end() + 1) as usize;
+    let height = |metrics: &TableTwo| (criterion.value)(metrics).max(1e-12).log10();
+    let values = surfaces.into_iter().flatten().flatten().map(height);
+    let Range { start, end } = extent(values);
+    let exponents = 0.0..f64::from(*EXPONENTS.end());
+    let power_of_two = |value: f64| format!("2^{value:.0}");
+    let mut scene = Scene::new([
+        Edge { name: "q", range: exponents.clone(), label: power_of_two },
+        Edge { name: "r", range: exponents, label: power_of_two },
+        Edge {
+            name: "",
+            range: start.floor()..end.ceil().max(start.floor() + 1.0),
+            label: |value| format!("1e{value:.0}"),
+        },
+    ]);
+    scene.surfaces(&NAMES, side, |surface, q, r| {
+        let metrics = surfaces[surface][q * side + r].as_ref()?;
+        Some([q as f64, r as f64, height(metrics)])
+    });
+    let number = criterion.figure;
+    let title =
+        format!("Fig. {number}: {} over q and r; open where control is lost", criterion.name);
+    Figure { number, markup: scene.figure(&title) }
+}

@@ -1,0 +1,43 @@
+//! How far the work is, on standard error; silent where that is no terminal.
+
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+
+/// The progress of a command.
+#[derive(Debug, Default)]
+pub struct Progress {
+    bars: MultiProgress,
+}
+
+impl Progress {
+    /// A bar for a piece of work of `steps` steps.
+    #[must_use]
+    pub fn start(&self, name: &str, steps: usize) -> Bar {
+        let bar = self.bars.add(ProgressBar::new(steps as u64));
+        let style = ProgressStyle::with_template("{msg:24} {bar:30.cyan/blue} {pos:>6}/{len}");
+        bar.set_style(style.expect("the template is constant and valid"));
+        bar.set_message(name.to_owned());
+        Bar(bar)
+    }
+}
+
+/// The progress of one piece of work; gone when it is dropped.
+#[derive(Debug)]
+pub struct Bar(ProgressBar);
+
+impl Bar {
+    /// One step is done.
+    pub fn inc(&self) {
+        self.0.inc(1);
+    }
+
+    /// Another step was added to the work, or several.
+    pub fn add(&self, steps: usize) {
+        self.0.inc(steps as u64);
+    }
+}
+
+impl Drop for Bar {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}

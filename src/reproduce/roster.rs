@@ -1,0 +1,210 @@
+//! The attitude laws of the spacecraft's experiments, as data. A further law is a further entry.
+
+use oqtal_control::controller::{
+    ControllerName, ControllerOptions, LqrOptions, OqtalDtOptions, OqtalOptions, PidOptions,
+    RateFeedback,
+};
+use oqtal_control::schedule::Cells;
+
+use super::lander::{Descent, RATE_HZ};
+use super::sheet::Variant;
+
+/// A pitch beyond any: cells are linearised where the rule puts them, as printed.
+const NO_LIMIT_RAD: f64 = 10.0;
+/// What the paper does not limit is not limited.
+const NO_INTEGRAL_LIMIT: f64 = 1e6;
+/// A torque held for so short is as good as continuous control \[Hz\].
+const CONTINUOUS_HZ: f64 = 64.0 * RATE_HZ;
+
+/// A law with its settings.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    /// Its name in tables.
+    pub controller: &'static str,
+    /// Where it comes from.
+    pub variant: Variant,
+    /// What is to be known of its settings.
+    pub settings: String,
+    /// Its options.
+    pub options: ControllerOptions,
+    /// How the gravity turn is flown with it.
+    pub descent: Descent,
+    /// The weights `[q, r]` of its cost.
+    pub weights: [f64; 2],
+}
+
+/// Wie's PID as printed, with these gains.
+#[must_use]
+pub fn pid([c, k, t]: [f64; 3], rate: RateFeedback) -> ControllerOptions {
+    let pid = PidOptions {
+        gain: k,
+        integral_time_s: t,
+        rate_gain_per_s: c,
+        rate,
+        integral_limit_s: NO_INTEGRAL_LIMIT,
+        ..PidOptions::spacecraft()
+    };
+    ControllerOptions { controller: ControllerName::Pid, pid, ..ControllerOptions::spacecraft() }
+}
+
+/// The classic LQR with `Q = q I`, `R = r I`.
+#[must_use]
+pub fn lqr([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
+    let lqr = LqrOptions {
+        attitude_weight: q,
+        rate_weight: q,
+        input_weight: r,
+        cells,
+        operating_pitch_limit_rad: NO_LIMIT_RAD,
+        ..LqrOptions::spacecraft()
+    };
+    ControllerOptions { controller: ControllerName::Lqr, lqr, ..ControllerOptions::spacecraft() }
+}
+
+/// OQTAL with `Q = q I`, `R = r I`.
+#[must_use]
+pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
+    let oqtal = OqtalOptions {
+        attitude_weight: q,
+        rate_weight: q,
+        input_weight: r,
+        cells,
+        ..OqtalOptions::spacecraft()
+    };
+    ControllerOptions {
+        controller: ControllerName::Oqtal,
+        oqtal,
+        ..ControllerOptions::spacecraft()
+    }
+}
+
+/// `oqtal-dt` with these weights on attitude, rate and input.
+#[must_use]
+pub fn oqtal_dt([attitude_weight, rate_weight, input_weight]: [f64; 3]) -> ControllerOptions {
+    let oqtal_dt = OqtalDtOptions { attitude_weight, rate_weight, input_weight };
+    ControllerOptions {
+        controller: ControllerName::OqtalDt,
+        oqtal_dt,
+        ..ControllerOptions::spacecraft()
+    }
+}
+
+/// The laws of Table IV.
+#[must_use]
+pub fn table_4() -> Vec<Entry> {
+    let mut entries = as_printed();
+    entries.extend(ours());
+    entries
+}
+
+fn entry(
+    controller: &'static str,
+    variant: Variant,
+    settings: impl Into<String>,
+    options: ControllerOptions,
+) -> Entry {
+    let weights = match options.controller {
+        ControllerName::Pid => [10.0, 1.0],
+        ControllerName::Lqr => [options.lqr.attitude_weight, options.lqr.input_weight],
+        ControllerName::OqtalDt => {
+            [options.oqtal_dt.attitude_weight, options.oqtal_dt.input_weight]
+        }
+        ControllerName::Oqtal | ControllerName::Geometric => {
+            [options.oqtal.attitude_weight, options.oqtal.input_weight]
+        }
+    };
+    let descent = Descent::default();
+    Entry { controller, variant, settings: settings.into(), options, descent, weights }
+}
+
+/// The rules for cells, by name.
+pub const CELLS: [(Cells, &str); 4] = [
+    (Cells::Centred, "centred"),
+    (Cells::Floor, "floor"),
+    (Cells::Truncated, "truncated"),
+    (Cells::Deadband, "deadband"),
+];
+
+fn as_printed() -> Vec<Entry> {
+    let printed = Variant::AsPrinted;
+    let gains = [50.0, 5.95, 1.15];
+    let text = "c 50, k 5.95, T 1.15 (Table IV), c omega";
+    let mut entries = vec![entry("pid", printed, text, pid(gains, RateFeedback::Omega))];
+    for (cells, name) in CELLS {
+        let text = format!("q 128, r 1, 60 Hz hold, {name} cells");
+        entries.push(entry("lqr", printed, text, lqr([128.0, 1.0], cells)));
+    }
+    for (cells, name) in CELLS {
+        let text = format!("q 256, r 1, 60 Hz hold, {name} cells");
+        entries.push(entry("oqtal", printed, text, oqtal([256.0, 1.0], cells)));
+    }
+    let planar = Descent { noise_rad: 0.0, ..Descent::default() };
+    let lqr = entry(
+        "lqr",
+        printed,
+        "q 128, r 1, 60 Hz hold, centred cells, in the plane to the last bit",
+        lqr([128.0, 1.0], Cells::Centred),
+    );
+    entries.push(Entry { descent: planar, ..lqr });
+    let without = Descent { rates: false, ..Descent::default() };
+    let fast = Descent { rate_hz: CONTINUOUS_HZ, ..Descent::default() };
+    for (descent, text) in [
+        (without, "q 256, r 1, 60 Hz hold, centred cells, without omega_d"),
+        (fast, "q 256, r 1, 3840 Hz hold (as good as continuous), centred cells"),
+    ] {
+        let oqtal = entry("oqtal", printed, text, oqtal([256.0, 1.0], Cells::Centred));
+        entries.push(Entry { descent, ..oqtal });
+    }
+    entries
+}
+
+fn ours() -> Vec<Entry> {
+    let ours = Variant::Ours;
+    let gains = [50.0, 5.95, 1.15];
+    let mut with_rate_error = lqr([256.0, 1.0], Cells::Truncated);
+    with_rate_error.lqr.rate = RateFeedback::OmegaE;
+    let mut fed_forward = oqtal([256.0, 1.0], Cells::Centred);
+    fed_forward.oqtal.feed_forward = true;
+    let mut entries = vec![
+        entry("pid", ours, "c 50, k 5.95, T 1.15, c omega_e", pid(gains, RateFeedback::OmegaE)),
+        entry(
+            "lqr",
+            ours,
+            "q 256, r 1, truncated cells, rate error in place of rate",
+            with_rate_error,
+        ),
+        entry("oqtal", ours, "q 256, r 1, centred cells, feed-forward", fed_forward),
+    ];
+    entries.extend(new_laws());
+    entries
+}
+
+/// The laws that are not in the paper, at the gains they come with.
+fn new_laws() -> [Entry; 2] {
+    let geometric = ControllerOptions {
+        controller: ControllerName::Geometric,
+        ..ControllerOptions::spacecraft()
+    };
+    // 2^20 and 2^6
+    let text = "split weights 2^20 and 2^6, r 1";
+    [
+        entry("geometric", Variant::Ours, "k_R 256, k_Omega 32", geometric),
+        entry("oqtal-dt", Variant::Ours, text, oqtal_dt([1_048_576.0, 64.0, 1.0])),
+    ]
+}
+
+/// One setting of each law, for experiments other than the gravity turn.
+#[must_use]
+pub fn each() -> Vec<Entry> {
+    let pid = pid([50.0, 5.95, 1.15], RateFeedback::Omega);
+    let lqr = lqr([128.0, 1.0], Cells::Truncated);
+    let oqtal = oqtal([256.0, 1.0], Cells::Truncated);
+    let printed = Variant::AsPrinted;
+    let mut entries = vec![
+        entry("pid", printed, "c 50, k 5.95, T 1.15 (Table IV)", pid),
+        entry("lqr", printed, "q 128, r 1, truncated cells", lqr),
+        entry("oqtal", printed, "q 256, r 1, truncated cells", oqtal),
+    ];
+    entries.extend(new_laws());
+    entries
+}

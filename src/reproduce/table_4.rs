@@ -1,0 +1,117 @@
+//! Table IV: the laws in the gravity turn.
+
+use oqtal_bus::process::Failure;
+use oqtal_control::metrics::{CostWeights, TableTwo};
+use rayon::prelude::*;
+
+use super::lander::Lander;
+use super::progress::Progress;
+use super::roster::{self, Entry};
+use super::sheet::{Cell, Column, Row, Sheet, Variant};
+use super::{Chapter, figures, invalid};
+
+/// The columns of Table IV: both forms of every integral.
+pub const COLUMNS: [Column; 7] = [
+    ("position_error", "position ∫|x̃| [m s]"),
+    ("quaternion_error_norm", "error ∫|ε| [s]"),
+    ("quaternion_error_square", "∫ε'ε [s]"),
+    ("effort_norm", "effort ∫|τ| [N m s]"),
+    ("effort_square", "∫τ'τ [N² m² s]"),
+    ("riccati_solves", "Riccati solves"),
+    ("cost", "cost, Eq. (60)"),
+];
+
+/// What the paper prints: settings, position, quaternion error, effort, calculations.
+const PAPER: [(&str, &str, [f64; 3], Option<u64>); 3] = [
+    (
+        "pid",
+        "c 50, k 5.95, T 1.15; effort printed as 1.1744, see below",
+        [29.78, 0.0349, 0.8252],
+        None,
+    ),
+    ("lqr", "q 128, r 1", [298.1, 0.8256, 7.13], Some(23)),
+    ("oqtal", "q 256, r 1", [26.13, 0.0052, 0.2045], Some(1)),
+];
+
+/// Flies all laws through the gravity turn.
+///
+/// # Errors
+/// An option of a law has no meaning.
+pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
+    let entries = roster::table_4();
+    let bar = progress.start("Table IV", entries.len());
+    let fly = |entry: &Entry| {
+        let metrics = lander.fly(&entry.options, &entry.descent, |_| ()).map_err(invalid)?;
+        bar.inc();
+        let (name, settings) = (entry.controller, entry.settings.clone());
+        Ok(Row::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
+    };
+    let flown: Result<Vec<Row>, Failure> = entries.par_iter().map(fly).collect();
+    let sheet = Sheet {
+        name: "IV".to_owned(),
+        title: "Table IV: best-tuned controllers in the gravity turn".to_owned(),
+        notes: NOTES.map(str::to_owned).to_vec(),
+        columns: COLUMNS.to_vec(),
+        rows: paper().chain(flown?).collect(),
+        ..Sheet::default()
+    };
+    Ok(Chapter {
+        title: "Gravity turn",
+        intro: INTRO.map(str::to_owned).to_vec(),
+        sheets: vec![sheet],
+        figures: figures::turn::all(lander).map_err(invalid)?,
+    })
+}
+
+const INTRO: [&str; 1] = [
+    "The lander of Table I flies level at 70 m/s and is turned by constant thrust against its velocity until it hovers: \
+     after 22.7027 s, 264.865 m lower and 496.622 m down range. The closed form of that turn, which the paper says does not \
+     exist, is the reference. Simulated without delay, noise or torque limit; integrated by Runge-Kutta of fourth order at \
+     240 Hz or faster; the torque is held between the ticks of the loop. Below 1 m/s the command stands still.",
+];
+
+const NOTES: [&str; 4] = [
+    "Table II defines the figures as integrals of norms, Eq. (60) has squares. The printed numbers agree with norms; both \
+     are here. A dash stands where the body got out of control.",
+    "The paper contradicts itself on the PID: the printed torque of 1.1744 is the fitness of Table III for [10, 1]; the effort \
+     there is 0.8252.",
+    "What reproduces: quaternion error, one calculation and rank of OQTAL, with cells centred on zero; the printed rule \
+     (floor) gives over a hundred calculations. Errors and effort of the classic LQR come near with centred cells, but for a \
+     reason that is no merit of any law: the turn begins at a pitch of 90 degrees, where Euler angles are singular, rounding \
+     decides what happens, and the cell there is linearised beyond the singularity. Kept in its plane to the last bit it needs a \
+     hundredth of the effort. What does not reproduce: any number of the PID, OQTAL's position error and effort, and 23 \
+     calculations.",
+    "OQTAL's advantage over the classic LQR is that it is told the rate of the reference, not its linearisation: without \
+     omega_d it is worse by over a hundred times, and the classic LQR that is given the rate error is better than OQTAL at \
+     the same weights.",
+];
+
+fn paper() -> impl Iterator<Item = Row> {
+    PAPER.into_iter().map(|(name, settings, [position, error, effort], solves)| {
+        let cells = vec![
+            position.into(),
+            error.into(),
+            Cell::None,
+            effort.into(),
+            Cell::None,
+            solves.into(),
+            Cell::None,
+        ];
+        Row::new(Variant::Paper, name, settings, cells)
+    })
+}
+
+/// The cells of [`COLUMNS`] for a descent; none if it got out of control.
+#[must_use]
+pub fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<Cell> {
+    let Some(metrics) = metrics else { return vec![Cell::None; COLUMNS.len()] };
+    vec![
+        metrics.position_error.into(),
+        metrics.quaternion_error.into(),
+        metrics.quaternion_error_squared.into(),
+        metrics.effort.into(),
+        metrics.effort_squared.into(),
+        metrics.riccati_solves.into(),
+        metrics.cost(CostWeights { q, r }).into(),
+    ]
+}

@@ -1,0 +1,193 @@
+//! What the reproduction must show, from the program's own JSON.
+
+mod common;
+
+use std::process::Command;
+
+use common::Testbed;
+use serde_json::Value;
+
+fn oqtal(testbed: &Testbed, words: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+    command.args(words).current_dir(testbed.path(""));
+    command
+}
+
+/// The document that `oqtal` prints with these words.
+fn printed(testbed: &Testbed, words: &[&str]) -> Value {
+    let output = oqtal(testbed, words).output().unwrap();
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+fn reproduced(what: &str) -> Value {
+    let testbed = Testbed::new("reproduce");
+    printed(&testbed, &["reproduce", what, "--json"])
+}
+
+fn rows(table: &Value) -> &Vec<Value> {
+    table["rows"].as_array().expect("a table has rows")
+}
+
+/// The row of a law whose settings hold `settings`.
+fn row<'a>(table: &'a Value, controller: &str, variant: &str, settings: &str) -> &'a Value {
+    let text = |row: &Value, key: &str| row[key].as_str().unwrap_or_default().to_owned();
+    let matches = |row: &&Value| {
+        text(row, "controller") == controller
+            && text(row, "variant") == variant
+            && text(row, "settings").contains(settings)
+    };
+    rows(table)
+        .iter()
+        .find(matches)
+        .unwrap_or_else(|| panic!("no {controller} {settings}: {table:#}"))
+}
+
+fn number(row: &Value, key: &str) -> f64 {
+    row[key].as_f64().unwrap_or_else(|| panic!("no {key} in {row:#}"))
+}
+
+fn assert_near(row: &Value, key: &str, expected: f64, share: f64) {
+    let found = number(row, key);
+    assert!((found / expected - 1.0).abs() <= share, "{key} = {found}, not {expected}");
+}
+
+#[test]
+fn table_4_reproduces_what_can_be_reproduced() {
+    let table = reproduced("table-4");
+    assert_eq!(table["table"], "IV");
+    let oqtal = row(&table, "oqtal", "as-printed", "60 Hz hold, centred cells");
+    assert_near(oqtal, "quaternion_error_norm", 0.0050, 0.05);
+    assert_near(oqtal, "effort_norm", 0.0998, 0.03);
+    assert_near(oqtal, "position_error", 2.81, 0.05);
+    assert_eq!(oqtal["riccati_solves"], 1);
+    let floor = row(&table, "oqtal", "as-printed", "floor cells");
+    assert!(number(floor, "riccati_solves") > 100.0, "{floor}");
+    let without = row(&table, "oqtal", "as-printed", "without omega_d");
+    let ratio = number(without, "position_error") / number(oqtal, "position_error");
+    assert!(ratio > 100.0, "{ratio}");
+    let lqr = row(&table, "lqr", "as-printed", "centred cells");
+    assert!(number(lqr, "quaternion_error_norm") > 100.0 * number(oqtal, "quaternion_error_norm"));
+    let ours = row(&table, "oqtal-dt", "ours", "");
+    assert!(number(ours, "position_error") <= 0.06, "{ours}");
+    assert!(number(ours, "quaternion_error_norm") <= 1e-4, "{ours}");
+    assert!(number(ours, "effort_norm") <= 0.115, "{ours}");
+    assert_eq!(rows(&table).iter().filter(|row| row["variant"] == "paper").count(), 3);
+}
+
+#[test]
+fn table_3_is_tuned_better_than_printed() {
+    let table = reproduced("table-3");
+    let fitness = |weights: &str| {
+        let tuned = |row: &&Value| {
+            row["weights"] == weights
+                && row["variant"] == "as-printed"
+                && row["settings"] == "c omega, fitness of norms"
+        };
+        let row = rows(&table).iter().find(tuned).unwrap();
+        number(row, "fitness")
+    };
+    assert!(fitness("[10, 1]") <= 0.21, "{}", fitness("[10, 1]"));
+    assert!(fitness("[100, 1]") <= 0.78, "{}", fitness("[100, 1]"));
+    assert!(fitness("[1, 1]") <= 0.13, "{}", fitness("[1, 1]"));
+}
+
+#[test]
+fn the_claim_of_the_sweep_holds_for_errors_and_not_for_effort() {
+    let table = reproduced("sweep");
+    let claim = |criterion: &str, rival: &str| {
+        let about = |row: &&Value| {
+            let settings = row["settings"].as_str().unwrap();
+            settings.starts_with(criterion) && settings.ends_with(rival)
+        };
+        rows(&table).iter().find(about).unwrap()["claim"].as_str().unwrap().to_owned()
+    };
+    for rival in ["centred cells", "to the last bit"] {
+        assert_eq!(claim("quaternion error", rival), "true");
+        assert_eq!(claim("position error", rival), "true");
+    }
+    assert_eq!(claim("effort", "to the last bit"), "false");
+    assert_eq!(claim("calculations", "to the last bit"), "false");
+    let along = &table["tables"][0];
+    for row in rows(along).iter().filter(|row| row["controller"] == "oqtal-dt") {
+        assert!(row["position_error"].is_number(), "stable everywhere: {row}");
+    }
+}
+
+#[test]
+fn every_law_recovers_or_is_shown_not_to_and_oqtal_always_does() {
+    let table = reproduced("recovery");
+    for row in rows(&table) {
+        assert_eq!(row["commands_finite"], "yes", "{row:#}");
+        if row["controller"].as_str().unwrap().starts_with("oqtal") {
+            assert!(row["recovered_s"].is_number(), "{row:#}");
+        }
+    }
+}
+
+#[test]
+fn the_result_does_not_depend_on_the_number_of_threads() {
+    let testbed = Testbed::new("threads");
+    let with = |threads: &str| {
+        let output = oqtal(&testbed, &["reproduce", "step", "options", "--json"])
+            .env("RAYON_NUM_THREADS", threads)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", common::stderr(&output));
+        output.stdout
+    };
+    assert!(with("1") == with("3"));
+}
+
+#[test]
+fn a_page_a_document_and_the_rows_are_written() {
+    let testbed = Testbed::new("page");
+    let output = oqtal(&testbed, &["reproduce", "figure-12", "--out", "here"]).output().unwrap();
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    let read = |name: &str| std::fs::read_to_string(testbed.path("here").join(name)).unwrap();
+    let page = read("reproduction.html");
+    assert!(page.contains("Fig. 12") && page.contains("<svg"));
+    assert!(!["<script", "<link", "src="].iter().any(|outside| page.contains(outside)));
+    assert!(read("reproduction.md").contains("oqtal reproduce figure-12"));
+    assert!(read("reproduction.json").contains("\"table\": \"IV\""));
+}
+
+#[test]
+fn in_a_small_campaign_prediction_pays_where_no_command_of_its_own_can_help() {
+    let testbed = Testbed::new("campaign");
+    let table = printed(&testbed, &["campaign", "--runs", "4", "--best", "2", "--json"]);
+    for row in rows(&table) {
+        for key in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
+            assert!(row[key]["mean"].is_number() && row[key]["sd"].is_number(), "{key}: {row:#}");
+        }
+        assert_eq!((&row["runs"], &row["best"]), (&Value::from(4), &Value::from(2)));
+    }
+    let ours = row(&table, "oqtal-dt", "ours", "");
+    let rivals = || rows(&table).iter().filter(|row| row["controller"] != "oqtal-dt");
+    assert_eq!(rivals().count(), 4);
+    for (key, times) in [("chirp4_rms_deg", 3.0), ("hover_rms_mm", 2.0), ("doublet_settle_s", 1.8)]
+    {
+        let best = rivals().map(|row| number(row, key)).fold(f64::INFINITY, f64::min);
+        assert!(best >= times * number(ours, key), "{key}: {best} and {}", number(ours, key));
+    }
+}
+
+#[test]
+fn a_law_is_tuned_within_its_budget_and_the_configuration_loads() {
+    let testbed = Testbed::new("tune");
+    let words = ["tune", "pid", "--budget", "12", "--out", "found.toml"];
+    let output = oqtal(&testbed, &words).output().unwrap();
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    let check = oqtal(&testbed, &["check", "found.toml"]).output().unwrap();
+    assert!(check.status.success(), "{}", common::stderr(&check));
+    assert!(String::from_utf8_lossy(&check.stdout).contains("controller = \"pid\""));
+}
+
+#[test]
+fn what_is_unknown_is_a_usage_error() {
+    let testbed = Testbed::new("unknown");
+    for words in [["reproduce", "table-6"], ["tune", "nothing"], ["campaign", "--runs=0"]] {
+        let output = oqtal(&testbed, &words).output().unwrap();
+        assert_eq!(output.status.code(), Some(64), "{words:?}");
+    }
+}
