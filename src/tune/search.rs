@@ -23,7 +23,7 @@ pub struct Budget {
 
 impl Default for Budget {
     fn default() -> Self {
-        Self { points: 310, seed: 1 }
+        Self { points: 600, seed: 1 }
     }
 }
 

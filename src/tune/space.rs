@@ -100,12 +100,15 @@ pub const NAMES: [&str; LAWS.len() + 1] = {
 };
 
 /// The estimator and the position loops, the same for every law of the paper.
-pub const SURROUNDINGS: [Parameter; 5] = [
+pub const SURROUNDINGS: [Parameter; 8] = [
     parameter("control.estimator.velocity-cutoff-hz", 2.0, 20.0),
     parameter("position.horizontal-position.kp", 0.5, 4.0),
     parameter("position.horizontal-position.ki", 1e-3, 0.3),
     parameter("position.horizontal-velocity.kp", 1.0, 10.0),
     parameter("position.horizontal-velocity.ki", 0.05, 5.0),
+    parameter("position.vertical-position.kp", 0.5, 6.0),
+    parameter("position.vertical-velocity.kp", 1.0, 15.0),
+    parameter("position.vertical-velocity.ki", 0.05, 10.0),
 ];
 
 impl LawSpace {
