@@ -85,9 +85,9 @@ const NOTES: [&str; 5] = [
      mismatched plants; judged on seeds 200 to 224.",
     "Max q: the weight (for laws without one, the gain) raised by a factor of 1.41 at a time until the mean attitude error is \
      25 % above the least. Between the paper's two LQRs lies a factor of four because eps is half an angle, not ten.",
-    "Once tuned alike, pid, lqr and oqtal are one law with two gains at small angles: differences of a few per cent among them \
-     are the luck of the search, and there is no honest ranking. What tells laws apart is prediction over the delay, filters and \
-     feed-forward, which oqtal-dt has.",
+    "At small angles pid, lqr and oqtal are one law with two gains: lqr and oqtal come out within a few per cent of each other, \
+     and where the PID differs by more, the search ended elsewhere. There is no honest ranking among them. What tells laws apart \
+     is prediction over the delay, filters and feed-forward, which oqtal-dt has.",
     "The position error is bounded by the limits on speed and tilt, not by the law: 1.3 m at 0.8 m/s, with 15 degrees to speed up \
      and brake, take 1.93 s, and four such ways in 22 s make a mean error of 4 x 1.3 m x 1.93 s / 2 / 22 s = 0.228 m without any \
      delay; the delay of 35 ms and the lag of 50 ms add 0.02 m. Every tuned law is near that.",

@@ -1,4 +1,4 @@
-//! The six PIDs of Fig. 16, tuned one at a time: single input, single output, as the paper's reference [27] does in flight.
+//! The six PIDs of Fig. 16, tuned one at a time: single input, single output, as the paper's reference \[27\] does in flight.
 //!
 //! X and Y share their gains, so there are four searches, the inner loops first. Each has an objective of its own: how far
 //! the controlled variable is from what the loop is told, and how much the command shakes.
