@@ -86,7 +86,7 @@ fn counts(summary: &Summary) -> String {
 fn process(daemon: &Observed) -> String {
     let Observed { realtime, start, end } = daemon;
     format!(
-        "\ndaemon: {realtime}; resident {} KiB at first, {} at last; open files {}, {}",
+        "\ndaemon: {realtime}\n        resident {} KiB at first, {} at last; open files {}, {}",
         start.resident_kib, end.resident_kib, start.open_files, end.open_files
     )
 }
