@@ -11,7 +11,7 @@ use oqtal_control::quaternion::Attitude;
 use super::*;
 
 /// How far the reference may go past a target at rest \[m\].
-const MOST_PAST_M: f64 = 0.04;
+const MOST_PAST_M: f64 = 0.06;
 
 const LIMITS: Limits = Limits { speed: 0.8, acceleration: 2.3 };
 
@@ -28,7 +28,7 @@ fn towards(target: Vector3<f64>, seconds: f64) -> Vec<Course> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
+    #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
     fn the_reference_keeps_its_limits_and_arrives_a_few_centimetres_past_at_most(target in vector(3.0)) {
