@@ -109,8 +109,12 @@ impl Recorder {
 
     /// Takes the vehicle's answer to a command.
     pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
-        self.hops.add(&header.stamps);
         self.commands_lost = vehicle.lost;
+        if !header.stamps.applied_at.is_set() {
+            // A bridge speaks in every period; this time there was no new command.
+            return;
+        }
+        self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
         self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
         self.last_command = vehicle.command_sequence;
         self.battery.push((header.stamps.applied_at, vehicle.battery_v));

@@ -1,7 +1,7 @@
 //! What a person reads in the terminal after a flight.
 
 use comfy_table::{CellAlignment, Table, presets};
-use oqtal_bus::latency::{DistributionSummary, HOPS, WHOLE};
+use oqtal_bus::latency::{DistributionSummary, NAMES};
 
 use crate::kernel::Observed;
 use crate::report::unit::{significant, states, unit_of_length, words};
@@ -53,7 +53,7 @@ fn errors(summary: &Summary) -> Option<Table> {
 
 fn latencies(summary: &Summary) -> Table {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
-    for name in HOPS.into_iter().chain([WHOLE]) {
+    for name in NAMES {
         if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0) {
             table.add_row(latency_row(&words(name), hop));
         }

@@ -97,6 +97,8 @@ code! {
         Operator = 9 => "operator",
         /// Not possible in the present mode.
         WrongMode = 10 => "not possible in this mode",
+        /// Neither plant nor bridge answers, or the vehicle behind the bridge does not.
+        NoVehicle = 11 => "vehicle silent",
     }
 }
 

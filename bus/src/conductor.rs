@@ -73,7 +73,7 @@ const fn reader_of(party: Party) -> Option<Party> {
         Party::Plant => Some(Party::Mocap),
         Party::Mocap => Some(Party::Daemon),
         Party::Daemon => Some(Party::Plant),
-        Party::Recorder => None,
+        Party::Recorder | Party::Bridge => None,
     }
 }
 

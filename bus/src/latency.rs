@@ -3,7 +3,8 @@
 //! ```text
 //!  captured ─▶ pose published ─▶ woken ─▶ command published ─▶ received ─▶ applied
 //! ```
-//! The hops partition the whole: for every sample their sum is `sensor_to_actuator`.
+//! The hops partition the whole: for every sample their sum is `sensor_to_actuator`. Behind a bridge a command is applied when its
+//! last byte was handed to the wire, and what it takes on the wire is one hop more.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
@@ -20,8 +21,15 @@ pub const HOPS: [&str; 5] = [
     "vehicle_to_applied",
 ];
 
+/// The name of the hop that follows them where there is a wire.
+pub const WIRE: &str = "wire";
+
 /// The name of their sum.
 pub const WHOLE: &str = "sensor_to_actuator";
+
+/// Every name that a distribution of hops may have, in the order of the way.
+pub const NAMES: [&str; HOPS.len() + 2] =
+    [HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, WHOLE];
 
 /// Spans up to a minute are told apart, to three digits.
 const LONGEST_NS: u64 = 60_000_000_000;
@@ -125,23 +133,28 @@ pub struct DistributionSummary {
 #[derive(Clone, Debug, Default)]
 pub struct HopDistributions {
     hops: [Distribution; HOPS.len()],
+    wire: Distribution,
     whole: Distribution,
 }
 
 impl HopDistributions {
-    /// Adds a sample that reached the vehicle; one that did not pass every station is left out.
-    pub fn add(&mut self, stamps: &Stamps) {
+    /// Adds a sample that reached the vehicle, over a `wire` if that took time; one that did not pass every station is left out.
+    pub fn add(&mut self, stamps: &Stamps, wire: Span) {
         if let Some(spans) = hops(stamps) {
             for (distribution, span) in self.hops.iter_mut().zip(spans) {
                 distribution.add(span);
             }
-            self.whole.add(sensor_to_actuator(stamps));
+            if wire > Span::ZERO {
+                self.wire.add(wire);
+            }
+            self.whole.add(sensor_to_actuator(stamps) + wire);
         }
     }
 
-    /// Every hop and then the whole, by name.
+    /// Every hop, the wire if there was one, and then the whole, by name.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
-        HOPS.into_iter().zip(&self.hops).chain([(WHOLE, &self.whole)])
+        let wire = (self.wire.count() > 0).then_some((WIRE, &self.wire));
+        HOPS.into_iter().zip(&self.hops).chain(wire).chain([(WHOLE, &self.whole)])
     }
 }
 
@@ -183,6 +196,17 @@ mod tests {
     fn a_sample_that_missed_a_station_or_ran_back_is_left_out() {
         assert_eq!(hops(&stamps([10, 25, 0, 40, 41, 99])), None);
         assert_eq!(hops(&stamps([10, 25, 24, 40, 41, 99])), None);
+    }
+
+    #[test]
+    fn a_wire_is_a_hop_of_its_own_and_part_of_the_whole() {
+        let mut hops = HopDistributions::default();
+        hops.add(&stamps([10, 25, 27, 40, 41, 99]), Span::ZERO);
+        assert!(hops.iter().all(|(name, _)| name != WIRE));
+        hops.add(&stamps([10, 25, 27, 40, 41, 99]), Span::from_nanos(1000));
+        let found = |wanted| hops.iter().find(|(name, _)| *name == wanted).unwrap().1.summary();
+        assert_eq!((found(WIRE).count, found(WIRE).max_ns), (1, 1000));
+        assert_eq!((found(WHOLE).min_ns, found(WHOLE).max_ns), (89, 1089));
     }
 
     #[test]

@@ -143,7 +143,8 @@ message! {
 }
 
 message! {
-    /// Topic `vehicle`: what the plant or the bridge says about the vehicle, once per command applied.
+    /// Topic `vehicle`: what the plant or the bridge says about the vehicle, once per command applied. A bridge says it in every
+    /// period, with or without a command.
     VehicleV1 = "oqtal.Vehicle.v1" {
         /// Sequence of the command that this is about.
         command_sequence: u64,
@@ -151,8 +152,16 @@ message! {
         lost: u64,
         /// Battery voltage \[V\]; NaN if unknown.
         battery_v: f64,
+        /// Share of the requests to the vehicle that were answered lately \[0..1\]; NaN if none are made.
+        link_quality: f64,
+        /// What a command's bytes take on the wire once the last one was handed to it \[ns\]; 0 without a wire.
+        wire_ns: i64,
+        /// From a command's last byte on the wire to its effect, as far as it is known \[ns\]; 0 if `applied_at` is the effect.
+        air_ns: i64,
         /// 1 if the motors run.
         armed: u8,
+        /// 1 while the motors are being started: a flight begins when they run.
+        starting: u8,
         /// 1 if the vehicle answers.
         link: u8,
     }

@@ -43,7 +43,7 @@ pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", 1, OBSERVER_BU
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";
 
-/// The processes of the loop, in the order in which they act at equal virtual times.
+/// The processes of the loop, in the order in which they act at equal virtual times; the last takes no part in virtual time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Party {
     /// The vehicle: plant-sim.
@@ -54,10 +54,12 @@ pub enum Party {
     Daemon,
     /// Whoever records the flight: the front door.
     Recorder,
+    /// The way to a real vehicle: bridge.
+    Bridge,
 }
 
 impl Party {
-    /// All of them, in order.
+    /// Those who take part in virtual time, in order.
     pub const ALL: [Self; 4] = [Self::Plant, Self::Mocap, Self::Daemon, Self::Recorder];
 
     /// The name of the process.
@@ -68,6 +70,7 @@ impl Party {
             Self::Mocap => "mocap-emu",
             Self::Daemon => "daemon",
             Self::Recorder => "recorder",
+            Self::Bridge => "bridge",
         }
     }
 
@@ -79,6 +82,7 @@ impl Party {
             Self::Mocap => "health/mocap-emu",
             Self::Daemon => "health/daemon",
             Self::Recorder => "health/recorder",
+            Self::Bridge => "health/bridge",
         };
         Topic::new(name, 1, 1, 8)
     }
@@ -91,6 +95,7 @@ impl Party {
             Self::Mocap => "clock/mocap-emu/grant",
             Self::Daemon => "clock/daemon/grant",
             Self::Recorder => "clock/recorder/grant",
+            Self::Bridge => "clock/bridge/grant",
         };
         Topic::new(name, 1, 1, 1)
     }
@@ -103,6 +108,7 @@ impl Party {
             Self::Mocap => "clock/mocap-emu/done",
             Self::Daemon => "clock/daemon/done",
             Self::Recorder => "clock/recorder/done",
+            Self::Bridge => "clock/bridge/done",
         };
         Topic::new(name, 1, 1, 1)
     }

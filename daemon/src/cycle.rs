@@ -135,7 +135,11 @@ impl Cycle {
 
     /// Learns from the vehicle when a command began to act.
     pub fn applied(&mut self, header: &Header, vehicle: &VehicleV1) {
-        self.pilot.applied(vehicle.command_sequence, header.stamps.applied_at);
+        let applied_at = header.stamps.applied_at;
+        if applied_at.is_set() {
+            let still_to_go = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);
+            self.pilot.applied(vehicle.command_sequence, applied_at + still_to_go);
+        }
     }
 
     /// What the last tick knew and decided, once its command is out.

@@ -150,8 +150,10 @@ impl Plant {
                 command_sequence: on_air.header.sequence,
                 lost: self.commands_lost,
                 battery_v: self.battery.voltage(),
+                link_quality: f64::NAN,
                 armed: u8::from(self.armed),
                 link: 1,
+                ..VehicleV1::default()
             };
             out(Output::Applied(on_air.header.pose_sequence, stamps, vehicle));
         }

@@ -97,7 +97,7 @@ impl Ears {
         while let Some((header, vehicle)) = self.vehicles.receive()? {
             if header.stamps.woken_at >= self.from {
                 self.armed = vehicle.armed == 1;
-                self.hops.add(&header.stamps);
+                self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
                 let before = *self.first_lost.get_or_insert(vehicle.lost);
                 self.counters.commands_lost = vehicle.lost.saturating_sub(before);
             }

@@ -1,7 +1,7 @@
 //! What a person reads in the terminal.
 
 use comfy_table::Table;
-use oqtal_bus::latency::{HOPS, WHOLE};
+use oqtal_bus::latency::NAMES;
 
 use super::bare::Mechanism;
 use super::figures::{Figures, TRANSPORT};
@@ -20,7 +20,7 @@ pub fn text(figures: &Figures) -> String {
 
 fn latencies(figures: &Figures) -> Table {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
-    for name in HOPS.into_iter().chain([WHOLE]) {
+    for name in NAMES {
         if let Some(hop) = figures.hops.get(name).filter(|hop| hop.count > 0) {
             table.add_row(latency_row(&words(name), hop));
         }
@@ -102,7 +102,7 @@ mod tests {
             max_ns: 4_000_000,
         };
         let mut figures = Figures::default();
-        figures.hops.extend(HOPS.into_iter().chain([WHOLE]).map(|name| (name, summary)));
+        figures.hops.extend(NAMES.map(|name| (name, summary)));
         figures.bare.extend(Mechanism::ALL.map(|mechanism| (mechanism.name(), summary)));
         figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
         figures.wakeup.sleep = Some(summary);

@@ -23,8 +23,10 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
             command_sequence: header.sequence,
             lost: commands.lost(),
             battery_v: f64::NAN,
+            link_quality: f64::NAN,
             armed: u8::from(command.actuation != Actuation::Neutral.code()),
             link: 1,
+            ..VehicleV1::default()
         };
         vehicles.send(header.pose_sequence, stamps, vehicle)?;
     }

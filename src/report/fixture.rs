@@ -59,7 +59,7 @@ pub(crate) fn square() -> Flight {
         let at = instant(tick);
         flight.wakeup_lateness.add(Span::from_nanos(noise.nanos(60_000)));
         flight.period_jitter.add(Span::from_nanos(noise.nanos(40_000)));
-        flight.hops.add(&stamps(at, &mut noise));
+        flight.hops.add(&stamps(at, &mut noise), Span::ZERO);
         flight.battery.push((at, 12.4 - 0.01 * t + 0.01 * noise.next()));
         flight.arrivals.push(Arrival { at, frame: tick + 1, position: position.into() });
     }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use maud::{Markup, html};
 use oqtal_bus::config::ClockKind;
-use oqtal_bus::latency::{Distribution, DistributionSummary, HOPS, WHOLE};
+use oqtal_bus::latency::{Distribution, DistributionSummary, HOPS, NAMES, WHOLE};
 
 use crate::flight::Flight;
 use crate::summary::Summary;
@@ -174,8 +174,7 @@ fn percentile(nines: i32) -> String {
 }
 
 fn table(summary: &Summary) -> Markup {
-    let order = HOPS.into_iter().chain([WHOLE]);
-    let hops = order.filter_map(|name| Some((words(name), summary.hops.get(name)?)));
+    let hops = NAMES.into_iter().filter_map(|name| Some((words(name), summary.hops.get(name)?)));
     let hops = hops.filter(|(_, hop)| hop.count > 0);
     let of_loop = [
         ("wake-up lateness".to_owned(), &summary.wakeup_lateness),

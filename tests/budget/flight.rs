@@ -30,7 +30,7 @@ pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) ->
             Party::Plant => flight.plant(now),
             Party::Mocap => flight.cameras(now),
             Party::Daemon => flight.daemon(now, &mut count),
-            Party::Recorder => Done::default(),
+            Party::Recorder | Party::Bridge => Done::default(),
         };
         conductor.done(party, done);
     }
