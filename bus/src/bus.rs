@@ -20,6 +20,9 @@ use crate::wake::{Bells, Doorbell};
 /// How many processes may touch one instance at once.
 const MAX_NODES: usize = 24;
 
+/// The ports of the daemon, the greatest of all processes, take this much shared memory \[KiB\], rounded up.
+const ROOM_KIB: u64 = 6 * 1024;
+
 /// A process's (or a thread's) access to one instance. Ports stay with the thread that opened them.
 #[derive(Debug)]
 pub struct Bus {
@@ -32,9 +35,10 @@ impl Bus {
     /// Joins the instance at `place`; what dead processes left there is cleaned up.
     ///
     /// # Errors
-    /// The place belongs to another user, or the operating system refuses.
+    /// The place belongs to another user, shared memory is full, or the operating system refuses.
     pub fn open(place: &Place) -> Result<Self, BusError> {
         let mut config = place.prepare()?;
+        check_room()?;
         // The bells first: remains of a dead listener are gone for good only if who removes them knows its kind.
         let bells = Bells::open(&config, place, MAX_NODES)?;
         config.global.node.cleanup_dead_nodes_on_creation = false;
@@ -199,6 +203,20 @@ pub(crate) fn join<S: Service>(config: &Config, place: &Place) -> Result<Node<S>
             }
             other => system(format!("joining {}", place.root.display()), &other),
         })
+}
+
+/// All memory of a port is reserved when it is opened; what is not there then is missed by a signal, not by an error.
+fn check_room() -> Result<(), BusError> {
+    let Ok(space) = rustix::fs::statvfs("/dev/shm") else {
+        // iceoryx2 says more about a system without shared memory.
+        return Ok(());
+    };
+    let free_kib = space.f_bavail.saturating_mul(space.f_frsize) / 1024;
+    if free_kib >= ROOM_KIB {
+        Ok(())
+    } else {
+        Err(BusError::Full { free_kib, needed_kib: ROOM_KIB })
+    }
 }
 
 fn service_name(name: &str) -> Result<ServiceName, BusError> {

@@ -29,6 +29,16 @@ pub enum BusError {
         /// The root path of the instance.
         path: PathBuf,
     },
+    /// Topics would not fit: a process that touches shared memory which is not there is killed, not told.
+    #[error(
+        "/dev/shm has {free_kib} KiB free, a process takes up to {needed_kib}; `sudo mount -o remount,size=512M /dev/shm`, or end other instances"
+    )]
+    Full {
+        /// Shared memory free \[KiB\].
+        free_kib: u64,
+        /// What a process may take \[KiB\].
+        needed_kib: u64,
+    },
     /// A name that cannot be part of the file names behind an instance.
     #[error("{what} `{value}` cannot be used: {rule}")]
     Name {

@@ -72,6 +72,11 @@ impl Place {
             }
             _ => system(format!("creating {}", self.root.display()), &error),
         })?;
+        // iceoryx2 would call another user's directory an internal error.
+        let ours = rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK;
+        if rustix::fs::access(&self.root, ours).is_err() {
+            return Err(BusError::Permission { path: self.root.clone() });
+        }
         let mut config = Config::default();
         // Shared memory ignores the root path and files ignore the prefix: an instance needs both.
         config.global.set_root_path(&path);

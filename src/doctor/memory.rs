@@ -7,8 +7,8 @@ use super::system::System;
 
 const CAP_IPC_LOCK: u32 = 14;
 const MIB: u64 = 1 << 20;
-/// A flight takes some 20 MiB of shared memory.
-const LEAST_FREE: u64 = 32 * MIB;
+/// A flight takes 11 MiB of shared memory, and no process starts with less than 6 MiB free.
+const LEAST_FREE: u64 = 20 * MIB;
 /// Room for a few instances side by side.
 const ENOUGH_FREE: u64 = 128 * MIB;
 
