@@ -22,6 +22,14 @@ impl Default for Frame {
 }
 
 impl Frame {
+    /// The frame of these bytes.
+    #[must_use]
+    pub fn of(bytes: &[u8]) -> Self {
+        let mut frame = Self::default();
+        frame.push(bytes);
+        frame
+    }
+
     /// Adds `bytes`; what does not fit is left off, and such a frame is none.
     pub fn push(&mut self, bytes: &[u8]) {
         for byte in bytes {

@@ -37,6 +37,12 @@ impl Line {
         self.free_at.since(now).max(Span::ZERO)
     }
 
+    /// How long ago it should have become free.
+    #[must_use]
+    pub fn overdue(&self, now: Time) -> Span {
+        if self.free_at.is_set() { now.since(self.free_at).max(Span::ZERO) } else { Span::ZERO }
+    }
+
     /// What was handed over is gone.
     pub fn clear(&mut self) {
         self.free_at = Time::UNSET;

@@ -1,11 +1,11 @@
 //! Whether the motors run, and how they come to run and to stand: five states, and their transitions as one table.
 //!
 //! ```text
-//!           calm          wanted, motors stand           motors run             rested, motors run
-//!   Held ─────────▶ Off ───────────────────────▶ Starting ─────────▶ Running ──────────────────────▶ Stopping
-//!    ▲               ▲ ▲  wanted, motors run ─────────────────────────▲ │ │                          │   │
-//!    │               │ └───────────────── motors stand ─────────────────┘ │ motors stand, though wanted  │
-//!    └── overdue ────┴──────────────────────────────────────────────────────┴── overdue ─────────────────┘
+//!          calm        wanted, motors stand            motors run             rested, motors run
+//!   Held ───────▶ Off ─────────────────────▶ Starting ───────────▶ Running ─────────────────────▶ Stopping
+//!    ▲             ▲└────── wanted, motors run ──────────────────────▲ │                            │  │
+//!    │             └──────────────── motors stand ────────────────────┴────────────────────────────┘  │
+//!    └──────────── a sequence is overdue, the daemon fell silent, motors stand though wanted ───────────┘
 //! ```
 //!
 //! What is from where:
@@ -17,7 +17,7 @@
 //!   until nobody has wanted to fly for a while. A bridge that restarts in flight must not start motors anew.
 //! - Ours: motors are stopped only after the daemon itself commanded neutral for a while. A daemon that died says nothing: then the
 //!   frames are neutral and stay so, and the vehicle's rotors idle until a daemon is back or the pilot stops them.
-//! - Ours: motors that the daemon did not fly are nobody's business here: a pilot may fly by hand while the bridge listens.
+//! - Ours: motors that were not flown from here are left alone: a pilot may fly by hand while the bridge listens.
 //! - The vehicle's emergency stop is in `asctec_drivers` alone, and no source says what it takes to fly again after it. It is sent
 //!   only where neutral cannot end the matter: a stop sequence that was given up, and a bridge that ends while motors run. A Stop of
 //!   the daemon in flight is neutral at once, and then the stop sequence like after a landing.
@@ -56,6 +56,10 @@ pub struct Conditions {
     pub run: bool,
     /// A fresh status says that they stand.
     pub stand: bool,
+    /// It has said nothing at all for so long that the vehicle lies where it fell.
+    pub abandoned: bool,
+    /// They were flown from here, and have not been seen to stand since.
+    pub flown: bool,
     /// The present state has lasted long enough for a status to be about it.
     pub settled: bool,
     /// The present state has lasted for as long as a sequence may.
@@ -70,10 +74,12 @@ struct Transition {
 }
 
 /// All ways; the first that holds is taken.
-const TRANSITIONS: [Transition; 11] = {
+const TRANSITIONS: [Transition; 13] = {
     use State::{Held, Off, Running, Starting, Stopping};
     [
         Transition { from: Held, to: Off, when: |c| c.calm },
+        // Left over from before it was held.
+        Transition { from: Off, to: Stopping, when: |c| c.flown && c.rested && c.run },
         Transition { from: Off, to: Running, when: |c| c.wanted && c.run },
         Transition { from: Off, to: Starting, when: |c| c.wanted && c.stand },
         // Called off: the toggle may have taken effect already, and then must be taken back.
@@ -83,6 +89,7 @@ const TRANSITIONS: [Transition; 11] = {
         // Somebody else stopped them, the pilot perhaps: they are not started again behind his back.
         Transition { from: Running, to: Held, when: |c| c.stand && c.wanted },
         Transition { from: Running, to: Off, when: |c| c.stand },
+        Transition { from: Running, to: Held, when: |c| c.abandoned },
         Transition { from: Running, to: Stopping, when: |c| c.rested && c.run },
         Transition { from: Stopping, to: Off, when: |c| c.stand && c.settled },
         Transition { from: Stopping, to: Held, when: |c| c.overdue },
@@ -106,6 +113,8 @@ pub enum Change {
     StopFailed,
     /// They stood still while a flight was wanted.
     Stalled,
+    /// The daemon fell silent while they ran.
+    Abandoned,
 }
 
 /// The state, and since when.
@@ -114,13 +123,14 @@ pub struct Motors {
     state: State,
     since: Time,
     longest: Span,
+    flown: bool,
 }
 
 impl Motors {
     /// Held at `now`; a sequence lasts `longest` at most.
     #[must_use]
     pub fn new(now: Time, longest: Span) -> Self {
-        Self { state: State::Held, since: now, longest }
+        Self { state: State::Held, since: now, longest, flown: false }
     }
 
     /// The present state.
@@ -134,24 +144,48 @@ impl Motors {
         (self.state, self.since) = (State::Held, now);
     }
 
-    /// Goes on to `now`; what changed, if it is worth saying. `settled` and `overdue` of `conditions` are filled in.
+    /// Whether the motors may run because of what was sent from here.
+    #[must_use]
+    pub fn may_run(&self) -> bool {
+        self.flown || !matches!(self.state, State::Held | State::Off)
+    }
+
+    /// Goes on to `now`; what changed, if it is worth saying. The last three of `conditions` are filled in.
     pub fn step(&mut self, now: Time, conditions: Conditions) -> Option<Change> {
         let lasted = now.since(self.since);
-        let conditions =
-            Conditions { settled: lasted >= SETTLE, overdue: lasted >= self.longest, ..conditions };
+        self.flown &= !conditions.stand;
+        let conditions = Conditions {
+            flown: self.flown,
+            settled: lasted >= SETTLE,
+            overdue: lasted >= self.longest,
+            ..conditions
+        };
         let way =
             TRANSITIONS.iter().find(|way| way.from == self.state && (way.when)(&conditions))?;
         (self.state, self.since) = (way.to, now);
-        match (way.from, way.to) {
-            (_, State::Starting) => Some(Change::Starts),
-            (_, State::Running) => Some(Change::Runs),
-            (_, State::Stopping) => Some(Change::Stops),
-            (State::Starting, State::Held) => Some(Change::StartFailed),
-            (State::Stopping, State::Held) => Some(Change::StopFailed),
-            (State::Running, State::Held) => Some(Change::Stalled),
-            (State::Held, _) => None,
-            _ => Some(Change::Stands),
+        let change = change(way, &conditions);
+        match change {
+            Some(Change::Runs) => self.flown = true,
+            // Tried, and told: not again.
+            Some(Change::StopFailed) => self.flown = false,
+            _ => {}
         }
+        change
+    }
+}
+
+/// What there is to say about a way that was taken.
+fn change(way: &Transition, conditions: &Conditions) -> Option<Change> {
+    match (way.from, way.to) {
+        (_, State::Starting) => Some(Change::Starts),
+        (_, State::Running) => Some(Change::Runs),
+        (_, State::Stopping) => Some(Change::Stops),
+        (State::Starting, State::Held) => Some(Change::StartFailed),
+        (State::Stopping, State::Held) => Some(Change::StopFailed),
+        (State::Running, State::Held) if conditions.abandoned => Some(Change::Abandoned),
+        (State::Running, State::Held) => Some(Change::Stalled),
+        (State::Held, _) => None,
+        _ => Some(Change::Stands),
     }
 }
 
@@ -168,13 +202,15 @@ mod tests {
         rested: false,
         run: false,
         stand: false,
+        abandoned: false,
+        flown: false,
         settled: false,
         overdue: false,
     };
 
     fn after(state: State, millis: i64, conditions: Conditions) -> State {
         let since = Time::VIRTUAL_START;
-        let mut motors = Motors { state, since, longest: LONGEST };
+        let mut motors = Motors { state, since, longest: LONGEST, flown: conditions.flown };
         motors.step(since + Span::from_millis(millis), conditions);
         motors.state
     }
@@ -231,6 +267,17 @@ mod tests {
     fn motors_that_stood_still_in_flight_are_not_started_again() {
         assert_eq!(after(Running, 10, Conditions { stand: true, ..WANTED }), Held);
         assert_eq!(after(Held, 10, Conditions { stand: true, ..WANTED }), Held);
+    }
+
+    #[test]
+    fn a_daemon_that_fell_silent_must_be_disarmed_before_it_flies_on() {
+        let run = Conditions { run: true, flown: true, ..WANTED };
+        let silent = Conditions { abandoned: true, wanted: false, ..run };
+        assert_eq!(after(Running, 10, silent), Held);
+        assert_eq!(after(Held, 10, run), Held);
+        let disarmed = Conditions { calm: true, rested: true, wanted: false, ..run };
+        assert_eq!(after(Held, 10, disarmed), Off);
+        assert_eq!(after(Off, 10, disarmed), Stopping);
     }
 
     #[test]

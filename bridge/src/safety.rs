@@ -101,12 +101,6 @@ impl Safety {
         self.unwanted_since = now;
     }
 
-    /// Neutral until nobody wants to fly any more.
-    pub fn hold(&mut self, now: Time) {
-        self.motors.hold(now);
-        self.unwanted_since = now;
-    }
-
     /// Takes a command off the bus at `now`; whether it is believed, young and newer than the last.
     pub fn receive(&mut self, now: Time, header: &Header, command: CommandV1) -> bool {
         let published_at = header.stamps.command_published_at;
@@ -166,8 +160,8 @@ impl Safety {
 
     /// Whether the motors may run because of what was sent here.
     #[must_use]
-    pub fn may_have_started(&self) -> bool {
-        !matches!(self.motors.state(), State::Held | State::Off)
+    pub fn may_run(&self) -> bool {
+        self.motors.may_run()
     }
 
     /// Whether a status that still counts says that the motors run.
@@ -197,11 +191,14 @@ impl Safety {
 
     fn conditions(&self, now: Time, wanted: bool) -> Conditions {
         let status = self.fresh_status(now);
+        let unwanted = now.since(self.unwanted_since);
         let rested = self.neutral_since.is_some_and(|since| now.since(since) >= self.limits.rest);
+        let silent = self.neutral_since.is_none() && unwanted >= self.limits.rest;
         Conditions {
             wanted,
-            calm: now.since(self.unwanted_since) > self.limits.command_age,
+            calm: unwanted > self.limits.command_age,
             rested: rested && !wanted,
+            abandoned: silent && !wanted,
             run: status == Some(true),
             stand: status == Some(false),
             ..Conditions::default()

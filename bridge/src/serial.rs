@@ -116,7 +116,7 @@ impl Port {
             _ => self.refused(ErrorKind::Other, &error),
         })?;
         // What was received before belongs to nobody.
-        control.clear(ClearBuffer::All).map_err(|error| self.refused(ErrorKind::Other, &error))?;
+        control.clear(ClearBuffer::Input).map_err(|error| self.refused(ErrorKind::Other, &error))?;
         warn_of_latency(&device);
         Ok(Serial { bytes, control })
     }
