@@ -1,0 +1,190 @@
+//! Host to vehicle: commands, polls, the emergency stop.
+
+use super::Poll;
+
+/// Greatest deflection of a stick \[counts\].
+pub const FULL_STICK: i16 = 2047;
+/// Greatest thrust \[counts\].
+pub const FULL_THRUST: i16 = 4095;
+
+/// Stops the motors at once, in flight too.
+pub const EMERGENCY_STOP: [u8; 5] = *b">*>me";
+
+pub(super) const COMMAND_HEAD: &[u8] = b">*>di";
+pub(super) const POLL_HEAD: &[u8] = b">*>p";
+pub(super) const POLL_LEN: usize = 6;
+
+/// `CTRL_INPUT` as on the wire, without its checksum.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ControlInput {
+    /// Pitch stick \[counts, -2047..2047\].
+    pub pitch: i16,
+    /// Roll stick \[counts, -2047..2047\].
+    pub roll: i16,
+    /// Yaw stick \[counts, -2047..2047\].
+    pub yaw: i16,
+    /// Thrust \[counts, 0..4095\].
+    pub thrust: i16,
+    /// The axes that the vehicle takes from here and not from the remote control: bits `ENABLE_*`.
+    pub enabled: i16,
+}
+
+impl ControlInput {
+    /// Pitch comes from here.
+    pub const ENABLE_PITCH: i16 = 1;
+    /// Roll comes from here.
+    pub const ENABLE_ROLL: i16 = 2;
+    /// Yaw comes from here.
+    pub const ENABLE_YAW: i16 = 4;
+    /// Thrust comes from here.
+    pub const ENABLE_THRUST: i16 = 8;
+    /// All four come from here.
+    pub const ENABLE_ALL: i16 = 15;
+
+    /// Sticks centred, no thrust, all axes.
+    pub const NEUTRAL: Self =
+        Self { pitch: 0, roll: 0, yaw: 0, thrust: 0, enabled: Self::ENABLE_ALL };
+
+    /// Length of its frame \[bytes\].
+    pub const FRAME_LEN: usize = 17;
+
+    /// Whether every field is within the range that the manual gives.
+    #[must_use]
+    pub fn in_range(&self) -> bool {
+        let stick = |counts: i16| (-FULL_STICK..=FULL_STICK).contains(&counts);
+        stick(self.pitch)
+            && stick(self.roll)
+            && stick(self.yaw)
+            && (0..=FULL_THRUST).contains(&self.thrust)
+            && (0..=Self::ENABLE_ALL).contains(&self.enabled)
+    }
+
+    /// The frame that says it. Values are sent as they are: see [`ControlInput::in_range`].
+    #[must_use]
+    pub fn frame(&self) -> [u8; Self::FRAME_LEN] {
+        let mut frame = [0; Self::FRAME_LEN];
+        frame[..5].copy_from_slice(COMMAND_HEAD);
+        let [pitch, roll, yaw, thrust, enabled] = self.fields();
+        let words = [pitch, roll, yaw, thrust, enabled, self.checksum()];
+        for (place, word) in frame[5..].chunks_exact_mut(2).zip(words) {
+            place.copy_from_slice(&word.to_le_bytes());
+        }
+        frame
+    }
+
+    fn fields(&self) -> [i16; 5] {
+        [self.pitch, self.roll, self.yaw, self.thrust, self.enabled]
+    }
+
+    fn checksum(&self) -> i16 {
+        self.fields().into_iter().fold(0xAAAA_u16 as i16, i16::wrapping_add)
+    }
+}
+
+/// The frame that asks for telemetry.
+#[must_use]
+pub fn poll_frame(poll: Poll) -> [u8; POLL_LEN] {
+    let [low, high] = poll.bits().to_le_bytes();
+    [b'>', b'*', b'>', b'p', low, high]
+}
+
+/// What a vehicle is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Fly like this. Acknowledged with [`super::Descriptor::ControlInput`].
+    Control(ControlInput),
+    /// Send this telemetry, once.
+    Poll(Poll),
+    /// Stop the motors at once.
+    EmergencyStop,
+}
+
+/// Why bytes are no frame to a vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CommandError {
+    /// Wrong number of bytes for what its head says.
+    #[error("{found} bytes, want {wanted}")]
+    Length {
+        /// Bytes found.
+        found: usize,
+        /// Bytes that such a frame has.
+        wanted: usize,
+    },
+    /// Does not begin like one.
+    #[error("unknown head")]
+    Head,
+    /// The checksum of a command disagrees with it.
+    #[error("checksum {found:#06x}, want {wanted:#06x}")]
+    Checksum {
+        /// Checksum found.
+        found: u16,
+        /// Checksum of the fields found.
+        wanted: u16,
+    },
+    /// A field outside its range, or a poll for nothing known.
+    #[error("a field is out of range")]
+    Range,
+}
+
+/// Bytes that are a command.
+#[derive(Clone, Copy, Debug)]
+pub struct CommandPacket<'a>(&'a [u8]);
+
+impl<'a> CommandPacket<'a> {
+    /// Checks length, head, checksum and ranges.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn new_checked(bytes: &'a [u8]) -> Result<Self, CommandError> {
+        check_shape(bytes, COMMAND_HEAD, ControlInput::FRAME_LEN)?;
+        let packet = Self(bytes);
+        let input = packet.input();
+        let (found, wanted) = (packet.word(5) as u16, input.checksum() as u16);
+        if found != wanted {
+            return Err(CommandError::Checksum { found, wanted });
+        }
+        if input.in_range() { Ok(packet) } else { Err(CommandError::Range) }
+    }
+
+    /// What it commands.
+    #[must_use]
+    pub fn input(&self) -> ControlInput {
+        let [pitch, roll, yaw, thrust, enabled] = [0, 1, 2, 3, 4].map(|index| self.word(index));
+        ControlInput { pitch, roll, yaw, thrust, enabled }
+    }
+
+    fn word(&self, index: usize) -> i16 {
+        let at = COMMAND_HEAD.len() + 2 * index;
+        i16::from_le_bytes([self.0[at], self.0[at + 1]])
+    }
+}
+
+/// Bytes that are a poll.
+#[derive(Clone, Copy, Debug)]
+pub struct PollPacket(Poll);
+
+impl PollPacket {
+    /// Checks length, head and bits.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn new_checked(bytes: &[u8]) -> Result<Self, CommandError> {
+        check_shape(bytes, POLL_HEAD, POLL_LEN)?;
+        let bits = u16::from_le_bytes([bytes[4], bytes[5]]);
+        Poll::from_wire(bits).map(Self).ok_or(CommandError::Range)
+    }
+
+    /// What it asks for.
+    #[must_use]
+    pub fn poll(&self) -> Poll {
+        self.0
+    }
+}
+
+fn check_shape(bytes: &[u8], head: &[u8], wanted: usize) -> Result<(), CommandError> {
+    if !bytes.starts_with(head) {
+        return Err(CommandError::Head);
+    }
+    let found = bytes.len();
+    if found == wanted { Ok(()) } else { Err(CommandError::Length { found, wanted }) }
+}

@@ -1,0 +1,135 @@
+//! Frames out of a stream, for either end.
+
+use super::command::{COMMAND_HEAD, POLL_HEAD, POLL_LEN};
+use super::telemetry::{ACKNOWLEDGEMENT_LEN, ENVELOPE, HEAD, PREFIX};
+use super::{
+    AcknowledgementPacket, Command, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP,
+    ImuCalc, LlStatus, PollPacket, TelemetryPacket,
+};
+use crate::stream::{Decoder, Grammar, Verdict};
+
+/// What a host hears.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HostEvent {
+    /// The vehicle took a packet of this kind.
+    Acknowledged(Descriptor),
+    /// Battery and state.
+    LlStatus(LlStatus),
+    /// Fused inertial measurements.
+    ImuCalc(ImuCalc),
+    /// Telemetry that is not read here.
+    Other(Descriptor),
+}
+
+/// Acknowledgements and telemetry.
+#[derive(Clone, Copy, Debug)]
+pub struct HostGrammar;
+
+/// What a host hears, frame by frame.
+pub type HostDecoder = Decoder<HostGrammar>;
+
+/// Commands, polls and the emergency stop.
+#[derive(Clone, Copy, Debug)]
+pub struct VehicleGrammar;
+
+/// What a vehicle hears, frame by frame.
+pub type VehicleDecoder = Decoder<VehicleGrammar>;
+
+impl Grammar for HostGrammar {
+    type Event = HostEvent;
+
+    const START: u8 = b'>';
+
+    fn inspect(bytes: &[u8]) -> Verdict<HostEvent> {
+        match bytes.get(1) {
+            None => Verdict::Wait(2),
+            Some(b'a') => acknowledgement(bytes),
+            Some(b'*') => telemetry(bytes),
+            Some(_) => Verdict::Noise,
+        }
+    }
+}
+
+fn acknowledgement(bytes: &[u8]) -> Verdict<HostEvent> {
+    let Some(frame) = bytes.get(..ACKNOWLEDGEMENT_LEN) else {
+        return Verdict::Wait(ACKNOWLEDGEMENT_LEN);
+    };
+    match AcknowledgementPacket::new_checked(frame) {
+        Ok(packet) => {
+            Verdict::Accept(frame.len(), Some(HostEvent::Acknowledged(packet.descriptor())))
+        }
+        Err(_) => Verdict::Damaged,
+    }
+}
+
+fn telemetry(bytes: &[u8]) -> Verdict<HostEvent> {
+    if !agrees(bytes, HEAD) {
+        return Verdict::Noise;
+    }
+    let Some(&[_, _, _, low, high, number]) = bytes.first_chunk::<PREFIX>() else {
+        return Verdict::Wait(PREFIX);
+    };
+    // The length is believed only if it is that of the descriptor: else one wrong bit could swallow what follows.
+    let length = usize::from(u16::from_le_bytes([low, high]));
+    let descriptor = Descriptor::from_wire(number);
+    if descriptor.is_none_or(|descriptor| descriptor.payload_len() != length) {
+        return Verdict::Damaged;
+    }
+    let Some(frame) = bytes.get(..length + ENVELOPE) else {
+        return Verdict::Wait(length + ENVELOPE);
+    };
+    match TelemetryPacket::new_checked(frame) {
+        Ok(packet) => Verdict::Accept(frame.len(), event(&packet)),
+        Err(_) => Verdict::Damaged,
+    }
+}
+
+fn event(packet: &TelemetryPacket) -> Option<HostEvent> {
+    match packet.descriptor() {
+        Descriptor::LlStatus => LlStatus::parse(packet.payload()).map(HostEvent::LlStatus),
+        Descriptor::ImuCalc => ImuCalc::parse(packet.payload()).map(HostEvent::ImuCalc),
+        other => Some(HostEvent::Other(other)),
+    }
+}
+
+impl Grammar for VehicleGrammar {
+    type Event = Command;
+
+    const START: u8 = b'>';
+
+    fn inspect(bytes: &[u8]) -> Verdict<Command> {
+        let length = if agrees(bytes, COMMAND_HEAD) {
+            ControlInput::FRAME_LEN
+        } else if agrees(bytes, POLL_HEAD) {
+            POLL_LEN
+        } else if agrees(bytes, &EMERGENCY_STOP) {
+            EMERGENCY_STOP.len()
+        } else {
+            return Verdict::Noise;
+        };
+        // The shortest frame is as long as the longest head: by then it is clear which of the three it is.
+        if bytes.len() < EMERGENCY_STOP.len() {
+            return Verdict::Wait(EMERGENCY_STOP.len());
+        }
+        match bytes.get(..length).map(command) {
+            None => Verdict::Wait(length),
+            Some(None) => Verdict::Damaged,
+            Some(command) => Verdict::Accept(length, command),
+        }
+    }
+}
+
+fn command(frame: &[u8]) -> Option<Command> {
+    if frame == EMERGENCY_STOP {
+        return Some(Command::EmergencyStop);
+    }
+    if let Ok(packet) = PollPacket::new_checked(frame) {
+        return Some(Command::Poll(packet.poll()));
+    }
+    CommandPacket::new_checked(frame).ok().map(|packet| Command::Control(packet.input()))
+}
+
+/// Whether `bytes` begin with `mark`, as far as there are bytes.
+fn agrees(bytes: &[u8], mark: &[u8]) -> bool {
+    bytes.iter().zip(mark).all(|(byte, wanted)| byte == wanted)
+}

@@ -1,0 +1,338 @@
+//! What the counts mean: SI units, radians, body axes x forward, y left, z up.
+//!
+//! | count | unit | source |
+//! |---|---|---|
+//! | stick as a body rate | 1/2047 of the rate at full stick | Eq. (61) |
+//! | stick as an angle | `K_stick` 25 mdeg, so 40 counts per degree | asctec_mav_framework |
+//! | yaw stick beside it | `K_stick_yaw` 120 mdeg/s | asctec_mav_framework; asctec_drivers has 254.760 deg/s at full stick, 124.5 |
+//! | thrust | by a table, see [`ThrustTable`] | the paper, section VII.A |
+//!
+//! Signs: asctec_drivers turns roll and yaw of the telemetry round to reach these axes, and passes commands on as they are;
+//! asctec_mav_framework calls the 2012 firmware's axes north-east-down. So they are configuration: look which way the vehicle
+//! tilts before it flies.
+
+use serde::{Deserialize, Serialize};
+
+use super::{ControlInput, FULL_STICK, FULL_THRUST, ImuCalc, LlStatus, ThrustTable};
+
+/// Counts of a rate in `IMU_CALCDATA` per degree per second.
+const RATE_COUNTS_PER_DEG_S: f64 = 64.8;
+
+/// A scale that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{key} {rule}")]
+pub struct InvalidScale {
+    /// The key in the configuration, relative to the table of the scales.
+    pub key: &'static str,
+    /// The rule that it breaks.
+    pub rule: String,
+}
+
+impl InvalidScale {
+    pub(super) fn new(key: &'static str, rule: impl Into<String>) -> Self {
+        Self { key, rule: rule.into() }
+    }
+}
+
+/// What the roll and pitch sticks mean to the vehicle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Meaning {
+    /// A body rate, as a fraction of that at full stick, Eq. (61): the paper's vehicle.
+    #[default]
+    BodyRate,
+    /// An angle; yaw is a rate: a Hummingbird with AutoPilot.
+    Attitude,
+}
+
+/// What the vehicle is to do, in body axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sticks {
+    /// About x: `delta_r` \[-1..1\] if sticks are body rates, else the roll angle \[rad\].
+    pub roll: f64,
+    /// About y: `delta_p` \[-1..1\] if sticks are body rates, else the pitch angle \[rad\].
+    pub pitch: f64,
+    /// About z: `delta_y` \[-1..1\] if sticks are body rates, else the yaw rate \[rad/s\].
+    pub yaw: f64,
+    /// Along z: `delta_c`, a fraction of the greatest thrust \[0..1\].
+    pub thrust: f64,
+}
+
+/// The sign of each axis of the vehicle in body axes: 1, or -1 if it turns the other way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Signs {
+    /// About x.
+    pub roll: i8,
+    /// About y.
+    pub pitch: i8,
+    /// About z.
+    pub yaw: i8,
+}
+
+impl Default for Signs {
+    fn default() -> Self {
+        Self { roll: -1, pitch: 1, yaw: -1 }
+    }
+}
+
+/// The greatest counts sent on each axis. asctec_drivers flies with roll and pitch 300, yaw 600, thrust 2200.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Limits {
+    /// Roll, either way \[counts\].
+    pub roll: i16,
+    /// Pitch, either way \[counts\].
+    pub pitch: i16,
+    /// Yaw, either way \[counts\].
+    pub yaw: i16,
+    /// Thrust \[counts\].
+    pub thrust: i16,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { roll: FULL_STICK, pitch: FULL_STICK, yaw: FULL_STICK, thrust: FULL_THRUST }
+    }
+}
+
+/// What counts mean. Both ends of a wire must agree on it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct Scales {
+    /// What the sticks mean.
+    pub sticks: Meaning,
+    /// Roll and pitch angle of a count, AscTec's `K_stick` \[mdeg\], where sticks mean an attitude.
+    pub angle_per_count_mdeg: f64,
+    /// Yaw rate of a count, AscTec's `K_stick_yaw` \[mdeg/s\], where sticks mean an attitude.
+    pub yaw_rate_per_count_mdeg_s: f64,
+    /// Signs of what is sent.
+    pub command_signs: Signs,
+    /// Signs of what is measured.
+    pub telemetry_signs: Signs,
+    /// Greatest counts sent.
+    pub limit_counts: Limits,
+    /// Points `[delta_c, counts]` from thrust to counts.
+    pub thrust_table: ThrustTable,
+    /// Yaw stick that, held without thrust, starts and stops the motors \[counts\]. asctec_drivers has -2047,
+    /// asctec_mav_framework 2047.
+    pub motor_yaw_counts: i16,
+}
+
+impl Default for Scales {
+    fn default() -> Self {
+        Self {
+            sticks: Meaning::BodyRate,
+            angle_per_count_mdeg: 25.0,
+            yaw_rate_per_count_mdeg_s: 120.0,
+            command_signs: Signs::default(),
+            telemetry_signs: Signs::default(),
+            limit_counts: Limits::default(),
+            thrust_table: ThrustTable::default(),
+            motor_yaw_counts: -FULL_STICK,
+        }
+    }
+}
+
+/// The battery and the state of the vehicle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Status {
+    /// Battery voltage \[V\].
+    pub battery_v: f64,
+    /// Whether the motors run.
+    pub motors_on: bool,
+    /// Whether the vehicle says that it flies.
+    pub flying: bool,
+}
+
+impl From<LlStatus> for Status {
+    fn from(wire: LlStatus) -> Self {
+        let battery_v = f64::from(wire.battery_1_mv) / 1000.0;
+        Self { battery_v, motors_on: wire.motors_on != 0, flying: wire.flying != 0 }
+    }
+}
+
+impl From<Status> for LlStatus {
+    fn from(status: Status) -> Self {
+        Self {
+            battery_1_mv: (status.battery_v * 1000.0).round() as i16,
+            cpu_load: 1000,
+            flying: i8::from(status.flying),
+            motors_on: i8::from(status.motors_on),
+            ..Self::default()
+        }
+    }
+}
+
+/// What the vehicle measures of itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Imu {
+    /// Euler angles 3-2-1 `[roll, pitch, yaw]` \[rad, body to a level frame whose heading is the compass's\].
+    pub angles: [f64; 3],
+    /// Body rate \[rad/s, body\].
+    pub rate: [f64; 3],
+    /// Height, fused \[m, up\].
+    pub height: f64,
+    /// Climb rate, fused \[m/s, up\].
+    pub climb: f64,
+}
+
+impl Scales {
+    /// # Errors
+    /// The first scale that cannot be used.
+    pub fn check(&self) -> Result<(), InvalidScale> {
+        let per_count = 0.1..=1000.0;
+        let plausible = |key, value: f64| match per_count.contains(&value) {
+            true => Ok(()),
+            false => Err(InvalidScale::new(key, "must lie between 0.1 and 1000")),
+        };
+        plausible("angle-per-count-mdeg", self.angle_per_count_mdeg)?;
+        plausible("yaw-rate-per-count-mdeg-s", self.yaw_rate_per_count_mdeg_s)?;
+        self.command_signs.check("command-signs")?;
+        self.telemetry_signs.check("telemetry-signs")?;
+        self.limit_counts.check()?;
+        self.thrust_table.check()?;
+        if (-FULL_STICK..=FULL_STICK).contains(&self.motor_yaw_counts) && self.motor_yaw_counts != 0
+        {
+            Ok(())
+        } else {
+            Err(InvalidScale::new("motor-yaw-counts", "must lie in -2047..2047 and not be 0"))
+        }
+    }
+
+    /// The counts for `sticks`, within the limits. A number that is none makes the whole command neutral.
+    #[must_use]
+    pub fn encode(&self, sticks: &Sticks) -> ControlInput {
+        let Sticks { roll, pitch, yaw, thrust } = *sticks;
+        if ![roll, pitch, yaw, thrust].iter().all(|value| value.is_finite()) {
+            return ControlInput::NEUTRAL;
+        }
+        let (signs, limits) = (&self.command_signs, &self.limit_counts);
+        let (angle, rate) = (self.counts_per_angle(), self.counts_per_yaw());
+        ControlInput {
+            roll: stick(f64::from(signs.roll) * roll * angle, limits.roll),
+            pitch: stick(f64::from(signs.pitch) * pitch * angle, limits.pitch),
+            yaw: stick(f64::from(signs.yaw) * yaw * rate, limits.yaw),
+            thrust: stick(self.thrust_table.counts(thrust), limits.thrust).max(0),
+            enabled: ControlInput::ENABLE_ALL,
+        }
+    }
+
+    /// What the counts ask for. Where the host limits them, that is what it sent.
+    #[must_use]
+    pub fn decode(&self, input: &ControlInput) -> Sticks {
+        let (signs, angle) = (&self.command_signs, self.counts_per_angle());
+        Sticks {
+            roll: f64::from(signs.roll) * f64::from(input.roll) / angle,
+            pitch: f64::from(signs.pitch) * f64::from(input.pitch) / angle,
+            yaw: f64::from(signs.yaw) * f64::from(input.yaw) / self.counts_per_yaw(),
+            thrust: self.thrust_table.delta(f64::from(input.thrust)),
+        }
+    }
+
+    /// What starts the motors, and stops them again: no thrust and the yaw stick held. Roll and pitch stay with the remote
+    /// control, as in asctec_drivers.
+    #[must_use]
+    pub fn motor_switch(&self) -> ControlInput {
+        ControlInput {
+            yaw: self.motor_yaw_counts,
+            enabled: ControlInput::ENABLE_YAW | ControlInput::ENABLE_THRUST,
+            ..ControlInput::NEUTRAL
+        }
+    }
+
+    /// Whether `input` is a motor switch: no thrust, and the yaw stick all the way to the right side.
+    #[must_use]
+    pub fn is_motor_switch(&self, input: &ControlInput) -> bool {
+        let yaw = i32::from(input.yaw);
+        let switch = i32::from(self.motor_yaw_counts);
+        input.thrust == 0 && yaw.signum() == switch.signum() && yaw.abs() >= switch.abs()
+    }
+
+    /// The inertial measurements in body axes.
+    #[must_use]
+    pub fn decode_imu(&self, wire: &ImuCalc) -> Imu {
+        let signs = self.telemetry_signs.as_array();
+        let angles = [wire.angle_roll, wire.angle_nick, wire.angle_yaw];
+        let rates = [wire.rate_roll, wire.rate_nick, wire.rate_yaw];
+        let signed = |axis: usize, counts: i32| signs[axis] * f64::from(counts);
+        Imu {
+            angles: [0, 1, 2].map(|axis| (signed(axis, angles[axis]) / 1000.0).to_radians()),
+            rate: [0, 1, 2]
+                .map(|axis| (signed(axis, rates[axis]) / RATE_COUNTS_PER_DEG_S).to_radians()),
+            height: f64::from(wire.height) / 1000.0,
+            climb: f64::from(wire.climb) / 1000.0,
+        }
+    }
+
+    /// The inertial measurements as the vehicle sends them; what [`Imu`] does not hold is zero.
+    #[must_use]
+    pub fn encode_imu(&self, imu: &Imu) -> ImuCalc {
+        let signs = self.telemetry_signs.as_array();
+        let angle = |axis: usize| signs[axis] * imu.angles[axis].to_degrees() * 1000.0;
+        let rate = |axis: usize| {
+            (signs[axis] * imu.rate[axis].to_degrees() * RATE_COUNTS_PER_DEG_S).round() as i32
+        };
+        ImuCalc {
+            angle_roll: angle(0).round() as i32,
+            angle_nick: angle(1).round() as i32,
+            angle_yaw: angle(2).round().rem_euclid(360_000.0) as i32,
+            rate_roll: rate(0),
+            rate_nick: rate(1),
+            rate_yaw: rate(2),
+            height: (imu.height * 1000.0).round() as i32,
+            climb: (imu.climb * 1000.0).round() as i32,
+            ..ImuCalc::default()
+        }
+    }
+
+    /// Counts per unit of [`Sticks::roll`] and [`Sticks::pitch`].
+    fn counts_per_angle(&self) -> f64 {
+        match self.sticks {
+            Meaning::BodyRate => f64::from(FULL_STICK),
+            Meaning::Attitude => 1000.0_f64.to_degrees() / self.angle_per_count_mdeg,
+        }
+    }
+
+    /// Counts per unit of [`Sticks::yaw`].
+    fn counts_per_yaw(&self) -> f64 {
+        match self.sticks {
+            Meaning::BodyRate => f64::from(FULL_STICK),
+            Meaning::Attitude => 1000.0_f64.to_degrees() / self.yaw_rate_per_count_mdeg_s,
+        }
+    }
+}
+
+impl Signs {
+    fn check(&self, key: &'static str) -> Result<(), InvalidScale> {
+        if [self.roll, self.pitch, self.yaw].iter().all(|sign| [1, -1].contains(sign)) {
+            Ok(())
+        } else {
+            Err(InvalidScale::new(key, "must be 1 or -1 each"))
+        }
+    }
+
+    fn as_array(&self) -> [f64; 3] {
+        [self.roll, self.pitch, self.yaw].map(f64::from)
+    }
+}
+
+impl Limits {
+    fn check(&self) -> Result<(), InvalidScale> {
+        let sticks = [self.roll, self.pitch, self.yaw];
+        let fits = sticks.iter().all(|limit| (1..=FULL_STICK).contains(limit))
+            && (1..=FULL_THRUST).contains(&self.thrust);
+        if fits {
+            Ok(())
+        } else {
+            let rule = "must lie in 1..2047 for roll, pitch and yaw, in 1..4095 for thrust";
+            Err(InvalidScale::new("limit-counts", rule))
+        }
+    }
+}
+
+/// Whole counts within the limit, either way.
+fn stick(counts: f64, limit: i16) -> i16 {
+    let limit = f64::from(limit);
+    counts.round().min(limit).max(-limit) as i16
+}

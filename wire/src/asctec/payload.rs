@@ -1,0 +1,144 @@
+//! The payloads that are read here, field by field as they lie on the wire.
+
+use super::telemetry::write_telemetry;
+use super::{Descriptor, MAX_TELEMETRY};
+
+/// A payload: its fields in the order of the wire, little endian, packed.
+macro_rules! payload {
+    ($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $type:ty,)* }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub struct $name { $($(#[$field_meta])* pub $field: $type,)* }
+
+        impl $name {
+            /// What it is called in telemetry.
+            pub const DESCRIPTOR: Descriptor = Descriptor::$name;
+            /// Length of its payload \[bytes\].
+            pub const LEN: usize = $(size_of::<$type>() +)* 0;
+
+            /// Reads the fields; none if the payload has not the right length.
+            #[must_use]
+            pub fn parse(payload: &[u8]) -> Option<Self> {
+                let mut fields = Fields(payload);
+                let read = Self { $($field: <$type>::from_le_bytes(fields.take()?),)* };
+                fields.0.is_empty().then_some(read)
+            }
+
+            /// The payload.
+            #[must_use]
+            pub fn payload(&self) -> [u8; Self::LEN] {
+                let mut payload = [0; Self::LEN];
+                let mut at = 0;
+                $(
+                    let field = self.$field.to_le_bytes();
+                    payload[at..at + field.len()].copy_from_slice(&field);
+                    at += field.len();
+                )*
+                debug_assert_eq!(at, Self::LEN);
+                payload
+            }
+
+            /// Writes its frame to the front of `out`; its length \[bytes\].
+            pub fn write_frame(&self, out: &mut [u8; MAX_TELEMETRY]) -> usize {
+                write_telemetry(Self::DESCRIPTOR, &self.payload(), out).unwrap_or(0)
+            }
+        }
+
+        const _: () = assert!($name::LEN == $name::DESCRIPTOR.payload_len());
+        const _: () = assert!($name::LEN + super::telemetry::ENVELOPE <= MAX_TELEMETRY);
+    };
+}
+
+struct Fields<'a>(&'a [u8]);
+
+impl Fields<'_> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (field, rest) = self.0.split_first_chunk()?;
+        self.0 = rest;
+        Some(*field)
+    }
+}
+
+payload! {
+    /// `LL_STATUS`: battery and state.
+    LlStatus {
+        /// Battery voltage \[mV\].
+        battery_1_mv: i16,
+        /// Voltage of a second battery \[mV\]; 0 without one.
+        battery_2_mv: i16,
+        /// Without published meaning.
+        status: i16,
+        /// Cycles of the controller in a second, some 1000.
+        cpu_load: i16,
+        /// Without published meaning.
+        compass_enabled: i8,
+        /// Without published meaning.
+        checksum_error: i8,
+        /// Not zero if the vehicle flies. asctec_drivers takes it for the state of the motors.
+        flying: i8,
+        /// Not zero if the motors run.
+        motors_on: i8,
+        /// Bits of the flight mode.
+        flight_mode: i16,
+        /// For how long the motors have been running; unit not published.
+        up_time: i16,
+    }
+}
+
+payload! {
+    /// `IMU_CALCDATA`: the fused inertial measurements, in the vehicle's axes.
+    ImuCalc {
+        /// Nick (pitch) angle \[mdeg, -90000..90000\].
+        angle_nick: i32,
+        /// Roll angle \[mdeg, -90000..90000\].
+        angle_roll: i32,
+        /// Yaw angle \[mdeg, 0..360000\].
+        angle_yaw: i32,
+        /// Nick rate \[1/64.8 deg/s\].
+        rate_nick: i32,
+        /// Roll rate \[1/64.8 deg/s\].
+        rate_roll: i32,
+        /// Yaw rate \[1/64.8 deg/s\].
+        rate_yaw: i32,
+        /// Calibrated accelerometer \[1e-4 g\].
+        acc_x_calib: i16,
+        /// Calibrated accelerometer \[1e-4 g\].
+        acc_y_calib: i16,
+        /// Calibrated accelerometer \[1e-4 g\].
+        acc_z_calib: i16,
+        /// Horizontal acceleration \[1e-4 g\].
+        acc_x: i16,
+        /// Horizontal acceleration \[1e-4 g\].
+        acc_y: i16,
+        /// Vertical acceleration \[1e-4 g\].
+        acc_z: i16,
+        /// Nick angle from acceleration alone \[mdeg\].
+        acc_angle_nick: i32,
+        /// Roll angle from acceleration alone \[mdeg\].
+        acc_angle_roll: i32,
+        /// Length of the acceleration \[1e-4 g\].
+        acc_absolute: i32,
+        /// Magnetic field, free of offset; of no unit.
+        magnetic_x: i32,
+        /// Magnetic field, free of offset; of no unit.
+        magnetic_y: i32,
+        /// Magnetic field, free of offset; of no unit.
+        magnetic_z: i32,
+        /// Compass reading \[mdeg, 0..360000\].
+        magnetic_heading: i32,
+        /// Pseudo speed; of no published unit.
+        speed_x: i32,
+        /// Pseudo speed; of no published unit.
+        speed_y: i32,
+        /// Pseudo speed; of no published unit.
+        speed_z: i32,
+        /// Height, fused \[mm\].
+        height: i32,
+        /// Climb rate, fused \[mm/s\].
+        climb: i32,
+        /// Climb rate of the pressure sensor \[mm/s\].
+        climb_reference: i32,
+        /// Height of the pressure sensor \[mm\].
+        height_reference: i32,
+    }
+}

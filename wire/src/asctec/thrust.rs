@@ -1,0 +1,71 @@
+//! From thrust to counts: the "nonlinear" post-processing of the paper (section VII.A, figure 15: delta to eta).
+//!
+//! The paper says that thrust is first modelled as linear, Eq. (61), and then post-processed with a nonlinear characteristic,
+//! and gives no figures. Here it is a table, straight between its points; the default is what rotors do whose speed follows the
+//! counts: thrust grows with the square of the speed. Replace it by a calibration of the very vehicle.
+
+use serde::{Deserialize, Serialize};
+
+use super::{FULL_THRUST, InvalidScale};
+
+/// The most points a table may have.
+const MAX_POINTS: usize = 256;
+
+/// Points `[delta_c, counts]`, both rising: thrust as a fraction of the greatest, and the counts that give it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct ThrustTable(pub Vec<[f64; 2]>);
+
+impl Default for ThrustTable {
+    fn default() -> Self {
+        let point = |tenth: u8| {
+            let speed = f64::from(tenth) / 10.0;
+            [(speed * speed * 100.0).round() / 100.0, (speed * f64::from(FULL_THRUST)).round()]
+        };
+        Self((0..=10).map(point).collect())
+    }
+}
+
+impl ThrustTable {
+    /// # Errors
+    /// Fewer than two points, a point outside -1..1 and 0..4095, or points that do not rise.
+    pub fn check(&self) -> Result<(), InvalidScale> {
+        let wrong = |rule: &str| Err(InvalidScale::new("thrust-table", rule));
+        if !(2..=MAX_POINTS).contains(&self.0.len()) {
+            return wrong("must have 2 to 256 points");
+        }
+        for &[delta, counts] in &self.0 {
+            if !(-1.0..=1.0).contains(&delta) || !(0.0..=f64::from(FULL_THRUST)).contains(&counts) {
+                return wrong(
+                    "must hold [delta, counts] with delta in -1..1 and counts in 0..4095",
+                );
+            }
+        }
+        let rises = |axis: usize| self.0.windows(2).all(|pair| pair[0][axis] < pair[1][axis]);
+        if rises(0) && rises(1) { Ok(()) } else { wrong("must rise from point to point") }
+    }
+
+    /// The counts for a thrust `delta_c`; beyond the table, those of its nearest end.
+    #[must_use]
+    pub fn counts(&self, delta: f64) -> f64 {
+        self.interpolate(delta, 0, 1)
+    }
+
+    /// The thrust `delta_c` that these counts give; beyond the table, that of its nearest end.
+    #[must_use]
+    pub fn delta(&self, counts: f64) -> f64 {
+        self.interpolate(counts, 1, 0)
+    }
+
+    fn interpolate(&self, value: f64, from: usize, to: usize) -> f64 {
+        let upper = self.0.partition_point(|point| point[from] < value);
+        match (upper.checked_sub(1).and_then(|lower| self.0.get(lower)), self.0.get(upper)) {
+            (Some(low), Some(high)) => {
+                let share = (value - low[from]) / (high[from] - low[from]);
+                low[to] + share * (high[to] - low[to])
+            }
+            (Some(end), None) | (None, Some(end)) => end[to],
+            (None, None) => 0.0,
+        }
+    }
+}
