@@ -1,28 +1,41 @@
 //! The plant process: a simulated vehicle and its radio, in place of a real one.
 //!
-//! [`Plant`] is pure; [`run`] wires it to the bus.
+//! [`Plant`] is pure; [`run`] wires it to the bus, or puts it at the other end of a radio's wire ([`wire`]).
 #![forbid(unsafe_code)]
 
 mod dynamics;
 mod plant;
 mod state;
+pub mod wire;
 mod world;
 
 use oqtal_bus::config::Config;
 use oqtal_bus::message::HealthV1;
-use oqtal_bus::process::{Failure, Shell};
+use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
+use oqtal_wire::link::{InvalidLink, LinkSpec};
 
 pub use dynamics::{Disturbance, Dynamics, Input};
 pub use plant::{Output, Plant};
 pub use state::{Derivative, State};
 
-/// Whether the plant could fly with `config`: any that is valid will do.
+/// Whether the plant could fly with `config`.
 ///
 /// # Errors
-/// None.
-pub fn check(_: &Config) -> Result<(), Failure> {
-    Ok(())
+/// The wire's link has no meaning.
+pub fn check(config: &Config) -> Result<(), Failure> {
+    link(config).map(drop)
+}
+
+/// The link that the vehicle is to be found at, if its commands come over a wire.
+fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
+    let text = &config.vehicle.wire.link;
+    if text.is_empty() {
+        return Ok(None);
+    }
+    let wrong =
+        |error: InvalidLink| Failure::new(Exit::Config, format!("`vehicle.wire.link`: {error}"));
+    text.parse().map(Some).map_err(wrong)
 }
 
 /// Flies the simulated vehicle until asked to stop.
@@ -30,10 +43,20 @@ pub fn check(_: &Config) -> Result<(), Failure> {
 /// # Errors
 /// The bus refuses or breaks.
 pub fn run(shell: &Shell) -> Result<(), Failure> {
+    match link(&shell.config)? {
+        Some(link) => wire::run(shell, &link, &oqtal_wire::asctec::Scales::default()),
+        None => fly(shell),
+    }
+}
+
+/// Flies by the commands on the bus.
+fn fly(shell: &Shell) -> Result<(), Failure> {
     let bus = shell.bus()?;
     let mut commands = bus.reader(&COMMAND)?;
     let mut truths = bus.writer(&TRUTH)?;
-    let mut vehicles = bus.writer(&VEHICLE)?;
+    // Of a vehicle behind the bridge it is the bridge that speaks.
+    let own = !shell.config.vehicle.shadow;
+    let mut vehicles = own.then(|| bus.writer(&VEHICLE)).transpose()?;
     let mut pulse = shell.pulse(&bus)?;
     let mut pace = shell.pace(&bus, &COMMAND)?;
     let mut plant = Plant::new(&shell.config, pace.now());
@@ -63,7 +86,9 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
                     }
                 }
                 Output::Applied(pose_sequence, stamps, vehicle) => {
-                    vehicles.send(pose_sequence, stamps, vehicle)?;
+                    if let Some(vehicles) = &mut vehicles {
+                        vehicles.send(pose_sequence, stamps, vehicle)?;
+                    }
                 }
             }
         }

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use oqtal_bus::process::{Exit, Failure};
 use oqtal_bus::time::{Span, Time};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::fs::{FlockOperation, Mode, OFlags, fcntl_lock, open};
-use rustix::io::{Errno, fcntl_getfl, fcntl_setfl};
+use rustix::fs::{FlockOperation, Mode, OFlags, fcntl_getfl, fcntl_lock, fcntl_setfl, open};
+use rustix::io::Errno;
 use rustix::process::{Flock, FlockType, fcntl_getlk};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
@@ -126,7 +126,8 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     match error.kind() {
         ErrorKind::AlreadyExists => {}
         ErrorKind::PermissionDenied => {
-            let message = format!("no permission to make {shown}: name a path in a directory of yours");
+            let message =
+                format!("no permission to make {shown}: name a path in a directory of yours");
             return Err(Failure::new(Exit::Permission, message));
         }
         _ => {
@@ -167,9 +168,9 @@ fn refuse_company(link: &Path, terminal: &Path) -> Result<(), Failure> {
     };
     match fcntl_getlk(&far, &Flock::from(FlockType::WriteLock)) {
         Ok(Some(lock)) => {
-            let holder = lock.pid.map_or_else(String::new, |pid| {
-                format!(" (process {})", pid.as_raw_nonzero())
-            });
+            let holder = lock
+                .pid
+                .map_or_else(String::new, |pid| format!(" (process {})", pid.as_raw_nonzero()));
             let message = format!(
                 "an emulated vehicle is at {shown} already{holder}: stop it, or name another path"
             );

@@ -142,8 +142,7 @@ impl OnBoard {
         }
         let is = angles(truth);
         let turn = |wanted: f64, is: f64| self.attitude_gain * (wanted - is);
-        Vector3::new(turn(roll, is.roll), turn(pitch, is.pitch), yaw)
-            .component_div(&self.authority)
+        Vector3::new(turn(roll, is.roll), turn(pitch, is.pitch), yaw).component_div(&self.authority)
     }
 
     fn report(&self, now: Time, poll: Poll, measured: &Measured, answer: &mut Vec<u8>) {

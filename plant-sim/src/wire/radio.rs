@@ -74,11 +74,10 @@ impl Radio {
         self.lane_mut(way).receive(sent_by, byte, out);
     }
 
-    /// When the next frame has arrived whole.
+    /// When the next frame that way has arrived whole.
     #[must_use]
-    pub fn next_event(&self) -> Option<Time> {
-        let whole = |lane: &Lane| lane.frames.front().map(|frame| frame.end + self.latency);
-        [whole(&self.up), whole(&self.down)].into_iter().flatten().min()
+    pub fn next_arrival(&self, way: Way) -> Option<Time> {
+        self.lane(way).frames.front().map(|frame| frame.end + self.latency)
     }
 
     /// Whether the wire takes more; else whoever speaks should wait.
