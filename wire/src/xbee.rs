@@ -19,6 +19,14 @@
 //!
 //! Sources: Digi, *XBee/XBee-PRO 802.15.4 OEM RF Modules* and *XBee-PRO ZB* manuals; digi-xbee 1.5.0 as the oracle of the tests.
 
+mod carrier;
+mod decoder;
+mod frame;
 mod framing;
+mod packet;
 
+pub use carrier::{Address, Arrival, Arrivals, Carrier, Side};
+pub use decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
+pub use frame::{Frame, FrameError, Payload, TooLong, UNKNOWN_NETWORK};
 pub use framing::{Framing, InvalidFraming};
+pub use packet::{ApiPacket, MAX_PAYLOAD, MAX_WIRE, PacketError, START, Wire};

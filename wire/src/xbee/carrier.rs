@@ -1,0 +1,234 @@
+//! Payload to and from a radio, whatever its framing.
+
+use std::slice::Chunks;
+
+use super::Framing;
+use super::decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
+use super::frame::{Frame, Payload, TooLong, UNKNOWN_NETWORK};
+use super::packet::{MAX_PAYLOAD, Wire};
+use crate::stream::{Counters, Events};
+
+/// The radio at the other end of the air.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Address {
+    /// 16 bits: frames 0x01, 0x81 and 0x89.
+    Short(u16),
+    /// 64 bits: frames 0x10, 0x90 and 0x8B.
+    Long(u64),
+}
+
+impl Address {
+    /// Every radio in reach.
+    pub const BROADCAST: Self = Self::Long(0xFFFF);
+}
+
+/// Who speaks at this end of the serial port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The computer: asks its radio to send, and hears what was received.
+    Host,
+    /// The radio: hears what to send, and tells what it received.
+    Radio,
+}
+
+/// What came over the serial port.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arrival {
+    /// Bytes for this end; `id` is what a radio reports their delivery by, 0 if nobody wants to know.
+    Payload {
+        /// Number of the request.
+        id: u8,
+        /// The bytes.
+        payload: Payload,
+    },
+    /// To the host: what became of a request.
+    Delivery {
+        /// Number of the request.
+        id: u8,
+        /// Whether the other radio has it.
+        delivered: bool,
+    },
+    /// To the host: what happened to its radio, as in Digi's manuals; 0 and 1 are resets.
+    Modem(u8),
+}
+
+/// One end of the serial port between a computer and its radio.
+#[derive(Clone, Debug)]
+pub struct Carrier {
+    side: Side,
+    peer: Address,
+    decoder: Inbound,
+}
+
+#[derive(Clone, Debug)]
+enum Inbound {
+    Transparent,
+    Api1(Api1Decoder),
+    Api2(Api2Decoder),
+}
+
+impl Carrier {
+    /// An end that speaks to the radio `peer`.
+    #[must_use]
+    pub fn new(framing: Framing, side: Side, peer: Address) -> Self {
+        let decoder = match framing {
+            Framing::Transparent => Inbound::Transparent,
+            Framing::Api1 => Inbound::Api1(Api1Decoder::new()),
+            Framing::Api2 => Inbound::Api2(Api2Decoder::new()),
+        };
+        Self { side, peer, decoder }
+    }
+
+    /// `payload` as it goes over the serial port. A host that wants to know its fate gives an `id` other than 0.
+    ///
+    /// # Errors
+    /// More than [`MAX_PAYLOAD`] bytes: send them in pieces, as the radios do.
+    pub fn wrap(&self, id: u8, payload: &[u8]) -> Result<Wire, TooLong> {
+        let payload = Payload::try_from(payload)?;
+        Ok(match self.escapes() {
+            None => Wire::plain(&payload),
+            Some(escaped) => self.carry(id, payload).to_wire(escaped),
+        })
+    }
+
+    /// From a radio to its host: what became of request `id`. Empty where there is no framing, or nobody asked (0).
+    #[must_use]
+    pub fn report(&self, id: u8, delivered: bool) -> Wire {
+        // 0x01 and 0x21: no acknowledgement from the other radio.
+        let frame = match self.peer {
+            Address::Short(_) => Frame::TxStatus { id, status: if delivered { 0 } else { 0x01 } },
+            Address::Long(_) => Frame::TxStatusExtended {
+                id,
+                network: UNKNOWN_NETWORK,
+                retries: 0,
+                delivery: if delivered { 0 } else { 0x21 },
+                discovery: 0,
+            },
+        };
+        match self.escapes() {
+            Some(escaped) if id != 0 => frame.to_wire(escaped),
+            _ => Wire::EMPTY,
+        }
+    }
+
+    /// Bytes that framing adds to a payload, escapes apart: see [`Carrier::wrap`] for the length with them.
+    #[must_use]
+    pub fn overhead(&self) -> usize {
+        match (&self.decoder, self.side, self.peer) {
+            (Inbound::Transparent, ..) => 0,
+            (_, _, Address::Short(_)) => 9,
+            (_, Side::Host, Address::Long(_)) => 18,
+            (_, Side::Radio, Address::Long(_)) => 16,
+        }
+    }
+
+    /// Takes `bytes` as they came over the serial port. Bytes are taken as the iterator advances: run it to its end.
+    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> Arrivals<'a> {
+        let inbound = match &mut self.decoder {
+            Inbound::Transparent => Pieces::Transparent(bytes.chunks(MAX_PAYLOAD)),
+            Inbound::Api1(decoder) => Pieces::Api1(decoder.push(bytes)),
+            Inbound::Api2(decoder) => Pieces::Api2(decoder.push(bytes)),
+        };
+        Arrivals { side: self.side, inbound }
+    }
+
+    /// API frames and bytes so far; zero without framing.
+    #[must_use]
+    pub fn counters(&self) -> Counters {
+        match &self.decoder {
+            Inbound::Transparent => Counters::default(),
+            Inbound::Api1(decoder) => decoder.counters(),
+            Inbound::Api2(decoder) => decoder.counters(),
+        }
+    }
+
+    /// Forgets the beginning of a frame, as after a reopened port.
+    pub fn reset(&mut self) {
+        match &mut self.decoder {
+            Inbound::Transparent => {}
+            Inbound::Api1(decoder) => decoder.reset(),
+            Inbound::Api2(decoder) => decoder.reset(),
+        }
+    }
+
+    fn escapes(&self) -> Option<bool> {
+        match &self.decoder {
+            Inbound::Transparent => None,
+            Inbound::Api1(_) => Some(false),
+            Inbound::Api2(_) => Some(true),
+        }
+    }
+
+    fn carry(&self, id: u8, payload: Payload) -> Frame {
+        let (network, options, rssi) = (UNKNOWN_NETWORK, 0, 0);
+        match (self.side, self.peer) {
+            (Side::Host, Address::Short(to)) => Frame::TxRequest16 { id, to, options, payload },
+            (Side::Host, Address::Long(to)) => {
+                Frame::TxRequest { id, to, network, radius: 0, options, payload }
+            }
+            (Side::Radio, Address::Short(from)) => {
+                Frame::RxPacket16 { from, rssi, options, payload }
+            }
+            (Side::Radio, Address::Long(from)) => {
+                Frame::RxPacket { from, network, options, payload }
+            }
+        }
+    }
+}
+
+/// What came in some bytes.
+#[must_use = "bytes are only taken as the iterator advances"]
+#[derive(Debug)]
+pub struct Arrivals<'a> {
+    side: Side,
+    inbound: Pieces<'a>,
+}
+
+#[derive(Debug)]
+enum Pieces<'a> {
+    Transparent(Chunks<'a, u8>),
+    Api1(Events<'a, Api1Grammar>),
+    Api2(Events<'a, Api2Grammar>),
+}
+
+impl Iterator for Arrivals<'_> {
+    type Item = Arrival;
+
+    fn next(&mut self) -> Option<Arrival> {
+        loop {
+            let frame = match &mut self.inbound {
+                Pieces::Transparent(chunks) => {
+                    let payload = Payload::try_from(chunks.next()?).ok()?;
+                    return Some(Arrival::Payload { id: 0, payload });
+                }
+                Pieces::Api1(frames) => frames.next()?,
+                Pieces::Api2(frames) => frames.next()?,
+            };
+            if let Some(arrival) = arrival(self.side, frame) {
+                return Some(arrival);
+            }
+        }
+    }
+}
+
+/// What a frame is to this side; a frame that goes the other way is an echo, and nothing.
+fn arrival(side: Side, frame: Frame) -> Option<Arrival> {
+    match (side, frame) {
+        (
+            Side::Radio,
+            Frame::TxRequest { id, payload, .. } | Frame::TxRequest16 { id, payload, .. },
+        ) => Some(Arrival::Payload { id, payload }),
+        (
+            Side::Host,
+            Frame::RxPacket { payload, .. }
+            | Frame::RxPacket64 { payload, .. }
+            | Frame::RxPacket16 { payload, .. },
+        ) => Some(Arrival::Payload { id: 0, payload }),
+        (
+            Side::Host,
+            Frame::TxStatus { id, status: delivery } | Frame::TxStatusExtended { id, delivery, .. },
+        ) => Some(Arrival::Delivery { id, delivered: delivery == 0 }),
+        (Side::Host, Frame::ModemStatus(status)) => Some(Arrival::Modem(status)),
+        (Side::Radio, _) | (Side::Host, _) => None,
+    }
+}

@@ -1,0 +1,193 @@
+//! API frames as bytes: start, length, checksum, escapes.
+
+/// First byte of every API frame.
+pub const START: u8 = 0x7E;
+/// Introduces an escaped byte in API mode 2.
+pub(super) const ESCAPE: u8 = 0x7D;
+/// What an escaped byte is changed by.
+const FLIP: u8 = 0x20;
+/// XON and XOFF, which a serial port with software flow control would swallow.
+const FLOW_CONTROL: [u8; 2] = [0x11, 0x13];
+
+/// The longest payload of a radio packet \[bytes\].
+pub const MAX_PAYLOAD: usize = 100;
+/// The longest frame between length and checksum: a TX request of the greatest payload.
+pub(super) const MAX_DATA: usize = 14 + MAX_PAYLOAD;
+/// Start, length, data, checksum.
+pub(super) const MAX_PLAIN: usize = 1 + 2 + MAX_DATA + 1;
+/// The most bytes that a frame may take on the serial port, every byte after the first escaped.
+pub const MAX_WIRE: usize = 1 + 2 * (MAX_PLAIN - 1);
+
+const _: () = assert!(MAX_WIRE <= crate::stream::MAX_FRAME);
+
+/// Why bytes are no API frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PacketError {
+    /// Fewer or more bytes than the length field says, or a length that no frame known here has.
+    #[error("{0} bytes do not agree with the length field")]
+    Length(usize),
+    /// Does not begin with [`START`].
+    #[error("no start byte")]
+    Start,
+    /// Data and checksum do not add up to 0xFF.
+    #[error("data and checksum add up to {0:#04x}, want 0xff")]
+    Checksum(u8),
+}
+
+/// Bytes that are an API frame, without escapes.
+#[derive(Clone, Copy, Debug)]
+pub struct ApiPacket<'a> {
+    kind: u8,
+    body: &'a [u8],
+}
+
+impl<'a> ApiPacket<'a> {
+    /// Checks start, length and checksum.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn new_checked(bytes: &'a [u8]) -> Result<Self, PacketError> {
+        let &[start, high, low, ref rest @ ..] = bytes else {
+            return Err(PacketError::Length(bytes.len()));
+        };
+        if start != START {
+            return Err(PacketError::Start);
+        }
+        let length = usize::from(u16::from_be_bytes([high, low]));
+        let [kind, body @ .., _checksum] = rest else {
+            return Err(PacketError::Length(bytes.len()));
+        };
+        if length > MAX_DATA || rest.len() != length + 1 {
+            return Err(PacketError::Length(bytes.len()));
+        }
+        match sum(rest) {
+            0xFF => Ok(Self { kind: *kind, body }),
+            other => Err(PacketError::Checksum(other)),
+        }
+    }
+
+    /// Which frame it is.
+    #[must_use]
+    pub fn kind(&self) -> u8 {
+        self.kind
+    }
+
+    /// What follows the kind.
+    #[must_use]
+    pub fn body(&self) -> &'a [u8] {
+        self.body
+    }
+}
+
+fn sum(bytes: &[u8]) -> u8 {
+    bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
+}
+
+/// An API frame on its way to the serial port.
+#[derive(Clone, Copy, Debug)]
+pub struct Wire {
+    bytes: [u8; MAX_WIRE],
+    length: usize,
+}
+
+impl Wire {
+    /// Nothing yet.
+    pub(super) const EMPTY: Self = Self { bytes: [0; MAX_WIRE], length: 0 };
+
+    /// The bytes.
+    #[must_use]
+    pub fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+
+    /// Bytes as they are; beyond [`MAX_WIRE`] they are cut off.
+    pub(super) fn plain(bytes: &[u8]) -> Self {
+        let mut wire = Self::EMPTY;
+        bytes.iter().for_each(|byte| wire.put(*byte));
+        wire
+    }
+
+    /// The frame of `data`: start, length, data, checksum, with escapes if asked for.
+    pub(super) fn framed(data: &[u8], escaped: bool) -> Self {
+        let mut wire = Self::EMPTY;
+        wire.put(START);
+        let length = (data.len() as u16).to_be_bytes();
+        let checksum = [!sum(data)];
+        for byte in length.iter().chain(data).chain(&checksum) {
+            if escaped && is_special(*byte) {
+                wire.put(ESCAPE);
+                wire.put(byte ^ FLIP);
+            } else {
+                wire.put(*byte);
+            }
+        }
+        wire
+    }
+
+    fn put(&mut self, byte: u8) {
+        if let Some(place) = self.bytes.get_mut(self.length) {
+            *place = byte;
+            self.length += 1;
+        }
+    }
+}
+
+fn is_special(byte: u8) -> bool {
+    byte == START || byte == ESCAPE || FLOW_CONTROL.contains(&byte)
+}
+
+/// A frame of API mode 2 without its escapes.
+pub(super) struct Unescaped {
+    bytes: [u8; MAX_PLAIN],
+    length: usize,
+    /// Bytes read, escapes included.
+    pub(super) read: usize,
+}
+
+/// Escapes where none may be, or none where one must be.
+pub(super) struct BadEscape;
+
+impl Unescaped {
+    /// Reads `bytes` until `wanted` of them without escapes are there, or no more follow.
+    pub(super) fn read(bytes: &[u8], wanted: usize) -> Result<Self, BadEscape> {
+        let mut plain = Self { bytes: [0; MAX_PLAIN], length: 0, read: 0 };
+        while plain.length < wanted.min(MAX_PLAIN) {
+            let byte = match bytes[plain.read..] {
+                [first, ..] if plain.read == 0 => first,
+                [] | [ESCAPE] => break,
+                [ESCAPE, escaped, ..] if is_special(escaped ^ FLIP) => {
+                    plain.read += 1;
+                    escaped ^ FLIP
+                }
+                [byte, ..] if is_special(byte) => return Err(BadEscape),
+                [byte, ..] => byte,
+            };
+            plain.read += 1;
+            plain.bytes[plain.length] = byte;
+            plain.length += 1;
+        }
+        Ok(plain)
+    }
+
+    pub(super) fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_with_a_frame_is_said() {
+        let frame = Wire::framed(&[0x8A, 0x06], false);
+        let mut bytes = frame.as_bytes().to_vec();
+        assert_eq!(ApiPacket::new_checked(&bytes).map(|packet| packet.kind()), Ok(0x8A));
+        assert_eq!(ApiPacket::new_checked(&bytes[..5]).unwrap_err(), PacketError::Length(5));
+        assert_eq!(ApiPacket::new_checked(&[]).unwrap_err(), PacketError::Length(0));
+        bytes[4] ^= 1;
+        assert_eq!(ApiPacket::new_checked(&bytes).unwrap_err(), PacketError::Checksum(0));
+        bytes[0] = 0;
+        assert_eq!(ApiPacket::new_checked(&bytes).unwrap_err(), PacketError::Start);
+    }
+}
