@@ -188,7 +188,9 @@ impl Bridge {
     /// Bytes to hand to the port.
     #[must_use]
     pub fn outbox(&self) -> &[u8] {
-        self.outgoing.as_ref().map_or(&[], |outgoing| &outgoing.frame.bytes()[outgoing.handed_over..])
+        self.outgoing
+            .as_ref()
+            .map_or(&[], |outgoing| &outgoing.frame.bytes()[outgoing.handed_over..])
     }
 
     /// So many of them were taken at `now`. With the last byte of an order there is something to report.
@@ -236,8 +238,7 @@ impl Bridge {
 
     /// The very last: the emergency stop, if the motors run because of this bridge. Nobody will be left to stop them.
     pub fn say_emergency_stop(&mut self, now: Time) -> bool {
-        let needed =
-            self.is_open && self.emergency_stop && self.safety.may_run();
+        let needed = self.is_open && self.emergency_stop && self.safety.may_run();
         if needed {
             let frame = self.language.emergency_stop();
             self.begin(now, Kind::EmergencyStop, frame);
@@ -282,7 +283,11 @@ impl Bridge {
     fn watch(&mut self, now: Time, note: &mut dyn FnMut(Note)) {
         let answers = self.answers(now);
         if std::mem::replace(&mut self.answers, answers) != answers && self.is_open {
-            note(if answers { Note::Answers } else { Note::Silent { damaged: self.language.damaged() } });
+            note(if answers {
+                Note::Answers
+            } else {
+                Note::Silent { damaged: self.language.damaged() }
+            });
         }
         let refused = self.safety.refused();
         // The first of a run says enough.

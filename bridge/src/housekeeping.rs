@@ -166,7 +166,9 @@ fn log(note: Note) {
         ),
         Note::Motors(change) => log_motors(change),
         Note::RefusedOld => {
-            tracing::warn!("a command was older than allowed and is not sent; nor are others like it");
+            tracing::warn!(
+                "a command was older than allowed and is not sent; nor are others like it"
+            );
         }
         Note::Stuck => tracing::warn!(
             "the port holds back what it is given, and that was dropped: is flow control as the radio wants it?"
@@ -188,7 +190,9 @@ fn log_motors(change: Change) {
         }
         Change::Stalled => tracing::warn!("motors stopped in flight: neutral until disarmed"),
         Change::Abandoned => {
-            tracing::warn!("the daemon fell silent in flight: neutral until it is there and disarmed");
+            tracing::warn!(
+                "the daemon fell silent in flight: neutral until it is there and disarmed"
+            );
         }
     }
 }

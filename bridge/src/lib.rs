@@ -121,7 +121,8 @@ fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn Language>), Failure> {
         let reason = "a bridge passes on sticks, not torque; set `vehicle.kind = \"hummingbird\"`";
         return Err(wrong(reason.to_owned()));
     }
-    let spec = config.bridge.link().map_err(|error| wrong(format!("`{}` {}", error.key, error.rule)))?;
+    let spec =
+        config.bridge.link().map_err(|error| wrong(format!("`{}` {}", error.key, error.rule)))?;
     let spec = spec.ok_or_else(|| {
         wrong("`bridge.link` names no vehicle; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0".to_owned())
     })?;

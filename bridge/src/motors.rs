@@ -282,8 +282,7 @@ mod tests {
 
     #[test]
     fn motors_that_nobody_here_flew_are_left_alone() {
-        let by_hand =
-            Conditions { calm: true, rested: true, run: true, ..Conditions::default() };
+        let by_hand = Conditions { calm: true, rested: true, run: true, ..Conditions::default() };
         assert_eq!(after(Held, 10, by_hand), Off);
         assert_eq!(after(Off, 10_000, by_hand), Off);
     }

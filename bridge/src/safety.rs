@@ -104,7 +104,8 @@ impl Safety {
     /// Takes a command off the bus at `now`; whether it is believed, young and newer than the last.
     pub fn receive(&mut self, now: Time, header: &Header, command: CommandV1) -> bool {
         let published_at = header.stamps.command_published_at;
-        let newer = self.newest.is_none_or(|last| published_at >= last.about.stamps.command_published_at);
+        let newer =
+            self.newest.is_none_or(|last| published_at >= last.about.stamps.command_published_at);
         // The last word of a daemon carries no stamps: neutral is always right.
         let last_word = !is_flight(&command) && !published_at.is_set();
         let believed = last_word || newer && is_young(now, published_at, self.limits.command_age);

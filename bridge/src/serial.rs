@@ -96,7 +96,8 @@ impl Port {
     /// There is none, it is taken, or the operating system refuses.
     pub fn open(&self) -> Result<Serial, OpenError> {
         // Both descriptors are of the same device, even if the link is changed in between.
-        let device = self.path.canonicalize().map_err(|error| self.refused(error.kind(), &error))?;
+        let device =
+            self.path.canonicalize().map_err(|error| self.refused(error.kind(), &error))?;
         let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
         let bytes = OpenOptions::new()
             .read(true)
@@ -116,7 +117,9 @@ impl Port {
             _ => self.refused(ErrorKind::Other, &error),
         })?;
         // What was received before belongs to nobody.
-        control.clear(ClearBuffer::Input).map_err(|error| self.refused(ErrorKind::Other, &error))?;
+        control
+            .clear(ClearBuffer::Input)
+            .map_err(|error| self.refused(ErrorKind::Other, &error))?;
         warn_of_latency(&device);
         Ok(Serial { bytes, control })
     }

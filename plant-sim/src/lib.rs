@@ -9,15 +9,56 @@ mod state;
 pub mod wire;
 mod world;
 
-use oqtal_bus::config::Config;
+use clap::{Args, Subcommand};
+use oqtal_bus::config::{Config, Violation};
 use oqtal_bus::message::HealthV1;
-use oqtal_bus::process::{Exit, Failure, Shell};
-use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
-use oqtal_wire::link::{InvalidLink, LinkSpec};
+use oqtal_bus::process::{CommonArgs, Exit, Failure, ProcessCommand, Shell, execute};
+use oqtal_bus::topic::{COMMAND, Party, TRUTH, VEHICLE};
+use oqtal_wire::link::LinkSpec;
 
 pub use dynamics::{Disturbance, Dynamics, Input};
 pub use plant::{Output, Plant};
 pub use state::{Derivative, State};
+
+/// What can be done with the plant.
+#[derive(Subcommand, Clone, Debug)]
+pub enum PlantCommand {
+    /// Run the process until SIGINT or SIGTERM
+    Run(PlantArgs),
+    /// Check the configuration the process would run with, and print it
+    Check(PlantArgs),
+}
+
+/// What the plant can be told on its command line.
+#[derive(Args, Clone, Debug)]
+pub struct PlantArgs {
+    /// Be flown over a wire, at asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal
+    #[arg(long, value_name = "LINK")]
+    wire: Option<String>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl PlantCommand {
+    /// Does it, and says how it ended.
+    #[must_use]
+    pub fn execute(self) -> std::process::ExitCode {
+        let command = match self {
+            Self::Run(args) => ProcessCommand::Run(args.common()),
+            Self::Check(args) => ProcessCommand::Check(args.common()),
+        };
+        execute(Party::Plant, &command, run, check)
+    }
+}
+
+impl PlantArgs {
+    /// The same for any process: the wire is a setting.
+    fn common(self) -> CommonArgs {
+        let Self { wire, mut common } = self;
+        common.settings.extend(wire.map(|link| format!("vehicle.wire.link={link}")));
+        common
+    }
+}
 
 /// Whether the plant could fly with `config`.
 ///
@@ -29,13 +70,9 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 
 /// The link that the vehicle is to be found at, if its commands come over a wire.
 fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
-    let text = &config.vehicle.wire.link;
-    if text.is_empty() {
-        return Ok(None);
-    }
     let wrong =
-        |error: InvalidLink| Failure::new(Exit::Config, format!("`vehicle.wire.link`: {error}"));
-    text.parse().map(Some).map_err(wrong)
+        |error: Violation| Failure::new(Exit::Config, format!("`{}` {}", error.key, error.rule));
+    config.vehicle.wire.link().map_err(wrong)
 }
 
 /// Flies the simulated vehicle until asked to stop.
@@ -44,7 +81,7 @@ fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
 /// The bus refuses or breaks.
 pub fn run(shell: &Shell) -> Result<(), Failure> {
     match link(&shell.config)? {
-        Some(link) => wire::run(shell, &link, &oqtal_wire::asctec::Scales::default()),
+        Some(link) => wire::run(shell, &link),
         None => fly(shell),
     }
 }

@@ -9,9 +9,9 @@ const BAUD: u32 = 57_600;
 const LATENCY: Span = Span::from_millis(17);
 
 fn radio(change: impl Fn(&mut Wire)) -> Radio {
-    let mut options = Config::default().vehicle.wire;
+    let mut options = Wire { latency_ms: 17.0, ..Config::default().vehicle.wire };
     change(&mut options);
-    Radio::new(&options, 7, BAUD, LATENCY)
+    Radio::new(&options, 7, BAUD)
 }
 
 fn at(micros: i64) -> Time {

@@ -3,11 +3,13 @@
 use oqtal_bus::config::Config;
 use oqtal_bus::random::{Source, stream};
 use oqtal_bus::time::{Span, Time};
-use oqtal_plant_sim::wire::{Way, WiredVehicle};
+use oqtal_plant_sim::wire::{Radio, Way, WiredVehicle};
 use oqtal_wire::asctec::{
     Command, ControlInput, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll, Scales,
     Sticks, VehicleDecoder, poll_frame,
 };
+use oqtal_wire::link::LinkSpec;
+use oqtal_wire::xbee::{Address, Arrival, Carrier, Side};
 use proptest::prelude::*;
 use rand::RngExt;
 
@@ -24,11 +26,11 @@ struct Host {
 }
 
 impl Host {
-    fn new(config: &Config, scales: Scales) -> Self {
+    fn new(config: &Config) -> Self {
         let link = "asctec:/dev/null".parse().unwrap();
         Self {
-            vehicle: WiredVehicle::new(config, &link, &scales, START),
-            scales,
+            vehicle: WiredVehicle::new(config, &link, START),
+            scales: config.bridge.asctec.clone(),
             decoder: HostDecoder::new(),
             heard: Vec::new(),
             now: START,
@@ -77,7 +79,7 @@ impl Host {
 }
 
 fn host() -> Host {
-    Host::new(&Config::default(), Scales::default())
+    Host::new(&Config::default())
 }
 
 const LIFT: Sticks = Sticks { roll: 0.0, pitch: 0.0, yaw: 0.0, thrust: 0.3 };
@@ -126,27 +128,47 @@ fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
     assert!(!host.vehicle.motors_run(), "a second has passed since the last command arrived");
 }
 
-/// What a command does begins `vehicle.radio-delay-ms` after its first byte, as over the bus.
+/// So figures of flights with and without a wire compare.
 #[test]
 fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     let config = Config::default();
-    for baud in [9600, 57_600, 115_200] {
-        let link = format!("asctec:/dev/null,baud={baud}").parse().unwrap();
-        let mut vehicle = WiredVehicle::new(&config, &link, &Scales::default(), START);
-        vehicle.host_writes(START, &ControlInput::NEUTRAL.frame());
-        let delay = vehicle.next_event().since(START);
-        assert_eq!(delay, Span::ZERO, "the first sample of the truth is due at once");
-        vehicle.advance(START + Span::from_nanos(19_999_000), |_| {});
-        assert_eq!(vehicle.counters().frames, 0, "{baud}");
-        vehicle.advance(START + Span::from_nanos(20_001_000), |_| {});
-        assert_eq!(vehicle.counters().frames, 1, "{baud}");
+    let link = "asctec:/dev/null".parse().unwrap();
+    let mut vehicle = WiredVehicle::new(&config, &link, START);
+    vehicle.host_writes(START, &ControlInput::NEUTRAL.frame());
+    let delay = |millis: f64| START + Span::from_seconds(1e-3 * millis);
+    vehicle.advance(delay(config.vehicle.radio_delay_ms - 0.01), |_| {});
+    assert_eq!(vehicle.counters().frames, 0);
+    vehicle.advance(delay(config.vehicle.radio_delay_ms + 0.01), |_| {});
+    assert_eq!(vehicle.counters().frames, 1);
+}
+
+/// Frames of an XBee go in and come out; delivery is reported where it was asked for.
+#[test]
+fn both_api_modes_carry_commands_and_answers() {
+    for framing in ["api1", "api2"] {
+        let config = Config::default();
+        let link: LinkSpec = format!("asctec:/dev/null,xbee={framing}").parse().unwrap();
+        let mut vehicle = WiredVehicle::new(&config, &link, START);
+        let mut host = Carrier::new(link.xbee(), Side::Host, Address::BROADCAST);
+        let request = host.wrap(1, &poll_frame(Poll::LL_STATUS)).unwrap();
+        vehicle.host_writes(START, request.as_bytes());
+        let later = START + Span::from_millis(200);
+        vehicle.advance(later, |_| {});
+        let (mut bytes, mut decoder) = (Vec::new(), HostDecoder::new());
+        vehicle.host_reads(later, &mut bytes);
+        let arrivals: Vec<Arrival> = host.push(&bytes).collect();
+        assert_eq!(arrivals[0], Arrival::Delivery { id: 1, delivered: true }, "{framing}");
+        let Arrival::Payload { payload, .. } = arrivals[1] else { panic!("{arrivals:?}") };
+        let events: Vec<HostEvent> = decoder.push(&payload).collect();
+        assert!(matches!(events[..], [HostEvent::LlStatus(_)]), "{framing} {events:?}");
     }
 }
 
 #[test]
 fn sticks_that_mean_an_attitude_are_followed_by_a_loop_on_board() {
-    let scales = Scales { sticks: Meaning::Attitude, ..Scales::default() };
-    let mut host = Host::new(&Config::default(), scales);
+    let mut config = Config::default();
+    config.bridge.asctec.sticks = Meaning::Attitude;
+    let mut host = Host::new(&config);
     host.start_motors();
     let tilt = 10.0_f64.to_radians();
     host.fly(&Sticks { thrust: 0.3, ..Sticks::default() }, 60);
@@ -181,13 +203,12 @@ fn the_inertial_measurements_are_those_of_the_flight() {
 fn one_command_in_a_hundred_is_wrong_at_one_wrong_bit_in_a_hundred() {
     let mut config = Config::default();
     config.vehicle.wire.bit_error_rate = 0.01;
-    let link = "asctec:/dev/null".parse().unwrap();
-    let mut radio = oqtal_plant_sim::wire::Radio::new(&config.vehicle.wire, 7, 57_600, Span::ZERO);
+    config.vehicle.wire.latency_ms = 0.0;
+    let mut radio = Radio::new(&config.vehicle.wire, 7, 57_600);
     let mut decoder = VehicleDecoder::new();
     let mut generator = stream(7, Source::Gust);
     let scales = Scales::default();
     let (frames, mut read, mut wrong, mut now, mut bytes) = (200_000, 0, 0, START, Vec::new());
-    let _: &oqtal_wire::link::LinkSpec = &link;
     for _ in 0..frames {
         let stick = |value: f64| 0.3 * (value - 0.5);
         let [roll, pitch, yaw, thrust] = std::array::from_fn(|_| generator.random::<f64>());

@@ -50,7 +50,7 @@ pub struct Vehicle {
     pub rate_lag_ms: f64,
     /// Time constant of the thrust \[ms\]; 0 for none.
     pub thrust_lag_ms: f64,
-    /// From a command received to its effect \[ms\]; over a wire from its first byte.
+    /// From a command received to its effect \[ms\], without a wire.
     pub radio_delay_ms: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,

@@ -20,7 +20,6 @@ use oqtal_bus::message::HealthV1;
 use oqtal_bus::process::{Failure, Shell};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
-use oqtal_wire::asctec::Scales;
 use oqtal_wire::link::LinkSpec;
 
 use crate::Output;
@@ -41,12 +40,12 @@ const CHUNK: usize = 512;
 ///
 /// # Errors
 /// The link cannot be made; the bus refuses or breaks.
-pub fn run(shell: &Shell, link: &LinkSpec, scales: &Scales) -> Result<(), Failure> {
+pub fn run(shell: &Shell, link: &LinkSpec) -> Result<(), Failure> {
     let line = Line::open(Path::new(link.path()))?;
     let bus = shell.bus()?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut pulse = shell.pulse(&bus)?;
-    let mut vehicle = WiredVehicle::new(&shell.config, link, scales, Time::now());
+    let mut vehicle = WiredVehicle::new(&shell.config, link, Time::now());
     let (mut outputs, mut said) = (Vec::with_capacity(64), Vec::with_capacity(1024));
     let mut readmitted_at = Time::UNSET;
     let mut chunk = [0; CHUNK];

@@ -44,15 +44,15 @@ pub struct Radio {
 }
 
 impl Radio {
-    /// The radio that `options` describe on a wire of `baud`, with `latency` from a byte's last bit to its arrival.
+    /// The radio that `options` describe on a wire of `baud`.
     #[must_use]
-    pub fn new(options: &Wire, seed: u64, baud: u32, latency: Span) -> Self {
+    pub fn new(options: &Wire, seed: u64, baud: u32) -> Self {
         let lane = |losses, errors| Lane::new(options, stream(seed, losses), stream(seed, errors));
         // Rounded up: never faster than the wire.
         let nanos = (BITS_PER_BYTE * 1_000_000_000).div_ceil(u64::from(baud.max(1)));
         Self {
             byte: Span::from_nanos(nanos.cast_signed()),
-            latency,
+            latency: Span::from_seconds(options.latency_ms * 1e-3),
             half_duplex: options.half_duplex,
             up: lane(Source::UplinkLoss, Source::UplinkErrors),
             down: lane(Source::DownlinkLoss, Source::DownlinkErrors),

@@ -1,10 +1,11 @@
 //! The vehicle behind its radio, bytes in and bytes out. Pure: time comes in as an argument.
 
 use oqtal_bus::config::Config;
-use oqtal_bus::time::{Span, Time};
-use oqtal_wire::asctec::{Command, ControlInput, Scales, VehicleDecoder};
+use oqtal_bus::time::Time;
+use oqtal_wire::asctec::{Command, Scales, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::stream::Counters;
+use oqtal_wire::xbee::{Address, Arrival, Carrier, MAX_PAYLOAD, Side};
 
 use super::on_board::{Measured, OnBoard};
 use super::radio::{Radio, Way};
@@ -15,24 +16,30 @@ use crate::plant::{Output, Plant};
 pub struct WiredVehicle {
     plant: Plant,
     radio: Radio,
+    /// The host's XBee, which stands before the vehicle.
+    carrier: Carrier,
     decoder: VehicleDecoder,
     on_board: OnBoard,
     heard: Vec<u8>,
+    /// What the host wants to know the delivery of.
+    requests: Vec<u8>,
     commands: Vec<Command>,
     answer: Vec<u8>,
 }
 
 impl WiredVehicle {
-    /// The vehicle of `config` on the floor at `start`, at the other end of `link`; counts mean what `scales` say.
+    /// The vehicle of `config` on the floor at `start`, at the other end of `link`.
     #[must_use]
-    pub fn new(config: &Config, link: &LinkSpec, scales: &Scales, start: Time) -> Self {
-        let options = &config.vehicle.wire;
+    pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Self {
+        let scales: &Scales = &config.bridge.asctec;
         Self {
             plant: Plant::new(config, start),
-            radio: Radio::new(options, config.clock.seed, link.baud(), latency(config, link)),
+            radio: Radio::new(&config.vehicle.wire, config.clock.seed, link.baud()),
+            carrier: Carrier::new(link.xbee(), Side::Radio, Address::BROADCAST),
             decoder: VehicleDecoder::new(),
             on_board: OnBoard::new(&config.vehicle, scales),
             heard: Vec::with_capacity(1024),
+            requests: Vec::with_capacity(64),
             commands: Vec::with_capacity(64),
             answer: Vec::with_capacity(1024),
         }
@@ -104,21 +111,27 @@ impl WiredVehicle {
 
     /// Obeys what has arrived, and answers.
     fn listen(&mut self, now: Time) {
-        self.radio.receive(Way::Up, now, &mut self.heard);
-        self.commands.extend(self.decoder.push(&self.heard));
-        self.heard.clear();
+        let Self { radio, carrier, decoder, commands, answer, heard, .. } = self;
+        radio.receive(Way::Up, now, heard);
+        for arrival in carrier.push(heard) {
+            if let Arrival::Payload { id, payload } = arrival {
+                commands.extend(decoder.push(&payload));
+                self.requests.push(id);
+            }
+        }
+        heard.clear();
+        for id in self.requests.drain(..) {
+            radio.send(Way::Down, now, carrier.report(id, true).as_bytes());
+        }
         let measured = Measured { truth: self.plant.truth(), battery_v: self.plant.battery_v() };
-        for command in self.commands.drain(..) {
-            self.on_board.obey(now, &command, &measured, &mut self.answer);
-            self.radio.send(Way::Down, now, &self.answer);
-            self.answer.clear();
+        for command in commands.drain(..) {
+            self.on_board.obey(now, &command, &measured, answer);
+            for piece in answer.chunks(MAX_PAYLOAD) {
+                if let Ok(frame) = carrier.wrap(0, piece) {
+                    radio.send(Way::Down, now, frame.as_bytes());
+                }
+            }
+            answer.clear();
         }
     }
-}
-
-/// What is left of the radio's delay for its latency, once a command's bytes have taken their time.
-fn latency(config: &Config, link: &LinkSpec) -> Span {
-    let delay = Span::from_seconds(config.vehicle.radio_delay_ms * 1e-3);
-    let bits = 10.0 * ControlInput::FRAME_LEN as f64;
-    (delay - Span::from_seconds(bits / f64::from(link.baud()))).max(Span::ZERO)
 }
