@@ -51,10 +51,13 @@ enum Command {
     Daemon(ProcessCommand),
     /// The plant process: a simulated vehicle
     #[command(subcommand)]
-    PlantSim(ProcessCommand),
+    PlantSim(oqtal_plant_sim::PlantCommand),
     /// The motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
     MocapEmu(ProcessCommand),
+    /// The bridge process: a real vehicle over a radio
+    #[command(subcommand)]
+    Bridge(oqtal_bridge::BridgeCommand),
     /// A stand-in that `latency` starts
     #[command(subcommand, hide = true)]
     LatencyPart(Part),
@@ -78,10 +81,8 @@ impl Cli {
             Some(Command::Daemon(command)) => {
                 return execute(Party::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
             }
-            Some(Command::PlantSim(command)) => {
-                use oqtal_plant_sim::{check, run};
-                return execute(Party::Plant, &command, run, check);
-            }
+            Some(Command::PlantSim(command)) => return command.execute(),
+            Some(Command::Bridge(command)) => return command.execute(),
             Some(Command::MocapEmu(command)) => {
                 use oqtal_mocap_emu::{check, run};
                 return execute(Party::Mocap, &command, run, check);

@@ -142,11 +142,10 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
         );
         return Err(Failure::new(Exit::Config, message));
     };
-    if old == terminal {
-        // The number of a dead process's terminal was free again.
-        return Ok(());
+    // Where the number of a dead process's terminal was free again, the terminal is this one: looking would unlock it.
+    if old != terminal {
+        refuse_company(link, &old)?;
     }
-    refuse_company(link, &old)?;
     replace(link, terminal).map_err(|error| {
         Failure::new(Exit::System, format!("replacing the stale link {shown} failed: {error}"))
     })

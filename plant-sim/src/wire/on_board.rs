@@ -2,8 +2,9 @@
 //!
 //! It flies by the newest command that it could read. The command's checksum is a sum of words, which a pair of wrong bits passes
 //! if one is turned on and the other off at the same place of two words: what is out of range is refused besides, the rest flies.
-//! At one wrong bit in a hundred, a quarter of the commands can be read, and of these about one in a hundred is not what was sent
-//! (`one_command_in_a_hundred_is_wrong_at_one_wrong_bit_in_a_hundred`); at one in a thousand, less than one in ten thousand.
+//! At one wrong bit in a hundred a quarter of the commands can be read, and of these six in a thousand are not what was sent
+//! (`six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred`): one every eleven seconds at 60 Hz, which acts until the
+//! next one can be read.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
