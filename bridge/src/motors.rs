@@ -50,6 +50,8 @@ pub struct Conditions {
     pub wanted: bool,
     /// It has not wanted to for a while.
     pub calm: bool,
+    /// Its last word was neutral.
+    pub disarmed: bool,
     /// It has commanded neutral for so long that the vehicle stands.
     pub rested: bool,
     /// A fresh status says that the motors run.
@@ -77,7 +79,8 @@ struct Transition {
 const TRANSITIONS: [Transition; 13] = {
     use State::{Held, Off, Running, Starting, Stopping};
     [
-        Transition { from: Held, to: Off, when: |c| c.calm },
+        // A daemon that fell silent in flight must come back and say so: it may only have been asleep.
+        Transition { from: Held, to: Off, when: |c| c.calm && (c.disarmed || !c.flown) },
         // Left over from before it was held.
         Transition { from: Off, to: Stopping, when: |c| c.flown && c.rested && c.run },
         Transition { from: Off, to: Running, when: |c| c.wanted && c.run },
@@ -199,6 +202,7 @@ mod tests {
     const WANTED: Conditions = Conditions {
         wanted: true,
         calm: false,
+        disarmed: false,
         rested: false,
         run: false,
         stand: false,
@@ -275,7 +279,9 @@ mod tests {
         let silent = Conditions { abandoned: true, wanted: false, ..run };
         assert_eq!(after(Running, 10, silent), Held);
         assert_eq!(after(Held, 10, run), Held);
-        let disarmed = Conditions { calm: true, rested: true, wanted: false, ..run };
+        let calm = Conditions { calm: true, wanted: false, ..run };
+        assert_eq!(after(Held, 10, calm), Held);
+        let disarmed = Conditions { disarmed: true, rested: true, ..calm };
         assert_eq!(after(Held, 10, disarmed), Off);
         assert_eq!(after(Off, 10, disarmed), Stopping);
     }

@@ -198,6 +198,7 @@ impl Safety {
         Conditions {
             wanted,
             calm: unwanted > self.limits.command_age,
+            disarmed: self.neutral_since.is_some(),
             rested: rested && !wanted,
             abandoned: silent && !wanted,
             run: status == Some(true),

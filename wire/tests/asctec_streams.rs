@@ -107,6 +107,18 @@ proptest! {
         prop_assert_eq!(decode::<HostGrammar>(&frame).0, []);
     }
 
+    /// The CRC's polynomial tells any three wrong bits in frames as short as these.
+    #[test]
+    fn up_to_three_wrong_bits_under_the_crc_are_never_accepted(
+        payload in prop::collection::vec(any::<u8>(), ImuCalc::LEN),
+        bits in prop::collection::btree_set(0..(ImuCalc::LEN + 2) * 8, 1..=3),
+    ) {
+        let mut frame = telemetry(Descriptor::ImuCalc, &payload);
+        bits.iter().for_each(|bit| frame[6 + bit / 8] ^= 1 << (bit % 8));
+        frame.extend([0; MAX_TELEMETRY]);
+        prop_assert_eq!(decode::<HostGrammar>(&frame).0, []);
+    }
+
     #[test]
     fn one_wrong_bit_is_never_accepted_in_a_command(input in control_input(), bit in 0..17 * 8_usize) {
         let mut frame = input.frame().to_vec();

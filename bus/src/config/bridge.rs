@@ -2,6 +2,7 @@
 
 use oqtal_wire::asctec::Scales;
 use oqtal_wire::link::LinkSpec;
+use oqtal_wire::xbee::Address;
 use serde::{Deserialize, Serialize};
 
 use super::{Violation, not_negative, positive};
@@ -15,6 +16,8 @@ const NEUTRAL_AFTER_PERIODS: std::ops::RangeInclusive<f64> = 1.5..=15.0;
 pub struct Bridge {
     /// Where the vehicle is, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`; empty for nowhere.
     pub link: String,
+    /// The vehicle's XBee, 4 or 16 hexadecimal digits; API modes only.
+    pub xbee_address: String,
     /// Whether RTS and CTS hold the other end back.
     pub hardware_flow_control: bool,
     /// How often the vehicle is asked how it is \[Hz\].
@@ -50,8 +53,24 @@ impl Bridge {
         self.link.parse().map(Some).map_err(refused)
     }
 
+    /// The vehicle's XBee.
+    ///
+    /// # Errors
+    /// The text is no address.
+    pub fn xbee_address(&self) -> Result<Address, Violation> {
+        let text = &self.xbee_address;
+        let address = match text.len() {
+            4 => u16::from_str_radix(text, 16).ok().map(Address::Short),
+            16 => u64::from_str_radix(text, 16).ok().map(Address::Long),
+            _ => None,
+        };
+        let rule = || format!("must be 4 or 16 hexadecimal digits, is `{text}`");
+        address.ok_or_else(|| Violation::new("bridge.xbee-address", rule()))
+    }
+
     pub(super) fn check(&self) -> Result<(), Violation> {
         self.link()?;
+        self.xbee_address()?;
         positive("bridge.status-rate-hz", self.status_rate_hz)?;
         positive("bridge.silence-ms", self.silence_ms)?;
         if !NEUTRAL_AFTER_PERIODS.contains(&self.neutral_after_periods) {

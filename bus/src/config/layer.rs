@@ -116,8 +116,8 @@ pub(super) fn from_environment(
         let Some(rest) = name.strip_prefix("OQTAL_") else { continue };
         let key = match rest {
             "ROOT" => "instance.root".to_owned(),
-            // Where tests and examples find recordings: not a setting.
-            "RECORDINGS" => continue,
+            // Where tests find recordings, and the implementations they compare with: not settings.
+            "RECORDINGS" | "PEERS_PYTHON" => continue,
             _ => rest.to_ascii_lowercase().replace("__", ".").replace('_', "-"),
         };
         settings.push(Setting { key, value: word_or_toml(&value), origin: name.into_owned() });

@@ -32,10 +32,12 @@ impl WiredVehicle {
     #[must_use]
     pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Self {
         let scales: &Scales = &config.bridge.asctec;
+        // The frames of answers are of the kind that the host's requests are.
+        let peer = config.bridge.xbee_address().unwrap_or(Address::BROADCAST);
         Self {
             plant: Plant::new(config, start),
             radio: Radio::new(&config.vehicle.wire, config.clock.seed, link.baud()),
-            carrier: Carrier::new(link.xbee(), Side::Radio, Address::BROADCAST),
+            carrier: Carrier::new(link.xbee(), Side::Radio, peer),
             decoder: VehicleDecoder::new(),
             on_board: OnBoard::new(&config.vehicle, scales),
             heard: Vec::with_capacity(1024),

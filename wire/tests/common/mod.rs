@@ -1,6 +1,8 @@
 //! What the tests of the wire share.
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub mod any_bytes;
+
 use oqtal_wire::stream::{Counters, Decoder, Grammar};
 use proptest::prelude::*;
 
