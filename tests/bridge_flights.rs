@@ -78,17 +78,16 @@ fn a_hover_goes_on_through_one_wrong_bit_in_a_hundred() {
     assert!((0.1..0.25).contains(&answered), "{answered}");
 }
 
-/// Framed, commands, polls and answers are too much for 57600 baud at 60 Hz: the bridge says so.
 #[test]
 fn both_api_modes_of_the_xbee_fly() {
     for framing in ["api1", "api2"] {
         let testbed = Testbed::new(framing);
-        let vehicle = format!("bridge:asctec,baud=115200,xbee={framing}");
+        let vehicle = format!("bridge:asctec,xbee={framing}");
         let summary = testbed.summary(&[&["--vehicle", &vehicle], &hover("1")[..]].concat());
         landed(&summary);
         assert_eq!(summary["vehicle"], vehicle.as_str());
-        // 17 bytes alone would take half of that.
-        assert!(number(&summary, "/hops/wire/p50_ns") > 2.5e6, "framing takes time on the wire");
+        // 17 bytes alone take 2.95 ms.
+        assert!(number(&summary, "/hops/wire/p50_ns") > 5.0e6, "framing takes time on the wire");
     }
 }
 

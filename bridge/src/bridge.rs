@@ -15,7 +15,7 @@ use crate::language::{Frame, Heard, Language, Sizes};
 use crate::line::Line;
 use crate::motors::Change;
 use crate::safety::{About, Limits, MotorStatus, Order, Safety};
-use crate::schedule::Schedule;
+use crate::schedule::{Schedule, spacing};
 use crate::vehicle::Vehicle;
 
 /// A status counts for a motor sequence for so many periods of asking.
@@ -66,6 +66,12 @@ pub struct Bridge {
     refused: u64,
 }
 
+/// How far apart polls must be on `line`; `None` if there is no room for any.
+pub(crate) fn poll_spacing(line: &Line, period: Span, sizes: Sizes) -> Option<Span> {
+    let Sizes { order, acknowledgement, poll, status } = sizes;
+    spacing(period, line.time_for(order + acknowledgement), line.time_for(poll + status))
+}
+
 impl Bridge {
     /// A bridge of `config` at `baud` that has no port yet.
     #[must_use]
@@ -73,7 +79,10 @@ impl Bridge {
         let options = &config.bridge;
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         let period = Span::period_of(config.control.rate_hz);
-        let status_period = Span::period_of(options.status_rate_hz);
+        let (line, sizes) = (Line::new(baud), language.sizes());
+        // Without any room the configuration was refused.
+        let spacing = poll_spacing(&line, period, sizes).unwrap_or(period);
+        let status_period = Span::period_of(options.status_rate_hz).max(spacing);
         let limits = Limits {
             command_age: period.scaled(options.neutral_after_periods),
             status_age: status_period.scaled(STATUS_PERIODS),
@@ -81,14 +90,14 @@ impl Bridge {
             rest: millis(options.rest_ms),
         };
         Self {
-            sizes: language.sizes(),
+            sizes,
             language,
             period,
             air: millis(options.air_latency_ms),
             emergency_stop: options.emergency_stop,
             safety: Safety::new(now, limits),
-            schedule: Schedule::new(period, status_period),
-            line: Line::new(baud),
+            schedule: Schedule::new(period, status_period, spacing),
+            line,
             vehicle: Vehicle::new(millis(options.silence_ms)),
             outgoing: None,
             is_open: false,
@@ -178,10 +187,9 @@ impl Bridge {
             self.begin(now, Kind::EmergencyStop, frame);
             return;
         }
-        let Sizes { acknowledgement, poll, status, .. } = self.sizes;
-        let exchange = self.line.time_for(acknowledgement + poll + status);
+        let asking = self.line.time_for(self.sizes.poll);
         let urgent = self.safety.is_in_sequence();
-        if self.schedule.poll(now, self.line.ahead(now), exchange, urgent) {
+        if self.schedule.poll(now, self.line.ahead(now), asking, urgent) {
             let frame = self.language.poll();
             self.begin(now, Kind::Poll, frame);
         }

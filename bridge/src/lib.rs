@@ -46,7 +46,7 @@ pub use line::Line;
 pub use link::Link;
 pub use motors::{Change, Conditions, Motors, State};
 pub use safety::{About, Limits, MotorStatus, Order, Safety};
-pub use schedule::{Schedule, fits};
+pub use schedule::{Schedule, spacing};
 pub use serial::{OpenError, Port, Serial};
 pub use vehicle::Vehicle;
 
@@ -148,8 +148,7 @@ fn check_room(config: &Config, spec: &LinkSpec, sizes: Sizes) -> Result<(), Stri
             GREATEST_OCCUPANCY * 100.0
         ));
     }
-    let Sizes { order, acknowledgement, poll, status } = sizes;
-    if fits(period, line.time_for(order + acknowledgement + poll + status)) {
+    if bridge::poll_spacing(&line, period, sizes).is_some() {
         return Ok(());
     }
     Err(format!(

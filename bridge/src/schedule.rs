@@ -1,12 +1,16 @@
 //! When frames go: with each command, by the bridge's own clock without one, and polls where the wire has room for them.
 //!
-//! The wire is half duplex where a radio is in between: while the vehicle answers, nobody else should speak. So a poll goes
-//! right behind a command, and only if it and its answer are over before the next command is due.
+//! Where a radio is in between, the vehicle's answers take the time that commands could take. So a poll goes right behind a
+//! command and only if it is out before the next one is due, and polls are so far apart that the whole exchange, every command
+//! and every answer, has its time on the line. An answer that is longer than what is left of its period may make the next command
+//! wait, for less than a frame, and the one after it does not.
 
 use oqtal_bus::time::{Span, Time};
 
 /// Without a command for so many periods a frame goes by the bridge's own clock.
 const OWN_CLOCK_PERIODS: f64 = 1.5;
+/// A vehicle that could be asked no more often than once in so many periods is not watched any more.
+const SPARSEST_POLLS: u32 = 12;
 /// What a radio, and the vehicle's own loop, may need to turn a poll into an answer.
 const TURNAROUND: Span = Span::from_millis(2);
 
@@ -15,6 +19,7 @@ const TURNAROUND: Span = Span::from_millis(2);
 pub struct Schedule {
     period: Span,
     status_period: Span,
+    spacing: Span,
     last_frame: Time,
     /// The last frame went with a command.
     with_command: bool,
@@ -22,12 +27,15 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// Frames every `period` at least, and a status every `status_period`.
+    /// Frames every `period` at least, and a status every `status_period`, or `spacing`, which is no longer, where it is wanted
+    /// urgently.
     #[must_use]
-    pub fn new(period: Span, status_period: Span) -> Self {
+    pub fn new(period: Span, status_period: Span, spacing: Span) -> Self {
         Self {
             period,
             status_period,
+            // A frame may come a little early.
+            spacing: spacing - period.scaled(0.5),
             last_frame: Time::UNSET,
             with_command: false,
             last_poll: Time::UNSET,
@@ -55,13 +63,13 @@ impl Schedule {
         self.with_command = with_command;
     }
 
-    /// Whether a poll goes right behind the frame that went `now`: one is due (at once if `urgent`), and `exchange`, from the
-    /// end of what is `ahead` on the wire to the end of the answer, is over before the next frame.
-    pub fn poll(&mut self, now: Time, ahead: Span, exchange: Span, urgent: bool) -> bool {
-        let due = urgent || now >= self.last_poll + self.status_period;
+    /// Whether a poll goes right behind the frame that went `now`: one is due (sooner if `urgent`), and it is out before the
+    /// next frame, behind what is `ahead` of it; itself it takes `asking`.
+    pub fn poll(&mut self, now: Time, ahead: Span, asking: Span, urgent: bool) -> bool {
+        let apart = if urgent { self.spacing } else { self.status_period };
         // The next command comes a period after this frame, also where the own clock would wait longer.
         let room = (self.last_frame + self.period).since(now);
-        let goes = due && fits(room, ahead + exchange);
+        let goes = now >= self.last_poll + apart && ahead + asking + TURNAROUND <= room;
         if goes {
             self.last_poll = now;
         }
@@ -69,10 +77,15 @@ impl Schedule {
     }
 }
 
-/// Whether what takes `needed` is over within `room`.
+/// How far polls must be apart at least, where a command and its acknowledgement take `order` of every `period`, and a poll and
+/// its answer `exchange`; `None` if there is no room for any.
 #[must_use]
-pub fn fits(room: Span, needed: Span) -> bool {
-    needed + TURNAROUND <= room
+pub fn spacing(period: Span, order: Span, exchange: Span) -> Option<Span> {
+    let has_room = |periods: &u32| {
+        let periods = f64::from(*periods);
+        order.scaled(periods) + exchange + TURNAROUND <= period.scaled(periods)
+    };
+    (1..=SPARSEST_POLLS).find(has_room).map(|periods| period.scaled(f64::from(periods)))
 }
 
 #[cfg(test)]
@@ -80,10 +93,10 @@ mod tests {
     use super::*;
 
     const PERIOD: Span = Span::from_nanos(16_666_667);
-    const EXCHANGE: Span = Span::from_millis(7);
+    const ASKING: Span = Span::from_millis(1);
 
     fn schedule() -> Schedule {
-        Schedule::new(PERIOD, Span::from_millis(125))
+        Schedule::new(PERIOD, Span::from_millis(125), PERIOD)
     }
 
     fn at(millis: i64) -> Time {
@@ -123,13 +136,29 @@ mod tests {
         let mut schedule = schedule();
         let ahead = Span::from_millis(3);
         schedule.frame(at(0), true);
-        assert!(schedule.poll(at(0), ahead, EXCHANGE, false));
+        assert!(schedule.poll(at(0), ahead, ASKING, false));
         schedule.frame(at(17), true);
-        assert!(!schedule.poll(at(17), ahead, EXCHANGE, false), "not due");
-        assert!(schedule.poll(at(17), ahead, EXCHANGE, true), "urgent");
+        assert!(!schedule.poll(at(17), ahead, ASKING, false), "not due");
+        assert!(schedule.poll(at(17), ahead, ASKING, true), "urgent");
         schedule.frame(at(200), true);
-        assert!(!schedule.poll(at(206), ahead, EXCHANGE, false), "would be answered too late");
-        assert!(!schedule.poll(at(200), Span::from_millis(9), EXCHANGE, false), "busy wire");
-        assert!(schedule.poll(at(201), ahead, EXCHANGE, false));
+        assert!(!schedule.poll(at(211), ahead, ASKING, false), "would be in the way of the next");
+        assert!(!schedule.poll(at(200), Span::from_millis(14), ASKING, false), "busy wire");
+        assert!(schedule.poll(at(201), ahead, ASKING, false));
+    }
+
+    #[test]
+    fn polls_are_so_far_apart_that_everything_has_its_time() {
+        let period = Span::from_millis(16);
+        let (order, exchange) = (Span::from_millis(10), Span::from_millis(14));
+        assert_eq!(spacing(period, Span::from_millis(4), Span::from_millis(8)), Some(period));
+        assert_eq!(spacing(period, order, exchange), Some(period.scaled(3.0)));
+        assert_eq!(spacing(period, period, exchange), None);
+        let mut schedule = Schedule::new(period, period.scaled(9.0), period.scaled(3.0));
+        let polls = (0..30).filter(|frame| {
+            let now = at(16 * frame);
+            schedule.frame(now, true);
+            schedule.poll(now, Span::ZERO, ASKING, true)
+        });
+        assert_eq!(polls.count(), 10);
     }
 }
