@@ -7,16 +7,16 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::health::HEALTH_PERIOD;
-use oqtal_bus::message::{Header, HealthV1};
+use oqtal_bus::message::{Header, HealthV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::{Party, TELEMETRY, VEHICLE};
 use serde::Serialize;
 
 use super::word;
 
-/// Who is listened for.
-const PROCESSES: [Party; 3] = [Party::Plant, Party::Mocap, Party::Daemon];
+/// Who is listened for. Of plant and bridge one carries the commands out.
+const PROCESSES: [Party; 4] = [Party::Plant, Party::Mocap, Party::Daemon, Party::Bridge];
 /// A process that is not heard for so many periods is silent.
 const SILENT_PERIODS: f64 = 3.0;
 
@@ -48,30 +48,91 @@ struct Condition {
     unlogged: u64,
 }
 
+/// What the vehicle says of itself; JSON has no number for what is not known.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Vehicle {
+    simulated: bool,
+    link: bool,
+    armed: bool,
+    starting: bool,
+    battery_v: Option<f64>,
+    link_quality: Option<f64>,
+}
+
+/// What an instance says of itself while it is listened to.
+#[derive(Clone, Debug, Default)]
+pub struct Overview {
+    /// The processes.
+    pub processes: Vec<ProcessHealth>,
+    /// The vehicle; `None` if nobody speaks for it.
+    pub vehicle: Option<Vehicle>,
+    /// Where the daemon believes the vehicle is \[m, world\]; `None` before it has seen it.
+    pub position_m: Option<[f64; 3]>,
+}
+
 /// Listens until every process was heard, or must be silent.
 ///
 /// # Errors
 /// A process speaks another version.
-pub fn listen(bus: &Bus) -> Result<Vec<ProcessHealth>, BusError> {
+pub fn listen(bus: &Bus) -> Result<Overview, BusError> {
+    let mut vehicles = bus.reader(&VEHICLE)?;
+    let mut telemetry = bus.reader(&TELEMETRY)?;
+    let (mut vehicle, mut tick) = (None, None);
     let mut readers = Vec::new();
     for party in PROCESSES {
         readers.push((party, bus.reader(&party.health())?, None));
     }
     let give_up = Time::now() + patience();
-    while readers.iter().any(|(.., heard)| heard.is_none()) && Time::now() < give_up {
+    while (vehicle.is_none() || !is_complete(&readers)) && Time::now() < give_up {
         for (_, reader, heard) in &mut readers {
             hear(reader, heard)?;
         }
+        vehicle = vehicles.latest()?.map(|(_, vehicle)| Vehicle::new(&vehicle)).or(vehicle);
+        tick = telemetry.latest()?.map(|(_, tick)| tick).or(tick);
         std::thread::sleep(Duration::from_millis(5));
     }
     let now = Time::now();
-    Ok(readers
+    let processes = readers
         .iter()
+        // A bridge is not missed where a plant may stand for it.
+        .filter(|(party, _, heard)| *party != Party::Bridge || heard.is_some())
         .map(|(party, _, heard)| ProcessHealth {
             name: party.name(),
             heard: heard.as_ref().map(|said| Heard::new(*party, said, now)),
-        })
-        .collect())
+        });
+    let position_m = tick.filter(|tick| tick.pose_age_s.is_finite()).map(|tick| tick.position);
+    Ok(Overview { processes: processes.collect(), vehicle, position_m })
+}
+
+impl Overview {
+    /// Whether all who are heard run with one configuration; `None` if nobody was listened for.
+    pub fn config_agrees(&self) -> Option<bool> {
+        let mut hashes = self.processes.iter().filter_map(|p| Some(&p.heard.as_ref()?.config_hash));
+        let first = hashes.next();
+        (!self.processes.is_empty()).then(|| hashes.all(|hash| Some(hash) == first))
+    }
+
+    /// One line each.
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
+        lines.extend(self.vehicle.as_ref().map(ToString::to_string));
+        lines.extend(
+            self.position_m.map(|[x, y, z]| format!("{:<10} {x:.2} {y:.2} {z:.2} m", "position")),
+        );
+        if self.config_agrees() == Some(false) {
+            lines.push("configurations differ: restart the processes with one --config".to_owned());
+        }
+        lines
+    }
+}
+
+type Ear = (Party, Reader<HealthV1>, Option<(Header, HealthV1)>);
+
+/// Whether everybody was heard who can be: of plant and bridge one.
+fn is_complete(readers: &[Ear]) -> bool {
+    let silent = readers.iter().filter(|(.., heard)| heard.is_none()).map(|(party, ..)| *party);
+    let silent: Vec<_> = silent.collect();
+    matches!(silent[..], [] | [Party::Plant] | [Party::Bridge])
 }
 
 /// Takes what was said, unless it is so old that the process has fallen silent since.
@@ -91,11 +152,38 @@ fn patience() -> Span {
     HEALTH_PERIOD.scaled(SILENT_PERIODS)
 }
 
-/// Whether all who are heard run with one configuration.
-pub fn config_agrees(processes: &[ProcessHealth]) -> bool {
-    let mut hashes = processes.iter().filter_map(|p| Some(&p.heard.as_ref()?.config_hash));
-    let first = hashes.next();
-    hashes.all(|hash| Some(hash) == first)
+impl Vehicle {
+    fn new(said: &VehicleV1) -> Self {
+        let known = |number: f64| number.is_finite().then_some(number);
+        Self {
+            simulated: said.simulated != 0,
+            link: said.link != 0,
+            armed: said.armed != 0,
+            starting: said.starting != 0,
+            battery_v: known(said.battery_v),
+            link_quality: known(said.link_quality),
+        }
+    }
+}
+
+impl fmt::Display for Vehicle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = if self.simulated { "simulated" } else { "real" };
+        let link = if self.link { "answers" } else { "silent" };
+        let motors = match (self.starting, self.armed) {
+            (true, _) => "motors starting",
+            (false, true) => "motors running",
+            (false, false) => "motors off",
+        };
+        write!(f, "{:<10} {kind}, {link}, {motors}", "vehicle")?;
+        if let Some(volts) = self.battery_v {
+            write!(f, ", battery {volts:.1} V")?;
+        }
+        match self.link_quality {
+            Some(share) => write!(f, ", link quality {:.0} %", share * 100.0),
+            None => Ok(()),
+        }
+    }
 }
 
 impl Heard {
