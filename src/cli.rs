@@ -55,6 +55,9 @@ enum Command {
     /// The motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
     MocapEmu(ProcessCommand),
+    /// The bridge process: a real vehicle over a radio
+    #[command(subcommand)]
+    Bridge(oqtal_bridge::BridgeCommand),
     /// A stand-in that `latency` starts
     #[command(subcommand, hide = true)]
     LatencyPart(Part),
@@ -78,6 +81,7 @@ impl Cli {
             Some(Command::Daemon(command)) => {
                 return execute(Party::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
             }
+            Some(Command::Bridge(command)) => return command.execute(),
             Some(Command::PlantSim(command)) => {
                 use oqtal_plant_sim::{check, run};
                 return execute(Party::Plant, &command, run, check);

@@ -49,7 +49,7 @@ fn an_instance_name_must_be_plain() {
 
 #[test]
 fn help_is_no_error_and_a_wrong_word_is_one_in_every_process() {
-    for process in ["daemon", "plant-sim", "mocap-emu"] {
+    for process in ["daemon", "plant-sim", "mocap-emu", "bridge"] {
         let testbed = Testbed::new("words");
         let code = |word| testbed.oqtal(&[process, word]).output().unwrap().status.code();
         assert_eq!((code("--help"), code("fly")), (Some(0), Some(64)), "{process}");

@@ -3,6 +3,7 @@
 //! Every value that is set carries its origin (`FILE:LINE`, the variable, the flag), and values are applied one at a time,
 //! so that any error names the line to mend.
 
+mod bridge;
 mod layer;
 mod mocap;
 mod realtime;
@@ -22,6 +23,7 @@ use oqtal_control::trajectory::TrajectoryOptions;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
+pub use bridge::Bridge;
 pub use layer::Setting;
 pub use mocap::Mocap;
 pub use realtime::{Realtime, Scheduling};
@@ -206,6 +208,8 @@ pub struct Config {
     pub trajectory: TrajectoryOptions,
     /// `[safety]`.
     pub safety: Safety,
+    /// `[bridge]`: the way to a real vehicle.
+    pub bridge: Bridge,
     /// `[realtime]`: how the loops are run by the operating system.
     pub realtime: Realtime,
     /// `[log]`.
@@ -289,6 +293,7 @@ impl Config {
             return Err(Violation::new("safety.recovery-poses", "must be at least 1"));
         }
         self.control.check()?;
+        self.bridge.check()?;
         self.realtime.check()?;
         self.check_flight()?;
         positive("safety.max-pose-age-ms", self.safety.max_pose_age_ms)?;

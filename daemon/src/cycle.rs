@@ -10,11 +10,11 @@ use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TelemetryV1, Vehicle
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
-use oqtal_control::trajectory::{FlightPlan, Place, Reference, Trajectory, TrajectoryOptions};
+use oqtal_control::trajectory::{FlightPlan, Place, Trajectory, TrajectoryOptions};
 
 use crate::guard::Guard;
 use crate::mission::Mission;
-use crate::pilot::{Decision, Pilot, finite_or_neutral};
+use crate::pilot::{Pilot, finite_or_neutral};
 use crate::supervisor::{Conditions, Supervisor};
 use crate::vehicle::VehicleWatch;
 

@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use super::word;
 
-/// Who is listened for. Of plant and bridge one carries the commands out.
+/// Who is listened for. Of plant and bridge one runs at most.
 const PROCESSES: [Party; 4] = [Party::Plant, Party::Mocap, Party::Daemon, Party::Bridge];
 /// A process that is not heard for so many periods is silent.
 const SILENT_PERIODS: f64 = 3.0;
@@ -26,6 +26,9 @@ pub struct ProcessHealth {
     name: &'static str,
     /// What it said; `None` if it is silent: not started, ended, hung, or waiting for virtual time.
     heard: Option<Heard>,
+    /// Another process was heard that does the same: this one is not meant to run.
+    #[serde(skip)]
+    is_replaced: bool,
 }
 
 /// What a process says of itself.
@@ -37,6 +40,9 @@ struct Heard {
     /// Of the daemon only.
     #[serde(skip_serializing_if = "Option::is_none")]
     daemon: Option<Condition>,
+    /// Of the bridge only: whether the vehicle answers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vehicle_answers: Option<bool>,
 }
 
 /// What only the daemon has to say.
@@ -83,7 +89,7 @@ pub fn listen(bus: &Bus) -> Result<Overview, BusError> {
         readers.push((party, bus.reader(&party.health())?, None));
     }
     let give_up = Time::now() + patience();
-    while (vehicle.is_none() || !is_complete(&readers)) && Time::now() < give_up {
+    while (vehicle.is_none() || is_someone_missing(&readers)) && Time::now() < give_up {
         for (_, reader, heard) in &mut readers {
             hear(reader, heard)?;
         }
@@ -92,14 +98,11 @@ pub fn listen(bus: &Bus) -> Result<Overview, BusError> {
         std::thread::sleep(Duration::from_millis(5));
     }
     let now = Time::now();
-    let processes = readers
-        .iter()
-        // A bridge is not missed where a plant may stand for it.
-        .filter(|(party, _, heard)| *party != Party::Bridge || heard.is_some())
-        .map(|(party, _, heard)| ProcessHealth {
-            name: party.name(),
-            heard: heard.as_ref().map(|said| Heard::new(*party, said, now)),
-        });
+    let processes = readers.iter().map(|(party, _, said)| ProcessHealth {
+        name: party.name(),
+        heard: said.as_ref().map(|said| Heard::new(*party, said, now)),
+        is_replaced: is_replaced(&readers, *party),
+    });
     let position_m = tick.filter(|tick| tick.pose_age_s.is_finite()).map(|tick| tick.position);
     Ok(Overview { processes: processes.collect(), vehicle, position_m })
 }
@@ -128,11 +131,23 @@ impl Overview {
 
 type Ear = (Party, Reader<HealthV1>, Option<(Header, HealthV1)>);
 
-/// Whether everybody was heard who can be: of plant and bridge one.
-fn is_complete(readers: &[Ear]) -> bool {
-    let silent = readers.iter().filter(|(.., heard)| heard.is_none()).map(|(party, ..)| *party);
-    let silent: Vec<_> = silent.collect();
-    matches!(silent[..], [] | [Party::Plant] | [Party::Bridge])
+fn is_someone_missing(readers: &[Ear]) -> bool {
+    readers.iter().any(|(party, _, heard)| heard.is_none() && !is_replaced(readers, *party))
+}
+
+/// Whether who does the same as `party` was heard.
+fn is_replaced(readers: &[Ear], party: Party) -> bool {
+    let heard = |other| readers.iter().any(|(party, _, said)| *party == other && said.is_some());
+    replacement(party).is_some_and(heard)
+}
+
+/// Who is there in place of `party`: a vehicle is simulated or real.
+fn replacement(party: Party) -> Option<Party> {
+    match party {
+        Party::Plant => Some(Party::Bridge),
+        Party::Bridge => Some(Party::Plant),
+        _ => None,
+    }
 }
 
 /// Takes what was said, unless it is so old that the process has fallen silent since.
@@ -199,16 +214,28 @@ impl Heard {
             age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
             config_hash: format!("{:016x}", health.config_hash),
             daemon,
+            vehicle_answers: (party == Party::Bridge).then_some(health.cause == Cause::None.code()),
+        }
+    }
+
+    /// How it is, in a word.
+    fn state(&self) -> &str {
+        match (&self.daemon, self.vehicle_answers) {
+            (Some(daemon), _) => &daemon.state,
+            (None, Some(false)) => "vehicle silent",
+            (None, _) => "well",
         }
     }
 }
 
 impl fmt::Display for ProcessHealth {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Some(Heard { pid, age_ms, config_hash, daemon }) = &self.heard else {
-            return write!(f, "{:<10} silent", self.name);
+        let Some(heard) = &self.heard else {
+            let missing = if self.is_replaced { "not started" } else { "silent" };
+            return write!(f, "{:<10} {missing}", self.name);
         };
-        let (name, state) = (self.name, daemon.as_ref().map_or("well", |daemon| &daemon.state));
+        let Heard { pid, age_ms, config_hash, daemon, .. } = heard;
+        let (name, state) = (self.name, heard.state());
         write!(f, "{name:<10} {state:<8} {age_ms:>4.0} ms ago  config {config_hash}  pid {pid}")?;
         match daemon {
             Some(daemon) if daemon.unlogged > 0 => {

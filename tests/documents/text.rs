@@ -30,7 +30,7 @@ pub fn read(path: &str) -> String {
 /// Every Rust file of the workspace.
 pub fn sources() -> Vec<Source> {
     let mut found = Vec::new();
-    for package in ["", "bus", "control", "daemon", "mocap-emu", "plant-sim", "wire"] {
+    for package in ["", "bridge", "bus", "control", "daemon", "mocap-emu", "plant-sim", "wire"] {
         for folder in ["src", "tests", "benches"] {
             collect(&root().join(package).join(folder), &mut found);
         }

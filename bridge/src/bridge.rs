@@ -1,0 +1,311 @@
+//! One turn of the bridge: what is due, what it says, what it means that it was handed over. Pure: bytes and time are arguments.
+//!
+//! A frame that a port takes only in part is finished before another begins. One that stands for longer than a period is
+//! abandoned together with what the port still holds: else an old command could go out when the other end lets go. The vehicle then sees
+//! a frame cut short, whose checksum fails, and finds the next one by its head; it may take that one for the missing rest and lose it too.
+
+use oqtal_bus::config::Config;
+use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+
+use crate::housekeeping::Note;
+use crate::language::{Frame, Heard, Language, Sizes};
+use crate::line::Line;
+use crate::motors::Change;
+use crate::safety::{About, Limits, MotorStatus, Order, Safety};
+use crate::schedule::Schedule;
+use crate::vehicle::Vehicle;
+
+/// A status counts for a motor sequence for so many periods of asking.
+const STATUS_PERIODS: f64 = 3.0;
+/// A port that took nothing, or a part of a frame, is looked at again so soon.
+const RETRY: Span = Span::from_millis(1);
+
+/// What is told to the daemon and to observers: the pose's sequence, the stations passed, the vehicle.
+pub type Report = (u64, Stamps, VehicleV1);
+
+/// What a frame is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Order(Option<About>),
+    Poll,
+    EmergencyStop,
+}
+
+/// A frame on its way out.
+#[derive(Clone, Copy, Debug)]
+struct Outgoing {
+    kind: Kind,
+    frame: Frame,
+    handed_over: usize,
+    begun: Time,
+}
+
+/// The bridge, from command to bytes and from bytes to what is known of the vehicle.
+#[derive(Debug)]
+pub struct Bridge {
+    language: Box<dyn Language>,
+    sizes: Sizes,
+    period: Span,
+    air: Span,
+    emergency_stop: bool,
+    safety: Safety,
+    schedule: Schedule,
+    line: Line,
+    vehicle: Vehicle,
+    outgoing: Option<Outgoing>,
+    is_open: bool,
+    /// A command came that no frame has gone for.
+    command_waits: bool,
+    emergency_waits: bool,
+    last_command: u64,
+    commands_lost: u64,
+    answers: bool,
+    refused: u64,
+}
+
+impl Bridge {
+    /// A bridge of `config` at `baud` that has no port yet.
+    #[must_use]
+    pub fn new(config: &Config, language: Box<dyn Language>, baud: u32, now: Time) -> Self {
+        let options = &config.bridge;
+        let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
+        let period = Span::period_of(config.control.rate_hz);
+        let status_period = Span::period_of(options.status_rate_hz);
+        let limits = Limits {
+            command_age: period.scaled(options.neutral_after_periods),
+            status_age: status_period.scaled(STATUS_PERIODS),
+            sequence: millis(options.motor_sequence_ms),
+            rest: millis(options.rest_ms),
+        };
+        Self {
+            sizes: language.sizes(),
+            language,
+            period,
+            air: millis(options.air_latency_ms),
+            emergency_stop: options.emergency_stop,
+            safety: Safety::new(now, limits),
+            schedule: Schedule::new(period, status_period),
+            line: Line::new(baud),
+            vehicle: Vehicle::new(millis(options.silence_ms)),
+            outgoing: None,
+            is_open: false,
+            command_waits: false,
+            emergency_waits: false,
+            last_command: 0,
+            commands_lost: 0,
+            answers: false,
+            refused: 0,
+        }
+    }
+
+    /// The port is open: frames go from now on, neutral first.
+    pub fn open(&mut self, now: Time) {
+        self.is_open = true;
+        self.safety.forget(now);
+        self.vehicle.forget();
+        self.language.forget();
+        self.line.clear();
+        self.schedule.restart();
+        (self.outgoing, self.emergency_waits) = (None, false);
+    }
+
+    /// The port is lost.
+    pub fn close(&mut self, now: Time) {
+        self.open(now);
+        self.is_open = false;
+    }
+
+    /// When there is something to do of its own accord.
+    #[must_use]
+    pub fn next_event(&self, now: Time) -> Time {
+        match self.outgoing {
+            Some(_) => now + RETRY,
+            None if self.command_waits => self.clear_at(now),
+            None => self.schedule.next_frame().max(self.clear_at(now)),
+        }
+    }
+
+    /// Takes a command off the bus at `now`; `lost` never arrived, in total.
+    pub fn receive(&mut self, now: Time, header: &Header, command: CommandV1, lost: u64) {
+        self.commands_lost = lost;
+        self.command_waits |= self.safety.receive(now, header, command);
+    }
+
+    /// Takes bytes from the port.
+    pub fn hear(&mut self, now: Time, bytes: &[u8]) {
+        let (vehicle, safety) = (&mut self.vehicle, &mut self.safety);
+        self.language.hear(bytes, &mut |heard| {
+            vehicle.hear(now, heard);
+            if let Heard::Status { motors_run, .. } = heard {
+                safety.hear(MotorStatus { heard_at: now, run: motors_run });
+            }
+        });
+    }
+
+    /// Begins the frame that is due, if one is and the line is clear. Without a port the report alone is due.
+    pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<Report> {
+        self.watch(now, note);
+        let due = self.command_waits || now >= self.schedule.next_frame();
+        if self.outgoing.is_some() || !due || now < self.clear_at(now) {
+            return None;
+        }
+        let (order, about, change) = self.safety.decide(now);
+        if let Some(change) = change {
+            note(Note::Motors(change));
+            self.emergency_waits |= change == Change::StopFailed && self.emergency_stop;
+        }
+        let with_command = std::mem::take(&mut self.command_waits);
+        self.schedule.frame(now, with_command);
+        if self.is_open {
+            let frame = self.language.order(&order);
+            self.begin(now, Kind::Order(about), frame);
+            None
+        } else {
+            Some(self.report(now, None, Span::ZERO))
+        }
+    }
+
+    /// Begins what goes right behind an order: the emergency stop, or a poll if there is room for it.
+    pub fn follow_up(&mut self, now: Time) {
+        if !self.is_open || self.outgoing.is_some() {
+            return;
+        }
+        if std::mem::take(&mut self.emergency_waits) {
+            let frame = self.language.emergency_stop();
+            self.begin(now, Kind::EmergencyStop, frame);
+            return;
+        }
+        let Sizes { acknowledgement, poll, status, .. } = self.sizes;
+        let exchange = self.line.time_for(acknowledgement + poll + status);
+        let urgent = self.safety.is_in_sequence();
+        if self.schedule.poll(now, self.line.ahead(now), exchange, urgent) {
+            let frame = self.language.poll();
+            self.begin(now, Kind::Poll, frame);
+        }
+    }
+
+    /// Bytes to hand to the port.
+    #[must_use]
+    pub fn outbox(&self) -> &[u8] {
+        self.outgoing
+            .as_ref()
+            .map_or(&[], |outgoing| &outgoing.frame.bytes()[outgoing.handed_over..])
+    }
+
+    /// So many of them were taken at `now`. With the last byte of an order there is something to report.
+    pub fn handed_over(&mut self, now: Time, bytes: usize) -> Option<Report> {
+        let outgoing = self.outgoing.as_mut()?;
+        outgoing.handed_over += bytes;
+        if outgoing.handed_over < outgoing.frame.bytes().len() {
+            return None;
+        }
+        let Outgoing { kind, frame, .. } = *outgoing;
+        self.outgoing = None;
+        let on_wire = self.line.take(now, frame.bytes().len());
+        match kind {
+            Kind::Order(about) => {
+                self.vehicle.asked(now);
+                Some(self.report(now, about, on_wire))
+            }
+            Kind::Poll => {
+                self.vehicle.asked(now);
+                None
+            }
+            Kind::EmergencyStop => None,
+        }
+    }
+
+    /// Whether what was handed over does not go out: a frame stands for longer than a period, or `queued` bytes are still there a
+    /// period after they should be gone.
+    #[must_use]
+    pub fn is_stuck(&self, now: Time, queued: usize) -> bool {
+        let unfinished = self.outgoing.is_some_and(|out| now.since(out.begun) > self.period);
+        unfinished || queued > 0 && self.line.overdue(now) > self.period
+    }
+
+    /// What was handed over is dropped.
+    pub fn drop_outgoing(&mut self) {
+        self.outgoing = None;
+        self.line.clear();
+    }
+
+    /// The last words: neutral. To be called as often as it is to be said.
+    pub fn say_neutral(&mut self, now: Time) {
+        let frame = self.language.order(&Order::Neutral);
+        self.begin(now, Kind::Order(None), frame);
+    }
+
+    /// The very last: the emergency stop, if the motors run because of this bridge. Nobody will be left to stop them.
+    pub fn say_emergency_stop(&mut self, now: Time) -> bool {
+        let needed = self.is_open && self.emergency_stop && self.safety.may_run();
+        if needed {
+            let frame = self.language.emergency_stop();
+            self.begin(now, Kind::EmergencyStop, frame);
+        }
+        needed
+    }
+
+    /// The time until all that was handed over is out.
+    #[must_use]
+    pub fn ahead(&self, now: Time) -> Span {
+        self.line.ahead(now)
+    }
+
+    /// How the vehicle is, as told without a frame.
+    pub fn report(&mut self, now: Time, about: Option<About>, on_wire: Span) -> Report {
+        if let Some(about) = &about {
+            self.last_command = about.command;
+        }
+        let vehicle = VehicleV1 {
+            command_sequence: self.last_command,
+            lost: self.commands_lost,
+            battery_v: self.vehicle.battery_v(),
+            link_quality: self.vehicle.quality(now),
+            wire_ns: on_wire.nanos(),
+            air_ns: self.air.nanos(),
+            armed: u8::from(self.safety.runs(now)),
+            starting: u8::from(self.safety.is_starting()),
+            link: u8::from(self.answers(now)),
+            simulated: 0,
+        };
+        let stamps =
+            about.map_or_else(Stamps::default, |about| Stamps { applied_at: now, ..about.stamps });
+        (about.map_or(0, |about| about.pose), stamps, vehicle)
+    }
+
+    /// Whether there is a port, and the vehicle was heard lately.
+    #[must_use]
+    pub fn answers(&self, now: Time) -> bool {
+        self.is_open && self.vehicle.answers(now)
+    }
+
+    /// Notes what changed by itself: silence, refused commands.
+    fn watch(&mut self, now: Time, note: &mut dyn FnMut(Note)) {
+        let answers = self.answers(now);
+        if std::mem::replace(&mut self.answers, answers) != answers && self.is_open {
+            note(if answers {
+                Note::Answers
+            } else {
+                Note::Silent { damaged: self.language.damaged() }
+            });
+        }
+        let refused = self.safety.refused();
+        // The first of a run says enough.
+        if refused > self.refused {
+            if self.refused == 0 {
+                note(Note::RefusedOld);
+            }
+            self.refused = refused;
+        }
+    }
+
+    /// When the line has no more ahead than a frame: a command that comes later overtakes one that waits here, but none on the line.
+    fn clear_at(&self, now: Time) -> Time {
+        now + (self.line.ahead(now) - self.line.time_for(self.sizes.order)).max(Span::ZERO)
+    }
+
+    fn begin(&mut self, now: Time, kind: Kind, frame: Frame) {
+        self.outgoing = Some(Outgoing { kind, frame, handed_over: 0, begun: now });
+    }
+}

@@ -1,0 +1,19 @@
+//! The bridge to a real vehicle as a program of its own.
+#![forbid(unsafe_code)]
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use oqtal_bus::program;
+
+/// The bridge process of oqtal: a real vehicle over a radio, in place of the simulated one
+#[derive(Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: oqtal_bridge::BridgeCommand,
+}
+
+fn main() -> ExitCode {
+    program::run(|cli: Cli| cli.command.execute())
+}

@@ -1,0 +1,204 @@
+//! A vehicle at the other end of a pseudo-terminal: it reads frames, answers polls, and its motors obey the motor switch.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use oqtal_wire::asctec::{
+    Command, ControlInput, Descriptor, LlStatus, Scales, Status, VehicleDecoder,
+    acknowledgement_frame, write_telemetry,
+};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+/// Frames with the motor switch until the motors obey.
+const SWITCH_FRAMES: u32 = 10;
+
+/// What it says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Manner {
+    /// Answers, as it should.
+    Answers,
+    /// Reads, and says nothing.
+    Silent,
+    /// Answers with noise.
+    Babbles,
+}
+
+/// What it heard so far.
+#[derive(Clone, Debug, Default)]
+pub struct Log {
+    /// Every order, and whether its motors ran then.
+    pub orders: Vec<ControlInput>,
+    pub polls: usize,
+    pub emergency_stops: usize,
+    pub damaged: u64,
+    pub skipped: u64,
+    pub motors_run: bool,
+}
+
+pub struct Vehicle {
+    log: Arc<Mutex<Log>>,
+    manner: Arc<AtomicU8>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    link: PathBuf,
+}
+
+impl Vehicle {
+    /// A vehicle whose port is found at `link`.
+    pub fn new(link: &Path, manner: Manner) -> Self {
+        let master =
+            openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        grantpt(&master).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        // Held open, so that a bridge that closes the port does not end the line.
+        let slave = File::options().read(true).write(true).open(&name).unwrap();
+        raw(&slave);
+        let _ = std::fs::remove_file(link);
+        std::os::unix::fs::symlink(&name, link).unwrap();
+        let (log, stop) = (Arc::new(Mutex::new(Log::default())), Arc::new(AtomicBool::new(false)));
+        let manner = Arc::new(AtomicU8::new(manner as u8));
+        let body = Body {
+            log: log.clone(),
+            manner: manner.clone(),
+            decoder: VehicleDecoder::new(),
+            scales: Scales::default(),
+            switched: 0,
+            noise: 1,
+        };
+        let ended = stop.clone();
+        let thread = std::thread::spawn(move || body.live(master, slave, &ended));
+        Self { log, manner, stop, thread: Some(thread), link: link.to_owned() }
+    }
+
+    pub fn log(&self) -> Log {
+        self.log.lock().unwrap().clone()
+    }
+
+    pub fn forget(&self) {
+        let mut log = self.log.lock().unwrap();
+        *log = Log { motors_run: log.motors_run, ..Log::default() };
+    }
+
+    pub fn be(&self, manner: Manner) {
+        self.manner.store(manner as u8, Ordering::Release);
+    }
+
+    pub fn link(&self) -> String {
+        format!("asctec:{}", self.link.display())
+    }
+
+    /// Pulls the plug.
+    pub fn unplug(mut self) -> Log {
+        self.end();
+        self.log()
+    }
+
+    fn end(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            thread.join().unwrap();
+        }
+    }
+}
+
+impl Drop for Vehicle {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+fn raw(slave: &File) {
+    let mut settings = rustix::termios::tcgetattr(slave).unwrap();
+    settings.make_raw();
+    rustix::termios::tcsetattr(slave, rustix::termios::OptionalActions::Now, &settings).unwrap();
+}
+
+struct Body {
+    log: Arc<Mutex<Log>>,
+    manner: Arc<AtomicU8>,
+    decoder: VehicleDecoder,
+    scales: Scales,
+    switched: u32,
+    noise: u32,
+}
+
+impl Body {
+    fn live(mut self, master: OwnedFd, slave: File, stop: &AtomicBool) {
+        let mut master = File::from(master);
+        let mut buffer = [0; 4096];
+        while !stop.load(Ordering::Acquire) {
+            let wait = Timespec { tv_sec: 0, tv_nsec: 2_000_000 };
+            let mut ready = [PollFd::new(&master, PollFlags::IN)];
+            if poll(&mut ready, Some(&wait)).unwrap_or(0) == 0 {
+                continue;
+            }
+            match master.read(&mut buffer) {
+                Ok(count) => {
+                    let answer = self.hear(&buffer[..count]);
+                    master.write_all(&answer).unwrap();
+                }
+                Err(error) => assert_eq!(error.kind(), ErrorKind::Interrupted, "{error}"),
+            }
+        }
+        drop((master, slave));
+    }
+
+    fn hear(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let commands: Vec<Command> = self.decoder.push(bytes).collect();
+        let mut log = self.log.lock().unwrap();
+        let mut answer = Vec::new();
+        for command in commands {
+            match command {
+                Command::Control(input) => {
+                    let switches = self.scales.is_motor_switch(&input);
+                    self.switched = if switches { self.switched + 1 } else { 0 };
+                    if self.switched == SWITCH_FRAMES {
+                        log.motors_run = !log.motors_run;
+                    }
+                    log.orders.push(input);
+                    answer.extend(acknowledgement_frame(Descriptor::ControlInput));
+                }
+                Command::Poll(_) => {
+                    log.polls += 1;
+                    let status =
+                        Status { battery_v: 11.1, motors_on: log.motors_run, flying: false };
+                    answer.extend(status_frame(status));
+                }
+                Command::EmergencyStop => {
+                    log.emergency_stops += 1;
+                    log.motors_run = false;
+                }
+            }
+        }
+        (log.damaged, log.skipped) =
+            (self.decoder.counters().damaged, self.decoder.counters().skipped);
+        drop(log);
+        match self.manner.load(Ordering::Acquire) {
+            manner if manner == Manner::Answers as u8 => answer,
+            manner if manner == Manner::Silent as u8 => Vec::new(),
+            _ => (0..64).map(|_| self.noise()).collect(),
+        }
+    }
+
+    /// Pseudo-random bytes, many of which begin a frame.
+    fn noise(&mut self) -> u8 {
+        self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let byte = (self.noise >> 24) as u8;
+        if byte < 64 { b">*>a<"[usize::from(byte) % 5] } else { byte }
+    }
+}
+
+fn status_frame(status: Status) -> Vec<u8> {
+    let mut frame = [0; 64];
+    let payload = LlStatus::from(status).payload();
+    let length = write_telemetry(Descriptor::LlStatus, &payload, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
