@@ -51,7 +51,7 @@ enum Command {
     Daemon(ProcessCommand),
     /// The plant process: a simulated vehicle
     #[command(subcommand)]
-    PlantSim(ProcessCommand),
+    PlantSim(oqtal_plant_sim::PlantCommand),
     /// The motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
     MocapEmu(ProcessCommand),
@@ -81,11 +81,8 @@ impl Cli {
             Some(Command::Daemon(command)) => {
                 return execute(Party::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
             }
+            Some(Command::PlantSim(command)) => return command.execute(),
             Some(Command::Bridge(command)) => return command.execute(),
-            Some(Command::PlantSim(command)) => {
-                use oqtal_plant_sim::{check, run};
-                return execute(Party::Plant, &command, run, check);
-            }
             Some(Command::MocapEmu(command)) => {
                 use oqtal_mocap_emu::{check, run};
                 return execute(Party::Mocap, &command, run, check);

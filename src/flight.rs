@@ -11,7 +11,9 @@ use oqtal_bus::time::Time;
 use oqtal_control::quaternion::Attitude;
 use serde::Serialize;
 
+use crate::fly::Way;
 use crate::kernel::Observed;
+use crate::wire::WireRecord;
 
 /// How a flight ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -66,6 +68,8 @@ pub struct Arrival {
 pub struct Flight {
     /// The configuration it flew with.
     pub config: Config,
+    /// How commands reached the vehicle.
+    pub way: Way,
     /// How it ended.
     pub outcome: Outcome,
     /// Every tick, from the first to the last.
@@ -74,6 +78,8 @@ pub struct Flight {
     pub arrivals: Vec<Arrival>,
     /// Latencies of the commands that reached the vehicle.
     pub hops: HopDistributions,
+    /// What went over the wire, if there was one.
+    pub wire: WireRecord,
     /// How late the daemon woke.
     pub wakeup_lateness: Distribution,
     /// How far the time between two turns of the loop was from a period.

@@ -6,6 +6,7 @@ mod observer;
 mod output;
 mod processes;
 mod progress;
+mod vehicle;
 
 use std::path::PathBuf;
 
@@ -20,7 +21,10 @@ use oqtal_mocap_emu::{Recording, read_recording};
 use crate::flight::{Flight, Outcome};
 use crate::summary::Summary;
 
+use vehicle::VehicleChoice;
+
 pub use in_process::fly as fly_in_process;
+pub use vehicle::Way;
 
 /// Beyond its plan a flight may take this long, for the cameras to be believed and the landing to be noticed.
 const GRACE_S: f64 = 15.0;
@@ -46,8 +50,9 @@ pub struct FlyArgs {
     /// emulated, or replay:FILE to play a recording
     #[arg(long, value_name = "SOURCE", value_parser = parse_mocap)]
     mocap: Option<MocapSource>,
-    /// The vehicle and, if wanted, how closely it is modelled: `sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]`
-    #[arg(long, value_name = "VEHICLE", value_parser = parse_vehicle)]
+    /// What flies: `sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]`; `bridge:asctec[,baud=..][,xbee=..]`, the simulated one
+    /// through a bridge and a radio's bytes; `link:LINK`, whatever is at that link
+    #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
     /// Where the flight is written; flights/INSTANCE-N without
     #[arg(long, value_name = "DIR")]
@@ -65,37 +70,12 @@ enum MocapSource {
     Replay(String),
 }
 
-#[derive(Clone, Debug)]
-struct VehicleChoice {
-    kind: Option<String>,
-    fidelity: Option<String>,
-}
-
 fn parse_mocap(text: &str) -> Result<MocapSource, String> {
     match text.split_once(':') {
         None if text == "emulated" => Ok(MocapSource::Emulated),
         Some(("replay", file)) if !file.is_empty() => Ok(MocapSource::Replay(file.to_owned())),
         _ => Err("use `emulated` or `replay:FILE`".to_owned()),
     }
-}
-
-fn parse_vehicle(text: &str) -> Result<VehicleChoice, String> {
-    let usage = || "use sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]".to_owned();
-    let (vehicle, option) = match text.split_once(',') {
-        Some((vehicle, option)) => (vehicle, Some(option)),
-        None => (text, None),
-    };
-    let kind = match vehicle.split_once(':') {
-        None if vehicle == "sim" => None,
-        Some(("sim", kind)) => Some(kind.to_owned()),
-        _ => return Err(usage()),
-    };
-    let fidelity = match option.map(|option| option.split_once('=')) {
-        None => None,
-        Some(Some(("fidelity", fidelity))) => Some(fidelity.to_owned()),
-        Some(_) => return Err(usage()),
-    };
-    Ok(VehicleChoice { kind, fidelity })
 }
 
 /// What a flight needs to know before it starts.
@@ -107,6 +87,8 @@ pub struct Mission {
     pub trajectory: Trajectory,
     /// What is played instead of the cameras, if anything.
     pub recording: Option<Recording>,
+    /// How commands reach what flies.
+    pub way: Way,
     /// What really flies, if it is not what the daemon believes: for studies of robustness, in one process only.
     pub plant: Option<Vehicle>,
 }
@@ -123,7 +105,7 @@ impl Mission {
             true => Some(read_recording(&config.mocap.replay)?),
             false => None,
         };
-        Ok(Self { config, trajectory, recording, plant: None })
+        Ok(Self { config, trajectory, recording, way: Way::Bus, plant: None })
     }
 
     /// How long it takes if all goes well.
@@ -160,8 +142,9 @@ impl FlyArgs {
     /// # Errors
     /// The flight could not be flown; a flight that ended badly is a result.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
-        let mission = Mission::new(config)?;
+        let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
+        let way = Way::open(self.vehicle.as_ref(), &mut config)?;
+        let mission = Mission { way, ..Mission::new(config)? };
         let output = output::Output::create(self.out.as_deref(), &mission.config)?;
         let flight = match mission.config.clock.kind {
             ClockKind::InProcess => in_process::fly_with_progress(&mission)?,
@@ -208,8 +191,7 @@ impl FlyArgs {
         });
         set("--mocap", "mocap.replay", replay);
         if let Some(vehicle) = &self.vehicle {
-            set("--vehicle", "vehicle.kind", vehicle.kind.clone().map(Into::into));
-            set("--vehicle", "vehicle.fidelity", vehicle.fidelity.clone().map(Into::into));
+            vehicle.settings(&mut settings);
         }
         Ok(settings)
     }

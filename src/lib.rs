@@ -19,3 +19,4 @@ pub mod reproduce;
 pub mod summary;
 pub mod table;
 pub mod tune;
+pub mod wire;

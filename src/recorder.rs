@@ -10,6 +10,8 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Phase;
 
 use crate::flight::{Arrival, Flight, Outcome, Sample};
+use crate::fly::Way;
+use crate::wire::WireRecord;
 
 /// Lower than this, in flight, is a crash \[m\]; at rest, landed.
 const ON_FLOOR_M: f64 = 0.05;
@@ -30,6 +32,7 @@ pub struct Recorder {
     samples: Vec<Sample>,
     arrivals: Vec<Arrival>,
     hops: HopDistributions,
+    wire: WireRecord,
     wakeup_lateness: Distribution,
     period_jitter: Distribution,
     commands_lost: u64,
@@ -55,6 +58,7 @@ impl Recorder {
             samples: Vec::with_capacity(4096),
             arrivals: Vec::with_capacity(4096),
             hops: HopDistributions::default(),
+            wire: WireRecord::default(),
             wakeup_lateness: Distribution::default(),
             period_jitter: Distribution::default(),
             commands_lost: 0,
@@ -88,7 +92,7 @@ impl Recorder {
             let deviation = telemetry.time.since(last) - period;
             self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
         }
-        if self.config.is_replay() {
+        if self.has_no_truth() {
             self.push(Sample { telemetry: *telemetry, truth: None });
             return;
         }
@@ -110,6 +114,7 @@ impl Recorder {
     /// Takes the vehicle's answer to a command.
     pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
         self.commands_lost = vehicle.lost;
+        self.wire.vehicle(header, vehicle);
         if !header.stamps.applied_at.is_set() {
             // A bridge speaks in every period; this time there was no new command.
             return;
@@ -118,6 +123,17 @@ impl Recorder {
         self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
         self.last_command = vehicle.command_sequence;
         self.battery.push((header.stamps.applied_at, vehicle.battery_v));
+    }
+
+    /// What the vehicle's side says, and the wire to it.
+    #[must_use]
+    pub fn wire(&self) -> &WireRecord {
+        &self.wire
+    }
+
+    /// In a recording, and where a shadow stands in for another vehicle, what is said of the truth is not about what flies.
+    fn has_no_truth(&self) -> bool {
+        self.config.is_replay() || self.config.vehicle.shadow
     }
 
     /// Whether a pose was heard.
@@ -145,9 +161,11 @@ impl Recorder {
         Flight {
             outcome: self.outcome.unwrap_or(otherwise),
             config: self.config,
+            way: Way::Bus,
             samples: self.samples,
             arrivals: self.arrivals,
             hops: self.hops,
+            wire: self.wire,
             wakeup_lateness: self.wakeup_lateness,
             period_jitter: self.period_jitter,
             commands_lost: self.commands_lost,

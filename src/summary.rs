@@ -11,7 +11,9 @@ use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
 use crate::flight::{Flight, Outcome, Sample};
+use crate::fly::Way;
 use crate::kernel::Observed;
+use crate::wire::WireFigures;
 
 /// Mean, root mean square and greatest value of an error's magnitude, and the root mean square by axis.
 #[derive(Clone, Debug, Serialize)]
@@ -62,6 +64,8 @@ pub struct Summary {
     /// Poses that a newer one overtook before the daemon looked: bursts, or a daemon that was late.
     pub poses_superseded: u64,
     pub hops: BTreeMap<&'static str, DistributionSummary>,
+    /// The wire to the vehicle; `None` without one.
+    pub wire: Option<WireFigures>,
     pub wakeup_lateness: DistributionSummary,
     /// How far the time between two turns of the loop was from a period.
     pub period_jitter: DistributionSummary,
@@ -87,7 +91,10 @@ impl Summary {
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
-            vehicle: vehicle_name(config.vehicle.kind, config.vehicle.fidelity),
+            vehicle: match &flight.way {
+                Way::Bus => vehicle_name(config.vehicle.kind, config.vehicle.fidelity),
+                way => way.to_string(),
+            },
             clock: name_of(&config.clock.kind),
             seed: config.clock.seed,
             ticks,
@@ -106,6 +113,7 @@ impl Summary {
             repeated: Counts { pose: flight.poses_repeated, command: flight.commands_repeated },
             poses_superseded: last.poses_superseded,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
+            wire: flight.wire.figures(),
             wakeup_lateness: flight.wakeup_lateness.summary(),
             period_jitter: flight.period_jitter.summary(),
             daemon: flight.daemon.clone(),

@@ -4,8 +4,9 @@ use comfy_table::{CellAlignment, Table, presets};
 use oqtal_bus::latency::{DistributionSummary, NAMES};
 
 use crate::kernel::Observed;
-use crate::report::unit::{significant, states, unit_of_length, words};
+use crate::report::unit::{significant, span, states, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
+use crate::wire::{CommandAge, WireFigures};
 
 /// The closing table of a flight: plain text of at most 100 columns.
 #[must_use]
@@ -14,7 +15,9 @@ pub fn closing(summary: &Summary) -> String {
     if let Some(errors) = errors(summary) {
         text += &format!("{errors}\n");
     }
-    text += &format!("{}\n{}", latencies(summary), counts(summary));
+    text += &format!("{}\n", latencies(summary));
+    text += &summary.wire.as_ref().map_or_else(String::new, wire);
+    text += &counts(summary);
     text + &summary.daemon.as_ref().map_or_else(String::new, process)
 }
 
@@ -69,6 +72,24 @@ pub(crate) fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> 
     let spans = [hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
     let micros = spans.map(|nanos| significant(nanos as f64 * 1e-3));
     std::iter::once(name.to_owned()).chain(micros).collect()
+}
+
+/// The wire in two lines.
+fn wire(wire: &WireFigures) -> String {
+    let age =
+        |age: &DistributionSummary| format!("{} (p99 {})", span(age.p50_ns), span(age.p99_ns));
+    let CommandAge { from_capture, from_publication } = &wire.command_age;
+    let quality = wire.link_quality.as_ref().map_or_else(String::new, |quality| {
+        let percent = |share: f64| significant(100.0 * share);
+        format!(", answered {} % (least {} %)", percent(quality.mean), percent(quality.min))
+    });
+    format!(
+        "age at the last byte on the wire: {} since capture, {} since publication\n\
+         wire: commands take {} % of it{quality}\n",
+        age(from_capture),
+        age(from_publication),
+        significant(100.0 * wire.command_occupancy),
+    )
 }
 
 fn counts(summary: &Summary) -> String {

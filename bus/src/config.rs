@@ -8,6 +8,7 @@ mod layer;
 mod mocap;
 mod realtime;
 mod vehicle;
+mod wire;
 
 use std::path::Path;
 
@@ -28,6 +29,7 @@ pub use layer::Setting;
 pub use mocap::Mocap;
 pub use realtime::{Realtime, Scheduling};
 pub use vehicle::{Battery, Fidelity, Rotors, Vehicle, VehicleKind};
+pub use wire::Wire;
 
 use crate::message::{FNV_OFFSET, fnv1a};
 use crate::topic::Party;
@@ -279,6 +281,9 @@ impl Config {
     /// The first rule broken.
     pub fn check(&self) -> Result<(), Violation> {
         self.vehicle.check()?;
+        if !self.vehicle.wire.link.is_empty() && self.clock.kind != ClockKind::Real {
+            return Err(Violation::new("vehicle.wire.link", "needs clock.kind = \"real\""));
+        }
         self.mocap.check()?;
         let rate = self.control.rate_hz;
         if !(1.0..=1000.0).contains(&rate) {

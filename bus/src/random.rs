@@ -19,6 +19,14 @@ pub enum Source {
     Imperfection = 2,
     /// The cameras, by frame.
     Cameras = 3,
+    /// Which frames to a vehicle are lost, one draw a frame.
+    UplinkLoss = 4,
+    /// Which bits to a vehicle are wrong.
+    UplinkErrors = 5,
+    /// Which frames from a vehicle are lost, one draw a frame.
+    DownlinkLoss = 6,
+    /// Which bits from a vehicle are wrong.
+    DownlinkErrors = 7,
 }
 
 /// The stream of `source` under `seed`.

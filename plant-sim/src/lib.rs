@@ -1,28 +1,78 @@
 //! The plant process: a simulated vehicle and its radio, in place of a real one.
 //!
-//! [`Plant`] is pure; [`run`] wires it to the bus.
+//! [`Plant`] is pure; [`run`] wires it to the bus, or puts it at the other end of a radio's wire ([`wire`]).
 #![forbid(unsafe_code)]
 
 mod dynamics;
 mod plant;
 mod state;
+pub mod wire;
 mod world;
 
-use oqtal_bus::config::Config;
+use clap::{Args, Subcommand};
+use oqtal_bus::config::{Config, Violation};
 use oqtal_bus::message::HealthV1;
-use oqtal_bus::process::{Failure, Shell};
-use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
+use oqtal_bus::process::{CommonArgs, Exit, Failure, ProcessCommand, Shell, execute};
+use oqtal_bus::topic::{COMMAND, Party, TRUTH, VEHICLE};
+use oqtal_wire::link::LinkSpec;
 
 pub use dynamics::{Disturbance, Dynamics, Input};
 pub use plant::{Output, Plant};
 pub use state::{Derivative, State};
 
-/// Whether the plant could fly with `config`: any that is valid will do.
+/// What can be done with the plant.
+#[derive(Subcommand, Clone, Debug)]
+pub enum PlantCommand {
+    /// Run the process until SIGINT or SIGTERM
+    Run(PlantArgs),
+    /// Check the configuration the process would run with, and print it
+    Check(PlantArgs),
+}
+
+/// What the plant can be told on its command line.
+#[derive(Args, Clone, Debug)]
+pub struct PlantArgs {
+    /// Be flown over a wire, at asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal
+    #[arg(long, value_name = "LINK")]
+    wire: Option<String>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl PlantCommand {
+    /// Does it, and says how it ended.
+    #[must_use]
+    pub fn execute(self) -> std::process::ExitCode {
+        let command = match self {
+            Self::Run(args) => ProcessCommand::Run(args.common()),
+            Self::Check(args) => ProcessCommand::Check(args.common()),
+        };
+        execute(Party::Plant, &command, run, check)
+    }
+}
+
+impl PlantArgs {
+    /// The same for any process: the wire is a setting.
+    fn common(self) -> CommonArgs {
+        let Self { wire, mut common } = self;
+        common.settings.extend(wire.map(|link| format!("vehicle.wire.link={link}")));
+        common
+    }
+}
+
+/// Whether the plant could fly with `config`.
 ///
 /// # Errors
-/// None.
-pub fn check(_: &Config) -> Result<(), Failure> {
-    Ok(())
+/// The wire's link has no meaning.
+pub fn check(config: &Config) -> Result<(), Failure> {
+    link(config).map(drop)
+}
+
+/// The link that the vehicle is to be found at, if its commands come over a wire.
+fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
+    let wrong =
+        |error: Violation| Failure::new(Exit::Config, format!("`{}` {}", error.key, error.rule));
+    config.vehicle.wire.link().map_err(wrong)
 }
 
 /// Flies the simulated vehicle until asked to stop.
@@ -30,10 +80,20 @@ pub fn check(_: &Config) -> Result<(), Failure> {
 /// # Errors
 /// The bus refuses or breaks.
 pub fn run(shell: &Shell) -> Result<(), Failure> {
+    match link(&shell.config)? {
+        Some(link) => wire::run(shell, &link),
+        None => fly(shell),
+    }
+}
+
+/// Flies by the commands on the bus.
+fn fly(shell: &Shell) -> Result<(), Failure> {
     let bus = shell.bus()?;
     let mut commands = bus.reader(&COMMAND)?;
     let mut truths = bus.writer(&TRUTH)?;
-    let mut vehicles = bus.writer(&VEHICLE)?;
+    // Of a vehicle behind the bridge it is the bridge that speaks.
+    let own = !shell.config.vehicle.shadow;
+    let mut vehicles = own.then(|| bus.writer(&VEHICLE)).transpose()?;
     let mut pulse = shell.pulse(&bus)?;
     let mut pace = shell.pace(&bus, &COMMAND)?;
     let mut plant = Plant::new(&shell.config, pace.now());
@@ -64,7 +124,9 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
                     }
                 }
                 Output::Applied(pose_sequence, stamps, vehicle) => {
-                    vehicles.send(pose_sequence, stamps, vehicle)?;
+                    if let Some(vehicles) = &mut vehicles {
+                        vehicles.send(pose_sequence, stamps, vehicle)?;
+                    }
                 }
             }
         }

@@ -109,6 +109,17 @@ impl Plant {
         self.radio.push_back(OnAir { acts_at: now + self.radio_delay, header, command });
     }
 
+    /// Lets `command` act at the instant reached, for a vehicle that has its commands from elsewhere: of these it says nothing.
+    pub fn steer(&mut self, command: &CommandV1) {
+        self.act_on(command);
+    }
+
+    /// Battery voltage under load \[V\].
+    #[must_use]
+    pub fn battery_v(&self) -> f64 {
+        self.battery.voltage()
+    }
+
     /// Flies on to `until`, exactly from event to event in steps of at most a millisecond, and tells `out` what happens.
     pub fn advance(&mut self, until: Time, mut out: impl FnMut(Output)) {
         loop {

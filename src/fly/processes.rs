@@ -16,7 +16,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
 
 use super::Mission;
-use super::crew::Crew;
+use super::crew::{Crew, PATIENCE};
 use super::in_process::REVIEW;
 use super::observer::Observer;
 use super::output::Output;
@@ -25,8 +25,6 @@ use crate::flight::Flight;
 use crate::kernel::{Observed, OneProcessor};
 use crate::recorder::Recorder;
 
-/// A process has so long to come up.
-const PATIENCE: Span = Span::from_millis(10_000);
 /// How often the observer listens in real time: well before a buffer of a thousand milliseconds is full.
 const LISTEN: Duration = Duration::from_millis(20);
 /// How often the crew is looked after.
@@ -54,7 +52,7 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     refuse_company(&bus, &mission.config.instance.name)?;
     let lockstep = mission.config.clock.kind == ClockKind::Lockstep;
     let _here = lockstep.then(OneProcessor::stay);
-    let mut crew = Crew::start(mission.config.parties(), &output.config(), output.directory())?;
+    let mut crew = Crew::start(mission, &output.config(), output.directory())?;
     let stop = StopFlag::default();
     let watch = Watch { place, stop: &stop, over: StopFlag::default(), fallen: Mutex::new(None) };
     let flight = std::thread::scope(|threads| {
@@ -134,6 +132,12 @@ fn record(
             return Err(never_came(mission));
         }
         let flown = first.map_or(Span::ZERO, |(began, _)| now.since(began));
+        if !recorder.wire().answered()
+            && mission.way.silence(&mission.config).is_some_and(|limit| flown >= limit)
+        {
+            progress.finish();
+            return Err(mission.way.never_answered());
+        }
         if recorder.outcome().is_some() || flown >= mission.patience() {
             break;
         }
@@ -145,7 +149,8 @@ fn record(
     if let (Some(daemon), Some(pid)) = (&mut daemon, observer.daemon()) {
         daemon.look_again(pid);
     }
-    Ok(Flight { daemon, ..recorder.finish(mission.otherwise(), speed_factor) })
+    let way = mission.way.clone();
+    Ok(Flight { daemon, way, ..recorder.finish(mission.otherwise(), speed_factor) })
 }
 
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use oqtal_bus::code::{Mode, SafetyState, Verb};
+use oqtal_bus::message::VehicleV1;
 use oqtal_bus::process::{Exit, Failure};
 use oqtal_bus::program::say;
 use oqtal_bus::time::Span;
@@ -49,7 +50,8 @@ impl Progress {
         let [x, y, z] = sample.position().into();
         let error_cm = 100.0 * sample.position_error().norm();
         self.bar.set_message(format!(
-            "{mode}{phase}{state}  at {x:+.2} {y:+.2} {z:+.2} m, {error_cm:.0} cm off",
+            "{mode}{phase}{state}  at {x:+.2} {y:+.2} {z:+.2} m, {error_cm:.0} cm off{}",
+            recorder.wire().latest().map_or_else(String::new, vehicle)
         ));
     }
 
@@ -57,6 +59,21 @@ impl Progress {
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// How a vehicle behind a bridge is; of a simulated one there is nothing to say.
+fn vehicle(vehicle: &VehicleV1) -> String {
+    if !vehicle.link_quality.is_finite() && vehicle.wire_ns == 0 {
+        return String::new();
+    }
+    let state = match vehicle {
+        VehicleV1 { link: 0, .. } => return ", vehicle silent".to_owned(),
+        VehicleV1 { starting: 1, .. } => "motors start",
+        VehicleV1 { armed: 1, .. } => "motors run",
+        _ => "motors off",
+    };
+    let VehicleV1 { battery_v, link_quality, .. } = vehicle;
+    format!(", {state}, {battery_v:.1} V, link {:.0} %", 100.0 * link_quality)
 }
 
 /// Ctrl-C: once lands, twice stops.

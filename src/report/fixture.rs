@@ -10,6 +10,8 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Phase;
 
 use crate::flight::{Arrival, Flight, Outcome, Sample};
+use crate::fly::Way;
+use crate::wire::WireRecord;
 
 const RATE_HZ: f64 = 60.0;
 /// Corners of the square \[m\], one every five seconds from [`FIRST_STEP_S`].
@@ -23,10 +25,12 @@ const END_S: f64 = 35.0;
 pub(crate) fn empty() -> Flight {
     Flight {
         config: Config::default(),
+        way: Way::Bus,
         outcome: Outcome::Timeout,
         samples: Vec::new(),
         arrivals: Vec::new(),
         hops: HopDistributions::default(),
+        wire: WireRecord::default(),
         wakeup_lateness: Distribution::default(),
         period_jitter: Distribution::default(),
         commands_lost: 0,

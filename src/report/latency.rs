@@ -4,10 +4,11 @@ use std::ops::Range;
 
 use maud::{Markup, html};
 use oqtal_bus::config::ClockKind;
-use oqtal_bus::latency::{Distribution, DistributionSummary, HOPS, NAMES, WHOLE};
+use oqtal_bus::latency::{Distribution, DistributionSummary, NAMES, WHOLE};
 
 use crate::flight::Flight;
 use crate::summary::Summary;
+use crate::wire::WireFigures;
 
 use super::axis::{Axis, extent};
 use super::figure::{HALF, figure, histogram};
@@ -15,11 +16,11 @@ use super::palette::Ink;
 use super::plot::{Plot, Shape};
 use super::section;
 use super::series::Point;
-use super::unit::{span, words};
+use super::unit::{significant, span, words};
 
-/// One ink for each hop, and one for the whole.
-const INKS: [Ink; HOPS.len() + 1] =
-    [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Reference];
+/// One ink for each of [`NAMES`]: the hops, the wire, the whole.
+const INKS: [Ink; NAMES.len()] =
+    [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Sixth, Ink::Reference];
 /// A distribution is drawn from this many of its quantiles.
 const QUANTILES: u32 = 400;
 /// Bars of a histogram in each decade.
@@ -38,8 +39,7 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
     let hops: Vec<Hop<'_>> = flight
         .hops
         .iter()
-        .zip(INKS)
-        .map(|((name, distribution), ink)| Hop { name: words(name), ink, distribution })
+        .map(|(name, distribution)| Hop { name: words(name), ink: ink(name), distribution })
         .collect();
     let any = hops.iter().any(|hop| hop.distribution.count() > 0);
     section(
@@ -52,6 +52,7 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
                 (budget(summary))
                 (histograms(&hops))
                 (percentiles(&hops))
+                @if let Some(figures) = &summary.wire { (wire(figures)) }
             } @else {
                 p.note.wide { "No command reached a vehicle." }
             }
@@ -60,23 +61,48 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
     )
 }
 
+/// The ink of a hop.
+fn ink(name: &str) -> Ink {
+    let known = NAMES.iter().zip(INKS).find(|(known, _)| **known == name);
+    known.map_or(Ink::Reference, |(_, ink)| ink)
+}
+
+/// What the wire carried.
+fn wire(figures: &WireFigures) -> Markup {
+    let percent = |share: f64| significant(100.0 * share);
+    html! {
+        p.note.wide {
+            "The wire: commands take " (percent(figures.command_occupancy)) " % of it"
+            @if let Some(quality) = &figures.link_quality {
+                "; the vehicle answered " (percent(quality.mean)) " % of what it was asked, in its worst second "
+                (percent(quality.min)) " %"
+            }
+            "."
+        }
+    }
+}
+
 /// The medians of the hops, end to end.
 fn budget(summary: &Summary) -> Markup {
+    let hops: Vec<&str> = NAMES
+        .into_iter()
+        .filter(|name| *name != WHOLE && summary.hops.contains_key(name))
+        .collect();
     let median = |name: &str| summary.hops.get(name).map_or(0, |hop| hop.p50_ns);
-    let total: u64 = HOPS.iter().map(|name| median(name)).sum();
+    let total: u64 = hops.iter().map(|name| median(name)).sum();
     let share = |name: &str| 100.0 * median(name) as f64 / total.max(1) as f64;
     html! {
         figure.wide {
             figcaption { span.title { "Median of each hop" } }
             div.budget {
-                @for (name, ink) in HOPS.iter().zip(INKS).filter(|(name, _)| median(name) > 0) {
-                    div style={ "width:" (format!("{:.3}", share(name))) "%;background:" (ink.css()) } {}
+                @for name in hops.iter().filter(|name| median(name) > 0) {
+                    div style={ "width:" (format!("{:.3}", share(name))) "%;background:" (ink(name).css()) } {}
                 }
             }
             ul.hops {
-                @for (name, ink) in HOPS.iter().zip(INKS) {
+                @for name in &hops {
                     li {
-                        i style={ "background:" (ink.css()) } {}
+                        i style={ "background:" (ink(name).css()) } {}
                         (words(name)) " " b { (span(median(name))) }
                     }
                 }
@@ -180,6 +206,11 @@ fn table(summary: &Summary) -> Markup {
         ("wake-up lateness".to_owned(), &summary.wakeup_lateness),
         ("period jitter".to_owned(), &summary.period_jitter),
     ];
+    let at_last_byte = summary.wire.as_ref().map(|wire| &wire.command_age);
+    let ages = at_last_byte.into_iter().flat_map(|age| {
+        [("capture", &age.from_capture), ("publication", &age.from_publication)]
+            .map(|(since, age)| (format!("at the last byte on the wire, since {since}"), age))
+    });
     html! {
         div.wide.scroll {
             table {
@@ -188,7 +219,7 @@ fn table(summary: &Summary) -> Markup {
                     @for heading in ["count", "min", "p50", "p99", "p99.9", "max"] { th { (heading) } }
                 } }
                 tbody {
-                    @for (name, hop) in hops.chain(of_loop) { (row(&name, hop)) }
+                    @for (name, hop) in hops.chain(ages).chain(of_loop) { (row(&name, hop)) }
                 }
             }
         }

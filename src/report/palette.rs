@@ -14,6 +14,7 @@ pub enum Ink {
     Third,
     Fourth,
     Fifth,
+    Sixth,
     Good,
     Warning,
     Bad,
@@ -22,17 +23,20 @@ pub enum Ink {
     Shade,
 }
 
-use Ink::{Actual, Axis, Bad, Fifth, Fourth, Good, Grid, Reference, Second, Shade, Third, Warning};
+use Ink::{
+    Actual, Axis, Bad, Fifth, Fourth, Good, Grid, Reference, Second, Shade, Sixth, Third, Warning,
+};
 
 /// An ink, its name in the style sheet, and how it looks on a light and on a dark page. Light colours are distinct: they
 /// are what the style sheet knows a shape by.
-const INKS: [(Ink, &str, [u8; 3], [u8; 3]); 12] = [
+const INKS: [(Ink, &str, [u8; 3], [u8; 3]); 13] = [
     (Reference, "reference", [0x6B, 0x74, 0x83], [0x9A, 0xA5, 0xB5]),
     (Actual, "actual", [0x1F, 0x6F, 0xEB], [0x5C, 0xA2, 0xFF]),
     (Second, "second", [0xD9, 0x66, 0x0B], [0xFF, 0xA0, 0x57]),
     (Third, "third", [0x0E, 0x8F, 0x74], [0x3F, 0xCF, 0xAE]),
     (Fourth, "fourth", [0x8A, 0x4F, 0xD0], [0xBD, 0x93, 0xF9]),
     (Fifth, "fifth", [0xC7, 0x3E, 0x86], [0xF4, 0x84, 0xBE]),
+    (Sixth, "sixth", [0x6E, 0x7D, 0x14], [0xB9, 0xCB, 0x4E]),
     (Good, "good", [0x1E, 0x9E, 0x5A], [0x3F, 0xC3, 0x7D]),
     (Warning, "warning", [0xE0, 0x9A, 0x0C], [0xF0, 0xBC, 0x45]),
     (Bad, "bad", [0xD4, 0x35, 0x4B], [0xFF, 0x74, 0x85]),
@@ -82,7 +86,8 @@ mod tests {
     #[test]
     fn every_ink_has_one_entry_and_a_light_colour_of_its_own() {
         let all = [
-            Reference, Actual, Second, Third, Fourth, Fifth, Good, Warning, Bad, Axis, Grid, Shade,
+            Reference, Actual, Second, Third, Fourth, Fifth, Sixth, Good, Warning, Bad, Axis, Grid,
+            Shade,
         ];
         for ink in all {
             assert_eq!(INKS.iter().filter(|(other, ..)| *other == ink).count(), 1);

@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 use oqtal_control::rigid_body::{Inertia, InertiaError};
 use serde::{Deserialize, Serialize};
 
-use super::{Violation, not_negative, positive};
+use super::{Violation, Wire, not_negative, positive};
 
 /// Which vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -50,7 +50,7 @@ pub struct Vehicle {
     pub rate_lag_ms: f64,
     /// Time constant of the thrust \[ms\]; 0 for none.
     pub thrust_lag_ms: f64,
-    /// From a command received to its effect \[ms\].
+    /// From a command received to its effect \[ms\], without a wire.
     pub radio_delay_ms: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,
@@ -64,10 +64,15 @@ pub struct Vehicle {
     pub force_n: [f64; 3],
     /// Relative spread of drift and force over seeds.
     pub disturbance_spread: f64,
+    /// Whether the simulated vehicle only stands in for the truth that cameras see, while another is behind the bridge: it flies by
+    /// the commands on the bus and says nothing of itself.
+    pub shadow: bool,
     /// `[vehicle.rotors]`.
     pub rotors: Rotors,
     /// `[vehicle.battery]`.
     pub battery: Battery,
+    /// `[vehicle.wire]`.
+    pub wire: Wire,
 }
 
 /// `[vehicle.rotors]`: the Hummingbird's four rotors, plus configuration.
@@ -139,8 +144,13 @@ impl Vehicle {
             let rule = format!("must exceed the weight of {weight:.2} N, is {}", self.max_thrust_n);
             return Err(Violation::new("vehicle.max-thrust-n", rule));
         }
+        if self.kind != VehicleKind::Hummingbird && !self.wire.link.is_empty() {
+            let rule = "speaks to a Hummingbird: it goes with vehicle.kind = \"hummingbird\" only";
+            return Err(Violation::new("vehicle.wire.link", rule));
+        }
         self.rotors.check()?;
-        self.battery.check()
+        self.battery.check()?;
+        self.wire.check()
     }
 }
 

@@ -1,0 +1,185 @@
+//! The on-board computer: what it makes of commands, and what it answers. Pure.
+//!
+//! It flies by the newest command that it could read. The command's checksum is a sum of words, which a pair of wrong bits passes
+//! if one is turned on and the other off at the same place of two words: what is out of range is refused besides, the rest flies.
+//! At one wrong bit in a hundred a quarter of the commands can be read, and of these six in a thousand are not what was sent
+//! (`six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred`): one every eleven seconds at 60 Hz, which acts until the
+//! next one can be read.
+
+use nalgebra::Vector3;
+use oqtal_bus::code::Actuation;
+use oqtal_bus::config::Vehicle;
+use oqtal_bus::message::{CommandV1, TruthV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::euler::EulerAngles;
+use oqtal_control::quaternion::Attitude;
+use oqtal_wire::asctec::{
+    Command, ControlInput, Descriptor, Imu, LlStatus, MAX_TELEMETRY, Meaning, Poll, Scales, Status,
+    Sticks, acknowledgement_frame,
+};
+
+use super::motors::Motors;
+
+/// Higher than this it flies, as far as it knows \[m\].
+const FLYING_M: f64 = 0.05;
+
+/// What the on-board computer measures.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured {
+    /// How the vehicle moves; on board, sensors are perfect.
+    pub truth: TruthV1,
+    /// Battery voltage \[V\].
+    pub battery_v: f64,
+}
+
+/// The on-board computer of a Hummingbird.
+#[derive(Clone, Debug)]
+pub struct OnBoard {
+    scales: Scales,
+    authority: Vector3<f64>,
+    attitude_gain: f64,
+    time_out: Span,
+    motors: Motors,
+    sticks: Sticks,
+    heard_at: Option<Time>,
+}
+
+impl OnBoard {
+    /// The computer of `vehicle`, whose counts mean what `scales` say.
+    #[must_use]
+    pub fn new(vehicle: &Vehicle, scales: &Scales) -> Self {
+        let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
+        Self {
+            scales: scales.clone(),
+            authority: Vector3::from(vehicle.rate_authority_rad_s),
+            attitude_gain: vehicle.wire.attitude_gain_per_s,
+            time_out: millis(vehicle.wire.time_out_ms),
+            motors: Motors::new(millis(vehicle.wire.motor_switch_ms)),
+            sticks: Sticks::default(),
+            heard_at: None,
+        }
+    }
+
+    /// When the motors stop if no command comes.
+    #[must_use]
+    pub fn next_event(&self) -> Option<Time> {
+        self.heard_at.map(|at| at + self.time_out)
+    }
+
+    /// Looks at the time: without commands the motors stop.
+    pub fn tick(&mut self, now: Time) {
+        if self.next_event().is_some_and(|at| at <= now) {
+            self.heard_at = None;
+            self.halt();
+        }
+    }
+
+    /// Does what a frame says, and appends what there is to answer to `answer`.
+    pub fn obey(
+        &mut self,
+        now: Time,
+        command: &Command,
+        measured: &Measured,
+        answer: &mut Vec<u8>,
+    ) {
+        match command {
+            Command::Control(input) => {
+                self.control(now, input);
+                answer.extend(acknowledgement_frame(Descriptor::ControlInput));
+            }
+            Command::Poll(poll) => self.report(now, *poll, measured, answer),
+            Command::EmergencyStop => self.halt(),
+        }
+    }
+
+    /// What the motors do now about the newest command.
+    #[must_use]
+    pub fn command(&self, truth: &TruthV1) -> CommandV1 {
+        if !self.motors.run() {
+            return CommandV1::default();
+        }
+        CommandV1 {
+            actuation: Actuation::Sticks.code(),
+            sticks: self.rates(truth).into(),
+            thrust: self.sticks.thrust,
+            ..CommandV1::default()
+        }
+    }
+
+    /// Whether the motors run.
+    #[must_use]
+    pub fn motors_run(&self) -> bool {
+        self.motors.run()
+    }
+
+    fn control(&mut self, now: Time, input: &ControlInput) {
+        self.heard_at = Some(now);
+        let takes = |axis: i16| input.enabled & axis != 0;
+        let switches = self.scales.is_motor_switch(input)
+            && takes(ControlInput::ENABLE_YAW)
+            && takes(ControlInput::ENABLE_THRUST);
+        self.motors.command(now, switches);
+        // What the host does not command is in the pilot's hands, who leaves it alone.
+        let centred = |axis: i16, counts: i16| if takes(axis) { counts } else { 0 };
+        self.sticks = self.scales.decode(&ControlInput {
+            pitch: centred(ControlInput::ENABLE_PITCH, input.pitch),
+            roll: centred(ControlInput::ENABLE_ROLL, input.roll),
+            yaw: if switches { 0 } else { centred(ControlInput::ENABLE_YAW, input.yaw) },
+            thrust: centred(ControlInput::ENABLE_THRUST, input.thrust),
+            enabled: input.enabled,
+        });
+    }
+
+    fn halt(&mut self) {
+        self.motors.stop();
+        self.sticks = Sticks::default();
+    }
+
+    /// Body rates as parts of the authority: the sticks themselves, or what turns the vehicle to the attitude that they mean.
+    fn rates(&self, truth: &TruthV1) -> Vector3<f64> {
+        let Sticks { roll, pitch, yaw, .. } = self.sticks;
+        if self.scales.sticks == Meaning::BodyRate {
+            return Vector3::new(roll, pitch, yaw);
+        }
+        let is = angles(truth);
+        let turn = |wanted: f64, is: f64| self.attitude_gain * (wanted - is);
+        Vector3::new(turn(roll, is.roll), turn(pitch, is.pitch), yaw).component_div(&self.authority)
+    }
+
+    fn report(&self, now: Time, poll: Poll, measured: &Measured, answer: &mut Vec<u8>) {
+        let mut frame = [0; MAX_TELEMETRY];
+        if poll.contains(Poll::LL_STATUS) {
+            let length = self.status(now, measured).write_frame(&mut frame);
+            answer.extend(&frame[..length]);
+        }
+        if poll.contains(Poll::IMU_CALC) {
+            let length = self.scales.encode_imu(&imu(measured)).write_frame(&mut frame);
+            answer.extend(&frame[..length]);
+        }
+    }
+
+    fn status(&self, now: Time, measured: &Measured) -> LlStatus {
+        let status = Status {
+            battery_v: measured.battery_v,
+            motors_on: self.motors.run(),
+            flying: measured.truth.position[2] > FLYING_M,
+        };
+        let up_time = self.motors.up_time(now).seconds().min(f64::from(i16::MAX)) as i16;
+        LlStatus { up_time, ..status.into() }
+    }
+}
+
+fn angles(truth: &TruthV1) -> EulerAngles {
+    let attitude = Attitude::from_xyzw(truth.attitude).unwrap_or_default();
+    EulerAngles::from_attitude(&attitude)
+}
+
+fn imu(measured: &Measured) -> Imu {
+    let truth = &measured.truth;
+    Imu {
+        angles: angles(truth).vector().into(),
+        rate: truth.rate,
+        height: truth.position[2],
+        climb: truth.velocity[2],
+    }
+}

@@ -1,0 +1,250 @@
+//! The vehicle at the other end of a wire: switched on, flown and asked through bytes.
+
+use oqtal_bus::config::Config;
+use oqtal_bus::random::{Source, stream};
+use oqtal_bus::time::{Span, Time};
+use oqtal_plant_sim::wire::{Radio, Way, WiredVehicle};
+use oqtal_wire::asctec::{
+    Command, ControlInput, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll, Scales,
+    Sticks, VehicleDecoder, poll_frame,
+};
+use oqtal_wire::link::LinkSpec;
+use oqtal_wire::xbee::{Address, Arrival, Carrier, Side};
+use proptest::prelude::*;
+use rand::RngExt;
+
+const START: Time = Time::VIRTUAL_START;
+const PERIOD_US: i64 = 16_667;
+
+/// A host that speaks and listens at 60 Hz.
+struct Host {
+    vehicle: WiredVehicle,
+    scales: Scales,
+    decoder: HostDecoder,
+    heard: Vec<HostEvent>,
+    now: Time,
+}
+
+impl Host {
+    fn new(config: &Config) -> Self {
+        let link = "asctec:/dev/null".parse().unwrap();
+        Self {
+            vehicle: WiredVehicle::new(config, &link, START),
+            scales: config.bridge.asctec.clone(),
+            decoder: HostDecoder::new(),
+            heard: Vec::new(),
+            now: START,
+        }
+    }
+
+    /// Writes `bytes`, and lives on for a period.
+    fn write(&mut self, bytes: &[u8]) {
+        self.vehicle.host_writes(self.now, bytes);
+        self.now = self.now + Span::from_nanos(1000 * PERIOD_US);
+        self.vehicle.advance(self.now, |_| {});
+        let mut bytes = Vec::new();
+        self.vehicle.host_reads(self.now, &mut bytes);
+        self.heard.extend(self.decoder.push(&bytes));
+    }
+
+    fn command(&mut self, input: &ControlInput, periods: u32) {
+        (0..periods).for_each(|_| self.write(&input.frame()));
+    }
+
+    fn start_motors(&mut self) {
+        let switch = self.scales.motor_switch();
+        self.command(&switch, 40);
+        assert!(self.vehicle.motors_run());
+    }
+
+    fn fly(&mut self, sticks: &Sticks, periods: u32) {
+        let input = self.scales.encode(sticks);
+        self.command(&input, periods);
+    }
+
+    fn status(&mut self) -> LlStatus {
+        self.heard.clear();
+        self.write(&poll_frame(Poll::LL_STATUS));
+        (0..3).for_each(|_| self.write(&[]));
+        let status = |event: &HostEvent| match event {
+            HostEvent::LlStatus(status) => Some(*status),
+            _ => None,
+        };
+        self.heard.iter().find_map(status).expect("an answer")
+    }
+
+    fn height(&self) -> f64 {
+        self.vehicle.plant().truth().position[2]
+    }
+}
+
+fn host() -> Host {
+    Host::new(&Config::default())
+}
+
+const LIFT: Sticks = Sticks { roll: 0.0, pitch: 0.0, yaw: 0.0, thrust: 0.3 };
+
+#[test]
+fn commands_are_ignored_until_the_motors_run() {
+    let mut host = host();
+    host.fly(&LIFT, 60);
+    assert_eq!((host.height(), host.vehicle.motors_run()), (0.0, false));
+    host.start_motors();
+    host.fly(&LIFT, 60);
+    assert!(host.height() > 0.5, "{}", host.height());
+}
+
+#[test]
+fn every_command_is_acknowledged_and_the_status_tells_the_motors() {
+    let mut host = host();
+    host.command(&ControlInput::NEUTRAL, 30);
+    host.command(&ControlInput::NEUTRAL, 30);
+    let acknowledged =
+        host.heard.iter().filter(|event| matches!(event, HostEvent::Acknowledged(_))).count();
+    assert!((57..=60).contains(&acknowledged), "{acknowledged}, the last ones are on their way");
+    let before = host.status();
+    assert_eq!((before.motors_on, before.flying, before.battery_1_mv), (0, 0, 12_600));
+    host.start_motors();
+    host.fly(&LIFT, 60);
+    let after = host.status();
+    assert_eq!((after.motors_on, after.flying), (1, 1));
+    assert!(after.battery_1_mv < before.battery_1_mv && after.up_time >= 1, "{after:?}");
+}
+
+#[test]
+fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
+    let mut host = host();
+    host.start_motors();
+    host.fly(&LIFT, 30);
+    host.write(&EMERGENCY_STOP);
+    host.write(&[]);
+    host.write(&[]);
+    assert!(!host.vehicle.motors_run());
+    let mut host = self::host();
+    host.start_motors();
+    (0..58).for_each(|_| host.write(&[]));
+    assert!(host.vehicle.motors_run());
+    (0..6).for_each(|_| host.write(&[]));
+    assert!(!host.vehicle.motors_run(), "a second has passed since the last command arrived");
+}
+
+/// So figures of flights with and without a wire compare.
+#[test]
+fn a_command_acts_after_the_delay_of_the_direct_simulation() {
+    let config = Config::default();
+    let link = "asctec:/dev/null".parse().unwrap();
+    let mut vehicle = WiredVehicle::new(&config, &link, START);
+    vehicle.host_writes(START, &ControlInput::NEUTRAL.frame());
+    let delay = |millis: f64| START + Span::from_seconds(1e-3 * millis);
+    vehicle.advance(delay(config.vehicle.radio_delay_ms - 0.01), |_| {});
+    assert_eq!(vehicle.counters().frames, 0);
+    vehicle.advance(delay(config.vehicle.radio_delay_ms + 0.01), |_| {});
+    assert_eq!(vehicle.counters().frames, 1);
+}
+
+/// Frames of an XBee go in and come out; delivery is reported where it was asked for.
+#[test]
+fn both_api_modes_carry_commands_and_answers() {
+    for framing in ["api1", "api2"] {
+        let config = Config::default();
+        let link: LinkSpec = format!("asctec:/dev/null,xbee={framing}").parse().unwrap();
+        let mut vehicle = WiredVehicle::new(&config, &link, START);
+        let mut host = Carrier::new(link.xbee(), Side::Host, Address::BROADCAST);
+        let request = host.wrap(1, &poll_frame(Poll::LL_STATUS)).unwrap();
+        vehicle.host_writes(START, request.as_bytes());
+        let later = START + Span::from_millis(200);
+        vehicle.advance(later, |_| {});
+        let (mut bytes, mut decoder) = (Vec::new(), HostDecoder::new());
+        vehicle.host_reads(later, &mut bytes);
+        let arrivals: Vec<Arrival> = host.push(&bytes).collect();
+        assert_eq!(arrivals[0], Arrival::Delivery { id: 1, delivered: true }, "{framing}");
+        let Arrival::Payload { payload, .. } = arrivals[1] else { panic!("{arrivals:?}") };
+        let events: Vec<HostEvent> = decoder.push(&payload).collect();
+        assert!(matches!(events[..], [HostEvent::LlStatus(_)]), "{framing} {events:?}");
+    }
+}
+
+#[test]
+fn sticks_that_mean_an_attitude_are_followed_by_a_loop_on_board() {
+    let mut config = Config::default();
+    config.bridge.asctec.sticks = Meaning::Attitude;
+    let mut host = Host::new(&config);
+    host.start_motors();
+    let tilt = 10.0_f64.to_radians();
+    host.fly(&Sticks { thrust: 0.3, ..Sticks::default() }, 60);
+    host.fly(&Sticks { roll: tilt, pitch: -tilt, yaw: 0.0, thrust: 0.26 }, 120);
+    let q = host.vehicle.plant().truth().attitude;
+    let attitude = oqtal_control::quaternion::Attitude::from_xyzw(q).unwrap();
+    let angles = oqtal_control::euler::EulerAngles::from_attitude(&attitude);
+    assert!((angles.roll - tilt).abs() < 0.02, "{angles:?}");
+    assert!((angles.pitch + tilt).abs() < 0.02, "{angles:?}");
+}
+
+#[test]
+fn the_inertial_measurements_are_those_of_the_flight() {
+    let mut host = host();
+    host.start_motors();
+    host.fly(&Sticks { roll: 0.1, ..LIFT }, 30);
+    host.heard.clear();
+    host.write(&poll_frame(Poll::IMU_CALC | Poll::LL_STATUS));
+    (0..3).for_each(|_| host.write(&[]));
+    let imu = host.heard.iter().find_map(|event| match event {
+        HostEvent::ImuCalc(imu) => Some(host.scales.decode_imu(imu)),
+        _ => None,
+    });
+    let (imu, truth) = (imu.expect("an answer"), host.vehicle.plant().truth());
+    // It is a few periods old.
+    assert!((imu.rate[0] - truth.rate[0]).abs() < 0.02 && imu.rate[0] > 0.1, "{imu:?}");
+    assert!(imu.height > 0.1 && imu.height < truth.position[2], "{imu:?}");
+}
+
+/// The figure in the documentation of the on-board computer.
+#[test]
+fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
+    let mut config = Config::default();
+    config.vehicle.wire.bit_error_rate = 0.01;
+    config.vehicle.wire.latency_ms = 0.0;
+    let mut radio = Radio::new(&config.vehicle.wire, 7, 57_600);
+    let mut decoder = VehicleDecoder::new();
+    let mut generator = stream(7, Source::Gust);
+    let scales = Scales::default();
+    let (frames, mut read, mut wrong, mut now, mut bytes) = (200_000, 0, 0, START, Vec::new());
+    for _ in 0..frames {
+        let stick = |value: f64| 0.3 * (value - 0.5);
+        let [roll, pitch, yaw, thrust] = std::array::from_fn(|_| generator.random::<f64>());
+        let sticks = Sticks {
+            roll: stick(roll),
+            pitch: stick(pitch),
+            yaw: stick(yaw),
+            thrust: 0.2 + 0.1 * thrust,
+        };
+        let input = scales.encode(&sticks);
+        radio.send(Way::Up, now, &input.frame());
+        now = now + Span::from_millis(10);
+        bytes.clear();
+        radio.receive(Way::Up, now, &mut bytes);
+        for command in decoder.push(&bytes) {
+            read += 1;
+            wrong += u32::from(command != Command::Control(input));
+        }
+    }
+    let (read, wrong) = (f64::from(read) / f64::from(frames), f64::from(wrong) / f64::from(read));
+    assert!((0.25..0.265).contains(&read), "{read}");
+    assert!((0.005..0.007).contains(&wrong), "{wrong}");
+}
+
+proptest! {
+    /// Whatever a host writes: no panic, nothing that is not finite, and no motors that run without the switch.
+    #[test]
+    fn any_bytes_leave_a_vehicle_in_its_senses(
+        writes in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..30),
+    ) {
+        let mut host = host();
+        for bytes in writes {
+            host.write(&bytes);
+            let truth = host.vehicle.plant().truth();
+            prop_assert!(truth.position.iter().chain(&truth.attitude).all(|x| x.is_finite()));
+        }
+        prop_assert!(!host.vehicle.motors_run());
+    }
+}

@@ -1,0 +1,213 @@
+//! Flights through the bridge: real processes, real frames on a pseudo-terminal, in real time.
+
+mod common;
+
+use common::{Running, Testbed, number, stderr, wait_for};
+use oqtal_bus::config::Config;
+use rustix::process::Signal;
+use serde_json::Value;
+
+const WIRED: [&str; 2] = ["--vehicle", "bridge:asctec"];
+
+/// A hover of some seconds.
+fn hover(seconds: &'static str) -> [&'static str; 6] {
+    ["--trajectory", "hover", "--duration", seconds, "--seed", "7"]
+}
+
+fn landed(summary: &Value) {
+    assert_eq!(summary["outcome"], "landed", "{summary:#}");
+}
+
+/// The square over the wire costs what it costs without one, and says where its time went.
+#[test]
+fn the_square_through_real_frames_is_as_good_as_without_them() {
+    let testbed = Testbed::new("square");
+    let wired = testbed.summary(&[&WIRED[..], &["--seed", "7"]].concat());
+    landed(&wired);
+    assert_eq!(wired["vehicle"], "bridge:asctec");
+    assert_eq!(wired["error_source"], "truth");
+    let direct = testbed.summary(&["--clock", "in-process", "--seed", "7"]);
+    for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
+        let path = format!("/{error}/mean");
+        let ratio = number(&wired, &path) / number(&direct, &path);
+        assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
+    }
+    // 17 bytes of ten bits at 57600 baud.
+    let on_wire = number(&wired, "/hops/wire/p50_ns");
+    assert!((2.9e6..3.1e6).contains(&on_wire), "{on_wire} ns");
+    assert!(number(&wired, "/hops/wire/count") > 1500.0);
+    let occupancy = number(&wired, "/wire/command_occupancy");
+    assert!((0.15..0.20).contains(&occupancy), "{occupancy}");
+    let age = |since: &str| number(&wired, &format!("/wire/command_age/{since}/p50_ns"));
+    assert!(age("from_publication") > on_wire && age("from_capture") > 15e6 + on_wire);
+    assert!(number(&wired, "/wire/link_quality/mean") > 0.95);
+    let report = std::fs::read_to_string(
+        testbed.path("flights").join(format!("{}-1", testbed.instance())).join("report.html"),
+    );
+    assert!(report.unwrap().contains("commands take"));
+    assert!(!testbed.path("run").join(format!("{}.wire", testbed.instance())).exists());
+}
+
+/// A quarter of the commands and a fifteenth of the answers to a poll survive.
+#[test]
+fn a_hover_goes_on_through_one_wrong_bit_in_a_hundred() {
+    let testbed = Testbed::new("noisy");
+    let noise = ["--set", "vehicle.wire.bit-error-rate=0.01"];
+    let summary = testbed.summary(&[&WIRED[..], &hover("6"), &noise].concat());
+    landed(&summary);
+    let error = number(&summary, "/position_error_m/mean");
+    eprintln!("mean error {error} m, answered {}", summary["wire"]["link_quality"]);
+    assert!(error < 0.3, "{error} m");
+}
+
+#[test]
+fn both_api_modes_of_the_xbee_fly() {
+    for framing in ["api1", "api2"] {
+        let testbed = Testbed::new(framing);
+        let vehicle = format!("bridge:asctec,xbee={framing}");
+        let summary = testbed.summary(&[&["--vehicle", &vehicle], &hover("1")[..]].concat());
+        landed(&summary);
+        assert_eq!(summary["vehicle"], vehicle.as_str());
+        assert!(number(&summary, "/hops/wire/p50_ns") > 4e6, "framing takes time on the wire");
+    }
+}
+
+/// An emulated vehicle that somebody started on this instance tells the truth to the cameras.
+#[test]
+fn whatever_is_at_a_link_is_flown_with_its_own_truth_if_it_tells_it() {
+    let testbed = Testbed::new("link");
+    let (vehicle, link) = waiting_vehicle(&testbed);
+    let summary =
+        testbed.summary(&[&["--vehicle", &format!("link:{link}")], &hover("1")[..]].concat());
+    landed(&summary);
+    assert_eq!(summary["error_source"], "truth");
+    assert_eq!(summary["vehicle"], format!("link:{link}").as_str());
+    vehicle.signal(Signal::TERM);
+    assert!(vehicle.wait().status.success());
+    assert!(!testbed.path("vehicle").exists(), "the link goes with its vehicle");
+}
+
+/// On the bench: the vehicle is elsewhere, a shadow shows the cameras what it might do.
+#[test]
+fn on_the_bench_a_shadow_stands_in_for_the_truth() {
+    let (bench, elsewhere) = (Testbed::new("bench"), Testbed::new("elsewhere"));
+    let (_vehicle, link) = waiting_vehicle(&elsewhere);
+    let summary =
+        bench.summary(&[&["--vehicle", &format!("link:{link}")], &hover("1")[..]].concat());
+    landed(&summary);
+    assert_eq!(summary["error_source"], "pose");
+    assert!(summary["trajectory_hash"].is_null());
+}
+
+#[test]
+fn a_silent_vehicle_is_given_up_with_what_to_look_at() {
+    let testbed = Testbed::new("silent");
+    // A terminal that nobody reads at the other end.
+    let near =
+        rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY);
+    let near = near.unwrap();
+    rustix::pty::unlockpt(&near).unwrap();
+    let far = rustix::pty::ptsname(&near, Vec::new()).unwrap().into_string().unwrap();
+    let output = testbed.fly(&["--vehicle", &format!("link:asctec:{far}"), "--duration", "2"]);
+    assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
+    let said = stderr(&output);
+    assert!(said.contains("does not answer") && said.contains("channel 5"), "{said}");
+}
+
+#[test]
+fn bad_use_of_a_wire_has_its_exit_code_and_message() {
+    let testbed = Testbed::new("wires");
+    let refused = |words: &[&str], code: i32, what: &str| {
+        let output = testbed.fly(words);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
+        assert!(said.contains(what), "{words:?}: {said}");
+    };
+    for clock in ["lockstep", "in-process"] {
+        refused(&["--vehicle", "bridge:asctec", "--clock", clock], 64, "leave out --clock");
+        refused(
+            &["--vehicle", "link:asctec:/dev/ttyS9", "--clock", clock],
+            64,
+            "leave out --clock",
+        );
+    }
+    refused(&["--vehicle", "bridge:mavlink"], 64, "bridge:asctec");
+    refused(&["--vehicle", "link:asctec:/dev/nowhere"], 71, "/dev/nowhere");
+}
+
+/// What is at the path of a link, and how the plant ends then.
+#[test]
+fn a_stale_link_is_replaced_and_anything_else_is_left_alone() {
+    let testbed = Testbed::new("stale");
+    let path = testbed.path("vehicle");
+    let link = format!("asctec:{}", path.display());
+    let words = ["plant-sim", "run", "--wire", &link];
+
+    std::fs::write(&path, "not a link").unwrap();
+    let output = testbed.oqtal(&words).output().unwrap();
+    assert_eq!(output.status.code(), Some(78), "{}", stderr(&output));
+    assert!(stderr(&output).contains("remove it"), "{}", stderr(&output));
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "not a link");
+    std::fs::remove_file(&path).unwrap();
+
+    let (killed, _) = waiting_vehicle(&testbed);
+    let terminal = std::fs::read_link(&path).unwrap();
+    let second = Testbed::new("second");
+    let output = second.oqtal(&words).output().unwrap();
+    assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
+    assert!(stderr(&output).contains(&killed.id().to_string()), "{}", stderr(&output));
+    assert_eq!(std::fs::read_link(&path).unwrap(), terminal, "the first is undisturbed");
+
+    killed.signal(Signal::KILL);
+    killed.wait();
+    assert!(std::fs::symlink_metadata(&path).is_ok(), "a killed one leaves its link");
+    let (_vehicle, _) = waiting_vehicle(&testbed);
+}
+
+#[test]
+fn latency_of_a_running_bridge_has_the_hop_of_the_wire() {
+    let testbed = Testbed::new("attach");
+    let flight = testbed.start(&[&["fly"], &WIRED[..], &hover("20")].concat());
+    let figures = wait_for("a flight in the air", || {
+        let output =
+            testbed.oqtal(&["latency", "--attach", "--seconds", "2", "--json"]).output().unwrap();
+        let figures: Value = serde_json::from_slice(&output.stdout).ok()?;
+        (figures.pointer("/hops/wire/count")?.as_u64()? > 60).then_some(figures)
+    });
+    assert!((2.9e6..3.1e6).contains(&number(&figures, "/hops/wire/p50_ns")));
+    flight.signal(Signal::INT);
+    flight.signal(Signal::INT);
+    flight.wait();
+}
+
+/// Both ends of the wire believe the same delay, that of the direct simulation.
+#[test]
+fn the_delay_over_the_wire_is_that_of_the_direct_simulation() {
+    let config = Config::default();
+    let command_ms = 1e3 * 17.0 * 10.0 / 57_600.0;
+    for latency_ms in [config.vehicle.wire.latency_ms, config.bridge.air_latency_ms] {
+        let whole = latency_ms + command_ms;
+        assert!((whole - config.vehicle.radio_delay_ms).abs() < 0.1, "{whole} ms");
+    }
+}
+
+/// An emulated vehicle on `testbed`, and its link.
+fn waiting_vehicle(testbed: &Testbed) -> (Running, String) {
+    let path = testbed.path("vehicle");
+    let stale = std::fs::read_link(&path).ok();
+    let link = format!("asctec:{}", path.display());
+    let running = testbed.start(&["plant-sim", "run", "--wire", &link]);
+    wait_for("the link", || {
+        let fresh = path.exists() && std::fs::read_link(&path).ok() != stale;
+        // The number of the terminal may be the same again: then the process says that it is there.
+        let same = path.exists() && stale.is_some() && locked(&path);
+        (fresh || same).then_some(())
+    });
+    (running, link)
+}
+
+fn locked(path: &std::path::Path) -> bool {
+    let Ok(far) = std::fs::File::options().read(true).write(true).open(path) else { return false };
+    let lock = rustix::process::Flock::from(rustix::process::FlockType::WriteLock);
+    rustix::process::fcntl_getlk(&far, &lock).is_ok_and(|holder| holder.is_some())
+}
