@@ -146,7 +146,7 @@ impl Cycle {
 
     /// Learns at `now` how the vehicle is, and when a command began to act.
     pub fn hear(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
-        self.vehicle.hear(now, vehicle);
+        self.vehicle.hear(now, header.source, vehicle);
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
             let still_to_go = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);

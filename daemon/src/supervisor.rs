@@ -24,7 +24,7 @@ pub struct Conditions {
     pub vehicle_silent: bool,
     /// The vehicle answers again, and its silence is still the cause of the state.
     pub vehicle_back: bool,
-    /// The vehicle has not answered for too long, or its motors stand, in flight: where commands end is not known.
+    /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted.
     pub vehicle_lost: bool,
     /// An operator asked to stop.
     pub operator_stops: bool,

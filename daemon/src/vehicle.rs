@@ -13,17 +13,28 @@ pub struct VehicleWatch {
     answered_at: Option<Time>,
     /// When the motors were last said to run since the flight began.
     ran_at: Option<Time>,
+    /// The process that spoke first since the flight began, and whether another has spoken since.
+    speaker: Option<u64>,
+    is_replaced: bool,
 }
 
 impl VehicleWatch {
     /// Nothing heard yet; after `silence` without an answer the vehicle is silent.
     #[must_use]
     pub fn new(silence: Span) -> Self {
-        Self { silence, heard: None, answered_at: None, ran_at: None }
+        Self {
+            silence,
+            heard: None,
+            answered_at: None,
+            ran_at: None,
+            speaker: None,
+            is_replaced: false,
+        }
     }
 
-    /// Takes what the vehicle says at `now`.
-    pub fn hear(&mut self, now: Time, vehicle: &VehicleV1) {
+    /// Takes what process `source` says of the vehicle at `now`.
+    pub fn hear(&mut self, now: Time, source: u64, vehicle: &VehicleV1) {
+        self.is_replaced |= *self.speaker.get_or_insert(source) != source;
         self.heard = Some((now, *vehicle));
         if vehicle.link != 0 {
             self.answered_at = Some(now);
@@ -35,7 +46,7 @@ impl VehicleWatch {
 
     /// A flight begins: the motors have not run in it.
     pub fn begin_flight(&mut self) {
-        self.ran_at = None;
+        (self.ran_at, self.speaker, self.is_replaced) = (None, None, false);
     }
 
     /// Whether the vehicle answers, as of the last word about it, which is not old.
@@ -45,11 +56,12 @@ impl VehicleWatch {
             && self.heard.is_some_and(|(_, vehicle)| vehicle.link != 0)
     }
 
-    /// Whether a flight cannot go on: no answer for too long, or motors that ran and no longer do.
+    /// Whether a flight cannot go on: no answer for too long, motors that ran and no longer do, or a bridge that was restarted
+    /// and knows nothing of a flight.
     #[must_use]
     pub fn is_lost(&self, now: Time) -> bool {
         let stands = self.ran_at.is_some() && self.is_old(now, self.ran_at);
-        stands || self.is_old(now, self.answered_at)
+        stands || self.is_replaced || self.is_old(now, self.answered_at)
     }
 
     /// Whether the flight waits for motors that are being started.
@@ -74,6 +86,7 @@ mod tests {
     use super::*;
 
     const SILENCE: Span = Span::from_millis(500);
+    const BRIDGE: u64 = 4711;
     const WELL: VehicleV1 = VehicleV1 {
         command_sequence: 1,
         lost: 0,
@@ -95,7 +108,7 @@ mod tests {
     fn a_vehicle_is_silent_before_its_first_word_and_after_its_last() {
         let mut watch = VehicleWatch::new(SILENCE);
         assert!(!watch.answers(at(0)) && watch.is_lost(at(0)));
-        watch.hear(at(0), &WELL);
+        watch.hear(at(0), BRIDGE, &WELL);
         assert!(watch.answers(at(500)) && !watch.is_lost(at(500)));
         assert!(!watch.answers(at(501)) && watch.is_lost(at(501)));
     }
@@ -103,21 +116,34 @@ mod tests {
     #[test]
     fn a_broken_link_keeps_on_the_ground_at_once_and_ends_a_flight_later() {
         let mut watch = VehicleWatch::new(SILENCE);
-        watch.hear(at(0), &WELL);
-        watch.hear(at(400), &VehicleV1 { link: 0, ..WELL });
+        watch.hear(at(0), BRIDGE, &WELL);
+        watch.hear(at(400), BRIDGE, &VehicleV1 { link: 0, ..WELL });
         assert!(!watch.answers(at(400)) && !watch.is_lost(at(400)));
         assert!(watch.is_lost(at(501)), "a bridge that speaks is not a vehicle that answers");
+    }
+
+    #[test]
+    fn f18_a_bridge_restarted_in_flight_loses_the_vehicle_however_quick_it_is() {
+        let mut watch = VehicleWatch::new(SILENCE);
+        watch.hear(at(0), BRIDGE, &WELL);
+        watch.begin_flight();
+        watch.hear(at(17), BRIDGE, &WELL);
+        assert!(!watch.is_lost(at(17)));
+        watch.hear(at(34), BRIDGE + 1, &WELL);
+        assert!(watch.is_lost(at(34)) && watch.answers(at(34)));
+        watch.begin_flight();
+        assert!(!watch.is_lost(at(34)));
     }
 
     #[test]
     fn motors_are_waited_for_once_and_when_they_stand_again_the_vehicle_is_lost() {
         let mut watch = VehicleWatch::new(SILENCE);
         let starting = VehicleV1 { starting: 1, ..WELL };
-        watch.hear(at(0), &starting);
+        watch.hear(at(0), BRIDGE, &starting);
         assert!(watch.holds_flight() && !watch.is_lost(at(0)));
-        watch.hear(at(10), &VehicleV1 { armed: 1, ..WELL });
+        watch.hear(at(10), BRIDGE, &VehicleV1 { armed: 1, ..WELL });
         assert!(!watch.holds_flight());
-        watch.hear(at(500), &starting);
+        watch.hear(at(500), BRIDGE, &starting);
         assert!(!watch.holds_flight() && !watch.is_lost(at(510)));
         assert!(watch.is_lost(at(511)));
         watch.begin_flight();
