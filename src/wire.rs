@@ -60,7 +60,8 @@ impl WireRecord {
         if wire <= Span::ZERO {
             return;
         }
-        if vehicle.link_quality.is_finite() {
+        // Before its first answer a vehicle may not be there yet.
+        if self.answered && vehicle.link_quality.is_finite() {
             self.quality.add(vehicle.link_quality);
             let least = self.least_quality.unwrap_or(1.0);
             self.least_quality = Some(least.min(vehicle.link_quality));

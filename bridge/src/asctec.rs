@@ -1,12 +1,24 @@
 //! AscTec's Hummingbird in terms of orders and answers. Bytes, checksums and scales are `oqtal-wire`'s.
 //!
-//! A neutral frame takes all four axes from here, centred and without thrust: the remote control then has no say in them, but its channel 5
-//! takes the serial interface away (manual, p. 17), and so is the pilot's last line.
+//! A neutral frame takes all four axes from here, centred and without thrust: the remote control then has no say in them, but
+//! its channel 5 takes the serial interface away (manual, p. 17), and so is the pilot's last line.
 
+//!
+//! | sticks mean | roll and pitch stick | yaw stick |
+//! |---|---|---|
+//! | a body rate, Eq. (61) | the command's sticks | the command's stick |
+//! | an attitude | roll and pitch of the commanded attitude, by 3-2-1 angles | the rate that the command's stick asks for |
+//!
+//! A vehicle that holds an attitude does so relative to its own heading, so the commanded attitude's roll and pitch are right
+//! as far as its yaw is held.
+
+use oqtal_bus::config::Config;
 use oqtal_bus::message::CommandV1;
+use oqtal_control::euler::EulerAngles;
+use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
-    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Poll, Scales,
-    Status, Sticks, acknowledgement_frame, poll_frame,
+    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll,
+    Scales, Status, Sticks, acknowledgement_frame, poll_frame,
 };
 
 use crate::language::{Frame, Heard, Language, Sizes};
@@ -19,14 +31,31 @@ const ENVELOPE: usize = 11;
 #[derive(Debug)]
 pub struct Asctec {
     scales: Scales,
+    /// Yaw rate at full stick \[rad/s\], `K_psi` of Eq. (61).
+    yaw_authority: f64,
     decoder: HostDecoder,
 }
 
 impl Asctec {
-    /// With counts that mean what `scales` say.
+    /// With counts that mean what `config` says.
     #[must_use]
-    pub fn new(scales: Scales) -> Self {
-        Self { scales, decoder: HostDecoder::new() }
+    pub fn new(config: &Config) -> Self {
+        let [_, _, yaw_authority] = config.vehicle.rate_authority_rad_s;
+        let scales = config.bridge.asctec.clone();
+        Self { scales, yaw_authority, decoder: HostDecoder::new() }
+    }
+
+    /// What a command asks for, in the vehicle's terms; `None` if it does not say.
+    fn sticks(&self, command: &CommandV1) -> Option<Sticks> {
+        let CommandV1 { sticks: [roll, pitch, yaw], thrust, .. } = *command;
+        match self.scales.sticks {
+            Meaning::BodyRate => Some(Sticks { roll, pitch, yaw, thrust }),
+            Meaning::Attitude => {
+                let angles = EulerAngles::from_attitude(&Attitude::from_xyzw(command.attitude)?);
+                let (roll, pitch) = (angles.roll, angles.pitch);
+                Some(Sticks { roll, pitch, yaw: yaw * self.yaw_authority, thrust })
+            }
+        }
     }
 }
 
@@ -43,7 +72,9 @@ impl Language for Asctec {
     fn order(&mut self, order: &Order) -> Frame {
         let input = match order {
             Order::Neutral => ControlInput::NEUTRAL,
-            Order::Fly(command) => self.scales.encode(&sticks(command)),
+            Order::Fly(command) => self
+                .sticks(command)
+                .map_or(ControlInput::NEUTRAL, |sticks| self.scales.encode(&sticks)),
             // The same frame: a toggle.
             Order::StartMotors | Order::StopMotors => self.scales.motor_switch(),
         };
@@ -82,20 +113,21 @@ fn status_of(status: LlStatus) -> Heard {
     Heard::Status { battery_v, motors_run: motors_on }
 }
 
-/// What a command asks for, in the vehicle's terms.
-fn sticks(command: &CommandV1) -> Sticks {
-    let [roll, pitch, yaw] = command.sticks;
-    Sticks { roll, pitch, yaw, thrust: command.thrust }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_bus::config::Config;
     use oqtal_wire::asctec::{Command, VehicleDecoder, write_telemetry};
 
     fn language() -> Asctec {
-        Asctec::new(Config::default().bridge.asctec)
+        Asctec::new(&Config::default())
+    }
+
+    /// What the vehicle reads of `command`.
+    fn read(language: &mut Asctec, command: CommandV1) -> ControlInput {
+        let frame = language.order(&Order::Fly(command));
+        let heard: Vec<Command> = VehicleDecoder::new().push(frame.bytes()).collect();
+        let [Command::Control(input)] = heard[..] else { panic!("{heard:?}") };
+        input
     }
 
     #[test]
@@ -115,15 +147,29 @@ mod tests {
     fn the_vehicle_reads_what_was_ordered() {
         let mut language = language();
         let command = CommandV1 { sticks: [0.5, -0.25, 0.1], thrust: 0.25, ..CommandV1::default() };
-        let mut decoder = VehicleDecoder::new();
-        let frame = language.order(&Order::Fly(command));
-        let heard: Vec<Command> = decoder.push(frame.bytes()).collect();
-        let [Command::Control(input)] = heard[..] else { panic!("{heard:?}") };
+        let input = read(&mut language, command);
         let read = Config::default().bridge.asctec.decode(&input);
         let resolution = 1.0 / 2047.0;
         for (read, sent) in [read.roll, read.pitch, read.yaw].into_iter().zip(command.sticks) {
             assert!((read - sent).abs() <= resolution);
         }
         assert!((read.thrust - 0.25).abs() <= resolution);
+    }
+    #[test]
+    fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
+        let mut config = Config::default();
+        config.bridge.asctec.sticks = Meaning::Attitude;
+        let mut language = Asctec::new(&config);
+        // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
+        let half = 5.0_f64.to_radians();
+        let attitude = [half.sin(), 0.0, 0.0, half.cos()];
+        let command =
+            CommandV1 { attitude, sticks: [0.7, 0.7, 0.1], thrust: 0.25, ..CommandV1::default() };
+        let input = read(&mut language, command);
+        let signs = config.bridge.asctec.command_signs;
+        assert_eq!((input.roll, input.pitch), (400 * i16::from(signs.roll), 0));
+        assert_eq!(input.yaw.abs(), 95);
+        let nothing = read(&mut language, CommandV1 { attitude: [0.0; 4], ..command });
+        assert_eq!(nothing, ControlInput::NEUTRAL);
     }
 }

@@ -1,8 +1,10 @@
-//! One turn of the bridge: what is due, what it says, what it means that it was handed over. Pure: bytes and time are arguments.
+//! One turn of the bridge: what is due, what it says, what it means that it was handed over. Pure: bytes and time are
+//! arguments.
 //!
 //! A frame that a port takes only in part is finished before another begins. One that stands for longer than a period is
-//! abandoned together with what the port still holds: else an old command could go out when the other end lets go. The vehicle then sees
-//! a frame cut short, whose checksum fails, and finds the next one by its head; it may take that one for the missing rest and lose it too.
+//! abandoned together with what the port still holds: else an old command could go out when the other end lets go. The vehicle
+//! then sees a frame cut short, whose checksum fails, and finds the next one by its head; it may take that one for the missing
+//! rest and lose it too.
 
 use oqtal_bus::config::Config;
 use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
@@ -216,8 +218,8 @@ impl Bridge {
         }
     }
 
-    /// Whether what was handed over does not go out: a frame stands for longer than a period, or `queued` bytes are still there a
-    /// period after they should be gone.
+    /// Whether what was handed over does not go out: a frame stands for longer than a period, or `queued` bytes are still there
+    /// a period after they should be gone.
     #[must_use]
     pub fn is_stuck(&self, now: Time, queued: usize) -> bool {
         let unfinished = self.outgoing.is_some_and(|out| now.since(out.begun) > self.period);
@@ -300,7 +302,8 @@ impl Bridge {
         }
     }
 
-    /// When the line has no more ahead than a frame: a command that comes later overtakes one that waits here, but none on the line.
+    /// When the line has no more ahead than a frame: a command that comes later overtakes one that waits here, but none on the
+    /// line.
     fn clear_at(&self, now: Time) -> Time {
         now + (self.line.ahead(now) - self.line.time_for(self.sizes.order)).max(Span::ZERO)
     }

@@ -1,5 +1,5 @@
-//! What must not happen on the loop's thread: logs, and opening and closing ports. Fed through bounded queues that drop and count
-//! rather than block.
+//! What must not happen on the loop's thread: logs, and opening and closing ports. Fed through bounded queues that drop and
+//! count rather than block.
 
 use std::time::Duration;
 

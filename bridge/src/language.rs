@@ -1,5 +1,5 @@
-//! What a bridge needs of a vehicle's language: orders into bytes, bytes into answers. The seam behind which wire formats live; a new
-//! vehicle is one more implementation.
+//! What a bridge needs of a vehicle's language: orders into bytes, bytes into answers. The seam behind which wire formats live;
+//! a new vehicle is one more implementation.
 
 use std::fmt::Debug;
 

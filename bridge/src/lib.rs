@@ -13,8 +13,8 @@
 //! | `pump.rs` | the loop: bus, port and one turn after the other | |
 //! | `housekeeping.rs` | logs, opening and closing ports | |
 //!
-//! The bridge is the second of three lines of safety, and asks neither of the others: the daemon judges poses, the bridge judges
-//! the daemon's commands by its own clock, systemd restarts what died.
+//! The bridge is the second of three lines of safety, and asks neither of the others: the daemon judges poses, the bridge
+//! judges the daemon's commands by its own clock, systemd restarts what died.
 #![forbid(unsafe_code)]
 
 mod asctec;
@@ -127,7 +127,7 @@ fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn Language>), Failure> {
         wrong("`bridge.link` names no vehicle; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0".to_owned())
     })?;
     let language: Box<dyn Language> = match spec.kind() {
-        Kind::Asctec => Box::new(Asctec::new(config.bridge.asctec.clone())),
+        Kind::Asctec => Box::new(Asctec::new(config)),
     };
     let peer = config.bridge.xbee_address().map_err(broken)?;
     let language = radio::through(spec.xbee(), peer, language);

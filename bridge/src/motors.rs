@@ -10,17 +10,17 @@
 //!
 //! What is from where:
 //!
-//! - Start and stop are the same frame, no thrust and full yaw, held until it takes effect: a *toggle*. `asctec_drivers` sends it up
-//!   to 15 times, 0.2 s apart, until `LL_STATUS` says that the motors run; `asctec_mav_framework` holds it for at most 1.5 s. So it
-//!   is sent only while a fresh status says that it is needed, and for a bounded time.
-//! - Ours: what was lost is never resumed. After a port was opened, and after anything was given up, the bridge is *held*: neutral
-//!   until nobody has wanted to fly for a while. A bridge that restarts in flight must not start motors anew.
-//! - Ours: motors are stopped only after the daemon itself commanded neutral for a while. A daemon that died says nothing: then the
-//!   frames are neutral and stay so, and the vehicle's rotors idle until a daemon is back or the pilot stops them.
+//! - Start and stop are the same frame, no thrust and full yaw, held until it takes effect: a *toggle*. `asctec_drivers` sends
+//!   it up to 15 times, 0.2 s apart, until `LL_STATUS` says that the motors run; `asctec_mav_framework` holds it for at most
+//!   1.5 s. So it is sent only while a fresh status says that it is needed, and for a bounded time.
+//! - Ours: what was lost is never resumed. After a port was opened, and after anything was given up, the bridge is *held*:
+//!   neutral until nobody has wanted to fly for a while. A bridge that restarts in flight must not start motors anew.
+//! - Ours: motors are stopped only after the daemon itself commanded neutral for a while. A daemon that died says nothing: then
+//!   the frames are neutral and stay so, and the vehicle's rotors idle until a daemon is back or the pilot stops them.
 //! - Ours: motors that were not flown from here are left alone: a pilot may fly by hand while the bridge listens.
-//! - The vehicle's emergency stop is in `asctec_drivers` alone, and no source says what it takes to fly again after it. It is sent
-//!   only where neutral cannot end the matter: a stop sequence that was given up, and a bridge that ends while motors run. A Stop of
-//!   the daemon in flight is neutral at once, and then the stop sequence like after a landing.
+//! - The vehicle's emergency stop is in `asctec_drivers` alone, and no source says what it takes to fly again after it. It is
+//!   sent only where neutral cannot end the matter: a stop sequence that was given up, and a bridge that ends while motors run.
+//!   A Stop of the daemon in flight is neutral at once, and then the stop sequence like after a landing.
 
 use oqtal_bus::time::{Span, Time};
 

@@ -1,7 +1,7 @@
 //! XBee radios around a vehicle's language: what goes out is framed for the radio, what comes in is taken out of its frames.
 //!
-//! Requests carry the id 0, which asks for no report of their delivery: the vehicle's own acknowledgements say more, and each report
-//! would take the line's time.
+//! Requests carry the id 0, which asks for no report of their delivery: the vehicle's own acknowledgements say more, and each
+//! report would take the line's time.
 
 use oqtal_wire::xbee::{Address, Arrival, Carrier, Framing, Side};
 
@@ -90,10 +90,10 @@ mod tests {
 
     #[test]
     fn a_vehicle_behind_a_radio_reads_what_was_ordered_and_is_heard() {
-        let scales = Config::default().bridge.asctec;
+        let config = Config::default();
         for framing in [Framing::Transparent, Framing::Api1, Framing::Api2] {
             let peer = Address::BROADCAST;
-            let mut near = through(framing, peer, Box::new(Asctec::new(scales.clone())));
+            let mut near = through(framing, peer, Box::new(Asctec::new(&config)));
             let mut far = Carrier::new(framing, Side::Radio, peer);
             let frame = near.order(&Order::Neutral);
             let mut decoder = VehicleDecoder::new();

@@ -1,9 +1,9 @@
-//! What may be said to the vehicle: the newest command while it is young, else neutral. Knows neither format nor link, asks nobody,
-//! and judges by the bridge's own clock.
+//! What may be said to the vehicle: the newest command while it is young, else neutral. Knows neither format nor link, asks
+//! nobody, and judges by the bridge's own clock.
 //!
-//! A command's age is counted from its publication, which the daemon stamped by the same machine's clock, and from its arrival here:
-//! it must be young by both. A stamp that is missing or lies ahead is not believed. So a command that lay in a buffer while this
-//! process was stopped is never sent, however late it is found.
+//! A command's age is counted from its publication, which the daemon stamped by the same machine's clock, and from its arrival
+//! here: it must be young by both. A stamp that is missing or lies ahead is not believed. So a command that lay in a buffer
+//! while this process was stopped is never sent, however late it is found.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
@@ -224,7 +224,8 @@ impl Safety {
 
 /// Whether a command is one to fly by: sticks, all finite. Whatever else comes is neutral.
 fn is_flight(command: &CommandV1) -> bool {
-    let numbers = command.sticks.iter().chain([&command.thrust]);
+    let CommandV1 { sticks, attitude, thrust, .. } = command;
+    let numbers = sticks.iter().chain(attitude).chain([thrust]);
     Actuation::from_code(command.actuation) == Some(Actuation::Sticks)
         && numbers.into_iter().all(|number| number.is_finite())
 }

@@ -1,7 +1,7 @@
 //! When frames go: with each command, by the bridge's own clock without one, and polls where the wire has room for them.
 //!
-//! The wire is half duplex where a radio is in between: while the vehicle answers, nobody else should speak. So a poll goes right
-//! behind a command, and only if it and its answer are over before the next command is due.
+//! The wire is half duplex where a radio is in between: while the vehicle answers, nobody else should speak. So a poll goes
+//! right behind a command, and only if it and its answer are over before the next command is due.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -55,8 +55,8 @@ impl Schedule {
         self.with_command = with_command;
     }
 
-    /// Whether a poll goes right behind the frame that went `now`: one is due (at once if `urgent`), and `exchange`, from the end of
-    /// what is `ahead` on the wire to the end of the answer, is over before the next frame.
+    /// Whether a poll goes right behind the frame that went `now`: one is due (at once if `urgent`), and `exchange`, from the
+    /// end of what is `ahead` on the wire to the end of the answer, is over before the next frame.
     pub fn poll(&mut self, now: Time, ahead: Span, exchange: Span, urgent: bool) -> bool {
         let due = urgent || now >= self.last_poll + self.status_period;
         // The next command comes a period after this frame, also where the own clock would wait longer.

@@ -1,7 +1,8 @@
 //! A serial port as a link.
 //!
-//! The `serialport` crate opens, configures and locks it (`TIOCEXCL` and `flock`: whoever uses the lock, be it on a pseudo-terminal or as
-//! root, is refused). Its reads and writes wait, so bytes go through a descriptor of our own that never does.
+//! The `serialport` crate opens, configures and locks it (`TIOCEXCL` and `flock`: whoever uses the lock, be it on a
+//! pseudo-terminal or as root, is refused). Its reads and writes wait, so bytes go through a descriptor of our own that never
+//! does.
 //!
 //! A USB adapter collects what it received for up to 16 ms; where the kernel lets that be set, it is looked at, and said.
 

@@ -137,14 +137,17 @@ message! {
         sticks: [f64; 3],
         /// Torque \[N m, body\]; zero unless torque is meant.
         torque: [f64; 3],
+        /// The attitude that sticks or torque are to bring about, scalar last \[body to world\], for a vehicle that holds one
+        /// by itself; zeros in a neutral command.
+        attitude: [f64; 4],
         /// Collective thrust `delta_c` of Eq. (61) \[0..1 of the vehicle's greatest thrust\].
         thrust: f64,
     }
 }
 
 message! {
-    /// Topic `vehicle`: what the plant or the bridge says about the vehicle, once per command applied. A bridge says it in every
-    /// period, with or without a command.
+    /// Topic `vehicle`: what the plant or the bridge says about the vehicle, once per command applied. A bridge says it in
+    /// every period, with or without a command.
     VehicleV1 = "oqtal.Vehicle.v1" {
         /// Sequence of the command that this is about.
         command_sequence: u64,

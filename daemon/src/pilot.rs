@@ -162,7 +162,9 @@ impl Pilot {
         };
         // Eq. (61), erratum E-61: T = K_T delta_c.
         let thrust = (wish.thrust_n / self.max_thrust).clamp(0.0, 1.0);
-        let neutral = CommandV1 { actuation: actuation.code(), thrust, ..CommandV1::default() };
+        let attitude = wish.attitude.attitude.xyzw();
+        let neutral =
+            CommandV1 { actuation: actuation.code(), attitude, thrust, ..CommandV1::default() };
         let command = match actuation {
             Actuation::Torque => CommandV1 { torque: u.into(), ..neutral },
             _ => CommandV1 { sticks: u.into(), ..neutral },
@@ -191,7 +193,8 @@ impl Pilot {
 
 /// The last line of defence: a command with a number that is not finite is none.
 pub(crate) fn finite_or_neutral(command: CommandV1) -> CommandV1 {
-    let numbers = command.sticks.iter().chain(&command.torque).chain([&command.thrust]);
+    let CommandV1 { sticks, torque, attitude, thrust, .. } = &command;
+    let numbers = sticks.iter().chain(torque).chain(attitude).chain([thrust]);
     if numbers.clone().all(|number| number.is_finite()) {
         command
     } else {
