@@ -116,7 +116,12 @@ impl Pilot {
             Form::Sticks(_) => Actuation::Sticks,
             Form::Torque(_) => Actuation::Torque,
         };
-        CommandV1 { actuation: actuation.code(), ..CommandV1::default() }
+        // Level.
+        CommandV1 {
+            actuation: actuation.code(),
+            attitude: [0.0, 0.0, 0.0, 1.0],
+            ..CommandV1::default()
+        }
     }
 
     /// Remembers what was sent, and when: a prediction rests on it.
