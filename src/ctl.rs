@@ -9,11 +9,11 @@ use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
-use oqtal_bus::program::print;
+use oqtal_bus::program::{print, say};
 use oqtal_bus::time::Span;
 use serde::Serialize;
 
-use status::ProcessHealth;
+use status::{Overview, ProcessHealth, Vehicle};
 
 /// How long a running daemon may take to answer.
 const PATIENCE: Span = Span::from_millis(2000);
@@ -66,12 +66,18 @@ struct Report {
     mode: String,
     state: String,
     cause: String,
-    /// With `status` only.
+    /// With `status` only, like all below.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessHealth>,
     /// Whether all processes that are heard run with one configuration.
     #[serde(skip_serializing_if = "Option::is_none")]
     config_agrees: Option<bool>,
+    /// If somebody speaks for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vehicle: Option<Vehicle>,
+    /// Where the daemon believes the vehicle is \[m, world\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    position_m: Option<[f64; 3]>,
 }
 
 impl CtlArgs {
@@ -84,40 +90,44 @@ impl CtlArgs {
         let bus = Bus::open(&place_of(&config)?)?;
         let asked = self.ask(&bus);
         bus.leave();
-        let Some((response, processes)) = asked? else {
+        let (response, heard) = asked?;
+        let Some(response) = response else {
+            for line in heard.lines() {
+                say(&line);
+            }
             let instance = &config.instance.name;
             let message = format!(
                 "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
             );
             return Err(Failure::new(Exit::Peer, message));
         };
-        let report = Report::new(self.verb.verb(), &response, processes);
+        let lines = heard.lines();
+        let report = Report::new(self.verb.verb(), &response, heard);
         if response.answer == Answer::Refused.code() {
             let Report { verb, cause, mode, .. } = report;
             let message = format!("{verb} refused: {cause} (daemon is {mode})");
             return Err(Failure::new(Exit::Flight, message));
         }
-        print(&if self.json { report.to_json() } else { report.to_text() })?;
+        print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
         Ok(Exit::Ok)
     }
 
-    /// What the daemon answers, `None` if there is none; with `status` also how the processes are.
-    fn ask(&self, bus: &Bus) -> Result<Option<(ControlResponseV1, Vec<ProcessHealth>)>, BusError> {
+    /// What the daemon answers, `None` if there is none; with `status` also how processes and vehicle are.
+    fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, Overview), BusError> {
         let request = ControlRequestV1 { verb: self.verb.verb().code() };
-        let Some(response) = bus.control_client()?.ask(request, PATIENCE)? else {
-            return Ok(None);
-        };
-        let processes = match self.verb {
+        let response = bus.control_client()?.ask(request, PATIENCE)?;
+        let heard = match self.verb {
             Request::Status => status::listen(bus)?,
-            _ => Vec::new(),
+            _ => Overview::default(),
         };
-        Ok(Some((response, processes)))
+        Ok((response, heard))
     }
 }
 
 impl Report {
-    fn new(verb: Verb, response: &ControlResponseV1, processes: Vec<ProcessHealth>) -> Self {
-        let config_agrees = (!processes.is_empty()).then(|| status::config_agrees(&processes));
+    fn new(verb: Verb, response: &ControlResponseV1, heard: Overview) -> Self {
+        let config_agrees = heard.config_agrees();
+        let Overview { processes, vehicle, position_m } = heard;
         Self {
             verb: verb.to_string(),
             answer: word(Answer::from_code(response.answer)),
@@ -126,6 +136,8 @@ impl Report {
             cause: word(Cause::from_code(response.cause)),
             processes,
             config_agrees,
+            vehicle,
+            position_m,
         }
     }
 
@@ -133,17 +145,12 @@ impl Report {
         serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
     }
 
-    fn to_text(&self) -> String {
+    /// The answer, and what else was heard.
+    fn to_text(&self, lines: &[String]) -> String {
         let Self { verb, answer, mode, state, cause, .. } = self;
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
-        let mut text = format!("{verb}: {answer}; {mode}, {state}{because}");
-        for process in &self.processes {
-            text += &format!("\n{process}");
-        }
-        if self.config_agrees == Some(false) {
-            text += "\nconfigurations differ: restart the processes with one --config";
-        }
-        text
+        let first = format!("{verb}: {answer}; {mode}, {state}{because}");
+        [&[first], lines].concat().join("\n")
     }
 }
 

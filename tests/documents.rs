@@ -9,6 +9,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 
+use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::config::Config;
 use oqtal_bus::process::Exit;
 use oqtal_control::controller::ControllerOptions;
@@ -63,6 +64,7 @@ fn links_and_paths_in_the_documents_lead_somewhere() {
         "CHANGELOG.md",
         "docs/conventions.md",
         "docs/performance.md",
+        "docs/operations.md",
     ];
     let more = ["docs/paper.md", "docs/errata.md", "docs/oqtal-dt.md"];
     for document in documents.into_iter().chain(more) {
@@ -219,7 +221,7 @@ fn every_preset_is_what_its_name_gives() {
 }
 
 #[test]
-fn the_readme_lists_every_exit_code() {
+fn exit_codes_are_listed_for_users_and_for_operators() {
     let codes = [
         Exit::Ok,
         Exit::Flight,
@@ -232,10 +234,31 @@ fn the_readme_lists_every_exit_code() {
         Exit::Permission,
         Exit::Config,
     ];
-    let tables = Table::all(&read("README.md"));
-    let table = tables.iter().find(|table| table.has("exit code")).expect("a table of exit codes");
-    let listed: Vec<String> = table.rows().map(|row| row["exit code"].clone()).collect();
-    assert_eq!(listed, codes.map(|code| (code as u8).to_string()));
+    for document in ["README.md", "docs/operations.md"] {
+        // Below the codes operations.md has signals.
+        let mut listed = column(document, "exit code");
+        listed.retain(|code| code.parse::<u8>().is_ok());
+        assert_eq!(listed, codes.map(|code| (code as u8).to_string()), "{document}");
+    }
+}
+
+/// The column of this name in the first table that has one, without its quotation marks.
+fn column(document: &str, name: &str) -> Vec<String> {
+    let tables = Table::all(&read(document));
+    let table = tables.iter().find(|table| table.has(name));
+    let table = table.unwrap_or_else(|| panic!("{document} has no table with a column `{name}`"));
+    table.rows().map(|row| row[name].replace('`', "")).collect()
+}
+
+#[test]
+fn every_alarm_is_explained_to_operators() {
+    let all = |text: &dyn Fn(u8) -> Option<String>| {
+        (0..=u8::MAX).filter_map(text).filter(|text| !text.is_empty()).collect::<BTreeSet<_>>()
+    };
+    let explained = |name| BTreeSet::from_iter(column("docs/operations.md", name));
+    assert_eq!(explained("cause"), all(&|code| Some(Cause::from_code(code)?.to_string())));
+    assert_eq!(explained("state"), all(&|code| Some(SafetyState::from_code(code)?.to_string())));
+    assert_eq!(explained("mode"), all(&|code| Some(Mode::from_code(code)?.to_string())));
 }
 
 #[test]

@@ -277,6 +277,7 @@ impl Bridge {
             armed: u8::from(self.safety.runs(now)),
             starting: u8::from(self.safety.is_starting()),
             link: u8::from(self.answers(now)),
+            simulated: 0,
         };
         let stamps =
             about.map_or_else(Stamps::default, |about| Stamps { applied_at: now, ..about.stamps });

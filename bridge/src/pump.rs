@@ -11,6 +11,7 @@ use oqtal_bus::message::{CommandV1, HealthV1, VehicleV1};
 use oqtal_bus::pace::Pace;
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::process::{Failure, Shell};
+use oqtal_bus::service::Vitals;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_wire::link::LinkSpec;
@@ -54,7 +55,8 @@ pub fn run(shell: &Shell, spec: &LinkSpec, language: Box<dyn Language>) -> Resul
         let _stop = shell.stop.set_on_drop();
         threads.spawn(|| housekeeping.run(&shell.stop, || port.open()));
         shell.enter_realtime();
-        Ok(Pump { ports, pace, bridge, link: Some(link), desk }.work()?)
+        let vitals = shell.vitals.clone();
+        Ok(Pump { ports, pace, bridge, link: Some(link), desk, vitals }.work()?)
     })
 }
 
@@ -80,6 +82,7 @@ struct Pump {
     bridge: Bridge,
     link: Option<Box<dyn Link>>,
     desk: Desk,
+    vitals: Vitals,
 }
 
 impl Pump {
@@ -99,6 +102,7 @@ impl Pump {
             }
             self.listen();
             if let Some((header, command)) = self.ports.commands.latest()? {
+                self.vitals.heard();
                 // After the command was taken: it must not look as if it had come before it was sent.
                 let (now, lost) = (self.pace.now(), self.ports.commands.lost());
                 self.bridge.receive(now, &header, command, lost);

@@ -51,8 +51,8 @@ code! {
     Mode {
         /// Motors off; waits for an operator.
         Disarmed = 0 => "disarmed",
-        /// Asked to fly; waits until poses can be believed.
-        Waiting = 1 => "waiting for poses",
+        /// Asked to fly; waits until poses can be believed and the vehicle answers.
+        Waiting = 1 => "waiting",
         /// Flies its mission.
         Flying = 2 => "flying",
         /// Descends where it is.
@@ -61,11 +61,12 @@ code! {
 }
 
 code! {
-    /// How far the daemon trusts its poses; ordered, the worst last.
+    /// How far the daemon trusts what it flies on; ordered, the worst last.
     SafetyState {
-        /// Poses are fresh and plausible.
+        /// Poses are fresh and plausible, and the vehicle answers.
         Nominal = 0 => "Nominal",
-        /// Flies on on the last command and waits for poses to come back.
+        /// In flight: flies on on the last command and waits for poses to come back. On the ground: waits for poses, or for
+        /// the vehicle, and does not take off.
         Coast = 1 => "Coast",
         /// Motors off until an operator arms again.
         Stop = 2 => "Stop",
@@ -73,7 +74,7 @@ code! {
 }
 
 code! {
-    /// Why the daemon does not trust its poses, or refuses a request.
+    /// Why the daemon does not trust what it flies on, or refuses a request.
     Cause {
         /// All is well.
         None = 0 => "",
@@ -97,7 +98,7 @@ code! {
         Operator = 9 => "operator",
         /// Not possible in the present mode.
         WrongMode = 10 => "not possible in this mode",
-        /// Neither plant nor bridge answers, or the vehicle behind the bridge does not.
+        /// Neither plant nor bridge answers, or the vehicle behind the bridge does not, or its motors stopped in flight.
         NoVehicle = 11 => "vehicle silent",
     }
 }
@@ -109,7 +110,7 @@ code! {
         Status = 0 => "status",
         /// Arm and fly the mission, now or not at all.
         Arm = 1 => "arm",
-        /// Arm and fly the mission as soon as poses can be believed.
+        /// Arm and fly the mission as soon as poses can be believed and the vehicle answers.
         Fly = 2 => "fly",
         /// Land where you are.
         Land = 3 => "land",

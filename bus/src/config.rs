@@ -150,7 +150,7 @@ impl Control {
     }
 }
 
-/// `[safety]`: what the daemon believes.
+/// `[safety]`: what the daemon believes, and when it flies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Safety {
@@ -164,6 +164,10 @@ pub struct Safety {
     pub recovery_poses: u32,
     /// Without believable poses for so long the motors stop \[ms\].
     pub coast_ms: f64,
+    /// A vehicle that did not answer for so long is silent: no take-off, and in flight the motors stop \[ms\].
+    pub vehicle_silence_ms: f64,
+    /// Whether the daemon flies once, by itself, as soon as it can. Only a simulated vehicle is flown so.
+    pub arm_at_start: bool,
 }
 
 /// `[log]`.
@@ -300,7 +304,8 @@ impl Config {
         positive("safety.max-pose-age-ms", self.safety.max_pose_age_ms)?;
         positive("safety.max-speed-m-s", self.safety.max_speed_m_s)?;
         positive("safety.max-rate-rad-s", self.safety.max_rate_rad_s)?;
-        positive("safety.coast-ms", self.safety.coast_ms)
+        positive("safety.coast-ms", self.safety.coast_ms)?;
+        positive("safety.vehicle-silence-ms", self.safety.vehicle_silence_ms)
     }
 
     fn check_flight(&self) -> Result<(), Violation> {

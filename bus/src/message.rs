@@ -167,6 +167,8 @@ message! {
         starting: u8,
         /// 1 if the vehicle answers.
         link: u8,
+        /// 1 if nothing really flies: what may take off without an operator.
+        simulated: u8,
     }
 }
 

@@ -10,6 +10,7 @@ use crate::conductor::{Conductor, Done};
 use crate::error::BusError;
 use crate::message::{DoneV1, GrantV1, Message, Stamps};
 use crate::port::{Reader, Writer};
+use crate::service::Vitals;
 use crate::time::{Span, Time};
 use crate::topic::{Party, Topic};
 use crate::wake::Doorbell;
@@ -57,6 +58,7 @@ impl Drop for SetOnDrop {
 pub struct Pace {
     clock: Clock,
     stop: StopFlag,
+    vitals: Vitals,
     now: Time,
     published: bool,
 }
@@ -116,7 +118,13 @@ impl Pace {
     }
 
     fn new(clock: Clock, stop: StopFlag, now: Time) -> Self {
-        Self { clock, stop, now, published: false }
+        Self { clock, stop, vitals: Vitals::default(), now, published: false }
+    }
+
+    /// Counts its turns in `vitals`.
+    #[must_use]
+    pub fn counted_in(self, vitals: Vitals) -> Self {
+        Self { vitals, ..self }
     }
 
     /// The instant now: read from the clock, or as last granted.
@@ -153,6 +161,7 @@ impl Pace {
     /// # Errors
     /// The bus broke.
     pub fn wait(&mut self, next: Option<Time>) -> Result<Option<Time>, BusError> {
+        self.vitals.turned();
         if self.stop.is_set() {
             return Ok(None);
         }

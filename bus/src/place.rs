@@ -72,16 +72,27 @@ impl Place {
             }
             _ => system(format!("creating {}", self.root.display()), &error),
         })?;
-        // iceoryx2 would call another user's directory an internal error.
-        let ours = rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK;
-        if rustix::fs::access(&self.root, ours).is_err() {
-            return Err(BusError::Permission { path: self.root.clone() });
-        }
+        self.refuse_another_user()?;
         let mut config = Config::default();
         // Shared memory ignores the root path and files ignore the prefix: an instance needs both.
         config.global.set_root_path(&path);
         config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|_| bad_root())?;
         Ok(config)
+    }
+
+    /// Processes that meet here run as one user: another one, root included, would leave files that they cannot open. iceoryx2
+    /// would call another user's directory an internal error.
+    fn refuse_another_user(&self) -> Result<(), BusError> {
+        let root = rustix::fs::stat(&self.root)
+            .map_err(|error| system(format!("looking at {}", self.root.display()), &error))?;
+        let ours = rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK;
+        if root.st_uid == rustix::process::geteuid().as_raw()
+            && rustix::fs::access(&self.root, ours).is_ok()
+        {
+            Ok(())
+        } else {
+            Err(BusError::Permission { path: self.root.clone() })
+        }
     }
 }
 

@@ -1,6 +1,5 @@
 //! The shell around every process: arguments, configuration, logs, signals, exit codes. What runs inside knows none of it.
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -8,14 +7,16 @@ use clap::{Args, Subcommand};
 use rustix::process::{Pid, Signal};
 
 use crate::bus::Bus;
-use crate::config::{ClockKind, Config, ConfigError, LogLevel, Setting};
+use crate::config::{ClockKind, Config, ConfigError, Setting};
 use crate::error::BusError;
 use crate::health::Pulse;
+use crate::log;
 use crate::message::Message;
 use crate::pace::{Pace, StopFlag};
 use crate::place::Place;
 use crate::program::{conclude, guarded, print};
 use crate::realtime;
+use crate::service::{self, Vitals};
 use crate::topic::{Party, Topic};
 
 /// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
@@ -152,6 +153,8 @@ pub struct Shell {
     pub stop: StopFlag,
     /// Which process this is.
     pub party: Party,
+    /// What the service manager reads from this process.
+    pub vitals: Vitals,
 }
 
 impl Shell {
@@ -199,16 +202,15 @@ impl Shell {
     /// # Errors
     /// The bus refuses.
     pub fn pace<M: Message>(&self, bus: &Bus, wakes_on: &Topic<M>) -> Result<Pace, BusError> {
-        let stop = self.stop.clone();
-        if self.config.clock.kind == ClockKind::Real {
-            return Pace::real(bus, wakes_on, stop);
-        }
-        let parties = self.config.parties();
-        if self.party == parties[0] {
+        let (stop, parties) = (self.stop.clone(), self.config.parties());
+        let pace = if self.config.clock.kind == ClockKind::Real {
+            Pace::real(bus, wakes_on, stop)
+        } else if self.party == parties[0] {
             Pace::leader(bus, self.party, parties, stop)
         } else {
             Pace::follower(bus, self.party, stop)
-        }
+        };
+        Ok(pace?.counted_in(self.vitals.clone()))
     }
 }
 
@@ -253,17 +255,17 @@ fn run(party: Party, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         die_with(parent)?;
     }
     let config = load(args)?;
-    start_log(config.log.level);
+    log::start(config.log.level, party);
     let stop = stop_on_signals()?;
     stop_on_panics(&stop);
-    let shell = Shell { config, stop, party };
+    let shell = Shell { config, stop, party, vitals: Vitals::default() };
     tracing::info!(
         instance = shell.config.instance.name,
         config = format!("{:016x}", shell.config.hash()),
         "{} starts",
         party.name()
     );
-    let result = guarded(|| job(&shell));
+    let result = guarded(|| service::attended(&shell, || job(&shell)));
     // Its ports are closed; whoever leaves last tidies up.
     if let Ok(bus) = shell.bus() {
         bus.leave();
@@ -302,23 +304,4 @@ fn stop_on_signals() -> Result<StopFlag, Failure> {
     ctrlc::set_handler(move || flag.set())
         .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
     Ok(stop)
-}
-
-/// Logs go to standard error, one line each.
-fn start_log(level: LogLevel) {
-    let level = match level {
-        LogLevel::Error => tracing::Level::ERROR,
-        LogLevel::Warn => tracing::Level::WARN,
-        LogLevel::Info => tracing::Level::INFO,
-        LogLevel::Debug => tracing::Level::DEBUG,
-        LogLevel::Trace => tracing::Level::TRACE,
-    };
-    tracing_subscriber::fmt()
-        .with_max_level(level)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        // Standard error may be closed: the loop goes on without a log.
-        .log_internal_errors(false)
-        .init();
 }

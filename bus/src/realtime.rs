@@ -54,10 +54,13 @@ pub fn enter(options: &Realtime) -> Granted {
     note(bind(&options.cpus));
     note(sharpen(options.timer_slack_us));
     let locked = options.lock_memory && note(lock_memory());
-    let fifo = options.scheduling == Scheduling::Fifo && note(fifo(options.priority));
+    note(match options.scheduling {
+        Scheduling::Fifo => fifo(options.priority),
+        Scheduling::Other => other(),
+    });
     granted.locked = locked;
-    if fifo {
-        (granted.policy, granted.priority) = ("fifo", options.priority);
+    if let Some(priority) = fifo_priority() {
+        (granted.policy, granted.priority) = ("fifo", priority);
     }
     granted.cpu = bound_to();
     granted
@@ -118,6 +121,11 @@ fn fifo(priority: u8) -> Result<(), String> {
             format!("no SCHED_FIFO, since its turns could not be limited (RLIMIT_RTTIME: {error})")
         },
     )?;
+    let has = fifo_priority();
+    if has == Some(priority) {
+        // By the unit that started it; to ask again may be forbidden.
+        return Ok(());
+    }
     let os_priority = ThreadPriority::Crossplatform(
         priority.try_into().map_err(|reason| format!("priority {priority}: {reason}"))?,
     );
@@ -127,9 +135,50 @@ fn fifo(priority: u8) -> Result<(), String> {
             thread_priority::Error::OS(code) => Errno::from_raw_os_error(code).to_string(),
             other => format!("{other:?}"),
         };
+        if let Some(has) = has {
+            return format!(
+                "priority {priority} not set ({reason}), {has} stays: `CPUSchedulingPriority={priority}` in the unit"
+            );
+        }
         format!(
             "no SCHED_FIFO ({reason}): give the process CAP_SYS_NICE or `LimitRTPRIO={priority}`, as root in the unit, or \
              `rtprio {priority}` in /etc/security/limits.d; or set `realtime.scheduling = \"other\"`"
         )
     })
+}
+
+/// What the unit gave is not given back: it may not be, and nobody asked for less but the configuration.
+fn other() -> Result<(), String> {
+    match fifo_priority() {
+        None => Ok(()),
+        Some(_) => Err("SCHED_FIFO stays: `CPUSchedulingPolicy=other` in the unit".to_owned()),
+    }
+}
+
+/// Priority of the calling thread, if it is under SCHED_FIFO.
+fn fifo_priority() -> Option<u8> {
+    parse_fifo_priority(&std::fs::read_to_string("/proc/thread-self/stat").ok()?)
+}
+
+/// From the `stat` of a thread, proc(5): its name may hold blanks and brackets, the fields behind it start with the third.
+fn parse_fifo_priority(stat: &str) -> Option<u8> {
+    let mut fields = stat.rsplit(')').next()?.split_whitespace().skip(40 - 3);
+    let (priority, policy) = (fields.next()?, fields.next()?);
+    (policy == "1").then(|| priority.parse().ok())?
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As Linux 6.18 prints it, under `chrt -f 7`, but for the name.
+    const FIFO: &str = "310 (a (b) c) R 1 310 310 0 -1 4194304 97 0 0 0 0 0 0 0 -8 0 1 0 2395413 6201344 460 \
+                        18446744073709551615 1 1 0 0 0 0 0 0 0 0 0 0 17 1 7 1 0 0 0 0 0 0 0 0 0 0 0";
+
+    #[test]
+    fn the_scheduling_of_a_thread_is_read_behind_its_name() {
+        assert_eq!(parse_fifo_priority(FIFO), Some(7));
+        assert_eq!(parse_fifo_priority(&FIFO.replace("17 1 7 1 0", "17 1 0 0 0")), None);
+        assert_eq!(parse_fifo_priority("310 (oqtal) R 1"), None);
+    }
 }

@@ -6,7 +6,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use oqtal_bus::code::Verb;
 use oqtal_bus::config::{Config, Setting};
-use oqtal_bus::message::{Header, PoseV1, Stamps};
+use oqtal_bus::message::{Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_daemon::{Cycle, trajectory};
 
@@ -46,6 +46,8 @@ impl Hover {
         let header =
             Header { sequence: self.frame, pose_sequence: self.frame, stamps, ..Header::default() };
         let arrival = (header, pose);
+        let vehicle = VehicleV1 { link: 1, armed: 1, ..VehicleV1::default() };
+        self.cycle.hear(self.now, &Header::default(), &vehicle);
         match self.cycle.step(black_box(self.now), Some(black_box(&arrival))) {
             Some(tick) => self.cycle.report(&tick.stamps, self.frame).riccati_solves,
             None => 0,

@@ -1,20 +1,24 @@
 //! One turn of the loop: guard, estimate, position loops, attitude law, limits. Pure: poses and time come in, a command goes
 //! out. The same object runs behind the bus and in an in-process flight.
 
-use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
+mod operator;
+mod report;
+
+use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::config::Config;
-use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, Header, PoseV1, Stamps, TelemetryV1, VehicleV1,
-};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_control::estimator::Estimator;
+use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
-use oqtal_control::trajectory::{FlightPlan, Place, Reference, Trajectory, TrajectoryOptions};
+use oqtal_control::trajectory::{FlightPlan, Place, Trajectory, TrajectoryOptions};
 
 use crate::guard::Guard;
 use crate::mission::Mission;
-use crate::pilot::{Decision, Pilot, finite_or_neutral};
+use crate::pilot::{Pilot, finite_or_neutral};
 use crate::supervisor::{Conditions, Supervisor};
+use crate::vehicle::VehicleWatch;
+
+pub use operator::AtStart;
 
 /// Without a pose the loop acts this many periods after its last tick.
 const DEADLINE_PERIODS: f64 = 1.5;
@@ -49,12 +53,14 @@ pub struct Cycle {
     options: TrajectoryOptions,
 
     guard: Guard,
+    vehicle: VehicleWatch,
     estimator: Estimator,
     supervisor: Supervisor,
     pilot: Pilot,
     mode: Mode,
     /// Whether a flight that is waited for begins with the next tick or not at all.
     arms_at_once: bool,
+    at_start: AtStart,
     mission: Option<Mission>,
     stop_requested: bool,
 
@@ -90,11 +96,16 @@ impl Cycle {
             trajectory,
             options: config.trajectory.clone(),
             guard: Guard::new(&config.safety),
+            vehicle: VehicleWatch::new(Span::from_seconds(config.safety.vehicle_silence_ms * 1e-3)),
             estimator: Estimator::new(config.control.estimator),
             supervisor: Supervisor::default(),
             pilot: Pilot::new(config)?,
             mode: Mode::Disarmed,
             arms_at_once: false,
+            at_start: match config.safety.arm_at_start && !config.is_replay() {
+                true => AtStart::Awaited,
+                false => AtStart::Nothing,
+            },
             mission: None,
             stop_requested: false,
             last_tick: now,
@@ -133,8 +144,9 @@ impl Cycle {
         (now >= due).then(|| self.tick(now, arrival.map(|(header, _)| header)))
     }
 
-    /// Learns from the vehicle when a command began to act.
-    pub fn applied(&mut self, header: &Header, vehicle: &VehicleV1) {
+    /// Learns at `now` how the vehicle is, and when a command began to act.
+    pub fn hear(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
+        self.vehicle.hear(now, header.source, vehicle);
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
             let still_to_go = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);
@@ -158,68 +170,35 @@ impl Cycle {
         &self.telemetry
     }
 
-    /// Answers an operator.
-    pub fn request(&mut self, now: Time, verb: Verb) -> ControlResponseV1 {
-        let verdict = match verb {
-            Verb::Status => Ok(Answer::Done),
-            Verb::Arm if self.mode != Mode::Disarmed || self.watches_only => Err(Cause::WrongMode),
-            Verb::Arm if self.guard.good_in_a_row() < self.recovery_poses => Err(self.missing),
-            Verb::Fly if self.watches_only => Err(Cause::WrongMode),
-            // Asked twice, as by an operator who did not hear the first answer.
-            Verb::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
-            Verb::Arm | Verb::Fly => {
-                self.mode = Mode::Waiting;
-                self.arms_at_once = verb == Verb::Arm;
-                Ok(Answer::Accepted)
-            }
-            Verb::Land => self.land(now),
-            Verb::Disarm if matches!(self.mode, Mode::Waiting | Mode::Disarmed) => {
-                self.call_off();
-                Ok(Answer::Done)
-            }
-            Verb::Disarm => Err(Cause::WrongMode),
-            Verb::Stop => {
-                self.stop_requested = true;
-                self.call_off();
-                Ok(Answer::Accepted)
-            }
+    fn begin_flight(&mut self, now: Time, estimate: &Estimate) {
+        let start = Place {
+            position: estimate.position,
+            yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
         };
-        let (answer, cause) = match verdict {
-            Ok(answer) => (answer, self.supervisor.cause()),
-            Err(cause) => (Answer::Refused, cause),
-        };
-        ControlResponseV1 {
-            answer: answer.code(),
-            mode: self.mode.code(),
-            state: self.supervisor.state().code(),
-            cause: cause.code(),
-        }
+        let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
+        self.pilot.reset();
+        self.vehicle.begin_flight();
+        self.mission = Some(Mission::fly(plan, estimate.position.z, now));
+        self.mode = Mode::Flying;
     }
 
-    /// A flight that has not begun does not begin.
-    fn call_off(&mut self) {
-        if self.mode == Mode::Waiting {
-            self.mode = Mode::Disarmed;
-        }
+    fn end_flight(&mut self) {
+        self.mission = None;
+        self.mode = Mode::Disarmed;
     }
 
-    fn land(&mut self, now: Time) -> Result<Answer, Cause> {
-        self.call_off();
-        match (self.mode, &mut self.mission) {
-            (Mode::Flying, _) if self.watches_only => Err(Cause::WrongMode),
-            (Mode::Flying, Some(mission)) => {
-                mission.land(now, &self.estimator.latest());
-                self.mode = Mode::Landing;
-                Ok(Answer::Done)
-            }
-            (Mode::Landing, _) => Ok(Answer::Done),
-            _ => Err(Cause::WrongMode),
-        }
+    fn is_flying(&self) -> bool {
+        matches!(self.mode, Mode::Flying | Mode::Landing) && !self.watches_only
+    }
+
+    /// Whether the flight stands at its beginning, until the motors run.
+    fn is_held(&self) -> bool {
+        self.is_flying() && self.vehicle.holds_flight()
     }
 
     /// Lets the guard judge a pose and the estimator take it.
     fn take(&mut self, now: Time, header: &Header, pose: &PoseV1) {
-        let flying = matches!(self.mode, Mode::Flying | Mode::Landing) && !self.watches_only;
+        let flying = self.is_flying();
         match self.guard.judge(now, header, pose, flying) {
             Ok(believed) => {
                 // Times since the clock's origin keep microseconds in an f64 for a century.
@@ -246,6 +225,7 @@ impl Cycle {
         if arrival.is_none() && fresh.is_none() {
             self.missing = Cause::NoPose;
         }
+        self.arm_at_start();
         self.supervise(now, fresh.is_some());
         self.change_mode(now, fresh.is_some());
         let command = self.command(now, dt.seconds(), fresh.is_some());
@@ -283,6 +263,9 @@ impl Cycle {
         }
         let age = self.pose_age(now);
         let armed = matches!(self.mode, Mode::Flying | Mode::Landing);
+        // What is only watched has no vehicle.
+        let vehicle_silent = !armed && !self.watches_only && !self.vehicle.answers(now);
+        let vehicle_lost = self.is_flying() && self.vehicle.is_lost(now);
         let briefly_unseen = self.supervisor.cause() == Cause::NoPose
             && !self.is_past(now, self.last_nominal, SHORT_GAP_PERIODS);
         let needed = if briefly_unseen { 1 } else { self.recovery_poses };
@@ -290,11 +273,20 @@ impl Cycle {
             poses_missing,
             poses_good: fresh && self.guard.good_in_a_row() >= needed,
             blind_too_long: armed && age.is_none_or(|age| age > self.coast),
+            vehicle_silent,
+            vehicle_back: !vehicle_silent && self.supervisor.cause() == Cause::NoVehicle,
+            vehicle_lost,
             operator_stops: std::mem::take(&mut self.stop_requested),
             // A vehicle that is only watched has nobody to arm it: its state follows its poses.
             operator_arms: self.mode == Mode::Waiting || self.watches_only,
         };
-        let cause = if conditions.operator_stops { Cause::Operator } else { self.missing };
+        let cause = match conditions {
+            Conditions { operator_stops: true, .. } => Cause::Operator,
+            Conditions { blind_too_long: true, .. } => self.missing,
+            Conditions { vehicle_lost: true, .. } => Cause::NoVehicle,
+            Conditions { vehicle_silent: true, poses_missing: false, .. } => Cause::NoVehicle,
+            _ => self.missing,
+        };
         if self.supervisor.step(&conditions, cause) == SafetyState::Nominal && fresh {
             self.last_nominal = Some(now);
         }
@@ -313,25 +305,22 @@ impl Cycle {
                 self.mode = Mode::Disarmed;
             }
             (Mode::Waiting, SafetyState::Nominal) if fresh => {
-                let start = Place {
-                    position: estimate.position,
-                    yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
-                };
-                let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
-                self.pilot.reset();
-                self.mission = Some(Mission::fly(plan, estimate.position.z, now));
-                self.mode = Mode::Flying;
+                self.begin_flight(now, &estimate);
             }
             (Mode::Flying | Mode::Landing, SafetyState::Stop) if !self.watches_only => {
-                self.mission = None;
-                self.mode = Mode::Disarmed;
+                self.end_flight();
+            }
+            (Mode::Flying | Mode::Landing, _) if self.is_held() => {
+                self.pilot.reset();
+                if let Some(mission) = &mut self.mission {
+                    mission.begin_again(now);
+                }
             }
             (Mode::Flying | Mode::Landing, _) => {
                 if let Some(mission) = &self.mission {
                     let reference = mission.reference(now);
                     if mission.has_landed(&reference, &estimate) {
-                        self.mission = None;
-                        self.mode = Mode::Disarmed;
+                        self.end_flight();
                     } else if reference.phase == oqtal_control::trajectory::Phase::Landing {
                         self.mode = Mode::Landing;
                     }
@@ -341,16 +330,21 @@ impl Cycle {
         }
     }
 
-    /// The command of this tick: the pilot's on a fresh pose, the last one without, neutral when not flying.
+    /// The command of this tick: the pilot's on a fresh pose, the last one without, neutral when not flying, nothing but the
+    /// wish to fly until the motors run.
     fn command(&mut self, now: Time, dt_s: f64, fresh: bool) -> CommandV1 {
         let estimate = self.estimator.latest();
         let reference = self.mission.as_ref().map(|mission| mission.reference(now));
+        let held = self.is_held();
         let decision = match &reference {
-            Some(reference) if fresh => self.pilot.decide((now, dt_s), &estimate, reference),
+            Some(reference) if fresh && !held => {
+                self.pilot.decide((now, dt_s), &estimate, reference)
+            }
             _ => None,
         };
         let wanted = match &decision {
             _ if reference.is_none() => CommandV1::default(),
+            _ if held => self.pilot.idle(),
             Some(decision) => finite_or_neutral(decision.command),
             None => self.held,
         };
@@ -362,61 +356,5 @@ impl Cycle {
         // A vehicle that is only watched is told nothing; telemetry says what it would have been told.
         self.sent = if self.watches_only { CommandV1::default() } else { wanted };
         self.sent
-    }
-
-    /// Writes down what this tick knew and decided.
-    fn note(
-        &mut self,
-        now: Time,
-        reference: Option<&Reference>,
-        decision: Option<&Decision>,
-        fresh: bool,
-    ) {
-        let estimate = self.estimator.latest();
-        let age_s = self.pose_age(now).map_or(f64::NAN, Span::seconds);
-        let telemetry = &mut self.telemetry;
-        telemetry.time = now;
-        telemetry.tick += 1;
-        telemetry.mission_s =
-            self.mission.as_ref().map_or(f64::NAN, |mission| mission.elapsed_s(now));
-        telemetry.position = estimate.position.into();
-        telemetry.velocity = estimate.velocity.into();
-        telemetry.attitude = estimate.attitude.xyzw();
-        telemetry.rate = estimate.rate.0.into();
-        telemetry.pose_age_s = age_s;
-        telemetry.riccati_solves = u64::from(self.pilot.riccati_solves());
-        telemetry.riccati_failures = u64::from(self.pilot.riccati_failures());
-        telemetry.poses_lost = self.guard.lost();
-        telemetry.poses_superseded = self.guard.superseded();
-        telemetry.poses_refused = self.guard.refused();
-        telemetry.mode = self.mode.code();
-        telemetry.state = self.supervisor.state().code();
-        telemetry.cause = self.supervisor.cause().code();
-        telemetry.fresh = u8::from(fresh);
-        let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
-        telemetry.scored = u8::from(scored);
-        telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
-        note_commands(telemetry, reference, decision);
-    }
-}
-
-/// Writes down what was asked for and commanded: the last of it while coasting, nothing when not flying.
-fn note_commands(
-    telemetry: &mut TelemetryV1,
-    reference: Option<&Reference>,
-    decision: Option<&Decision>,
-) {
-    match reference {
-        Some(reference) => telemetry.reference_position = reference.position.into(),
-        None => {
-            telemetry.velocity_command = [f64::NAN; 3];
-            telemetry.attitude_command = [f64::NAN; 4];
-            telemetry.saturated = 0;
-        }
-    }
-    if let Some(Decision { wish, saturated, .. }) = decision {
-        telemetry.velocity_command = wish.velocity.into();
-        telemetry.attitude_command = wish.attitude.attitude.xyzw();
-        telemetry.saturated = u8::from(*saturated);
     }
 }

@@ -146,7 +146,7 @@ impl Guard {
         if header.stamps.captured_at > now {
             return Err(Cause::Order);
         }
-        self.count_frames(header)?;
+        self.count_frames(header, flying)?;
         if pose.tracked == 0 {
             return Err(Cause::Untracked);
         }
@@ -168,10 +168,12 @@ impl Guard {
     }
 
     /// Frame numbers and capture times only ever go up.
-    fn count_frames(&mut self, header: &Header) -> Result<(), Cause> {
+    fn count_frames(&mut self, header: &Header, flying: bool) -> Result<(), Cause> {
         let frame = header.pose_sequence;
-        // A source that restarted counts anew, at later capture times.
-        let restarted = header.source != self.last_source;
+        let later = |last: Believed| header.stamps.captured_at > last.captured_at;
+        // A source that restarted counts anew, at later capture times; on the ground so may what the source itself looks at.
+        let anew = !flying && frame <= self.last_frame && self.last.is_none_or(later);
+        let restarted = header.source != self.last_source || anew;
         self.last_source = header.source;
         if frame <= self.last_frame && !restarted {
             return Err(Cause::Order);
@@ -330,6 +332,18 @@ mod tests {
             feed.judge_at(feed.frame + 1, feed.time - FRAME, feed.time, pose_at(0.0)),
             Err(Cause::Order)
         );
+    }
+
+    #[test]
+    fn f17_frames_that_count_anew_are_refused_in_flight_and_believed_on_the_ground() {
+        let mut feed = Feed::settled();
+        let captured_at = feed.time + FRAME;
+        let stamps = Stamps { captured_at, ..Stamps::default() };
+        let header = Header { pose_sequence: 1, stamps, ..Header::default() };
+        let mut judge = |flying| feed.guard.judge(captured_at, &header, &pose_at(0.0), flying);
+        assert_eq!(judge(true), Err(Cause::Order));
+        assert!(judge(false).is_ok());
+        assert_eq!(judge(false), Err(Cause::Order), "the same capture again");
     }
 
     #[test]

@@ -11,6 +11,8 @@ use oqtal_bus::health::Pulse;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, TelemetryV1};
 use oqtal_bus::process::Shell;
 
+use crate::cycle::AtStart;
+
 const QUEUE: usize = 64;
 /// How often requests are looked for.
 const POLL: Duration = Duration::from_millis(5);
@@ -27,18 +29,31 @@ pub struct Condition {
     command_sequence: u64,
     /// Changes before it that found the queue full.
     unlogged: u64,
+    at_start: AtStart,
 }
 
 impl Condition {
-    /// The condition that a tick's telemetry shows.
+    /// The condition that a tick's telemetry shows, and what became of a flight at start.
     #[must_use]
-    pub fn of(telemetry: &TelemetryV1) -> Self {
+    pub fn of(telemetry: &TelemetryV1, at_start: AtStart) -> Self {
         let TelemetryV1 { mode, state, cause, command_sequence, .. } = *telemetry;
-        Self { mode, state, cause, command_sequence, unlogged: 0 }
+        Self { mode, state, cause, command_sequence, unlogged: 0, at_start }
     }
 
     fn differs_from(&self, other: &Self) -> bool {
-        (self.mode, self.state, self.cause) != (other.mode, other.state, other.cause)
+        let changing = |c: &Self| (c.mode, c.state, c.cause, c.at_start);
+        changing(self) != changing(other)
+    }
+
+    /// It in words, and the state; `None` for codes that no version of ours sends.
+    fn words(&self) -> Option<(String, SafetyState, Cause)> {
+        let mode = Mode::from_code(self.mode)?;
+        let (state, cause) = (SafetyState::from_code(self.state)?, Cause::from_code(self.cause)?);
+        let words = match cause {
+            Cause::None => format!("{mode}, {state}"),
+            cause => format!("{mode}, {state}: {cause}"),
+        };
+        Some((words, state, cause))
     }
 }
 
@@ -128,6 +143,9 @@ impl Housekeeping {
         };
         while !shell.stop.is_set() {
             self.hear();
+            if let Some((words, ..)) = self.last.words() {
+                shell.vitals.say(words);
+            }
             if let Err(error) = server.serve(|request| self.ask(request)) {
                 tracing::warn!("{error}");
             }
@@ -139,12 +157,11 @@ impl Housekeeping {
     /// Takes in what changed, and logs it.
     fn hear(&mut self) {
         while let Ok(condition) = self.conditions.try_recv() {
-            let (mode, state) =
-                (Mode::from_code(condition.mode), SafetyState::from_code(condition.state));
-            if let (Some(mode), Some(state), Some(cause)) =
-                (mode, state, Cause::from_code(condition.cause))
-            {
-                log(mode, state, cause, condition.command_sequence);
+            log(&condition);
+            if condition.at_start == AtStart::Refused && self.last.at_start != AtStart::Refused {
+                tracing::warn!(
+                    "no take-off at start: the vehicle is not simulated; arm with `oqtal ctl arm` when everybody is clear"
+                );
             }
             self.last = condition;
         }
@@ -186,13 +203,14 @@ impl Housekeeping {
     }
 }
 
-fn log(mode: Mode, state: SafetyState, cause: Cause, sequence: u64) {
-    let (mode_name, state_name, cause_name) =
-        (mode.to_string(), state.to_string(), cause.to_string());
+fn log(condition: &Condition) {
+    let Some((words, state, cause)) = condition.words() else { return };
+    let (state_name, cause_name) = (state.to_string(), cause.to_string());
+    let sequence = condition.command_sequence;
     if state == SafetyState::Nominal {
-        tracing::info!(state = state_name, sequence, "{mode_name}");
+        tracing::info!(state = state_name, sequence, "{words}");
     } else {
-        tracing::warn!(state = state_name, cause = cause_name, sequence, "{mode_name}");
+        tracing::warn!(state = state_name, cause = cause_name, sequence, "{words}");
     }
 }
 

@@ -3,12 +3,16 @@
 //! | file | subject |
 //! |---|---|
 //! | `cycle.rs` | one turn of the loop |
+//! | `cycle/operator.rs` | flights that are asked for, and called off |
+//! | `cycle/report.rs` | what a tick tells observers |
 //! | `guard.rs` | which poses are believed |
+//! | `vehicle.rs` | whether the vehicle answers |
 //! | `supervisor.rs` | the table of safety states |
 //! | `mission.rs` | what is flown, and since when |
 //! | `pilot.rs` | outer loops and attitude law |
 //! | `rehearsal.rs` | keeping the loop warm |
 //! | `housekeeping.rs` | logs, health, operators |
+//! | `marker.rs` | a daemon that did not end by itself does not take off by itself |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
 #![forbid(unsafe_code)]
@@ -16,10 +20,12 @@
 mod cycle;
 mod guard;
 mod housekeeping;
+mod marker;
 mod mission;
 mod pilot;
 mod rehearsal;
 mod supervisor;
+mod vehicle;
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
@@ -34,13 +40,15 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY, VEHICLE};
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 
-pub use cycle::{Cycle, Tick};
+pub use cycle::{AtStart, Cycle, Tick};
 pub use guard::{Believed, Guard};
 pub use housekeeping::{Condition, Desk};
+use marker::Marker;
 pub use mission::Mission;
 pub use pilot::{Decision, Pilot};
 pub use rehearsal::Rehearsal;
 pub use supervisor::{Conditions, Supervisor};
+pub use vehicle::VehicleWatch;
 
 /// Controls the vehicle until asked to stop; leaves it neutral.
 ///
@@ -51,12 +59,18 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let bus = shell.bus()?;
     let ports = Ports::open(&bus)?;
     let pace = shell.pace(&bus, &POSE)?;
-    let cycle = Cycle::new(&shell.config, trajectory, pace.now())
+    let mut config = shell.config.clone();
+    // The command topic is held: no other daemon of this instance has a marker.
+    let marker = Marker::of(bus.place());
+    if config.safety.arm_at_start {
+        config.safety.arm_at_start = marker.set();
+    }
+    let cycle = Cycle::new(&config, trajectory, pace.now())
         .map_err(|reason| Failure::new(Exit::Config, reason))?;
     let rehearsal =
         if pace.is_virtual() { Rehearsal::never() } else { Rehearsal::of(&shell.config) };
     let (desk, housekeeping) = housekeeping::desk();
-    std::thread::scope(|threads| {
+    let result = std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
         // The housekeeping thread ends with the loop, however that ends.
         let _stop = shell.stop.set_on_drop();
@@ -69,7 +83,11 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
             Ok(Err(error)) => Err(error.into()),
             Err(_) => Err(Failure::new(Exit::Internal, "the housekeeping thread did not start")),
         }
-    })
+    });
+    if result.is_ok() {
+        marker.remove();
+    }
+    result
 }
 
 /// Whether the daemon could fly with `config`.
@@ -129,7 +147,7 @@ impl Loop {
             // After the pose was taken: nothing that is stamped later may look earlier.
             let now = pace.now();
             if let Some((header, vehicle)) = ports.vehicles.latest()? {
-                cycle.applied(&header, &vehicle);
+                cycle.hear(now, &header, &vehicle);
             }
             if let Some(tick) = cycle.step(now, arrival.as_ref()) {
                 let computed_at = pace.now();
@@ -139,7 +157,7 @@ impl Loop {
                 pace.announce(&ports.commands)?;
                 let telemetry = cycle.report(&stamps, sequence);
                 ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
-                desk.note(Condition::of(&telemetry));
+                desk.note(Condition::of(&telemetry, cycle.at_start()));
             } else if rehearsal.perform(now, cycle) {
                 ports.commands.rehearse();
             }

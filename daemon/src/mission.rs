@@ -36,6 +36,11 @@ impl Mission {
         Self { began: now, path: Path::Watch(point) }
     }
 
+    /// Begins at `now` instead.
+    pub fn begin_again(&mut self, now: Time) {
+        self.began = now;
+    }
+
     /// Time since it began \[s\].
     #[must_use]
     pub fn elapsed_s(&self, now: Time) -> f64 {

@@ -109,6 +109,21 @@ impl Pilot {
         }
     }
 
+    /// The command that wants motors to run, and nothing of them.
+    #[must_use]
+    pub fn idle(&self) -> CommandV1 {
+        let actuation = match self.form {
+            Form::Sticks(_) => Actuation::Sticks,
+            Form::Torque(_) => Actuation::Torque,
+        };
+        // Level.
+        CommandV1 {
+            actuation: actuation.code(),
+            attitude: [0.0, 0.0, 0.0, 1.0],
+            ..CommandV1::default()
+        }
+    }
+
     /// Remembers what was sent, and when: a prediction rests on it.
     pub fn sent(&mut self, sequence: u64, at: Time, command: &CommandV1) {
         let thrust = command.thrust * self.max_thrust;

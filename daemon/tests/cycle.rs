@@ -1,93 +1,13 @@
 //! The controller's turn of the loop, fed with good, bad and absurd poses.
 
+mod common;
+
+use common::{Bench, FRAME, LATENCY, LAWS, still};
 use oqtal_bus::code::{Actuation, Answer, Mode, SafetyState, Verb};
-use oqtal_bus::config::{Config, Setting};
-use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
-use oqtal_bus::time::{Span, Time};
-use oqtal_daemon::{Cycle, Tick, trajectory};
+use oqtal_bus::config::Setting;
+use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
+use oqtal_bus::time::Span;
 use proptest::prelude::*;
-
-const FRAME: Span = Span::from_nanos(16_666_667);
-const LATENCY: Span = Span::from_millis(15);
-const RADIO: Span = Span::from_millis(20);
-
-const LAWS: [&str; 5] = ["pid", "lqr", "oqtal", "oqtal-dt", "geometric"];
-
-/// A controller and the clock of its cameras.
-struct Bench {
-    cycle: Cycle,
-    frame: u64,
-    sent: u64,
-    now: Time,
-}
-
-impl Bench {
-    fn new(settings: &[Setting]) -> Self {
-        let config = Config::from_settings(settings).unwrap();
-        let trajectory = trajectory(&config).unwrap();
-        let now = Time::VIRTUAL_START;
-        Self { cycle: Cycle::new(&config, trajectory, now).unwrap(), frame: 0, sent: 0, now }
-    }
-
-    /// A controller that was asked to fly and has believed its first poses.
-    fn flying(settings: &[Setting]) -> Self {
-        let mut bench = Self::new(settings);
-        bench.cycle.request(bench.now, Verb::Fly);
-        for _ in 0..10 {
-            bench.show(still(bench.frame));
-        }
-        assert_eq!(bench.mode(), Some(Mode::Flying));
-        bench
-    }
-
-    /// The next frame arrives.
-    fn show(&mut self, pose: PoseV1) -> Option<Tick> {
-        self.frame += 1;
-        self.now = self.now + FRAME;
-        let stamps = Stamps {
-            captured_at: self.now - LATENCY,
-            pose_published_at: self.now,
-            ..Stamps::default()
-        };
-        let header = Header { pose_sequence: self.frame, stamps, ..Header::default() };
-        let tick = self.cycle.step(self.now, Some(&(header, pose)));
-        self.send(tick)
-    }
-
-    /// A command goes out at once and acts after the radio's delay.
-    fn send(&mut self, tick: Option<Tick>) -> Option<Tick> {
-        let sent = tick?;
-        self.sent += 1;
-        let stamps = Stamps { command_published_at: self.now, ..sent.stamps };
-        self.cycle.report(&stamps, self.sent);
-        let stamps = Stamps { applied_at: self.now + RADIO, ..stamps };
-        let vehicle = VehicleV1 { command_sequence: self.sent, ..VehicleV1::default() };
-        self.cycle.applied(&Header { stamps, ..Header::default() }, &vehicle);
-        tick
-    }
-
-    /// No frame arrives until the deadline.
-    fn miss(&mut self) -> Option<Tick> {
-        self.frame += 1;
-        self.now = self.cycle.next_event();
-        let tick = self.cycle.step(self.now, None);
-        self.send(tick)
-    }
-
-    fn mode(&self) -> Option<Mode> {
-        Mode::from_code(self.cycle.telemetry().mode)
-    }
-
-    fn state(&self) -> Option<SafetyState> {
-        SafetyState::from_code(self.cycle.telemetry().state)
-    }
-}
-
-/// A vehicle at rest on the floor, with the noise that every real pose has.
-fn still(frame: u64) -> PoseV1 {
-    let noise = 1e-5 * (frame % 11) as f64;
-    PoseV1 { position: [noise, 0.0, 0.0], attitude: [noise, 0.0, 0.0, 1.0], tracked: 1 }
-}
 
 fn assert_sane(command: &CommandV1) {
     let in_range = |value: &f64, low: f64| (low..=1.0).contains(value);

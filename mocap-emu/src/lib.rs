@@ -78,6 +78,7 @@ fn watch(shell: &Shell) -> Result<(), Failure> {
         pulse.beat(HealthV1::default())?;
         while let Some((_, truth)) = truths.receive()? {
             if is_frame(&truth) {
+                shell.vitals.heard();
                 cameras.capture(&truth);
             }
         }
@@ -102,6 +103,7 @@ fn play(shell: &Shell) -> Result<(), Failure> {
         listened_to = commands.latest()?.is_some();
     }
     let mut replay = Replay::new(recording, pace.now());
+    shell.vitals.say("playing a recording");
     shell.enter_realtime();
     while let Some(now) = pace.wait(replay.next_event())? {
         pulse.beat(HealthV1::default())?;

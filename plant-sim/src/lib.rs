@@ -110,6 +110,7 @@ fn fly(shell: &Shell) -> Result<(), Failure> {
         let now = pace.now();
         plant.advance(now, |output| outputs.push(output));
         if let Some((header, command)) = arrival {
+            shell.vitals.heard();
             plant.receive(now, header, command, commands.lost());
             // The truth at the tick itself, for those who judge the flight.
             outputs.push(Output::Truth(plant.truth()));

@@ -164,6 +164,7 @@ impl Plant {
                 link_quality: f64::NAN,
                 armed: u8::from(self.armed),
                 link: 1,
+                simulated: 1,
                 ..VehicleV1::default()
             };
             out(Output::Applied(on_air.header.pose_sequence, stamps, vehicle));

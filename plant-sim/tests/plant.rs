@@ -170,6 +170,7 @@ fn nothing_absurd_on_the_radio_makes_an_absurd_state() {
                 actuation,
                 sticks: [value; 3],
                 torque: [value; 3],
+                attitude: [value; 4],
                 thrust: value,
             });
             bench.fly(1);

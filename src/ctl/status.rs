@@ -7,10 +7,10 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::health::HEALTH_PERIOD;
-use oqtal_bus::message::{Header, HealthV1};
+use oqtal_bus::message::{Header, HealthV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::{Party, TELEMETRY, VEHICLE};
 use serde::Serialize;
 
 use super::word;
@@ -54,38 +54,91 @@ struct Condition {
     unlogged: u64,
 }
 
+/// What the vehicle says of itself; JSON has no number for what is not known.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Vehicle {
+    simulated: bool,
+    link: bool,
+    armed: bool,
+    starting: bool,
+    battery_v: Option<f64>,
+    link_quality: Option<f64>,
+}
+
+/// What an instance says of itself while it is listened to.
+#[derive(Clone, Debug, Default)]
+pub struct Overview {
+    /// The processes.
+    pub processes: Vec<ProcessHealth>,
+    /// The vehicle; `None` if nobody speaks for it.
+    pub vehicle: Option<Vehicle>,
+    /// Where the daemon believes the vehicle is \[m, world\]; `None` before it has seen it.
+    pub position_m: Option<[f64; 3]>,
+}
+
 /// Listens until every process was heard, or must be silent.
 ///
 /// # Errors
 /// A process speaks another version.
-pub fn listen(bus: &Bus) -> Result<Vec<ProcessHealth>, BusError> {
+pub fn listen(bus: &Bus) -> Result<Overview, BusError> {
+    let mut vehicles = bus.reader(&VEHICLE)?;
+    let mut telemetry = bus.reader(&TELEMETRY)?;
+    let (mut vehicle, mut tick) = (None, None);
     let mut readers = Vec::new();
     for party in PROCESSES {
         readers.push((party, bus.reader(&party.health())?, None));
     }
     let give_up = Time::now() + patience();
-    let mut missing = true;
-    while missing && Time::now() < give_up {
+    while (vehicle.is_none() || is_someone_missing(&readers)) && Time::now() < give_up {
         for (_, reader, heard) in &mut readers {
             hear(reader, heard)?;
         }
-        let heard =
-            |party| readers.iter().any(|(other, _, heard)| *other == party && heard.is_some());
-        missing = PROCESSES
-            .into_iter()
-            .any(|party| !heard(party) && !replacement(party).is_some_and(heard));
+        vehicle = vehicles.latest()?.map(|(_, vehicle)| Vehicle::new(&vehicle)).or(vehicle);
+        tick = telemetry.latest()?.map(|(_, tick)| tick).or(tick);
         std::thread::sleep(Duration::from_millis(5));
     }
     let now = Time::now();
-    let heard = |party| readers.iter().any(|(other, _, heard)| *other == party && heard.is_some());
-    Ok(readers
-        .iter()
-        .map(|(party, _, said)| ProcessHealth {
-            name: party.name(),
-            heard: said.as_ref().map(|said| Heard::new(*party, said, now)),
-            is_replaced: replacement(*party).is_some_and(heard),
-        })
-        .collect())
+    let processes = readers.iter().map(|(party, _, said)| ProcessHealth {
+        name: party.name(),
+        heard: said.as_ref().map(|said| Heard::new(*party, said, now)),
+        is_replaced: is_replaced(&readers, *party),
+    });
+    let position_m = tick.filter(|tick| tick.pose_age_s.is_finite()).map(|tick| tick.position);
+    Ok(Overview { processes: processes.collect(), vehicle, position_m })
+}
+
+impl Overview {
+    /// Whether all who are heard run with one configuration; `None` if nobody was listened for.
+    pub fn config_agrees(&self) -> Option<bool> {
+        let mut hashes = self.processes.iter().filter_map(|p| Some(&p.heard.as_ref()?.config_hash));
+        let first = hashes.next();
+        (!self.processes.is_empty()).then(|| hashes.all(|hash| Some(hash) == first))
+    }
+
+    /// One line each.
+    pub fn lines(&self) -> Vec<String> {
+        let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
+        lines.extend(self.vehicle.as_ref().map(ToString::to_string));
+        lines.extend(
+            self.position_m.map(|[x, y, z]| format!("{:<10} {x:.2} {y:.2} {z:.2} m", "position")),
+        );
+        if self.config_agrees() == Some(false) {
+            lines.push("configurations differ: restart the processes with one --config".to_owned());
+        }
+        lines
+    }
+}
+
+type Ear = (Party, Reader<HealthV1>, Option<(Header, HealthV1)>);
+
+fn is_someone_missing(readers: &[Ear]) -> bool {
+    readers.iter().any(|(party, _, heard)| heard.is_none() && !is_replaced(readers, *party))
+}
+
+/// Whether who does the same as `party` was heard.
+fn is_replaced(readers: &[Ear], party: Party) -> bool {
+    let heard = |other| readers.iter().any(|(party, _, said)| *party == other && said.is_some());
+    replacement(party).is_some_and(heard)
 }
 
 /// Who is there in place of `party`: a vehicle is simulated or real.
@@ -114,11 +167,38 @@ fn patience() -> Span {
     HEALTH_PERIOD.scaled(SILENT_PERIODS)
 }
 
-/// Whether all who are heard run with one configuration.
-pub fn config_agrees(processes: &[ProcessHealth]) -> bool {
-    let mut hashes = processes.iter().filter_map(|p| Some(&p.heard.as_ref()?.config_hash));
-    let first = hashes.next();
-    hashes.all(|hash| Some(hash) == first)
+impl Vehicle {
+    fn new(said: &VehicleV1) -> Self {
+        let known = |number: f64| number.is_finite().then_some(number);
+        Self {
+            simulated: said.simulated != 0,
+            link: said.link != 0,
+            armed: said.armed != 0,
+            starting: said.starting != 0,
+            battery_v: known(said.battery_v),
+            link_quality: known(said.link_quality),
+        }
+    }
+}
+
+impl fmt::Display for Vehicle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = if self.simulated { "simulated" } else { "real" };
+        let link = if self.link { "answers" } else { "silent" };
+        let motors = match (self.starting, self.armed) {
+            (true, _) => "motors starting",
+            (false, true) => "motors running",
+            (false, false) => "motors off",
+        };
+        write!(f, "{:<10} {kind}, {link}, {motors}", "vehicle")?;
+        if let Some(volts) = self.battery_v {
+            write!(f, ", battery {volts:.1} V")?;
+        }
+        match self.link_quality {
+            Some(share) => write!(f, ", link quality {:.0} %", share * 100.0),
+            None => Ok(()),
+        }
+    }
 }
 
 impl Heard {

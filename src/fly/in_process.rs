@@ -180,7 +180,7 @@ impl Room {
     fn daemon_turn(&mut self, now: Time) -> Done {
         let pose = self.pose.take();
         if let Some((header, vehicle)) = self.vehicle.take() {
-            self.cycle.applied(&header, &vehicle);
+            self.cycle.hear(now, &header, &vehicle);
         }
         let tick = self.cycle.step(now, pose.as_ref());
         if let Some(tick) = &tick {

@@ -3,7 +3,7 @@
 use oqtal_bus::code::{Mode, Verb};
 use oqtal_bus::conductor::{Conductor, Done};
 use oqtal_bus::config::{Config, Setting};
-use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Party;
 use oqtal_daemon::{Cycle, trajectory};
@@ -44,6 +44,7 @@ struct Flight {
     frames: Vec<TruthV1>,
     pose: Option<(Header, PoseV1)>,
     command: Option<(Header, CommandV1)>,
+    vehicle: Option<(Header, VehicleV1)>,
     commands: u64,
     flown: u64,
 }
@@ -59,16 +60,20 @@ impl Flight {
             frames: Vec::new(),
             pose: None,
             command: None,
+            vehicle: None,
             commands: 0,
             flown: 0,
         }
     }
 
     fn plant(&mut self, now: Time) -> Done {
-        let frames = &mut self.frames;
+        let Self { frames, vehicle: newest, .. } = self;
         self.plant.advance(now, |output| match output {
             Output::Truth(truth) if is_frame(&truth) => frames.push(truth),
-            _ => {}
+            Output::Truth(_) => {}
+            Output::Applied(_, stamps, vehicle) => {
+                *newest = Some((Header { stamps, ..Header::default() }, vehicle));
+            }
         });
         if let Some((header, command)) = self.command.take() {
             self.plant.receive(now, header, command, 0);
@@ -89,8 +94,11 @@ impl Flight {
     }
 
     fn daemon(&mut self, now: Time, count: &mut impl FnMut(&mut dyn FnMut())) -> Done {
-        let arrival = self.pose.take();
+        let (arrival, vehicle) = (self.pose.take(), self.vehicle.take());
         count(&mut || {
+            if let Some((header, vehicle)) = &vehicle {
+                self.cycle.hear(now, header, vehicle);
+            }
             let Some(tick) = self.cycle.step(now, arrival.as_ref()) else { return };
             let stamps = Stamps { computed_at: now, command_published_at: now, ..tick.stamps };
             self.commands += 1;

@@ -1,0 +1,111 @@
+//! When a flight begins and ends because somebody asked for it, or because the daemon was told to take off by itself.
+
+use oqtal_bus::code::{Answer, Cause, Mode, Verb};
+use oqtal_bus::message::ControlResponseV1;
+use oqtal_bus::time::Time;
+
+use super::Cycle;
+
+/// What became of a flight that the daemon was to begin by itself, `[safety] arm-at-start`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AtStart {
+    /// None is meant, or it was called off.
+    #[default]
+    Nothing,
+    /// It waits for the vehicle to say what it is.
+    Awaited,
+    /// Asked for.
+    Taken,
+    /// Not with a vehicle that really flies.
+    Refused,
+}
+
+impl Cycle {
+    /// What became of the flight that was to begin by itself.
+    #[must_use]
+    pub fn at_start(&self) -> AtStart {
+        self.at_start
+    }
+
+    /// Answers an operator.
+    pub fn request(&mut self, now: Time, verb: Verb) -> ControlResponseV1 {
+        let verdict = match verb {
+            Verb::Status => Ok(Answer::Done),
+            Verb::Arm if self.mode != Mode::Disarmed || self.watches_only => Err(Cause::WrongMode),
+            Verb::Arm if self.guard.good_in_a_row() < self.recovery_poses => Err(self.missing),
+            Verb::Arm if !self.vehicle.answers(now) => Err(Cause::NoVehicle),
+            Verb::Fly if self.watches_only => Err(Cause::WrongMode),
+            // Asked twice, as by an operator who did not hear the first answer.
+            Verb::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
+            Verb::Arm | Verb::Fly => {
+                self.mode = Mode::Waiting;
+                self.arms_at_once = verb == Verb::Arm;
+                Ok(Answer::Accepted)
+            }
+            Verb::Land => self.land(now),
+            Verb::Disarm if matches!(self.mode, Mode::Waiting | Mode::Disarmed) => {
+                self.call_off();
+                Ok(Answer::Done)
+            }
+            Verb::Disarm if self.is_held() => {
+                self.end_flight();
+                Ok(Answer::Done)
+            }
+            Verb::Disarm => Err(Cause::WrongMode),
+            Verb::Stop => {
+                self.stop_requested = true;
+                self.call_off();
+                Ok(Answer::Accepted)
+            }
+        };
+        let (answer, cause) = match verdict {
+            Ok(answer) => (answer, self.supervisor.cause()),
+            Err(cause) => (Answer::Refused, cause),
+        };
+        ControlResponseV1 {
+            answer: answer.code(),
+            mode: self.mode.code(),
+            state: self.supervisor.state().code(),
+            cause: cause.code(),
+        }
+    }
+
+    /// A flight that has not begun does not begin.
+    fn call_off(&mut self) {
+        if self.at_start == AtStart::Awaited {
+            self.at_start = AtStart::Nothing;
+        }
+        if self.mode == Mode::Waiting {
+            self.mode = Mode::Disarmed;
+        }
+    }
+
+    /// Takes off by itself, once, if that was asked for and nothing really flies.
+    pub(super) fn arm_at_start(&mut self) {
+        if let (AtStart::Awaited, Some(simulated)) = (self.at_start, self.vehicle.is_simulated()) {
+            self.at_start = if simulated { AtStart::Taken } else { AtStart::Refused };
+            if simulated && self.mode == Mode::Disarmed {
+                self.mode = Mode::Waiting;
+                self.arms_at_once = false;
+            }
+        }
+    }
+
+    fn land(&mut self, now: Time) -> Result<Answer, Cause> {
+        self.call_off();
+        if self.is_held() {
+            self.end_flight();
+            return Ok(Answer::Done);
+        }
+        match (self.mode, &mut self.mission) {
+            (Mode::Flying, _) if self.watches_only => Err(Cause::WrongMode),
+            (Mode::Flying, Some(mission)) => {
+                mission.land(now, &self.estimator.latest());
+                self.mode = Mode::Landing;
+                Ok(Answer::Done)
+            }
+            (Mode::Landing, _) => Ok(Answer::Done),
+            _ => Err(Cause::WrongMode),
+        }
+    }
+}

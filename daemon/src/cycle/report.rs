@@ -1,0 +1,66 @@
+//! What a tick knew and decided, written down for observers.
+
+use oqtal_bus::message::TelemetryV1;
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::trajectory::Reference;
+
+use super::Cycle;
+use crate::pilot::Decision;
+
+impl Cycle {
+    /// Writes down what this tick knew and decided.
+    pub(super) fn note(
+        &mut self,
+        now: Time,
+        reference: Option<&Reference>,
+        decision: Option<&Decision>,
+        fresh: bool,
+    ) {
+        let estimate = self.estimator.latest();
+        let age_s = self.pose_age(now).map_or(f64::NAN, Span::seconds);
+        let telemetry = &mut self.telemetry;
+        telemetry.time = now;
+        telemetry.tick += 1;
+        telemetry.mission_s =
+            self.mission.as_ref().map_or(f64::NAN, |mission| mission.elapsed_s(now));
+        telemetry.position = estimate.position.into();
+        telemetry.velocity = estimate.velocity.into();
+        telemetry.attitude = estimate.attitude.xyzw();
+        telemetry.rate = estimate.rate.0.into();
+        telemetry.pose_age_s = age_s;
+        telemetry.riccati_solves = u64::from(self.pilot.riccati_solves());
+        telemetry.riccati_failures = u64::from(self.pilot.riccati_failures());
+        telemetry.poses_lost = self.guard.lost();
+        telemetry.poses_superseded = self.guard.superseded();
+        telemetry.poses_refused = self.guard.refused();
+        telemetry.mode = self.mode.code();
+        telemetry.state = self.supervisor.state().code();
+        telemetry.cause = self.supervisor.cause().code();
+        telemetry.fresh = u8::from(fresh);
+        let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
+        telemetry.scored = u8::from(scored);
+        telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
+        note_commands(telemetry, reference, decision);
+    }
+}
+
+/// Writes down what was asked for and commanded: the last of it while coasting, nothing when not flying.
+fn note_commands(
+    telemetry: &mut TelemetryV1,
+    reference: Option<&Reference>,
+    decision: Option<&Decision>,
+) {
+    match reference {
+        Some(reference) => telemetry.reference_position = reference.position.into(),
+        None => {
+            telemetry.velocity_command = [f64::NAN; 3];
+            telemetry.attitude_command = [f64::NAN; 4];
+            telemetry.saturated = 0;
+        }
+    }
+    if let Some(Decision { wish, saturated, .. }) = decision {
+        telemetry.velocity_command = wish.velocity.into();
+        telemetry.attitude_command = wish.attitude.attitude.xyzw();
+        telemetry.saturated = u8::from(*saturated);
+    }
+}

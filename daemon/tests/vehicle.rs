@@ -1,0 +1,159 @@
+//! Which flights begin and end because of what the vehicle says of itself.
+
+mod common;
+
+use common::{Bench, FRAME, LAWS, WELL, still};
+use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
+use oqtal_bus::config::Setting;
+use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::Span;
+use oqtal_daemon::{AtStart, Tick};
+
+#[test]
+fn arming_is_refused_while_the_vehicle_is_silent_and_a_flight_that_waits_waits_for_it() {
+    for (silent, link) in [(true, 1), (false, 0)] {
+        let mut bench = Bench::new(&[]);
+        (bench.silent, bench.vehicle.link) = (silent, link);
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+        assert_eq!(bench.state(), Some(SafetyState::Coast));
+        assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+        let refusal = bench.cycle.request(bench.now, Verb::Arm);
+        assert_eq!(
+            (refusal.answer, refusal.cause),
+            (Answer::Refused.code(), Cause::NoVehicle.code())
+        );
+        bench.cycle.request(bench.now, Verb::Fly);
+        for _ in 0..20 {
+            assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+        }
+        assert_eq!(bench.mode(), Some(Mode::Waiting));
+        (bench.silent, bench.vehicle) = (false, WELL);
+        bench.show(still(bench.frame));
+        bench.show(still(bench.frame));
+        assert_eq!(bench.mode(), Some(Mode::Flying));
+    }
+}
+
+#[test]
+fn f18_a_vehicle_that_falls_silent_in_flight_is_told_to_stop_within_its_limit() {
+    for (silent, link) in [(true, 1), (false, 0)] {
+        let mut bench = Bench::flying(&[]);
+        (bench.silent, bench.vehicle.link) = (silent, link);
+        let since = bench.now;
+        while bench.state() != Some(SafetyState::Stop) {
+            bench.show(still(bench.frame)).unwrap();
+            assert!(bench.now.since(since) <= Span::from_millis(500) + FRAME);
+        }
+        assert!(
+            bench.now.since(since) > Span::from_millis(500),
+            "a short silence is flown through"
+        );
+        assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+        let refusal = bench.cycle.request(bench.now, Verb::Arm);
+        assert_eq!(refusal.cause, Cause::NoVehicle.code());
+        (bench.silent, bench.vehicle) = (false, WELL);
+        for _ in 0..10 {
+            assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+        }
+        assert_eq!(bench.state(), Some(SafetyState::Stop), "latched");
+        bench.cycle.request(bench.now, Verb::Arm);
+        bench.show(still(bench.frame));
+        assert_eq!(bench.mode(), Some(Mode::Flying));
+    }
+}
+
+#[test]
+fn a_flight_begins_when_the_motors_run() {
+    for law in LAWS {
+        let mut bench = Bench::new(&[Setting::flag("test", "control.controller", law)]);
+        for _ in 0..10 {
+            bench.show(still(bench.frame));
+        }
+        bench.vehicle.starting = 1;
+        bench.cycle.request(bench.now, Verb::Arm);
+        bench.show(still(bench.frame));
+        for _ in 0..120 {
+            let Tick { command, .. } = bench.show(still(bench.frame)).unwrap();
+            assert_eq!(command.actuation, Actuation::Sticks.code(), "{law}");
+            assert_eq!((command.thrust, command.sticks), (0.0, [0.0; 3]), "{law}");
+            assert_eq!(bench.cycle.telemetry().mission_s, 0.0, "{law}");
+        }
+        (bench.vehicle.starting, bench.vehicle.armed) = (0, 1);
+        bench.show(still(bench.frame));
+        assert!(bench.cycle.telemetry().mission_s < 0.02, "{law}");
+        let thrust = (0..10).map(|_| bench.show(still(bench.frame)).unwrap().command.thrust);
+        assert!(thrust.fold(0.0, f64::max) > 0.0, "{law}");
+    }
+}
+
+#[test]
+fn f18_motors_that_stand_in_flight_end_it_be_they_started_again_or_not() {
+    for starting in [0, 1] {
+        let mut bench = Bench::flying(&[]);
+        bench.vehicle.armed = 1;
+        bench.show(still(bench.frame));
+        (bench.vehicle.armed, bench.vehicle.starting) = (0, starting);
+        let since = bench.now;
+        while bench.state() != Some(SafetyState::Stop) {
+            bench.show(still(bench.frame)).unwrap();
+            assert!(bench.now.since(since) <= Span::from_millis(500) + FRAME);
+        }
+        assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+    }
+}
+
+#[test]
+fn motors_that_never_run_can_be_called_off() {
+    for verb in [Verb::Land, Verb::Disarm, Verb::Stop] {
+        let mut bench = Bench::new(&[]);
+        bench.vehicle.starting = 1;
+        bench.cycle.request(bench.now, Verb::Fly);
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+        assert_eq!(bench.mode(), Some(Mode::Flying));
+        bench.cycle.request(bench.now, verb);
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default(), "{verb}");
+        assert_eq!(bench.mode(), Some(Mode::Disarmed));
+    }
+}
+
+fn arming_itself(simulated: u8) -> Bench {
+    let mut bench = Bench::new(&[Setting::flag("test", "safety.arm-at-start", true)]);
+    bench.vehicle.simulated = simulated;
+    bench
+}
+
+#[test]
+fn a_daemon_that_arms_at_start_flies_once_and_only_what_is_simulated() {
+    for (simulated, outcome, mode) in
+        [(1, AtStart::Taken, Mode::Flying), (0, AtStart::Refused, Mode::Disarmed)]
+    {
+        let mut bench = arming_itself(simulated);
+        assert_eq!(bench.cycle.at_start(), AtStart::Awaited);
+        for _ in 0..20 {
+            bench.show(still(bench.frame));
+        }
+        assert_eq!(bench.cycle.at_start(), outcome);
+        assert_eq!(bench.mode(), Some(mode));
+        bench.cycle.request(bench.now, Verb::Stop);
+        bench.vehicle.simulated = 1;
+        for _ in 0..20 {
+            assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+        }
+    }
+}
+
+#[test]
+fn a_flight_at_start_is_called_off_like_any_other() {
+    for verb in [Verb::Disarm, Verb::Stop] {
+        let mut bench = arming_itself(1);
+        bench.cycle.request(bench.now, verb);
+        for _ in 0..20 {
+            assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+        }
+        assert_eq!(bench.cycle.at_start(), AtStart::Nothing);
+    }
+}

@@ -1,0 +1,167 @@
+#!/bin/sh
+# Installs oqtal as systemd services, or takes it away again. See docs/operations.md.
+set -eu
+
+usage() {
+    cat <<'TEXT'
+Usage: deploy/install.sh [--binary FILE] [--prefix DIR] [--root DIR]
+       deploy/install.sh --uninstall [--prefix DIR] [--root DIR]
+
+  --binary FILE  the program to install (default: target/release/oqtal beside this directory)
+  --prefix DIR   where programs live (default: /usr/local)
+  --root DIR     put the files under DIR, for a package: nothing is started, stopped or registered
+  --uninstall    stop the services and remove every file; the configuration too
+TEXT
+}
+
+fail() { # EXIT-CODE MESSAGE
+    printf 'install.sh: %s\n' "$2" >&2
+    exit "$1"
+}
+
+here=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd)
+binary=$here/../target/release/oqtal
+prefix=/usr/local
+root=
+uninstall=no
+
+while [ $# -gt 0 ]; do
+    case $1 in
+        --binary | --prefix | --root)
+            [ $# -gt 1 ] || fail 64 "$1 wants a value; see --help"
+            case $1 in
+                --binary) binary=$2 ;;
+                --prefix) prefix=$2 ;;
+                --root) root=${2%/} ;;
+            esac
+            shift
+            ;;
+        --uninstall) uninstall=yes ;;
+        --help | -h) usage && exit 0 ;;
+        *) usage >&2 && fail 64 "'$1' is no option" ;;
+    esac
+    shift
+done
+
+case $prefix in
+    /*) prefix=${prefix%/} ;;
+    *) fail 64 "--prefix wants an absolute path, not '$prefix'" ;;
+esac
+
+bin=$root$prefix/bin
+lib=$root$prefix/lib
+share=$root$prefix/share/oqtal
+etc=$root/etc/oqtal
+units=$lib/systemd/system
+
+# A system that runs is told; a directory that becomes a package is not.
+live() {
+    [ -z "$root" ] && [ -d /run/systemd/system ]
+}
+
+put() { # FILE DIRECTORY, the program's path as installed
+    install -d -m 755 "$2"
+    sed "s|/usr/local/bin/oqtal|$prefix/bin/oqtal|g" "$1" >"$2/.new-$$"
+    chmod 644 "$2/.new-$$"
+    mv -f "$2/.new-$$" "$2/$(basename "$1")"
+}
+
+# The shipped configuration with every default commented out, so that a preset still counts, and what services need set.
+configuration() {
+    awk '
+        NR == 1 {
+            print "# oqtal: the configuration of all services on this machine."
+            print "# Every line that begins with \"# name = \" shows a default; take the # away to set it. Then check and restart:"
+            print "#   oqtal check /etc/oqtal/oqtal.toml && systemctl restart oqtal-daemon oqtal-plant-sim oqtal-mocap-emu"
+            next
+        }
+        /^\[/ { section = $1 }
+        section == "[instance]" && $1 == "root" { sub(/"".*/, "\"/run/oqtal\""); print; next }
+        section == "[safety]" && $1 == "arm-at-start" { sub(/false/, "true "); print; next }
+        section == "[bridge]" && $1 == "link" { sub(/"[^"]*"/, "\"asctec:/dev/oqtal-radio\""); print; next }
+        # A value may go on over several lines, to the line of its closing bracket.
+        /^[a-z][a-z0-9-]* *=/ { print "# " $0; open = $0 ~ /= *\[ *(#.*)?$/; next }
+        open { print "# " $0; open = $0 !~ /^\]/; next }
+        { print }
+    ' "$here/oqtal.toml"
+}
+
+install_files() {
+    [ -f "$binary" ] || fail 66 "$binary does not exist; build it with 'cargo build --release', or name it with --binary"
+    install -d -m 755 "$bin" "$share" "$etc"
+    # Under a new name first: a running program cannot be written to.
+    install -m 755 "$binary" "$bin/.oqtal-new"
+    mv -f "$bin/.oqtal-new" "$bin/oqtal"
+    for unit in "$here"/systemd/*; do put "$unit" "$units"; done
+    put "$here/sysusers.d/oqtal.conf" "$lib/sysusers.d"
+    put "$here/tmpfiles.d/oqtal.conf" "$lib/tmpfiles.d"
+    put "$here/udev/70-oqtal-radio.rules" "$lib/udev/rules.d"
+    put "$here/oqtal.toml" "$share"
+    install_configuration
+}
+
+# Never over what somebody edited: the new defaults then come beside it.
+install_configuration() {
+    configuration >"$share/etc-oqtal.toml.new"
+    chmod 644 "$share/etc-oqtal.toml.new"
+    if [ ! -f "$etc/oqtal.toml" ]; then
+        cp "$share/etc-oqtal.toml.new" "$etc/oqtal.toml"
+    elif [ -f "$share/etc-oqtal.toml" ] && cmp -s "$share/etc-oqtal.toml" "$etc/oqtal.toml"; then
+        cp "$share/etc-oqtal.toml.new" "$etc/oqtal.toml"
+    elif ! cmp -s "$share/etc-oqtal.toml.new" "$etc/oqtal.toml"; then
+        printf 'install.sh: %s was edited and stays; the shipped one is %s\n' "$etc/oqtal.toml" "$share/etc-oqtal.toml"
+    fi
+    mv -f "$share/etc-oqtal.toml.new" "$share/etc-oqtal.toml"
+}
+
+register() {
+    systemd-sysusers "$lib/sysusers.d/oqtal.conf"
+    systemd-tmpfiles --create "$lib/tmpfiles.d/oqtal.conf"
+    systemctl daemon-reload
+    # A machine without udev has no adapters to name.
+    if command -v udevadm >/dev/null 2>&1; then udevadm control --reload 2>/dev/null || true; fi
+    "$bin/oqtal" check "$etc/oqtal.toml" >/dev/null || fail 78 "$etc/oqtal.toml cannot be used, see above; mend it before the start"
+    printf 'oqtal is installed. Fly it: systemctl start oqtal-sim.target; look at it: sudo -u oqtal oqtal ctl status\n'
+}
+
+unregister() {
+    for unit in "$units"/oqtal-*; do
+        [ -e "$unit" ] || continue
+        systemctl --quiet disable --now "$(basename "$unit")" || true
+    done
+}
+
+remove_files() {
+    rm -f "$bin/oqtal" "$units"/oqtal-daemon.service "$units"/oqtal-plant-sim.service \
+        "$units"/oqtal-mocap-emu.service "$units"/oqtal-bridge.service "$units"/oqtal-sim.target \
+        "$units"/oqtal-flight.target "$lib/sysusers.d/oqtal.conf" "$lib/tmpfiles.d/oqtal.conf" \
+        "$lib/udev/rules.d/70-oqtal-radio.rules" "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml"
+    # Directories that others use, or keep files in, stay.
+    for directory in "$etc" "$share" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" \
+        "$lib/udev/rules.d" "$lib/udev"; do
+        rmdir "$directory" 2>/dev/null || true
+    done
+}
+
+# What the services leave outside their files.
+forget() {
+    rm -rf /run/oqtal
+    rm -f /dev/shm/oqtal_*
+    systemctl daemon-reload
+    systemctl reset-failed 'oqtal-*' 2>/dev/null || true
+    if command -v udevadm >/dev/null 2>&1; then udevadm control --reload 2>/dev/null || true; fi
+    if id oqtal >/dev/null 2>&1; then userdel oqtal; fi
+    if getent group oqtal >/dev/null; then groupdel oqtal; fi
+}
+
+if [ -z "$root" ] && [ "$(id -u)" -ne 0 ]; then
+    fail 77 "must run as root, or with --root DIR to build a package"
+fi
+if [ "$uninstall" = yes ]; then
+    if live; then unregister; fi
+    remove_files
+    if live; then forget; fi
+else
+    install_files
+    if live; then register; fi
+fi
