@@ -7,6 +7,8 @@ use oqtal_bus::time::{Span, Time};
 
 /// Without a command for so many periods a frame goes by the bridge's own clock.
 const OWN_CLOCK_PERIODS: f64 = 1.5;
+/// After so many frames of its own the bridge reckons with no command: before, one is late, and would come upon a poll.
+const ALONE_AFTER: u32 = 3;
 /// What a radio, and the vehicle's own loop, may need to turn a poll into an answer.
 const TURNAROUND: Span = Span::from_millis(2);
 
@@ -16,8 +18,8 @@ pub struct Schedule {
     period: Span,
     status_period: Span,
     last_frame: Time,
-    /// The last frame went with a command.
-    with_command: bool,
+    /// Frames by the own clock since the last that went with a command.
+    own_frames: u32,
     last_poll: Time,
 }
 
@@ -29,20 +31,20 @@ impl Schedule {
             period,
             status_period,
             last_frame: Time::UNSET,
-            with_command: false,
+            own_frames: 0,
             last_poll: Time::UNSET,
         }
     }
 
     /// A port was opened: a frame goes at once.
     pub fn restart(&mut self) {
-        (self.last_frame, self.last_poll, self.with_command) = (Time::UNSET, Time::UNSET, false);
+        (self.last_frame, self.last_poll, self.own_frames) = (Time::UNSET, Time::UNSET, 0);
     }
 
     /// When a frame goes if no command comes.
     #[must_use]
     pub fn next_frame(&self) -> Time {
-        let periods = if self.with_command { OWN_CLOCK_PERIODS } else { 1.0 };
+        let periods = if self.own_frames == 0 { OWN_CLOCK_PERIODS } else { 1.0 };
         self.last_frame + self.period.scaled(periods)
     }
 
@@ -52,7 +54,7 @@ impl Schedule {
         let due = self.next_frame();
         let on_grid = !with_command && now.since(due) < self.period;
         self.last_frame = if on_grid { due } else { now };
-        self.with_command = with_command;
+        self.own_frames = if with_command { 0 } else { self.own_frames.saturating_add(1) };
     }
 
     /// Whether a poll goes right behind the frame that went `now`: one is due (at once if `urgent`), and `exchange`, from the
@@ -61,7 +63,8 @@ impl Schedule {
         let due = urgent || now >= self.last_poll + self.status_period;
         // The next command comes a period after this frame, also where the own clock would wait longer.
         let room = (self.last_frame + self.period).since(now);
-        let goes = due && fits(room, ahead + exchange);
+        let expected = (1..ALONE_AFTER).contains(&self.own_frames);
+        let goes = due && !expected && fits(room, ahead + exchange);
         if goes {
             self.last_poll = now;
         }
@@ -116,6 +119,17 @@ mod tests {
         let mut schedule = schedule();
         schedule.frame(at(0), true);
         assert_eq!(schedule.next_frame(), at(0) + PERIOD.scaled(1.5));
+    }
+
+    #[test]
+    fn no_poll_stands_in_the_way_of_a_command_that_is_late() {
+        let mut schedule = schedule();
+        schedule.frame(at(0), true);
+        let polls = [25, 42, 58, 75].map(|millis| {
+            schedule.frame(at(millis), false);
+            schedule.poll(at(millis), Span::from_millis(3), EXCHANGE, true)
+        });
+        assert_eq!(polls, [false, false, true, true]);
     }
 
     #[test]
