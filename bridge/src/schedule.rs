@@ -11,6 +11,8 @@ use oqtal_bus::time::{Span, Time};
 const OWN_CLOCK_PERIODS: f64 = 1.5;
 /// A vehicle that could be asked no more often than once in so many periods is not watched any more.
 const SPARSEST_POLLS: u32 = 12;
+/// After so many frames of its own the bridge reckons with no command: before, one is late, and would come upon a poll.
+const ALONE_AFTER: u32 = 3;
 /// What a radio, and the vehicle's own loop, may need to turn a poll into an answer.
 const TURNAROUND: Span = Span::from_millis(2);
 
@@ -21,8 +23,8 @@ pub struct Schedule {
     status_period: Span,
     spacing: Span,
     last_frame: Time,
-    /// The last frame went with a command.
-    with_command: bool,
+    /// Frames by the own clock since the last that went with a command.
+    own_frames: u32,
     last_poll: Time,
 }
 
@@ -37,20 +39,20 @@ impl Schedule {
             // A frame may come a little early.
             spacing: spacing - period.scaled(0.5),
             last_frame: Time::UNSET,
-            with_command: false,
+            own_frames: 0,
             last_poll: Time::UNSET,
         }
     }
 
     /// A port was opened: a frame goes at once.
     pub fn restart(&mut self) {
-        (self.last_frame, self.last_poll, self.with_command) = (Time::UNSET, Time::UNSET, false);
+        (self.last_frame, self.last_poll, self.own_frames) = (Time::UNSET, Time::UNSET, 0);
     }
 
     /// When a frame goes if no command comes.
     #[must_use]
     pub fn next_frame(&self) -> Time {
-        let periods = if self.with_command { OWN_CLOCK_PERIODS } else { 1.0 };
+        let periods = if self.own_frames == 0 { OWN_CLOCK_PERIODS } else { 1.0 };
         self.last_frame + self.period.scaled(periods)
     }
 
@@ -60,7 +62,7 @@ impl Schedule {
         let due = self.next_frame();
         let on_grid = !with_command && now.since(due) < self.period;
         self.last_frame = if on_grid { due } else { now };
-        self.with_command = with_command;
+        self.own_frames = if with_command { 0 } else { self.own_frames.saturating_add(1) };
     }
 
     /// Whether a poll goes right behind the frame that went `now`: one is due (sooner if `urgent`), and it is out before the
@@ -69,7 +71,9 @@ impl Schedule {
         let apart = if urgent { self.spacing } else { self.status_period };
         // The next command comes a period after this frame, also where the own clock would wait longer.
         let room = (self.last_frame + self.period).since(now);
-        let goes = now >= self.last_poll + apart && ahead + asking + TURNAROUND <= room;
+        let expected = (1..ALONE_AFTER).contains(&self.own_frames);
+        let due = now >= self.last_poll + apart;
+        let goes = due && !expected && ahead + asking + TURNAROUND <= room;
         if goes {
             self.last_poll = now;
         }
@@ -129,6 +133,17 @@ mod tests {
         let mut schedule = schedule();
         schedule.frame(at(0), true);
         assert_eq!(schedule.next_frame(), at(0) + PERIOD.scaled(1.5));
+    }
+
+    #[test]
+    fn no_poll_stands_in_the_way_of_a_command_that_is_late() {
+        let mut schedule = schedule();
+        schedule.frame(at(0), true);
+        let polls = [25, 42, 58, 75].map(|millis| {
+            schedule.frame(at(millis), false);
+            schedule.poll(at(millis), Span::from_millis(3), ASKING, true)
+        });
+        assert_eq!(polls, [false, false, true, true]);
     }
 
     #[test]
