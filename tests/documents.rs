@@ -63,6 +63,7 @@ fn links_and_paths_in_the_documents_lead_somewhere() {
         "CONTRIBUTING.md",
         "CHANGELOG.md",
         "docs/conventions.md",
+        "docs/faults.md",
         "docs/performance.md",
         "docs/operations.md",
     ];
@@ -170,6 +171,42 @@ fn every_test_that_an_erratum_names_exists() {
         }
     }
     none("errata name tests that do not exist", &wrong);
+}
+
+#[test]
+fn every_fault_has_a_response_and_a_test_and_every_test_of_a_fault_its_row() {
+    let table = Table::all(&read("docs/faults.md")).into_iter().next().expect("a table of faults");
+    let mut wrong = Vec::new();
+    for row in table.rows() {
+        let id = &row["id"];
+        let tests = places(&row["test"]);
+        if tests.is_empty()
+            || ["fault", "noticed by", "response, bound"].iter().any(|cell| row[*cell].is_empty())
+        {
+            wrong.push(format!("{id}: something is missing"));
+        }
+        for (path, names) in &tests {
+            let text = if root().join(path).is_file() { read(path) } else { String::new() };
+            let unknown = names.iter().filter(|name| !has_word(&text, &format!("fn {name}")));
+            wrong.extend(unknown.map(|name| format!("{id}: {path} has no test {name}")));
+        }
+    }
+    let listed = read("docs/faults.md");
+    for Source { path, text } in sources() {
+        for name in fault_tests(&text).filter(|name| !listed.contains(&format!("`{name}`"))) {
+            wrong.push(format!("{path}: {name} is in no row"));
+        }
+    }
+    none("docs/faults.md is out of step", &wrong);
+}
+
+/// The tests named after a fault, as in `f14_...`.
+fn fault_tests(text: &str) -> impl Iterator<Item = &str> {
+    let names = text.lines().filter_map(|line| line.trim().strip_prefix("fn ")?.split('(').next());
+    names.filter(|name| {
+        let id: Vec<char> = name.chars().take(4).collect();
+        matches!(id[..], ['f', a, b, '_'] if a.is_ascii_digit() && b.is_ascii_digit())
+    })
 }
 
 #[test]
