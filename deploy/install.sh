@@ -121,7 +121,7 @@ register() {
     # A machine without udev has no adapters to name.
     if command -v udevadm >/dev/null 2>&1; then udevadm control --reload 2>/dev/null || true; fi
     "$bin/oqtal" check "$etc/oqtal.toml" >/dev/null || fail 78 "$etc/oqtal.toml cannot be used, see above; mend it before the start"
-    printf 'oqtal is installed. Fly it: systemctl start oqtal-sim.target; look at it: sudo -u oqtal oqtal ctl status\n'
+    printf 'oqtal is installed. Fly it: systemctl start oqtal-sim.target; look at it: sudo oqtal ctl status\n'
 }
 
 unregister() {

@@ -87,7 +87,9 @@ impl CtlArgs {
     /// No daemon answers (exit code 75), or it refuses (exit code 1).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let bus = Bus::open(&place_of(&config)?)?;
+        let place = place_of(&config)?;
+        place.become_owner()?;
+        let bus = Bus::open(&place)?;
         let asked = self.ask(&bus);
         bus.leave();
         let (response, heard) = asked?;

@@ -114,7 +114,9 @@ impl LatencyArgs {
 
     /// A running instance.
     fn attach(&self, config: &Config, stop: &StopFlag) -> Result<Figures, Failure> {
-        let bus = Bus::open(&place_of(config)?)?;
+        let place = place_of(config)?;
+        place.become_owner()?;
+        let bus = Bus::open(&place)?;
         let figures = self.attach_to(&bus, config, stop);
         bus.leave();
         figures

@@ -80,6 +80,25 @@ impl Place {
         Ok(config)
     }
 
+    /// Root becomes the user whose place this is, so that an operator's command needs no `sudo -u`. For such commands alone, before
+    /// they start a thread: it is the calling thread that changes its user, and those that it starts.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    pub fn become_owner(&self) -> Result<(), BusError> {
+        let Ok(root) = rustix::fs::stat(&self.root) else { return Ok(()) };
+        if !rustix::process::geteuid().is_root() || root.st_uid == 0 {
+            return Ok(());
+        }
+        let failed = |error: rustix::io::Errno| {
+            system(format!("becoming the owner of {}", self.root.display()), &error)
+        };
+        let group = rustix::fs::Gid::from_raw(root.st_gid);
+        rustix::thread::set_thread_groups(&[group]).map_err(failed)?;
+        rustix::thread::set_thread_gid(group).map_err(failed)?;
+        rustix::thread::set_thread_uid(rustix::fs::Uid::from_raw(root.st_uid)).map_err(failed)
+    }
+
     /// Processes that meet here run as one user: another one, root included, would leave files that they cannot open. iceoryx2
     /// would call another user's directory an internal error.
     fn refuse_another_user(&self) -> Result<(), BusError> {
