@@ -1,27 +1,36 @@
 //! A reference that the vehicle can follow: towards the one it is given at limited speed,
-//! acceleration and jerk.
+//! acceleration and jerk, past no target that rests.
 //!
 //! ```text
-//! v_d = v_t + f(e) e/|e|,   f(e) = min(k_p |e|, sqrt(2 a_b (|e| - a_b / 2 k_p^2)), v_max)
-//! a_d = k_v (v_d - v) + d v_d / dt
-//! j_d = k_a (a_d - a)
-//! s   = k_j (j_d - j)
+//! leader    v = v_t + min(max(w, f(d - w T_c)), f(d)) e/|e|,   |v'| <= a_max
+//!           f(d) = min(k_p d, sqrt(2 a_b (d - a_b / 2 k_p^2)), v_max)
+//! course    (1 + T s)^2 course = leader,   T = a_max / (2 j_max)
 //! ```
 //!
-//! `e` is the way left, `a_b` the deceleration with which it is braked for: near the target `f`
-//! rises with slope `k_p`, further away as braking allows. Not in the paper.
+//! A *leader* without inertia heads for the target as speed and acceleration allow: `e` is the way
+//! left, `d` its length and `w` the speed at which it is closing. It brakes along `f` and speeds up
+//! only as long as it could roll for `T_c` before it must brake. What is followed is the leader seen
+//! through two equal lags. Their impulse response is nowhere negative, so the course keeps the
+//! leader's limits of speed and acceleration and goes past nothing that the leader does not pass.
+//! The jerk is `(a_1 - a_2) / T`, with the accelerations behind the first and the second lag; it is
+//! at most `j_max` while the leader's own is within `2 j_max T = a_max` of `a_2`. Not in the paper.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::range::{OutOfRange, check_range};
 
-/// The model is integrated in steps of this share of a tick: its quickest gain is of the order of
-/// the loop's rate.
+/// The model is integrated in steps of this share of a tick: short against its lags.
 const STEPS: u32 = 4;
 
 /// Below this the way left has no direction \[m\].
 const ARRIVED_M: f64 = 1e-9;
+
+/// `T_c` over `T`: so long after full acceleration the jerk allows full braking.
+const ROLL: f64 = 4.0;
+
+/// `a_b` is at most this share of the greatest acceleration: what is left holds the leader on `f`.
+const BRAKING_SHARE: f64 = 0.9;
 
 /// Options of the [`ReferenceModel`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,28 +38,15 @@ const ARRIVED_M: f64 = 1e-9;
 pub struct ReferenceModelOptions {
     /// `k_p`: speed per way left, near the target \[1/s\].
     pub position_gain_per_s: f64,
-    /// `k_v`: acceleration per speed missing \[1/s\].
-    pub velocity_gain_per_s: f64,
-    /// `k_a`: jerk per acceleration missing \[1/s\].
-    pub acceleration_gain_per_s: f64,
-    /// `k_j`: snap per jerk missing \[1/s\].
-    pub jerk_gain_per_s: f64,
     /// `a_b`: the deceleration that braking is planned with \[m/s^2\].
     pub braking_m_s2: f64,
-    /// Greatest jerk \[m/s^3\].
+    /// `j_max`: greatest jerk \[m/s^3\].
     pub jerk_limit_m_s3: f64,
 }
 
 impl Default for ReferenceModelOptions {
     fn default() -> Self {
-        Self {
-            position_gain_per_s: 3.5,
-            velocity_gain_per_s: 6.0,
-            acceleration_gain_per_s: 14.0,
-            jerk_gain_per_s: 25.0,
-            braking_m_s2: 2.4,
-            jerk_limit_m_s3: 17.0,
-        }
+        Self { position_gain_per_s: 8.0, braking_m_s2: 2.0, jerk_limit_m_s3: 22.0 }
     }
 }
 
@@ -59,13 +55,6 @@ impl ReferenceModelOptions {
     /// The first option outside its range.
     pub fn check(&self) -> Result<(), OutOfRange> {
         check_range("reference.position-gain-per-s", self.position_gain_per_s, 0.1..=50.0)?;
-        check_range("reference.velocity-gain-per-s", self.velocity_gain_per_s, 0.1..=100.0)?;
-        check_range(
-            "reference.acceleration-gain-per-s",
-            self.acceleration_gain_per_s,
-            0.1..=100.0,
-        )?;
-        check_range("reference.jerk-gain-per-s", self.jerk_gain_per_s, 0.1..=100.0)?;
         check_range("reference.braking-m-s2", self.braking_m_s2, 0.05..=20.0)?;
         check_range("reference.jerk-limit-m-s3", self.jerk_limit_m_s3, 0.1..=1000.0)
     }
@@ -105,6 +94,13 @@ impl Course {
             ..*self
         }
     }
+
+    /// Goes this share of the way to another course: what a lag does in a step.
+    fn approach(&mut self, other: &Self, share: f64) {
+        self.position += (other.position - self.position) * share;
+        self.velocity += (other.velocity - self.velocity) * share;
+        self.acceleration += (other.acceleration - self.acceleration) * share;
+    }
 }
 
 /// The reference that is followed, along the axes for which it is made; others stay zero.
@@ -112,6 +108,9 @@ impl Course {
 pub struct ReferenceModel {
     options: ReferenceModelOptions,
     limits: Limits,
+    leader: Course,
+    /// The leader behind one lag.
+    between: Course,
     course: Course,
 }
 
@@ -119,7 +118,8 @@ impl ReferenceModel {
     /// At rest at the origin.
     #[must_use]
     pub fn new(options: ReferenceModelOptions, limits: Limits) -> Self {
-        Self { options, limits, course: Course::default() }
+        let [leader, between, course] = [Course::default(); 3];
+        Self { options, limits, leader, between, course }
     }
 
     /// The present course.
@@ -132,54 +132,67 @@ impl ReferenceModel {
     pub fn restart(&mut self, position: Vector3<f64>, velocity: Vector3<f64>) {
         let velocity = velocity.cap_magnitude(self.limits.speed);
         self.course = Course { position, velocity, ..Course::default() };
+        self.between = self.course.after(self.lag_s());
+        self.leader = self.between.after(self.lag_s());
     }
 
     /// Goes on by `dt_s` \[s\] towards `target`, as it is then; its jerk and snap are not used.
     pub fn advance(&mut self, target: &Course, dt_s: f64) {
         let h = dt_s / f64::from(STEPS);
-        for step in 0..STEPS {
-            let target = target.after(-h * f64::from(STEPS - step));
-            let wanted = self.acceleration(&target).cap_magnitude(self.limits.acceleration);
-            let Course { position, velocity, acceleration, jerk, snap } = &mut self.course;
-            let change = (wanted - *acceleration) * self.options.acceleration_gain_per_s;
-            let change = change.cap_magnitude(self.options.jerk_limit_m_s3);
-            *snap = (change - *jerk) * self.options.jerk_gain_per_s;
-            *jerk += *snap * h;
-            *acceleration += *jerk * h;
-            *velocity += *acceleration * h;
-            *position += *velocity * h;
+        for step in 1..=STEPS {
+            self.lead(&target.after(-h * f64::from(STEPS - step)), h);
+            let share = h / (h + self.lag_s());
+            self.between.approach(&self.leader, share);
+            let Course { acceleration, jerk, .. } = self.course;
+            self.course.approach(&self.between, share);
+            self.course.jerk = (self.course.acceleration - acceleration) / h;
+            self.course.snap = (self.course.jerk - jerk) / h;
         }
     }
 
-    /// `a_d`.
-    fn acceleration(&self, target: &Course) -> Vector3<f64> {
-        let way = target.position - self.course.position;
-        let closing = target.velocity - self.course.velocity;
+    /// `T` \[s\].
+    fn lag_s(&self) -> f64 {
+        self.limits.acceleration / (2.0 * self.options.jerk_limit_m_s3)
+    }
+
+    /// The leader goes on by `h` \[s\] towards `target`.
+    fn lead(&mut self, target: &Course, h: f64) {
+        let acceleration = (self.velocity(target, h) - self.leader.velocity) / h;
+        let acceleration = acceleration.cap_magnitude(self.limits.acceleration);
+        // Both terms are within the limit of acceleration, so what is between them is, too.
+        let from = self.course.acceleration;
+        let reach = self.limits.acceleration + self.options.jerk_limit_m_s3 * h;
+        self.leader.acceleration = from + (acceleration - from).cap_magnitude(reach);
+        self.leader.velocity += self.leader.acceleration * h;
+        self.leader.position += self.leader.velocity * h;
+    }
+
+    /// The velocity with which the leader should go on for `h` \[s\].
+    fn velocity(&self, target: &Course, h: f64) -> Vector3<f64> {
+        // What the lags make of this is the target itself.
+        let lag_s = self.lag_s();
+        let (position, velocity) = (target.position, target.velocity);
+        let position = position + (velocity * 2.0 + target.acceleration * lag_s) * lag_s;
+        let velocity = velocity + target.acceleration * (2.0 * lag_s);
+        let way = position - velocity * h - self.leader.position;
         let distance = way.norm();
-        let (speed, slope) = self.approach(distance);
-        let k_v = self.options.velocity_gain_per_s;
-        if distance < ARRIVED_M {
-            return closing * k_v + target.acceleration;
-        }
-        let direction = way / distance;
-        let along = direction * direction.dot(&closing);
-        let wanted = (target.velocity + direction * speed).cap_magnitude(self.limits.speed);
-        (wanted - self.course.velocity) * k_v
-            + along * slope
-            + (closing - along) * (speed / distance)
-            + target.acceleration
+        let direction = if distance > ARRIVED_M { way / distance } else { Vector3::zeros() };
+        let closing = direction.dot(&(self.leader.velocity - velocity)).max(0.0);
+        let roll = closing * ROLL * lag_s;
+        let speed = closing.clamp(self.approach(distance - roll), self.approach(distance));
+        (velocity + direction * speed).cap_magnitude(self.limits.speed)
     }
 
-    /// `f` and its slope at this distance \[m\].
-    fn approach(&self, distance: f64) -> (f64, f64) {
-        let (k_p, a_b) = (self.options.position_gain_per_s, self.options.braking_m_s2);
+    /// `f` at this distance \[m\].
+    fn approach(&self, distance: f64) -> f64 {
+        let k_p = self.options.position_gain_per_s;
+        let a_b = self.options.braking_m_s2.min(BRAKING_SHARE * self.limits.acceleration);
         let near = a_b / (k_p * k_p);
-        let (speed, slope) = if distance <= near {
-            (k_p * distance, k_p)
+        let speed = if distance <= near {
+            k_p * distance.max(0.0)
         } else {
-            let speed = (2.0 * a_b * (distance - near / 2.0)).sqrt();
-            (speed, a_b / speed)
+            (2.0 * a_b * (distance - near / 2.0)).sqrt()
         };
-        if speed < self.limits.speed { (speed, slope) } else { (self.limits.speed, 0.0) }
+        speed.min(self.limits.speed)
     }
 }

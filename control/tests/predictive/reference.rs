@@ -11,12 +11,17 @@ use oqtal_control::quaternion::Attitude;
 use super::*;
 
 /// How far the reference may go past a target at rest \[m\].
-const MOST_PAST_M: f64 = 0.06;
+const MOST_PAST_M: f64 = 1e-6;
 
 const LIMITS: Limits = Limits { speed: 0.8, acceleration: 2.3 };
 
-fn towards(target: Vector3<f64>, seconds: f64) -> Vec<Course> {
-    let mut model = ReferenceModel::new(ReferenceModelOptions::default(), LIMITS);
+/// The way to a target at rest, from rest at the origin, with what a step changed of each derivative.
+fn towards(
+    target: Vector3<f64>,
+    (options, limits): (ReferenceModelOptions, Limits),
+    seconds: f64,
+) -> Vec<Course> {
+    let mut model = ReferenceModel::new(options, limits);
     let target = Course { position: target, ..Course::default() };
     let ticks = (seconds / PERIOD_S) as usize;
     (0..ticks)
@@ -27,23 +32,90 @@ fn towards(target: Vector3<f64>, seconds: f64) -> Vec<Course> {
         .collect()
 }
 
+/// Whether these courses keep all limits; what is wrong otherwise.
+fn within(
+    courses: &[Course],
+    (options, limits): (ReferenceModelOptions, Limits),
+) -> Result<(), TestCaseError> {
+    for course in courses {
+        prop_assert!(course.velocity.norm() <= limits.speed * (1.0 + 1e-9));
+        prop_assert!(course.acceleration.norm() <= limits.acceleration * (1.0 + 1e-9));
+        prop_assert!(course.jerk.norm() <= options.jerk_limit_m_s3 * (1.0 + 1e-9));
+    }
+    Ok(())
+}
+
+/// Any options that a configuration may hold, and any limits of a vehicle for them; the greatest jerk such that the
+/// acceleration is there in two seconds.
+fn any_options() -> impl Strategy<Value = (ReferenceModelOptions, Limits)> {
+    let limits =
+        (0.05..5.0_f64, 0.1..15.0_f64).prop_map(|(speed, a)| Limits { speed, acceleration: a });
+    (0.1..50.0_f64, 0.05..20.0_f64, 0.5..1000.0_f64, limits).prop_map(|(k_p, a_b, jerk, limits)| {
+        let options = ReferenceModelOptions {
+            position_gain_per_s: k_p,
+            braking_m_s2: a_b,
+            jerk_limit_m_s3: jerk.max(limits.acceleration / 2.0),
+        };
+        (options, limits)
+    })
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
-    fn the_reference_keeps_its_limits_and_arrives_a_few_centimetres_past_at_most(target in vector(3.0)) {
-        let courses = towards(target, 15.0);
-        let jerk_limit = ReferenceModelOptions::default().jerk_limit_m_s3;
+    fn the_reference_keeps_its_limits_arrives_and_brakes_in_time(target in vector(3.0)) {
+        let options = (ReferenceModelOptions::default(), LIMITS);
+        let courses = towards(target, options, 15.0);
+        within(&courses, options)?;
         for course in &courses {
-            prop_assert!(course.velocity.norm() <= LIMITS.speed * 1.02);
-            prop_assert!(course.acceleration.norm() <= LIMITS.acceleration * 1.05);
-            prop_assert!(course.jerk.norm() <= jerk_limit * (1.0 + 1e-9));
-            // On some ways of a few decimetres it begins to brake late.
             let past = course.position.dot(&target) / target.norm() - target.norm();
             prop_assert!(past <= MOST_PAST_M, "{past} m past {target}");
         }
         let last = courses[courses.len() - 1];
         prop_assert!((last.position - target).norm() < 1e-3);
+    }
+
+    #[test]
+    fn it_brakes_in_time_whatever_its_options(target in vector(3.0), options in any_options()) {
+        let courses = towards(target, options, 15.0);
+        within(&courses, options)?;
+        for course in &courses {
+            let past = course.position.dot(&target) / target.norm() - target.norm();
+            prop_assert!(past <= MOST_PAST_M, "{past} m past {target} with {options:?}");
+        }
+    }
+
+    /// Wherever the target jumps meanwhile.
+    #[test]
+    fn it_keeps_its_limits_when_the_target_jumps(
+        targets in prop::collection::vec((vector(3.0), 1..90_usize), 1..8),
+        options in any_options(),
+    ) {
+        let mut model = ReferenceModel::new(options.0, options.1);
+        let mut courses = Vec::new();
+        for (position, ticks) in targets {
+            let target = Course { position, ..Course::default() };
+            for _ in 0..ticks {
+                model.advance(&target, PERIOD_S);
+                courses.push(*model.course());
+            }
+        }
+        within(&courses, options)?;
+    }
+
+    /// Each derivative is what the one before it changed by, in the last part of a tick.
+    #[test]
+    fn its_derivatives_are_those_of_its_position(target in vector(3.0)) {
+        let courses = towards(target, (ReferenceModelOptions::default(), LIMITS), 3.0);
+        for pair in courses.windows(2) {
+            let [from, to] = [pair[0], pair[1]];
+            let mean = |a: Vector3<f64>, b: Vector3<f64>| (a + b) / 2.0;
+            let moved = (to.position - from.position) / PERIOD_S;
+            prop_assert!((moved - mean(from.velocity, to.velocity)).norm() < 0.01);
+            let sped_up = (to.velocity - from.velocity) / PERIOD_S;
+            prop_assert!((sped_up - mean(from.acceleration, to.acceleration)).norm() < 0.1);
+        }
     }
 
     /// What the attitude is said to turn at is what it turns at.
