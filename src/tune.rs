@@ -1,6 +1,7 @@
-//! `oqtal tune`: gains by an artificial bee colony, on simulated flights.
+//! `oqtal tune`: gains by an optimiser, on simulated flights.
 
 pub mod gains;
+pub mod optimiser;
 pub mod outer;
 pub mod search;
 pub mod space;
@@ -14,6 +15,7 @@ use oqtal_bus::process::{Exit, Failure};
 
 use crate::reproduce::progress::Progress;
 
+use optimiser::Optimiser;
 use search::{Budget, Tuned};
 
 /// What to tune.
@@ -25,9 +27,12 @@ pub struct TuneArgs {
     /// Points to look at
     #[arg(long, value_name = "N", default_value_t = Budget::default().points)]
     budget: usize,
-    /// Seed of the colony; the flights have seeds of their own
+    /// Seed of the optimiser; the flights have seeds of their own
     #[arg(long, value_name = "N", default_value_t = Budget::default().seed)]
     seed: u64,
+    /// How gains are looked for
+    #[arg(long, value_enum, default_value_t)]
+    optimiser: Optimiser,
     /// Where the configuration is written
     #[arg(long, value_name = "FILE", default_value = "tuned.toml")]
     out: PathBuf,
@@ -39,7 +44,7 @@ impl TuneArgs {
     /// # Errors
     /// The file cannot be written, or a setting in the environment has no meaning.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let budget = Budget { points: self.budget, seed: self.seed };
+        let budget = Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser };
         let tuned = tune(&self.what, budget, &Progress::default())?;
         fs::write(&self.out, tuned.to_toml()).map_err(|error| {
             let name = self.out.display();

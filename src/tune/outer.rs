@@ -16,8 +16,8 @@ use crate::reproduce::progress::Progress;
 use super::search::{Budget, Tuned, search, values};
 use super::space::Parameter;
 
-/// How much a shaking command counts against an error.
-const JITTER_WEIGHT: f64 = 0.2;
+/// How much a shaking command counts against an error: a loop that follows closely at the price of the attitude is no gain.
+const JITTER_WEIGHT: f64 = 1.0;
 
 /// One of the loops.
 struct Loop {
@@ -57,17 +57,19 @@ const LOOPS: [Loop; 4] = [
     },
 ];
 
-/// Tunes the loops in turn, each with the gains already found for those before it, around the shipped `oqtal`.
+/// Tunes the loops in turn, each with its share of the budget and the gains already found for those before it, around the
+/// shipped `oqtal`.
 ///
 /// # Errors
 /// A setting has no meaning.
 pub fn tune(budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
-    let bar = progress.start("tuning the outer loops", LOOPS.len() * budget.points);
+    let bar = progress.start("tuning the outer loops", budget.points);
+    let share = Budget { points: budget.points / LOOPS.len(), ..budget };
     let mut found: Vec<(&'static str, f64)> = Vec::new();
     let mut objective = 0.0;
     for tuned in &LOOPS {
         let reference = judged(tuned, &found)?;
-        let best = search(&tuned.parameters, budget, |points| {
+        let best = search(&tuned.parameters, share, |points| {
             let judge = |point: &Vec<f64>| {
                 let gains = [found.clone(), values(&tuned.parameters, point)].concat();
                 let judged = judged(tuned, &gains).unwrap_or([f64::INFINITY; 2]);

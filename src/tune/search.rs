@@ -2,7 +2,7 @@
 
 use oqtal_bus::config::{Config, Setting};
 use oqtal_bus::process::Failure;
-use oqtal_control::tuning::{BeeColony, Best};
+use oqtal_control::tuning::Best;
 use rayon::prelude::*;
 
 use crate::campaign::flights::{Contender, Plant, TRAINING, Trial};
@@ -10,6 +10,7 @@ use crate::campaign::metric::Figures;
 use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::reproduce::progress::Progress;
 
+use super::optimiser::Optimiser;
 use super::space::{LawSpace, Parameter};
 
 /// How far to search.
@@ -17,13 +18,15 @@ use super::space::{LawSpace, Parameter};
 pub struct Budget {
     /// Points to look at.
     pub points: usize,
-    /// Seed of the colony.
+    /// Seed of the optimiser.
     pub seed: u64,
+    /// The optimiser.
+    pub optimiser: Optimiser,
 }
 
 impl Default for Budget {
     fn default() -> Self {
-        Self { points: 600, seed: 1 }
+        Self { points: 600, seed: 1, optimiser: Optimiser::default() }
     }
 }
 
@@ -44,10 +47,11 @@ impl Tuned {
     /// What was done, on one line.
     #[must_use]
     pub fn headline(&self) -> String {
-        let Budget { points, seed } = self.budget;
+        let Budget { points, seed, optimiser } = self.budget;
+        let (optimiser, objective) = (optimiser.name(), self.objective);
         format!(
-            "tune {} --budget {points} --seed {seed}: objective {:.4}",
-            self.what, self.objective
+            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}: objective {objective:.4}",
+            self.what
         )
     }
 
@@ -104,8 +108,8 @@ pub fn search(
 ) -> Best {
     let bounds: Vec<_> = parameters.iter().map(|p| p.low.ln()..=p.high.ln()).collect();
     let start = parameters.iter().map(|p| shipped(p.key).clamp(p.low, p.high).ln()).collect();
-    let colony = BeeColony::within(budget.points, parameters.len(), budget.seed);
-    colony.minimise(&bounds, &[start], evaluate)
+    let Budget { points, seed, optimiser } = budget;
+    optimiser.minimise(&bounds, start, (points, seed), evaluate)
 }
 
 /// Tunes a law with what surrounds it, on the training seeds.
@@ -114,8 +118,7 @@ pub fn search(
 /// A setting has no meaning.
 pub fn law(space: &LawSpace, budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
     let parameters = space.parameters();
-    let colony = BeeColony::within(budget.points, parameters.len(), budget.seed);
-    let bar = progress.start(&format!("tuning {}", space.controller), colony.most_evaluations());
+    let bar = progress.start(&format!("tuning {}", space.controller), budget.points);
     let reference = trained(&Contender { controller: "oqtal", settings: Vec::new() })?;
     let best = search(&parameters, budget, |points| {
         let judge = |point: &Vec<f64>| {

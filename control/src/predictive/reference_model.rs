@@ -46,7 +46,7 @@ pub struct ReferenceModelOptions {
 
 impl Default for ReferenceModelOptions {
     fn default() -> Self {
-        Self { position_gain_per_s: 8.0, braking_m_s2: 2.0, jerk_limit_m_s3: 22.0 }
+        Self { position_gain_per_s: 8.0, braking_m_s2: 2.0, jerk_limit_m_s3: 23.0 }
     }
 }
 
