@@ -1,6 +1,7 @@
 //! `oqtal campaign`: many runs of every law, and what they come to.
 
 pub mod flights;
+pub mod interval;
 pub mod metric;
 pub mod statistics;
 pub mod table;
@@ -10,13 +11,19 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use oqtal_bus::config::{ClockKind, Setting};
 use oqtal_bus::process::{Exit, Failure};
+use oqtal_bus::program::say;
 
+use crate::fly::{Mission, Series, clock_name};
 use crate::reproduce::progress::Progress;
 use crate::reproduce::sheet::{Sheet, Variant};
+use crate::summary::name_of;
 use crate::tune::space;
 
-use table::{Entrant, Scope};
+use flights::Test;
+use statistics::{EVALUATION_SEEDS, Runs};
+use table::{Entrant, Flown, Scope};
 
 /// Which laws fly, and how often.
 #[derive(Args, Debug)]
@@ -30,19 +37,22 @@ pub struct CampaignArgs {
     /// Of them, how many with the least position error are averaged
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
     best: u64,
+    /// What drives the flights: in-process flies them in parallel, the others one after another through processes
+    #[arg(long, value_enum, default_value = "in-process")]
+    clock: ClockKind,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Where campaign.json is written, if anywhere
+    /// Where campaign.json is written, if anywhere, and what the processes of every flight said
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
 impl CampaignArgs {
-    /// Flies all runs in one process, in parallel.
+    /// Flies all runs.
     ///
     /// # Errors
-    /// The directory cannot be written, or a setting in the environment has no meaning.
+    /// The directory cannot be written, a setting in the environment has no meaning, or a flight could not be flown.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let sheet = self.fly()?;
         let json = format!("{:#}\n", sheet.to_json());
@@ -67,8 +77,14 @@ impl CampaignArgs {
                 && self.controllers.iter().any(|name| name == entrant.contender.controller)
         };
         let entrants: Vec<Entrant> = table::entrants().into_iter().filter(chosen).collect();
-        let scope = Scope { runs: self.runs, best: self.best as usize, raises_weights: false };
-        let rows = table::rows(&entrants, &flights::NOMINAL, &scope, &Progress::default())?;
+        let flown = match self.clock {
+            ClockKind::InProcess => {
+                let scope = Scope { runs: self.runs, raises_weights: false };
+                table::fly(&entrants, &flights::NOMINAL, &scope, &Progress::default())?
+            }
+            ClockKind::Real | ClockKind::Lockstep => self.fly_in_turn(entrants)?,
+        };
+        let rows = table::rows(&flown, self.best as usize);
         Ok(Sheet {
             name: "campaign".to_owned(),
             title: format!("{} runs of each law, the best {} averaged", self.runs, self.best),
@@ -76,5 +92,28 @@ impl CampaignArgs {
             rows,
             ..Sheet::default()
         })
+    }
+
+    /// Flies through processes, one flight after another.
+    fn fly_in_turn(&self, entrants: Vec<Entrant>) -> Result<Vec<Flown>, Failure> {
+        let series = Series::begin(self.out.clone())?;
+        let total = entrants.len() as u64 * self.runs * Test::ALL.len() as u64;
+        let mut number = 0;
+        let mut pilot = |mission: &Mission| {
+            number += 1;
+            let kind = name_of(&mission.config.trajectory.kind);
+            let law = name_of(&mission.config.control.controller);
+            let seed = mission.config.clock.seed;
+            say(&format!("flight {number} of {total}: {law}, {kind}, seed {seed}"));
+            series.fly(mission, &format!("{law}-{kind}-{seed}"))
+        };
+        let fly = |mut entrant: Entrant| {
+            let clock = Setting::flag("--clock", "clock.kind", clock_name(self.clock));
+            entrant.contender.settings.push(clock);
+            let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + self.runs;
+            let runs = Runs::fly_in_turn(&entrant.contender, &flights::NOMINAL, seeds, &mut pilot)?;
+            Ok(Flown::new(entrant, runs))
+        };
+        entrants.into_iter().map(fly).collect()
     }
 }

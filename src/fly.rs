@@ -24,6 +24,7 @@ use crate::summary::Summary;
 use vehicle::VehicleChoice;
 
 pub use in_process::fly as fly_in_process;
+use progress::Interrupts;
 pub use vehicle::Way;
 
 /// Beyond its plan a flight may take this long, for the cameras to be believed and the landing to be noticed.
@@ -75,6 +76,46 @@ fn parse_mocap(text: &str) -> Result<MocapSource, String> {
         None if text == "emulated" => Ok(MocapSource::Emulated),
         Some(("replay", file)) if !file.is_empty() => Ok(MocapSource::Replay(file.to_owned())),
         _ => Err("use `emulated` or `replay:FILE`".to_owned()),
+    }
+}
+
+/// A clock as a configuration has it.
+pub(crate) fn clock_name(clock: ClockKind) -> &'static str {
+    match clock {
+        ClockKind::Real => "real",
+        ClockKind::Lockstep => "lockstep",
+        ClockKind::InProcess => "in-process",
+    }
+}
+
+/// Flights through processes, one after another.
+#[derive(Debug)]
+pub struct Series {
+    interrupts: Interrupts,
+    directory: Option<PathBuf>,
+}
+
+impl Series {
+    /// A series whose flights are written into `directory`; each into `flights/INSTANCE-N` without.
+    ///
+    /// # Errors
+    /// The operating system refuses to hand on signals.
+    pub fn begin(directory: Option<PathBuf>) -> Result<Self, Failure> {
+        Ok(Self { interrupts: Interrupts::listen()?, directory })
+    }
+
+    /// Flies `mission`, which is called `name` in the series.
+    ///
+    /// # Errors
+    /// The flight could not be flown, or an operator ended the series.
+    pub fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
+        let directory = self.directory.as_ref().map(|directory| directory.join(name));
+        let output = output::Output::create(directory.as_deref(), &mission.config)?;
+        let flight = processes::fly(mission, &output, &self.interrupts)?;
+        if self.interrupts.came() {
+            return Err(Failure::new(Exit::Flight, "interrupted"));
+        }
+        Ok(flight)
     }
 }
 
@@ -148,7 +189,9 @@ impl FlyArgs {
         let output = output::Output::create(self.out.as_deref(), &mission.config)?;
         let flight = match mission.config.clock.kind {
             ClockKind::InProcess => in_process::fly_with_progress(&mission)?,
-            ClockKind::Real | ClockKind::Lockstep => processes::fly(&mission, &output)?,
+            ClockKind::Real | ClockKind::Lockstep => {
+                processes::fly(&mission, &output, &Interrupts::listen()?)?
+            }
         };
         self.conclude(&flight, &output)
     }
@@ -179,12 +222,7 @@ impl FlyArgs {
         set("--trajectory", "trajectory.kind", self.trajectory.clone().map(Into::into));
         set("--duration", "trajectory.duration-s", self.duration.map(Into::into));
         set("--seed", "clock.seed", self.seed.map(Into::into));
-        let clock = self.clock.map(|clock| match clock {
-            ClockKind::Real => "real".into(),
-            ClockKind::Lockstep => "lockstep".into(),
-            ClockKind::InProcess => "in-process".into(),
-        });
-        set("--clock", "clock.kind", clock);
+        set("--clock", "clock.kind", self.clock.map(|clock| clock_name(clock).into()));
         let replay = self.mocap.as_ref().map(|source| match source {
             MocapSource::Emulated => "".into(),
             MocapSource::Replay(file) => file.as_str().into(),

@@ -5,6 +5,7 @@
 
 pub mod body;
 pub mod figures;
+pub mod judgement;
 pub mod lander;
 pub mod options;
 pub mod page;
@@ -17,6 +18,7 @@ pub mod sweep;
 pub mod table_3;
 pub mod table_4;
 pub mod table_5;
+pub mod words;
 
 use std::fs;
 use std::path::PathBuf;

@@ -173,12 +173,36 @@ fn in_a_small_campaign_prediction_pays_where_no_command_of_its_own_can_help() {
 }
 
 #[test]
+fn a_campaign_in_lockstep_comes_to_the_same_as_in_one_process() {
+    let testbed = Testbed::new("campaign-clocks");
+    let campaign = |clock: &str| {
+        let words =
+            ["campaign", "--controllers", "oqtal-dt", "--runs", "1", "--best", "1", "--json"];
+        let output = oqtal(&testbed, &words)
+            .args(["--clock", clock, "--out", clock])
+            .env("OQTAL_INSTANCE__NAME", testbed.instance())
+            .env("OQTAL_INSTANCE__ROOT", testbed.path("run"))
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", common::stderr(&output));
+        output.stdout
+    };
+    assert!(campaign("lockstep") == campaign("in-process"));
+    assert!(testbed.path("lockstep").join("oqtal-dt-square-200").join("config.toml").is_file());
+}
+
+#[test]
 fn a_law_is_tuned_within_its_budget_and_the_configuration_loads() {
     let testbed = Testbed::new("tune");
-    let words = ["tune", "pid", "--budget", "12", "--out", "found.toml"];
-    let output = oqtal(&testbed, &words).output().unwrap();
-    assert!(output.status.success(), "{}", common::stderr(&output));
-    let check = oqtal(&testbed, &["check", "found.toml"]).output().unwrap();
+    // A batch is evaluated in parallel: what is found does not depend on how.
+    let found = [("one.toml", "1"), ("three.toml", "3")].map(|(file, threads)| {
+        let words = ["tune", "pid", "--budget", "12", "--out", file];
+        let output = oqtal(&testbed, &words).env("RAYON_NUM_THREADS", threads).output().unwrap();
+        assert!(output.status.success(), "{}", common::stderr(&output));
+        std::fs::read_to_string(testbed.path(file)).unwrap()
+    });
+    assert_eq!(found[0], found[1]);
+    let check = oqtal(&testbed, &["check", "one.toml"]).output().unwrap();
     assert!(check.status.success(), "{}", common::stderr(&check));
     assert!(String::from_utf8_lossy(&check.stdout).contains("controller = \"pid\""));
 }

@@ -68,6 +68,9 @@ pub enum Test {
 }
 
 impl Test {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Square, Self::Hover, Self::Chirp, Self::Doublet];
+
     /// What it sets.
     fn settings(self) -> Vec<(&'static str, toml::Value)> {
         match self {
@@ -123,13 +126,28 @@ impl Prepared {
     /// # Errors
     /// An option of the law has no meaning.
     pub fn fly(&self, seed: u64) -> Result<Option<(Flight, Mission)>, Failure> {
+        self.fly_by(seed, &mut |mission| fly_in_process(mission))
+    }
+
+    /// The same, flown by `pilot`.
+    ///
+    /// # Errors
+    /// An option of the law has no meaning, or what the pilot says.
+    pub fn fly_by(
+        &self,
+        seed: u64,
+        pilot: &mut Pilot<'_>,
+    ) -> Result<Option<(Flight, Mission)>, Failure> {
         let mut config = self.config.clone();
         config.clock.seed = seed;
         let mission = Mission { plant: Some(self.vehicle.clone()), ..Mission::new(config)? };
-        let flight = fly_in_process(&mission)?;
+        let flight = pilot(&mission)?;
         Ok((flight.outcome == Outcome::Landed).then_some((flight, mission)))
     }
 }
+
+/// Whoever flies a mission.
+pub type Pilot<'a> = dyn FnMut(&Mission) -> Result<Flight, Failure> + 'a;
 
 /// All tests of a law on one plant.
 #[derive(Clone, Debug)]
@@ -160,19 +178,27 @@ impl Trial {
     /// # Errors
     /// An option of the law has no meaning.
     pub fn fly(&self, seed: u64) -> Result<(Figures, u64), Failure> {
+        self.fly_by(seed, &mut |mission| fly_in_process(mission))
+    }
+
+    /// The same, flown by `pilot`.
+    ///
+    /// # Errors
+    /// An option of the law has no meaning, or what the pilot says.
+    pub fn fly_by(&self, seed: u64, pilot: &mut Pilot<'_>) -> Result<(Figures, u64), Failure> {
         let mut figures = [f64::INFINITY; METRICS];
         let mut solves = 0;
-        if let Some((flight, _)) = self.square.fly(seed)? {
+        if let Some((flight, _)) = self.square.fly_by(seed, pilot)? {
             figures[..5].copy_from_slice(&of_square(&flight));
             solves = flight.samples.last().map_or(0, |sample| sample.telemetry.riccati_solves);
         }
-        if let Some((flight, _)) = self.hover.fly(seed)? {
+        if let Some((flight, _)) = self.hover.fly_by(seed, pilot)? {
             figures[5..7].copy_from_slice(&of_hover(&flight));
         }
-        if let Some((flight, mission)) = self.chirp.fly(seed)? {
+        if let Some((flight, mission)) = self.chirp.fly_by(seed, pilot)? {
             figures[7] = of_attitude(&flight, &mission.trajectory)[0];
         }
-        if let Some((flight, mission)) = self.doublet.fly(seed)? {
+        if let Some((flight, mission)) = self.doublet.fly_by(seed, pilot)? {
             figures[8] = of_attitude(&flight, &mission.trajectory)[1];
         }
         Ok((figures, solves))

@@ -3,7 +3,7 @@
 use oqtal_bus::process::Failure;
 use rayon::prelude::*;
 
-use super::flights::{Contender, Plant, Trial};
+use super::flights::{Contender, Pilot, Plant, Trial};
 use super::metric::{Figures, METRIC, METRICS, POSITION};
 
 /// The seeds that gains are judged with; none of them is used to tune.
@@ -33,8 +33,21 @@ impl Runs {
         let trial = Trial::new(contender, plant)?;
         let flown: Result<Vec<(Figures, u64)>, Failure> =
             seeds.into_par_iter().map(|seed| trial.fly(seed)).collect();
-        let (figures, solves): (Vec<Figures>, Vec<u64>) = flown?.into_iter().unzip();
-        Ok(Self { figures, solves: solves.into_iter().max().unwrap_or(0) })
+        Ok(Self::from_iter(flown?))
+    }
+
+    /// Flies every test with every seed, one after the other, each flown by `pilot`.
+    ///
+    /// # Errors
+    /// A setting is wrong, or what the pilot says.
+    pub fn fly_in_turn(
+        contender: &Contender,
+        plant: &Plant,
+        seeds: std::ops::Range<u64>,
+        pilot: &mut Pilot<'_>,
+    ) -> Result<Self, Failure> {
+        let trial = Trial::new(contender, plant)?;
+        seeds.map(|seed| trial.fly_by(seed, pilot)).collect()
     }
 
     /// The `count` runs with the least position error.
@@ -55,11 +68,24 @@ impl Runs {
         })
     }
 
+    /// One metric of every run.
+    #[must_use]
+    pub fn values(&self, metric: usize) -> Vec<f64> {
+        self.figures.iter().map(|figures| figures[metric]).collect()
+    }
+
     /// Mean of each metric over all runs.
     #[must_use]
     pub fn mean(&self) -> Figures {
         let all: Vec<usize> = (0..self.figures.len()).collect();
         self.spread(&all).map(|(mean, _)| mean)
+    }
+}
+
+impl FromIterator<(Figures, u64)> for Runs {
+    fn from_iter<I: IntoIterator<Item = (Figures, u64)>>(flown: I) -> Self {
+        let (figures, solves): (Vec<Figures>, Vec<u64>) = flown.into_iter().unzip();
+        Self { figures, solves: solves.into_iter().max().unwrap_or(0) }
     }
 }
 

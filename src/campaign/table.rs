@@ -9,6 +9,7 @@ use crate::reproduce::sheet::{Cell, Column, Row, Variant};
 use crate::tune::{gains, search, space};
 
 use super::flights::{Contender, NOMINAL, Plant, Prepared, Test};
+use super::interval::Interval;
 use super::metric::{ATTITUDE, METRIC, METRICS, of_square};
 use super::statistics::{EVALUATION_SEEDS, Runs};
 
@@ -28,14 +29,14 @@ pub struct Entrant {
 pub struct Scope {
     /// Runs, one for each seed.
     pub runs: u64,
-    /// Of them, the best that make up the mean.
-    pub best: usize,
     /// Whether the greatest weight is searched.
     pub raises_weights: bool,
 }
 
 /// The paper's scope.
-pub const PAPER: Scope = Scope { runs: 25, best: 5, raises_weights: true };
+pub const PAPER: Scope = Scope { runs: 25, raises_weights: true };
+/// Of the runs, so many with the least position error make up the paper's means.
+pub const BEST: usize = 5;
 
 /// A weight is raised by this factor until the attitude error rises.
 const RAISE: f64 = std::f64::consts::SQRT_2;
@@ -91,44 +92,96 @@ pub fn entrants() -> Vec<Entrant> {
     printed.chain(tuned).collect()
 }
 
+/// A law with what came of its runs.
+#[derive(Clone, Debug)]
+pub struct Flown {
+    /// The law.
+    pub entrant: Entrant,
+    /// Its runs.
+    pub runs: Runs,
+    max_q: Option<f64>,
+}
+
 /// Flies every entrant on `plant`.
 ///
 /// # Errors
 /// A setting has no meaning.
-pub fn rows(
+pub fn fly(
     entrants: &[Entrant],
     plant: &Plant,
     scope: &Scope,
     progress: &Progress,
-) -> Result<Vec<Row>, Failure> {
+) -> Result<Vec<Flown>, Failure> {
+    let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + scope.runs;
     let bar = progress.start(plant.name, entrants.len());
     let fly = |entrant: &Entrant| {
-        let row = row(entrant, plant, scope)?;
+        let runs = Runs::fly(&entrant.contender, plant, seeds.clone())?;
+        let max_q = match scope.raises_weights {
+            true => Some(greatest_weight(entrant)?),
+            false => None,
+        };
         bar.inc();
-        Ok(row)
+        Ok(Flown { entrant: entrant.clone(), runs, max_q })
     };
     entrants.iter().map(fly).collect()
 }
 
-fn row(entrant: &Entrant, plant: &Plant, scope: &Scope) -> Result<Row, Failure> {
-    let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + scope.runs;
-    let runs = Runs::fly(&entrant.contender, plant, seeds)?;
-    let (best, all) = (runs.best(scope.best), runs.best(usize::MAX));
-    let (of_best, of_all) = (runs.spread(&best), runs.spread(&all));
-    let cell = |index: usize| match index {
-        _ if index < SPREADS => Cell::Spread(of_best[index].0, of_best[index].1),
-        // All runs: choosing some by their position error would choose the others' luck.
-        _ => Cell::Number(of_all[index].0),
-    };
-    let max_q = match scope.raises_weights {
-        true => Cell::Number(greatest_weight(entrant)?),
-        false => Cell::None,
-    };
-    let counts =
-        [Cell::Count(runs.solves), max_q, Cell::Count(scope.runs), Cell::Count(best.len() as u64)];
-    let cells = (0..METRICS).map(cell).chain(counts).collect();
-    let controller = entrant.contender.controller;
-    Ok(Row::new(entrant.variant, controller, entrant.settings.clone(), cells))
+/// The rows of what was flown, with the `best` runs of each law averaged.
+#[must_use]
+pub fn rows(flown: &[Flown], best: usize) -> Vec<Row> {
+    flown.iter().map(|flown| flown.row(best)).collect()
+}
+
+impl Flown {
+    /// The runs of a law whose greatest weight was not searched.
+    #[must_use]
+    pub fn new(entrant: Entrant, runs: Runs) -> Self {
+        Self { entrant, runs, max_q: None }
+    }
+
+    /// The name of the law.
+    #[must_use]
+    pub fn name(&self) -> &'static str {
+        self.entrant.contender.controller
+    }
+
+    /// Whether it is one of those that are tuned alike.
+    #[must_use]
+    pub fn is_tuned(&self) -> bool {
+        self.entrant.variant == Variant::Ours
+    }
+
+    /// The mean of a metric over all runs.
+    #[must_use]
+    pub fn interval(&self, metric: usize) -> Interval {
+        Interval::of(&self.runs.values(metric))
+    }
+
+    /// The greatest weight, where it was searched.
+    #[must_use]
+    pub fn max_q(&self) -> Option<f64> {
+        self.max_q
+    }
+
+    fn row(&self, best: usize) -> Row {
+        let best = self.runs.best(best);
+        let of_best = self.runs.spread(&best);
+        let of_all = self.runs.mean();
+        let cell = |index: usize| match index {
+            _ if index < SPREADS => Cell::Spread(of_best[index].0, of_best[index].1),
+            // All runs: choosing some by their position error would choose the others' luck.
+            _ => Cell::Number(of_all[index]),
+        };
+        let counts = [
+            Cell::Count(self.runs.solves),
+            self.max_q.into(),
+            Cell::Count(self.runs.figures.len() as u64),
+            Cell::Count(best.len() as u64),
+        ];
+        let cells = (0..METRICS).map(cell).chain(counts).collect();
+        let Entrant { contender, variant, settings } = &self.entrant;
+        Row::new(*variant, contender.controller, settings.clone(), cells)
+    }
 }
 
 /// The greatest weight, or gain, of a law before the attitude error rises: "incremented until the system started to lose

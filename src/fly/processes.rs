@@ -34,9 +34,9 @@ const WATCH: Duration = Duration::from_millis(20);
 ///
 /// # Errors
 /// A process could not be started, never came, or ended in flight.
-pub fn fly(mission: &Mission, output: &Output) -> Result<Flight, Failure> {
+pub fn fly(mission: &Mission, output: &Output, interrupts: &Interrupts) -> Result<Flight, Failure> {
     let place = place_of(&mission.config)?;
-    let result = fly_at(mission, output, &place);
+    let result = fly_at(mission, output, (&place, interrupts));
     // A killed process cleans up nothing.
     if let Ok(bus) = Bus::open(&place) {
         bus.leave();
@@ -44,8 +44,11 @@ pub fn fly(mission: &Mission, output: &Output) -> Result<Flight, Failure> {
     result
 }
 
-fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, Failure> {
-    let interrupts = Interrupts::listen()?;
+fn fly_at(
+    mission: &Mission,
+    output: &Output,
+    (place, interrupts): (&Place, &Interrupts),
+) -> Result<Flight, Failure> {
     let bus = Bus::open(place)?;
     // The ears are open before anybody speaks.
     let mut observer = Observer::new(&bus)?;
@@ -57,7 +60,7 @@ fn fly_at(mission: &Mission, output: &Output, place: &Place) -> Result<Flight, F
     let watch = Watch { place, stop: &stop, over: StopFlag::default(), fallen: Mutex::new(None) };
     let flight = std::thread::scope(|threads| {
         let (watch, crew) = (&watch, &mut crew);
-        threads.spawn(move || watch.run(crew, &interrupts));
+        threads.spawn(move || watch.run(crew, interrupts));
         // However the recording ends, the watch ends with it.
         let _over = watch.over.set_on_drop();
         record(mission, &bus, &mut observer, &stop)

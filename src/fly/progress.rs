@@ -1,6 +1,5 @@
 //! What a person sees and can do while a flight is under way.
 
-use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -80,11 +79,11 @@ fn vehicle(vehicle: &VehicleV1) -> String {
 #[derive(Debug)]
 pub struct Interrupts {
     count: Arc<AtomicU32>,
-    seen: Cell<u32>,
+    seen: AtomicU32,
 }
 
 impl Interrupts {
-    /// Listens from now on.
+    /// Listens from now on; once in a process.
     ///
     /// # Errors
     /// The operating system refuses.
@@ -95,16 +94,20 @@ impl Interrupts {
             counter.fetch_add(1, Ordering::AcqRel);
         })
         .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
-        Ok(Self { count, seen: Cell::new(0) })
+        Ok(Self { count, seen: AtomicU32::new(0) })
+    }
+
+    /// Whether an operator asked for anything.
+    pub fn came(&self) -> bool {
+        self.count.load(Ordering::Acquire) > 0
     }
 
     /// What an operator asked for since the last call.
     pub fn next(&self) -> Option<Verb> {
         let count = self.count.load(Ordering::Acquire);
-        if count == self.seen.get() {
+        if count == self.seen.swap(count, Ordering::AcqRel) {
             return None;
         }
-        self.seen.set(count);
         let verb = if count == 1 { Verb::Land } else { Verb::Stop };
         say(if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" });
         Some(verb)

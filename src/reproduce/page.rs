@@ -8,6 +8,8 @@ use super::Chapter;
 use super::sheet::{Cell, Row, Sheet, Variant};
 
 const STYLE: &str = include_str!("page.css");
+/// A table with more columns is set closer, so that it fits the page.
+const WIDE: usize = 8;
 /// A table with more rows is folded.
 const LONG: usize = 40;
 const LEAD: &str = "Each table has three blocks. Paper: the printed numbers. As printed: the paper's equations, with only the \
@@ -61,7 +63,7 @@ fn table(sheet: &Sheet) -> Markup {
 fn rows(sheet: &Sheet) -> Markup {
     let shown = Variant::ALL.into_iter().filter(|variant| sheet.of(*variant).next().is_some());
     html! {
-        table {
+        table.wide[sheet.columns.len() > WIDE] {
             thead {
                 tr {
                     th { "controller" }

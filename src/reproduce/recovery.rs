@@ -11,6 +11,7 @@ use super::lander::Lander;
 use super::progress::Progress;
 use super::roster::{self, Entry};
 use super::sheet::{Cell, Column, Row, Sheet};
+use super::words::{either, listed};
 use super::{Chapter, invalid};
 
 /// How far off at first \[rad\].
@@ -61,20 +62,37 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         rows.into_iter().collect()
     };
     let rows: Result<Vec<Vec<Row>>, Failure> = cases.par_iter().map(recover).collect();
+    let rows = rows?.concat();
     let sheet = Sheet {
         name: "recovery".to_owned(),
         title: "Recovery from 175 degrees and from a tumble of 20 rad/s".to_owned(),
-        notes: vec![NOTE.to_owned()],
+        notes: vec![NOTE.to_owned(), verdict(&rows)],
         columns: COLUMNS.to_vec(),
-        rows: rows?.concat(),
+        rows,
         ..Sheet::default()
     };
     Ok(Chapter { title: "Recovery", sheets: vec![sheet], ..Chapter::default() })
 }
 
 const NOTE: &str = "Not in the paper. Each law with the gains it has elsewhere on this page, about an axis that is none of the \
-     body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's own loop takes its tumble out \
-     in a tenth of a second whatever the law does.";
+     body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's rate is held by its own loop, \
+     not by these laws.";
+
+/// Who does not recover, and whether every command was a number.
+fn verdict(rows: &[Row]) -> String {
+    let lost: Vec<String> = rows
+        .iter()
+        .filter(|row| !row.number(&COLUMNS, "recovered_s").is_finite())
+        .map(|row| format!("{} ({}, {})", row.controller, row.cells[0].show(), row.cells[1].show()))
+        .collect();
+    let finite = rows.iter().all(|row| row.cells[3].show() == "yes");
+    let commands = either(
+        finite,
+        "Every command of every law was a number.",
+        "Not every command was a number.",
+    );
+    format!("Not recovered: {}. {commands}", listed(&lost))
+}
 
 /// The laws with their shipped gains for the quadrotor.
 fn quadrotor_laws() -> Vec<Entry> {

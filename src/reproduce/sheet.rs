@@ -47,6 +47,8 @@ pub enum Cell {
     Number(f64),
     /// Mean and standard deviation.
     Spread(f64, f64),
+    /// Mean and half the width of its confidence interval.
+    Interval(f64, f64),
     /// A count.
     Count(u64),
     /// A word.
@@ -60,6 +62,7 @@ impl Cell {
         match self {
             Self::Number(number) => json!(number),
             Self::Spread(mean, sd) => json!({ "mean": mean, "sd": sd }),
+            Self::Interval(mean, half) => json!({ "mean": mean, "half_width": half }),
             Self::Count(count) => json!(count),
             Self::Text(text) => json!(text),
             Self::None => Value::Null,
@@ -71,7 +74,9 @@ impl Cell {
     pub fn show(&self) -> String {
         match self {
             Self::Number(number) => rounded(*number, 4),
-            Self::Spread(mean, sd) => format!("{} ± {}", rounded(*mean, 4), rounded(*sd, 2)),
+            Self::Spread(mean, width) | Self::Interval(mean, width) => {
+                format!("{} ± {}", rounded(*mean, 4), rounded(*width, 2))
+            }
             Self::Count(count) => count.to_string(),
             Self::Text(text) => text.clone(),
             Self::None => MISSING.to_owned(),
@@ -131,6 +136,20 @@ impl Row {
         Self { controller: controller.into(), variant, settings: settings.into(), cells }
     }
 
+    /// The number in a column, counts included; not a number where there is none.
+    #[must_use]
+    pub fn number(&self, columns: &[Column], key: &str) -> f64 {
+        let cell = columns.iter().zip(&self.cells).find(|((name, _), _)| *name == key);
+        match cell {
+            Some((
+                _,
+                Cell::Number(number) | Cell::Spread(number, _) | Cell::Interval(number, _),
+            )) => *number,
+            Some((_, Cell::Count(count))) => *count as f64,
+            _ => f64::NAN,
+        }
+    }
+
     /// The row as a JSON object with flat keys.
     #[must_use]
     pub fn to_json(&self, columns: &[Column]) -> Value {
@@ -166,6 +185,22 @@ impl Sheet {
     /// The rows of one variant.
     pub fn of(&self, variant: Variant) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(move |row| row.variant == variant)
+    }
+
+    /// The figures of the first row of a law and variant whose settings hold all of `words`; none of them is a number if there
+    /// is no such row.
+    #[must_use]
+    pub fn figures<const N: usize>(
+        &self,
+        (controller, variant): (&str, Variant),
+        words: &[&str],
+        keys: [&str; N],
+    ) -> [f64; N] {
+        let is_meant = |row: &&Row| {
+            row.controller == controller && words.iter().all(|word| row.settings.contains(word))
+        };
+        let row = self.of(variant).find(is_meant);
+        keys.map(|key| row.map_or(f64::NAN, |row| row.number(&self.columns, key)))
     }
 
     /// As JSON: `{"table", "rows"}`, and `"mismatched"` if there is any.

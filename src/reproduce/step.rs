@@ -11,6 +11,7 @@ use super::lander::{Lander, RATE_HZ};
 use super::progress::Progress;
 use super::roster::{self, Entry};
 use super::sheet::{Cell, Column, Row, Sheet};
+use super::words::figure;
 use super::{Chapter, invalid};
 
 /// Sizes of the step \[deg\].
@@ -50,12 +51,13 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         Ok(row)
     };
     let rows: Result<Vec<Row>, Failure> = cases.par_iter().map(step).collect();
+    let rows = rows?;
     let sheet = Sheet {
         name: "step".to_owned(),
         title: "Single step of each Euler angle".to_owned(),
-        notes: vec![NOTE.to_owned()],
+        notes: vec![NOTE.to_owned(), settled(&rows)],
         columns: COLUMNS.to_vec(),
-        rows: rows?,
+        rows,
         ..Sheet::default()
     };
     Ok(Chapter { title: "Single step", sheets: vec![sheet], ..Chapter::default() })
@@ -63,8 +65,26 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
 
 const NOTE: &str = "The spacecraft, at rest and level, is told to roll, pitch or yaw by an angle; torque without limit, 60 Hz. \
      The paper ran this experiment and prints nothing of it. A dash stands where the step is not reached. Beyond a pitch of 90 \
-     degrees the Euler angles of the target are others, and the classic LQR takes the way through its singularity. \
-     The laws with equal weights on error and rate have a pole at 0.5 rad/s, whatever the weights.";
+     degrees the Euler angles of the target are others. With equal weights on error and rate, the slow pole tends to 0.5 rad/s \
+     as the weights grow.";
+
+/// How many steps each law settles, and how long it takes at most.
+fn settled(rows: &[Row]) -> String {
+    let said: Vec<String> = rows
+        .chunk_by(|a, b| a.controller == b.controller)
+        .map(|of_law| {
+            let times = of_law.iter().map(|row| row.number(&COLUMNS, "settle_s"));
+            let settled: Vec<f64> = times.filter(|time| time.is_finite()).collect();
+            let longest = settled.iter().copied().fold(0.0, f64::max);
+            let (name, of) = (&of_law[0].controller, of_law.len());
+            match settled.len() {
+                0 => format!("{name} none of {of}"),
+                count => format!("{name} {count} of {of}, the slowest in {} s", figure(longest)),
+            }
+        })
+        .collect();
+    format!("Steps settled: {}.", said.join("; "))
+}
 
 /// The attitude with one Euler angle, by index, at `angle` \[rad\].
 fn target(axis: usize, angle: f64) -> Attitude {

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::lander::{Descent, Lander};
 use super::progress::Progress;
 use super::sheet::{Cell, Column, Row, Sheet, Variant};
+use super::words::{about, either};
 use super::{Chapter, invalid, roster};
 
 /// The gains `c`, `k` \[1/s^2\] and `T` \[s\] are searched within these. Not in the paper.
@@ -78,26 +79,51 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         READINGS.iter().flat_map(|reading| WEIGHTS.map(|weights| (reading, weights))).collect();
     let tune = |(reading, weights): &(&Reading, [f64; 2])| tuned(lander, reading, *weights, &bar);
     let rows: Result<Vec<Row>, InvalidOption> = cases.par_iter().map(tune).collect();
-    let sheet = Sheet {
+    let mut sheet = Sheet {
         name: "III".to_owned(),
         title: "Table III: the PID tuned by an artificial bee colony".to_owned(),
-        notes: NOTES.map(str::to_owned).to_vec(),
         columns: COLUMNS.to_vec(),
         rows: paper().chain(rows.map_err(invalid)?).collect(),
         ..Sheet::default()
     };
+    sheet.notes = NOTES.map(str::to_owned).into_iter().chain([verdict(&sheet)]).collect();
     Ok(Chapter { title: "Tuning of the PID", sheets: vec![sheet], ..Chapter::default() })
 }
 
-const NOTES: [&str; 3] = [
+const NOTES: [&str; 2] = [
     "The colony has 10 sources and flies 100 cycles from one seed; c and k are searched in 0.1..50, T in 0.1..20 s. The paper \
      prints neither bounds nor budget.",
     "The paper contradicts itself in the last column: the fitness for [1, 0] must equal the quaternion error, 0.0754; printed \
      is the fitness for [1, 1] of those figures. And its quaternion error is worse than those of [10, 1] and [100, 1], which \
      weigh effort too: it is no optimum.",
-    "Tuned within wide bounds, the paper's own PID is several times better than any printed; the trend with q, less error for \
-     more effort, reproduces. Given the rate error, the PID leaves all printed numbers behind.",
 ];
+
+/// What the tuned PIDs come to beside the printed ones.
+fn verdict(sheet: &Sheet) -> String {
+    // The rows of a reading, in the order of the weights: error, effort, fitness.
+    let read = |reading: &Reading| -> Vec<[f64; 3]> {
+        let rows = sheet.of(reading.variant).filter(|row| row.settings == reading.settings);
+        let keys = ["quaternion_error_norm", "effort_norm", "fitness"];
+        rows.map(|row| keys.map(|key| row.number(&sheet.columns, key))).collect()
+    };
+    let (printed, omega_e) = (read(&READINGS[0]), read(&READINGS[2]));
+    let times: Vec<f64> = printed.iter().zip(PAPER).map(|(row, paper)| paper[3] / row[2]).collect();
+    let [least, most] = [f64::min, f64::max].map(|pick| times.iter().copied().fold(times[0], pick));
+    // The first three columns: q rises.
+    let trend =
+        printed[..3].windows(2).all(|pair| pair[1][0] < pair[0][0] && pair[1][1] > pair[0][1]);
+    let ahead =
+        omega_e.iter().zip(PAPER).filter(|(row, paper)| row[0] < paper[1] && row[1] < paper[2]);
+    format!(
+        "Tuned within wide bounds, the paper's own PID has a fitness {} to {} times lower than printed. Less error for more effort \
+         as q rises: {}. Given the rate error, the PID has less error for less effort than printed in {} of {} columns.",
+        about(least),
+        about(most),
+        either(trend, "reproduces", "does not reproduce"),
+        ahead.count(),
+        PAPER.len()
+    )
+}
 
 fn paper() -> impl Iterator<Item = Row> {
     WEIGHTS.into_iter().zip(PAPER).map(|(weights, [position, error, effort, fitness])| {

@@ -8,6 +8,7 @@ use super::lander::Lander;
 use super::progress::Progress;
 use super::roster::{self, Entry};
 use super::sheet::{Cell, Column, Row, Sheet, Variant};
+use super::words::{about, either, reproduced};
 use super::{Chapter, figures, invalid};
 
 /// The columns of Table IV: both forms of every integral.
@@ -47,14 +48,14 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         Ok(Row::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
     };
     let flown: Result<Vec<Row>, Failure> = entries.par_iter().map(fly).collect();
-    let sheet = Sheet {
+    let mut sheet = Sheet {
         name: "IV".to_owned(),
         title: "Table IV: best-tuned controllers in the gravity turn".to_owned(),
-        notes: NOTES.map(str::to_owned).to_vec(),
         columns: COLUMNS.to_vec(),
         rows: paper().chain(flown?).collect(),
         ..Sheet::default()
     };
+    sheet.notes = NOTES.map(str::to_owned).into_iter().chain(verdicts(&sheet)).collect();
     Ok(Chapter {
         title: "Gravity turn",
         intro: INTRO.map(str::to_owned).to_vec(),
@@ -70,21 +71,72 @@ const INTRO: [&str; 1] = [
      240 Hz or faster; the torque is held between the ticks of the loop. Below 1 m/s the command stands still.",
 ];
 
-const NOTES: [&str; 4] = [
+const NOTES: [&str; 2] = [
     "Table II defines the figures as integrals of norms, Eq. (60) has squares. The printed numbers agree with norms; both \
      are here. A dash stands where the body got out of control.",
     "The paper contradicts itself on the PID: the printed torque of 1.1744 is the fitness of Table III for [10, 1]; the effort \
      there is 0.8252.",
-    "What reproduces: quaternion error, one calculation and rank of OQTAL, with cells centred on zero; the printed rule \
-     (floor) gives over a hundred calculations. Errors and effort of the classic LQR come near with centred cells, but for a \
-     reason that is no merit of any law: the turn begins at a pitch of 90 degrees, where Euler angles are singular, rounding \
-     decides what happens, and the cell there is linearised beyond the singularity. Kept in its plane to the last bit it needs a \
-     hundredth of the effort. What does not reproduce: any number of the PID, OQTAL's position error and effort, and 23 \
-     calculations.",
-    "OQTAL's advantage over the classic LQR is that it is told the rate of the reference, not its linearisation: without \
-     omega_d it is worse by over a hundred times, and the classic LQR that is given the rate error is better than OQTAL at \
-     the same weights.",
 ];
+
+/// What the figures say of the paper's.
+fn verdicts(sheet: &Sheet) -> [String; 3] {
+    let printed = Variant::AsPrinted;
+    let compared = |index: usize, words: &[&str]| {
+        let (law, _, [position, error, effort], solves) = PAPER[index];
+        let [p, e, u, n] = sheet.figures((law, printed), words, MEASURED);
+        let mut figures = vec![
+            ("quaternion error", e, error),
+            ("position error", p, position),
+            ("effort", u, effort),
+        ];
+        figures.extend(solves.map(|solves| ("calculations", n, solves as f64)));
+        format!("{law}, {}", reproduced(&figures))
+    };
+    let cells = ["60 Hz hold, centred cells"];
+    let reproduces = format!(
+        "What reproduces, cells centred on zero: {}. {}. {}. With the printed rule for cells (floor) oqtal takes {} calculations.",
+        compared(0, &[]),
+        compared(1, &cells),
+        compared(2, &cells),
+        sheet.figures(("oqtal", printed), &["floor cells"], MEASURED)[3]
+    );
+    [reproduces, singular(sheet), told_the_rate(sheet)]
+}
+
+/// The columns that the paper has, too.
+const MEASURED: [&str; 4] =
+    ["position_error", "quaternion_error_norm", "effort_norm", "riccati_solves"];
+
+/// What the start of the turn does to the classic law.
+fn singular(sheet: &Sheet) -> String {
+    let lqr = ("lqr", Variant::AsPrinted);
+    let effort = |words: &[&str]| sheet.figures(lqr, words, MEASURED)[2];
+    let centred = effort(&["60 Hz hold, centred cells"]);
+    let planar = effort(&["in the plane"]);
+    format!(
+        "The turn begins at a pitch of 90 degrees, where Euler angles are singular; cells centred on zero linearise beyond it, and \
+         rounding decides what the classic law does. Kept in its plane to the last bit it comes to an effort of {} in place of {} N m s.",
+        about(planar),
+        about(centred)
+    )
+}
+
+/// What OQTAL owes to the rate of the reference.
+fn told_the_rate(sheet: &Sheet) -> String {
+    let oqtal = ("oqtal", Variant::AsPrinted);
+    let with = sheet.figures(oqtal, &["60 Hz hold, centred cells"], MEASURED);
+    let without = sheet.figures(oqtal, &["without omega_d"], MEASURED);
+    let lqr = sheet.figures(("lqr", Variant::Ours), &["rate error"], MEASURED);
+    format!(
+        "OQTAL is told the rate of the reference: without omega_d its position error is {} times as great. The classic LQR that is \
+         given the rate error at the same weights has {} of OQTAL's position error and {} of its quaternion error, so OQTAL's \
+         advantage over the classic law {} its linearisation.",
+        about(without[0] / with[0]),
+        about(lqr[0] / with[0]),
+        about(lqr[1] / with[1]),
+        either(lqr[0] < with[0] && lqr[1] < with[1], "is not owed to", "may be owed to")
+    )
+}
 
 fn paper() -> impl Iterator<Item = Row> {
     PAPER.into_iter().map(|(name, settings, [position, error, effort], solves)| {

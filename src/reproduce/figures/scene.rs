@@ -12,11 +12,11 @@ use crate::report::palette::Ink;
 pub type Point3 = [f64; 3];
 
 /// Size of the drawing.
-const SIZE: (f64, f64) = (560.0, 350.0);
+const SIZE: (f64, f64) = (560.0, 380.0);
 /// Where the middle of the box is.
-const MIDDLE: (f64, f64) = (280.0, 180.0);
+const MIDDLE: (f64, f64) = (280.0, 190.0);
 /// Length of the edges along x, y and z in the drawing.
-const EDGES: Point3 = [230.0, 230.0, 190.0];
+const EDGES: Point3 = [245.0, 245.0, 200.0];
 /// Direction of view: cosine and sine of the angle about the vertical, and of that above the horizontal.
 const TURN: (f64, f64) = (0.819, 0.574);
 const RISE: (f64, f64) = (0.87, 0.49);
@@ -166,12 +166,13 @@ impl Scene {
             self.body += &edge(pair[0], pair[1]);
         }
         self.body += &edge([-0.5, 0.5, -0.5], [-0.5, 0.5, 0.5]);
-        let ends: [[Point3; 2]; 3] = [
-            [[-0.5, -0.62, -0.5], [0.5, -0.62, -0.5]],
-            [[0.62, -0.5, -0.5], [0.62, 0.5, -0.5]],
-            [[-0.56, 0.58, -0.5], [-0.56, 0.58, 0.5]],
+        // A little inside the corners, where two axes meet.
+        let ends: [([Point3; 2], &str); 3] = [
+            ([[-0.45, -0.6, -0.5], [0.42, -0.6, -0.5]], "middle"),
+            ([[0.6, -0.42, -0.5], [0.6, 0.45, -0.5]], "start"),
+            ([[-0.52, 0.53, -0.5], [-0.52, 0.53, 0.5]], "end"),
         ];
-        for (i, [from, to]) in ends.into_iter().enumerate() {
+        for (i, ([from, to], anchor)) in ends.into_iter().enumerate() {
             let Edge { name, range, label } = self.edges[i].clone();
             let middle = std::array::from_fn(|k| (from[k] + to[k]) / 2.0);
             for (place, text) in
@@ -181,7 +182,7 @@ impl Scene {
                 let text = html! { (text) }.into_string();
                 let _ = write!(
                     self.labels,
-                    "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"11\" text-anchor=\"middle\">{text}</text>"
+                    "<text x=\"{x:.1}\" y=\"{y:.1}\" font-size=\"11\" text-anchor=\"{anchor}\">{text}</text>"
                 );
             }
         }

@@ -48,18 +48,20 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, InvalidOption> {
     };
     let seen =
         |title: &str, view: fn(&Tick) -> Point| in_plane(title, traces(&paths, view), Vec::new());
+    let pitch = traces(&paths, |tick| (tick.place[2], tick.pitch_deg));
+    // From above, the paths differ by far less than they are long.
+    let above = traces(&paths, |tick| (tick.place[0], tick.place[1]));
     let position = html! {
-        (seen("Fig. 11 A: top view, y over x [m]", |t| (t.place[0], t.place[1])))
         (seen("Fig. 11 B: side view, z over x [m]", |t| (t.place[0], t.place[2])))
+        (over("Fig. 11 A: top view, y [m] over x, stretched", " m", above))
         (over_time("Fig. 11 C: x [m]", |t| t.place[0]))
         (over_time("Fig. 11 D: z [m]", |t| t.place[2]))
     };
-    let pitch = traces(&paths, |tick| (tick.place[2], tick.pitch_deg));
     // Pairs of one height stand side by side.
     Ok([
         (10, in_space(&paths)),
-        (12, over("Fig. 12: pitch [deg] over altitude", " m", pitch)),
         (11, position),
+        (12, over("Fig. 12: pitch [deg] over altitude", " m", pitch)),
         (13, over_time("Fig. 13: velocity in x [m/s]", |t| t.velocity[0])),
         (14, over_time("Fig. 14: velocity in z [m/s]", |t| t.velocity[2])),
     ]

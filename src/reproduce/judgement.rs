@@ -1,0 +1,291 @@
+//! What the runs of Table V say: which law is better at what, by how much, and whether that is more than luck.
+
+use crate::campaign::interval::Interval;
+use crate::campaign::metric::{
+    ATTITUDE, CHIRP, DOUBLET, HOVER, METRIC, METRICS, POSITION, SETTLE, VELOCITY,
+};
+use crate::campaign::table::{COLUMNS, Flown};
+
+use super::sheet::{Cell, Column, Row, Sheet, Variant};
+use super::words::{about, either, listed};
+
+/// The law that is judged.
+const OURS: &str = "oqtal-dt";
+
+/// What it is to come to.
+#[derive(Clone, Copy)]
+enum Goal {
+    /// The figure itself, at most.
+    AtMost(f64),
+    /// The best rival's over ours, at least.
+    Times(f64),
+}
+
+/// No worse by more than 8 %: for what the limits on speed and tilt decide.
+const PARITY: Goal = Goal::Times(1.0 / 1.08);
+
+const GOALS: [(usize, Goal); 9] = [
+    (POSITION, Goal::AtMost(0.27)),
+    (POSITION, PARITY),
+    (VELOCITY, Goal::AtMost(0.07)),
+    (ATTITUDE, Goal::AtMost(0.3)),
+    (SETTLE, PARITY),
+    (HOVER, Goal::AtMost(2.5)),
+    (HOVER, Goal::Times(2.0)),
+    (CHIRP, Goal::Times(3.0)),
+    (DOUBLET, Goal::Times(1.8)),
+];
+/// On a plant that is not what the laws expect.
+const MISMATCHED_GOAL: (usize, Goal) = (CHIRP, Goal::Times(2.0));
+
+/// The tuned laws on one plant.
+#[derive(Clone, Copy)]
+pub struct Evidence<'a> {
+    /// The plant, in words.
+    pub plant: &'a str,
+    /// All that flew on it.
+    pub flown: &'a [Flown],
+}
+
+impl Evidence<'_> {
+    fn tuned(&self) -> impl Iterator<Item = &Flown> {
+        self.flown.iter().filter(|flown| flown.is_tuned())
+    }
+
+    /// Ours.
+    fn ours(&self) -> Option<&Flown> {
+        self.tuned().find(|flown| flown.name() == OURS)
+    }
+
+    /// The tuned law besides ours that is best by a metric.
+    fn rival(&self, metric: usize) -> Option<(&'static str, Interval)> {
+        let others = self.tuned().filter(|flown| flown.name() != OURS);
+        let figures = others.map(|flown| (flown.name(), flown.interval(metric)));
+        figures.min_by(|a, b| a.1.mean.total_cmp(&b.1.mean))
+    }
+}
+
+/// Ours beside the best rival, by one metric.
+struct Duel {
+    metric: usize,
+    ours: Interval,
+    rival: (&'static str, Interval),
+}
+
+impl Duel {
+    fn of(evidence: &Evidence<'_>, metric: usize) -> Option<Self> {
+        let (ours, rival) = (evidence.ours()?.interval(metric), evidence.rival(metric)?);
+        Some(Self { metric, ours, rival })
+    }
+
+    /// The rival's figure over ours, with the interval that goes with those of the two.
+    fn times(&self) -> Interval {
+        let (a, b) = (&self.ours, &self.rival.1);
+        let mean = b.mean / a.mean;
+        Interval { mean, half: mean * (a.half / a.mean).hypot(b.half / b.mean) }
+    }
+
+    fn is_apart(&self) -> bool {
+        self.ours.is_apart_from(&self.rival.1)
+    }
+
+    /// Whether a goal is met by the whole interval.
+    fn meets(&self, goal: Goal) -> bool {
+        match goal {
+            Goal::AtMost(limit) => self.ours.high() <= limit,
+            Goal::Times(least) => self.times().low() >= least,
+        }
+    }
+
+    fn title(&self) -> &'static str {
+        METRIC[self.metric].title
+    }
+
+    fn row(&self, plant: &str, goal: Option<Goal>) -> Row {
+        let spread = |interval: &Interval| Cell::Interval(interval.mean, interval.half);
+        let cells = vec![
+            plant.into(),
+            self.title().into(),
+            spread(&self.ours),
+            self.rival.0.into(),
+            spread(&self.rival.1),
+            spread(&self.times()),
+            either(self.is_apart(), "yes", "no").into(),
+            goal.map_or("", |goal| match goal {
+                Goal::AtMost(_) => "at most",
+                Goal::Times(_) => "times, at least",
+            })
+            .into(),
+            goal.map(|goal| match goal {
+                Goal::AtMost(number) | Goal::Times(number) => number,
+            })
+            .into(),
+            goal.map(|goal| either(self.meets(goal), "yes", "no")).into(),
+        ];
+        Row::new(Variant::Ours, OURS, "against the best of the other tuned laws", cells)
+    }
+}
+
+const DUEL: [Column; 10] = [
+    ("plant", "plant"),
+    ("metric", "figure"),
+    ("ours", "oqtal-dt"),
+    ("rival", "best rival"),
+    ("rival_figure", "its figure"),
+    ("times_better", "times better"),
+    ("intervals_apart", "intervals apart"),
+    ("goal_kind", "goal"),
+    ("goal", ""),
+    ("met", "met"),
+];
+
+/// Ours against the best rival: each metric on the nominal plant, what no command of its own can improve on the others.
+#[must_use]
+pub fn duels(nominal: &Evidence<'_>, mismatched: &[Evidence<'_>]) -> Sheet {
+    let mut rows = Vec::new();
+    let mut missed = Vec::new();
+    let (mut better, mut open, mut worse) = (Vec::new(), Vec::new(), Vec::new());
+    for metric in 0..METRICS {
+        let Some(duel) = Duel::of(nominal, metric) else { continue };
+        let list = match (duel.is_apart(), duel.ours.mean < duel.rival.1.mean) {
+            (true, true) => &mut better,
+            (true, false) => &mut worse,
+            (false, _) => &mut open,
+        };
+        list.push(format!("{} ({})", duel.title(), about(duel.times().mean)));
+        let goals: Vec<Goal> =
+            GOALS.iter().filter(|(of, _)| *of == metric).map(|(_, goal)| *goal).collect();
+        missed.extend(goals.iter().filter(|goal| !duel.meets(**goal)).map(|_| duel.title()));
+        match goals.as_slice() {
+            [] => rows.push(duel.row(nominal.plant, None)),
+            goals => rows.extend(goals.iter().map(|goal| duel.row(nominal.plant, Some(*goal)))),
+        }
+    }
+    for evidence in mismatched {
+        let (metric, goal) = MISMATCHED_GOAL;
+        let Some(duel) = Duel::of(evidence, metric) else { continue };
+        if !duel.meets(goal) {
+            missed.push(evidence.plant);
+        }
+        rows.push(duel.row(evidence.plant, Some(goal)));
+    }
+    let summary = format!(
+        "oqtal-dt on the nominal plant, in brackets how many times better it is. Better, intervals apart: {}. Worse, intervals \
+         apart: {}. Not told apart: {}. Goals not met by the whole interval: {}.",
+        listed(&better),
+        listed(&worse),
+        listed(&open),
+        listed(&missed)
+    );
+    Sheet {
+        name: "V-verdict".to_owned(),
+        title: "oqtal-dt against the best of the other tuned laws".to_owned(),
+        notes: vec![INTERVALS.to_owned(), summary, stability(mismatched)],
+        columns: DUEL.to_vec(),
+        rows,
+        ..Sheet::default()
+    }
+}
+
+const INTERVALS: &str = "Behind ± is half of a 95 % confidence interval of the mean: Student's t times the standard error over all \
+     runs, one for each seed, the same seeds for every law. That of a ratio has the relative widths of both, added as squares. \
+     Two laws are told apart where their intervals have nothing in common. The intervals cover noise, drift and gusts, not \
+     where the search for gains happened to end.";
+
+fn stability(mismatched: &[Evidence<'_>]) -> String {
+    let unstable: Vec<&str> = mismatched
+        .iter()
+        .filter(|evidence| {
+            let landed = |flown: &Flown| flown.runs.figures.iter().flatten().all(|f| f.is_finite());
+            !evidence.ours().is_some_and(landed)
+        })
+        .map(|evidence| evidence.plant)
+        .collect();
+    let plants = mismatched.len();
+    match unstable.as_slice() {
+        [] => format!("On all {plants} mismatched plants every flight of oqtal-dt landed."),
+        some => format!("Not every flight of oqtal-dt landed on: {}.", listed(some)),
+    }
+}
+
+/// The mean of every metric with its interval, for each tuned law.
+#[must_use]
+pub fn intervals(nominal: &Evidence<'_>) -> Sheet {
+    let row = |flown: &Flown| {
+        let cell = |metric| {
+            let Interval { mean, half } = flown.interval(metric);
+            Cell::Interval(mean, half)
+        };
+        let cells = (0..METRICS).map(cell).collect();
+        Row::new(Variant::Ours, flown.name(), "all runs", cells)
+    };
+    Sheet {
+        name: "V-intervals".to_owned(),
+        title: "The tuned laws, all runs, with 95 % confidence intervals".to_owned(),
+        columns: COLUMNS[..METRICS].to_vec(),
+        rows: nominal.tuned().map(row).collect(),
+        ..Sheet::default()
+    }
+}
+
+/// The paper's laws against each other, seed by seed.
+#[must_use]
+pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
+    const PAIRS: [[&str; 2]; 3] = [["pid", "lqr"], ["pid", "oqtal"], ["lqr", "oqtal"]];
+    let find = |name: &str| nominal.tuned().find(|flown| flown.name() == name);
+    let (mut rows, mut said) = (Vec::new(), Vec::new());
+    for [a, b] in PAIRS {
+        let Some((one, other)) = find(a).zip(find(b)) else { continue };
+        let differences: Vec<Interval> =
+            (0..METRICS).map(|metric| difference(one, other, metric)).collect();
+        let better = differences.iter().filter(|percent| percent.high() < 0.0).count();
+        let worse = differences.iter().filter(|percent| percent.low() > 0.0).count();
+        said.push(match (better, worse) {
+            (0, 0) => format!("{a} and {b} are not told apart by anything"),
+            (_, 0) => format!("{a} ranks before {b}: better by {better}, worse by none"),
+            (0, _) => format!("{b} ranks before {a}: better by {worse}, worse by none"),
+            _ => format!("{a} is better than {b} by {better} and worse by {worse}: no ranking"),
+        });
+        let cells = differences.iter().map(|percent| Cell::Interval(percent.mean, percent.half));
+        let counts = [better, worse].map(|count| Cell::Count(count as u64));
+        rows.push(Row::new(
+            Variant::Ours,
+            a,
+            format!("against {b}"),
+            cells.chain(counts).collect(),
+        ));
+    }
+    let mut columns = COLUMNS[..METRICS].to_vec();
+    columns.extend([("better", "better by"), ("worse", "worse by")]);
+    let honest = said.iter().any(|pair| pair.contains("ranks before"));
+    let verdict = format!(
+        "Is there an honest ranking among the paper's laws? One law is ranked before another if it is better by some of the {METRICS} \
+         figures and worse by none. {}. {}",
+        said.join("; "),
+        either(
+            honest,
+            "So a pair is ranked, for gains where this search ended.",
+            "So there is none: what one gains by one figure it gives back by another."
+        )
+    );
+    Sheet {
+        name: "V-ranking".to_owned(),
+        title: "pid, lqr and oqtal against each other: difference in %".to_owned(),
+        notes: vec![PAIRED.to_owned(), verdict],
+        columns,
+        rows,
+        ..Sheet::default()
+    }
+}
+
+const PAIRED: &str = "Differences of runs with the same seed, in % of the second law's mean; negative is better. Behind ± again half \
+     of a 95 % interval. At small angles pid, lqr and oqtal are one law with two gains; lqr and oqtal differ by nothing but \
+     where the search ended, so a difference of that size between others says nothing either.";
+
+/// By how many per cent of the other's mean `one` is greater.
+fn difference(one: &Flown, other: &Flown, metric: usize) -> Interval {
+    let (a, b) = (one.runs.values(metric), other.runs.values(metric));
+    let mean = b.iter().sum::<f64>() / b.len() as f64;
+    let percent: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 100.0 * (a - b) / mean).collect();
+    Interval::of(&percent)
+}
