@@ -142,49 +142,51 @@ const DUEL: [Column; 10] = [
 /// Ours against the best rival: each metric on the nominal plant, what no command of its own can improve on the others.
 #[must_use]
 pub fn duels(nominal: &Evidence<'_>, mismatched: &[Evidence<'_>]) -> Sheet {
+    let goals = |metric| GOALS.iter().filter(move |(of, _)| *of == metric).map(|(_, goal)| *goal);
     let mut rows = Vec::new();
     let mut missed = Vec::new();
-    let (mut better, mut open, mut worse) = (Vec::new(), Vec::new(), Vec::new());
     for metric in 0..METRICS {
         let Some(duel) = Duel::of(nominal, metric) else { continue };
+        missed.extend(goals(metric).filter(|goal| !duel.meets(*goal)).map(|_| duel.title()));
+        let goals: Vec<Option<Goal>> = goals(metric).map(Some).collect();
+        let shown = if goals.is_empty() { vec![None] } else { goals };
+        rows.extend(shown.into_iter().map(|goal| duel.row(nominal.plant, goal)));
+    }
+    for evidence in mismatched {
+        let (metric, goal) = MISMATCHED_GOAL;
+        let Some(duel) = Duel::of(evidence, metric) else { continue };
+        missed.extend((!duel.meets(goal)).then_some(evidence.plant));
+        rows.push(duel.row(evidence.plant, Some(goal)));
+    }
+    let goals = format!("Goals not met by the whole interval: {}.", listed(&missed));
+    Sheet {
+        name: "V-verdict".to_owned(),
+        title: "oqtal-dt against the best of the other tuned laws".to_owned(),
+        notes: vec![INTERVALS.to_owned(), told_apart(nominal), goals, stability(mismatched)],
+        columns: DUEL.to_vec(),
+        rows,
+        ..Sheet::default()
+    }
+}
+
+/// By what ours is better, by what it is worse, and how many times.
+fn told_apart(nominal: &Evidence<'_>) -> String {
+    let (mut better, mut open, mut worse) = (Vec::new(), Vec::new(), Vec::new());
+    for duel in (0..METRICS).filter_map(|metric| Duel::of(nominal, metric)) {
         let list = match (duel.is_apart(), duel.ours.mean < duel.rival.1.mean) {
             (true, true) => &mut better,
             (true, false) => &mut worse,
             (false, _) => &mut open,
         };
         list.push(format!("{} ({})", duel.title(), about(duel.times().mean)));
-        let goals: Vec<Goal> =
-            GOALS.iter().filter(|(of, _)| *of == metric).map(|(_, goal)| *goal).collect();
-        missed.extend(goals.iter().filter(|goal| !duel.meets(**goal)).map(|_| duel.title()));
-        match goals.as_slice() {
-            [] => rows.push(duel.row(nominal.plant, None)),
-            goals => rows.extend(goals.iter().map(|goal| duel.row(nominal.plant, Some(*goal)))),
-        }
     }
-    for evidence in mismatched {
-        let (metric, goal) = MISMATCHED_GOAL;
-        let Some(duel) = Duel::of(evidence, metric) else { continue };
-        if !duel.meets(goal) {
-            missed.push(evidence.plant);
-        }
-        rows.push(duel.row(evidence.plant, Some(goal)));
-    }
-    let summary = format!(
+    format!(
         "oqtal-dt on the nominal plant, in brackets how many times better it is. Better, intervals apart: {}. Worse, intervals \
-         apart: {}. Not told apart: {}. Goals not met by the whole interval: {}.",
+         apart: {}. Not told apart: {}.",
         listed(&better),
         listed(&worse),
-        listed(&open),
-        listed(&missed)
-    );
-    Sheet {
-        name: "V-verdict".to_owned(),
-        title: "oqtal-dt against the best of the other tuned laws".to_owned(),
-        notes: vec![INTERVALS.to_owned(), summary, stability(mismatched)],
-        columns: DUEL.to_vec(),
-        rows,
-        ..Sheet::default()
-    }
+        listed(&open)
+    )
 }
 
 const INTERVALS: &str = "Behind ± is half of a 95 % confidence interval of the mean: Student's t times the standard error over all \
@@ -233,49 +235,76 @@ pub fn intervals(nominal: &Evidence<'_>) -> Sheet {
 pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
     const PAIRS: [[&str; 2]; 3] = [["pid", "lqr"], ["pid", "oqtal"], ["lqr", "oqtal"]];
     let find = |name: &str| nominal.tuned().find(|flown| flown.name() == name);
-    let (mut rows, mut said) = (Vec::new(), Vec::new());
+    let (mut rows, mut orders) = (Vec::new(), Vec::new());
     for [a, b] in PAIRS {
         let Some((one, other)) = find(a).zip(find(b)) else { continue };
-        let differences: Vec<Interval> =
-            (0..METRICS).map(|metric| difference(one, other, metric)).collect();
-        let better = differences.iter().filter(|percent| percent.high() < 0.0).count();
-        let worse = differences.iter().filter(|percent| percent.low() > 0.0).count();
-        said.push(match (better, worse) {
-            (0, 0) => format!("{a} and {b} are not told apart by anything"),
-            (_, 0) => format!("{a} ranks before {b}: better by {better}, worse by none"),
-            (0, _) => format!("{b} ranks before {a}: better by {worse}, worse by none"),
-            _ => format!("{a} is better than {b} by {better} and worse by {worse}: no ranking"),
-        });
+        let differences = std::array::from_fn(|metric| difference(one, other, metric));
+        let order = Order::of([a, b], &differences);
         let cells = differences.iter().map(|percent| Cell::Interval(percent.mean, percent.half));
-        let counts = [better, worse].map(|count| Cell::Count(count as u64));
+        let counts = [order.better, order.worse].map(|count| Cell::Count(count as u64));
         rows.push(Row::new(
             Variant::Ours,
             a,
             format!("against {b}"),
             cells.chain(counts).collect(),
         ));
+        orders.push(order);
     }
     let mut columns = COLUMNS[..METRICS].to_vec();
     columns.extend([("better", "better by"), ("worse", "worse by")]);
-    let honest = said.iter().any(|pair| pair.contains("ranks before"));
-    let verdict = format!(
-        "Is there an honest ranking among the paper's laws? One law is ranked before another if it is better by some of the {METRICS} \
-         figures and worse by none. {}. {}",
-        said.join("; "),
-        either(
-            honest,
-            "So a pair is ranked, for gains where this search ended.",
-            "So there is none: what one gains by one figure it gives back by another."
-        )
-    );
     Sheet {
         name: "V-ranking".to_owned(),
         title: "pid, lqr and oqtal against each other: difference in %".to_owned(),
-        notes: vec![PAIRED.to_owned(), verdict],
+        notes: vec![PAIRED.to_owned(), is_there_a_ranking(&orders)],
         columns,
         rows,
         ..Sheet::default()
     }
+}
+
+/// By how many figures the first of two laws is better, and worse, beyond the interval.
+struct Order {
+    laws: [&'static str; 2],
+    better: usize,
+    worse: usize,
+}
+
+impl Order {
+    fn of(laws: [&'static str; 2], differences: &[Interval; METRICS]) -> Self {
+        let better = differences.iter().filter(|percent| percent.high() < 0.0).count();
+        let worse = differences.iter().filter(|percent| percent.low() > 0.0).count();
+        Self { laws, better, worse }
+    }
+
+    /// One law better by something and worse by nothing.
+    fn is_a_ranking(&self) -> bool {
+        (self.better == 0) != (self.worse == 0)
+    }
+
+    fn said(&self) -> String {
+        let Self { laws: [a, b], better, worse } = self;
+        match (better, worse) {
+            (0, 0) => format!("{a} and {b} are not told apart by anything"),
+            (_, 0) => format!("{a} ranks before {b}, better by {better} and worse by none"),
+            (0, _) => format!("{b} ranks before {a}, better by {worse} and worse by none"),
+            _ => format!("{a} is better than {b} by {better} and worse by {worse}"),
+        }
+    }
+}
+
+fn is_there_a_ranking(orders: &[Order]) -> String {
+    let said: Vec<String> = orders.iter().map(Order::said).collect();
+    let ranked = orders.iter().any(Order::is_a_ranking);
+    format!(
+        "Is there an honest ranking among the paper's laws? One law is ranked before another if it is better by some of the \
+         {METRICS} figures and worse by none. {}. {}",
+        said.join("; "),
+        either(
+            ranked,
+            "So where one is ranked before another, it is for the gains at which this search ended.",
+            "So there is none: what a law gains by one figure it gives back by another."
+        )
+    )
 }
 
 const PAIRED: &str = "Differences of runs with the same seed, in % of the second law's mean; negative is better. Behind ± again half \
@@ -288,4 +317,39 @@ fn difference(one: &Flown, other: &Flown, metric: usize) -> Interval {
     let mean = b.iter().sum::<f64>() / b.len() as f64;
     let percent: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 100.0 * (a - b) / mean).collect();
     Interval::of(&percent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn interval(mean: f64) -> Interval {
+        Interval { mean, half: 1.0 }
+    }
+
+    #[test]
+    fn a_law_is_ranked_only_if_it_is_worse_by_nothing() {
+        let of = |first: f64, second: f64| {
+            let mut differences = [interval(0.0); METRICS];
+            (differences[0], differences[1]) = (interval(first), interval(second));
+            Order::of(["a", "b"], &differences)
+        };
+        assert!(of(-2.0, 0.5).is_a_ranking() && of(0.5, 2.0).is_a_ranking());
+        assert!(!of(-2.0, 2.0).is_a_ranking() && !of(0.5, -0.5).is_a_ranking());
+        assert!(is_there_a_ranking(&[of(-2.0, 2.0)]).contains("So there is none"));
+        assert!(is_there_a_ranking(&[of(-2.0, 0.0)]).contains("a ranks before b"));
+    }
+
+    #[test]
+    fn a_goal_is_met_by_the_whole_interval() {
+        let duel = |ours, rival| Duel {
+            metric: HOVER,
+            ours: Interval { mean: ours, half: 0.1 },
+            rival: ("pid", Interval { mean: rival, half: 0.1 }),
+        };
+        assert!(
+            duel(2.3, 5.0).meets(Goal::AtMost(2.5)) && !duel(2.45, 5.0).meets(Goal::AtMost(2.5))
+        );
+        assert!(duel(2.0, 4.5).meets(Goal::Times(2.0)) && !duel(2.2, 4.5).meets(Goal::Times(2.0)));
+    }
 }

@@ -66,6 +66,7 @@ pub const LAWS: [LawSpace; 5] = [
             parameter("control.oqtal-dt.attitude-weight", 100.0, 1e5),
             parameter("control.oqtal-dt.rate-weight", 1e-3, 10.0),
             parameter("control.predictive.position-gain-per-s", 0.3, 4.0),
+            parameter("control.predictive.vertical-position-gain-per-s", 0.3, 6.0),
             parameter("control.predictive.velocity-gain-per-s", 2.0, 20.0),
             parameter("control.predictive.command-bandwidth-rad-s", 4.0, 40.0),
             parameter("control.predictive.filter.rate-walk-rad-s", 0.05, 5.0),

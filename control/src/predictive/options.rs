@@ -56,8 +56,10 @@ impl FilterOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct PredictiveOptions {
-    /// Corrective velocity per position error \[1/s\].
+    /// Corrective velocity per position error, horizontally \[1/s\].
     pub position_gain_per_s: f64,
+    /// The same vertically, where no attitude hangs on it \[1/s\].
+    pub vertical_position_gain_per_s: f64,
     /// Corrective acceleration per velocity error \[1/s\].
     pub velocity_gain_per_s: f64,
     /// Bandwidth of the filter on the corrective acceleration \[rad/s\].
@@ -76,6 +78,7 @@ impl Default for PredictiveOptions {
         // reference so that its speed keeps the limit.
         Self {
             position_gain_per_s: 1.45,
+            vertical_position_gain_per_s: 2.5,
             velocity_gain_per_s: 7.7,
             command_bandwidth_rad_s: 15.0,
             filter: FilterOptions::default(),
@@ -89,6 +92,11 @@ impl PredictiveOptions {
     /// The first option outside its range.
     pub fn check(&self) -> Result<(), OutOfRange> {
         check_range("position-gain-per-s", self.position_gain_per_s, 0.0..=100.0)?;
+        check_range(
+            "vertical-position-gain-per-s",
+            self.vertical_position_gain_per_s,
+            0.0..=100.0,
+        )?;
         check_range("velocity-gain-per-s", self.velocity_gain_per_s, 0.0..=100.0)?;
         check_range("command-bandwidth-rad-s", self.command_bandwidth_rad_s, 0.1..=1000.0)?;
         self.filter.check()?;

@@ -6,7 +6,8 @@
 //! a = a_r + F{k_v (v_r + k_p (p_r - p) - v) - b}
 //! ```
 //!
-//! `F` is the command filter; the vertical axis needs none, for no attitude hangs on it.
+//! `F` is the command filter; the vertical axis needs none, for no attitude hangs on it, and has a `k_p`
+//! of its own.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -89,7 +90,10 @@ impl PositionLaw {
         (dt_s, delay_s): (f64, f64),
     ) -> Wish {
         let course = self.follow(motion, reference, (dt_s, delay_s));
-        let correction = (course.position - motion.position) * self.options.position_gain_per_s;
+        let PredictiveOptions { position_gain_per_s: k, vertical_position_gain_per_s: k_z, .. } =
+            self.options;
+        let correction =
+            (course.position - motion.position).component_mul(&Vector3::new(k, k, k_z));
         let velocity = course.velocity + correction;
         let missing = velocity - motion.velocity;
         let corrective = missing * self.options.velocity_gain_per_s - bias.acceleration;
