@@ -38,7 +38,7 @@ pub const METRIC: [Metric; METRICS] = [
     metric("settle_s", "settled to 5 cm [s]", 1.0),
     metric("overshoot_mm", "overshoot [mm]", 0.2),
     metric("hover_rms_mm", "hover RMS [mm]", 2.0),
-    metric("jitter_rad_s", "jitter [rad/s]", 0.3),
+    metric("jitter_rad_s", "jitter [rad/s]", 0.1),
     metric("chirp4_rms_deg", "chirp 4° RMS [°]", 1.0),
     metric("doublet_settle_s", "doublet settled [s]", 1.0),
 ];

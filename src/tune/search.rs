@@ -26,7 +26,7 @@ pub struct Budget {
 
 impl Default for Budget {
     fn default() -> Self {
-        Self { points: 600, seed: 1, optimiser: Optimiser::default() }
+        Self { points: 300, seed: 1, optimiser: Optimiser::default() }
     }
 }
 
