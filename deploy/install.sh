@@ -8,9 +8,9 @@ Usage: deploy/install.sh [--binary FILE] [--prefix DIR] [--root DIR]
        deploy/install.sh --uninstall [--prefix DIR] [--root DIR]
 
   --binary FILE  the program to install (default: target/release/oqtal beside this directory)
-  --prefix DIR   where programs live (default: /usr/local)
+  --prefix DIR   /usr/local (the default) or /usr: systemd looks for units nowhere else
   --root DIR     put the files under DIR, for a package: nothing is started, stopped or registered
-  --uninstall    stop the services and remove every file; the configuration too
+  --uninstall    stop the services and remove every file, the configuration too; the user if an installation made it
 TEXT
 }
 
@@ -32,7 +32,13 @@ while [ $# -gt 0 ]; do
             case $1 in
                 --binary) binary=$2 ;;
                 --prefix) prefix=$2 ;;
-                --root) root=${2%/} ;;
+                --root)
+                    # Empty is this system itself, and is asked for by leaving the option out.
+                    case $2 in
+                        *[!/]*) root=${2%/} ;;
+                        *) fail 64 "--root wants the directory of a package, not '$2'; leave it out to install on this system" ;;
+                    esac
+                    ;;
             esac
             shift
             ;;
@@ -43,9 +49,11 @@ while [ $# -gt 0 ]; do
     shift
 done
 
+prefix=${prefix%/}
 case $prefix in
-    /*) prefix=${prefix%/} ;;
-    *) fail 64 "--prefix wants an absolute path, not '$prefix'" ;;
+    /usr) other=/usr/local ;;
+    /usr/local) other=/usr ;;
+    *) fail 64 "--prefix must be /usr or /usr/local, where systemd looks for units, not '$prefix'" ;;
 esac
 
 bin=$root$prefix/bin
@@ -53,10 +61,16 @@ lib=$root$prefix/lib
 share=$root$prefix/share/oqtal
 etc=$root/etc/oqtal
 units=$lib/systemd/system
+# There if the user was made by an installation, and is to go with it.
+made_user=$share/made-user
 
 # A system that runs is told; a directory that becomes a package is not.
 live() {
     [ -z "$root" ] && [ -d /run/systemd/system ]
+}
+
+is_installed() { # PREFIX
+    [ -e "$root$1/bin/oqtal" ] || [ -e "$root$1/share/oqtal/oqtal.toml" ]
 }
 
 put() { # FILE DIRECTORY, the program's path as installed
@@ -78,7 +92,6 @@ configuration() {
         /^\[/ { section = $1 }
         section == "[instance]" && $1 == "root" { sub(/"".*/, "\"/run/oqtal\""); print; next }
         section == "[safety]" && $1 == "arm-at-start" { sub(/false/, "true "); print; next }
-        section == "[bridge]" && $1 == "link" { sub(/"[^"]*"/, "\"asctec:/dev/oqtal-radio\""); print; next }
         # A value may go on over several lines, to the line of its closing bracket.
         /^[a-z][a-z0-9-]* *=/ { print "# " $0; open = $0 ~ /= *\[ *(#.*)?$/; next }
         open { print "# " $0; open = $0 !~ /^\]/; next }
@@ -87,7 +100,7 @@ configuration() {
 }
 
 install_files() {
-    [ -f "$binary" ] || fail 66 "$binary does not exist; build it with 'cargo build --release', or name it with --binary"
+    [ -f "$binary" ] || fail 64 "$binary does not exist; build it with 'cargo build --release', or name it with --binary"
     install -d -m 755 "$bin" "$share" "$etc"
     # Under a new name first: a running program cannot be written to.
     install -m 755 "$binary" "$bin/.oqtal-new"
@@ -115,13 +128,19 @@ install_configuration() {
 }
 
 register() {
+    if ! id oqtal >/dev/null 2>&1; then : >"$made_user"; fi
     systemd-sysusers "$lib/sysusers.d/oqtal.conf"
     systemd-tmpfiles --create "$lib/tmpfiles.d/oqtal.conf"
     systemctl daemon-reload
     # A machine without udev has no adapters to name.
     if command -v udevadm >/dev/null 2>&1; then udevadm control --reload 2>/dev/null || true; fi
     "$bin/oqtal" check "$etc/oqtal.toml" >/dev/null || fail 78 "$etc/oqtal.toml cannot be used, see above; mend it before the start"
-    printf 'oqtal is installed. Fly it: systemctl start oqtal-sim.target; look at it: sudo oqtal ctl status\n'
+    running=$(systemctl list-units --plain --no-legend --state=active 'oqtal-*.service' | awk '{ printf " %s", $1 }')
+    if [ -n "$running" ]; then
+        printf 'oqtal is updated; what runs is still the old one. When nothing flies: systemctl restart%s\n' "$running"
+    else
+        printf 'oqtal is installed. Fly it: systemctl start oqtal-sim.target; look at it: sudo oqtal ctl status\n'
+    fi
 }
 
 unregister() {
@@ -135,7 +154,8 @@ remove_files() {
     rm -f "$bin/oqtal" "$units"/oqtal-daemon.service "$units"/oqtal-plant-sim.service \
         "$units"/oqtal-mocap-emu.service "$units"/oqtal-bridge.service "$units"/oqtal-sim.target \
         "$units"/oqtal-flight.target "$lib/sysusers.d/oqtal.conf" "$lib/tmpfiles.d/oqtal.conf" \
-        "$lib/udev/rules.d/70-oqtal-radio.rules" "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml"
+        "$lib/udev/rules.d/70-oqtal-radio.rules" "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
+        "$made_user"
     # Directories that others use, or keep files in, stay.
     for directory in "$etc" "$share" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" \
         "$lib/udev/rules.d" "$lib/udev"; do
@@ -143,25 +163,44 @@ remove_files() {
     done
 }
 
-# What the services leave outside their files.
-forget() {
+# What the services leave outside their files. Nothing here may keep the rest from being done.
+forget() { # whether the user was made by an installation: yes or no
     rm -rf /run/oqtal
-    rm -f /dev/shm/oqtal_*
-    systemctl daemon-reload
+    # By owner: other users have instances of their own.
+    if id oqtal >/dev/null 2>&1; then find /dev/shm -maxdepth 1 -user oqtal -name 'oqtal_*' -delete || true; fi
+    systemctl daemon-reload || true
     systemctl reset-failed 'oqtal-*' 2>/dev/null || true
     if command -v udevadm >/dev/null 2>&1; then udevadm control --reload 2>/dev/null || true; fi
-    if id oqtal >/dev/null 2>&1; then userdel oqtal; fi
-    if getent group oqtal >/dev/null; then groupdel oqtal; fi
+    if [ "$1" = yes ]; then forget_user; fi
+}
+
+forget_user() {
+    if id oqtal >/dev/null 2>&1 && ! userdel oqtal; then
+        printf 'install.sh: the user oqtal stays; end its processes (ps -u oqtal), then: userdel oqtal\n' >&2
+        return
+    fi
+    if getent group oqtal >/dev/null; then groupdel oqtal || true; fi
+}
+
+# One installation at a time: of two, systemd takes the units of one, and the operator may be looking at the other.
+check_prefix() {
+    if is_installed "$other" && ! { [ "$uninstall" = yes ] && is_installed "$prefix"; }; then
+        fail 64 "oqtal is installed under $root$other; $1"
+    fi
 }
 
 if [ -z "$root" ] && [ "$(id -u)" -ne 0 ]; then
     fail 77 "must run as root, or with --root DIR to build a package"
 fi
 if [ "$uninstall" = yes ]; then
+    check_prefix "give --prefix $other"
+    made=no
+    if [ -e "$made_user" ]; then made=yes; fi
     if live; then unregister; fi
     remove_files
-    if live; then forget; fi
+    if live; then forget "$made"; fi
 else
+    check_prefix "update that with --prefix $other, or remove it first: --uninstall --prefix $other"
     install_files
     if live; then register; fi
 fi
