@@ -39,6 +39,13 @@ pub struct Tick {
     pub command: CommandV1,
 }
 
+/// Listens to the vehicle of `config`. A bridge says after `silence` at the latest that it starts motors, or that it gave up.
+fn watch(config: &Config) -> VehicleWatch {
+    let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
+    let silence = millis(config.safety.vehicle_silence_ms);
+    VehicleWatch::new(silence, millis(config.bridge.motor_sequence_ms) + silence)
+}
+
 /// The controller between its events.
 #[derive(Clone, Debug)]
 pub struct Cycle {
@@ -96,7 +103,7 @@ impl Cycle {
             trajectory,
             options: config.trajectory.clone(),
             guard: Guard::new(&config.safety),
-            vehicle: VehicleWatch::new(Span::from_seconds(config.safety.vehicle_silence_ms * 1e-3)),
+            vehicle: watch(config),
             estimator: Estimator::new(config.control.estimator),
             supervisor: Supervisor::default(),
             pilot: Pilot::new(config)?,
@@ -177,7 +184,7 @@ impl Cycle {
         };
         let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
         self.pilot.reset();
-        self.vehicle.begin_flight();
+        self.vehicle.begin_flight(now);
         self.mission = Some(Mission::fly(plan, estimate.position.z, now));
         self.mode = Mode::Flying;
     }
