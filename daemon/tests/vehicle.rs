@@ -5,7 +5,7 @@ mod common;
 use common::{Bench, FRAME, LAWS, REAL, WELL, still};
 use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Setting;
-use oqtal_bus::message::{CommandV1, VehicleV1};
+use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::Span;
 use oqtal_daemon::{AtStart, Tick};
 
@@ -227,5 +227,64 @@ fn a_flight_at_start_is_called_off_like_any_other() {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
         }
         assert_eq!(bench.cycle.at_start(), AtStart::Nothing);
+    }
+}
+
+/// A vehicle without cameras yet.
+fn blind(bench: &mut Bench) {
+    for _ in 0..30 {
+        assert_eq!(bench.miss().unwrap().command, CommandV1::default());
+    }
+}
+
+/// The cameras come, and nothing flies.
+fn stays_on_the_ground(bench: &mut Bench) {
+    for _ in 0..60 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+        assert_eq!(bench.mode(), Some(Mode::Disarmed));
+    }
+}
+
+#[test]
+fn f18_a_vehicle_swapped_while_a_flight_at_start_waits_does_not_fly_by_itself() {
+    for (first, second) in [(WELL, REAL), (REAL, WELL)] {
+        let mut bench = arming_itself(first.simulated);
+        blind(&mut bench);
+        (bench.vehicle, bench.speaker) = (second, 2);
+        blind(&mut bench);
+        stays_on_the_ground(&mut bench);
+        assert_eq!(bench.cycle.at_start(), AtStart::Refused);
+    }
+}
+
+#[test]
+fn f18_the_tick_that_takes_off_by_itself_asks_whether_the_vehicle_is_simulated() {
+    let mut bench = arming_itself(1);
+    for _ in 0..5 {
+        bench.show(still(bench.frame));
+    }
+    let header = Header { source: 2, ..Header::default() };
+    bench.cycle.hear(bench.now, &header, &REAL);
+    (bench.vehicle, bench.speaker) = (REAL, 2);
+    stays_on_the_ground(&mut bench);
+}
+
+#[test]
+fn f18_a_flight_asked_for_is_not_flown_with_another_vehicle_than_was_there() {
+    for (first, second) in [(WELL, REAL), (REAL, WELL), (REAL, REAL)] {
+        let mut bench = Bench::new(&[]);
+        bench.vehicle = first;
+        blind(&mut bench);
+        bench.cycle.request(bench.now, Verb::Fly);
+        blind(&mut bench);
+        assert_eq!(bench.mode(), Some(Mode::Waiting));
+        (bench.vehicle, bench.speaker) = (second, 2);
+        blind(&mut bench);
+        assert_eq!(bench.state(), Some(SafetyState::Stop));
+        assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+        stays_on_the_ground(&mut bench);
+        bench.cycle.request(bench.now, Verb::Fly);
+        bench.show(still(bench.frame));
+        assert_eq!(bench.mode(), Some(Mode::Flying), "asked for again");
     }
 }
