@@ -27,6 +27,13 @@ impl Cycle {
         self.at_start
     }
 
+    /// No flight begins by itself.
+    pub fn stay_at_start(&mut self) {
+        if self.at_start == AtStart::Awaited {
+            self.at_start = AtStart::Nothing;
+        }
+    }
+
     /// Answers an operator.
     pub fn request(&mut self, now: Time, verb: Verb) -> ControlResponseV1 {
         let verdict = match verb {
@@ -72,9 +79,7 @@ impl Cycle {
 
     /// A flight that has not begun does not begin.
     fn call_off(&mut self) {
-        if self.at_start == AtStart::Awaited {
-            self.at_start = AtStart::Nothing;
-        }
+        self.stay_at_start();
         if self.mode == Mode::Waiting {
             self.mode = Mode::Disarmed;
         }
