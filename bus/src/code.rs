@@ -98,7 +98,8 @@ code! {
         Operator = 9 => "operator",
         /// Not possible in the present mode.
         WrongMode = 10 => "not possible in this mode",
-        /// Neither plant nor bridge answers, or the vehicle behind the bridge does not, or its motors stopped in flight.
+        /// Neither plant nor bridge answers, or the vehicle behind the bridge does not, or its motors stopped in flight or never
+        /// started, or another vehicle took its place.
         NoVehicle = 11 => "vehicle silent",
     }
 }

@@ -39,6 +39,13 @@ pub struct Tick {
     pub command: CommandV1,
 }
 
+/// Listens to the vehicle of `config`. A bridge says after `silence` at the latest that it starts motors, or that it gave up.
+fn watch(config: &Config) -> VehicleWatch {
+    let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
+    let silence = millis(config.safety.vehicle_silence_ms);
+    VehicleWatch::new(silence, millis(config.bridge.motor_sequence_ms) + silence)
+}
+
 /// The controller between its events.
 #[derive(Clone, Debug)]
 pub struct Cycle {
@@ -63,6 +70,8 @@ pub struct Cycle {
     at_start: AtStart,
     mission: Option<Mission>,
     stop_requested: bool,
+    /// Whether another vehicle took the place of the one that a flight was asked for.
+    vehicle_replaced: bool,
 
     last_tick: Time,
     /// The last tick on a believable pose, and the last such tick in Nominal.
@@ -96,7 +105,7 @@ impl Cycle {
             trajectory,
             options: config.trajectory.clone(),
             guard: Guard::new(&config.safety),
-            vehicle: VehicleWatch::new(Span::from_seconds(config.safety.vehicle_silence_ms * 1e-3)),
+            vehicle: watch(config),
             estimator: Estimator::new(config.control.estimator),
             supervisor: Supervisor::default(),
             pilot: Pilot::new(config)?,
@@ -108,6 +117,7 @@ impl Cycle {
             },
             mission: None,
             stop_requested: false,
+            vehicle_replaced: false,
             last_tick: now,
             last_seen: None,
             last_nominal: None,
@@ -146,6 +156,7 @@ impl Cycle {
 
     /// Learns at `now` how the vehicle is, and when a command began to act.
     pub fn hear(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
+        self.notice_speaker(header.source);
         self.vehicle.hear(now, header.source, vehicle);
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
@@ -177,9 +188,12 @@ impl Cycle {
         };
         let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
         self.pilot.reset();
-        self.vehicle.begin_flight();
+        self.vehicle.begin_flight(now);
         self.mission = Some(Mission::fly(plan, estimate.position.z, now));
         self.mode = Mode::Flying;
+        if self.at_start == AtStart::Awaited {
+            self.at_start = AtStart::Taken;
+        }
     }
 
     fn end_flight(&mut self) {
@@ -225,7 +239,6 @@ impl Cycle {
         if arrival.is_none() && fresh.is_none() {
             self.missing = Cause::NoPose;
         }
-        self.arm_at_start();
         self.supervise(now, fresh.is_some());
         self.change_mode(now, fresh.is_some());
         let command = self.command(now, dt.seconds(), fresh.is_some());
@@ -265,7 +278,8 @@ impl Cycle {
         let armed = matches!(self.mode, Mode::Flying | Mode::Landing);
         // What is only watched has no vehicle.
         let vehicle_silent = !armed && !self.watches_only && !self.vehicle.answers(now);
-        let vehicle_lost = self.is_flying() && self.vehicle.is_lost(now);
+        let vehicle_lost = std::mem::take(&mut self.vehicle_replaced)
+            || self.is_flying() && self.vehicle.is_lost(now);
         let briefly_unseen = self.supervisor.cause() == Cause::NoPose
             && !self.is_past(now, self.last_nominal, SHORT_GAP_PERIODS);
         let needed = if briefly_unseen { 1 } else { self.recovery_poses };
@@ -294,7 +308,11 @@ impl Cycle {
 
     fn change_mode(&mut self, now: Time, fresh: bool) {
         let estimate = self.estimator.latest();
+        let by_itself = self.takes_off_by_itself();
         match (self.mode, self.supervisor.state()) {
+            (Mode::Disarmed, SafetyState::Nominal) if fresh && by_itself => {
+                self.begin_flight(now, &estimate);
+            }
             (Mode::Disarmed, SafetyState::Nominal) if self.watches_only => {
                 self.pilot.reset();
                 self.mission = Some(Mission::watch(estimate.position, now));

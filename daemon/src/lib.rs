@@ -59,35 +59,33 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
     let bus = shell.bus()?;
     let ports = Ports::open(&bus)?;
     let pace = shell.pace(&bus, &POSE)?;
-    let mut config = shell.config.clone();
-    // The command topic is held: no other daemon of this instance has a marker.
-    let marker = Marker::of(bus.place());
-    if config.safety.arm_at_start {
-        config.safety.arm_at_start = marker.set();
-    }
-    let cycle = Cycle::new(&config, trajectory, pace.now())
+    let mut cycle = Cycle::new(&shell.config, trajectory, pace.now())
         .map_err(|reason| Failure::new(Exit::Config, reason))?;
     let rehearsal =
         if pace.is_virtual() { Rehearsal::never() } else { Rehearsal::of(&shell.config) };
     let (desk, housekeeping) = housekeeping::desk();
-    let result = std::thread::scope(|threads| {
+    std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
         // The housekeeping thread ends with the loop, however that ends.
         let _stop = shell.stop.set_on_drop();
         threads.spawn(move || housekeeping.run(shell, &ready));
         match opened.recv() {
             Ok(Ok(())) => {
+                // The command topic is held: no other daemon of this instance has a marker. Whoever got no further than this
+                // has not run, and leaves none.
+                let marker = Marker::of(bus.place());
+                if shell.config.safety.arm_at_start && !marker.set() {
+                    cycle.stay_at_start();
+                }
                 shell.enter_realtime();
-                Ok(Loop { ports, pace, cycle, rehearsal, desk }.control()?)
+                Loop { ports, pace, cycle, rehearsal, desk }.control()?;
+                marker.remove();
+                Ok(())
             }
             Ok(Err(error)) => Err(error.into()),
             Err(_) => Err(Failure::new(Exit::Internal, "the housekeeping thread did not start")),
         }
-    });
-    if result.is_ok() {
-        marker.remove();
-    }
-    result
+    })
 }
 
 /// Whether the daemon could fly with `config`.

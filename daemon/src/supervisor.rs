@@ -24,7 +24,8 @@ pub struct Conditions {
     pub vehicle_silent: bool,
     /// The vehicle answers again, and its silence is still the cause of the state.
     pub vehicle_back: bool,
-    /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted.
+    /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted. Before it: another
+    /// vehicle took the place of the one that was to fly.
     pub vehicle_lost: bool,
     /// An operator asked to stop.
     pub operator_stops: bool,

@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::{Bench, FRAME, LAWS, WELL, still};
+use common::{Bench, FRAME, LAWS, REAL, WELL, still};
 use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
 use oqtal_bus::config::Setting;
-use oqtal_bus::message::CommandV1;
+use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::Span;
 use oqtal_daemon::{AtStart, Tick};
 
@@ -71,7 +71,7 @@ fn a_flight_begins_when_the_motors_run() {
         for _ in 0..10 {
             bench.show(still(bench.frame));
         }
-        bench.vehicle.starting = 1;
+        bench.vehicle = VehicleV1 { starting: 1, ..REAL };
         bench.cycle.request(bench.now, Verb::Arm);
         bench.show(still(bench.frame));
         for _ in 0..120 {
@@ -108,7 +108,7 @@ fn f18_motors_that_stand_in_flight_end_it_be_they_started_again_or_not() {
 fn motors_that_never_run_can_be_called_off() {
     for verb in [Verb::Land, Verb::Disarm, Verb::Stop] {
         let mut bench = Bench::new(&[]);
-        bench.vehicle.starting = 1;
+        bench.vehicle = VehicleV1 { starting: 1, ..REAL };
         bench.cycle.request(bench.now, Verb::Fly);
         for _ in 0..20 {
             bench.show(still(bench.frame));
@@ -118,6 +118,78 @@ fn motors_that_never_run_can_be_called_off() {
         assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default(), "{verb}");
         assert_eq!(bench.mode(), Some(Mode::Disarmed));
     }
+}
+
+/// A real vehicle that is asked to fly, its cameras there, its motors standing.
+fn taking_off() -> Bench {
+    let mut bench = Bench::new(&[]);
+    bench.vehicle = REAL;
+    for _ in 0..10 {
+        bench.show(still(bench.frame));
+    }
+    bench.cycle.request(bench.now, Verb::Arm);
+    bench.show(still(bench.frame));
+    assert_eq!(bench.mode(), Some(Mode::Flying));
+    bench
+}
+
+/// Frames until Stop; before it the flight must not have got anywhere.
+fn until_stop(bench: &mut Bench) -> Span {
+    let since = bench.now;
+    while bench.state() != Some(SafetyState::Stop) {
+        assert_eq!(bench.cycle.telemetry().thrust, 0.0);
+        bench.show(still(bench.frame)).unwrap();
+        let elapsed_s = bench.cycle.telemetry().mission_s;
+        assert!(elapsed_s == 0.0 || elapsed_s.is_nan(), "flown in the head for {elapsed_s} s");
+        assert!(bench.now.since(since) < Span::from_millis(10_000));
+    }
+    assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+    assert_eq!(bench.mode(), Some(Mode::Disarmed));
+    bench.now.since(since)
+}
+
+#[test]
+fn f36_a_flight_whose_motors_are_never_started_is_stopped_at_its_beginning() {
+    let limit = Span::from_millis(3500);
+    let waited = until_stop(&mut taking_off());
+    assert!(
+        (limit - FRAME.scaled(2.0)..=limit + FRAME.scaled(2.0)).contains(&waited),
+        "{waited:?}"
+    );
+}
+
+#[test]
+fn f36_a_start_of_motors_that_was_given_up_stops_the_flight_at_once() {
+    for starting in [1, 30, 180] {
+        let mut bench = taking_off();
+        bench.vehicle.starting = 1;
+        for _ in 0..starting {
+            bench.show(still(bench.frame));
+            assert_eq!(bench.mode(), Some(Mode::Flying));
+        }
+        bench.vehicle.starting = 0;
+        assert!(until_stop(&mut bench) <= FRAME.scaled(2.01), "after {starting} frames");
+        bench.cycle.request(bench.now, Verb::Arm);
+        bench.show(still(bench.frame));
+        assert_eq!(bench.mode(), Some(Mode::Flying), "an operator may try again");
+    }
+}
+
+#[test]
+fn f36_a_start_of_motors_that_never_ends_stops_the_flight() {
+    let mut bench = taking_off();
+    bench.vehicle.starting = 1;
+    assert!(until_stop(&mut bench) > Span::from_millis(3000));
+}
+
+#[test]
+fn a_simulated_vehicle_has_no_motors_to_wait_for() {
+    let mut bench = Bench::flying(&[]);
+    for _ in 0..300 {
+        bench.show(still(bench.frame));
+    }
+    assert_eq!(bench.state(), Some(SafetyState::Nominal));
+    assert!(bench.cycle.telemetry().mission_s > 4.9);
 }
 
 fn arming_itself(simulated: u8) -> Bench {
@@ -155,5 +227,64 @@ fn a_flight_at_start_is_called_off_like_any_other() {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
         }
         assert_eq!(bench.cycle.at_start(), AtStart::Nothing);
+    }
+}
+
+/// A vehicle without cameras yet.
+fn blind(bench: &mut Bench) {
+    for _ in 0..30 {
+        assert_eq!(bench.miss().unwrap().command, CommandV1::default());
+    }
+}
+
+/// The cameras come, and nothing flies.
+fn stays_on_the_ground(bench: &mut Bench) {
+    for _ in 0..60 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+        assert_eq!(bench.mode(), Some(Mode::Disarmed));
+    }
+}
+
+#[test]
+fn f18_a_vehicle_swapped_while_a_flight_at_start_waits_does_not_fly_by_itself() {
+    for (first, second) in [(WELL, REAL), (REAL, WELL)] {
+        let mut bench = arming_itself(first.simulated);
+        blind(&mut bench);
+        (bench.vehicle, bench.speaker) = (second, 2);
+        blind(&mut bench);
+        stays_on_the_ground(&mut bench);
+        assert_eq!(bench.cycle.at_start(), AtStart::Refused);
+    }
+}
+
+#[test]
+fn f18_the_tick_that_takes_off_by_itself_asks_whether_the_vehicle_is_simulated() {
+    let mut bench = arming_itself(1);
+    for _ in 0..5 {
+        bench.show(still(bench.frame));
+    }
+    let header = Header { source: 2, ..Header::default() };
+    bench.cycle.hear(bench.now, &header, &REAL);
+    (bench.vehicle, bench.speaker) = (REAL, 2);
+    stays_on_the_ground(&mut bench);
+}
+
+#[test]
+fn f18_a_flight_asked_for_is_not_flown_with_another_vehicle_than_was_there() {
+    for (first, second) in [(WELL, REAL), (REAL, WELL), (REAL, REAL)] {
+        let mut bench = Bench::new(&[]);
+        bench.vehicle = first;
+        blind(&mut bench);
+        bench.cycle.request(bench.now, Verb::Fly);
+        blind(&mut bench);
+        assert_eq!(bench.mode(), Some(Mode::Waiting));
+        (bench.vehicle, bench.speaker) = (second, 2);
+        blind(&mut bench);
+        assert_eq!(bench.state(), Some(SafetyState::Stop));
+        assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
+        stays_on_the_ground(&mut bench);
+        bench.cycle.request(bench.now, Verb::Fly);
+        bench.show(still(bench.frame));
+        assert_eq!(bench.mode(), Some(Mode::Flying), "asked for again");
     }
 }

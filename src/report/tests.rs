@@ -42,7 +42,9 @@ fn every_colour_of_a_plot_has_a_dark_counterpart() {
 fn a_replay_shows_its_gaps_and_no_errors() {
     let page = page(&fixture::replay());
     assert!(page.contains("Arrival of poses") && page.contains("Gaps over 50 ms: 2."));
-    assert!(!page.contains("error"));
+    // The settings at its end may well have keys with that word.
+    let figures = page.split("Settings").next().unwrap();
+    assert!(!figures.contains("error"));
 }
 
 #[test]

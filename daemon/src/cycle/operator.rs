@@ -12,9 +12,9 @@ pub enum AtStart {
     /// None is meant, or it was called off.
     #[default]
     Nothing,
-    /// It waits for the vehicle to say what it is.
+    /// It begins as soon as it can, with what is simulated then.
     Awaited,
-    /// Asked for.
+    /// A flight began.
     Taken,
     /// Not with a vehicle that really flies.
     Refused,
@@ -25,6 +25,13 @@ impl Cycle {
     #[must_use]
     pub fn at_start(&self) -> AtStart {
         self.at_start
+    }
+
+    /// No flight begins by itself.
+    pub fn stay_at_start(&mut self) {
+        if self.at_start == AtStart::Awaited {
+            self.at_start = AtStart::Nothing;
+        }
     }
 
     /// Answers an operator.
@@ -72,22 +79,27 @@ impl Cycle {
 
     /// A flight that has not begun does not begin.
     fn call_off(&mut self) {
-        if self.at_start == AtStart::Awaited {
-            self.at_start = AtStart::Nothing;
-        }
+        self.stay_at_start();
         if self.mode == Mode::Waiting {
             self.mode = Mode::Disarmed;
         }
     }
 
-    /// Takes off by itself, once, if that was asked for and nothing really flies.
-    pub(super) fn arm_at_start(&mut self) {
-        if let (AtStart::Awaited, Some(simulated)) = (self.at_start, self.vehicle.is_simulated()) {
-            self.at_start = if simulated { AtStart::Taken } else { AtStart::Refused };
-            if simulated && self.mode == Mode::Disarmed {
-                self.mode = Mode::Waiting;
-                self.arms_at_once = false;
-            }
+    /// Whether to take off by itself in this very tick, should poses allow it: once, if that is asked for, and only with what
+    /// says now that it is simulated. A vehicle that is not ends the wish.
+    pub(super) fn takes_off_by_itself(&mut self) -> bool {
+        if self.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(false) {
+            self.at_start = AtStart::Refused;
+        }
+        self.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(true)
+    }
+
+    /// A flight that an operator asked for is meant for the vehicle that was there: with another it must be asked for again.
+    pub(super) fn notice_speaker(&mut self, speaker: u64) {
+        let is_another = self.vehicle.speaker().is_some_and(|known| known != speaker);
+        if is_another && self.mode == Mode::Waiting {
+            self.call_off();
+            self.vehicle_replaced = true;
         }
     }
 

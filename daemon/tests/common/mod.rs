@@ -22,9 +22,11 @@ pub struct Bench {
     /// What the vehicle says once a command acts, unless it is silent.
     pub vehicle: VehicleV1,
     pub silent: bool,
+    /// The process that speaks of the vehicle.
+    pub speaker: u64,
 }
 
-/// A vehicle that answers.
+/// A simulated vehicle that answers: its motors need no start.
 pub const WELL: VehicleV1 = VehicleV1 {
     command_sequence: 0,
     lost: 0,
@@ -35,8 +37,11 @@ pub const WELL: VehicleV1 = VehicleV1 {
     armed: 0,
     starting: 0,
     link: 1,
-    simulated: 0,
+    simulated: 1,
 };
+
+/// A vehicle that really flies and answers; its motors stand.
+pub const REAL: VehicleV1 = VehicleV1 { simulated: 0, ..WELL };
 
 impl Bench {
     pub fn new(settings: &[Setting]) -> Self {
@@ -44,7 +49,7 @@ impl Bench {
         let trajectory = trajectory(&config).unwrap();
         let now = Time::VIRTUAL_START;
         let cycle = Cycle::new(&config, trajectory, now).unwrap();
-        Self { cycle, frame: 0, sent: 0, now, vehicle: WELL, silent: false }
+        Self { cycle, frame: 0, sent: 0, now, vehicle: WELL, silent: false, speaker: 1 }
     }
 
     /// A controller that was asked to fly and has believed its first poses.
@@ -81,7 +86,8 @@ impl Bench {
         let stamps = Stamps { applied_at: self.now + RADIO, ..stamps };
         let vehicle = VehicleV1 { command_sequence: self.sent, ..self.vehicle };
         if !self.silent {
-            self.cycle.hear(self.now, &Header { stamps, ..Header::default() }, &vehicle);
+            let header = Header { source: self.speaker, stamps, ..Header::default() };
+            self.cycle.hear(self.now, &header, &vehicle);
         }
         tick
     }

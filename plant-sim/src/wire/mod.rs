@@ -52,10 +52,14 @@ pub fn run(shell: &Shell, link: &LinkSpec) -> Result<(), Failure> {
     tracing::info!(link = link.path(), "an emulated vehicle waits for a host");
     shell.enter_realtime();
     while !shell.stop.is_set() {
+        shell.vitals.turned();
         line.wait(vehicle.next_event(), vehicle.listens(Time::now()))?;
         pulse.beat(HealthV1::default())?;
         let now = Time::now();
         let read = if vehicle.listens(now) { line.read(&mut chunk)? } else { 0 };
+        if read > 0 {
+            shell.vitals.heard();
+        }
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));
         for output in outputs.drain(..) {
