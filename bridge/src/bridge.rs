@@ -274,7 +274,7 @@ impl Bridge {
             link_quality: self.vehicle.quality(now),
             wire_ns: on_wire.nanos(),
             air_ns: self.air.nanos(),
-            armed: u8::from(self.safety.runs(now)),
+            armed: u8::from(self.answers(now) && self.safety.ran_last()),
             starting: u8::from(self.safety.is_starting()),
             link: u8::from(self.answers(now)),
             simulated: 0,
