@@ -2,7 +2,6 @@
 //!
 //! A neutral frame takes all four axes from here, centred and without thrust: the remote control then has no say in them, but
 //! its channel 5 takes the serial interface away (manual, p. 17), and so is the pilot's last line.
-
 //!
 //! | sticks mean | roll and pitch stick | yaw stick |
 //! |---|---|---|
@@ -155,6 +154,7 @@ mod tests {
         }
         assert!((read.thrust - 0.25).abs() <= resolution);
     }
+
     #[test]
     fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
         let mut config = Config::default();

@@ -4,7 +4,10 @@
 //! A frame that a port takes only in part is finished before another begins. One that stands for longer than a period is
 //! abandoned together with what the port still holds: else an old command could go out when the other end lets go. The vehicle
 //! then sees a frame cut short, whose checksum fails, and finds the next one by its head; it may take that one for the missing
-//! rest and lose it too.
+//! rest and lose it too. So the next one is neutral.
+//!
+//! A port may also take frame after frame and pass on none, while its far end asks for a pause. Then nothing is handed over behind
+//! what it holds, and what it holds for a period too long is dropped: commands cannot pile up and go out late.
 
 use oqtal_bus::config::Config;
 use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
@@ -22,6 +25,11 @@ use crate::vehicle::Vehicle;
 const STATUS_PERIODS: f64 = 3.0;
 /// A port that took nothing, or a part of a frame, is looked at again so soon.
 const RETRY: Span = Span::from_millis(1);
+/// A port may be so much of an order behind the reckoning before nothing more is handed to it.
+const LAG_FRAMES: f64 = 0.5;
+
+/// Refused commands that are further apart are two matters.
+const REFUSALS_APART: Span = Span::from_millis(1000);
 
 /// What is told to the daemon and to observers: the pose's sequence, the stations passed, the vehicle.
 pub type Report = (u64, Stamps, VehicleV1);
@@ -57,6 +65,10 @@ pub struct Bridge {
     vehicle: Vehicle,
     outgoing: Option<Outgoing>,
     is_open: bool,
+    /// Since when the port holds back what should have gone out.
+    held_since: Option<Time>,
+    /// Something was dropped, and no frame has gone since.
+    neutral_first: bool,
     /// A command came that no frame has gone for.
     command_waits: bool,
     emergency_waits: bool,
@@ -64,6 +76,8 @@ pub struct Bridge {
     commands_lost: u64,
     answers: bool,
     refused: u64,
+    /// When a command was last found refused.
+    refused_at: Time,
 }
 
 /// How far apart polls must be on `line`; `None` if there is no room for any.
@@ -101,12 +115,15 @@ impl Bridge {
             vehicle: Vehicle::new(millis(options.silence_ms)),
             outgoing: None,
             is_open: false,
+            held_since: None,
+            neutral_first: false,
             command_waits: false,
             emergency_waits: false,
             last_command: 0,
             commands_lost: 0,
             answers: false,
             refused: 0,
+            refused_at: Time::UNSET,
         }
     }
 
@@ -119,6 +136,7 @@ impl Bridge {
         self.line.clear();
         self.schedule.restart();
         (self.outgoing, self.emergency_waits) = (None, false);
+        (self.held_since, self.neutral_first) = (None, false);
     }
 
     /// The port is lost.
@@ -132,6 +150,7 @@ impl Bridge {
     pub fn next_event(&self, now: Time) -> Time {
         match self.outgoing {
             Some(_) => now + RETRY,
+            None if self.held_since.is_some() => now + RETRY,
             None if self.command_waits => self.clear_at(now),
             None => self.schedule.next_frame().max(self.clear_at(now)),
         }
@@ -158,7 +177,14 @@ impl Bridge {
     pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<Report> {
         self.watch(now, note);
         let due = self.command_waits || now >= self.schedule.next_frame();
-        if self.outgoing.is_some() || !due || now < self.clear_at(now) {
+        let blocked = self.outgoing.is_some() || self.held_since.is_some();
+        if blocked || !due || now < self.clear_at(now) {
+            return None;
+        }
+        if std::mem::take(&mut self.neutral_first) {
+            // The command that waits goes right behind it.
+            self.schedule.frame(now, false);
+            self.say_neutral(now);
             return None;
         }
         let (order, about, change) = self.safety.decide(now);
@@ -226,17 +252,24 @@ impl Bridge {
         }
     }
 
-    /// Whether what was handed over does not go out: a frame stands for longer than a period, or `queued` bytes are still there
-    /// a period after they should be gone.
+    /// Looks at the port, which has `queued` bytes yet to send: nothing is handed over behind more than the line should have
+    /// ahead. Whether what was handed over is to be dropped: a frame stands, or the port holds back, for longer than a period.
     #[must_use]
-    pub fn is_stuck(&self, now: Time, queued: usize) -> bool {
-        let unfinished = self.outgoing.is_some_and(|out| now.since(out.begun) > self.period);
-        unfinished || queued > 0 && self.line.overdue(now) > self.period
+    pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
+        let lag = self.line.time_for(self.sizes.order).scaled(LAG_FRAMES);
+        let holds_back = self.line.time_for(queued) > self.line.ahead(now) + lag;
+        let free_at = self.line.free_at();
+        // Frames stop going at once, so this is about the last of them.
+        let since = if free_at.is_set() { free_at.min(now) } else { now };
+        self.held_since = holds_back.then(|| self.held_since.unwrap_or(since));
+        let outlasts = |since: Time| now.since(since) > self.period;
+        self.held_since.is_some_and(outlasts)
+            || self.outgoing.is_some_and(|out| outlasts(out.begun))
     }
 
-    /// What was handed over is dropped.
+    /// What was handed over is dropped: neutral comes next.
     pub fn drop_outgoing(&mut self) {
-        self.outgoing = None;
+        (self.outgoing, self.held_since, self.neutral_first) = (None, None, true);
         self.line.clear();
     }
 
@@ -274,7 +307,7 @@ impl Bridge {
             link_quality: self.vehicle.quality(now),
             wire_ns: on_wire.nanos(),
             air_ns: self.air.nanos(),
-            armed: u8::from(self.safety.runs(now)),
+            armed: u8::from(self.answers(now) && self.safety.ran_last()),
             starting: u8::from(self.safety.is_starting()),
             link: u8::from(self.answers(now)),
             simulated: 0,
@@ -301,12 +334,12 @@ impl Bridge {
             });
         }
         let refused = self.safety.refused();
-        // The first of a run says enough.
         if refused > self.refused {
-            if self.refused == 0 {
+            // The first of a run says enough.
+            if !self.refused_at.is_set() || now.since(self.refused_at) > REFUSALS_APART {
                 note(Note::RefusedOld);
             }
-            self.refused = refused;
+            (self.refused, self.refused_at) = (refused, now);
         }
     }
 

@@ -37,6 +37,7 @@ use oqtal_bus::process::{CommonArgs, Exit, Failure, ProcessCommand, Shell, execu
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::Party;
 use oqtal_wire::link::{Kind, LinkSpec};
+use oqtal_wire::xbee::{Address, Framing};
 
 pub use asctec::Asctec;
 pub use bridge::{Bridge, Report};
@@ -45,6 +46,7 @@ pub use language::{Frame, Heard, Language, Sizes};
 pub use line::Line;
 pub use link::Link;
 pub use motors::{Change, Conditions, Motors, State};
+pub use radio::through;
 pub use safety::{About, Limits, MotorStatus, Order, Safety};
 pub use schedule::{Schedule, spacing};
 pub use serial::{OpenError, Port, Serial};
@@ -107,6 +109,12 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// The configuration has no meaning, the port cannot be opened, or the bus refuses or breaks.
 pub fn run(shell: &Shell) -> Result<(), Failure> {
     let (spec, language) = vehicle(&shell.config)?;
+    let every_radio = shell.config.bridge.xbee_address().is_ok_and(Address::is_broadcast);
+    if every_radio && spec.xbee() != Framing::Transparent {
+        tracing::warn!(
+            "commands go to every radio in reach, and any of them is taken for the vehicle; set `bridge.xbee-address` to that of its radio"
+        );
+    }
     pump::run(shell, &spec, language)
 }
 

@@ -37,10 +37,10 @@ impl Line {
         self.free_at.since(now).max(Span::ZERO)
     }
 
-    /// How long ago it should have become free.
+    /// When it is free, or was; unset if nothing was handed over.
     #[must_use]
-    pub fn overdue(&self, now: Time) -> Span {
-        if self.free_at.is_set() { now.since(self.free_at).max(Span::ZERO) } else { Span::ZERO }
+    pub fn free_at(&self) -> Time {
+        self.free_at
     }
 
     /// What was handed over is gone.

@@ -165,10 +165,11 @@ impl Safety {
         self.motors.may_run()
     }
 
-    /// Whether a status that still counts says that the motors run.
+    /// Whether the last status, however old, says that the motors run: one that is missing does not say that they stand. For a
+    /// motor sequence it has to be fresh.
     #[must_use]
-    pub fn runs(&self, now: Time) -> bool {
-        self.fresh_status(now) == Some(true)
+    pub fn ran_last(&self) -> bool {
+        self.status.is_some_and(|status| status.run)
     }
 
     /// Commands refused: too old, from the future, or older than the one before.

@@ -205,3 +205,23 @@ fn the_request_a_radio_hears_carries_its_number() {
     let payload = Payload::try_from(&b"up"[..]).unwrap();
     assert_eq!(heard, [Arrival::Payload { id: 17, payload }]);
 }
+
+#[test]
+fn a_host_hears_its_peer_alone_unless_that_is_every_radio() {
+    let (one, other) = (Address::Long(0x0013_A200_4052_1234), Address::Long(0x0013_A200_4052_1235));
+    let (short, every_short) = (Address::Short(0x1234), Address::Short(0xFFFF));
+    for (peer, from, hears) in [
+        (one, one, true),
+        (one, other, false),
+        (one, short, false),
+        (short, short, true),
+        (short, Address::Short(0x1235), false),
+        (Address::BROADCAST, other, true),
+        (every_short, one, true),
+    ] {
+        let wire = Carrier::new(Framing::Api2, Side::Radio, from).wrap(0, b">a\x17a<").unwrap();
+        let mut host = Carrier::new(Framing::Api2, Side::Host, peer);
+        let heard = host.push(wire.as_bytes()).count();
+        assert_eq!(heard, usize::from(hears), "{peer:?} hears {from:?}");
+    }
+}

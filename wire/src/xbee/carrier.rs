@@ -20,6 +20,12 @@ pub enum Address {
 impl Address {
     /// Every radio in reach.
     pub const BROADCAST: Self = Self::Long(0xFFFF);
+
+    /// Whether this is every radio in reach, by 16 bits or by 64.
+    #[must_use]
+    pub fn is_broadcast(self) -> bool {
+        matches!(self, Self::Long(0xFFFF) | Self::Short(0xFFFF))
+    }
 }
 
 /// Who speaks at this end of the serial port.
@@ -52,7 +58,7 @@ pub enum Arrival {
     Modem(u8),
 }
 
-/// One end of the serial port between a computer and its radio.
+/// One end of the serial port between a computer and its radio. A host hears its peer alone, unless that is every radio.
 #[derive(Clone, Debug)]
 pub struct Carrier {
     side: Side,
@@ -129,7 +135,7 @@ impl Carrier {
             Inbound::Api1(decoder) => Pieces::Api1(decoder.push(bytes)),
             Inbound::Api2(decoder) => Pieces::Api2(decoder.push(bytes)),
         };
-        Arrivals { side: self.side, inbound }
+        Arrivals { side: self.side, peer: self.peer, inbound }
     }
 
     /// API frames and bytes so far; zero without framing.
@@ -181,6 +187,7 @@ impl Carrier {
 #[derive(Debug)]
 pub struct Arrivals<'a> {
     side: Side,
+    peer: Address,
     inbound: Pieces<'a>,
 }
 
@@ -204,15 +211,15 @@ impl Iterator for Arrivals<'_> {
                 Pieces::Api1(frames) => frames.next()?,
                 Pieces::Api2(frames) => frames.next()?,
             };
-            if let Some(arrival) = arrival(self.side, frame) {
+            if let Some(arrival) = arrival(self.side, self.peer, frame) {
                 return Some(arrival);
             }
         }
     }
 }
 
-/// What a frame is to this side; a frame that goes the other way is an echo, and nothing.
-fn arrival(side: Side, frame: Frame) -> Option<Arrival> {
+/// What a frame is to this side; a frame that goes the other way is an echo, and nothing; so is what another radio sent.
+fn arrival(side: Side, peer: Address, frame: Frame) -> Option<Arrival> {
     match (side, frame) {
         (
             Side::Radio,
@@ -220,10 +227,11 @@ fn arrival(side: Side, frame: Frame) -> Option<Arrival> {
         ) => Some(Arrival::Payload { id, payload }),
         (
             Side::Host,
-            Frame::RxPacket { payload, .. }
-            | Frame::RxPacket64 { payload, .. }
-            | Frame::RxPacket16 { payload, .. },
-        ) => Some(Arrival::Payload { id: 0, payload }),
+            Frame::RxPacket { from, payload, .. } | Frame::RxPacket64 { from, payload, .. },
+        ) => heard(peer, Address::Long(from), payload),
+        (Side::Host, Frame::RxPacket16 { from, payload, .. }) => {
+            heard(peer, Address::Short(from), payload)
+        }
         (
             Side::Host,
             Frame::TxStatus { id, status: delivery } | Frame::TxStatusExtended { id, delivery, .. },
@@ -231,4 +239,8 @@ fn arrival(side: Side, frame: Frame) -> Option<Arrival> {
         (Side::Host, Frame::ModemStatus(status)) => Some(Arrival::Modem(status)),
         (Side::Radio, _) | (Side::Host, _) => None,
     }
+}
+
+fn heard(peer: Address, from: Address, payload: Payload) -> Option<Arrival> {
+    (peer.is_broadcast() || peer == from).then_some(Arrival::Payload { id: 0, payload })
 }
