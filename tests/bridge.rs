@@ -4,8 +4,8 @@ mod common;
 #[path = "bridge/vehicle.rs"]
 mod vehicle;
 
-use std::io::{BufRead, BufReader};
-use std::process::{Command, Stdio};
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Command, Stdio};
 
 use common::{Running, Testbed, signal, stderr, wait_for};
 use oqtal_bus::bus::Bus;
@@ -117,17 +117,55 @@ fn airborne(name: &str) -> (Flight, Commander) {
     (flight, commander)
 }
 
+/// The independent reader, told `words`: by the interpreter of `OQTAL_PEERS_PYTHON`, which must then be there, or by any.
+fn independent_reader(words: &[&str]) -> Option<Child> {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/asctec_reader.py");
+    let named = std::env::var_os("OQTAL_PEERS_PYTHON");
+    let mut reader = Command::new(named.as_deref().unwrap_or("python3".as_ref()));
+    reader.arg(script).args(words).stdin(Stdio::piped()).stdout(Stdio::piped());
+    match reader.spawn() {
+        Ok(reader) => Some(reader),
+        Err(error) => {
+            assert!(named.is_none(), "OQTAL_PEERS_PYTHON names no interpreter: {error}");
+            eprintln!("skipped: there is no python3 to read the frames with");
+            None
+        }
+    }
+}
+
+#[test]
+fn an_independent_reader_sees_in_a_flight_what_was_ordered_and_nothing_invalid() {
+    let Some(mut reader) = independent_reader(&["-"]) else { return };
+    let (flight, mut commander) = airborne("flown-reader");
+    let vehicle = &flight.vehicle;
+    let mut count = 0;
+    for stick in [0.3, -0.7, 1.0] {
+        count += 40;
+        commander.until("flight", self::stick(stick), || {
+            (vehicle.log().orders.iter().filter(|order| order.thrust > 0).count() > count)
+                .then_some(())
+        });
+    }
+    let log = flight.vehicle.log();
+    assert_eq!((log.damaged, log.skipped), (0, 0));
+    reader.stdin.take().unwrap().write_all(&log.bytes).unwrap();
+    let output = reader.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let seen: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let fields = |order: &ControlInput| {
+        serde_json::json!([order.pitch, order.roll, order.yaw, order.thrust, order.enabled])
+    };
+    let orders: Vec<_> = log.orders.iter().map(fields).collect();
+    assert_eq!(seen["fields"], serde_json::Value::from(orders));
+    assert_eq!((&seen["invalid"], &seen["strange_bytes"]), (&0.into(), &0.into()));
+    assert_eq!((&seen["polls"], &seen["stops"]), (&log.polls.into(), &0.into()));
+}
+
 #[test]
 fn an_independent_reader_sees_valid_neutral_frames_at_sixty_hertz_without_a_daemon_or_an_answer() {
     let testbed = Testbed::new("reader");
     let link = testbed.path("port");
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/asctec_reader.py");
-    let mut reader = Command::new("python3");
-    reader.arg(script).arg(&link).arg("300").stdout(Stdio::piped());
-    let Ok(mut reader) = reader.spawn() else {
-        eprintln!("skipped: there is no python3 to read the frames with");
-        return;
-    };
+    let Some(mut reader) = independent_reader(&[link.to_str().unwrap(), "300"]) else { return };
     let mut lines = BufReader::new(reader.stdout.take().unwrap()).lines();
     assert_eq!(lines.next().unwrap().unwrap(), "ready");
     let _bridge =

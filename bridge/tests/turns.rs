@@ -233,7 +233,7 @@ fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
     let mut due = START;
     let paused = |now: Time| {
         let millis = now.since(START).nanos() / 1_000_000;
-        pauses.iter().any(|(begin, length)| (*begin..begin + length).contains(&(millis as i64)))
+        pauses.iter().any(|(begin, length)| (*begin..begin + length).contains(&millis))
     };
     while now < START + Span::from_millis(4000) {
         if now >= due {

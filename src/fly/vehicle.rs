@@ -17,8 +17,6 @@ const FORMS: &str = "sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors], \
 const TRUTH_WITHIN: Span = Span::from_millis(500);
 /// A vehicle at a link has so long to answer, unless a duration is given \[s\].
 const ANSWER_S: f64 = 20.0;
-/// The port has to be opened first: it has never less \[s\].
-const LEAST_ANSWER_S: f64 = 3.0;
 
 /// What the flag says.
 #[derive(Clone, Debug)]
@@ -190,7 +188,7 @@ impl Way {
     /// How long a vehicle may stay silent before the flight is given up; for ever where there is none that could.
     #[must_use]
     pub fn silence(&self, config: &Config) -> Option<Span> {
-        let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_S).max(LEAST_ANSWER_S);
+        let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_S);
         (*self != Self::Bus).then(|| Span::from_seconds(seconds))
     }
 

@@ -35,6 +35,8 @@ pub enum Manner {
 pub struct Log {
     /// Every order, and whether its motors ran then.
     pub orders: Vec<ControlInput>,
+    /// Every byte.
+    pub bytes: Vec<u8>,
     pub polls: usize,
     pub emergency_stops: usize,
     pub damaged: u64,
@@ -154,6 +156,7 @@ impl Body {
     fn hear(&mut self, bytes: &[u8]) -> Vec<u8> {
         let commands: Vec<Command> = self.decoder.push(bytes).collect();
         let mut log = self.log.lock().unwrap();
+        log.bytes.extend_from_slice(bytes);
         let mut answer = Vec::new();
         for command in commands {
             match command {

@@ -3,9 +3,10 @@
 Written from the description of the serial interface (AscTec, Hummingbird with AutoPilot User's Manual, pp. 24-26) and from nothing of
 oqtal's: command `>*>di` and 12 bytes, poll `>*>p` and 2, emergency stop `>*>me`. Little endian.
 
-usage: asctec_reader.py LINK FRAMES
+usage: asctec_reader.py LINK FRAMES, or asctec_reader.py -
 Makes a pseudo-terminal, LINK a symbolic link to it, says "ready", reads FRAMES command frames, and prints what it saw as JSON. It never
 answers.
+With a LINK of - it reads what is on its standard input instead, to the end, and prints the fields of every command too.
 """
 
 import json
@@ -47,6 +48,7 @@ def judge(head, frame, seen):
         fields = command(frame)
         seen["invalid"] += fields is None
         seen["neutral"] += fields is not None and fields[:4] == (0, 0, 0, 0)
+        seen["fields"].append(fields)
         seen["commands"] += 1
         seen["times"].append(time.monotonic())
     elif head == b">*>p":
@@ -58,11 +60,18 @@ def judge(head, frame, seen):
 
 
 def main():
+    seen = {"commands": 0, "neutral": 0, "polls": 0, "stops": 0, "invalid": 0, "strange_bytes": 0, "times": [], "fields": []}
+    if sys.argv[1] == "-":
+        buffer = bytearray(sys.stdin.buffer.read())
+        while buffer and take(buffer, seen):
+            pass
+        del seen["times"]
+        print(json.dumps(seen))
+        return
     link, wanted = sys.argv[1], int(sys.argv[2])
     master, slave = pty.openpty()
     os.symlink(os.ttyname(slave), link)
     print("ready", flush=True)
-    seen = {"commands": 0, "neutral": 0, "polls": 0, "stops": 0, "invalid": 0, "strange_bytes": 0, "times": []}
     buffer = bytearray()
     while seen["commands"] < wanted:
         if not select.select([master], [], [], 30.0)[0]:
@@ -71,6 +80,7 @@ def main():
         while buffer and take(buffer, seen):
             pass
     times = seen.pop("times")
+    del seen["fields"]
     gaps = sorted(later - earlier for earlier, later in zip(times, times[1:]))
     seen["seconds"] = times[-1] - times[0]
     seen["median_gap_ms"] = gaps[len(gaps) // 2] * 1e3
