@@ -6,7 +6,10 @@ use oqtal_bus::process::Failure;
 use crate::flight::{Flight, Outcome};
 use crate::fly::{Mission, fly_in_process};
 
-use super::metric::{Figures, METRICS, of_attitude, of_hover, of_square};
+use super::metric::{
+    CHIRP, DOUBLET, Figures, HOVER, JITTER, METRICS, OVERSHOOT, POSITION, of_attitude, of_hover,
+    of_square,
+};
 
 /// A law with its settings, as a configuration understands them.
 #[derive(Clone, Debug)]
@@ -189,17 +192,17 @@ impl Trial {
         let mut figures = [f64::INFINITY; METRICS];
         let mut solves = 0;
         if let Some((flight, _)) = self.square.fly_by(seed, pilot)? {
-            figures[..5].copy_from_slice(&of_square(&flight));
+            figures[POSITION..=OVERSHOOT].copy_from_slice(&of_square(&flight));
             solves = flight.samples.last().map_or(0, |sample| sample.telemetry.riccati_solves);
         }
         if let Some((flight, _)) = self.hover.fly_by(seed, pilot)? {
-            figures[5..7].copy_from_slice(&of_hover(&flight));
+            figures[HOVER..=JITTER].copy_from_slice(&of_hover(&flight));
         }
         if let Some((flight, mission)) = self.chirp.fly_by(seed, pilot)? {
-            figures[7] = of_attitude(&flight, &mission.trajectory)[0];
+            figures[CHIRP] = of_attitude(&flight, &mission.trajectory)[0];
         }
         if let Some((flight, mission)) = self.doublet.fly_by(seed, pilot)? {
-            figures[8] = of_attitude(&flight, &mission.trajectory)[1];
+            figures[DOUBLET] = of_attitude(&flight, &mission.trajectory)[1];
         }
         Ok((figures, solves))
     }

@@ -29,8 +29,8 @@ pub struct Metric {
 /// How many metrics there are.
 pub const METRICS: usize = 9;
 
-/// The metrics, in the order of [`Figures`]. When gains are tuned, hover counts double: of what no command of a law's
-/// own can make better, two figures are of a prescribed attitude, and it is the only one of the position.
+/// The metrics, in the order of [`Figures`]. When gains are tuned, hover counts double: of what neither limits nor a
+/// command of a law's own decide, two figures are of a prescribed attitude, and it is the only one of the position.
 pub const METRIC: [Metric; METRICS] = [
     metric("position_error_m", "position [m]", 1.0),
     metric("velocity_error_m_s", "velocity [m/s]", 1.0),
@@ -51,8 +51,12 @@ pub const VELOCITY: usize = 1;
 pub const ATTITUDE: usize = 2;
 /// Index of the time to settle at a corner.
 pub const SETTLE: usize = 3;
+/// Index of the overshoot at a corner.
+pub const OVERSHOOT: usize = 4;
 /// Index of the error in hover.
 pub const HOVER: usize = 5;
+/// Index of how much the command of a hover shakes.
+pub const JITTER: usize = 6;
 /// Index of the error against a chirp.
 pub const CHIRP: usize = 7;
 /// Index of the time to settle after an attitude step.

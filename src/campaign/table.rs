@@ -24,6 +24,43 @@ pub struct Entrant {
     pub settings: String,
 }
 
+impl Entrant {
+    /// Whether it is one of those that are tuned alike.
+    #[must_use]
+    pub fn is_tuned(&self) -> bool {
+        self.variant == Variant::Ours
+    }
+}
+
+/// The greatest weight, or gain, before the attitude error rises.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MaxQ {
+    /// The last before it rises.
+    Reached(f64),
+    /// The last that was tried: the error had not risen.
+    AtLeast(f64),
+    /// That of the nominal plant, in a row of another.
+    Nominal(f64),
+}
+
+impl MaxQ {
+    /// The weight.
+    #[must_use]
+    pub fn weight(self) -> f64 {
+        let (Self::Reached(weight) | Self::AtLeast(weight) | Self::Nominal(weight)) = self;
+        weight
+    }
+
+    /// What is to be known of it.
+    fn is(self) -> &'static str {
+        match self {
+            Self::Reached(_) => "reached",
+            Self::AtLeast(_) => "at least",
+            Self::Nominal(_) => "the nominal plant's",
+        }
+    }
+}
+
 /// How much is flown for a row.
 #[derive(Clone, Copy, Debug)]
 pub struct Scope {
@@ -48,8 +85,8 @@ const MOST_RAISES: usize = 16;
 const RAISED_SEEDS: std::ops::Range<u64> = 200..202;
 
 /// The columns: the metrics, then counts.
-pub const COLUMNS: [Column; METRICS + 4] = {
-    let mut columns = [("", ""); METRICS + 4];
+pub const COLUMNS: [Column; METRICS + 5] = {
+    let mut columns = [("", ""); METRICS + 5];
     let mut index = 0;
     while index < METRICS {
         columns[index] = (METRIC[index].key, METRIC[index].title);
@@ -57,8 +94,9 @@ pub const COLUMNS: [Column; METRICS + 4] = {
     }
     columns[METRICS] = ("riccati_solves", "Riccati solves");
     columns[METRICS + 1] = ("max_q", "max q");
-    columns[METRICS + 2] = ("runs", "runs");
-    columns[METRICS + 3] = ("best", "best");
+    columns[METRICS + 2] = ("max_q_is", "max q is");
+    columns[METRICS + 3] = ("runs", "runs");
+    columns[METRICS + 4] = ("best", "best");
     columns
 };
 
@@ -99,7 +137,7 @@ pub struct Flown {
     pub entrant: Entrant,
     /// Its runs.
     pub runs: Runs,
-    max_q: Option<f64>,
+    max_q: Option<MaxQ>,
 }
 
 /// Flies every entrant on `plant`.
@@ -148,7 +186,7 @@ impl Flown {
     /// Whether it is one of those that are tuned alike.
     #[must_use]
     pub fn is_tuned(&self) -> bool {
-        self.entrant.variant == Variant::Ours
+        self.entrant.is_tuned()
     }
 
     /// The mean of a metric over all runs.
@@ -159,8 +197,13 @@ impl Flown {
 
     /// The greatest weight, where it was searched.
     #[must_use]
-    pub fn max_q(&self) -> Option<f64> {
+    pub fn max_q(&self) -> Option<MaxQ> {
         self.max_q
+    }
+
+    /// Has the greatest weight of the same entrant on the nominal plant.
+    pub fn take_max_q_of(&mut self, nominal: &Self) {
+        self.max_q = nominal.max_q.map(|max_q| MaxQ::Nominal(max_q.weight()));
     }
 
     fn row(&self, best: usize) -> Row {
@@ -174,7 +217,8 @@ impl Flown {
         };
         let counts = [
             Cell::Count(self.runs.solves),
-            self.max_q.into(),
+            self.max_q.map(MaxQ::weight).into(),
+            self.max_q.map(MaxQ::is).into(),
             Cell::Count(self.runs.figures.len() as u64),
             Cell::Count(best.len() as u64),
         ];
@@ -186,7 +230,7 @@ impl Flown {
 
 /// The greatest weight, or gain, of a law before the attitude error rises: "incremented until the system started to lose
 /// stability".
-fn greatest_weight(entrant: &Entrant) -> Result<f64, Failure> {
+fn greatest_weight(entrant: &Entrant) -> Result<MaxQ, Failure> {
     let controller = entrant.contender.controller;
     let law = space::LAWS.iter().find(|law| law.controller == controller);
     let key = law.expect("every entrant is a law").gains[0].key;
@@ -200,11 +244,11 @@ fn greatest_weight(entrant: &Entrant) -> Result<f64, Failure> {
     for (weight, error) in weights.iter().zip(errors?) {
         least = error.min(least);
         if error > RISEN * least || !error.is_finite() {
-            break;
+            return Ok(MaxQ::Reached(greatest));
         }
         greatest = *weight;
     }
-    Ok(greatest)
+    Ok(MaxQ::AtLeast(greatest))
 }
 
 fn attitude_error(contender: &Contender, key: &str, weight: f64) -> Result<f64, Failure> {

@@ -74,8 +74,8 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     Ok(Chapter { title: "Recovery", sheets: vec![sheet], ..Chapter::default() })
 }
 
-const NOTE: &str = "Not in the paper. Each law with the gains it has elsewhere on this page, about an axis that is none of the \
-     body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's rate is held by its own loop, \
+const NOTE: &str = "Not in the paper. On the spacecraft each law has the gains of the single step, on the quadrotor those it is \
+     shipped with, not the tuned ones; about an axis that is none of the body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's rate is held by its own loop, \
      not by these laws.";
 
 /// Who does not recover, and whether every command was a number.

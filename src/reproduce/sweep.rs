@@ -121,7 +121,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     Ok(Chapter {
         title: "Sweep over the weights",
         intro: vec![INTRO.to_owned(), stability(&surfaces)],
-        sheets: vec![verdict(&surfaces), along_the_ratio(&surfaces)],
+        sheets: vec![verdict(&surfaces), along_the_ratio(&surfaces), kept(&surfaces)],
         figures: figures::surface::all([&surfaces[0], &surfaces[1]]),
     })
 }
@@ -135,15 +135,40 @@ fn at_ratio(surface: &Surface, ratio: i32) -> Option<&TableTwo> {
     surface[q * SIDE + r].as_ref()
 }
 
+/// The least exponent of q/r at which a law loses the body, anywhere on the surface.
+fn edge(surface: &Surface) -> Option<i32> {
+    let lost = surface.iter().enumerate().filter(|(_, metrics)| metrics.is_none());
+    lost.map(|(point, _)| (point / SIDE) as i32 - (point % SIDE) as i32).min()
+}
+
+/// At how many of all pairs of weights each law keeps the body under control.
+fn kept(surfaces: &[Surface]) -> Sheet {
+    let row = |(law, surface): (&Law, &Surface)| {
+        let edge = edge(surface).map(|ratio| Cell::Text(format!("2^{ratio}")));
+        let stable = Cell::Count(surface.iter().flatten().count() as u64);
+        let cells = vec![stable, Cell::Count(surface.len() as u64), edge.unwrap_or(Cell::None)];
+        Row::new(law.variant, law.name, law.settings, cells)
+    };
+    Sheet {
+        name: "sweep-stability".to_owned(),
+        title: "Pairs of weights at which the body stays under control".to_owned(),
+        notes: vec!["A dash stands where it does so at every pair.".to_owned()],
+        columns: STABILITY.to_vec(),
+        rows: LAWS.iter().zip(surfaces).map(row).collect(),
+        ..Sheet::default()
+    }
+}
+
+const STABILITY: [Column; 3] =
+    [("stable", "stable"), ("pairs", "of pairs"), ("lost_from", "lost from q/r on")];
+
 /// From which ratio on a law loses the body.
 fn stability(surfaces: &[Surface]) -> String {
-    let ratios = || -EXPONENTS.end()..=*EXPONENTS.end();
     let said: Vec<String> = LAWS
         .iter()
         .zip(surfaces)
         .map(|(law, surface)| {
-            let lost = ratios().find(|ratio| at_ratio(surface, *ratio).is_none());
-            let range = lost.map_or_else(
+            let range = edge(surface).map_or_else(
                 || "keeps the body under control everywhere".to_owned(),
                 |ratio| format!("loses the body from q/r = 2^{ratio} on"),
             );

@@ -107,7 +107,13 @@ fn verdict(sheet: &Sheet) -> String {
         rows.map(|row| keys.map(|key| row.number(&sheet.columns, key))).collect()
     };
     let (printed, omega_e) = (read(&READINGS[0]), read(&READINGS[2]));
-    let times: Vec<f64> = printed.iter().zip(PAPER).map(|(row, paper)| paper[3] / row[2]).collect();
+    // Of the printed figures, not the printed one: the latter is a misprint for [1, 0].
+    let fitness = |[q, r]: [f64; 2], paper: [f64; 4]| q * paper[1] + r * paper[2];
+    let times: Vec<f64> = printed
+        .iter()
+        .zip(WEIGHTS.into_iter().zip(PAPER))
+        .map(|(row, (weights, paper))| fitness(weights, paper) / row[2])
+        .collect();
     let [least, most] = [f64::min, f64::max].map(|pick| times.iter().copied().fold(times[0], pick));
     // The first three columns: q rises.
     let trend =
@@ -115,7 +121,7 @@ fn verdict(sheet: &Sheet) -> String {
     let ahead =
         omega_e.iter().zip(PAPER).filter(|(row, paper)| row[0] < paper[1] && row[1] < paper[2]);
     format!(
-        "Tuned within wide bounds, the paper's own PID has a fitness {} to {} times lower than printed. Less error for more effort \
+        "Tuned within wide bounds, the paper's own PID has a fitness {} to {} times lower than that of the printed errors and efforts. Less error for more effort \
          as q rises: {}. Given the rate error, the PID has less error for less effort than printed in {} of {} columns.",
         about(least),
         about(most),

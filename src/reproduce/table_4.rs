@@ -26,7 +26,7 @@ pub const COLUMNS: [Column; 7] = [
 const PAPER: [(&str, &str, [f64; 3], Option<u64>); 3] = [
     (
         "pid",
-        "c 50, k 5.95, T 1.15; effort printed as 1.1744, see below",
+        "c 50, k 5.95, T 1.15; effort printed as 1.1744, see above",
         [29.78, 0.0349, 0.8252],
         None,
     ),
@@ -68,12 +68,12 @@ const INTRO: [&str; 1] = [
     "The lander of Table I flies level at 70 m/s and is turned by constant thrust against its velocity until it hovers: \
      after 22.7027 s, 264.865 m lower and 496.622 m down range. The closed form of that turn, which the paper says does not \
      exist, is the reference. Simulated without delay, noise or torque limit; integrated by Runge-Kutta of fourth order at \
-     240 Hz or faster; the torque is held between the ticks of the loop. Below 1 m/s the command stands still.",
+     240 Hz or faster; the torque is held between the ticks of the loop. Cells are 0.2 wide. Below v_min = 1 m/s the command stands still.",
 ];
 
 const NOTES: [&str; 2] = [
-    "Table II defines the figures as integrals of norms, Eq. (60) has squares. The printed numbers agree with norms; both \
-     are here. A dash stands where the body got out of control.",
+    "Table II defines the figures as integrals of norms, Eq. (60) has squares. Of the printed numbers the \
+     quaternion errors of lqr and oqtal agree with norms; both forms are here. A dash stands where the body got out of control.",
     "The paper contradicts itself on the PID: the printed torque of 1.1744 is the fitness of Table III for [10, 1]; the effort \
      there is 0.8252.",
 ];

@@ -1,19 +1,21 @@
 //! Table V: the square on the simulated testbed, 25 runs of every law, and plants that are not what the laws expect.
 
-use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::config::Setting;
 use oqtal_bus::process::Failure;
 use rayon::prelude::*;
 
 use crate::campaign::flights::{Contender, MISMATCHED, NOMINAL, Prepared, Test};
-use crate::campaign::metric::{METRIC, METRICS, Metric, POSITION};
-use crate::campaign::statistics::{EVALUATION_SEEDS, TRAINING_SEEDS};
-use crate::campaign::table::{self, BEST, COLUMNS, Entrant, Flown, PAPER};
-use crate::tune::{self, search::Budget};
+use crate::campaign::metric::{METRIC, METRICS, Metric};
+use crate::campaign::table::{self, BEST, COLUMNS, Entrant, Flown, PAPER, Scope};
+use crate::tune;
 
 use super::judgement::{self, Evidence};
+use super::progress::Progress;
 use super::sheet::{Cell, Column, Row, Sheet, Variant};
-use super::words::{about, figure, listed};
+use super::words::listed;
 use super::{Chapter, Context, figures};
+
+mod notes;
 
 /// What the paper prints: mean and deviation of position, velocity and attitude error, greatest q, calculations.
 type Printed = (&'static str, [(f64, f64); 3], Option<f64>, u64);
@@ -30,28 +32,14 @@ const PRINTED: [Printed; 3] = [
 /// A setting has no meaning.
 pub fn chapter(context: &Context) -> Result<Chapter, Failure> {
     let entrants = entrants(context)?;
-    let nominal = table::fly(&entrants, &NOMINAL, &PAPER, &context.progress)?;
-    let scope = table::Scope { raises_weights: false, ..PAPER };
-    let others: Result<Vec<Vec<Flown>>, Failure> = MISMATCHED
-        .iter()
-        .map(|plant| table::fly(&entrants, plant, &scope, &context.progress))
-        .collect();
-    let others = others?;
+    let (nominal, others) = fly(&entrants, &PAPER, &context.progress)?;
     let evidence = Evidence { plant: NOMINAL.name, flown: &nominal };
     let elsewhere: Vec<Evidence<'_>> = MISMATCHED
         .iter()
         .zip(&others)
         .map(|(plant, flown)| Evidence { plant: plant.name, flown })
         .collect();
-    let mismatched = elsewhere.iter().map(|Evidence { plant, flown }| {
-        sheet(plant, format!("The same with {plant}"), table::rows(flown, BEST))
-    });
-    let rows = paper().chain(table::rows(&nominal, BEST)).collect();
-    let main = Sheet {
-        notes: notes(&nominal),
-        mismatched: mismatched.collect(),
-        ..sheet("V", TITLE.to_owned(), rows)
-    };
+    let main = Sheet { notes: notes::all(&entrants, &nominal)?, ..main(&evidence, &elsewhere) };
     let judged = [
         judgement::duels(&evidence, &elsewhere),
         judgement::intervals(&evidence),
@@ -60,17 +48,43 @@ pub fn chapter(context: &Context) -> Result<Chapter, Failure> {
     let more = [outer(context)?, counts(context)?];
     Ok(Chapter {
         title: "Square on the testbed",
-        intro: vec![INTRO.to_owned()],
+        intro: vec![notes::intro()],
         sheets: [main].into_iter().chain(judged).chain(more).collect(),
         figures: figures::square::all(&entrants)?,
     })
+}
+
+/// Flies every entrant on the nominal plant and on the mismatched ones, which have the nominal one's greatest weight.
+fn fly(
+    entrants: &[Entrant],
+    scope: &Scope,
+    progress: &Progress,
+) -> Result<(Vec<Flown>, Vec<Vec<Flown>>), Failure> {
+    let nominal = table::fly(entrants, &NOMINAL, scope, progress)?;
+    let elsewhere = Scope { raises_weights: false, ..*scope };
+    let fly = |plant| {
+        let mut flown = table::fly(entrants, plant, &elsewhere, progress)?;
+        flown.iter_mut().zip(&nominal).for_each(|(there, here)| there.take_max_q_of(here));
+        Ok(flown)
+    };
+    let others: Result<Vec<Vec<Flown>>, Failure> = MISMATCHED.iter().map(fly).collect();
+    Ok((nominal, others?))
+}
+
+/// Table V without its notes.
+fn main(nominal: &Evidence<'_>, elsewhere: &[Evidence<'_>]) -> Sheet {
+    let mismatched = elsewhere.iter().map(|Evidence { plant, flown }| {
+        sheet(plant, format!("The same with {plant}"), table::rows(flown, BEST))
+    });
+    let rows = paper().chain(table::rows(nominal.flown, BEST)).collect();
+    Sheet { mismatched: mismatched.collect(), ..sheet("V", TITLE.to_owned(), rows) }
 }
 
 /// The laws, tuned anew if that is asked for.
 fn entrants(context: &Context) -> Result<Vec<Entrant>, Failure> {
     let mut entrants = table::entrants();
     if context.retune {
-        for entrant in entrants.iter_mut().filter(|entrant| entrant.variant == Variant::Ours) {
+        for entrant in entrants.iter_mut().filter(|entrant| entrant.is_tuned()) {
             let name = entrant.contender.controller;
             let tuned = tune::tune(name, Default::default(), &context.progress)?;
             context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml())?;
@@ -81,88 +95,10 @@ fn entrants(context: &Context) -> Result<Vec<Entrant>, Failure> {
     Ok(entrants)
 }
 
-fn sheet(name: &str, title: String, rows: Vec<Row>) -> Sheet {
-    Sheet { name: name.to_owned(), title, columns: COLUMNS.to_vec(), rows, ..Sheet::default() }
-}
-
 const TITLE: &str = "Table V: repeated square";
 
-const INTRO: &str = "The Hummingbird of Eq. (61) with a rate loop that lags by 50 ms, a radio delay of 20 ms, cameras with 15 ms \
-     latency, 0.5 mm and 0.2 degrees of noise, drift, a small force and gusts: a simulation, where the paper had a laboratory. \
-     So the paper's numbers are not comparable one by one; how the laws compare with each other is. The reference jumps \
-     from corner to corner of a square of 1.3 m.";
-
-fn notes(nominal: &[Flown]) -> Vec<String> {
-    vec![FIGURES.to_owned(), tuning(), max_q(nominal), bound(nominal)]
-}
-
-const FIGURES: &str = "Position, velocity and attitude: mean and deviation of the best runs by position error, as in the paper; all \
-     other figures are means of all runs. The velocity error is against the velocity that the position loops command, the \
-     attitude error against the attitude they command: a smoother command makes both smaller without flying any better. So the \
-     table also has what no command of its own can improve: hover, corners, and a prescribed attitude with the position loops \
-     open.";
-
-/// How the gains of our block were found.
-fn tuning() -> String {
-    let Budget { points, seed, optimiser } = Budget::default();
-    let name = optimiser.name();
-    let weights: Vec<String> =
-        METRIC.iter().map(|metric| format!("{} {}", metric.title, metric.weight)).collect();
-    format!(
-        "\"Ours\": every law with its gains and the position loops around it tuned by the same optimiser, {name}, with the same \
-         budget of {points} points, seed {seed}, from the shipped gains, for the same mean of these figures over those of the \
-         shipped oqtal, on seeds {} to {}, of which four fly on slightly mismatched plants; judged on seeds {} to {}. Weights of \
-         the figures: {}. Of what no command of a law's own can improve, two figures are of a prescribed attitude; hover, which is the only one of \
-         the position, counts double.",
-        TRAINING_SEEDS.start,
-        TRAINING_SEEDS.end - 1,
-        EVALUATION_SEEDS.start,
-        EVALUATION_SEEDS.end - 1,
-        weights.join(", ")
-    )
-}
-
-/// What the greatest weights of the paper's two LQRs come to.
-fn max_q(nominal: &[Flown]) -> String {
-    let of = |name: &str| {
-        let printed = nominal.iter().filter(|flown| !flown.is_tuned() && flown.name() == name);
-        printed.filter_map(Flown::max_q).fold(0.0, f64::max)
-    };
-    let (lqr, oqtal) = (of("lqr"), of("oqtal"));
-    format!(
-        "Max q: the weight (for laws without one, the gain) raised by a factor of 1.41 at a time until the mean attitude error is \
-         25 % above the least. With the paper's gains lqr comes to {} and oqtal to {}, {} times as far; printed are 20 and 200. \
-         By algebra it is four times at small angles, because eps is half an angle.",
-        figure(lqr),
-        figure(oqtal),
-        about(oqtal / lqr)
-    )
-}
-
-/// What limits on speed and tilt leave of the position error, and how near the laws are.
-fn bound(nominal: &[Flown]) -> String {
-    let Config { vehicle, mocap, position, trajectory, .. } = Config::default();
-    let side = trajectory.square.side_m;
-    let duration = trajectory.square.duration_s;
-    let ways = (duration / trajectory.square.dwell_s).floor();
-    let speed = position.horizontal_velocity_limit_m_s;
-    let acceleration = vehicle.gravity_m_s2 * position.tilt_limit_deg.to_radians().tan();
-    let way_s = side / speed + speed / acceleration;
-    let least = ways * side * way_s / 2.0 / duration;
-    let late_ms = mocap.latency_ms + vehicle.radio_delay_ms + vehicle.rate_lag_ms;
-    let late = ways * side * late_ms * 1e-3 / duration;
-    let tuned: Vec<f64> = nominal
-        .iter()
-        .filter(|flown| flown.is_tuned())
-        .map(|flown| flown.interval(POSITION).mean)
-        .collect();
-    let [from, to] = [f64::min, f64::max].map(|pick| tuned.iter().copied().fold(tuned[0], pick));
-    format!(
-        "The position error is bounded by the limits on speed and tilt, not by the law: {side} m at {speed} m/s, with {} degrees \
-         to speed up and brake, take {way_s:.2} s, and {ways} such ways in {duration} s make a mean error of {least:.3} m \
-         without any delay; delay and lag of {late_ms} ms add {late:.3} m. The tuned laws come to {from:.3} to {to:.3} m.",
-        position.tilt_limit_deg
-    )
+fn sheet(name: &str, title: String, rows: Vec<Row>) -> Sheet {
+    Sheet { name: name.to_owned(), title, columns: COLUMNS.to_vec(), rows, ..Sheet::default() }
 }
 
 fn paper() -> impl Iterator<Item = Row> {
@@ -173,8 +109,8 @@ fn paper() -> impl Iterator<Item = Row> {
         }
         cells[METRICS] = solves.into();
         cells[METRICS + 1] = max_q.into();
-        cells[METRICS + 2] = Cell::Count(25);
-        cells[METRICS + 3] = Cell::Count(5);
+        cells[METRICS + 3] = Cell::Count(25);
+        cells[METRICS + 4] = Cell::Count(5);
         Row::new(Variant::Paper, name, "laboratory", cells)
     })
 }
@@ -189,6 +125,7 @@ fn outer(context: &Context) -> Result<Sheet, Failure> {
         }
         false => tune::gains::tuned("outer"),
     };
+    let bounds = tune::outer::on_a_bound(&tuned);
     let entrants =
         [("as shipped", Vec::new()), ("tuned one at a time", tuned)].map(|(outer, settings)| {
             Entrant {
@@ -197,9 +134,10 @@ fn outer(context: &Context) -> Result<Sheet, Failure> {
                 settings: format!("q 80, outer loops {outer}"),
             }
         });
-    let scope = table::Scope { raises_weights: false, ..PAPER };
-    let flown = table::fly(&entrants, &NOMINAL, &scope, &context.progress)?;
-    let notes = vec![OUTER.to_owned(), changed(&flown[0], &flown[1])];
+    let flown = table::fly(&entrants, &NOMINAL, &PAPER, &context.progress)?;
+    let bounds =
+        format!("On a bound of the search, beyond which it may be better: {}.", listed(&bounds));
+    let notes = vec![OUTER.to_owned(), bounds, changed(&flown[0], &flown[1])];
     Ok(Sheet { notes, ..sheet("outer", OUTER_TITLE.to_owned(), table::rows(&flown, BEST)) })
 }
 
@@ -287,4 +225,60 @@ fn fitting(rows: &[Row]) -> String {
          classic law, with 1 for oqtal: {}. The estimated rate is in the classic law's operating point.",
         listed(&fitting)
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::Value;
+
+    /// What has a number in every row but the paper's.
+    const NUMBERS: [&str; 9] = [
+        "chirp4_rms_deg",
+        "doublet_settle_s",
+        "hover_rms_mm",
+        "settle_s",
+        "overshoot_mm",
+        "riccati_solves",
+        "max_q",
+        "runs",
+        "best",
+    ];
+    /// What has mean and deviation.
+    const SPREADS: [&str; 3] = ["position_error_m", "velocity_error_m_s", "attitude_error_deg"];
+
+    fn assert_numbers(rows: &Value) {
+        for row in rows.as_array().unwrap().iter().filter(|row| row["variant"] != "paper") {
+            for key in NUMBERS {
+                assert!(row[key].is_number(), "{key}: {row:#}");
+            }
+            for key in SPREADS {
+                assert!(row[key]["mean"].is_number() && row[key]["sd"].is_number(), "{row:#}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_figure_of_every_law_on_every_plant_is_a_number() {
+        let mut entrants = table::entrants();
+        entrants.retain(|e| ["lqr", "oqtal-dt"].contains(&e.contender.controller));
+        let scope = Scope { runs: 1, ..PAPER };
+        let (nominal, others) = fly(&entrants, &scope, &Progress::default()).unwrap();
+        let evidence = |(plant, flown)| Evidence { plant, flown };
+        let elsewhere: Vec<Evidence<'_>> = MISMATCHED
+            .iter()
+            .map(|p| p.name)
+            .zip(others.iter().map(Vec::as_slice))
+            .map(evidence)
+            .collect();
+        let table = main(&evidence((NOMINAL.name, &nominal)), &elsewhere).to_json();
+        assert_eq!(table["rows"].as_array().unwrap().len(), 3 + entrants.len());
+        assert_numbers(&table["rows"]);
+        let mismatched = table["mismatched"].as_array().unwrap();
+        assert_eq!(mismatched.len(), 5);
+        for plant in mismatched {
+            assert_eq!(plant["rows"].as_array().unwrap().len(), entrants.len());
+            assert_numbers(&plant["rows"]);
+        }
+    }
 }

@@ -85,6 +85,18 @@ pub fn tune(budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
     Ok(Tuned { what: "outer".to_owned(), values: found, objective, budget })
 }
 
+/// The gains among `settings` that lie on a bound of the search, but for the rounding of what is written.
+#[must_use]
+pub fn on_a_bound(settings: &[Setting]) -> Vec<&'static str> {
+    let parameters = LOOPS.iter().flat_map(|tuned| tuned.parameters);
+    let lies = |parameter: &Parameter| {
+        let set = settings.iter().find(|setting| setting.key == parameter.key);
+        let value = set.and_then(|setting| setting.value.as_float());
+        value.is_some_and(|v| v <= parameter.low * 1.001 || v >= parameter.high * 0.999)
+    };
+    parameters.filter(lies).map(|parameter| parameter.key).collect()
+}
+
 /// Mean error of the loop and jitter of the command, over squares from take-off on.
 fn judged(tuned: &Loop, gains: &[(&'static str, f64)]) -> Result<[f64; 2], Failure> {
     let settings = gains.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect();

@@ -138,6 +138,17 @@ pub fn law(space: &LawSpace, budget: Budget, progress: &Progress) -> Result<Tune
     })
 }
 
+/// The objective of a law at its shipped gains, and with those of `contender`, on the training seeds.
+///
+/// # Errors
+/// A setting has no meaning.
+pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
+    let shipped = |controller| Contender { controller, settings: Vec::new() };
+    let reference = trained(&shipped("oqtal"))?;
+    let figures = [trained(&shipped(contender.controller))?, trained(contender)?];
+    Ok(figures.map(|figures| objective(&figures, &reference)))
+}
+
 /// Mean figures over the training seeds, each on its plant.
 fn trained(contender: &Contender) -> Result<Figures, Failure> {
     let fly = |(seed, plant): (u64, &Plant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);

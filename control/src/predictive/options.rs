@@ -72,10 +72,10 @@ pub struct PredictiveOptions {
 
 impl Default for PredictiveOptions {
     fn default() -> Self {
-        // This and what it holds: by an evolution strategy over squares, hovers, chirps and doublets
-        // of the nominal vehicle, of one with a fifth less rate authority and of one with a lag of
-        // 80 ms; then by hand, the walk of the acceleration for the hover, and the gains of the
-        // reference so that its speed keeps the limit.
+        // This and the filters: by an evolution strategy over squares, hovers, chirps and doublets of
+        // the nominal vehicle, of one with a fifth less rate authority and of one with a lag of 80 ms,
+        // which are among the mismatched plants of Table V; then by hand, the walk of the
+        // acceleration for the hover. The search was with a reference model that has been replaced.
         Self {
             position_gain_per_s: 1.45,
             vertical_position_gain_per_s: 2.5,

@@ -15,7 +15,7 @@ const MOST_PAST_M: f64 = 1e-6;
 
 const LIMITS: Limits = Limits { speed: 0.8, acceleration: 2.3 };
 
-/// The way to a target at rest, from rest at the origin, with what a step changed of each derivative.
+/// The way to a target at rest, from rest at the origin: where the reference is after every tick.
 fn towards(
     target: Vector3<f64>,
     (options, limits): (ReferenceModelOptions, Limits),
@@ -45,8 +45,8 @@ fn within(
     Ok(())
 }
 
-/// Any options that a configuration may hold, and any limits of a vehicle for them; the greatest jerk such that the
-/// acceleration is there in two seconds.
+/// Options and limits of a vehicle from wide ranges, though not all that a configuration may hold; the greatest jerk such
+/// that the acceleration is there in two seconds.
 fn any_options() -> impl Strategy<Value = (ReferenceModelOptions, Limits)> {
     let limits =
         (0.05..5.0_f64, 0.1..15.0_f64).prop_map(|(speed, a)| Limits { speed, acceleration: a });
