@@ -32,7 +32,7 @@ mod serial;
 mod vehicle;
 
 use clap::{Args, Subcommand};
-use oqtal_bus::config::{ClockKind, Config, VehicleKind, Violation};
+use oqtal_bus::config::{ClockKind, Config, VehicleKind};
 use oqtal_bus::process::{CommonArgs, Exit, Failure, ProcessCommand, Shell, execute};
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::Party;
@@ -129,15 +129,14 @@ fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn Language>), Failure> {
         let reason = "a bridge passes on sticks, not torque; set `vehicle.kind = \"hummingbird\"`";
         return Err(wrong(reason.to_owned()));
     }
-    let broken = |error: Violation| wrong(format!("`{}` {}", error.key, error.rule));
-    let spec = config.bridge.link().map_err(broken)?;
+    let spec = config.bridge.link()?;
     let spec = spec.ok_or_else(|| {
         wrong("`bridge.link` names no vehicle; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0".to_owned())
     })?;
     let language: Box<dyn Language> = match spec.kind() {
         Kind::Asctec => Box::new(Asctec::new(config)),
     };
-    let peer = config.bridge.xbee_address().map_err(broken)?;
+    let peer = config.bridge.xbee_address()?;
     let language = radio::through(spec.xbee(), peer, language);
     check_room(config, &spec, language.sizes()).map_err(wrong)?;
     Ok((spec, language))

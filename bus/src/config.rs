@@ -7,6 +7,7 @@ mod bridge;
 mod layer;
 mod mocap;
 mod realtime;
+mod rule;
 mod vehicle;
 mod wire;
 
@@ -19,7 +20,6 @@ use oqtal_control::controller::{
 use oqtal_control::estimator::EstimatorOptions;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::PredictiveOptions;
-use oqtal_control::range::OutOfRange;
 use oqtal_control::trajectory::TrajectoryOptions;
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -28,8 +28,11 @@ pub use bridge::Bridge;
 pub use layer::Setting;
 pub use mocap::Mocap;
 pub use realtime::{Realtime, Scheduling};
+pub use rule::Violation;
 pub use vehicle::{Battery, Fidelity, Rotors, Vehicle, VehicleKind};
 pub use wire::Wire;
+
+use rule::{link_at, not_negative, outside, positive, probability};
 
 use crate::message::{FNV_OFFSET, fnv1a};
 use crate::topic::Party;
@@ -52,23 +55,6 @@ pub struct ConfigError {
     pub origin: String,
     /// What is wrong with it.
     pub reason: String,
-}
-
-/// A rule that a value breaks.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Violation {
-    /// The key, dotted: `vehicle.mass-kg`.
-    pub key: String,
-    /// The rule.
-    pub rule: String,
-}
-
-impl Violation {
-    /// A violation of `rule` by `key`.
-    #[must_use]
-    pub fn new(key: impl Into<String>, rule: impl Into<String>) -> Self {
-        Self { key: key.into(), rule: rule.into() }
-    }
 }
 
 /// `[instance]`: which testbed on this machine.
@@ -270,7 +256,7 @@ impl Config {
             let concerns = |key: &str| key == violation.key || key.starts_with(&part);
             let set = settings.iter().rev().find(|setting| concerns(&setting.key));
             let origin = set.map_or("built-in", |setting| &setting.origin).to_owned();
-            ConfigError { origin, reason: format!("`{}` {}", violation.key, violation.rule) }
+            ConfigError { origin, reason: violation.to_string() }
         })?;
         Ok(config)
     }
@@ -361,39 +347,5 @@ impl Config {
     #[must_use]
     pub fn hash(&self) -> u64 {
         fnv1a(FNV_OFFSET, self.to_toml().as_bytes())
-    }
-}
-
-/// An option of `section` outside its range.
-fn outside(section: &str, error: OutOfRange) -> Violation {
-    let (low, high) = (error.range.start(), error.range.end());
-    let rule = format!("is {}, it must lie between {low} and {high}", error.value);
-    Violation::new(format!("{section}.{}", error.key), rule)
-}
-
-/// `value` must be finite and above zero.
-pub(crate) fn positive(key: &str, value: f64) -> Result<(), Violation> {
-    if value.is_finite() && value > 0.0 {
-        Ok(())
-    } else {
-        Err(Violation::new(key, format!("must be above zero, is {value}")))
-    }
-}
-
-/// `value` must be finite and not below zero.
-pub(crate) fn not_negative(key: &str, value: f64) -> Result<(), Violation> {
-    if value.is_finite() && value >= 0.0 {
-        Ok(())
-    } else {
-        Err(Violation::new(key, format!("must not be negative, is {value}")))
-    }
-}
-
-/// `value` must lie in 0..=1.
-pub(crate) fn probability(key: &str, value: f64) -> Result<(), Violation> {
-    if (0.0..=1.0).contains(&value) {
-        Ok(())
-    } else {
-        Err(Violation::new(key, format!("must be between 0 and 1, is {value}")))
     }
 }

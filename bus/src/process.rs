@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use rustix::process::{Pid, Signal};
 
 use crate::bus::Bus;
-use crate::config::{ClockKind, Config, ConfigError, Setting};
+use crate::config::{ClockKind, Config, ConfigError, Setting, Violation};
 use crate::error::BusError;
 use crate::health::Pulse;
 use crate::log;
@@ -79,6 +79,12 @@ impl From<BusError> for Failure {
             BusError::Full { .. } | BusError::System { .. } => Exit::System,
         };
         Self::new(exit, error.to_string())
+    }
+}
+
+impl From<Violation> for Failure {
+    fn from(violation: Violation) -> Self {
+        Self::new(Exit::Config, violation.to_string())
     }
 }
 

@@ -10,9 +10,9 @@ pub mod wire;
 mod world;
 
 use clap::{Args, Subcommand};
-use oqtal_bus::config::{Config, Violation};
+use oqtal_bus::config::Config;
 use oqtal_bus::message::HealthV1;
-use oqtal_bus::process::{CommonArgs, Exit, Failure, ProcessCommand, Shell, execute};
+use oqtal_bus::process::{CommonArgs, Failure, ProcessCommand, Shell, execute};
 use oqtal_bus::topic::{COMMAND, Party, TRUTH, VEHICLE};
 use oqtal_wire::link::LinkSpec;
 
@@ -70,9 +70,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 
 /// The link that the vehicle is to be found at, if its commands come over a wire.
 fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
-    let wrong =
-        |error: Violation| Failure::new(Exit::Config, format!("`{}` {}", error.key, error.rule));
-    config.vehicle.wire.link().map_err(wrong)
+    Ok(config.vehicle.wire.link()?)
 }
 
 /// Flies the simulated vehicle until asked to stop.

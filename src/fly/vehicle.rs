@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::config::{ClockKind, Config, Setting, Violation};
+use oqtal_bus::config::{ClockKind, Config, Setting};
 use oqtal_bus::process::{Exit, Failure, place_of};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{Party, TRUTH};
@@ -132,16 +132,16 @@ impl Way {
             return Err(Failure::new(Exit::Usage, message));
         }
         way.complete(config)?;
-        config.check().map_err(broken)?;
+        config.check()?;
         Ok(way)
     }
 
     /// As a flight before was flown, by the configuration that it left.
     fn configured(config: &Config) -> Result<Self, Failure> {
-        if let Some(link) = config.vehicle.wire.link().map_err(broken)? {
+        if let Some(link) = config.vehicle.wire.link()? {
             return Ok(Self::Bridged(at_instance(&link, config)?));
         }
-        let link = config.bridge.link().map_err(broken)?;
+        let link = config.bridge.link()?;
         Ok(link.filter(|_| config.vehicle.shadow).map_or(Self::Bus, Self::Linked))
     }
 
@@ -230,10 +230,6 @@ fn is_truth_told(config: &Config) -> Result<bool, Failure> {
     drop(truths);
     bus.leave();
     Ok(told)
-}
-
-fn broken(violation: Violation) -> Failure {
-    Failure::new(Exit::Config, format!("`{}` {}", violation.key, violation.rule))
 }
 
 #[cfg(test)]

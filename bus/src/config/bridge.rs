@@ -5,7 +5,7 @@ use oqtal_wire::link::LinkSpec;
 use oqtal_wire::xbee::Address;
 use serde::{Deserialize, Serialize};
 
-use super::{Violation, not_negative, positive};
+use super::{Violation, link_at, not_negative, positive};
 
 /// An age of so many periods is the least that lets a command arrive at all, and the most that still means "at once".
 const NEUTRAL_AFTER_PERIODS: std::ops::RangeInclusive<f64> = 1.5..=15.0;
@@ -44,13 +44,7 @@ impl Bridge {
     /// # Errors
     /// The text is no link.
     pub fn link(&self) -> Result<Option<LinkSpec>, Violation> {
-        if self.link.is_empty() {
-            return Ok(None);
-        }
-        let refused = |error: oqtal_wire::link::InvalidLink| {
-            Violation::new("bridge.link", format!("is no link: {error}"))
-        };
-        self.link.parse().map(Some).map_err(refused)
+        link_at("bridge.link", &self.link)
     }
 
     /// The vehicle's XBee.

@@ -3,7 +3,7 @@
 use oqtal_wire::link::LinkSpec;
 use serde::{Deserialize, Serialize};
 
-use super::{Violation, not_negative, positive, probability};
+use super::{Violation, link_at, not_negative, positive, probability};
 
 /// `[vehicle.wire]`. With the defaults a command acts as long after its first byte as one that comes over the bus acts after it was
 /// received, `vehicle.radio-delay-ms`.
@@ -35,13 +35,7 @@ impl Wire {
     /// # Errors
     /// The text is no link.
     pub fn link(&self) -> Result<Option<LinkSpec>, Violation> {
-        if self.link.is_empty() {
-            return Ok(None);
-        }
-        let refused = |error: oqtal_wire::link::InvalidLink| {
-            Violation::new("vehicle.wire.link", format!("is no link: {error}"))
-        };
-        self.link.parse().map(Some).map_err(refused)
+        link_at("vehicle.wire.link", &self.link)
     }
 
     pub(super) fn check(&self) -> Result<(), Violation> {
