@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_bus::config::Config;
-use oqtal_bus::process::{Exit, Failure, describe};
-use oqtal_bus::program::print;
+use oqtal_config::Config;
+use oqtal_runtime::process::{Exit, Failure, describe};
+use oqtal_runtime::program::print;
 
 /// What to check.
 #[derive(Args, Debug)]

@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
-use oqtal_bus::process::{Exit, Failure};
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure};
 use rustix::process::{Pid, Signal, kill_process};
 
 /// A process that was asked to end has so long before it is killed.
-const FAREWELL: Span = Span::from_millis(2000);
+const SHUTDOWN_TIMEOUT: Span = Span::from_millis(2000);
 /// Lines of a fallen process's log that are shown.
-const LAST_WORDS: usize = 5;
+const LOG_TAIL_LINES: usize = 5;
 
 /// A started process. It ends when this is dropped, and when the process that started it dies.
 #[derive(Debug)]
@@ -70,7 +70,7 @@ impl Child {
     /// A failure if it has ended.
     pub fn fallen(&mut self) -> Option<Failure> {
         let status = self.process.try_wait().ok().flatten()?;
-        Some(self.obituary(status))
+        Some(self.exit_report(status))
     }
 
     /// Asks it to end, and waits for it; a process that does not end is killed.
@@ -80,7 +80,7 @@ impl Child {
                 // It may have ended on its own meanwhile.
                 let _ = kill_process(pid, Signal::TERM);
             }
-            let _ = self.ends_within(FAREWELL);
+            let _ = self.ends_within(SHUTDOWN_TIMEOUT);
         }
         // Neither matters once it has ended.
         let _ = self.process.kill();
@@ -99,7 +99,7 @@ impl Child {
         true
     }
 
-    fn obituary(&self, status: ExitStatus) -> Failure {
+    fn exit_report(&self, status: ExitStatus) -> Failure {
         let how = match (status.code(), status.signal()) {
             (Some(code), _) => format!("ended with exit code {code}"),
             (None, Some(signal)) => format!("was killed by signal {signal}"),
@@ -107,9 +107,9 @@ impl Child {
         };
         let log = std::fs::read_to_string(&self.log).unwrap_or_default();
         let lines: Vec<&str> = log.lines().collect();
-        let last_words = lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n  ");
+        let log_tail = lines[lines.len().saturating_sub(LOG_TAIL_LINES)..].join("\n  ");
         let message = format!(
-            "{} {how}; its log, {}, ends with\n  {last_words}",
+            "{} {how}; its log, {}, ends with\n  {log_tail}",
             self.name,
             self.log.display()
         );

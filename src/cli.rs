@@ -3,18 +3,18 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use oqtal_bus::process::{Exit, Failure, ProcessCommand, execute};
-use oqtal_bus::program::conclude;
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::Role;
+use oqtal_runtime::process::{Exit, Failure, ProcessCommand, execute};
+use oqtal_runtime::program::conclude;
 
-use crate::campaign::CampaignArgs;
 use crate::check::CheckArgs;
 use crate::ctl::CtlArgs;
 use crate::doctor::DoctorArgs;
-use crate::fly::FlyArgs;
+use crate::fly::{FlyArgs, Series};
 use crate::latency::{LatencyArgs, Part};
-use crate::reproduce::ReproduceArgs;
-use crate::tune::TuneArgs;
+use oqtal_lab::campaign::CampaignArgs;
+use oqtal_lab::reproduce::ReproduceArgs;
+use oqtal_lab::tune::TuneArgs;
 
 /// Real-time quaternion control for indoor flight laboratories
 ///
@@ -70,7 +70,9 @@ impl Cli {
         let result = match self.command {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
-            Some(Command::Campaign(args)) => args.execute(),
+            Some(Command::Campaign(args)) => {
+                args.execute(&|directory| Ok(Box::new(Series::begin(directory)?)))
+            }
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),
             Some(Command::Ctl(args)) => args.execute(),
@@ -79,13 +81,13 @@ impl Cli {
             Some(Command::Check(args)) => args.execute(),
             Some(Command::LatencyPart(part)) => return part.execute(),
             Some(Command::Daemon(command)) => {
-                return execute(Party::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
+                return execute(Role::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
             }
             Some(Command::PlantSim(command)) => return command.execute(),
             Some(Command::Bridge(command)) => return command.execute(),
             Some(Command::MocapEmu(command)) => {
                 use oqtal_mocap_emu::{check, run};
-                return execute(Party::Mocap, &command, run, check);
+                return execute(Role::Mocap, &command, run, check);
             }
         };
         finish(result)

@@ -4,13 +4,13 @@ mod status;
 
 use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, Mode, SafetyState, Verb};
-use oqtal_bus::config::Config;
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
-use oqtal_bus::program::{print, say};
 use oqtal_bus::time::Span;
+use oqtal_config::Config;
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
 use status::{Overview, ProcessHealth, Vehicle};
@@ -23,7 +23,7 @@ const PATIENCE: Span = Span::from_millis(2000);
 pub struct CtlArgs {
     /// What the daemon is asked
     #[arg(value_enum)]
-    verb: Request,
+    command: Request,
     /// Print the answer as JSON
     #[arg(long)]
     json: bool,
@@ -47,13 +47,13 @@ enum Request {
 }
 
 impl Request {
-    fn verb(self) -> Verb {
+    fn command(self) -> OperatorCommand {
         match self {
-            Self::Status => Verb::Status,
-            Self::Arm => Verb::Arm,
-            Self::Disarm => Verb::Disarm,
-            Self::Land => Verb::Land,
-            Self::Stop => Verb::Stop,
+            Self::Status => OperatorCommand::Status,
+            Self::Arm => OperatorCommand::Arm,
+            Self::Disarm => OperatorCommand::Disarm,
+            Self::Land => OperatorCommand::Land,
+            Self::Stop => OperatorCommand::Stop,
         }
     }
 }
@@ -61,7 +61,7 @@ impl Request {
 /// The answer, as it is printed.
 #[derive(Debug, Serialize)]
 struct Report {
-    verb: String,
+    command: String,
     answer: String,
     mode: String,
     state: String,
@@ -87,7 +87,7 @@ impl CtlArgs {
     /// No daemon answers (exit code 75), or it refuses (exit code 1).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let place = place_of(&config)?;
+        let place = instance_paths(&config)?;
         place.become_owner()?;
         let bus = Bus::open(&place)?;
         let asked = self.ask(&bus);
@@ -104,10 +104,10 @@ impl CtlArgs {
             return Err(Failure::new(Exit::Peer, message));
         };
         let lines = heard.lines();
-        let report = Report::new(self.verb.verb(), &response, heard);
+        let report = Report::new(self.command.command(), &response, heard);
         if response.answer == Answer::Refused.code() {
-            let Report { verb, cause, mode, .. } = report;
-            let message = format!("{verb} refused: {cause} (daemon is {mode})");
+            let Report { command, cause, mode, .. } = report;
+            let message = format!("{command} refused: {cause} (daemon is {mode})");
             return Err(Failure::new(Exit::Flight, message));
         }
         print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
@@ -116,9 +116,9 @@ impl CtlArgs {
 
     /// What the daemon answers, `None` if there is none; with `status` also how processes and vehicle are.
     fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, Overview), BusError> {
-        let request = ControlRequestV1 { verb: self.verb.verb().code() };
+        let request = ControlRequestV1 { command: self.command.command().code() };
         let response = bus.control_client()?.ask(request, PATIENCE)?;
-        let heard = match self.verb {
+        let heard = match self.command {
             Request::Status => status::listen(bus)?,
             _ => Overview::default(),
         };
@@ -127,11 +127,11 @@ impl CtlArgs {
 }
 
 impl Report {
-    fn new(verb: Verb, response: &ControlResponseV1, heard: Overview) -> Self {
+    fn new(command: OperatorCommand, response: &ControlResponseV1, heard: Overview) -> Self {
         let config_agrees = heard.config_agrees();
         let Overview { processes, vehicle, position_m } = heard;
         Self {
-            verb: verb.to_string(),
+            command: command.to_string(),
             answer: word(Answer::from_code(response.answer)),
             mode: word(Mode::from_code(response.mode)),
             state: word(SafetyState::from_code(response.state)),
@@ -149,9 +149,9 @@ impl Report {
 
     /// The answer, and what else was heard.
     fn to_text(&self, lines: &[String]) -> String {
-        let Self { verb, answer, mode, state, cause, .. } = self;
+        let Self { command, answer, mode, state, cause, .. } = self;
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
-        let first = format!("{verb}: {answer}; {mode}, {state}{because}");
+        let first = format!("{command}: {answer}; {mode}, {state}{because}");
         [&[first], lines].concat().join("\n")
     }
 }

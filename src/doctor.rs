@@ -20,9 +20,9 @@ mod scheduling;
 mod system;
 
 use clap::Args;
-use oqtal_bus::config::Config;
-use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
-use oqtal_bus::program::print;
+use oqtal_config::Config;
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_runtime::program::print;
 
 use finding::{Finding, Level};
 use system::System;
@@ -65,7 +65,7 @@ impl DoctorArgs {
     /// The configuration is wrong.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let findings = examine(&System::live(&place_of(&config)?.root));
+        let findings = examine(&System::live(&instance_paths(&config)?.root));
         print(&if self.json { json(&findings) } else { text(&findings) })?;
         let problem = findings.iter().find(|finding| finding.level == Level::Problem);
         Ok(problem.map_or(Exit::Ok, |finding| finding.exit))

@@ -25,17 +25,17 @@ use std::time::Duration;
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::Verb;
-use oqtal_bus::config::Config;
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::ControlRequestV1;
-use oqtal_bus::pace::StopFlag;
-use oqtal_bus::process::{CommonArgs, Exit, Failure, place_of};
-use oqtal_bus::program::{print, say};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_runtime::loop_clock::StopFlag;
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_runtime::program::{print, say};
 
-use crate::kernel::Realtime;
 use ears::Ears;
 use figures::Figures;
+use oqtal_observe::kernel::Realtime;
 use rig::Rig;
 
 pub use part::Part;
@@ -114,7 +114,7 @@ impl LatencyArgs {
 
     /// A running instance.
     fn attach(&self, config: &Config, stop: &StopFlag) -> Result<Figures, Failure> {
-        let place = place_of(config)?;
+        let place = instance_paths(config)?;
         place.become_owner()?;
         let bus = Bus::open(&place)?;
         let figures = self.attach_to(&bus, config, stop);
@@ -164,7 +164,7 @@ impl LatencyArgs {
 /// Asks the daemon to fly, and waits until the vehicle is told to.
 fn take_off(bus: &Bus, ears: &mut Ears, rig: &mut Rig) -> Result<(), Failure> {
     let client = bus.control_client()?;
-    let request = ControlRequestV1 { verb: Verb::Fly.code() };
+    let request = ControlRequestV1 { command: OperatorCommand::Fly.code() };
     let give_up = Time::now() + PATIENCE;
     let mut asked = false;
     while !ears.is_armed() {

@@ -6,5 +6,5 @@ use std::process::ExitCode;
 use oqtal::cli::Cli;
 
 fn main() -> ExitCode {
-    oqtal_bus::program::run(Cli::execute)
+    oqtal_runtime::program::run(Cli::execute)
 }

@@ -5,9 +5,9 @@ mod common;
 use std::time::{Duration, Instant};
 
 use common::{Running, Testbed, is_alive, number, stderr, wait_for};
-use oqtal_bus::config::Config;
 use oqtal_bus::message::{Header, VehicleV1};
 use oqtal_bus::topic::VEHICLE;
+use oqtal_config::Config;
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -118,7 +118,7 @@ const EXPECTED: [(&str, [Call; 3]); 2] = [
             (
                 "futex",
                 4,
-                "sleep until the rehearsal and until the pose; wake the vehicle; once more if woken for nothing",
+                "sleep until the warmup and until the pose; wake the vehicle; once more if woken for nothing",
             ),
             ("restart_syscall", 1, "the sleep that strace interrupted as it came"),
             ("sched_yield", 0, "never"),
@@ -127,7 +127,7 @@ const EXPECTED: [(&str, [Call; 3]); 2] = [
     (
         "socket",
         [
-            ("ppoll", 3, "sleep until the rehearsal and until the pose, again where strace came"),
+            ("ppoll", 3, "sleep until the warmup and until the pose, again where strace came"),
             ("recvfrom", 3, "take the wake-up off the socket, after every sleep"),
             ("sendto", 1, "wake the vehicle"),
         ],

@@ -10,13 +10,13 @@ use std::path::Path;
 use std::process::Command;
 
 use oqtal_bus::code::{Cause, Mode, SafetyState};
-use oqtal_bus::config::Config;
-use oqtal_bus::process::Exit;
+use oqtal_config::Config;
 use oqtal_control::controller::ControllerOptions;
 use oqtal_control::estimator::EstimatorOptions;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
+use oqtal_runtime::process::Exit;
 use text::{
     Source, Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers,
     quoted, read, root, sources,
@@ -250,7 +250,7 @@ fn every_preset_is_what_its_name_gives() {
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
     ] {
-        let by_name = [oqtal_bus::config::Setting::flag("test", key, name)];
+        let by_name = [oqtal_config::Setting::flag("test", key, name)];
         let by_file = root().join(format!("deploy/presets/{file}.toml"));
         let loaded = Config::load(Some(&by_file), &[]).unwrap();
         assert_eq!(loaded, Config::load(None, &by_name).unwrap(), "{file}");

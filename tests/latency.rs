@@ -7,7 +7,7 @@ use std::path::Path;
 use common::{Running, Testbed, is_alive, number, stderr, wait_for};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
-use oqtal_bus::place::Place;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::wake::Events;
 use rustix::process::Signal;
@@ -127,7 +127,7 @@ fn an_interrupted_measurement_says_what_it_has_and_leaves_nothing() {
     let pid = running.id();
     wait_for("the chain and the bare mechanisms", || (children(pid).len() == 7).then_some(()));
     // Two seconds of samples, whenever they come.
-    let place = Place::new(&format!("latency-{pid}"), Some(&testbed.path("run"))).unwrap();
+    let place = InstancePaths::new(&format!("latency-{pid}"), Some(&testbed.path("run"))).unwrap();
     let bus = Bus::open(&place).unwrap();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     wait_for("a hover", || {
@@ -157,8 +157,8 @@ fn a_killed_measurement_leaves_no_orphans() {
         (format!("latency-{pid}-bare"), Events::Socket),
     ];
     for (name, events) in places {
-        let place = Place::new(&name, Some(&testbed.path("run"))).unwrap();
-        Bus::open(&Place { events, ..place }).unwrap().leave();
+        let place = InstancePaths::new(&name, Some(&testbed.path("run"))).unwrap();
+        Bus::open(&InstancePaths { events, ..place }).unwrap().leave();
     }
     std::fs::remove_dir_all(Path::new("/dev/shm").join(format!("oqtal-latency-{pid}"))).unwrap();
     assert!(remains(pid).is_empty(), "{:?}", remains(pid));

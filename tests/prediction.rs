@@ -1,7 +1,7 @@
 //! What the autopilot knows of the vehicle is what the simulated vehicle does, where nothing disturbs it.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
-use oqtal_bus::config::{Config, Setting};
+use oqtal_config::{Config, Setting};
 use oqtal_control::predictive::{Bias, Input, Motion, Rotation, VehicleModel};
 use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Disturbance, Dynamics, State};

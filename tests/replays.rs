@@ -4,7 +4,7 @@ mod common;
 
 use common::{Testbed, number, wait_for};
 use oqtal_bus::message::{CommandV1, Stamps};
-use oqtal_bus::topic::{COMMAND, POSE, Party};
+use oqtal_bus::topic::{COMMAND, POSE, Role};
 
 /// A second of a vehicle that circles, at 50 Hz, as (t, position, quaternion scalar last).
 fn poses() -> impl Iterator<Item = (f64, [f64; 3], [f64; 4])> {
@@ -100,7 +100,7 @@ fn in_real_time_a_recording_waits_until_the_daemon_listens() {
     let testbed = Testbed::new("replay-waits");
     let bus = testbed.bus();
     let mut poses = bus.observer(&POSE).unwrap();
-    let mut health = bus.observer(&Party::Mocap.health()).unwrap();
+    let mut health = bus.observer(&Role::Mocap.health()).unwrap();
     let file = format!("mocap.replay={:?}", testbed.write("a.csv", &named()).display().to_string());
     let _mocap = testbed.start(&["mocap-emu", "run", "--set", &file]);
     // Three beats are a second, as long as the recording.

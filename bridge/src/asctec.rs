@@ -11,8 +11,8 @@
 //! A vehicle that holds an attitude does so relative to its own heading, so the commanded attitude's roll and pitch are right
 //! as far as its yaw is held.
 
-use oqtal_bus::config::Config;
 use oqtal_bus::message::CommandV1;
+use oqtal_config::Config;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
@@ -20,13 +20,13 @@ use oqtal_wire::asctec::{
     Scales, Status, Sticks, acknowledgement_frame, poll_frame,
 };
 
-use crate::language::{Frame, Heard, Language, Sizes};
-use crate::safety::Order;
+use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
+use crate::safety::VehicleSetpoint;
 
 /// Head, length, descriptor, checksum and tail around a telemetry payload \[bytes\].
 const ENVELOPE: usize = 11;
 
-/// The language of AscTec's serial interface.
+/// The protocol of AscTec's serial interface.
 #[derive(Debug)]
 pub struct Asctec {
     scales: Scales,
@@ -58,24 +58,26 @@ impl Asctec {
     }
 }
 
-impl Language for Asctec {
+impl VehicleProtocol for Asctec {
     fn sizes(&self) -> Sizes {
         Sizes {
-            order: ControlInput::FRAME_LEN,
+            setpoint: ControlInput::FRAME_LEN,
             acknowledgement: acknowledgement_frame(Descriptor::ControlInput).len(),
             poll: poll_frame(Poll::LL_STATUS).len(),
             status: Descriptor::LlStatus.payload_len() + ENVELOPE,
         }
     }
 
-    fn order(&mut self, order: &Order) -> Frame {
-        let input = match order {
-            Order::Neutral => ControlInput::NEUTRAL,
-            Order::Fly(command) => self
+    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> Frame {
+        let input = match setpoint {
+            VehicleSetpoint::Neutral => ControlInput::NEUTRAL,
+            VehicleSetpoint::Fly(command) => self
                 .sticks(command)
                 .map_or(ControlInput::NEUTRAL, |sticks| self.scales.encode(&sticks)),
             // The same frame: a toggle.
-            Order::StartMotors | Order::StopMotors => self.scales.motor_switch(),
+            VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => {
+                self.scales.motor_switch()
+            }
         };
         Frame::of(&input.frame())
     }
@@ -88,12 +90,12 @@ impl Language for Asctec {
         Frame::of(&EMERGENCY_STOP)
     }
 
-    fn hear(&mut self, bytes: &[u8], heard: &mut dyn FnMut(Heard)) {
+    fn hear(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         for event in self.decoder.push(bytes) {
-            heard(match event {
-                HostEvent::Acknowledged(Descriptor::ControlInput) => Heard::Acknowledged,
+            reply(match event {
+                HostEvent::Acknowledged(Descriptor::ControlInput) => VehicleReply::Acknowledged,
                 HostEvent::LlStatus(status) => status_of(status),
-                _ => Heard::Other,
+                _ => VehicleReply::Other,
             });
         }
     }
@@ -107,9 +109,9 @@ impl Language for Asctec {
     }
 }
 
-fn status_of(status: LlStatus) -> Heard {
+fn status_of(status: LlStatus) -> VehicleReply {
     let Status { battery_v, motors_on, .. } = Status::from(status);
-    Heard::Status { battery_v, motors_run: motors_on }
+    VehicleReply::Status { battery_v, motors_run: motors_on }
 }
 
 #[cfg(test)]
@@ -117,26 +119,30 @@ mod tests {
     use super::*;
     use oqtal_wire::asctec::{Command, VehicleDecoder, write_telemetry};
 
-    fn language() -> Asctec {
+    fn protocol() -> Asctec {
         Asctec::new(&Config::default())
     }
 
     /// What the vehicle reads of `command`.
-    fn read(language: &mut Asctec, command: CommandV1) -> ControlInput {
-        let frame = language.order(&Order::Fly(command));
-        let heard: Vec<Command> = VehicleDecoder::new().push(frame.bytes()).collect();
-        let [Command::Control(input)] = heard[..] else { panic!("{heard:?}") };
+    fn read(protocol: &mut Asctec, command: CommandV1) -> ControlInput {
+        let frame = protocol.setpoint(&VehicleSetpoint::Fly(command));
+        let reply: Vec<Command> = VehicleDecoder::new().push(frame.bytes()).collect();
+        let [Command::Control(input)] = reply[..] else { panic!("{reply:?}") };
         input
     }
 
     #[test]
     fn frames_are_as_long_as_they_say() {
-        let mut language = language();
-        let sizes = language.sizes();
-        for order in [Order::Neutral, Order::StartMotors, Order::Fly(CommandV1::default())] {
-            assert_eq!(language.order(&order).bytes().len(), sizes.order);
+        let mut protocol = protocol();
+        let sizes = protocol.sizes();
+        for setpoint in [
+            VehicleSetpoint::Neutral,
+            VehicleSetpoint::StartMotors,
+            VehicleSetpoint::Fly(CommandV1::default()),
+        ] {
+            assert_eq!(protocol.setpoint(&setpoint).bytes().len(), sizes.setpoint);
         }
-        assert_eq!(language.poll().bytes().len(), sizes.poll);
+        assert_eq!(protocol.poll().bytes().len(), sizes.poll);
         let mut answer = [0; 64];
         let length = write_telemetry(Descriptor::LlStatus, &[0; 16], &mut answer);
         assert_eq!(length, Some(sizes.status));
@@ -144,9 +150,9 @@ mod tests {
 
     #[test]
     fn the_vehicle_reads_what_was_ordered() {
-        let mut language = language();
+        let mut protocol = protocol();
         let command = CommandV1 { sticks: [0.5, -0.25, 0.1], thrust: 0.25, ..CommandV1::default() };
-        let input = read(&mut language, command);
+        let input = read(&mut protocol, command);
         let read = Config::default().bridge.asctec.decode(&input);
         let resolution = 1.0 / 2047.0;
         for (read, sent) in [read.roll, read.pitch, read.yaw].into_iter().zip(command.sticks) {
@@ -159,17 +165,17 @@ mod tests {
     fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
         let mut config = Config::default();
         config.bridge.asctec.sticks = Meaning::Attitude;
-        let mut language = Asctec::new(&config);
+        let mut protocol = Asctec::new(&config);
         // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
         let half = 5.0_f64.to_radians();
         let attitude = [half.sin(), 0.0, 0.0, half.cos()];
         let command =
             CommandV1 { attitude, sticks: [0.7, 0.7, 0.1], thrust: 0.25, ..CommandV1::default() };
-        let input = read(&mut language, command);
+        let input = read(&mut protocol, command);
         let signs = config.bridge.asctec.command_signs;
         assert_eq!((input.roll, input.pitch), (400 * i16::from(signs.roll), 0));
         assert_eq!(input.yaw.abs(), 95);
-        let nothing = read(&mut language, CommandV1 { attitude: [0.0; 4], ..command });
+        let nothing = read(&mut protocol, CommandV1 { attitude: [0.0; 4], ..command });
         assert_eq!(nothing, ControlInput::NEUTRAL);
     }
 }

@@ -9,15 +9,15 @@
 //! A port may also take frame after frame and pass on none, while its far end asks for a pause. Then nothing is handed over behind
 //! what it holds, and what it holds for a period too long is dropped: commands cannot pile up and go out late.
 
-use oqtal_bus::config::Config;
 use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
 
-use crate::housekeeping::Note;
-use crate::language::{Frame, Heard, Language, Sizes};
+use crate::background::Note;
 use crate::line::Line;
 use crate::motors::Change;
-use crate::safety::{About, Limits, MotorStatus, Order, Safety};
+use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
+use crate::safety::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
 use crate::schedule::{Schedule, spacing};
 use crate::vehicle::Vehicle;
 
@@ -25,7 +25,7 @@ use crate::vehicle::Vehicle;
 const STATUS_PERIODS: f64 = 3.0;
 /// A port that took nothing, or a part of a frame, is looked at again so soon.
 const RETRY: Span = Span::from_millis(1);
-/// A port may be so much of an order behind the reckoning before nothing more is handed to it.
+/// A port may be so much of an setpoint behind the reckoning before nothing more is handed to it.
 const LAG_FRAMES: f64 = 0.5;
 
 /// Refused commands that are further apart are two matters.
@@ -37,7 +37,7 @@ pub type Report = (u64, Stamps, VehicleV1);
 /// What a frame is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
-    Order(Option<About>),
+    VehicleSetpoint(Option<About>),
     Poll,
     EmergencyStop,
 }
@@ -54,7 +54,7 @@ struct Outgoing {
 /// The bridge, from command to bytes and from bytes to what is known of the vehicle.
 #[derive(Debug)]
 pub struct Bridge {
-    language: Box<dyn Language>,
+    protocol: Box<dyn VehicleProtocol>,
     sizes: Sizes,
     period: Span,
     air: Span,
@@ -82,18 +82,18 @@ pub struct Bridge {
 
 /// How far apart polls must be on `line`; `None` if there is no room for any.
 pub(crate) fn poll_spacing(line: &Line, period: Span, sizes: Sizes) -> Option<Span> {
-    let Sizes { order, acknowledgement, poll, status } = sizes;
-    spacing(period, line.time_for(order + acknowledgement), line.time_for(poll + status))
+    let Sizes { setpoint, acknowledgement, poll, status } = sizes;
+    spacing(period, line.time_for(setpoint + acknowledgement), line.time_for(poll + status))
 }
 
 impl Bridge {
     /// A bridge of `config` at `baud` that has no port yet.
     #[must_use]
-    pub fn new(config: &Config, language: Box<dyn Language>, baud: u32, now: Time) -> Self {
+    pub fn new(config: &Config, protocol: Box<dyn VehicleProtocol>, baud: u32, now: Time) -> Self {
         let options = &config.bridge;
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         let period = Span::period_of(config.control.rate_hz);
-        let (line, sizes) = (Line::new(baud), language.sizes());
+        let (line, sizes) = (Line::new(baud), protocol.sizes());
         // Without any room the configuration was refused.
         let spacing = poll_spacing(&line, period, sizes).unwrap_or(period);
         let status_period = Span::period_of(options.status_rate_hz).max(spacing);
@@ -105,7 +105,7 @@ impl Bridge {
         };
         Self {
             sizes,
-            language,
+            protocol,
             period,
             air: millis(options.air_latency_ms),
             emergency_stop: options.emergency_stop,
@@ -132,7 +132,7 @@ impl Bridge {
         self.is_open = true;
         self.safety.forget(now);
         self.vehicle.forget();
-        self.language.forget();
+        self.protocol.forget();
         self.line.clear();
         self.schedule.restart();
         (self.outgoing, self.emergency_waits) = (None, false);
@@ -165,9 +165,9 @@ impl Bridge {
     /// Takes bytes from the port.
     pub fn hear(&mut self, now: Time, bytes: &[u8]) {
         let (vehicle, safety) = (&mut self.vehicle, &mut self.safety);
-        self.language.hear(bytes, &mut |heard| {
-            vehicle.hear(now, heard);
-            if let Heard::Status { motors_run, .. } = heard {
+        self.protocol.hear(bytes, &mut |reply| {
+            vehicle.hear(now, reply);
+            if let VehicleReply::Status { motors_run, .. } = reply {
                 safety.hear(MotorStatus { heard_at: now, run: motors_run });
             }
         });
@@ -187,7 +187,7 @@ impl Bridge {
             self.say_neutral(now);
             return None;
         }
-        let (order, about, change) = self.safety.decide(now);
+        let (setpoint, about, change) = self.safety.decide(now);
         if let Some(change) = change {
             note(Note::Motors(change));
             self.emergency_waits |= change == Change::StopFailed && self.emergency_stop;
@@ -195,28 +195,28 @@ impl Bridge {
         let with_command = std::mem::take(&mut self.command_waits);
         self.schedule.frame(now, with_command);
         if self.is_open {
-            let frame = self.language.order(&order);
-            self.begin(now, Kind::Order(about), frame);
+            let frame = self.protocol.setpoint(&setpoint);
+            self.begin(now, Kind::VehicleSetpoint(about), frame);
             None
         } else {
             Some(self.report(now, None, Span::ZERO))
         }
     }
 
-    /// Begins what goes right behind an order: the emergency stop, or a poll if there is room for it.
+    /// Begins what goes right behind an setpoint: the emergency stop, or a poll if there is room for it.
     pub fn follow_up(&mut self, now: Time) {
         if !self.is_open || self.outgoing.is_some() {
             return;
         }
         if std::mem::take(&mut self.emergency_waits) {
-            let frame = self.language.emergency_stop();
+            let frame = self.protocol.emergency_stop();
             self.begin(now, Kind::EmergencyStop, frame);
             return;
         }
         let asking = self.line.time_for(self.sizes.poll);
         let urgent = self.safety.is_in_sequence();
         if self.schedule.poll(now, self.line.ahead(now), asking, urgent) {
-            let frame = self.language.poll();
+            let frame = self.protocol.poll();
             self.begin(now, Kind::Poll, frame);
         }
     }
@@ -229,7 +229,7 @@ impl Bridge {
             .map_or(&[], |outgoing| &outgoing.frame.bytes()[outgoing.handed_over..])
     }
 
-    /// So many of them were taken at `now`. With the last byte of an order there is something to report.
+    /// So many of them were taken at `now`. With the last byte of an setpoint there is something to report.
     pub fn handed_over(&mut self, now: Time, bytes: usize) -> Option<Report> {
         let outgoing = self.outgoing.as_mut()?;
         outgoing.handed_over += bytes;
@@ -240,7 +240,7 @@ impl Bridge {
         self.outgoing = None;
         let on_wire = self.line.take(now, frame.bytes().len());
         match kind {
-            Kind::Order(about) => {
+            Kind::VehicleSetpoint(about) => {
                 self.vehicle.asked(now);
                 Some(self.report(now, about, on_wire))
             }
@@ -256,7 +256,7 @@ impl Bridge {
     /// ahead. Whether what was handed over is to be dropped: a frame stands, or the port holds back, for longer than a period.
     #[must_use]
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
-        let lag = self.line.time_for(self.sizes.order).scaled(LAG_FRAMES);
+        let lag = self.line.time_for(self.sizes.setpoint).scaled(LAG_FRAMES);
         let holds_back = self.line.time_for(queued) > self.line.ahead(now) + lag;
         let free_at = self.line.free_at();
         // Frames stop going at once, so this is about the last of them.
@@ -275,15 +275,15 @@ impl Bridge {
 
     /// The last words: neutral. To be called as often as it is to be said.
     pub fn say_neutral(&mut self, now: Time) {
-        let frame = self.language.order(&Order::Neutral);
-        self.begin(now, Kind::Order(None), frame);
+        let frame = self.protocol.setpoint(&VehicleSetpoint::Neutral);
+        self.begin(now, Kind::VehicleSetpoint(None), frame);
     }
 
     /// The very last: the emergency stop, if the motors run because of this bridge. Nobody will be left to stop them.
     pub fn say_emergency_stop(&mut self, now: Time) -> bool {
         let needed = self.is_open && self.emergency_stop && self.safety.may_run();
         if needed {
-            let frame = self.language.emergency_stop();
+            let frame = self.protocol.emergency_stop();
             self.begin(now, Kind::EmergencyStop, frame);
         }
         needed
@@ -317,7 +317,7 @@ impl Bridge {
         (about.map_or(0, |about| about.pose), stamps, vehicle)
     }
 
-    /// Whether there is a port, and the vehicle was heard lately.
+    /// Whether there is a port, and the vehicle was reply lately.
     #[must_use]
     pub fn answers(&self, now: Time) -> bool {
         self.is_open && self.vehicle.answers(now)
@@ -330,7 +330,7 @@ impl Bridge {
             note(if answers {
                 Note::Answers
             } else {
-                Note::Silent { damaged: self.language.damaged() }
+                Note::Silent { damaged: self.protocol.damaged() }
             });
         }
         let refused = self.safety.refused();
@@ -346,7 +346,7 @@ impl Bridge {
     /// When the line has no more ahead than a frame: a command that comes later overtakes one that waits here, but none on the
     /// line.
     fn clear_at(&self, now: Time) -> Time {
-        now + (self.line.ahead(now) - self.line.time_for(self.sizes.order)).max(Span::ZERO)
+        now + (self.line.ahead(now) - self.line.time_for(self.sizes.setpoint)).max(Span::ZERO)
     }
 
     fn begin(&mut self, now: Time, kind: Kind, frame: Frame) {

@@ -6,24 +6,24 @@
 //! | `motors.rs` | the table of motor states | neither format nor link |
 //! | `schedule.rs`, `line.rs` | when frames go, and how busy the line is | neither format nor link |
 //! | `vehicle.rs` | what is known of the vehicle | neither format nor link |
-//! | `language.rs` | what is needed of a vehicle's language | no format |
+//! | `protocol.rs` | what is needed of a vehicle's protocol | no format |
 //! | `asctec.rs`, `radio.rs` | the AscTec Hummingbird, XBee radios | one format each, in `oqtal-wire` |
 //! | `link.rs`, `serial.rs` | what carries bytes; serial ports | one link |
 //! | `bridge.rs` | one turn: all of these together, pure | |
 //! | `pump.rs` | the loop: bus, port and one turn after the other | |
-//! | `housekeeping.rs` | logs, opening and closing ports | |
+//! | `background.rs` | logs, opening and closing ports | |
 //!
 //! The bridge is the second of three lines of safety, and asks neither of the others: the daemon judges poses, the bridge
 //! judges the daemon's commands by its own clock, systemd restarts what died.
 #![forbid(unsafe_code)]
 
 mod asctec;
+mod background;
 mod bridge;
-mod housekeeping;
-mod language;
 mod line;
 mod link;
 mod motors;
+mod protocol;
 mod pump;
 mod radio;
 mod safety;
@@ -32,22 +32,22 @@ mod serial;
 mod vehicle;
 
 use clap::{Args, Subcommand};
-use oqtal_bus::config::{ClockKind, Config, VehicleKind};
-use oqtal_bus::process::{CommonArgs, Exit, Failure, ProcessCommand, Shell, execute};
 use oqtal_bus::time::Span;
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::Role;
+use oqtal_config::{ClockKind, Config, VehicleKind};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_wire::link::{Kind, LinkSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 pub use asctec::Asctec;
+pub use background::{BackgroundWorker, Note, RtHandle, rt_handle};
 pub use bridge::{Bridge, Report};
-pub use housekeeping::{Desk, Housekeeping, Note, desk};
-pub use language::{Frame, Heard, Language, Sizes};
 pub use line::Line;
 pub use link::Link;
 pub use motors::{Change, Conditions, Motors, State};
+pub use protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
 pub use radio::through;
-pub use safety::{About, Limits, MotorStatus, Order, Safety};
+pub use safety::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
 pub use schedule::{Schedule, spacing};
 pub use serial::{OpenError, Port, Serial};
 pub use vehicle::Vehicle;
@@ -82,7 +82,7 @@ impl BridgeCommand {
             Self::Run(args) => ProcessCommand::Run(args.common()),
             Self::Check(args) => ProcessCommand::Check(args.common()),
         };
-        execute(Party::Bridge, &command, run, check)
+        execute(Role::Bridge, &command, run, check)
     }
 }
 
@@ -107,19 +107,19 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 ///
 /// # Errors
 /// The configuration has no meaning, the port cannot be opened, or the bus refuses or breaks.
-pub fn run(shell: &Shell) -> Result<(), Failure> {
-    let (spec, language) = vehicle(&shell.config)?;
-    let every_radio = shell.config.bridge.xbee_address().is_ok_and(Address::is_broadcast);
+pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    let (spec, protocol) = vehicle(&context.config)?;
+    let every_radio = context.config.bridge.xbee_address().is_ok_and(Address::is_broadcast);
     if every_radio && spec.xbee() != Framing::Transparent {
         tracing::warn!(
             "commands go to every radio in reach, and any of them is taken for the vehicle; set `bridge.xbee-address` to that of its radio"
         );
     }
-    pump::run(shell, &spec, language)
+    pump::run(context, &spec, protocol)
 }
 
-/// The link of `config`, and the language that is spoken there.
-fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn Language>), Failure> {
+/// The link of `config`, and the protocol that is spoken there.
+fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn VehicleProtocol>), Failure> {
     let wrong = |reason: String| Failure::new(Exit::Config, reason);
     if config.clock.kind != ClockKind::Real {
         let reason = "a bridge flies by the machine's clock alone; set `clock.kind = \"real\"`";
@@ -133,13 +133,13 @@ fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn Language>), Failure> {
     let spec = spec.ok_or_else(|| {
         wrong("`bridge.link` names no vehicle; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0".to_owned())
     })?;
-    let language: Box<dyn Language> = match spec.kind() {
+    let protocol: Box<dyn VehicleProtocol> = match spec.kind() {
         Kind::Asctec => Box::new(Asctec::new(config)),
     };
     let peer = config.bridge.xbee_address()?;
-    let language = radio::through(spec.xbee(), peer, language);
-    check_room(config, &spec, language.sizes()).map_err(wrong)?;
-    Ok((spec, language))
+    let protocol = radio::through(spec.xbee(), peer, protocol);
+    check_room(config, &spec, protocol.sizes()).map_err(wrong)?;
+    Ok((spec, protocol))
 }
 
 /// Commands, polls and answers must fit on the line.
@@ -147,11 +147,11 @@ fn check_room(config: &Config, spec: &LinkSpec, sizes: Sizes) -> Result<(), Stri
     let line = Line::new(spec.baud());
     let (period, rate) = (Span::period_of(config.control.rate_hz), config.control.rate_hz);
     let baud = spec.baud();
-    if line.time_for(sizes.order) > period.scaled(GREATEST_OCCUPANCY) {
+    if line.time_for(sizes.setpoint) > period.scaled(GREATEST_OCCUPANCY) {
         return Err(format!(
             "`bridge.link`: {rate} commands of {} bytes a second take more than {} % of {baud} baud; lower `control.rate-hz`, or use a \
              faster line",
-            sizes.order,
+            sizes.setpoint,
             GREATEST_OCCUPANCY * 100.0
         ));
     }

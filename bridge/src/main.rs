@@ -4,7 +4,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use oqtal_bus::program;
+use oqtal_runtime::program;
 
 /// The bridge process of oqtal: a real vehicle over a radio, in place of the simulated one
 #[derive(Parser)]

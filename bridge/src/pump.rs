@@ -6,20 +6,20 @@ use std::time::Duration;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Cause;
 use oqtal_bus::error::BusError;
-use oqtal_bus::health::Pulse;
 use oqtal_bus::message::{CommandV1, HealthV1, VehicleV1};
-use oqtal_bus::pace::Pace;
 use oqtal_bus::port::{Reader, Writer};
-use oqtal_bus::process::{Failure, Shell};
-use oqtal_bus::service::Vitals;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_runtime::health::Heartbeat;
+use oqtal_runtime::loop_clock::LoopClock;
+use oqtal_runtime::process::{Failure, ProcessContext};
+use oqtal_runtime::service::Health;
 use oqtal_wire::link::LinkSpec;
 
+use crate::background::{Note, RtHandle, rt_handle};
 use crate::bridge::Bridge;
-use crate::housekeeping::{Desk, Note, desk};
-use crate::language::Language;
 use crate::link::Link;
+use crate::protocol::VehicleProtocol;
 use crate::serial::Port;
 
 /// Bytes read at once: at 57600 baud a period brings less than a hundred.
@@ -27,36 +27,40 @@ const READ: usize = 512;
 /// Reads in one turn at most, however much comes.
 const READS: usize = 4;
 /// Neutral frames with which the bridge leaves.
-const LAST_WORDS: usize = 3;
+const FINAL_FRAMES: usize = 3;
 /// The last words may take so long to go out before they are dropped.
-const FAREWELL: Span = Span::from_millis(60);
+const SHUTDOWN_TIMEOUT: Span = Span::from_millis(60);
 
 /// Opens bus and port, and passes commands on until asked to stop.
 ///
 /// # Errors
 /// The port cannot be opened; the bus refuses or breaks.
-pub fn run(shell: &Shell, spec: &LinkSpec, language: Box<dyn Language>) -> Result<(), Failure> {
-    let bus = shell.bus()?;
-    let ports = Ports::open(shell, &bus)?;
-    let pace = shell.pace(&bus, &COMMAND)?;
+pub fn run(
+    context: &ProcessContext,
+    spec: &LinkSpec,
+    protocol: Box<dyn VehicleProtocol>,
+) -> Result<(), Failure> {
+    let bus = context.bus()?;
+    let ports = Ports::open(context, &bus)?;
+    let pace = context.pace(&bus, &COMMAND)?;
     let port = Port {
         path: spec.path().into(),
         baud: spec.baud(),
-        hardware_flow_control: shell.config.bridge.hardware_flow_control,
+        hardware_flow_control: context.config.bridge.hardware_flow_control,
     };
     let link: Box<dyn Link> = Box::new(port.open()?);
     tracing::info!(link = spec.to_string(), "the port is open");
     let now = pace.now();
-    let mut bridge = Bridge::new(&shell.config, language, spec.baud(), now);
+    let mut bridge = Bridge::new(&context.config, protocol, spec.baud(), now);
     bridge.open(now);
-    let (desk, housekeeping) = desk();
+    let (rt_handle, background) = rt_handle();
     std::thread::scope(|threads| {
-        // The housekeeping thread ends with the loop, however that ends.
-        let _stop = shell.stop.set_on_drop();
-        threads.spawn(|| housekeeping.run(&shell.stop, || port.open()));
-        shell.enter_realtime();
-        let vitals = shell.vitals.clone();
-        Ok(Pump { ports, pace, bridge, link: Some(link), desk, vitals }.work()?)
+        // The background thread ends with the loop, however that ends.
+        let _stop = context.stop.set_on_drop();
+        threads.spawn(|| background.run(&context.stop, || port.open()));
+        context.enter_realtime();
+        let health = context.health.clone();
+        Ok(Pump { ports, pace, bridge, link: Some(link), rt_handle, health }.work()?)
     })
 }
 
@@ -64,45 +68,45 @@ pub fn run(shell: &Shell, spec: &LinkSpec, language: Box<dyn Language>) -> Resul
 struct Ports {
     commands: Reader<CommandV1>,
     vehicles: Writer<VehicleV1>,
-    pulse: Pulse,
+    heartbeat: Heartbeat,
 }
 
 impl Ports {
     /// Opens them, the vehicle's topic first: it is the lock against a second bridge, and a plant.
-    fn open(shell: &Shell, bus: &Bus) -> Result<Self, BusError> {
+    fn open(context: &ProcessContext, bus: &Bus) -> Result<Self, BusError> {
         let vehicles = bus.writer(&VEHICLE)?;
-        Ok(Self { vehicles, commands: bus.reader(&COMMAND)?, pulse: shell.pulse(bus)? })
+        Ok(Self { vehicles, commands: bus.reader(&COMMAND)?, heartbeat: context.heartbeat(bus)? })
     }
 }
 
 /// The loop's all.
 struct Pump {
     ports: Ports,
-    pace: Pace,
+    pace: LoopClock,
     bridge: Bridge,
     link: Option<Box<dyn Link>>,
-    desk: Desk,
-    vitals: Vitals,
+    rt_handle: RtHandle,
+    health: Health,
 }
 
 impl Pump {
     /// Works until asked to stop or the bus breaks, and leaves the vehicle neutral either way, even by a panic.
     fn work(&mut self) -> Result<(), BusError> {
         let result = catch_unwind(AssertUnwindSafe(|| self.turns()));
-        self.farewell();
+        self.shut_down();
         result.unwrap_or_else(|panic| resume_unwind(panic))
     }
 
     fn turns(&mut self) -> Result<(), BusError> {
         while self.pace.wait(Some(self.bridge.next_event(self.pace.now())))?.is_some() {
             self.beat()?;
-            if let Some(link) = self.desk.opened() {
+            if let Some(link) = self.rt_handle.opened() {
                 self.link = Some(link);
                 self.bridge.open(self.pace.now());
             }
             self.listen();
             if let Some((header, command)) = self.ports.commands.latest()? {
-                self.vitals.heard();
+                self.health.heard();
                 // After the command was taken: it must not look as if it had come before it was sent.
                 let (now, lost) = (self.pace.now(), self.ports.commands.lost());
                 self.bridge.receive(now, &header, command, lost);
@@ -116,8 +120,8 @@ impl Pump {
     fn beat(&mut self) -> Result<(), BusError> {
         let answers = self.bridge.answers(self.pace.now());
         let cause = if answers { Cause::None } else { Cause::NoVehicle };
-        let unlogged = self.desk.unlogged();
-        self.ports.pulse.beat(HealthV1 { cause: cause.code(), unlogged, ..HealthV1::default() })
+        let unlogged = self.rt_handle.unlogged();
+        self.ports.heartbeat.beat(HealthV1 { cause: cause.code(), unlogged, ..HealthV1::default() })
     }
 
     /// Takes what the port has.
@@ -134,12 +138,12 @@ impl Pump {
         }
     }
 
-    /// Hands over what is due: what is left of a frame, an order, and what goes behind it.
+    /// Hands over what is due: what is left of a frame, an setpoint, and what goes behind it.
     fn speak(&mut self) -> Result<(), BusError> {
         self.unblock();
         self.hand_over()?;
-        let desk = &mut self.desk;
-        let silent = self.bridge.turn(self.pace.now(), &mut |note| desk.note(note));
+        let rt_handle = &mut self.rt_handle;
+        let silent = self.bridge.turn(self.pace.now(), &mut |note| rt_handle.note(note));
         if let Some(report) = silent {
             self.report(report)?;
         }
@@ -163,7 +167,7 @@ impl Pump {
         match dropped {
             Ok(()) => {
                 self.bridge.drop_outgoing();
-                self.desk.note(Note::Stuck);
+                self.rt_handle.note(Note::Stuck);
             }
             Err(_) => self.lose(),
         }
@@ -197,14 +201,14 @@ impl Pump {
     /// The port is gone: it is closed and searched for elsewhere, and the daemon is told in the next turn.
     fn lose(&mut self) {
         if let Some(link) = self.link.take() {
-            self.desk.lost(link);
+            self.rt_handle.lost(link);
         }
         self.bridge.close(self.pace.now());
     }
 
     /// Leaves the vehicle neutral: nothing that was handed over may act after this. Errors have nobody left to go to.
-    fn farewell(&mut self) {
-        for _ in 0..LAST_WORDS {
+    fn shut_down(&mut self) {
+        for _ in 0..FINAL_FRAMES {
             self.bridge.say_neutral(self.pace.now());
             let _ = self.hand_over();
         }
@@ -212,7 +216,7 @@ impl Pump {
             let _ = self.hand_over();
         }
         if let Some(link) = &mut self.link {
-            let give_up = self.pace.now() + FAREWELL;
+            let give_up = self.pace.now() + SHUTDOWN_TIMEOUT;
             let is_out = |link: &dyn Link, now: Time| {
                 self.bridge.ahead(now) == Span::ZERO && link.queued().is_ok_and(|left| left == 0)
             };

@@ -1,23 +1,27 @@
-//! XBee radios around a vehicle's language: what goes out is framed for the radio, what comes in is taken out of its frames.
+//! XBee radios around a vehicle's protocol: what goes out is framed for the radio, what comes in is taken out of its frames.
 //!
 //! Requests carry the id 0, which asks for no report of their delivery: the vehicle's own acknowledgements say more, and each
 //! report would take the line's time.
 
 use oqtal_wire::xbee::{Address, Arrival, Carrier, Framing, Side};
 
-use crate::language::{Frame, Heard, Language, Sizes};
-use crate::safety::Order;
+use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
+use crate::safety::VehicleSetpoint;
 
-/// A language that goes through a radio.
+/// A protocol that goes through a radio.
 #[derive(Debug)]
 struct Radio {
     carrier: Carrier,
-    inner: Box<dyn Language>,
+    inner: Box<dyn VehicleProtocol>,
 }
 
-/// `language` as it goes through a radio that frames like this, to the radio `peer`.
+/// `protocol` as it goes through a radio that frames like this, to the radio `peer`.
 #[must_use]
-pub fn through(framing: Framing, peer: Address, inner: Box<dyn Language>) -> Box<dyn Language> {
+pub fn through(
+    framing: Framing,
+    peer: Address,
+    inner: Box<dyn VehicleProtocol>,
+) -> Box<dyn VehicleProtocol> {
     match framing {
         Framing::Transparent => inner,
         Framing::Api1 | Framing::Api2 => {
@@ -35,19 +39,19 @@ impl Radio {
     }
 }
 
-impl Language for Radio {
+impl VehicleProtocol for Radio {
     fn sizes(&self) -> Sizes {
         let (inner, overhead) = (self.inner.sizes(), self.carrier.overhead());
         Sizes {
-            order: inner.order + overhead,
+            setpoint: inner.setpoint + overhead,
             acknowledgement: inner.acknowledgement + overhead,
             poll: inner.poll + overhead,
             status: inner.status + overhead,
         }
     }
 
-    fn order(&mut self, order: &Order) -> Frame {
-        let frame = self.inner.order(order);
+    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> Frame {
+        let frame = self.inner.setpoint(setpoint);
         self.wrap(&frame)
     }
 
@@ -61,11 +65,11 @@ impl Language for Radio {
         self.wrap(&frame)
     }
 
-    fn hear(&mut self, bytes: &[u8], heard: &mut dyn FnMut(Heard)) {
+    fn hear(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         let Self { carrier, inner } = self;
         for arrival in carrier.push(bytes) {
             if let Arrival::Payload { payload, .. } = arrival {
-                inner.hear(&payload, heard);
+                inner.hear(&payload, reply);
             }
         }
     }
@@ -82,7 +86,7 @@ impl Language for Radio {
 
 #[cfg(test)]
 mod tests {
-    use oqtal_bus::config::Config;
+    use oqtal_config::Config;
     use oqtal_wire::asctec::{Command, ControlInput, VehicleDecoder};
 
     use super::*;
@@ -95,7 +99,7 @@ mod tests {
             let peer = Address::BROADCAST;
             let mut near = through(framing, peer, Box::new(Asctec::new(&config)));
             let mut far = Carrier::new(framing, Side::Radio, peer);
-            let frame = near.order(&Order::Neutral);
+            let frame = near.setpoint(&VehicleSetpoint::Neutral);
             let mut decoder = VehicleDecoder::new();
             let mut read = Vec::new();
             for arrival in far.push(frame.bytes()) {
@@ -104,9 +108,9 @@ mod tests {
             }
             assert_eq!(read, [Command::Control(ControlInput::NEUTRAL)], "{framing}");
             let answer = far.wrap(0, b">a\x17a<").unwrap();
-            let mut heard = Vec::new();
-            near.hear(answer.as_bytes(), &mut |what| heard.push(what));
-            assert_eq!(heard, [Heard::Acknowledged], "{framing}");
+            let mut reply = Vec::new();
+            near.hear(answer.as_bytes(), &mut |what| reply.push(what));
+            assert_eq!(reply, [VehicleReply::Acknowledged], "{framing}");
         }
     }
 }

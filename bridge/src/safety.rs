@@ -13,7 +13,7 @@ use crate::motors::{Change, Conditions, Motors, State};
 
 /// What a frame tells the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Order {
+pub enum VehicleSetpoint {
     /// Sticks centred, no thrust.
     Neutral,
     /// Fly like this: sticks and thrust.
@@ -24,7 +24,7 @@ pub enum Order {
     StopMotors,
 }
 
-/// A command that an order passes on for the first time.
+/// A command that an setpoint passes on for the first time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct About {
     /// Sequence of the command.
@@ -38,7 +38,7 @@ pub struct About {
 /// What the vehicle last said of its motors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MotorStatus {
-    /// When it was heard.
+    /// When it was reply.
     pub heard_at: Time,
     /// Whether they run.
     pub run: bool,
@@ -49,7 +49,7 @@ pub struct MotorStatus {
 pub struct Limits {
     /// A command published longer ago is never sent.
     pub command_age: Span,
-    /// A status heard longer ago does not count for a motor sequence.
+    /// A status reply longer ago does not count for a motor sequence.
     pub status_age: Span,
     /// A motor sequence lasts no longer.
     pub sequence: Span,
@@ -130,21 +130,21 @@ impl Safety {
     }
 
     /// What a frame that begins `now` says, the command that it passes on for the first time, and what changed.
-    pub fn decide(&mut self, now: Time) -> (Order, Option<About>, Option<Change>) {
+    pub fn decide(&mut self, now: Time) -> (VehicleSetpoint, Option<About>, Option<Change>) {
         let flight = self.flight(now);
         if flight.is_some() {
             self.unwanted_since = now;
         }
         let conditions = self.conditions(now, flight.is_some());
         let change = self.motors.step(now, conditions);
-        let order = match (self.motors.state(), flight) {
-            (State::Running, Some(command)) => Order::Fly(command),
+        let setpoint = match (self.motors.state(), flight) {
+            (State::Running, Some(command)) => VehicleSetpoint::Fly(command),
             // A toggle, so only while it is known to be needed.
-            (State::Starting, Some(_)) if conditions.stand => Order::StartMotors,
-            (State::Stopping, None) if conditions.run => Order::StopMotors,
-            _ => Order::Neutral,
+            (State::Starting, Some(_)) if conditions.stand => VehicleSetpoint::StartMotors,
+            (State::Stopping, None) if conditions.run => VehicleSetpoint::StopMotors,
+            _ => VehicleSetpoint::Neutral,
         };
-        (order, self.pass_on(now, &order), change)
+        (setpoint, self.pass_on(now, &setpoint), change)
     }
 
     /// Whether the daemon waits for the motors.
@@ -208,15 +208,15 @@ impl Safety {
         }
     }
 
-    /// The newest command, if `order` is the first that does what it says.
-    fn pass_on(&mut self, now: Time, order: &Order) -> Option<About> {
+    /// The newest command, if `setpoint` is the first that does what it says.
+    fn pass_on(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<About> {
         let newest = self.newest.as_mut().filter(|newest| !newest.passed_on)?;
         let young =
             is_young(now, newest.about.stamps.command_published_at, self.limits.command_age);
-        let says_so = match order {
-            Order::Fly(_) => true,
-            Order::Neutral => !is_flight(&newest.command) && young,
-            Order::StartMotors | Order::StopMotors => false,
+        let says_so = match setpoint {
+            VehicleSetpoint::Fly(_) => true,
+            VehicleSetpoint::Neutral => !is_flight(&newest.command) && young,
+            VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => false,
         };
         newest.passed_on |= says_so;
         says_so.then_some(newest.about)

@@ -81,13 +81,13 @@ impl Schedule {
     }
 }
 
-/// How far polls must be apart at least, where a command and its acknowledgement take `order` of every `period`, and a poll and
+/// How far polls must be apart at least, where a command and its acknowledgement take `setpoint` of every `period`, and a poll and
 /// its answer `exchange`; `None` if there is no room for any.
 #[must_use]
-pub fn spacing(period: Span, order: Span, exchange: Span) -> Option<Span> {
+pub fn spacing(period: Span, setpoint: Span, exchange: Span) -> Option<Span> {
     let has_room = |periods: &u32| {
         let periods = f64::from(*periods);
-        order.scaled(periods) + exchange + TURNAROUND <= period.scaled(periods)
+        setpoint.scaled(periods) + exchange + TURNAROUND <= period.scaled(periods)
     };
     (1..=SPARSEST_POLLS).find(has_room).map(|periods| period.scaled(f64::from(periods)))
 }
@@ -164,9 +164,9 @@ mod tests {
     #[test]
     fn polls_are_so_far_apart_that_everything_has_its_time() {
         let period = Span::from_millis(16);
-        let (order, exchange) = (Span::from_millis(10), Span::from_millis(14));
+        let (setpoint, exchange) = (Span::from_millis(10), Span::from_millis(14));
         assert_eq!(spacing(period, Span::from_millis(4), Span::from_millis(8)), Some(period));
-        assert_eq!(spacing(period, order, exchange), Some(period.scaled(3.0)));
+        assert_eq!(spacing(period, setpoint, exchange), Some(period.scaled(3.0)));
         assert_eq!(spacing(period, period, exchange), None);
         let mut schedule = Schedule::new(period, period.scaled(9.0), period.scaled(3.0));
         let polls = (0..30).filter(|frame| {

@@ -11,7 +11,7 @@ use std::io::{self, ErrorKind, IsTerminal, Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
-use oqtal_bus::process::{Exit, Failure};
+use oqtal_runtime::process::{Exit, Failure};
 use rustix::fs::OFlags;
 use serialport::{ClearBuffer, FlowControl, SerialPort, TTYPort};
 
@@ -85,7 +85,7 @@ impl From<OpenError> for Failure {
 /// An open serial port.
 #[derive(Debug)]
 pub struct Serial {
-    // In this order: the lock is given back last.
+    // In this setpoint: the lock is given back last.
     bytes: File,
     control: TTYPort,
 }

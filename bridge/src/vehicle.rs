@@ -2,7 +2,7 @@
 
 use oqtal_bus::time::{Span, Time};
 
-use crate::language::Heard;
+use crate::protocol::VehicleReply;
 
 /// Requests and answers are counted over the last second, in so many parts of it.
 const PARTS: usize = 10;
@@ -20,7 +20,7 @@ pub struct Vehicle {
 }
 
 impl Vehicle {
-    /// A vehicle that was never heard; it is silent once nothing valid came for `silence`.
+    /// A vehicle that was never reply; it is silent once nothing valid came for `silence`.
     #[must_use]
     pub fn new(silence: Span) -> Self {
         Self {
@@ -44,25 +44,25 @@ impl Vehicle {
     }
 
     /// It said something valid.
-    pub fn hear(&mut self, now: Time, heard: Heard) {
+    pub fn hear(&mut self, now: Time, reply: VehicleReply) {
         self.heard_at = now;
-        match heard {
-            Heard::Acknowledged => self.count(now).1 += 1,
-            Heard::Status { battery_v, .. } => {
+        match reply {
+            VehicleReply::Acknowledged => self.count(now).1 += 1,
+            VehicleReply::Status { battery_v, .. } => {
                 self.battery_v = battery_v;
                 self.count(now).1 += 1;
             }
-            Heard::Other => {}
+            VehicleReply::Other => {}
         }
     }
 
-    /// Whether it was heard lately.
+    /// Whether it was reply lately.
     #[must_use]
     pub fn answers(&self, now: Time) -> bool {
         self.heard_at.is_set() && now.since(self.heard_at) <= self.silence
     }
 
-    /// Battery voltage as last heard \[V\]; NaN before.
+    /// Battery voltage as last reply \[V\]; NaN before.
     #[must_use]
     pub fn battery_v(&self) -> f64 {
         self.battery_v
@@ -100,7 +100,7 @@ impl Vehicle {
 mod tests {
     use super::*;
 
-    const STATUS: Heard = Heard::Status { battery_v: 11.1, motors_run: false };
+    const STATUS: VehicleReply = VehicleReply::Status { battery_v: 11.1, motors_run: false };
 
     fn at(millis: i64) -> Time {
         Time::VIRTUAL_START + Span::from_millis(millis)
@@ -125,7 +125,7 @@ mod tests {
             vehicle.asked(at(20 * tick));
             // The second half of the time it answers nothing but every fifth.
             if tick < 50 || tick % 5 == 0 {
-                vehicle.hear(at(20 * tick + 5), Heard::Acknowledged);
+                vehicle.hear(at(20 * tick + 5), VehicleReply::Acknowledged);
             }
         }
         assert!((vehicle.quality(at(1999)) - 0.2).abs() < 0.05, "{}", vehicle.quality(at(1999)));

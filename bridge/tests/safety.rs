@@ -1,6 +1,6 @@
 //! What may be said to a vehicle, whatever the daemon, the vehicle and the clock do.
 
-use oqtal_bridge::{About, Limits, MotorStatus, Order, Safety};
+use oqtal_bridge::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
@@ -80,8 +80,8 @@ proptest! {
                     neutral_first = true;
                 }
                 Event::Frame => {
-                    let (order, about, _) = safety.decide(now);
-                    if let Order::Fly(command) = order {
+                    let (setpoint, about, _) = safety.decide(now);
+                    if let VehicleSetpoint::Fly(command) = setpoint {
                         let at = published[&command.sticks[0].to_bits()];
                         prop_assert!(at <= now && now.since(at) <= LIMITS.command_age);
                         prop_assert!(command.sticks.iter().all(|stick| stick.is_finite()));
@@ -90,7 +90,7 @@ proptest! {
                     if let Some(About { stamps, .. }) = about {
                         prop_assert!(now.since(stamps.command_published_at) <= LIMITS.command_age);
                     }
-                    prop_assert!(!neutral_first || order == Order::Neutral, "{:?}", order);
+                    prop_assert!(!neutral_first || setpoint == VehicleSetpoint::Neutral, "{:?}", setpoint);
                     neutral_first = false;
                 }
             }
@@ -120,11 +120,11 @@ proptest! {
                     safety.forget(now);
                 }
                 Event::Frame => {
-                    let (order, ..) = safety.decide(now);
-                    let wanted = match order {
-                        Order::StartMotors => Some(false),
-                        Order::StopMotors => Some(true),
-                        Order::Neutral | Order::Fly(_) => None,
+                    let (setpoint, ..) = safety.decide(now);
+                    let wanted = match setpoint {
+                        VehicleSetpoint::StartMotors => Some(false),
+                        VehicleSetpoint::StopMotors => Some(true),
+                        VehicleSetpoint::Neutral | VehicleSetpoint::Fly(_) => None,
                     };
                     let Some(run) = wanted else {
                         if !safety.is_in_sequence() {
@@ -157,19 +157,19 @@ impl Flying {
             flying.frame();
         }
         flying.status(false);
-        assert_eq!(flying.command(flight(0.1)), Order::StartMotors);
+        assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::StartMotors);
         flying.status(true);
-        assert!(matches!(flying.command(flight(0.1)), Order::Fly(_)));
+        assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
         flying
     }
 
     /// The next frame, a period later.
-    fn frame(&mut self) -> Order {
+    fn frame(&mut self) -> VehicleSetpoint {
         self.now = self.now + PERIOD;
         self.safety.decide(self.now).0
     }
 
-    fn command(&mut self, command: CommandV1) -> Order {
+    fn command(&mut self, command: CommandV1) -> VehicleSetpoint {
         self.sequence += 1;
         self.safety.receive(self.now + PERIOD, &header(self.sequence, self.now + PERIOD), command);
         self.frame()
@@ -179,7 +179,7 @@ impl Flying {
         self.safety.hear(MotorStatus { heard_at: self.now, run });
     }
 
-    fn frames(&mut self, count: usize) -> Vec<Order> {
+    fn frames(&mut self, count: usize) -> Vec<VehicleSetpoint> {
         (0..count).map(|_| self.frame()).collect()
     }
 }
@@ -192,9 +192,12 @@ fn f14_after_the_last_command_at_most_four_frames_are_not_neutral_however_long_n
         flying.status(true);
         after.push(flying.frame());
     }
-    let first = after.iter().position(|order| *order == Order::Neutral).unwrap();
+    let first = after.iter().position(|setpoint| *setpoint == VehicleSetpoint::Neutral).unwrap();
     assert!(first <= 4, "{first}");
-    assert!(after[first..].iter().all(|order| *order == Order::Neutral), "no toggle either");
+    assert!(
+        after[first..].iter().all(|setpoint| *setpoint == VehicleSetpoint::Neutral),
+        "no toggle either"
+    );
 }
 
 #[test]
@@ -205,11 +208,11 @@ fn a_disarmed_vehicle_is_stopped_after_a_rest_and_not_before() {
         flying.status(true);
         orders.push(flying.command(CommandV1::default()));
     }
-    let first = orders.iter().position(|order| *order != Order::Neutral).unwrap();
+    let first = orders.iter().position(|setpoint| *setpoint != VehicleSetpoint::Neutral).unwrap();
     assert!((89..=92).contains(&first), "1.5 s are 90 periods, not {first}");
-    assert_eq!(orders[first], Order::StopMotors);
+    assert_eq!(orders[first], VehicleSetpoint::StopMotors);
     flying.status(false);
-    assert_eq!(flying.command(CommandV1::default()), Order::Neutral);
+    assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Neutral);
 }
 
 #[test]
@@ -218,13 +221,13 @@ fn a_daemon_that_never_stopped_wanting_to_fly_does_not_restart_the_motors_after_
     flying.safety.forget(flying.now);
     for _ in 0..300 {
         flying.status(false);
-        assert_eq!(flying.command(flight(0.1)), Order::Neutral);
+        assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Neutral);
     }
     for _ in 0..5 {
         flying.command(CommandV1::default());
     }
     flying.status(false);
-    assert_eq!(flying.command(flight(0.1)), Order::StartMotors);
+    assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::StartMotors);
 }
 
 #[test]
@@ -232,7 +235,7 @@ fn f15_a_daemon_that_comes_back_after_a_long_silence_must_be_disarmed_first() {
     let mut flying = Flying::new();
     flying.frames(120);
     flying.status(true);
-    assert_eq!(flying.command(flight(0.1)), Order::Neutral);
+    assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Neutral);
 }
 
 #[test]
@@ -240,7 +243,7 @@ fn f15_a_daemon_that_paused_for_some_periods_flies_on() {
     let mut flying = Flying::new();
     flying.frames(10);
     flying.status(true);
-    assert!(matches!(flying.command(flight(0.1)), Order::Fly(_)));
+    assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
 }
 
 #[test]
@@ -249,7 +252,7 @@ fn a_command_that_waited_while_the_bridge_was_stopped_is_never_sent() {
     let published = flying.now;
     flying.now = flying.now + Span::from_millis(200);
     assert!(!flying.safety.receive(flying.now, &header(99, published), flight(0.7)));
-    assert_eq!(flying.frame(), Order::Neutral);
+    assert_eq!(flying.frame(), VehicleSetpoint::Neutral);
     assert_eq!(flying.safety.refused(), 1);
 }
 
@@ -257,5 +260,5 @@ fn a_command_that_waited_while_the_bridge_was_stopped_is_never_sent() {
 fn the_last_word_of_a_daemon_is_taken_though_it_has_no_stamps() {
     let mut flying = Flying::new();
     flying.safety.receive(flying.now, &header(100, Time::UNSET), CommandV1::default());
-    assert_eq!(flying.frame(), Order::Neutral);
+    assert_eq!(flying.frame(), VehicleSetpoint::Neutral);
 }

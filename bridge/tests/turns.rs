@@ -1,10 +1,10 @@
 //! Whole turns of the bridge over a serial line that takes its time, and ports that take bytes as they like.
 
-use oqtal_bridge::{Asctec, Bridge, Language, Line, Note, through};
+use oqtal_bridge::{Asctec, Bridge, Line, Note, VehicleProtocol, through};
 use oqtal_bus::code::Actuation;
-use oqtal_bus::config::Config;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
 use oqtal_wire::asctec::{
     Command, ControlInput, Descriptor, LlStatus, VehicleDecoder, acknowledgement_frame,
     write_telemetry,
@@ -21,12 +21,12 @@ fn bridge() -> Bridge {
     through_radio(Framing::Transparent)
 }
 
-fn language(framing: Framing) -> Box<dyn Language> {
+fn protocol(framing: Framing) -> Box<dyn VehicleProtocol> {
     through(framing, Address::BROADCAST, Box::new(Asctec::new(&Config::default())))
 }
 
 fn through_radio(framing: Framing) -> Bridge {
-    let mut bridge = Bridge::new(&Config::default(), language(framing), BAUD, START);
+    let mut bridge = Bridge::new(&Config::default(), protocol(framing), BAUD, START);
     bridge.open(START);
     bridge
 }
@@ -41,7 +41,7 @@ fn flight() -> CommandV1 {
     CommandV1 { actuation, sticks: [0.1; 3], thrust: 0.3, ..CommandV1::default() }
 }
 
-/// A turn with a port that takes everything; the bytes of order and poll, and what was reported.
+/// A turn with a port that takes everything; the bytes of setpoint and poll, and what was reported.
 fn turn(bridge: &mut Bridge, now: Time) -> (Vec<u8>, Option<oqtal_bridge::Report>) {
     let (mut bytes, mut reported) = (Vec::new(), None);
     let mut all = |bridge: &mut Bridge| {
@@ -77,10 +77,10 @@ proptest! {
         let mut bridge = through_radio(framing);
         // API 2 escapes a byte or two of a frame.
         let escapes = if framing == Framing::Api2 { 4 } else { 0 };
-        let order = language(framing).sizes().order + escapes;
-        let frame = Line::new(BAUD).time_for(order);
+        let setpoint = protocol(framing).sizes().setpoint + escapes;
+        let frame = Line::new(BAUD).time_for(setpoint);
         // Through a radio's frames, a poll that a command came upon early is ahead of it too.
-        let poll = Line::new(BAUD).time_for(language(framing).sizes().poll);
+        let poll = Line::new(BAUD).time_for(protocol(framing).sizes().poll);
         let ahead = if framing == Framing::Transparent { frame } else { frame + poll };
         prop_assert!(ahead <= Span::from_nanos(16_666_667), "at most a period");
         let (mut now, mut due) = (START, START);
@@ -92,7 +92,7 @@ proptest! {
             while bridge.next_event(now) < arrives {
                 now = bridge.next_event(now).max(now);
                 let (bytes, _) = turn(&mut bridge, now);
-                polls += usize::from(bytes.len() > order);
+                polls += usize::from(bytes.len() > setpoint);
                 bridge.hear(now, &acknowledgement_frame(Descriptor::ControlInput));
             }
             now = arrives;
@@ -100,7 +100,7 @@ proptest! {
             let mut applied = None;
             while applied.is_none() {
                 let (bytes, reported) = turn(&mut bridge, now);
-                polls += usize::from(bytes.len() > order);
+                polls += usize::from(bytes.len() > setpoint);
                 applied = reported.filter(|(_, stamps, _)| stamps.applied_at.is_set());
                 now = if applied.is_none() { bridge.next_event(now) } else { now };
             }
@@ -132,8 +132,8 @@ proptest! {
             bridge.follow_up(now);
         }
         let mut decoder = VehicleDecoder::new();
-        let heard = decoder.push(&wire).count();
-        prop_assert!(heard > 0 || dropped);
+        let reply = decoder.push(&wire).count();
+        prop_assert!(reply > 0 || dropped);
         if !dropped {
             prop_assert_eq!((decoder.counters().damaged, decoder.counters().skipped), (0, 0));
         }
@@ -224,7 +224,7 @@ impl Port {
     }
 }
 
-/// Flies with a command every period through a port that pauses from time to time: age of each flight order on the wire.
+/// Flies with a command every period through a port that pauses from time to time: age of each flight setpoint on the wire.
 fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
     let (mut bridge, mut port) = (bridge(), Port::default());
     let period = Span::from_nanos(16_666_667);
@@ -296,9 +296,9 @@ fn a_vehicle_whose_motors_do_not_stop_gets_the_emergency_stop_once() {
         bridge.hear(now, &status(motors_on));
         bridge.receive(now, &header(sequence, now), command, 0);
         let (bytes, _) = turn(bridge, now);
-        let heard: Vec<Command> = VehicleDecoder::new().push(&bytes).collect();
-        stops += heard.iter().filter(|command| **command == Command::EmergencyStop).count();
-        heard
+        let reply: Vec<Command> = VehicleDecoder::new().push(&bytes).collect();
+        stops += reply.iter().filter(|command| **command == Command::EmergencyStop).count();
+        reply
     };
     for _ in 0..10 {
         step(&mut bridge, CommandV1::default(), 0);

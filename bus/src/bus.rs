@@ -12,7 +12,7 @@ use crate::control::{ControlClient, ControlServer};
 use crate::error::{BusError, system};
 use crate::message::{ControlRequestV1, ControlResponseV1, Header, Message};
 use crate::mismatch::OpenError;
-use crate::place::Place;
+use crate::paths::InstancePaths;
 use crate::port::{Reader, Writer};
 use crate::topic::{CONTROL, Topic};
 use crate::wake::{Bells, Doorbell};
@@ -28,7 +28,7 @@ const ROOM_KIB: u64 = 6 * 1024;
 pub struct Bus {
     bells: Bells,
     node: Node<ipc::Service>,
-    place: Place,
+    place: InstancePaths,
 }
 
 impl Bus {
@@ -36,7 +36,7 @@ impl Bus {
     ///
     /// # Errors
     /// The place belongs to another user, shared memory is full, or the operating system refuses.
-    pub fn open(place: &Place) -> Result<Self, BusError> {
+    pub fn open(place: &InstancePaths) -> Result<Self, BusError> {
         let mut config = place.prepare()?;
         check_room()?;
         // The bells first: remains of a dead listener are gone for good only if who removes them knows its kind.
@@ -49,7 +49,7 @@ impl Bus {
 
     /// The place this bus lives at.
     #[must_use]
-    pub fn place(&self) -> &Place {
+    pub fn place(&self) -> &InstancePaths {
         &self.place
     }
 
@@ -192,7 +192,10 @@ impl Bus {
 ///
 /// # Errors
 /// As [`Bus::open`].
-pub(crate) fn join<S: Service>(config: &Config, place: &Place) -> Result<Node<S>, BusError> {
+pub(crate) fn join<S: Service>(
+    config: &Config,
+    place: &InstancePaths,
+) -> Result<Node<S>, BusError> {
     NodeBuilder::new()
         .config(config)
         .signal_handling_mode(SignalHandlingMode::Disabled)
@@ -242,11 +245,11 @@ mod tests {
     use super::*;
     use crate::topic::COMMAND;
 
-    fn place(root: &std::path::Path) -> Place {
-        Place::new("test", Some(root)).unwrap()
+    fn place(root: &std::path::Path) -> InstancePaths {
+        InstancePaths::new("test", Some(root)).unwrap()
     }
 
-    fn counters(place: &Place) -> usize {
+    fn counters(place: &InstancePaths) -> usize {
         let prefix = place.prepare().unwrap().global.prefix.to_string();
         let entries = std::fs::read_dir("/dev/shm").unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -284,7 +287,7 @@ mod tests {
         let version = |error: BusError| matches!(error, BusError::Version { .. });
         assert!(version(bus.doorbell(&COMMAND).unwrap_err()));
         assert!(version(bus.control_client().unwrap_err()));
-        assert!(version(bus.reader(&crate::topic::Party::Daemon.health()).unwrap_err()));
+        assert!(version(bus.reader(&crate::topic::Role::Daemon.health()).unwrap_err()));
         bus.leave();
     }
 

@@ -106,7 +106,7 @@ code! {
 
 code! {
     /// What an operator can ask.
-    Verb {
+    OperatorCommand {
         /// Say how you are.
         Status = 0 => "status",
         /// Arm and fly the mission, now or not at all.

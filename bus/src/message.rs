@@ -257,8 +257,8 @@ message! {
 message! {
     /// Service `control`: what an operator asks of the daemon.
     ControlRequestV1 = "oqtal.ControlRequest.v1" {
-        /// [`crate::code::Verb`].
-        verb: u8,
+        /// [`crate::code::OperatorCommand`].
+        command: u8,
     }
 }
 
@@ -278,7 +278,7 @@ message! {
 
 message! {
     /// Topics `clock/NAME/grant`: virtual time as granted to a process.
-    GrantV1 = "oqtal.Grant.v1" {
+    TimeAdvanceV1 = "oqtal.TimeAdvance.v1" {
         /// The instant to act at; [`Time::UNSET`] calls the roll before time starts.
         now: Time,
     }
@@ -286,7 +286,7 @@ message! {
 
 message! {
     /// Topics `clock/NAME/done`: the process has acted.
-    DoneV1 = "oqtal.Done.v1" {
+    TurnDoneV1 = "oqtal.TurnDone.v1" {
         /// Sequence of the grant that this answers.
         grant: u64,
         /// When it wants to act next of its own accord; [`Time::UNSET`] for never.
@@ -311,8 +311,8 @@ mod tests {
             HealthV1::SCHEMA,
             ControlRequestV1::SCHEMA,
             ControlResponseV1::SCHEMA,
-            GrantV1::SCHEMA,
-            DoneV1::SCHEMA,
+            TimeAdvanceV1::SCHEMA,
+            TurnDoneV1::SCHEMA,
         ];
         let distinct: std::collections::BTreeSet<_> = schemas.iter().collect();
         assert_eq!(distinct.len(), schemas.len());

@@ -45,7 +45,7 @@ impl<M: Message> Writer<M> {
     }
 
     /// Goes the way of [`Writer::send`] up to the sending, so that the way is warm when it is needed.
-    pub fn rehearse(&self) {
+    pub fn warm_up(&self) {
         drop(self.publisher.loan_uninit());
     }
 

@@ -1,6 +1,6 @@
 //! Time as every process of the system means it: nanoseconds of `CLOCK_MONOTONIC`, or of virtual time.
 //!
-//! Only [`Time::now`] reads a clock, and only the process shell and the pacers call it; everything below takes `now` as an
+//! Only [`Time::now`] reads a clock, and only the process context and the pacers call it; everything below takes `now` as an
 //! argument. `dt` becomes an `f64` once, by [`Span::seconds`], on its way into a law.
 
 use std::ops::{Add, Sub};

@@ -3,7 +3,8 @@
 use std::marker::PhantomData;
 
 use crate::message::{
-    CommandV1, DoneV1, GrantV1, HealthV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
+    CommandV1, HealthV1, Message, PoseV1, TelemetryV1, TimeAdvanceV1, TruthV1, TurnDoneV1,
+    VehicleV1,
 };
 
 /// Samples an observer may fall behind before it loses the oldest.
@@ -45,7 +46,7 @@ pub const CONTROL: &str = "control";
 
 /// The processes of the loop, in the order in which they act at equal virtual times; the last takes no part in virtual time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Party {
+pub enum Role {
     /// The vehicle: plant-sim.
     Plant,
     /// The cameras: mocap-emu.
@@ -58,7 +59,7 @@ pub enum Party {
     Bridge,
 }
 
-impl Party {
+impl Role {
     /// Those who take part in virtual time, in order.
     pub const ALL: [Self; 4] = [Self::Plant, Self::Mocap, Self::Daemon, Self::Recorder];
 
@@ -89,7 +90,7 @@ impl Party {
 
     /// Where this process is granted virtual time.
     #[must_use]
-    pub const fn grant(self) -> Topic<GrantV1> {
+    pub const fn grant(self) -> Topic<TimeAdvanceV1> {
         let name = match self {
             Self::Plant => "clock/plant-sim/grant",
             Self::Mocap => "clock/mocap-emu/grant",
@@ -102,7 +103,7 @@ impl Party {
 
     /// Where this process answers a grant.
     #[must_use]
-    pub const fn done(self) -> Topic<DoneV1> {
+    pub const fn done(self) -> Topic<TurnDoneV1> {
         let name = match self {
             Self::Plant => "clock/plant-sim/done",
             Self::Mocap => "clock/mocap-emu/done",

@@ -39,7 +39,7 @@ use serde::{Deserialize, Serialize};
 use crate::bus::join;
 use crate::error::{BusError, system};
 use crate::mismatch::OpenError;
-use crate::place::Place;
+use crate::paths::InstancePaths;
 use crate::time::{Span, Time};
 
 /// Sent to a listener when a notifier's process died: it wakes up, which is all that is wanted of it.
@@ -63,7 +63,7 @@ pub enum Events {
 #[derive(Debug)]
 pub(crate) struct Bells {
     node: EventNode,
-    place: Place,
+    place: InstancePaths,
     max_nodes: usize,
 }
 
@@ -76,7 +76,11 @@ enum EventNode {
 impl Bells {
     /// # Errors
     /// The operating system refuses.
-    pub(crate) fn open(config: &Config, place: &Place, max_nodes: usize) -> Result<Self, BusError> {
+    pub(crate) fn open(
+        config: &Config,
+        place: &InstancePaths,
+        max_nodes: usize,
+    ) -> Result<Self, BusError> {
         let node = match place.events {
             Events::Futex => EventNode::Futex(join(config, place)?),
             Events::Socket => EventNode::Socket(join(config, place)?),

@@ -211,8 +211,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::error::AttitudeError;
     use crate::quaternion::Attitude;
+    use crate::tracking_error::AttitudeError;
 
     fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
         prop::array::uniform3(-limit..limit).prop_map(Vector3::from)

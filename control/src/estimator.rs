@@ -7,10 +7,10 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::pid::low_pass_weight;
 use crate::quantity::BodyRate;
 use crate::quaternion::Attitude;
 use crate::range::{OutOfRange, check_range};
+use crate::scalar_pid::low_pass_weight;
 
 /// Options of the [`Estimator`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

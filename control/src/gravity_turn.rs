@@ -7,11 +7,11 @@
 
 use nalgebra::Vector3;
 
-use crate::error::AttitudeReference;
 use crate::position::attitude_along;
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;
 use crate::range::{OutOfRange, check_range};
+use crate::tracking_error::AttitudeReference;
 
 /// Newton's method for the angle at a time converges in fewer steps than this.
 const NEWTON_STEPS: usize = 64;

@@ -5,7 +5,6 @@
 #![forbid(unsafe_code)]
 
 pub mod controller;
-pub mod error;
 pub mod error_model;
 pub mod estimator;
 pub mod euler;
@@ -13,7 +12,6 @@ pub mod gravity_turn;
 pub mod integral;
 pub mod linear;
 pub mod metrics;
-pub mod pid;
 pub mod position;
 pub mod predictive;
 pub mod quantity;
@@ -21,6 +19,8 @@ pub mod quaternion;
 pub mod range;
 pub mod riccati;
 pub mod rigid_body;
+pub mod scalar_pid;
 pub mod schedule;
+pub mod tracking_error;
 pub mod trajectory;
 pub mod tuning;

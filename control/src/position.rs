@@ -7,11 +7,11 @@
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::error::AttitudeReference;
 use crate::estimator::Estimate;
-use crate::pid::{Pid, PidGains, PidLimits};
 use crate::quaternion::Attitude;
 use crate::range::{OutOfRange, check_range};
+use crate::scalar_pid::{Pid, PidGains, PidLimits};
+use crate::tracking_error::AttitudeReference;
 use crate::trajectory::Reference;
 
 /// Greatest tilt that the loops may be configured to command \[deg\].

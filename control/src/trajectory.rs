@@ -7,10 +7,10 @@ use std::fmt;
 
 use nalgebra::Vector3;
 
-use crate::error::AttitudeReference;
+use crate::tracking_error::AttitudeReference;
 pub use attitude::{AttitudeChirp, AttitudeDoublet};
 pub use options::{TrajectoryKind, TrajectoryOptions};
-pub use plan::{FlightPlan, Place};
+pub use plan::{FlightPlan, StartPoint};
 pub use waypoints::{WaypointError, WaypointProblem, Waypoints};
 
 mod attitude;

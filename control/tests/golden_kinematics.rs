@@ -4,12 +4,12 @@
 //! The data are in `golden/kinematics.json`, made apart from this project.
 
 use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3, Vector4};
-use oqtal_control::error::{AttitudeError, AttitudeReference};
 use oqtal_control::error_model::{ErrorModel, Jacobian, OperatingPoint};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quantity::{AngularAcceleration, BodyRate, Torque};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::rigid_body::{Inertia, quaternion_rate};
+use oqtal_control::tracking_error::{AttitudeError, AttitudeReference};
 use serde::Deserialize;
 
 const TOLERANCE: f64 = 1e-12;

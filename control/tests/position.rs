@@ -3,12 +3,12 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
-use oqtal_control::error::AttitudeReference;
 use oqtal_control::estimator::{Estimate, Estimator, EstimatorOptions};
 use oqtal_control::metrics::Statistics;
 use oqtal_control::position::{PositionCommand, PositionLoops, PositionOptions, attitude_along};
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::trajectory::{FlightPlan, Phase, Place, Reference, TrajectoryOptions};
+use oqtal_control::tracking_error::AttitudeReference;
+use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint, TrajectoryOptions};
 use proptest::prelude::*;
 
 const MASS_KG: f64 = 0.5;
@@ -244,7 +244,7 @@ impl PointMass {
 
 #[test]
 fn point_mass_flies_the_square_as_well_as_table_5_and_lands() {
-    let start = Place { position: Vector3::new(0.4, -0.3, 0.1), yaw_rad: 0.5 };
+    let start = StartPoint { position: Vector3::new(0.4, -0.3, 0.1), yaw_rad: 0.5 };
     let options = TrajectoryOptions::default();
     let plan = FlightPlan::new(&options, options.trajectory(None).unwrap(), start);
     let mut estimator = Estimator::new(EstimatorOptions::default());

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use oqtal_control::quaternion::Attitude;
-use oqtal_control::trajectory::{FlightPlan, Phase, Place, TrajectoryKind, TrajectoryOptions};
+use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint, TrajectoryKind, TrajectoryOptions};
 use proptest::prelude::*;
 
 const KINDS: [TrajectoryKind; 7] = [
@@ -15,7 +15,7 @@ const KINDS: [TrajectoryKind; 7] = [
     TrajectoryKind::AttitudeDoublet,
 ];
 
-const START: Place = Place { position: Vector3::new(2.0, -1.0, 0.2), yaw_rad: 0.3 };
+const START: StartPoint = StartPoint { position: Vector3::new(2.0, -1.0, 0.2), yaw_rad: 0.3 };
 
 fn options(kind: TrajectoryKind) -> TrajectoryOptions {
     TrajectoryOptions { kind, ..TrajectoryOptions::default() }

@@ -4,10 +4,10 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use oqtal_bus::code::Verb;
-use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::{Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Setting};
 use oqtal_daemon::{Cycle, trajectory};
 
 /// A daemon that hovers, and the cameras that see it.
@@ -27,7 +27,7 @@ impl Hover {
         let config = Config::from_settings(&flags).unwrap();
         let now = Time::VIRTUAL_START;
         let mut cycle = Cycle::new(&config, trajectory(&config).unwrap(), now).unwrap();
-        cycle.request(now, Verb::Fly);
+        cycle.request(now, OperatorCommand::Fly);
         Self { cycle, now, frame: 0 }
     }
 

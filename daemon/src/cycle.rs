@@ -5,12 +5,12 @@ mod operator;
 mod report;
 
 use oqtal_bus::code::{Cause, Mode, SafetyState};
-use oqtal_bus::config::Config;
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
-use oqtal_control::trajectory::{FlightPlan, Place, Trajectory, TrajectoryOptions};
+use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory, TrajectoryOptions};
 
 use crate::guard::Guard;
 use crate::mission::Mission;
@@ -182,7 +182,7 @@ impl Cycle {
     }
 
     fn begin_flight(&mut self, now: Time, estimate: &Estimate) {
-        let start = Place {
+        let start = StartPoint {
             position: estimate.position,
             yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
         };
@@ -349,24 +349,24 @@ impl Cycle {
     }
 
     /// The command of this tick: the pilot's on a fresh pose, the last one without, neutral when not flying, nothing but the
-    /// wish to fly until the motors run.
+    /// setpoint to fly until the motors run.
     fn command(&mut self, now: Time, dt_s: f64, fresh: bool) -> CommandV1 {
         let estimate = self.estimator.latest();
         let reference = self.mission.as_ref().map(|mission| mission.reference(now));
         let held = self.is_held();
-        let decision = match &reference {
+        let output = match &reference {
             Some(reference) if fresh && !held => {
                 self.pilot.decide((now, dt_s), &estimate, reference)
             }
             _ => None,
         };
-        let wanted = match &decision {
+        let wanted = match &output {
             _ if reference.is_none() => CommandV1::default(),
             _ if held => self.pilot.idle(),
-            Some(decision) => finite_or_neutral(decision.command),
+            Some(output) => finite_or_neutral(output.command),
             None => self.held,
         };
-        self.note(now, reference.as_ref(), decision.as_ref(), fresh);
+        self.note(now, reference.as_ref(), output.as_ref(), fresh);
         self.telemetry.sticks = wanted.sticks;
         self.telemetry.torque = wanted.torque;
         self.telemetry.thrust = wanted.thrust;

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
-use oqtal_bus::config::Safety;
 use oqtal_bus::message::{Header, PoseV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Safety;
 use oqtal_control::quaternion::Attitude;
 
 /// Added to what a vehicle can fly between two poses: noise must not look like a jump.
@@ -15,7 +15,7 @@ const FROZEN_AFTER: u32 = 3;
 
 /// A pose that passed the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Believed {
+pub struct Accepted {
     /// When it was captured.
     pub captured_at: Time,
     /// \[m, world\].
@@ -30,7 +30,7 @@ pub struct Guard {
     max_age: Span,
     max_speed: f64,
     max_rate: f64,
-    last: Option<Believed>,
+    last: Option<Accepted>,
     last_frame: u64,
     last_message: u64,
     last_source: u64,
@@ -77,7 +77,7 @@ impl Guard {
         header: &Header,
         pose: &PoseV1,
         flying: bool,
-    ) -> Result<Believed, Cause> {
+    ) -> Result<Accepted, Cause> {
         let verdict = self.examine(now, header, pose, flying);
         match verdict {
             Ok(believed) => {
@@ -108,7 +108,7 @@ impl Guard {
 
     /// The last pose believed.
     #[must_use]
-    pub fn last(&self) -> Option<&Believed> {
+    pub fn last(&self) -> Option<&Accepted> {
         self.last.as_ref()
     }
 
@@ -142,7 +142,7 @@ impl Guard {
         header: &Header,
         pose: &PoseV1,
         flying: bool,
-    ) -> Result<Believed, Cause> {
+    ) -> Result<Accepted, Cause> {
         if header.stamps.captured_at > now {
             return Err(Cause::Order);
         }
@@ -162,7 +162,7 @@ impl Guard {
         if now.since(captured_at) > self.max_age {
             return Err(Cause::Stale);
         }
-        let believed = Believed { captured_at, position: pose.position.into(), attitude };
+        let believed = Accepted { captured_at, position: pose.position.into(), attitude };
         self.check_motion(&believed)?;
         Ok(believed)
     }
@@ -170,7 +170,7 @@ impl Guard {
     /// Frame numbers and capture times only ever go up.
     fn count_frames(&mut self, header: &Header, flying: bool) -> Result<(), Cause> {
         let frame = header.pose_sequence;
-        let later = |last: Believed| header.stamps.captured_at > last.captured_at;
+        let later = |last: Accepted| header.stamps.captured_at > last.captured_at;
         // A source that restarted counts anew, at later capture times; on the ground so may what the source itself looks at.
         let anew = !flying && frame <= self.last_frame && self.last.is_none_or(later);
         let restarted = header.source != self.last_source || anew;
@@ -200,7 +200,7 @@ impl Guard {
 
     /// A vehicle moves no further than its speed allows since it was last seen. Time that passes while poses jump does not
     /// count: a body that swapped its markers must not become believable by waiting.
-    fn check_motion(&mut self, pose: &Believed) -> Result<(), Cause> {
+    fn check_motion(&mut self, pose: &Accepted) -> Result<(), Cause> {
         let Some(last) = self.last else { return Ok(()) };
         let elapsed_s = pose.captured_at.since(last.captured_at).seconds();
         let unseen_s = self.unseen_s.unwrap_or(elapsed_s);
@@ -219,8 +219,8 @@ impl Guard {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_bus::config::Config;
     use oqtal_bus::message::Stamps;
+    use oqtal_config::Config;
 
     const FRAME: Span = Span::from_nanos(16_666_667);
 
@@ -242,7 +242,7 @@ mod tests {
         }
 
         /// Shows the next frame.
-        fn show(&mut self, pose: PoseV1) -> Result<Believed, Cause> {
+        fn show(&mut self, pose: PoseV1) -> Result<Accepted, Cause> {
             self.frame += 1;
             self.time = self.time + FRAME;
             self.judge_at(self.frame, self.time, self.time, pose)
@@ -254,7 +254,7 @@ mod tests {
             captured_at: Time,
             now: Time,
             mut pose: PoseV1,
-        ) -> Result<Believed, Cause> {
+        ) -> Result<Accepted, Cause> {
             // Noise, as every real pose has.
             pose.position[1] += 1e-6 * (self.frame % 7) as f64;
             let stamps = Stamps { captured_at, ..Stamps::default() };

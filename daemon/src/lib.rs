@@ -10,80 +10,80 @@
 //! | `supervisor.rs` | the table of safety states |
 //! | `mission.rs` | what is flown, and since when |
 //! | `pilot.rs` | outer loops and attitude law |
-//! | `rehearsal.rs` | keeping the loop warm |
-//! | `housekeeping.rs` | logs, health, operators |
+//! | `warmup.rs` | keeping the loop warm |
+//! | `background.rs` | logs, health, operators |
 //! | `marker.rs` | a daemon that did not end by itself does not take off by itself |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
 #![forbid(unsafe_code)]
 
+mod background;
 mod cycle;
+mod flight_marker;
 mod guard;
-mod housekeeping;
-mod marker;
 mod mission;
 mod pilot;
-mod rehearsal;
 mod supervisor;
 mod vehicle;
+mod warmup;
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::config::Config;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, Stamps, TelemetryV1, VehicleV1};
-use oqtal_bus::pace::Pace;
 use oqtal_bus::port::{Reader, Writer};
-use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{COMMAND, POSE, Party, TELEMETRY, VEHICLE};
+use oqtal_bus::topic::{COMMAND, POSE, Role, TELEMETRY, VEHICLE};
+use oqtal_config::Config;
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
+use oqtal_runtime::loop_clock::LoopClock;
+use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 
+pub use background::{Condition, RtHandle};
 pub use cycle::{AtStart, Cycle, Tick};
-pub use guard::{Believed, Guard};
-pub use housekeeping::{Condition, Desk};
-use marker::Marker;
+use flight_marker::FlightMarker;
+pub use guard::{Accepted, Guard};
 pub use mission::Mission;
-pub use pilot::{Decision, Pilot};
-pub use rehearsal::Rehearsal;
+pub use pilot::{ControlOutput, Pilot};
 pub use supervisor::{Conditions, Supervisor};
 pub use vehicle::VehicleWatch;
+pub use warmup::CacheWarmup;
 
 /// Controls the vehicle until asked to stop; leaves it neutral.
 ///
 /// # Errors
 /// Another controller holds the command topic, the configuration has no meaning, or the bus refuses.
-pub fn run(shell: &Shell) -> Result<(), Failure> {
-    let trajectory = trajectory(&shell.config)?;
-    let bus = shell.bus()?;
+pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    let trajectory = trajectory(&context.config)?;
+    let bus = context.bus()?;
     let ports = Ports::open(&bus)?;
-    let pace = shell.pace(&bus, &POSE)?;
-    let mut cycle = Cycle::new(&shell.config, trajectory, pace.now())
+    let pace = context.pace(&bus, &POSE)?;
+    let mut cycle = Cycle::new(&context.config, trajectory, pace.now())
         .map_err(|reason| Failure::new(Exit::Config, reason))?;
-    let rehearsal =
-        if pace.is_virtual() { Rehearsal::never() } else { Rehearsal::of(&shell.config) };
-    let (desk, housekeeping) = housekeeping::desk();
+    let warmup =
+        if pace.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
+    let (rt_handle, background) = background::rt_handle();
     std::thread::scope(|threads| {
         let (ready, opened) = crossbeam_channel::bounded(1);
-        // The housekeeping thread ends with the loop, however that ends.
-        let _stop = shell.stop.set_on_drop();
-        threads.spawn(move || housekeeping.run(shell, &ready));
+        // The background thread ends with the loop, however that ends.
+        let _stop = context.stop.set_on_drop();
+        threads.spawn(move || background.run(context, &ready));
         match opened.recv() {
             Ok(Ok(())) => {
                 // The command topic is held: no other daemon of this instance has a marker. Whoever got no further than this
                 // has not run, and leaves none.
-                let marker = Marker::of(bus.place());
-                if shell.config.safety.arm_at_start && !marker.set() {
+                let marker = FlightMarker::of(bus.place());
+                if context.config.safety.arm_at_start && !marker.set() {
                     cycle.stay_at_start();
                 }
-                shell.enter_realtime();
-                Loop { ports, pace, cycle, rehearsal, desk }.control()?;
+                context.enter_realtime();
+                Loop { ports, pace, cycle, warmup, rt_handle }.control()?;
                 marker.remove();
                 Ok(())
             }
             Ok(Err(error)) => Err(error.into()),
-            Err(_) => Err(Failure::new(Exit::Internal, "the housekeeping thread did not start")),
+            Err(_) => Err(Failure::new(Exit::Internal, "the background thread did not start")),
         }
     })
 }
@@ -122,10 +122,10 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
 /// The real-time thread's all.
 struct Loop {
     ports: Ports,
-    pace: Pace,
+    pace: LoopClock,
     cycle: Cycle,
-    rehearsal: Rehearsal,
-    desk: Desk,
+    warmup: CacheWarmup,
+    rt_handle: RtHandle,
 }
 
 impl Loop {
@@ -137,10 +137,10 @@ impl Loop {
         result.unwrap_or_else(|panic| resume_unwind(panic))
     }
 
-    /// Wait, compute, publish; telemetry and the desk afterwards.
+    /// Wait, compute, publish; telemetry and the rt_handle afterwards.
     fn turns(&mut self) -> Result<(), BusError> {
-        let Self { ports, pace, cycle, rehearsal, desk } = self;
-        while pace.wait(Some(rehearsal.or(cycle.next_event())))?.is_some() {
+        let Self { ports, pace, cycle, warmup, rt_handle } = self;
+        while pace.wait(Some(warmup.or(cycle.next_event())))?.is_some() {
             let arrival = ports.poses.latest()?;
             // After the pose was taken: nothing that is stamped later may look earlier.
             let now = pace.now();
@@ -155,14 +155,14 @@ impl Loop {
                 pace.announce(&ports.commands)?;
                 let telemetry = cycle.report(&stamps, sequence);
                 ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
-                desk.note(Condition::of(&telemetry, cycle.at_start()));
-            } else if rehearsal.perform(now, cycle) {
-                ports.commands.rehearse();
+                rt_handle.note(Condition::of(&telemetry, cycle.at_start()));
+            } else if warmup.perform(now, cycle) {
+                ports.commands.warm_up();
             }
             if let Some(arrival) = &arrival {
-                rehearsal.expect(now, arrival);
+                warmup.expect(now, arrival);
             }
-            while desk.serve(|verb| cycle.request(now, verb)) {}
+            while rt_handle.serve(|command| cycle.request(now, command)) {}
         }
         Ok(())
     }
@@ -193,7 +193,7 @@ impl Ports {
 fn name_holder(bus: &Bus, error: BusError) -> Failure {
     let held = matches!(error, BusError::Held { .. });
     let mut failure = Failure::from(error);
-    if let (true, Ok(mut health)) = (held, bus.reader::<HealthV1>(&Party::Daemon.health())) {
+    if let (true, Ok(mut health)) = (held, bus.reader::<HealthV1>(&Role::Daemon.health())) {
         let give_up = Time::now() + Span::from_millis(1200);
         while Time::now() < give_up {
             if let Ok(Some((header, _))) = health.latest() {

@@ -4,9 +4,9 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use oqtal_bus::process::{ProcessCommand, execute};
-use oqtal_bus::program;
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::Role;
+use oqtal_runtime::process::{ProcessCommand, execute};
+use oqtal_runtime::program;
 
 /// The controller process of oqtal: from poses to commands
 #[derive(Parser)]
@@ -18,6 +18,6 @@ struct Cli {
 
 fn main() -> ExitCode {
     program::run(|cli: Cli| {
-        execute(Party::Daemon, &cli.command, oqtal_daemon::run, oqtal_daemon::check)
+        execute(Role::Daemon, &cli.command, oqtal_daemon::run, oqtal_daemon::check)
     })
 }

@@ -3,9 +3,9 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
-use oqtal_bus::config::{Config, VehicleKind};
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::Time;
+use oqtal_config::{Config, VehicleKind};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeState, Controller, ControllerName, InputForm, RateInput, TorqueInput,
 };
@@ -19,9 +19,9 @@ const SATURATED: f64 = 1.0 - 1e-9;
 
 /// What the pilot wants in one tick.
 #[derive(Clone, Copy, Debug)]
-pub struct Decision {
+pub struct ControlOutput {
     /// What the outer loops want.
-    pub wish: PositionCommand,
+    pub setpoint: PositionCommand,
     /// What the vehicle is told.
     pub command: CommandV1,
     /// Whether the attitude command is at its limit.
@@ -154,27 +154,27 @@ impl Pilot {
         (now, dt_s): (Time, f64),
         estimate: &Estimate,
         reference: &Reference,
-    ) -> Option<Decision> {
+    ) -> Option<ControlOutput> {
         let now_s = seconds(now);
-        let (predictive::Decision { wish, u }, actuation, limit) = match &mut self.form {
+        let (predictive::Decision { setpoint, u }, actuation, limit) = match &mut self.form {
             Form::Sticks(loops) => {
                 (loops.decide((now_s, dt_s), estimate, reference)?, Actuation::Sticks, 1.0)
             }
             Form::Torque(loops) => {
-                let decision = loops.decide((now_s, dt_s), estimate, reference)?;
-                (decision, Actuation::Torque, self.max_torque)
+                let output = loops.decide((now_s, dt_s), estimate, reference)?;
+                (output, Actuation::Torque, self.max_torque)
             }
         };
         // Eq. (61), erratum E-61: T = K_T delta_c.
-        let thrust = (wish.thrust_n / self.max_thrust).clamp(0.0, 1.0);
-        let attitude = wish.attitude.attitude.xyzw();
+        let thrust = (setpoint.thrust_n / self.max_thrust).clamp(0.0, 1.0);
+        let attitude = setpoint.attitude.attitude.xyzw();
         let neutral =
             CommandV1 { actuation: actuation.code(), attitude, thrust, ..CommandV1::default() };
         let command = match actuation {
             Actuation::Torque => CommandV1 { torque: u.into(), ..neutral },
             _ => CommandV1 { sticks: u.into(), ..neutral },
         };
-        Some(Decision { wish, command, saturated: u.amax() / limit >= SATURATED })
+        Some(ControlOutput { setpoint, command, saturated: u.amax() / limit >= SATURATED })
     }
 
     /// Riccati equations that had no solution, so that the last gain was kept.
@@ -252,10 +252,10 @@ impl<I: InputForm + Copy> Loops<I> {
     ) -> Option<predictive::Decision> {
         match self {
             Self::Paper(loops) => {
-                let wish = loops.position.update(estimate, reference, dt_s);
+                let setpoint = loops.position.update(estimate, reference, dt_s);
                 let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
-                let u = I::u_from(loops.law.update(&state, &wish.attitude, dt_s));
-                Some(predictive::Decision { wish, u })
+                let u = I::u_from(loops.law.update(&state, &setpoint.attitude, dt_s));
+                Some(predictive::Decision { setpoint, u })
             }
             Self::Predictive(autopilot) => autopilot.decide(now_s, reference),
         }

@@ -3,10 +3,10 @@
 mod common;
 
 use common::{Bench, FRAME, LATENCY, LAWS, still};
-use oqtal_bus::code::{Actuation, Answer, Mode, SafetyState, Verb};
-use oqtal_bus::config::Setting;
+use oqtal_bus::code::{Actuation, Answer, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
 use oqtal_bus::time::Span;
+use oqtal_config::Setting;
 use proptest::prelude::*;
 
 fn assert_sane(command: &CommandV1) {
@@ -79,7 +79,10 @@ fn it_is_neutral_until_asked_to_fly_and_sees() {
         let tick = bench.show(still(bench.frame)).expect("a tick on every pose");
         assert_eq!(tick.command.actuation, Actuation::Neutral.code());
     }
-    assert_eq!(bench.cycle.request(bench.now, Verb::Arm).answer, Answer::Accepted.code());
+    assert_eq!(
+        bench.cycle.request(bench.now, OperatorCommand::Arm).answer,
+        Answer::Accepted.code()
+    );
     let tick = bench.show(still(bench.frame)).unwrap();
     assert_eq!(tick.command.actuation, Actuation::Sticks.code());
     assert!(tick.command.thrust > 0.0);
@@ -89,11 +92,17 @@ fn it_is_neutral_until_asked_to_fly_and_sees() {
 fn arming_is_refused_before_enough_good_poses() {
     let mut bench = Bench::new(&[]);
     for _ in 0..5 {
-        assert_eq!(bench.cycle.request(bench.now, Verb::Arm).answer, Answer::Refused.code());
+        assert_eq!(
+            bench.cycle.request(bench.now, OperatorCommand::Arm).answer,
+            Answer::Refused.code()
+        );
         bench.show(still(bench.frame));
     }
     bench.show(still(bench.frame));
-    assert_eq!(bench.cycle.request(bench.now, Verb::Arm).answer, Answer::Accepted.code());
+    assert_eq!(
+        bench.cycle.request(bench.now, OperatorCommand::Arm).answer,
+        Answer::Accepted.code()
+    );
 }
 
 #[test]
@@ -135,7 +144,7 @@ fn after_a_flight_nothing_is_commanded_any_more() {
     let mut bench = Bench::flying(&[]);
     bench.show(still(bench.frame));
     assert!(bench.cycle.telemetry().attitude_command[3].is_finite());
-    bench.cycle.request(bench.now, Verb::Stop);
+    bench.cycle.request(bench.now, OperatorCommand::Stop);
     bench.show(still(bench.frame));
     let telemetry = bench.cycle.telemetry();
     let commands = telemetry.velocity_command.iter().chain(&telemetry.attitude_command);
@@ -158,7 +167,7 @@ fn f02_blindness_stops_within_its_limit_and_stays_stopped() {
     }
     assert_eq!(bench.mode(), Some(Mode::Disarmed));
     assert_eq!(bench.state(), Some(SafetyState::Stop));
-    bench.cycle.request(bench.now, Verb::Arm);
+    bench.cycle.request(bench.now, OperatorCommand::Arm);
     bench.show(still(bench.frame));
     assert_eq!(bench.state(), Some(SafetyState::Nominal), "an operator armed again");
 }
@@ -166,7 +175,7 @@ fn f02_blindness_stops_within_its_limit_and_stays_stopped() {
 #[test]
 fn an_operator_stop_acts_with_the_next_tick_and_latches() {
     let mut bench = Bench::flying(&[]);
-    bench.cycle.request(bench.now, Verb::Stop);
+    bench.cycle.request(bench.now, OperatorCommand::Stop);
     assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
     assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
     assert_eq!(bench.state(), Some(SafetyState::Stop));
@@ -223,8 +232,8 @@ fn a_recording_is_watched_and_never_commands() {
 #[test]
 fn a_stop_while_waiting_calls_the_flight_off() {
     let mut bench = Bench::new(&[]);
-    bench.cycle.request(bench.now, Verb::Fly);
-    bench.cycle.request(bench.now, Verb::Stop);
+    bench.cycle.request(bench.now, OperatorCommand::Fly);
+    bench.cycle.request(bench.now, OperatorCommand::Stop);
     for _ in 0..30 {
         assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
     }
@@ -233,12 +242,12 @@ fn a_stop_while_waiting_calls_the_flight_off() {
 #[test]
 fn a_stop_in_the_tick_of_an_arming_wins() {
     let mut bench = Bench::flying(&[]);
-    bench.cycle.request(bench.now, Verb::Stop);
+    bench.cycle.request(bench.now, OperatorCommand::Stop);
     for _ in 0..10 {
         bench.show(still(bench.frame));
     }
-    bench.cycle.request(bench.now, Verb::Arm);
-    bench.cycle.request(bench.now, Verb::Stop);
+    bench.cycle.request(bench.now, OperatorCommand::Arm);
+    bench.cycle.request(bench.now, OperatorCommand::Stop);
     for _ in 0..10 {
         assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
     }
@@ -247,8 +256,11 @@ fn a_stop_in_the_tick_of_an_arming_wins() {
 #[test]
 fn a_landing_before_take_off_calls_the_flight_off() {
     let mut bench = Bench::new(&[]);
-    bench.cycle.request(bench.now, Verb::Fly);
-    assert_eq!(bench.cycle.request(bench.now, Verb::Land).answer, Answer::Refused.code());
+    bench.cycle.request(bench.now, OperatorCommand::Fly);
+    assert_eq!(
+        bench.cycle.request(bench.now, OperatorCommand::Land).answer,
+        Answer::Refused.code()
+    );
     for _ in 0..30 {
         assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
     }
@@ -260,7 +272,7 @@ fn arming_means_now_or_not_at_all() {
     for _ in 0..10 {
         bench.show(still(bench.frame));
     }
-    bench.cycle.request(bench.now, Verb::Arm);
+    bench.cycle.request(bench.now, OperatorCommand::Arm);
     bench.miss();
     bench.miss();
     for _ in 0..30 {
@@ -282,7 +294,7 @@ fn a_pose_from_the_future_is_refused_and_blinds_nobody() {
 #[test]
 fn a_wrong_first_pose_does_not_keep_the_vehicle_on_the_ground() {
     let mut bench = Bench::new(&[]);
-    bench.cycle.request(bench.now, Verb::Fly);
+    bench.cycle.request(bench.now, OperatorCommand::Fly);
     bench.show(PoseV1 { position: [5.0, 0.0, 0.0], ..still(0) });
     for _ in 0..10 {
         bench.show(still(bench.frame));

@@ -3,10 +3,10 @@
 mod common;
 
 use common::{Bench, FRAME, LAWS, REAL, WELL, still};
-use oqtal_bus::code::{Actuation, Answer, Cause, Mode, SafetyState, Verb};
-use oqtal_bus::config::Setting;
+use oqtal_bus::code::{Actuation, Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::Span;
+use oqtal_config::Setting;
 use oqtal_daemon::{AtStart, Tick};
 
 #[test]
@@ -19,12 +19,12 @@ fn arming_is_refused_while_the_vehicle_is_silent_and_a_flight_that_waits_waits_f
         }
         assert_eq!(bench.state(), Some(SafetyState::Coast));
         assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
-        let refusal = bench.cycle.request(bench.now, Verb::Arm);
+        let refusal = bench.cycle.request(bench.now, OperatorCommand::Arm);
         assert_eq!(
             (refusal.answer, refusal.cause),
             (Answer::Refused.code(), Cause::NoVehicle.code())
         );
-        bench.cycle.request(bench.now, Verb::Fly);
+        bench.cycle.request(bench.now, OperatorCommand::Fly);
         for _ in 0..20 {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
         }
@@ -51,14 +51,14 @@ fn f18_a_vehicle_that_falls_silent_in_flight_is_told_to_stop_within_its_limit() 
             "a short silence is flown through"
         );
         assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
-        let refusal = bench.cycle.request(bench.now, Verb::Arm);
+        let refusal = bench.cycle.request(bench.now, OperatorCommand::Arm);
         assert_eq!(refusal.cause, Cause::NoVehicle.code());
         (bench.silent, bench.vehicle) = (false, WELL);
         for _ in 0..10 {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
         }
         assert_eq!(bench.state(), Some(SafetyState::Stop), "latched");
-        bench.cycle.request(bench.now, Verb::Arm);
+        bench.cycle.request(bench.now, OperatorCommand::Arm);
         bench.show(still(bench.frame));
         assert_eq!(bench.mode(), Some(Mode::Flying));
     }
@@ -72,7 +72,7 @@ fn a_flight_begins_when_the_motors_run() {
             bench.show(still(bench.frame));
         }
         bench.vehicle = VehicleV1 { starting: 1, ..REAL };
-        bench.cycle.request(bench.now, Verb::Arm);
+        bench.cycle.request(bench.now, OperatorCommand::Arm);
         bench.show(still(bench.frame));
         for _ in 0..120 {
             let Tick { command, .. } = bench.show(still(bench.frame)).unwrap();
@@ -106,16 +106,20 @@ fn f18_motors_that_stand_in_flight_end_it_be_they_started_again_or_not() {
 
 #[test]
 fn motors_that_never_run_can_be_called_off() {
-    for verb in [Verb::Land, Verb::Disarm, Verb::Stop] {
+    for command in [OperatorCommand::Land, OperatorCommand::Disarm, OperatorCommand::Stop] {
         let mut bench = Bench::new(&[]);
         bench.vehicle = VehicleV1 { starting: 1, ..REAL };
-        bench.cycle.request(bench.now, Verb::Fly);
+        bench.cycle.request(bench.now, OperatorCommand::Fly);
         for _ in 0..20 {
             bench.show(still(bench.frame));
         }
         assert_eq!(bench.mode(), Some(Mode::Flying));
-        bench.cycle.request(bench.now, verb);
-        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default(), "{verb}");
+        bench.cycle.request(bench.now, command);
+        assert_eq!(
+            bench.show(still(bench.frame)).unwrap().command,
+            CommandV1::default(),
+            "{command}"
+        );
         assert_eq!(bench.mode(), Some(Mode::Disarmed));
     }
 }
@@ -127,7 +131,7 @@ fn taking_off() -> Bench {
     for _ in 0..10 {
         bench.show(still(bench.frame));
     }
-    bench.cycle.request(bench.now, Verb::Arm);
+    bench.cycle.request(bench.now, OperatorCommand::Arm);
     bench.show(still(bench.frame));
     assert_eq!(bench.mode(), Some(Mode::Flying));
     bench
@@ -169,7 +173,7 @@ fn f36_a_start_of_motors_that_was_given_up_stops_the_flight_at_once() {
         }
         bench.vehicle.starting = 0;
         assert!(until_stop(&mut bench) <= FRAME.scaled(2.01), "after {starting} frames");
-        bench.cycle.request(bench.now, Verb::Arm);
+        bench.cycle.request(bench.now, OperatorCommand::Arm);
         bench.show(still(bench.frame));
         assert_eq!(bench.mode(), Some(Mode::Flying), "an operator may try again");
     }
@@ -210,7 +214,7 @@ fn a_daemon_that_arms_at_start_flies_once_and_only_what_is_simulated() {
         }
         assert_eq!(bench.cycle.at_start(), outcome);
         assert_eq!(bench.mode(), Some(mode));
-        bench.cycle.request(bench.now, Verb::Stop);
+        bench.cycle.request(bench.now, OperatorCommand::Stop);
         bench.vehicle.simulated = 1;
         for _ in 0..20 {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
@@ -220,9 +224,9 @@ fn a_daemon_that_arms_at_start_flies_once_and_only_what_is_simulated() {
 
 #[test]
 fn a_flight_at_start_is_called_off_like_any_other() {
-    for verb in [Verb::Disarm, Verb::Stop] {
+    for command in [OperatorCommand::Disarm, OperatorCommand::Stop] {
         let mut bench = arming_itself(1);
-        bench.cycle.request(bench.now, verb);
+        bench.cycle.request(bench.now, command);
         for _ in 0..20 {
             assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
         }
@@ -275,7 +279,7 @@ fn f18_a_flight_asked_for_is_not_flown_with_another_vehicle_than_was_there() {
         let mut bench = Bench::new(&[]);
         bench.vehicle = first;
         blind(&mut bench);
-        bench.cycle.request(bench.now, Verb::Fly);
+        bench.cycle.request(bench.now, OperatorCommand::Fly);
         blind(&mut bench);
         assert_eq!(bench.mode(), Some(Mode::Waiting));
         (bench.vehicle, bench.speaker) = (second, 2);
@@ -283,7 +287,7 @@ fn f18_a_flight_asked_for_is_not_flown_with_another_vehicle_than_was_there() {
         assert_eq!(bench.state(), Some(SafetyState::Stop));
         assert_eq!(bench.cycle.telemetry().cause, Cause::NoVehicle.code());
         stays_on_the_ground(&mut bench);
-        bench.cycle.request(bench.now, Verb::Fly);
+        bench.cycle.request(bench.now, OperatorCommand::Fly);
         bench.show(still(bench.frame));
         assert_eq!(bench.mode(), Some(Mode::Flying), "asked for again");
     }

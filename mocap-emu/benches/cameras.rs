@@ -3,9 +3,9 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use oqtal_bus::config::{Config, Setting};
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Setting};
 use oqtal_mocap_emu::Cameras;
 
 fn bench(criterion: &mut Criterion, preset: &str) {

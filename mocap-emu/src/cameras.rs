@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector3;
-use oqtal_bus::config::Mocap;
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
-use oqtal_bus::random::{Generator, Source, normal3, stream};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Mocap;
 use oqtal_control::quaternion::Attitude;
+use oqtal_runtime::random::{Generator, Source, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 

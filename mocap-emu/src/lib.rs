@@ -10,13 +10,13 @@ mod replay;
 use std::path::Path;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::config::Config;
 use oqtal_bus::message::{HealthV1, PoseV1, Stamps, TruthV1};
-use oqtal_bus::pace::Pace;
 use oqtal_bus::port::Writer;
-use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, POSE, TRUTH};
+use oqtal_config::Config;
+use oqtal_runtime::loop_clock::LoopClock;
+use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 
 pub use cameras::Cameras;
 pub use recording::Recording;
@@ -61,24 +61,24 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 ///
 /// # Errors
 /// The bus refuses or breaks; the recording is bad.
-pub fn run(shell: &Shell) -> Result<(), Failure> {
-    if shell.config.is_replay() { play(shell) } else { watch(shell) }
+pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    if context.config.is_replay() { play(context) } else { watch(context) }
 }
 
-fn watch(shell: &Shell) -> Result<(), Failure> {
-    let bus = shell.bus()?;
+fn watch(context: &ProcessContext) -> Result<(), Failure> {
+    let bus = context.bus()?;
     // Between two camera instants the truth comes every millisecond: none of the instants must fall out of the buffer.
     let mut truths = bus.observer(&TRUTH)?;
     let mut poses = bus.writer(&POSE)?;
-    let mut pulse = shell.pulse(&bus)?;
-    let mut pace = shell.pace(&bus, &TRUTH)?;
-    let mut cameras = Cameras::new(&shell.config.mocap, shell.config.clock.seed);
-    shell.enter_realtime();
+    let mut heartbeat = context.heartbeat(&bus)?;
+    let mut pace = context.pace(&bus, &TRUTH)?;
+    let mut cameras = Cameras::new(&context.config.mocap, context.config.clock.seed);
+    context.enter_realtime();
     while let Some(now) = pace.wait(cameras.next_event())? {
-        pulse.beat(HealthV1::default())?;
+        heartbeat.beat(HealthV1::default())?;
         while let Some((_, truth)) = truths.receive()? {
             if is_frame(&truth) {
-                shell.vitals.heard();
+                context.health.heard();
                 cameras.capture(&truth);
             }
         }
@@ -89,24 +89,24 @@ fn watch(shell: &Shell) -> Result<(), Failure> {
     Ok(())
 }
 
-fn play(shell: &Shell) -> Result<(), Failure> {
-    let recording = read_recording(&shell.config.mocap.replay)?;
-    let bus: Bus = shell.bus()?;
+fn play(context: &ProcessContext) -> Result<(), Failure> {
+    let recording = read_recording(&context.config.mocap.replay)?;
+    let bus: Bus = context.bus()?;
     let mut poses = bus.writer(&POSE)?;
-    let mut pulse = shell.pulse(&bus)?;
+    let mut heartbeat = context.heartbeat(&bus)?;
     let mut commands = bus.reader(&COMMAND)?;
-    let mut pace = shell.pace(&bus, &COMMAND)?;
+    let mut pace = context.pace(&bus, &COMMAND)?;
     // In virtual time nobody acts before everybody is there. In real time a daemon that commands is one that listens.
     let mut listened_to = pace.is_virtual();
     while !listened_to && pace.wait(None)?.is_some() {
-        pulse.beat(HealthV1::default())?;
+        heartbeat.beat(HealthV1::default())?;
         listened_to = commands.latest()?.is_some();
     }
     let mut replay = Replay::new(recording, pace.now());
-    shell.vitals.say("playing a recording");
-    shell.enter_realtime();
+    context.health.say("playing a recording");
+    context.enter_realtime();
     while let Some(now) = pace.wait(replay.next_event())? {
-        pulse.beat(HealthV1::default())?;
+        heartbeat.beat(HealthV1::default())?;
         while let Some(delivery) = replay.deliver(now) {
             publish(&mut poses, &mut pace, &delivery)?;
         }
@@ -122,7 +122,7 @@ pub fn is_frame(truth: &TruthV1) -> bool {
 
 fn publish(
     poses: &mut Writer<PoseV1>,
-    pace: &mut Pace,
+    pace: &mut LoopClock,
     delivery: &Delivery,
 ) -> Result<(), Failure> {
     poses.send(delivery.frame, delivery.stamps_at(pace.now()), delivery.pose)?;

@@ -4,9 +4,9 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use oqtal_bus::process::{ProcessCommand, execute};
-use oqtal_bus::program;
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::Role;
+use oqtal_runtime::process::{ProcessCommand, execute};
+use oqtal_runtime::program;
 
 /// The motion-capture process of oqtal: emulated cameras, or a recording
 #[derive(Parser)]
@@ -18,6 +18,6 @@ struct Cli {
 
 fn main() -> ExitCode {
     program::run(|cli: Cli| {
-        execute(Party::Mocap, &cli.command, oqtal_mocap_emu::run, oqtal_mocap_emu::check)
+        execute(Role::Mocap, &cli.command, oqtal_mocap_emu::run, oqtal_mocap_emu::check)
     })
 }

@@ -1,9 +1,9 @@
 //! The emulated cameras do what their configuration says.
 
 use nalgebra::Vector3;
-use oqtal_bus::config::{Config, Mocap, Setting};
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Mocap, Setting};
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::{Cameras, Delivery};
 

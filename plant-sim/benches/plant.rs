@@ -4,9 +4,9 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use oqtal_bus::code::Actuation;
-use oqtal_bus::config::{Config, Setting};
 use oqtal_bus::message::{CommandV1, Header};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Setting};
 use oqtal_plant_sim::{Output, Plant};
 
 const MILLISECOND: Span = Span::from_millis(1);

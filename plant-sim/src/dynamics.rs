@@ -1,7 +1,7 @@
 //! The equations of motion of each vehicle: state and input in, derivative out.
 
 use nalgebra::{Matrix4, Vector3, Vector4};
-use oqtal_bus::config::{Fidelity, Vehicle, VehicleKind};
+use oqtal_config::{Fidelity, Vehicle, VehicleKind};
 use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::rigid_body::Inertia;
 

@@ -10,10 +10,10 @@ pub mod wire;
 mod world;
 
 use clap::{Args, Subcommand};
-use oqtal_bus::config::Config;
 use oqtal_bus::message::HealthV1;
-use oqtal_bus::process::{CommonArgs, Failure, ProcessCommand, Shell, execute};
-use oqtal_bus::topic::{COMMAND, Party, TRUTH, VEHICLE};
+use oqtal_bus::topic::{COMMAND, Role, TRUTH, VEHICLE};
+use oqtal_config::Config;
+use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_wire::link::LinkSpec;
 
 pub use dynamics::{Disturbance, Dynamics, Input};
@@ -47,7 +47,7 @@ impl PlantCommand {
             Self::Run(args) => ProcessCommand::Run(args.common()),
             Self::Check(args) => ProcessCommand::Check(args.common()),
         };
-        execute(Party::Plant, &command, run, check)
+        execute(Role::Plant, &command, run, check)
     }
 }
 
@@ -77,38 +77,38 @@ fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
 ///
 /// # Errors
 /// The bus refuses or breaks.
-pub fn run(shell: &Shell) -> Result<(), Failure> {
-    match link(&shell.config)? {
-        Some(link) => wire::run(shell, &link),
-        None => fly(shell),
+pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    match link(&context.config)? {
+        Some(link) => wire::run(context, &link),
+        None => fly(context),
     }
 }
 
 /// Flies by the commands on the bus.
-fn fly(shell: &Shell) -> Result<(), Failure> {
-    let bus = shell.bus()?;
+fn fly(context: &ProcessContext) -> Result<(), Failure> {
+    let bus = context.bus()?;
     let mut commands = bus.reader(&COMMAND)?;
     let mut truths = bus.writer(&TRUTH)?;
     // Of a vehicle behind the bridge it is the bridge that speaks.
-    let own = !shell.config.vehicle.shadow;
+    let own = !context.config.vehicle.shadow;
     let mut vehicles = own.then(|| bus.writer(&VEHICLE)).transpose()?;
-    let mut pulse = shell.pulse(&bus)?;
-    let mut pace = shell.pace(&bus, &COMMAND)?;
-    let mut plant = Plant::new(&shell.config, pace.now());
+    let mut heartbeat = context.heartbeat(&bus)?;
+    let mut pace = context.pace(&bus, &COMMAND)?;
+    let mut plant = Plant::new(&context.config, pace.now());
     let mut outputs = Vec::with_capacity(64);
-    shell.enter_realtime();
+    context.enter_realtime();
     loop {
         let next = if pace.is_virtual() { plant.next_event() } else { plant.next_sample() };
         if pace.wait(Some(next))?.is_none() {
             return Ok(());
         }
-        pulse.beat(HealthV1::default())?;
+        heartbeat.beat(HealthV1::default())?;
         let arrival = commands.latest()?;
         // After the command was taken: it must not look as if it had come before it was sent.
         let now = pace.now();
         plant.advance(now, |output| outputs.push(output));
         if let Some((header, command)) = arrival {
-            shell.vitals.heard();
+            context.health.heard();
             plant.receive(now, header, command, commands.lost());
             // The truth at the tick itself, for those who judge the flight.
             outputs.push(Output::Truth(plant.truth()));

@@ -4,7 +4,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use oqtal_bus::program;
+use oqtal_runtime::program;
 
 /// The plant process of oqtal: a simulated vehicle and its radio
 #[derive(Parser)]

@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
-use oqtal_bus::config::{Config, VehicleKind};
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
+use oqtal_config::{Config, VehicleKind};
 
 use crate::dynamics::{Disturbance, Dynamics, Input};
 use crate::state::State;

@@ -2,8 +2,8 @@
 //! (seed, source), so that one source never shifts another.
 
 use nalgebra::Vector3;
-use oqtal_bus::config::{Battery, Vehicle};
-use oqtal_bus::random::{Generator, Source, normal3, stream};
+use oqtal_config::{Battery, Vehicle};
+use oqtal_runtime::random::{Generator, Source, normal3, stream};
 
 use crate::state::State;
 
@@ -124,7 +124,7 @@ pub fn rest_on_floor(before: &State, state: &mut State) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_bus::config::Config;
+    use oqtal_config::Config;
 
     #[test]
     fn gusts_are_as_strong_at_first_as_ever() {

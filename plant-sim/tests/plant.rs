@@ -1,9 +1,9 @@
 //! The simulated vehicle and its radio.
 
 use oqtal_bus::code::Actuation;
-use oqtal_bus::config::{Config, Setting};
 use oqtal_bus::message::{CommandV1, Header, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Setting};
 use oqtal_plant_sim::{Output, Plant};
 
 const START: Time = Time::VIRTUAL_START;

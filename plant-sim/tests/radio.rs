@@ -1,7 +1,7 @@
 //! The radio to a vehicle: what it does to bytes, and what it never does.
 
-use oqtal_bus::config::{Config, Wire};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Wire};
 use oqtal_plant_sim::wire::{Radio, Way};
 use proptest::prelude::*;
 

@@ -1,9 +1,9 @@
 //! The vehicle at the other end of a wire: switched on, flown and asked through bytes.
 
-use oqtal_bus::config::Config;
-use oqtal_bus::random::{Source, stream};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
 use oqtal_plant_sim::wire::{Radio, Way, WiredVehicle};
+use oqtal_runtime::random::{Source, stream};
 use oqtal_wire::asctec::{
     Command, ControlInput, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll, Scales,
     Sticks, VehicleDecoder, poll_frame,

@@ -6,17 +6,17 @@ use std::time::Duration;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::error::BusError;
-use oqtal_bus::health::HEALTH_PERIOD;
 use oqtal_bus::message::{Header, HealthV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{Party, TELEMETRY, VEHICLE};
+use oqtal_bus::topic::{Role, TELEMETRY, VEHICLE};
+use oqtal_runtime::health::HEALTH_PERIOD;
 use serde::Serialize;
 
 use super::word;
 
 /// Who is listened for. Of plant and bridge one runs at most.
-const PROCESSES: [Party; 4] = [Party::Plant, Party::Mocap, Party::Daemon, Party::Bridge];
+const PROCESSES: [Role; 4] = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge];
 /// A process that is not heard for so many periods is silent.
 const SILENT_PERIODS: f64 = 3.0;
 
@@ -85,8 +85,8 @@ pub fn listen(bus: &Bus) -> Result<Overview, BusError> {
     let mut telemetry = bus.reader(&TELEMETRY)?;
     let (mut vehicle, mut tick) = (None, None);
     let mut readers = Vec::new();
-    for party in PROCESSES {
-        readers.push((party, bus.reader(&party.health())?, None));
+    for role in PROCESSES {
+        readers.push((role, bus.reader(&role.health())?, None));
     }
     let give_up = Time::now() + patience();
     while (vehicle.is_none() || is_someone_missing(&readers)) && Time::now() < give_up {
@@ -98,10 +98,10 @@ pub fn listen(bus: &Bus) -> Result<Overview, BusError> {
         std::thread::sleep(Duration::from_millis(5));
     }
     let now = Time::now();
-    let processes = readers.iter().map(|(party, _, said)| ProcessHealth {
-        name: party.name(),
-        heard: said.as_ref().map(|said| Heard::new(*party, said, now)),
-        is_replaced: is_replaced(&readers, *party),
+    let processes = readers.iter().map(|(role, _, said)| ProcessHealth {
+        name: role.name(),
+        heard: said.as_ref().map(|said| Heard::new(*role, said, now)),
+        is_replaced: is_replaced(&readers, *role),
     });
     let position_m = tick.filter(|tick| tick.pose_age_s.is_finite()).map(|tick| tick.position);
     Ok(Overview { processes: processes.collect(), vehicle, position_m })
@@ -129,23 +129,23 @@ impl Overview {
     }
 }
 
-type Ear = (Party, Reader<HealthV1>, Option<(Header, HealthV1)>);
+type Ear = (Role, Reader<HealthV1>, Option<(Header, HealthV1)>);
 
 fn is_someone_missing(readers: &[Ear]) -> bool {
-    readers.iter().any(|(party, _, heard)| heard.is_none() && !is_replaced(readers, *party))
+    readers.iter().any(|(role, _, heard)| heard.is_none() && !is_replaced(readers, *role))
 }
 
-/// Whether who does the same as `party` was heard.
-fn is_replaced(readers: &[Ear], party: Party) -> bool {
-    let heard = |other| readers.iter().any(|(party, _, said)| *party == other && said.is_some());
-    replacement(party).is_some_and(heard)
+/// Whether who does the same as `role` was heard.
+fn is_replaced(readers: &[Ear], role: Role) -> bool {
+    let heard = |other| readers.iter().any(|(role, _, said)| *role == other && said.is_some());
+    replacement(role).is_some_and(heard)
 }
 
-/// Who is there in place of `party`: a vehicle is simulated or real.
-fn replacement(party: Party) -> Option<Party> {
-    match party {
-        Party::Plant => Some(Party::Bridge),
-        Party::Bridge => Some(Party::Plant),
+/// Who is there in place of `role`: a vehicle is simulated or real.
+fn replacement(role: Role) -> Option<Role> {
+    match role {
+        Role::Plant => Some(Role::Bridge),
+        Role::Bridge => Some(Role::Plant),
         _ => None,
     }
 }
@@ -202,8 +202,8 @@ impl fmt::Display for Vehicle {
 }
 
 impl Heard {
-    fn new(party: Party, (header, health): &(Header, HealthV1), now: Time) -> Self {
-        let daemon = (party == Party::Daemon).then(|| Condition {
+    fn new(role: Role, (header, health): &(Header, HealthV1), now: Time) -> Self {
+        let daemon = (role == Role::Daemon).then(|| Condition {
             mode: word(Mode::from_code(health.mode)),
             state: word(SafetyState::from_code(health.state)),
             cause: word(Cause::from_code(health.cause)),
@@ -214,7 +214,7 @@ impl Heard {
             age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
             config_hash: format!("{:016x}", health.config_hash),
             daemon,
-            vehicle_answers: (party == Party::Bridge).then_some(health.cause == Cause::None.code()),
+            vehicle_answers: (role == Role::Bridge).then_some(health.cause == Cause::None.code()),
         }
     }
 

@@ -1,6 +1,6 @@
 //! What a check says.
 
-use oqtal_bus::process::Exit;
+use oqtal_runtime::process::Exit;
 use serde::Serialize;
 
 /// How bad it is.

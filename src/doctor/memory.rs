@@ -1,6 +1,6 @@
 //! Shared memory, locked memory, swap.
 
-use oqtal_bus::process::Exit;
+use oqtal_runtime::process::Exit;
 
 use super::finding::Finding;
 use super::system::System;

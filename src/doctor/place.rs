@@ -2,8 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use oqtal_bus::place::Place;
-use oqtal_bus::process::Exit;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_runtime::process::Exit;
 
 use super::finding::Finding;
 use super::system::System;
@@ -48,7 +48,7 @@ pub fn remains(system: &System) -> Option<Finding> {
 /// The instance, of those with the same root, that a file in shared memory belongs to.
 fn instance_of<'a>(system: &System, file: &'a str) -> Option<&'a str> {
     let (instance, _) = file.strip_prefix("oqtal_")?.split_once('_')?;
-    let place = Place::new(instance, Some(&system.instances)).ok()?;
+    let place = InstancePaths::new(instance, Some(&system.instances)).ok()?;
     file.starts_with(&place.prefix()).then_some(instance)
 }
 

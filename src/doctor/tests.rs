@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use oqtal_bus::place::Place;
+use oqtal_bus::paths::InstancePaths;
 use tempfile::TempDir;
 
 use super::*;
@@ -189,7 +189,7 @@ fn a_folder_that_cannot_be_written_forbids_a_flight() {
 fn an_instance_is_dead_when_no_process_has_its_memory() {
     let machine = Machine::fit();
     let file = |instance: &str, root: &str| {
-        let prefix = Place::new(instance, Some(Path::new(root))).unwrap().prefix();
+        let prefix = InstancePaths::new(instance, Some(Path::new(root))).unwrap().prefix();
         format!("dev/shm/{prefix}1.data")
     };
     machine.write(&file("alive", "/run/oqtal"), "");

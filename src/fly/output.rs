@@ -3,13 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use oqtal_bus::config::Config;
-use oqtal_bus::process::{Exit, Failure};
-use oqtal_bus::program::print;
+use oqtal_config::Config;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
 
-use crate::flight::Flight;
-use crate::summary::Summary;
-use crate::{csv, report, table};
+use oqtal_observe::flight::Flight;
+use oqtal_observe::summary::Summary;
+use oqtal_observe::{csv, report, table};
 
 /// Flights kept by number; beyond, somebody should tidy up.
 const NUMBERS: u32 = 100_000;

@@ -4,39 +4,44 @@ use std::sync::Mutex;
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Verb};
-use oqtal_bus::config::ClockKind;
+use oqtal_bus::code::{Answer, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::ControlRequestV1;
-use oqtal_bus::pace::{Pace, StopFlag};
-use oqtal_bus::place::Place;
-use oqtal_bus::process::{Exit, Failure, place_of};
-use oqtal_bus::program::say;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::Role;
+use oqtal_config::ClockKind;
+use oqtal_runtime::loop_clock::{LoopClock, StopFlag};
+use oqtal_runtime::process::{Exit, Failure, instance_paths};
+use oqtal_runtime::program::say;
 
-use super::Mission;
-use super::crew::{Crew, PATIENCE};
-use super::in_process::REVIEW;
-use super::observer::Observer;
 use super::output::Output;
+use super::process_group::{PATIENCE, ProcessGroup};
 use super::progress::{Interrupts, Progress};
-use crate::flight::Flight;
-use crate::kernel::{Observed, OneProcessor};
-use crate::recorder::Recorder;
+use super::vehicle::VehicleLink;
+use oqtal_lab::mission::Mission;
+use oqtal_lab::simulation::REVIEW;
+use oqtal_observe::flight::Flight;
+use oqtal_observe::kernel::{Observed, OneProcessor};
+use oqtal_observe::observer::Observer;
+use oqtal_observe::recorder::Recorder;
 
 /// How often the observer listens in real time: well before a buffer of a thousand milliseconds is full.
 const LISTEN: Duration = Duration::from_millis(20);
-/// How often the crew is looked after.
+/// How often the processes is looked after.
 const WATCH: Duration = Duration::from_millis(20);
 
 /// Flies `mission` through processes of their own, and leaves nothing behind.
 ///
 /// # Errors
 /// A process could not be started, never came, or ended in flight.
-pub fn fly(mission: &Mission, output: &Output, interrupts: &Interrupts) -> Result<Flight, Failure> {
-    let place = place_of(&mission.config)?;
-    let result = fly_at(mission, output, (&place, interrupts));
+pub fn fly(
+    mission: &Mission,
+    link: &VehicleLink,
+    (output, interrupts): (&Output, &Interrupts),
+) -> Result<Flight, Failure> {
+    let place = instance_paths(&mission.config)?;
+    let result = fly_at((mission, link), output, (&place, interrupts));
     // A killed process cleans up nothing.
     if let Ok(bus) = Bus::open(&place) {
         bus.leave();
@@ -45,9 +50,9 @@ pub fn fly(mission: &Mission, output: &Output, interrupts: &Interrupts) -> Resul
 }
 
 fn fly_at(
-    mission: &Mission,
+    (mission, link): (&Mission, &VehicleLink),
     output: &Output,
-    (place, interrupts): (&Place, &Interrupts),
+    (place, interrupts): (&InstancePaths, &Interrupts),
 ) -> Result<Flight, Failure> {
     let bus = Bus::open(place)?;
     // The ears are open before anybody speaks.
@@ -55,17 +60,17 @@ fn fly_at(
     refuse_company(&bus, &mission.config.instance.name)?;
     let lockstep = mission.config.clock.kind == ClockKind::Lockstep;
     let _here = lockstep.then(OneProcessor::stay);
-    let mut crew = Crew::start(mission, &output.config(), output.directory())?;
+    let mut processes = ProcessGroup::start((mission, link), &output.config(), output.directory())?;
     let stop = StopFlag::default();
     let watch = Watch { place, stop: &stop, over: StopFlag::default(), fallen: Mutex::new(None) };
     let flight = std::thread::scope(|threads| {
-        let (watch, crew) = (&watch, &mut crew);
-        threads.spawn(move || watch.run(crew, interrupts));
+        let (watch, processes) = (&watch, &mut processes);
+        threads.spawn(move || watch.run(processes, interrupts));
         // However the recording ends, the watch ends with it.
         let _over = watch.over.set_on_drop();
-        record(mission, &bus, &mut observer, &stop)
+        record((mission, link), &bus, &mut observer, &stop)
     });
-    crew.dismiss();
+    processes.dismiss();
     if let Some(failure) = watch.fallen.into_inner().unwrap_or_else(|poison| poison.into_inner()) {
         return Err(failure);
     }
@@ -92,7 +97,7 @@ fn say_what_is_lacking(flight: &Flight) {
 
 /// A daemon that already runs on this instance is somebody else's: it must not be made to fly.
 fn refuse_company(bus: &Bus, instance: &str) -> Result<(), Failure> {
-    let status = ControlRequestV1 { verb: Verb::Status.code() };
+    let status = ControlRequestV1 { command: OperatorCommand::Status.code() };
     match bus.control_client()?.ask(status, Span::from_millis(100))? {
         None => Ok(()),
         Some(_) => {
@@ -106,7 +111,7 @@ fn refuse_company(bus: &Bus, instance: &str) -> Result<(), Failure> {
 
 /// Asks the daemon to fly and records until the flight is over, or `stop` is set.
 fn record(
-    mission: &Mission,
+    (mission, link): (&Mission, &VehicleLink),
     bus: &Bus,
     observer: &mut Observer,
     stop: &StopFlag,
@@ -136,10 +141,10 @@ fn record(
         }
         let flown = first.map_or(Span::ZERO, |(began, _)| now.since(began));
         if !recorder.wire().answered()
-            && mission.way.silence(&mission.config).is_some_and(|limit| flown >= limit)
+            && link.silence(&mission.config).is_some_and(|limit| flown >= limit)
         {
             progress.finish();
-            return Err(mission.way.never_answered());
+            return Err(link.never_answered());
         }
         if recorder.outcome().is_some() || flown >= mission.patience() {
             break;
@@ -152,14 +157,14 @@ fn record(
     if let (Some(daemon), Some(pid)) = (&mut daemon, observer.daemon()) {
         daemon.look_again(pid);
     }
-    let way = mission.way.clone();
-    Ok(Flight { daemon, way, ..recorder.finish(mission.otherwise(), speed_factor) })
+    let command_path = link.command_path();
+    Ok(Flight { daemon, command_path, ..recorder.finish(mission.otherwise(), speed_factor) })
 }
 
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.
 enum Clock {
     Real(StopFlag),
-    Virtual { pace: Box<Pace>, next: Option<Time>, end: Time },
+    Virtual { pace: Box<LoopClock>, next: Option<Time>, end: Time },
 }
 
 impl Clock {
@@ -167,7 +172,7 @@ impl Clock {
         Ok(match mission.config.clock.kind {
             ClockKind::Real => Self::Real(stop.clone()),
             ClockKind::Lockstep | ClockKind::InProcess => Self::Virtual {
-                pace: Box::new(Pace::follower(bus, Party::Recorder, stop.clone())?),
+                pace: Box::new(LoopClock::follower(bus, Role::Recorder, stop.clone())?),
                 next: None,
                 end: Time::VIRTUAL_START + mission.patience(),
             },
@@ -196,7 +201,7 @@ impl Clock {
 
 fn ask_to_fly(client: &ControlClient, stop: &StopFlag) -> Result<(), Failure> {
     let give_up = Time::now() + PATIENCE;
-    let request = ControlRequestV1 { verb: Verb::Fly.code() };
+    let request = ControlRequestV1 { command: OperatorCommand::Fly.code() };
     while Time::now() < give_up && !stop.is_set() {
         match client.ask(request, Span::from_millis(200))? {
             Some(response) if response.answer == Answer::Refused.code() => {
@@ -220,26 +225,26 @@ fn never_came(mission: &Mission) -> Failure {
     Failure::new(Exit::Peer, message)
 }
 
-/// Looks after the crew and the operator while the flight is recorded.
+/// Looks after the processes and the operator while the flight is recorded.
 struct Watch<'a> {
-    place: &'a Place,
+    place: &'a InstancePaths,
     stop: &'a StopFlag,
     over: StopFlag,
     fallen: Mutex<Option<Failure>>,
 }
 
 impl Watch<'_> {
-    fn run(&self, crew: &mut Crew, interrupts: &Interrupts) {
+    fn run(&self, processes: &mut ProcessGroup, interrupts: &Interrupts) {
         // Without a watch there is no flight, however the watch ended.
         let _stop = self.stop.set_on_drop();
         let client = Bus::open(self.place).and_then(|bus| Ok((bus.control_client()?, bus)));
         while !self.over.is_set() {
-            if let Some(failure) = crew.fallen() {
+            if let Some(failure) = processes.fallen() {
                 self.give_up(failure);
                 return;
             }
             let operator = client.as_ref().ok().map(|(client, _)| client);
-            if interrupts.next().is_some_and(|verb| !self.passes_on(operator, verb)) {
+            if interrupts.next().is_some_and(|command| !self.passes_on(operator, command)) {
                 self.give_up(Failure::new(Exit::Flight, "interrupted"));
                 return;
             }
@@ -248,8 +253,8 @@ impl Watch<'_> {
     }
 
     /// Passes an operator's request on; `false` if there is no flight that could end by it.
-    fn passes_on(&self, client: Option<&ControlClient>, verb: Verb) -> bool {
-        let request = ControlRequestV1 { verb: verb.code() };
+    fn passes_on(&self, client: Option<&ControlClient>, command: OperatorCommand) -> bool {
+        let request = ControlRequestV1 { command: command.code() };
         let response = client.and_then(|client| client.ask(request, Span::from_millis(500)).ok());
         response.flatten().is_some_and(|response| response.answer != Answer::Refused.code())
     }

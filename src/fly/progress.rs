@@ -4,14 +4,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use oqtal_bus::code::{Mode, SafetyState, Verb};
+use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::VehicleV1;
-use oqtal_bus::process::{Exit, Failure};
-use oqtal_bus::program::say;
 use oqtal_bus::time::Span;
 use oqtal_control::trajectory::Phase;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
 
-use crate::recorder::Recorder;
+use oqtal_observe::recorder::Recorder;
 
 /// A bar on standard error; silent where that is no terminal.
 #[derive(Debug)]
@@ -103,13 +103,13 @@ impl Interrupts {
     }
 
     /// What an operator asked for since the last call.
-    pub fn next(&self) -> Option<Verb> {
+    pub fn next(&self) -> Option<OperatorCommand> {
         let count = self.count.load(Ordering::Acquire);
         if count == self.seen.swap(count, Ordering::AcqRel) {
             return None;
         }
-        let verb = if count == 1 { Verb::Land } else { Verb::Stop };
+        let command = if count == 1 { OperatorCommand::Land } else { OperatorCommand::Stop };
         say(if count == 1 { "landing; Ctrl-C again stops the motors" } else { "stopping" });
-        Some(verb)
+        Some(command)
     }
 }

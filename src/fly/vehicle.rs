@@ -1,13 +1,13 @@
 //! `--vehicle`: what flies, and how commands get there.
 
-use std::fmt;
 use std::path::Path;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::config::{ClockKind, Config, Setting};
-use oqtal_bus::process::{Exit, Failure, place_of};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{Party, TRUTH};
+use oqtal_bus::topic::{Role, TRUTH};
+use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_observe::command_path::CommandPath;
+use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
 use oqtal_wire::link::LinkSpec;
 
 /// What the flag can say, for messages.
@@ -85,9 +85,9 @@ impl VehicleChoice {
     }
 }
 
-/// How commands reach what flies.
+/// What a flight's commands go through, with the link itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Way {
+pub enum VehicleLink {
     /// Over the bus to the simulated vehicle.
     #[default]
     Bus,
@@ -97,20 +97,7 @@ pub enum Way {
     Linked(LinkSpec),
 }
 
-impl fmt::Display for Way {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Bus => f.write_str("sim"),
-            Self::Bridged(link) => {
-                let path = format!(":{}", link.path());
-                write!(f, "bridge:{}", link.to_string().replacen(&path, "", 1))
-            }
-            Self::Linked(link) => write!(f, "link:{link}"),
-        }
-    }
-}
-
-impl Way {
+impl VehicleLink {
     /// The way that `choice`, or else the configuration, asks for; the configuration is completed for it.
     ///
     /// # Errors
@@ -127,7 +114,8 @@ impl Way {
         }
         if config.clock.kind != ClockKind::Real || config.is_replay() {
             let message = format!(
-                "--vehicle {way} flies by the machine's clock and emulated cameras alone: leave out --clock and --mocap"
+                "--vehicle {} flies by the machine's clock and emulated cameras alone: leave out --clock and --mocap",
+                way.command_path()
             );
             return Err(Failure::new(Exit::Usage, message));
         }
@@ -162,16 +150,27 @@ impl Way {
         Ok(())
     }
 
+    /// As a flight records it.
+    #[must_use]
+    pub fn command_path(&self) -> CommandPath {
+        match self {
+            Self::Bus => CommandPath::Bus,
+            Self::Bridged(link) => {
+                let path = format!(":{}", link.path());
+                CommandPath::Bridged(link.to_string().replacen(&path, "", 1))
+            }
+            Self::Linked(link) => CommandPath::Linked(link.to_string()),
+        }
+    }
+
     /// The processes of a flight this way, in the order in which they are started.
     #[must_use]
-    pub fn parties<'a>(&self, config: &'a Config) -> &'a [Party] {
+    pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
-            Self::Bus => config.parties(),
-            Self::Linked(_) if !config.vehicle.shadow => {
-                &[Party::Mocap, Party::Bridge, Party::Daemon]
-            }
+            Self::Bus => roles(config),
+            Self::Linked(_) if !config.vehicle.shadow => &[Role::Mocap, Role::Bridge, Role::Daemon],
             Self::Bridged(_) | Self::Linked(_) => {
-                &[Party::Plant, Party::Mocap, Party::Bridge, Party::Daemon]
+                &[Role::Plant, Role::Mocap, Role::Bridge, Role::Daemon]
             }
         }
     }
@@ -196,8 +195,9 @@ impl Way {
     #[must_use]
     pub fn never_answered(&self) -> Failure {
         let message = format!(
-            "the vehicle at {self} does not answer; see whether it is switched on and its remote control too, with channel 5 at \"serial\", \
-             whether speed and XBee mode are those of the link, and bridge.log beside the report"
+            "the vehicle at {} does not answer; see whether it is switched on and its remote control too, with channel 5 at \"serial\", \
+             whether speed and XBee mode are those of the link, and bridge.log beside the report",
+            self.command_path()
         );
         Failure::new(Exit::Peer, message)
     }
@@ -205,7 +205,7 @@ impl Way {
 
 /// `link` at a path of this instance's own.
 fn at_instance(link: &LinkSpec, config: &Config) -> Result<LinkSpec, Failure> {
-    let place = place_of(config)?;
+    let place = instance_paths(config)?;
     let path = place.root.join(format!("{}.wire", place.instance));
     let text = link.to_string().replacen(link.path(), &path.display().to_string(), 1);
     text.parse().map_err(|error| {
@@ -215,7 +215,7 @@ fn at_instance(link: &LinkSpec, config: &Config) -> Result<LinkSpec, Failure> {
 
 /// Whether somebody on this instance tells the truth to the cameras.
 fn is_truth_told(config: &Config) -> Result<bool, Failure> {
-    let bus = Bus::open(&place_of(config)?)?;
+    let bus = Bus::open(&instance_paths(config)?)?;
     let mut truths = bus.reader(&TRUTH)?;
     let give_up = Time::now() + TRUTH_WITHIN;
     let told = loop {
@@ -241,10 +241,16 @@ mod tests {
         let bridged = parse("bridge:asctec,baud=115200,xbee=api2").unwrap();
         let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
         assert_eq!(link.baud(), 115_200);
-        assert_eq!(Way::Bridged(link).to_string(), "bridge:asctec,baud=115200,xbee=api2");
+        assert_eq!(
+            VehicleLink::Bridged(link).command_path().to_string(),
+            "bridge:asctec,baud=115200,xbee=api2"
+        );
         let linked = parse("link:asctec:/dev/ttyUSB0").unwrap();
         let VehicleChoice::Linked(link) = linked else { panic!("{linked:?}") };
-        assert_eq!(Way::Linked(link).to_string(), "link:asctec:/dev/ttyUSB0");
+        assert_eq!(
+            VehicleLink::Linked(link).command_path().to_string(),
+            "link:asctec:/dev/ttyUSB0"
+        );
         assert!(matches!(
             parse("sim:hummingbird,fidelity=rotors"),
             Ok(VehicleChoice::Simulated { kind: Some(_), fidelity: Some(_) })

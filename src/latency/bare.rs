@@ -15,8 +15,8 @@ use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::ZeroCopySend;
 use oqtal_bus::message::{Header, PoseV1};
-use oqtal_bus::process::{Exit, Failure, Job, Shell};
 use oqtal_bus::time::Time;
+use oqtal_runtime::process::{Exit, Failure, Job, ProcessContext};
 use rustix::event::EventfdFlags;
 use rustix::process::Signal;
 
@@ -112,10 +112,10 @@ impl Mechanism {
     #[must_use]
     pub fn job(self) -> Job {
         match self {
-            Self::Futex => |shell| take_all(shell, Self::Futex),
-            Self::Eventfd => |shell| take_all(shell, Self::Eventfd),
-            Self::UnixDatagram => |shell| take_all(shell, Self::UnixDatagram),
-            Self::Iceoryx2Listener => |shell| take_all(shell, Self::Iceoryx2Listener),
+            Self::Futex => |context| take_all(context, Self::Futex),
+            Self::Eventfd => |context| take_all(context, Self::Eventfd),
+            Self::UnixDatagram => |context| take_all(context, Self::UnixDatagram),
+            Self::Iceoryx2Listener => |context| take_all(context, Self::Iceoryx2Listener),
         }
     }
 
@@ -123,23 +123,23 @@ impl Mechanism {
     ///
     /// # Errors
     /// The operating system refuses.
-    pub fn giver(self, shell: &Shell) -> Result<Box<dyn Giver>, Failure> {
-        let file = file(shell, self, "port");
+    pub fn giver(self, context: &ProcessContext) -> Result<Box<dyn Giver>, Failure> {
+        let file = file(context, self, "port");
         Ok(match self {
             Self::Futex => Box::new(futex::Futex::open(&file)?),
             Self::Eventfd => Box::new(eventfd::Eventfd::open(&file)?),
             Self::UnixDatagram => Box::new(unix_datagram::Giver::open(&file)?),
-            Self::Iceoryx2Listener => Box::new(iceoryx::Giver::open(&shell.place()?)?),
+            Self::Iceoryx2Listener => Box::new(iceoryx::Giver::open(&context.place()?)?),
         })
     }
 
-    fn taker(self, shell: &Shell) -> Result<Box<dyn Taker>, Failure> {
-        let file = file(shell, self, "port");
+    fn taker(self, context: &ProcessContext) -> Result<Box<dyn Taker>, Failure> {
+        let file = file(context, self, "port");
         Ok(match self {
             Self::Futex => Box::new(futex::Futex::create(&file)?),
             Self::Eventfd => Box::new(eventfd::Eventfd::create(&file)?),
             Self::UnixDatagram => Box::new(unix_datagram::Taker::create(&file)?),
-            Self::Iceoryx2Listener => Box::new(iceoryx::Taker::create(&shell.place()?)?),
+            Self::Iceoryx2Listener => Box::new(iceoryx::Taker::create(&context.place()?)?),
         })
     }
 }
@@ -152,8 +152,8 @@ pub fn directory(instance: &str) -> PathBuf {
 
 /// The file of a mechanism: its `port`, its sign that it is `ready`, its `record`.
 #[must_use]
-pub fn file(shell: &Shell, mechanism: Mechanism, kind: &str) -> PathBuf {
-    directory(&shell.config.instance.name).join(format!("{}.{kind}", mechanism.name()))
+pub fn file(context: &ProcessContext, mechanism: Mechanism, kind: &str) -> PathBuf {
+    directory(&context.config.instance.name).join(format!("{}.{kind}", mechanism.name()))
 }
 
 /// The counter that the givers and the taker of [`Mechanism::Eventfd`] are started with as standard input: it has no name by
@@ -167,19 +167,19 @@ pub fn counter() -> Result<OwnedFd, Failure> {
 }
 
 /// Takes messages until the last, and leaves a record of how long each was under way.
-fn take_all(shell: &Shell, mechanism: Mechanism) -> Result<(), Failure> {
+fn take_all(context: &ProcessContext, mechanism: Mechanism) -> Result<(), Failure> {
     // It may be asleep in the kernel when whoever started it dies: asking would not be heard.
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
         .map_err(|error| system(mechanism, "binding to the parent's life", &error))?;
     let mut record = Record::with_room();
-    let mut taker = mechanism.taker(shell)?;
-    shell.enter_realtime();
-    Record::default().save(&file(shell, mechanism, "ready"))?;
+    let mut taker = mechanism.taker(context)?;
+    context.enter_realtime();
+    Record::default().save(&file(context, mechanism, "ready"))?;
     loop {
         let parcel = taker.take()?;
         let taken_at = Time::now();
         if parcel == Parcel::LAST {
-            return record.save(&file(shell, mechanism, "record"));
+            return record.save(&file(context, mechanism, "record"));
         }
         record.add(parcel.given_at, taken_at);
     }

@@ -2,9 +2,9 @@
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::port::Writer;
-use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Grid, Span, Time};
 use oqtal_bus::topic::POSE;
+use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 
 use super::bare::{Giver, Mechanism, Parcel, directory};
 use super::record::Record;
@@ -17,19 +17,21 @@ pub const RECORD: &str = "sleep.record";
 ///
 /// # Errors
 /// The bus refuses or breaks, or a mechanism does.
-pub fn run(shell: &Shell) -> Result<(), Failure> {
-    let bus = shell.bus()?;
+pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    let bus = context.bus()?;
     let mut poses = bus.writer(&POSE)?;
     let mut givers = Mechanism::ALL
         .iter()
-        .map(|mechanism| mechanism.giver(shell))
+        .map(|mechanism| mechanism.giver(context))
         .collect::<Result<Vec<_>, _>>()?;
     let mut lateness = Record::with_room();
-    shell.enter_realtime();
+    context.enter_realtime();
     let turns = givers.len() as u64 + 1;
-    let mut grid =
-        Grid::new(Time::now() + Span::from_millis(50), shell.config.control.rate_hz * turns as f64);
-    while !shell.stop.is_set() {
+    let mut grid = Grid::new(
+        Time::now() + Span::from_millis(50),
+        context.config.control.rate_hz * turns as f64,
+    );
+    while !context.stop.is_set() {
         let (at, round, turn) = (grid.next(), grid.index() / turns, grid.index() % turns);
         grid.advance();
         sleep_until(at).map_err(|e| Failure::new(Exit::System, format!("sleeping failed: {e}")))?;
@@ -41,7 +43,7 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
             givers[next].give(&Parcel::now())?;
         }
     }
-    finish(shell, &mut givers, &lateness)
+    finish(context, &mut givers, &lateness)
 }
 
 /// A pose at hover, as the cameras' process publishes it: stamped, sent, announced.
@@ -58,9 +60,13 @@ fn publish(poses: &mut Writer<PoseV1>, round: u64, captured_at: Time) -> Result<
     Ok(poses.notify()?)
 }
 
-fn finish(shell: &Shell, givers: &mut [Box<dyn Giver>], lateness: &Record) -> Result<(), Failure> {
+fn finish(
+    context: &ProcessContext,
+    givers: &mut [Box<dyn Giver>],
+    lateness: &Record,
+) -> Result<(), Failure> {
     for giver in givers {
         giver.give(&Parcel::LAST)?;
     }
-    lateness.save(&directory(&shell.config.instance.name).join(RECORD))
+    lateness.save(&directory(&context.config.instance.name).join(RECORD))
 }

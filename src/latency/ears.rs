@@ -2,11 +2,11 @@
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
-use oqtal_bus::latency::{Distribution, HopDistributions};
 use oqtal_bus::message::{CommandV1, TelemetryV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TELEMETRY, VEHICLE};
+use oqtal_observe::latency::{Distribution, HopDistributions};
 use serde::Serialize;
 
 /// What was counted while listening.

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use oqtal_bus::latency::DistributionSummary;
+use oqtal_observe::latency::DistributionSummary;
 use serde::Serialize;
 
 use super::bare::Mechanism;
 use super::ears::{Counters, Ears};
 use super::pairs::Pair;
 use super::rig::Bare;
-use crate::kernel::Realtime;
+use oqtal_observe::kernel::Realtime;
 
 /// The hops that only carry: what they take is the bus's, not a computation's.
 pub const TRANSPORT: [&str; 2] = ["publish_to_daemon", "command_to_vehicle"];

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use oqtal_bus::latency::Distribution;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
-use oqtal_bus::pace::StopFlag;
-use oqtal_bus::process::{Exit, Failure};
 use oqtal_bus::time::{Span, Time};
+use oqtal_observe::latency::Distribution;
+use oqtal_runtime::loop_clock::StopFlag;
+use oqtal_runtime::process::{Exit, Failure};
 use rustix::thread::{CpuSet, sched_getaffinity};
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ use super::part;
 use super::rig::{Rig, read};
 use super::sleep::RECORD;
 use crate::child::{Child, command};
-use crate::kernel::Realtime;
+use oqtal_observe::kernel::Realtime;
 
 /// Pairs measured.
 pub const PAIRS: u32 = 5;

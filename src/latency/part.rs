@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use clap::Subcommand;
-use oqtal_bus::process::{Job, ProcessCommand, execute};
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::Role;
+use oqtal_runtime::process::{Job, ProcessCommand, execute};
 
 use super::bare::Mechanism;
 use super::{camera, sleep, vehicle};
@@ -43,18 +43,18 @@ impl Part {
     /// Plays the part until asked to stop.
     #[must_use]
     pub fn execute(&self) -> ExitCode {
-        let (party, command, job): (Party, &ProcessCommand, Job) = match self {
-            Self::Camera(command) => (Party::Mocap, command, camera::run),
-            Self::Vehicle(command) => (Party::Plant, command, vehicle::run),
-            Self::Periodic(command) => (Party::Daemon, command, sleep::run),
-            Self::Futex(command) => (Party::Daemon, command, Mechanism::Futex.job()),
-            Self::Eventfd(command) => (Party::Daemon, command, Mechanism::Eventfd.job()),
-            Self::UnixDatagram(command) => (Party::Daemon, command, Mechanism::UnixDatagram.job()),
+        let (role, command, job): (Role, &ProcessCommand, Job) = match self {
+            Self::Camera(command) => (Role::Mocap, command, camera::run),
+            Self::Vehicle(command) => (Role::Plant, command, vehicle::run),
+            Self::Periodic(command) => (Role::Daemon, command, sleep::run),
+            Self::Futex(command) => (Role::Daemon, command, Mechanism::Futex.job()),
+            Self::Eventfd(command) => (Role::Daemon, command, Mechanism::Eventfd.job()),
+            Self::UnixDatagram(command) => (Role::Daemon, command, Mechanism::UnixDatagram.job()),
             Self::Iceoryx2Listener(command) => {
-                (Party::Daemon, command, Mechanism::Iceoryx2Listener.job())
+                (Role::Daemon, command, Mechanism::Iceoryx2Listener.job())
             }
         };
         // Its configuration was checked by who starts it.
-        execute(party, command, job, |_| Ok(()))
+        execute(role, command, job, |_| Ok(()))
     }
 }

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use oqtal_bus::process::{Exit, Failure};
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure};
 
 /// Room for an hour at 60 Hz before memory must be asked for.
 const ROOM: usize = 1 << 18;

@@ -12,12 +12,12 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::config::{ClockKind, Config};
-use oqtal_bus::latency::Distribution;
-use oqtal_bus::place::Place;
-use oqtal_bus::process::{Exit, Failure, place_of};
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{ClockKind, Config};
 use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::latency::Distribution;
+use oqtal_runtime::process::{Exit, Failure, instance_paths};
 
 use super::bare::{Mechanism, beside, counter, directory};
 use super::record::Record;
@@ -42,7 +42,7 @@ pub struct Bare {
 #[derive(Debug)]
 pub struct Rig {
     config: Config,
-    place: Place,
+    place: InstancePaths,
     directory: PathBuf,
     takers: Vec<(Mechanism, Child)>,
     chain: Vec<Child>,
@@ -56,7 +56,7 @@ impl Rig {
     /// Its files cannot be written.
     pub fn new(config: &Config) -> Result<Self, Failure> {
         let mut config = config.clone();
-        let root = place_of(&config)?.root;
+        let root = instance_paths(&config)?.root;
         config.instance.root = root.display().to_string();
         // Never a running one: its vehicle may be real.
         config.instance.name = format!("latency-{}", std::process::id());
@@ -64,7 +64,7 @@ impl Rig {
         config.mocap.replay.clear();
         config.trajectory.kind = TrajectoryKind::Hover;
         config.trajectory.duration_s = Some(LONGEST_FLIGHT_S);
-        let place = place_of(&config)?;
+        let place = instance_paths(&config)?;
         let directory = directory(&config.instance.name);
         let rig =
             Self { config, place, directory, takers: Vec::new(), chain: Vec::new(), camera: None };
@@ -82,7 +82,7 @@ impl Rig {
 
     /// Where it lives.
     #[must_use]
-    pub fn place(&self) -> &Place {
+    pub fn place(&self) -> &InstancePaths {
         &self.place
     }
 

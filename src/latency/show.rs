@@ -1,12 +1,12 @@
 //! What a person reads in the terminal.
 
 use comfy_table::Table;
-use oqtal_bus::latency::NAMES;
+use oqtal_observe::latency::NAMES;
 
 use super::bare::Mechanism;
 use super::figures::{Figures, TRANSPORT};
-use crate::report::unit::{significant, words};
-use crate::table::{align, latency_row, table};
+use oqtal_observe::report::unit::{significant, words};
+use oqtal_observe::table::{align, latency_row, table};
 
 /// The tables: hops beside bare mechanisms, and their ratios.
 #[must_use]
@@ -89,7 +89,7 @@ fn counts(figures: &Figures) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_bus::latency::DistributionSummary;
+    use oqtal_observe::latency::DistributionSummary;
 
     #[test]
     fn it_fits_a_terminal_and_shows_every_hop_and_mechanism() {

@@ -1,7 +1,7 @@
 //! Sleeping until an instant, and a loop that does nothing else.
 
-use oqtal_bus::process::{Exit, Failure, Shell};
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 use rustix::io::Errno;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
@@ -36,11 +36,11 @@ pub fn sleep_until(at: Time) -> rustix::io::Result<()> {
 ///
 /// # Errors
 /// The kernel refuses.
-pub fn run(shell: &Shell) -> Result<(), Failure> {
+pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let mut lateness = Record::with_room();
-    shell.enter_realtime();
+    context.enter_realtime();
     let mut next = Time::now() + PERIOD;
-    while !shell.stop.is_set() {
+    while !context.stop.is_set() {
         sleep_until(next)
             .map_err(|e| Failure::new(Exit::System, format!("sleeping failed: {e}")))?;
         let now = Time::now();
@@ -50,5 +50,5 @@ pub fn run(shell: &Shell) -> Result<(), Failure> {
             next = next + PERIOD;
         }
     }
-    lateness.save(&directory(&shell.config.instance.name).join(RECORD))
+    lateness.save(&directory(&context.config.instance.name).join(RECORD))
 }

@@ -2,19 +2,19 @@
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{Stamps, VehicleV1};
-use oqtal_bus::process::{Failure, Shell};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_runtime::process::{Failure, ProcessContext};
 
 /// Takes commands until asked to stop.
 ///
 /// # Errors
 /// The bus refuses or breaks.
-pub fn run(shell: &Shell) -> Result<(), Failure> {
-    let bus = shell.bus()?;
+pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    let bus = context.bus()?;
     let mut commands = bus.reader(&COMMAND)?;
     let mut vehicles = bus.writer(&VEHICLE)?;
-    let mut pace = shell.pace(&bus, &COMMAND)?;
-    shell.enter_realtime();
+    let mut pace = context.pace(&bus, &COMMAND)?;
+    context.enter_realtime();
     while pace.wait(None)?.is_some() {
         let Some((header, command)) = commands.latest()? else { continue };
         let received_at = pace.now();

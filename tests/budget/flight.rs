@@ -1,14 +1,14 @@
 //! A flight of the pure objects in one process, with every turn of the daemon handed to whoever counts.
 
-use oqtal_bus::code::{Mode, Verb};
-use oqtal_bus::conductor::{Conductor, Done};
-use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::code::{Mode, OperatorCommand};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Party;
+use oqtal_bus::topic::Role;
+use oqtal_config::{Config, Setting};
 use oqtal_daemon::{Cycle, trajectory};
 use oqtal_mocap_emu::{Cameras, is_frame};
 use oqtal_plant_sim::{Output, Plant};
+use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 
 /// Take-off, square and landing fit in.
 const LENGTH_S: f64 = 40.0;
@@ -21,18 +21,18 @@ pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) ->
     }
     let start = Time::VIRTUAL_START;
     let mut flight = Flight::new(&Config::from_settings(&settings).unwrap(), start);
-    let mut conductor = Conductor::new(start, &Party::ALL[..3]);
-    while let Some((party, now)) = conductor.turn() {
+    let mut virtual_clock = VirtualClock::new(start, &Role::ALL[..3]);
+    while let Some((role, now)) = virtual_clock.turn() {
         if now > start + Span::from_seconds(LENGTH_S) {
             break;
         }
-        let done = match party {
-            Party::Plant => flight.plant(now),
-            Party::Mocap => flight.cameras(now),
-            Party::Daemon => flight.daemon(now, &mut count),
-            Party::Recorder | Party::Bridge => Done::default(),
+        let done = match role {
+            Role::Plant => flight.plant(now),
+            Role::Mocap => flight.cameras(now),
+            Role::Daemon => flight.daemon(now, &mut count),
+            Role::Recorder | Role::Bridge => TurnResult::default(),
         };
-        conductor.done(party, done);
+        virtual_clock.done(role, done);
     }
     flight.flown
 }
@@ -52,7 +52,7 @@ struct Flight {
 impl Flight {
     fn new(config: &Config, start: Time) -> Self {
         let mut cycle = Cycle::new(config, trajectory(config).unwrap(), start).unwrap();
-        cycle.request(start, Verb::Fly);
+        cycle.request(start, OperatorCommand::Fly);
         Self {
             plant: Plant::new(config, start),
             cameras: Cameras::new(&config.mocap, config.clock.seed),
@@ -66,7 +66,7 @@ impl Flight {
         }
     }
 
-    fn plant(&mut self, now: Time) -> Done {
+    fn plant(&mut self, now: Time) -> TurnResult {
         let Self { frames, vehicle: newest, .. } = self;
         self.plant.advance(now, |output| match output {
             Output::Truth(truth) if is_frame(&truth) => frames.push(truth),
@@ -78,10 +78,10 @@ impl Flight {
         if let Some((header, command)) = self.command.take() {
             self.plant.receive(now, header, command, 0);
         }
-        Done { next: Some(self.plant.next_event()), published: !self.frames.is_empty() }
+        TurnResult { next: Some(self.plant.next_event()), published: !self.frames.is_empty() }
     }
 
-    fn cameras(&mut self, now: Time) -> Done {
+    fn cameras(&mut self, now: Time) -> TurnResult {
         for truth in self.frames.drain(..) {
             self.cameras.capture(&truth);
         }
@@ -90,10 +90,10 @@ impl Flight {
             let header = Header { pose_sequence: delivery.frame, stamps, ..Header::default() };
             self.pose = Some((header, delivery.pose));
         }
-        Done { next: self.cameras.next_event(), published: self.pose.is_some() }
+        TurnResult { next: self.cameras.next_event(), published: self.pose.is_some() }
     }
 
-    fn daemon(&mut self, now: Time, count: &mut impl FnMut(&mut dyn FnMut())) -> Done {
+    fn daemon(&mut self, now: Time, count: &mut impl FnMut(&mut dyn FnMut())) -> TurnResult {
         let (arrival, vehicle) = (self.pose.take(), self.vehicle.take());
         count(&mut || {
             if let Some((header, vehicle)) = &vehicle {
@@ -107,6 +107,6 @@ impl Flight {
             let header = Header { sequence: self.commands, stamps, ..Header::default() };
             self.command = Some((header, tick.command));
         });
-        Done { next: Some(self.cycle.next_event()), published: self.command.is_some() }
+        TurnResult { next: Some(self.cycle.next_event()), published: self.command.is_some() }
     }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::place::Place;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::wake::Events;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -53,9 +53,9 @@ impl Testbed {
         path
     }
 
-    pub fn place(&self) -> Place {
-        let place = Place::new(&self.instance, Some(&self.path("run"))).unwrap();
-        Place { events: self.events, ..place }
+    pub fn place(&self) -> InstancePaths {
+        let place = InstancePaths::new(&self.instance, Some(&self.path("run"))).unwrap();
+        InstancePaths { events: self.events, ..place }
     }
 
     pub fn bus(&self) -> Bus {
@@ -69,7 +69,7 @@ impl Testbed {
             "socket" => Events::Socket,
             other => panic!("no events are called {other}"),
         };
-        Bus::open(&Place { events, ..self.place() }).unwrap()
+        Bus::open(&InstancePaths { events, ..self.place() }).unwrap()
     }
 
     /// `oqtal` with these words, on this testbed.

@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 use super::input::InputForm;
 use super::options::InvalidOption;
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
-use crate::error::AttitudeError;
 use crate::integral::Integral;
+use crate::tracking_error::AttitudeError;
 
 /// Options of [`Geometric`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

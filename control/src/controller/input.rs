@@ -6,9 +6,9 @@ use std::fmt;
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3};
 
 use super::options::InvalidOption;
-use crate::error::{AttitudeError, AttitudeReference};
 use crate::quantity::{BodyRate, StickCommand, Torque};
 use crate::rigid_body::Inertia;
+use crate::tracking_error::{AttitudeError, AttitudeReference};
 
 /// What a law needs to know of the vehicle's input `u`.
 pub trait InputForm {

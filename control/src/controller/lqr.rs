@@ -14,11 +14,11 @@ use super::input::InputForm;
 use super::options::{InvalidOption, RateFeedback};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
-use crate::error::AttitudeError;
 use crate::euler::EulerAngles;
 use crate::integral::Integral;
 use crate::riccati::RiccatiError;
 use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
+use crate::tracking_error::AttitudeError;
 
 /// Options of [`ClassicLqr`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -23,7 +23,7 @@ mod regulator;
 
 use serde::{Deserialize, Serialize};
 
-pub use crate::error::{AttitudeReference, AttitudeState};
+pub use crate::tracking_error::{AttitudeReference, AttitudeState};
 pub use geometric::{Geometric, GeometricOptions};
 pub use input::{InputForm, RateInput, TorqueInput};
 pub use lqr::{ClassicLqr, LqrOptions};

@@ -1,6 +1,6 @@
 //! OQTAL, the paper's law: a linear-quadratic regulator on the attitude error.
 //!
-//! Terms: `eps`, `lambda` and `omega_e` are the tracking error ([`crate::error`]); `eps_I` is the
+//! Terms: `eps`, `lambda` and `omega_e` are the tracking error ([`crate::tracking_error`]); `eps_I` is the
 //! integral of `-eps`; the model that `K` is optimal for is [`crate::error_model`]; when `K` is
 //! computed is up to [`crate::schedule`].
 //!
@@ -15,12 +15,12 @@ use super::input::InputForm;
 use super::options::InvalidOption;
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
-use crate::error::AttitudeError;
 use crate::error_model::{ErrorModel, Jacobian, OperatingPoint};
 use crate::integral::Integral;
-use crate::pid::low_pass_weight;
 use crate::riccati::RiccatiError;
+use crate::scalar_pid::low_pass_weight;
 use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
+use crate::tracking_error::AttitudeError;
 
 /// What the model makes of the second time derivative of `eps`, Section VII.C. It is the difference
 /// of Eq. (38) between two steps.

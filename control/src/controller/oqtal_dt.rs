@@ -26,9 +26,9 @@ use serde::{Deserialize, Serialize};
 use super::input::InputForm;
 use super::options::InvalidOption;
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
-use crate::error::AttitudeError;
 use crate::linear::discretise;
 use crate::riccati::{RiccatiError, dare};
+use crate::tracking_error::AttitudeError;
 
 /// `K` of `u = -K [omega_e; eps]`.
 pub type DiscreteGain = SMatrix<f64, 3, 6>;

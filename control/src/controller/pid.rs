@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::input::InputForm;
 use super::options::{InvalidOption, RateFeedback};
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
-use crate::error::AttitudeError;
 use crate::integral::Integral;
+use crate::tracking_error::AttitudeError;
 
 /// Options of [`QuaternionPid`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

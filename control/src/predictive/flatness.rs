@@ -3,9 +3,9 @@
 
 use nalgebra::Vector3;
 
-use crate::error::AttitudeReference;
 use crate::position::attitude_along;
 use crate::quantity::{AngularAcceleration, BodyRate};
+use crate::tracking_error::AttitudeReference;
 
 /// The derivatives of the attitude are differences over this time \[s\]: short against a jerk's
 /// effect, long against rounding.

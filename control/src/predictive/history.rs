@@ -66,7 +66,7 @@ impl CommandHistory {
     /// Carries `motion` from the instant `from_s` \[s\] to `to_s` \[s\] under the commands that act
     /// in between.
     #[must_use]
-    pub fn carry(
+    pub fn propagate(
         &self,
         model: &VehicleModel,
         (motion, bias): (&Motion, &Bias),

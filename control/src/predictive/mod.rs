@@ -19,20 +19,19 @@
 //! | `position_law.rs`, `command_filter.rs` | the acceleration to have |
 //! | `flatness.rs` | the attitude, rate and angular acceleration for it |
 //! | `lead.rs` | a prescribed attitude at the instant of effect |
-//! | `agenda.rs` | what was decided for which instant |
+//! | `setpoint_buffer.rs` | what was decided for which instant |
 //! | `ring.rs` | the newest of something |
 //!
 //! Everything a law sees is for one instant, that at which a command sent now will act: the motion
-//! is predicted to it, and the reference is the one for it. What is reported as the wish for now was
+//! is predicted to it, and the reference is the one for it. What is reported as the setpoint for now was
 //! decided a delay ago.
 
-mod agenda;
 mod attitude_filter;
 mod command_filter;
 mod flatness;
 mod history;
 mod kalman;
-mod lead;
+mod look_ahead;
 mod model;
 mod observer;
 mod options;
@@ -40,6 +39,7 @@ mod position_filter;
 mod position_law;
 mod reference_model;
 mod ring;
+mod setpoint_buffer;
 
 use nalgebra::Vector3;
 
@@ -51,19 +51,19 @@ use crate::estimator::Estimate;
 use crate::position::{PositionCommand, PositionOptions};
 use crate::quantity::BodyRate;
 use crate::trajectory::Reference;
-use agenda::Agenda;
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
 pub use flatness::Force;
 pub use history::CommandHistory;
 pub use kalman::{Covariance, Transition};
-pub use lead::Lead;
+pub use look_ahead::LookAhead;
 pub use model::{Bias, Input, Motion, Rotation, VehicleModel};
 pub use observer::Observer;
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
-pub use position_law::{PositionLaw, Wish};
+pub use position_law::{PositionLaw, Setpoint};
 pub use reference_model::{Course, Limits, ReferenceModel, ReferenceModelOptions};
+use setpoint_buffer::SetpointBuffer;
 
 /// Time without a decision beyond this does not count \[s\]: the reference waits.
 const LONGEST_STEP_S: f64 = 0.1;
@@ -88,7 +88,7 @@ pub struct Design<I> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
     /// What the vehicle should do now, as decided a delay ago, and the thrust that it is told.
-    pub wish: PositionCommand,
+    pub setpoint: PositionCommand,
     /// The input to the rotation, within the vehicle's range.
     pub u: Vector3<f64>,
 }
@@ -101,8 +101,8 @@ pub struct Autopilot<I> {
     history: CommandHistory,
     position: PositionLaw,
     attitude: OqtalDt<I>,
-    agenda: Agenda,
-    lead: Lead,
+    setpoint_buffer: SetpointBuffer,
+    lead: LookAhead,
     /// When it last decided \[s\].
     last_s: Option<f64>,
 }
@@ -123,8 +123,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
             history: CommandHistory::new(design.delay_s),
             position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
             attitude: OqtalDt::new(law, design.input, design.period_s)?,
-            agenda: Agenda::new(),
-            lead: Lead::default(),
+            setpoint_buffer: SetpointBuffer::new(),
+            lead: LookAhead::default(),
             last_s: None,
             design,
         })
@@ -134,7 +134,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
     pub fn reset(&mut self) {
         self.observer.reset();
         self.position.reset();
-        self.agenda = Agenda::new();
+        self.setpoint_buffer = SetpointBuffer::new();
         self.lead.reset();
         self.last_s = None;
     }
@@ -174,24 +174,24 @@ impl<I: InputForm + Copy> Autopilot<I> {
         if !sound || dt_s <= 0.0 {
             return None;
         }
-        let wish = self.wish(&motion, reference, (dt_s, delay_s))?;
-        let u = self.rotate(&motion, &wish.attitude);
-        self.agenda.push(now_s + delay_s, wish);
+        let setpoint = self.setpoint(&motion, reference, (dt_s, delay_s))?;
+        let u = self.rotate(&motion, &setpoint.attitude);
+        self.setpoint_buffer.push(now_s + delay_s, setpoint);
         self.last_s = Some(now_s);
-        let mut now = self.agenda.at(now_s)?;
+        let mut now = self.setpoint_buffer.at(now_s)?;
         now.attitude = reference.attitude.unwrap_or(now.attitude);
-        Some(Decision { wish: PositionCommand { thrust_n: wish.thrust_n, ..now }, u })
+        Some(Decision { setpoint: PositionCommand { thrust_n: setpoint.thrust_n, ..now }, u })
     }
 
     /// What the vehicle should do when it will be at `motion`.
-    fn wish(
+    fn setpoint(
         &mut self,
         motion: &Motion,
         reference: &Reference,
         (dt_s, delay_s): (f64, f64),
     ) -> Option<PositionCommand> {
         let bias = self.observer.bias();
-        let Wish { velocity, force } =
+        let Setpoint { velocity, force } =
             self.position.update((motion, &bias), reference, (dt_s, delay_s));
         let attitude = match &reference.attitude {
             Some(prescribed) => self.lead.lead(prescribed, dt_s, delay_s),

@@ -70,7 +70,7 @@ impl Observer {
         };
         // A comparison with NaN is false.
         if t_s > last_s && Motion::of(measured, 0.0).is_finite() {
-            let carried = history.carry(&self.model, (&last, &self.bias()), (last_s, t_s));
+            let carried = history.propagate(&self.model, (&last, &self.bias()), (last_s, t_s));
             let motion = if self.airborne {
                 self.correct(carried, t_s - last_s, measured)
             } else {
@@ -105,6 +105,6 @@ impl Observer {
         if !self.airborne {
             return Some(motion);
         }
-        Some(history.carry(&self.model, (&motion, &self.bias()), (last_s, t_s)))
+        Some(history.propagate(&self.model, (&motion, &self.bias()), (last_s, t_s)))
     }
 }

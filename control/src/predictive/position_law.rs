@@ -28,7 +28,7 @@ const LEASH_M: f64 = 0.3;
 
 /// What the law wants.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish {
+pub struct Setpoint {
     /// The velocity that is aimed at \[m/s, world\].
     pub velocity: Vector3<f64>,
     /// The force per mass.
@@ -88,7 +88,7 @@ impl PositionLaw {
         (motion, bias): (&Motion, &Bias),
         reference: &Reference,
         (dt_s, delay_s): (f64, f64),
-    ) -> Wish {
+    ) -> Setpoint {
         let course = self.follow(motion, reference, (dt_s, delay_s));
         let PredictiveOptions { position_gain_per_s: k, vertical_position_gain_per_s: k_z, .. } =
             self.options;
@@ -110,7 +110,7 @@ impl PositionLaw {
             slope: (course.jerk.xy() + smooth.slope).push(0.0),
             curvature: (course.snap.xy() + smooth.curvature).push(0.0),
         };
-        Wish { velocity, force: within(force, limit) }
+        Setpoint { velocity, force: within(force, limit) }
     }
 
     /// Leads the reference on and returns it. While the position is not controlled, and when the

@@ -10,10 +10,10 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{Phase, Reference};
-use crate::error::AttitudeReference;
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;
 use crate::range::{OutOfRange, check_range};
+use crate::tracking_error::AttitudeReference;
 
 /// The greatest angle that may be prescribed \[deg\].
 const GREATEST_DEG: f64 = 30.0;

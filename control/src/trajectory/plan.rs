@@ -3,8 +3,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Phase, Reference, Shape, Trajectory, TrajectoryOptions};
-use crate::error::AttitudeReference;
 use crate::quaternion::Attitude;
+use crate::tracking_error::AttitudeReference;
 
 /// How far below the floor the landing ends \[m\]: the loops press the vehicle down even if the floor is a bit lower.
 const LANDING_DEPTH_M: f64 = 0.1;
@@ -20,7 +20,7 @@ const MINIMUM_JERK_PEAK: f64 = 1.875;
 
 /// A position and a heading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Place {
+pub struct StartPoint {
     /// Position \[m, world\].
     pub position: Vector3<f64>,
     /// 3-2-1 yaw \[rad\].
@@ -34,7 +34,7 @@ pub struct Place {
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightPlan {
     trajectory: Trajectory,
-    start: Place,
+    start: StartPoint,
     take_off_s: f64,
     /// From the start of the flight to that of the trajectory \[s\].
     trajectory_start_s: f64,
@@ -45,7 +45,7 @@ pub struct FlightPlan {
 impl FlightPlan {
     /// The flight of `trajectory` by a vehicle that stands at `start`; `options` must pass their check.
     #[must_use]
-    pub fn new(options: &TrajectoryOptions, trajectory: Trajectory, start: Place) -> Self {
+    pub fn new(options: &TrajectoryOptions, trajectory: Trajectory, start: StartPoint) -> Self {
         let trajectory_start_s = options.take_off_s + options.settle_s;
         let end_s = trajectory_start_s + options.duration_s.unwrap_or(trajectory.duration_s());
         let mut plan = Self {
@@ -84,7 +84,7 @@ impl FlightPlan {
             self.landing = Landing {
                 start_s: t_s,
                 duration_s: (MINIMUM_JERK_PEAK * depth_m / self.descent_m_s).max(LEAST_DESCENT_S),
-                from: Place { position, yaw_rad: self.sample(t_s).yaw_rad },
+                from: StartPoint { position, yaw_rad: self.sample(t_s).yaw_rad },
                 depth_m,
             };
         }
@@ -131,7 +131,7 @@ struct Landing {
     /// Since the start of the flight \[s\].
     start_s: f64,
     duration_s: f64,
-    from: Place,
+    from: StartPoint,
     depth_m: f64,
 }
 
@@ -140,7 +140,7 @@ impl Landing {
     const NEVER: Self = Self {
         start_s: f64::INFINITY,
         duration_s: LEAST_DESCENT_S,
-        from: Place { position: Vector3::new(0.0, 0.0, 0.0), yaw_rad: 0.0 },
+        from: StartPoint { position: Vector3::new(0.0, 0.0, 0.0), yaw_rad: 0.0 },
         depth_m: 0.0,
     };
 

@@ -8,9 +8,9 @@ use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{Phase, Reference};
-use crate::error::AttitudeReference;
 use crate::quaternion::Attitude;
 use crate::range::{OutOfRange, check_range};
+use crate::tracking_error::AttitudeReference;
 
 /// Rest at the hover point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -1,10 +1,10 @@
 //! What the laws do to a body: Runge-Kutta of fourth order at 1 kHz.
 
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector4};
-use oqtal_control::error::AttitudeError;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::rigid_body::quaternion_rate;
 use oqtal_control::schedule::Resolve;
+use oqtal_control::tracking_error::AttitudeError;
 
 use super::*;
 

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 use oqtal_control::controller::{OqtalDt, OqtalDtOptions};
-use oqtal_control::error::AttitudeError;
+use oqtal_control::tracking_error::AttitudeError;
 
 use super::closed_loop::step;
 use super::*;

@@ -47,12 +47,12 @@ impl Bench {
         self.autopilot.observe(captured_s, &self.estimate());
         let decision = self.autopilot.decide(sent_s, reference);
         let (u, thrust_n) =
-            decision.map_or((Vector3::zeros(), 0.5 * 9.81), |d| (d.u, d.wish.thrust_n));
+            decision.map_or((Vector3::zeros(), 0.5 * 9.81), |d| (d.u, d.setpoint.thrust_n));
         self.tick += 1;
         self.autopilot.sent(self.tick, sent_s, (&u, thrust_n));
         self.history.push(self.tick, sent_s, Input { demand: u * AUTHORITY, thrust_n });
         let span = (captured_s, self.now_s());
-        self.motion = self.history.carry(&quadrotor(), (&self.motion, &self.bias), span);
+        self.motion = self.history.propagate(&quadrotor(), (&self.motion, &self.bias), span);
         decision.map(|decision| decision.u)
     }
 }
@@ -189,8 +189,8 @@ proptest! {
             let reference = Reference { position: Vector3::new(f, g, h), ..hover() };
             if let Some(decision) = bench.autopilot.decide(bench.now_s(), &reference) {
                 prop_assert!(decision.u.iter().all(|stick| (-1.0..=1.0).contains(stick)));
-                prop_assert!(decision.wish.thrust_n.is_finite());
-                prop_assert!(decision.wish.attitude.is_finite());
+                prop_assert!(decision.setpoint.thrust_n.is_finite());
+                prop_assert!(decision.setpoint.attitude.is_finite());
             }
         }
         for _ in 0..1200 {

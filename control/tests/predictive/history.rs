@@ -12,7 +12,7 @@ fn thrust(thrust_n: f64) -> Input {
 fn thrust_at(history: &CommandHistory, t_s: f64) -> f64 {
     let model = VehicleModel { thrust_lag_s: 0.0, ..quadrotor() };
     let state = (&Motion::default(), &Bias::default());
-    history.carry(&model, state, (0.0, t_s)).thrust_n
+    history.propagate(&model, state, (0.0, t_s)).thrust_n
 }
 
 #[test]
@@ -67,9 +67,9 @@ proptest! {
         }
         let (model, bias) = (quadrotor(), Bias::default());
         let start = Motion { rate, thrust_n: 4.905, ..Motion::default() };
-        let whole = history.carry(&model, (&start, &bias), (0.0, 0.2));
-        let part = history.carry(&model, (&start, &bias), (0.0, split_s));
-        let parts = history.carry(&model, (&part, &bias), (split_s, 0.2));
+        let whole = history.propagate(&model, (&start, &bias), (0.0, 0.2));
+        let part = history.propagate(&model, (&start, &bias), (0.0, split_s));
+        let parts = history.propagate(&model, (&part, &bias), (split_s, 0.2));
         prop_assert!((whole.position - parts.position).amax() < 1e-8);
         prop_assert!((whole.velocity - parts.velocity).amax() < 1e-7);
         prop_assert!(whole.attitude.angle_to(&parts.attitude) < 1e-6);

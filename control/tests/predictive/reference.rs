@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::predictive::{
-    CommandFilter, Course, Force, Lead, Limits, ReferenceModel, ReferenceModelOptions,
+    CommandFilter, Course, Force, Limits, LookAhead, ReferenceModel, ReferenceModelOptions,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate};
 use oqtal_control::quaternion::Attitude;
@@ -181,7 +181,7 @@ fn sine(t_s: f64) -> AttitudeReference {
 
 #[test]
 fn a_prescribed_attitude_is_led_over_the_delay() {
-    let mut lead = Lead::default();
+    let mut lead = LookAhead::default();
     for tick in 0..60 {
         let t_s = f64::from(tick) * PERIOD_S;
         let led = lead.lead(&sine(t_s), PERIOD_S, DELAY_S);
@@ -196,7 +196,7 @@ fn a_prescribed_attitude_is_led_over_the_delay() {
 
 #[test]
 fn a_step_of_a_prescribed_attitude_leads_nowhere() {
-    let mut lead = Lead::default();
+    let mut lead = LookAhead::default();
     lead.lead(&sine(0.02), PERIOD_S, DELAY_S);
     let level = AttitudeReference::default();
     assert_eq!(lead.lead(&level, PERIOD_S, DELAY_S), level);

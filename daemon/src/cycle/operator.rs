@@ -1,6 +1,6 @@
 //! When a flight begins and ends because somebody asked for it, or because the daemon was told to take off by itself.
 
-use oqtal_bus::code::{Answer, Cause, Mode, Verb};
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::time::Time;
 
@@ -35,31 +35,35 @@ impl Cycle {
     }
 
     /// Answers an operator.
-    pub fn request(&mut self, now: Time, verb: Verb) -> ControlResponseV1 {
-        let verdict = match verb {
-            Verb::Status => Ok(Answer::Done),
-            Verb::Arm if self.mode != Mode::Disarmed || self.watches_only => Err(Cause::WrongMode),
-            Verb::Arm if self.guard.good_in_a_row() < self.recovery_poses => Err(self.missing),
-            Verb::Arm if !self.vehicle.answers(now) => Err(Cause::NoVehicle),
-            Verb::Fly if self.watches_only => Err(Cause::WrongMode),
+    pub fn request(&mut self, now: Time, command: OperatorCommand) -> ControlResponseV1 {
+        let verdict = match command {
+            OperatorCommand::Status => Ok(Answer::Done),
+            OperatorCommand::Arm if self.mode != Mode::Disarmed || self.watches_only => {
+                Err(Cause::WrongMode)
+            }
+            OperatorCommand::Arm if self.guard.good_in_a_row() < self.recovery_poses => {
+                Err(self.missing)
+            }
+            OperatorCommand::Arm if !self.vehicle.answers(now) => Err(Cause::NoVehicle),
+            OperatorCommand::Fly if self.watches_only => Err(Cause::WrongMode),
             // Asked twice, as by an operator who did not hear the first answer.
-            Verb::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
-            Verb::Arm | Verb::Fly => {
+            OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
+            OperatorCommand::Arm | OperatorCommand::Fly => {
                 self.mode = Mode::Waiting;
-                self.arms_at_once = verb == Verb::Arm;
+                self.arms_at_once = command == OperatorCommand::Arm;
                 Ok(Answer::Accepted)
             }
-            Verb::Land => self.land(now),
-            Verb::Disarm if matches!(self.mode, Mode::Waiting | Mode::Disarmed) => {
+            OperatorCommand::Land => self.land(now),
+            OperatorCommand::Disarm if matches!(self.mode, Mode::Waiting | Mode::Disarmed) => {
                 self.call_off();
                 Ok(Answer::Done)
             }
-            Verb::Disarm if self.is_held() => {
+            OperatorCommand::Disarm if self.is_held() => {
                 self.end_flight();
                 Ok(Answer::Done)
             }
-            Verb::Disarm => Err(Cause::WrongMode),
-            Verb::Stop => {
+            OperatorCommand::Disarm => Err(Cause::WrongMode),
+            OperatorCommand::Stop => {
                 self.stop_requested = true;
                 self.call_off();
                 Ok(Answer::Accepted)
@@ -86,7 +90,7 @@ impl Cycle {
     }
 
     /// Whether to take off by itself in this very tick, should poses allow it: once, if that is asked for, and only with what
-    /// says now that it is simulated. A vehicle that is not ends the wish.
+    /// says now that it is simulated. A vehicle that is not ends the setpoint.
     pub(super) fn takes_off_by_itself(&mut self) -> bool {
         if self.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(false) {
             self.at_start = AtStart::Refused;

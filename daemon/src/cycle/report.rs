@@ -5,7 +5,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Reference;
 
 use super::Cycle;
-use crate::pilot::Decision;
+use crate::pilot::ControlOutput;
 
 impl Cycle {
     /// Writes down what this tick knew and decided.
@@ -13,7 +13,7 @@ impl Cycle {
         &mut self,
         now: Time,
         reference: Option<&Reference>,
-        decision: Option<&Decision>,
+        output: Option<&ControlOutput>,
         fresh: bool,
     ) {
         let estimate = self.estimator.latest();
@@ -40,7 +40,7 @@ impl Cycle {
         let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
         telemetry.scored = u8::from(scored);
         telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
-        note_commands(telemetry, reference, decision);
+        note_commands(telemetry, reference, output);
     }
 }
 
@@ -48,7 +48,7 @@ impl Cycle {
 fn note_commands(
     telemetry: &mut TelemetryV1,
     reference: Option<&Reference>,
-    decision: Option<&Decision>,
+    output: Option<&ControlOutput>,
 ) {
     match reference {
         Some(reference) => telemetry.reference_position = reference.position.into(),
@@ -58,9 +58,9 @@ fn note_commands(
             telemetry.saturated = 0;
         }
     }
-    if let Some(Decision { wish, saturated, .. }) = decision {
-        telemetry.velocity_command = wish.velocity.into();
-        telemetry.attitude_command = wish.attitude.attitude.xyzw();
+    if let Some(ControlOutput { setpoint, saturated, .. }) = output {
+        telemetry.velocity_command = setpoint.velocity.into();
+        telemetry.attitude_command = setpoint.attitude.attitude.xyzw();
         telemetry.saturated = u8::from(*saturated);
     }
 }

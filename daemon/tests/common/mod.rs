@@ -1,10 +1,10 @@
 //! A controller on the bench: its cameras, its vehicle and their clock.
 #![allow(dead_code)]
 
-use oqtal_bus::code::{Mode, SafetyState, Verb};
-use oqtal_bus::config::{Config, Setting};
+use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Setting};
 use oqtal_daemon::{Cycle, Tick, trajectory};
 
 pub const FRAME: Span = Span::from_nanos(16_666_667);
@@ -55,7 +55,7 @@ impl Bench {
     /// A controller that was asked to fly and has believed its first poses.
     pub fn flying(settings: &[Setting]) -> Self {
         let mut bench = Self::new(settings);
-        bench.cycle.request(bench.now, Verb::Fly);
+        bench.cycle.request(bench.now, OperatorCommand::Fly);
         for _ in 0..10 {
             bench.show(still(bench.frame));
         }

@@ -6,8 +6,8 @@ use std::os::fd::OwnedFd;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
-use oqtal_bus::process::{Exit, Failure};
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{FlockOperation, Mode, OFlags, fcntl_getfl, fcntl_lock, fcntl_setfl, open};
 use rustix::io::Errno;

@@ -17,9 +17,9 @@ mod vehicle;
 use std::path::Path;
 
 use oqtal_bus::message::HealthV1;
-use oqtal_bus::process::{Failure, Shell};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
+use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
 use crate::Output;
@@ -40,25 +40,25 @@ const CHUNK: usize = 512;
 ///
 /// # Errors
 /// The link cannot be made; the bus refuses or breaks.
-pub fn run(shell: &Shell, link: &LinkSpec) -> Result<(), Failure> {
+pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let line = Line::open(Path::new(link.path()))?;
-    let bus = shell.bus()?;
+    let bus = context.bus()?;
     let mut truths = bus.writer(&TRUTH)?;
-    let mut pulse = shell.pulse(&bus)?;
-    let mut vehicle = WiredVehicle::new(&shell.config, link, Time::now());
+    let mut heartbeat = context.heartbeat(&bus)?;
+    let mut vehicle = WiredVehicle::new(&context.config, link, Time::now());
     let (mut outputs, mut said) = (Vec::with_capacity(64), Vec::with_capacity(1024));
     let mut readmitted_at = Time::UNSET;
     let mut chunk = [0; CHUNK];
     tracing::info!(link = link.path(), "an emulated vehicle waits for a host");
-    shell.enter_realtime();
-    while !shell.stop.is_set() {
-        shell.vitals.turned();
+    context.enter_realtime();
+    while !context.stop.is_set() {
+        context.health.turned();
         line.wait(vehicle.next_event(), vehicle.listens(Time::now()))?;
-        pulse.beat(HealthV1::default())?;
+        heartbeat.beat(HealthV1::default())?;
         let now = Time::now();
         let read = if vehicle.listens(now) { line.read(&mut chunk)? } else { 0 };
         if read > 0 {
-            shell.vitals.heard();
+            context.health.heard();
         }
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));

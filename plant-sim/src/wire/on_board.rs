@@ -8,9 +8,9 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
-use oqtal_bus::config::Vehicle;
 use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Vehicle;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{

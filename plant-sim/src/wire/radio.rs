@@ -11,9 +11,9 @@
 
 use std::collections::VecDeque;
 
-use oqtal_bus::config::Wire;
-use oqtal_bus::random::{Generator, Source, stream};
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::Wire;
+use oqtal_runtime::random::{Generator, Source, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 

@@ -1,7 +1,7 @@
 //! The vehicle behind its radio, bytes in and bytes out. Pure: time comes in as an argument.
 
-use oqtal_bus::config::Config;
 use oqtal_bus::time::Time;
+use oqtal_config::Config;
 use oqtal_wire::asctec::{Command, Scales, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::stream::Counters;

@@ -3,7 +3,7 @@
 use std::os::fd::AsFd;
 use std::path::Path;
 
-use oqtal_bus::process::Failure;
+use oqtal_runtime::process::Failure;
 use rustix::io::{Errno, read, write};
 
 use super::shared::Slot;

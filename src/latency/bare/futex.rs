@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use oqtal_bus::process::Failure;
+use oqtal_runtime::process::Failure;
 use rustix::io::Errno;
 use rustix::thread::futex::{Flags, wait, wake};
 

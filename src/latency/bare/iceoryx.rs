@@ -7,9 +7,9 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode, ipc};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
-use oqtal_bus::place::Place;
-use oqtal_bus::process::Failure;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::wake::Events;
+use oqtal_runtime::process::Failure;
 
 use super::{Mechanism, Parcel, system};
 
@@ -28,7 +28,7 @@ impl Giver {
     ///
     /// # Errors
     /// iceoryx2 refuses.
-    pub fn open(place: &Place) -> Result<Self, Failure> {
+    pub fn open(place: &InstancePaths) -> Result<Self, Failure> {
         let node = node(place)?;
         let (data, event) = services(&node)?;
         let publisher = data.publisher_builder().create().map_err(|e| failed("publishing", &e))?;
@@ -58,7 +58,7 @@ impl Taker {
     ///
     /// # Errors
     /// iceoryx2 refuses.
-    pub fn create(place: &Place) -> Result<Self, Failure> {
+    pub fn create(place: &InstancePaths) -> Result<Self, Failure> {
         let node = node(place)?;
         let (data, event) = services(&node)?;
         let subscriber =
@@ -88,12 +88,12 @@ type Services =
 
 /// Where it meets, beside the instance at `place`: nothing of the bus is shared with it, and events are the stock ones.
 #[must_use]
-pub fn beside(place: &Place) -> Place {
+pub fn beside(place: &InstancePaths) -> InstancePaths {
     let instance = format!("{}-bare", place.instance);
-    Place { instance, events: Events::Socket, ..place.clone() }
+    InstancePaths { instance, events: Events::Socket, ..place.clone() }
 }
 
-fn node(place: &Place) -> Result<Node<ipc::Service>, Failure> {
+fn node(place: &InstancePaths) -> Result<Node<ipc::Service>, Failure> {
     let place = beside(place);
     let created = NodeBuilder::new()
         .config(&place.prepare()?)

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
 
-use oqtal_bus::process::Failure;
+use oqtal_runtime::process::Failure;
 
 use super::{Mechanism, Parcel, WORDS, system};
 

@@ -1,0 +1,62 @@
+//! A daemon that was killed, or that its watchdog ended, must not take off by itself when it is restarted: while one that may do
+//! so runs, a file says that it was started, and only an end in good order removes it.
+
+use std::fs::{File, remove_file};
+use std::io::ErrorKind;
+use std::path::PathBuf;
+
+use oqtal_bus::paths::InstancePaths;
+
+/// The file of one instance.
+#[derive(Debug)]
+pub struct FlightMarker(PathBuf);
+
+impl FlightMarker {
+    /// The marker of the instance at `place`.
+    pub fn of(place: &InstancePaths) -> Self {
+        Self(place.root.join(format!("{}.armed-at-start", place.instance)))
+    }
+
+    /// Sets the marker; `false` if it is there already, or cannot be made: then an operator has to arm.
+    pub fn set(&self) -> bool {
+        let path = self.0.display();
+        match File::create_new(&self.0) {
+            Ok(_) => return true,
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => tracing::warn!(
+                "no take-off at start: the daemon before this one did not end in good order ({path}); arm with `oqtal ctl arm`"
+            ),
+            Err(error) => {
+                tracing::warn!("no take-off at start: {path}: {error}; arm with `oqtal ctl arm`")
+            }
+        }
+        false
+    }
+
+    /// Removes the marker, if it is there.
+    pub fn remove(&self) {
+        match remove_file(&self.0) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                tracing::warn!("{}: {error}; remove it before the next start", self.0.display());
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_first_start_after_a_good_end_may_take_off_by_itself() {
+        let directory = tempfile::tempdir().unwrap();
+        let marker =
+            FlightMarker::of(&InstancePaths::new("marker", Some(directory.path())).unwrap());
+        marker.remove();
+        assert!(marker.set());
+        assert!(!marker.set(), "the daemon before was killed");
+        assert!(!marker.set(), "and once more");
+        marker.remove();
+        assert!(marker.set());
+    }
+}

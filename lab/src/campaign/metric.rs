@@ -1,0 +1,157 @@
+//! What flights on the testbed are judged by: Table V, and figures that a smoother command cannot make better.
+
+use nalgebra::Vector3;
+use oqtal_control::metrics::Statistics;
+use oqtal_control::trajectory::Trajectory;
+
+use oqtal_observe::flight::{Flight, Sample};
+
+/// A corner is settled when the error stays below this \[m\].
+const SETTLED_M: f64 = 0.05;
+/// An attitude step is settled when the error stays below this \[deg\].
+const SETTLED_DEG: f64 = 1.5;
+/// A reference that moves further than this in one tick has stepped \[m\].
+const CORNER_M: f64 = 0.1;
+/// A prescribed attitude that turns further than this in one tick has stepped \[deg\].
+const STEP_DEG: f64 = 5.0;
+
+/// One figure by which a law is judged.
+#[derive(Clone, Copy, Debug)]
+pub struct Metric {
+    /// Its name in JSON.
+    pub key: &'static str,
+    /// Its heading.
+    pub title: &'static str,
+    /// How much it counts when gains are tuned.
+    pub weight: f64,
+}
+
+/// How many metrics there are.
+pub const METRICS: usize = 9;
+
+/// The metrics, in the order of [`Figures`]. When gains are tuned, hover counts double: of what neither limits nor a
+/// command of a law's own decide, two figures are of a prescribed attitude, and it is the only one of the position.
+pub const METRIC: [Metric; METRICS] = [
+    metric("position_error_m", "position [m]", 1.0),
+    metric("velocity_error_m_s", "velocity [m/s]", 1.0),
+    metric("attitude_error_deg", "attitude [°]", 1.0),
+    metric("settle_s", "settled to 5 cm [s]", 1.0),
+    metric("overshoot_mm", "overshoot [mm]", 0.2),
+    metric("hover_rms_mm", "hover RMS [mm]", 2.0),
+    metric("jitter_rad_s", "jitter [rad/s]", 0.1),
+    metric("chirp4_rms_deg", "chirp 4° RMS [°]", 1.0),
+    metric("doublet_settle_s", "doublet settled [s]", 1.0),
+];
+
+/// Indices into [`Figures`].
+pub const POSITION: usize = 0;
+/// Index of the velocity error.
+pub const VELOCITY: usize = 1;
+/// Index of the attitude error.
+pub const ATTITUDE: usize = 2;
+/// Index of the time to settle at a corner.
+pub const SETTLE: usize = 3;
+/// Index of the overshoot at a corner.
+pub const OVERSHOOT: usize = 4;
+/// Index of the error in hover.
+pub const HOVER: usize = 5;
+/// Index of how much the command of a hover shakes.
+pub const JITTER: usize = 6;
+/// Index of the error against a chirp.
+pub const CHIRP: usize = 7;
+/// Index of the time to settle after an attitude step.
+pub const DOUBLET: usize = 8;
+
+const fn metric(key: &'static str, title: &'static str, weight: f64) -> Metric {
+    Metric { key, title, weight }
+}
+
+/// The metrics of one seed, infinite where a flight did not land.
+pub type Figures = [f64; METRICS];
+
+/// Position, velocity and attitude error, settling and overshoot of a square; all infinite if it did not land.
+#[must_use]
+pub fn of_square(flight: &Flight) -> [f64; 5] {
+    let mean = |error: fn(&Sample) -> f64| {
+        let mut statistics = Statistics::default();
+        flight.scored().for_each(|sample| statistics.add(error(sample)));
+        statistics.mean()
+    };
+    let (settle_s, overshoot_m) = corners(flight);
+    [
+        mean(|sample| sample.position_error().norm()),
+        mean(|sample| sample.velocity_error().norm()),
+        mean(|sample| sample.attitude_error().norm().to_degrees()),
+        settle_s,
+        1e3 * overshoot_m,
+    ]
+}
+
+/// Mean time to settle \[s\] and mean overshoot \[m\] at the corners.
+fn corners(flight: &Flight) -> (f64, f64) {
+    let samples: Vec<&Sample> = flight.scored().collect();
+    let reference = |sample: &Sample| Vector3::from(sample.telemetry.reference_position);
+    let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
+    let mut from = before.map_or_else(Vector3::zeros, reference);
+    let (mut settle, mut overshoot) = (Statistics::default(), Statistics::default());
+    for corner in samples.chunk_by(|a, b| (reference(a) - reference(b)).norm() < CORNER_M) {
+        let to = reference(corner[0]);
+        let direction = (to - from).try_normalize(CORNER_M).unwrap_or_else(Vector3::zeros);
+        from = to;
+        if direction == Vector3::zeros() {
+            continue;
+        }
+        let beyond = corner.iter().map(|sample| sample.position_error().dot(&direction));
+        overshoot.add(beyond.fold(0.0, f64::max));
+        settle.add(settled(corner, |sample| sample.position_error().norm() > SETTLED_M));
+    }
+    (settle.mean(), overshoot.mean())
+}
+
+/// From the first sample to the last that is `outside` \[s\].
+fn settled(samples: &[&Sample], outside: impl Fn(&Sample) -> bool) -> f64 {
+    let start = samples[0].telemetry.time;
+    let last = samples.iter().rfind(|sample| outside(sample));
+    last.map_or(0.0, |sample| sample.telemetry.time.since(start).seconds())
+}
+
+/// RMS of the position error \[mm\], and of the change of the command per tick \[rad/s\], of a hover.
+#[must_use]
+pub fn of_hover(flight: &Flight) -> [f64; 2] {
+    let authority = Vector3::from(flight.config.vehicle.rate_authority_rad_s);
+    let (mut error, mut jitter) = (Statistics::default(), Statistics::default());
+    let mut last = None;
+    for sample in flight.scored() {
+        error.add(1e3 * sample.position_error().norm());
+        let sticks = Vector3::from(sample.telemetry.sticks).component_mul(&authority);
+        if let Some(last) = last.replace(sticks) {
+            jitter.add((sticks - last).norm());
+        }
+    }
+    [error.rms(), jitter.rms()]
+}
+
+/// The true attitude against one that the trajectory prescribes: RMS \[deg\] and mean time to settle after a step \[s\].
+///
+/// It is not the daemon's own command: a law that filters its command is judged by what it was asked for.
+#[must_use]
+pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
+    let options = &flight.config.trajectory;
+    let start_s = options.take_off_s + options.settle_s;
+    let judged: Vec<(&Sample, f64, _)> = flight
+        .scored()
+        .filter_map(|sample| {
+            let wanted = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?.attitude;
+            Some((sample, sample.attitude().angle_to(&wanted).to_degrees(), wanted))
+        })
+        .collect();
+    let mut rms = Statistics::default();
+    judged.iter().for_each(|(_, error, _)| rms.add(*error));
+    let mut settle = Statistics::default();
+    for step in judged.chunk_by(|a, b| a.2.angle_to(&b.2).to_degrees() < STEP_DEG) {
+        let outside = step.iter().rfind(|(_, error, _)| *error > SETTLED_DEG);
+        let start = step[0].0.telemetry.time;
+        settle.add(outside.map_or(0.0, |last| last.0.telemetry.time.since(start).seconds()));
+    }
+    [rms.rms(), settle.mean()]
+}

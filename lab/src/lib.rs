@@ -1,0 +1,8 @@
+//! Studies in virtual time: flights in one process, campaigns, tuning, and the paper's experiments.
+#![forbid(unsafe_code)]
+
+pub mod campaign;
+pub mod mission;
+pub mod reproduce;
+pub mod simulation;
+pub mod tune;

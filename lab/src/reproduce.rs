@@ -1,0 +1,218 @@
+//! `oqtal reproduce`: the paper's experiments, side by side with its print, and with what is ours.
+//!
+//! Each experiment is a file: its settings, its runs, its rows. Tables ([`sheet`]) and figures ([`figures`]) are made from
+//! them by shared code.
+
+pub mod body;
+pub mod figures;
+pub mod judgement;
+pub mod lander;
+pub mod options;
+pub mod page;
+pub mod progress;
+pub mod recovery;
+pub mod roster;
+pub mod sheet;
+pub mod step;
+pub mod sweep;
+pub mod table_3;
+pub mod table_4;
+pub mod table_5;
+pub mod words;
+
+use std::fs;
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use oqtal_control::controller::InvalidOption;
+use oqtal_runtime::process::{Exit, Failure};
+use serde_json::{Value, json};
+
+use figures::Figure;
+use lander::Lander;
+use progress::Progress;
+use sheet::Sheet;
+
+/// One experiment: what it can be called, its figures, and how it is run.
+struct Experiment {
+    name: &'static str,
+    figures: &'static [&'static str],
+    run: fn(&Context) -> Result<Chapter, Failure>,
+}
+
+/// The experiments, in the order of the page.
+const EXPERIMENTS: [Experiment; 7] = [
+    Experiment {
+        name: "table-4",
+        figures: &["figure-10", "figure-11", "figure-12", "figure-13", "figure-14"],
+        run: |context| table_4::chapter(&context.lander, &context.progress),
+    },
+    Experiment {
+        name: "table-3",
+        figures: &[],
+        run: |context| table_3::chapter(&context.lander, &context.progress),
+    },
+    Experiment {
+        name: "sweep",
+        figures: &["figure-6", "figure-7", "figure-8", "figure-9"],
+        run: |context| sweep::chapter(&context.lander, &context.progress),
+    },
+    Experiment {
+        name: "step",
+        figures: &[],
+        run: |context| step::chapter(&context.lander, &context.progress),
+    },
+    Experiment {
+        name: "table-5",
+        figures: &["figure-17", "figure-18", "figure-19", "figure-20", "figure-21", "figure-22"],
+        run: table_5::chapter,
+    },
+    Experiment {
+        name: "options",
+        figures: &[],
+        run: |context| options::chapter(&context.lander, &context.progress),
+    },
+    Experiment {
+        name: "recovery",
+        figures: &[],
+        run: |context| recovery::chapter(&context.lander, &context.progress),
+    },
+];
+
+/// Everything.
+const ALL: &str = "all";
+
+/// What came of an experiment.
+#[derive(Clone, Debug, Default)]
+pub struct Chapter {
+    /// Its heading.
+    pub title: &'static str,
+    /// What a reader must know first, a paragraph each.
+    pub intro: Vec<String>,
+    /// Its tables.
+    pub sheets: Vec<Sheet>,
+    /// Its figures.
+    pub figures: Vec<Figure>,
+}
+
+/// What experiments share.
+#[derive(Debug)]
+pub struct Context {
+    /// The spacecraft.
+    pub lander: Lander,
+    /// Whether gains are tuned anew.
+    pub retune: bool,
+    /// Where results are written.
+    pub directory: PathBuf,
+    /// How far the work is.
+    pub progress: Progress,
+}
+
+impl Context {
+    /// Writes a file among the results.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
+        let file = self.directory.join(name);
+        let parent = file.parent().unwrap_or(&self.directory);
+        fs::create_dir_all(parent).and_then(|()| fs::write(&file, text)).map_err(|error| {
+            let name = file.display();
+            let message = format!("{name}: {error}; give another directory with --out");
+            Failure::new(Exit::System, message)
+        })
+    }
+}
+
+/// Which part of the paper.
+#[derive(Args, Debug)]
+pub struct ReproduceArgs {
+    /// Tables, experiments and figures
+    #[arg(value_parser = PossibleValuesParser::new(targets()), default_value = ALL)]
+    what: Vec<String>,
+    /// Tune the gains of Table V anew, in place of those that come with the program: minutes for each law
+    #[arg(long)]
+    retune: bool,
+    /// Where reproduction.html, reproduction.md and reproduction.json are written
+    #[arg(long, value_name = "DIR", default_value = "reproduction")]
+    out: PathBuf,
+    /// Print all rows as JSON instead of tables
+    #[arg(long)]
+    json: bool,
+}
+
+fn targets() -> Vec<&'static str> {
+    let of = |experiment: &'static Experiment| {
+        std::iter::once(experiment.name).chain(experiment.figures.iter().copied())
+    };
+    std::iter::once(ALL).chain(EXPERIMENTS.iter().flat_map(of)).collect()
+}
+
+impl ReproduceArgs {
+    /// Runs the experiments, writes the page and prints the tables.
+    ///
+    /// # Errors
+    /// The directory cannot be written, or a setting in the environment has no meaning.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let context = Context {
+            lander: Lander::new()?,
+            retune: self.retune,
+            directory: self.out.clone(),
+            progress: Progress::default(),
+        };
+        let wanted = EXPERIMENTS.iter().filter(|experiment| self.wants(experiment));
+        let chapters: Result<Vec<Chapter>, Failure> =
+            wanted.map(|experiment| (experiment.run)(&context)).collect();
+        let chapters = chapters?;
+        let json = format!("{:#}\n", to_json(&chapters));
+        context.keep("reproduction.html", &page::html(&chapters))?;
+        context.keep("reproduction.md", &page::markdown(&chapters, &self.command()))?;
+        context.keep("reproduction.json", &json)?;
+        if self.json {
+            print!("{json}");
+        } else {
+            chapters.iter().flat_map(|chapter| &chapter.sheets).for_each(|sheet| {
+                println!("{}\n", sheet.to_text());
+            });
+            println!("page: {}", self.out.join("reproduction.html").display());
+        }
+        Ok(Exit::Ok)
+    }
+
+    fn wants(&self, experiment: &Experiment) -> bool {
+        let named = |name: &&String| {
+            [ALL, experiment.name].contains(&name.as_str())
+                || experiment.figures.contains(&name.as_str())
+        };
+        self.what.iter().any(|name| named(&name))
+    }
+
+    /// The command that does the same.
+    fn command(&self) -> String {
+        let retune = if self.retune { " --retune" } else { "" };
+        format!("oqtal reproduce {}{retune}", self.what.join(" "))
+    }
+}
+
+/// One table as an object, several as a list of such.
+fn to_json(chapters: &[Chapter]) -> Value {
+    let mut sheets: Vec<Value> =
+        chapters.iter().flat_map(|chapter| &chapter.sheets).map(Sheet::to_json).collect();
+    // A chapter's table of the paper comes first; what goes with it, behind.
+    match chapters {
+        [_] if !sheets.is_empty() => {
+            let mut first = sheets.remove(0);
+            if !sheets.is_empty() {
+                first["tables"] = json!(sheets);
+            }
+            first
+        }
+        _ => json!({ "tables": sheets }),
+    }
+}
+
+/// The options of the experiments are constants: a wrong one is a fault of ours.
+fn invalid(error: InvalidOption) -> Failure {
+    Failure::new(Exit::Internal, error.to_string())
+}

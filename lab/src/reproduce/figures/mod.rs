@@ -1,0 +1,46 @@
+//! The paper's figures, from the same runs as the tables.
+
+pub mod scene;
+pub mod square;
+pub mod surface;
+pub mod turn;
+
+use maud::Markup;
+
+use oqtal_observe::report::axis::Axis;
+use oqtal_observe::report::figure::{HALF, figure};
+use oqtal_observe::report::plot::{Plot, Shape};
+use oqtal_observe::report::series::{Trace, thin};
+
+/// A figure of the paper.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    /// Its number in the paper.
+    pub number: u8,
+    /// The drawing with its caption.
+    pub markup: Markup,
+}
+
+/// Height of a plot, twice as large as shown.
+const HEIGHT: u32 = 520;
+const LABEL_WIDTH: u32 = 110;
+const LINE_WIDTH: u32 = 3;
+
+/// Traces over a common horizontal axis whose numbers have `unit` behind them.
+#[must_use]
+pub fn over(title: &str, unit: &str, traces: Vec<Trace>) -> Markup {
+    let points = || traces.iter().flat_map(|trace| &trace.points);
+    let x = Axis::fitting(points().map(|point| point.0)).range;
+    let y = Axis::fitting(points().map(|point| point.1));
+    let legend: Vec<_> = traces.iter().map(|trace| (trace.name, trace.ink)).collect();
+    let lines =
+        traces.iter().map(|trace| Shape::Line(trace.ink, LINE_WIDTH, thin(trace.points.clone())));
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: LABEL_WIDTH,
+        x: Axis::linear(x, 8.0, unit),
+        y,
+        shapes: lines.collect(),
+    };
+    figure(title, &legend, &plot)
+}

@@ -1,0 +1,225 @@
+//! The lander of Table I in its gravity turn, under an attitude law: the paper's simulation, without delays or noise.
+
+use nalgebra::{Quaternion, Vector3, Vector4};
+use oqtal_config::{Config, Setting, Vehicle};
+use oqtal_control::controller::{
+    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, InvalidOption,
+    TorqueInput,
+};
+use oqtal_control::gravity_turn::{GravityTurn, Guidance, GuidanceOptions};
+use oqtal_control::metrics::{Sample, TableTwo};
+use oqtal_control::position::attitude_along;
+use oqtal_control::quantity::BodyRate;
+use oqtal_control::quaternion::Attitude;
+use oqtal_control::tracking_error::AttitudeError;
+use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
+use oqtal_runtime::process::Failure;
+use oqtal_runtime::random::{Source, normal3, stream};
+
+/// Table I: simulated time \[s\].
+pub const DURATION_S: f64 = 23.0;
+/// Table I: rate of the loop \[Hz\].
+pub const RATE_HZ: f64 = 60.0;
+/// Table I: thrust over weight.
+const THRUST_RATIO: f64 = 1.5;
+/// Table I: initial speed \[m/s\].
+const SPEED_M_S: f64 = 70.0;
+/// Table I: initial altitude \[m\].
+const ALTITUDE_M: f64 = 2000.0;
+/// The paper limits no torque \[N m\].
+const NO_LIMIT_NM: f64 = 1e9;
+/// The longest integration step \[s\].
+const LONGEST_STEP_S: f64 = 1.0 / 240.0;
+/// What a law is told of the attitude is so far off \[rad\], as by rounding. Without it the turn would stay in its plane to
+/// the last bit, and laws with a border or a singularity there would look better than they are.
+const ROUNDING_RAD: f64 = 1e-15;
+/// Seed of that.
+const NOISE_SEED: u64 = 1;
+/// A body that turns faster than this is out of control \[rad/s\].
+const FASTEST_RAD_S: f64 = 1e4;
+
+/// How the gravity turn is flown, beside the law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Descent {
+    /// Rate of the loop \[Hz\]; the torque is held in between.
+    pub rate_hz: f64,
+    /// Whether `omega_d` is commanded, or an attitude alone.
+    pub rates: bool,
+    /// Speed below which the command stands still \[m/s\].
+    pub least_speed_m_s: f64,
+    /// Standard deviation of the attitude that the law is told about its axes \[rad\].
+    pub noise_rad: f64,
+}
+
+impl Default for Descent {
+    fn default() -> Self {
+        Self { rate_hz: RATE_HZ, rates: true, least_speed_m_s: 1.0, noise_rad: ROUNDING_RAD }
+    }
+}
+
+/// One tick of a descent.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment {
+    /// Since the start \[s\].
+    pub time_s: f64,
+    /// The vehicle.
+    pub state: State,
+    /// Where it should be.
+    pub desired: AttitudeReference,
+    /// What the law commands \[N m, body\].
+    pub torque: Vector3<f64>,
+}
+
+/// The vehicle of Table I.
+#[derive(Clone, Debug)]
+pub struct Lander {
+    vehicle: Vehicle,
+    dynamics: Dynamics,
+    turn: GravityTurn,
+}
+
+impl Lander {
+    /// The lander of the configuration's preset, which is Table I.
+    ///
+    /// # Errors
+    /// The environment sets a vehicle that is none.
+    pub fn new() -> Result<Self, Failure> {
+        let preset = Setting::flag("spacecraft", "vehicle.kind", "spacecraft");
+        let vehicle = Config::from_settings(&[preset])?.vehicle;
+        let angle = std::f64::consts::FRAC_PI_2;
+        let turn = GravityTurn::new(THRUST_RATIO, vehicle.gravity_m_s2, SPEED_M_S, angle)
+            .expect("Table I is a gravity turn");
+        Ok(Self { dynamics: Dynamics::new(&vehicle), vehicle, turn })
+    }
+
+    /// The ideal turn.
+    #[must_use]
+    pub fn turn(&self) -> &GravityTurn {
+        &self.turn
+    }
+
+    /// The vehicle's input, unlimited as in the paper or limited as it is configured.
+    ///
+    /// # Panics
+    /// Never: the preset is a vehicle.
+    #[must_use]
+    pub fn input(&self, limited: bool) -> TorqueInput {
+        let inertia = self.vehicle.inertia().expect("a test holds the preset");
+        let most = if limited { self.vehicle.max_torque_nm } else { NO_LIMIT_NM };
+        TorqueInput::new(inertia, most).expect("both limits are positive")
+    }
+
+    /// Where the ideal turn is at `time_s` \[m, world\].
+    #[must_use]
+    pub fn ideal(&self, time_s: f64) -> Vector3<f64> {
+        let ideal = self.turn.at_time(time_s);
+        Vector3::new(-ideal.down_range_m, 0.0, ALTITUDE_M - ideal.drop_m)
+    }
+
+    /// The start, at rest in attitude. The turn goes towards -x: its pitch then begins at +90 degrees, as the paper's,
+    /// whose rule for cells is not the same for both signs.
+    fn start(&self) -> State {
+        let velocity = Vector3::new(-SPEED_M_S, 0.0, 0.0);
+        State {
+            position: Vector3::new(0.0, 0.0, ALTITUDE_M),
+            velocity,
+            attitude: *attitude_along(&-velocity, 0.0).unit_quaternion().quaternion(),
+            rate: Vector3::zeros(),
+            actuators: Vector4::x() * self.vehicle.max_thrust_n,
+        }
+    }
+
+    /// At rest but for its rate \[rad/s, body\], at full thrust.
+    #[must_use]
+    pub fn turning(&self, attitude: &Attitude, rate: Vector3<f64>) -> State {
+        let attitude = *attitude.unit_quaternion().quaternion();
+        State { attitude, rate, velocity: Vector3::zeros(), ..self.start() }
+    }
+
+    /// Flies the turn under the law of `options` and shows `watch` every tick. `None` if the body gets out of control.
+    ///
+    /// # Errors
+    /// An option of the law has no meaning.
+    pub fn fly(
+        &self,
+        options: &ControllerOptions,
+        descent: &Descent,
+        watch: impl FnMut(&Moment),
+    ) -> Result<Option<TableTwo>, InvalidOption> {
+        let options = ControllerOptions { rate_hz: descent.rate_hz, ..*options };
+        let law = Controller::new(&options, self.input(false))?;
+        Ok(self.descend(law, descent, watch))
+    }
+
+    fn descend(
+        &self,
+        mut law: Controller<TorqueInput>,
+        descent: &Descent,
+        mut watch: impl FnMut(&Moment),
+    ) -> Option<TableTwo> {
+        let mut guidance = Guidance::new(GuidanceOptions {
+            thrust_ratio: THRUST_RATIO,
+            gravity_m_s2: self.vehicle.gravity_m_s2,
+            least_speed_m_s: descent.least_speed_m_s,
+            rates: descent.rates,
+        });
+        let mut noise = stream(NOISE_SEED, Source::Cameras);
+        let dt_s = 1.0 / descent.rate_hz;
+        let (mut state, mut metrics) = (self.start(), TableTwo::default());
+        for tick in 0..(DURATION_S * descent.rate_hz).round() as u32 {
+            let time_s = f64::from(tick) * dt_s;
+            let body = attitude_state(&state);
+            let desired = guidance.command(&state.velocity, &body.attitude);
+            let off = normal3(&mut noise) * descent.noise_rad;
+            let told = AttitudeState { attitude: body.attitude.turned_by(off), ..body };
+            let torque = law.update(&told, &desired, dt_s).0;
+            watch(&Moment { time_s, state, desired, torque });
+            let error = AttitudeError::between(&desired.attitude, &body.attitude);
+            let sample = Sample {
+                position_error: self.ideal(time_s) - state.position,
+                quaternion_error: *error.eps(),
+                input: torque,
+            };
+            metrics.add(&sample, dt_s);
+            state = self.hold(&state, torque, dt_s);
+            if !is_under_control(&state) {
+                return None;
+            }
+        }
+        metrics.riccati_solves = u64::from(law.riccati_solves());
+        Some(metrics)
+    }
+
+    /// The state after `torque` \[N m, body\] has been held for `dt_s` \[s\], the thrust full.
+    #[must_use]
+    pub fn hold(&self, state: &State, torque: Vector3<f64>, dt_s: f64) -> State {
+        let input = Input { torque, thrust: 1.0, ..Input::default() };
+        let calm = Disturbance {
+            acceleration: Vector3::zeros(),
+            rate_drift: Vector3::zeros(),
+            voltage_ratio: 1.0,
+        };
+        let steps = (dt_s / LONGEST_STEP_S - 1e-9).ceil().max(1.0);
+        let mut state = *state;
+        for _ in 0..steps as u32 {
+            state = self.dynamics.step(&state, dt_s / steps, &input, &calm);
+        }
+        state
+    }
+}
+
+/// What a law is told of a body.
+#[must_use]
+pub fn attitude_state(state: &State) -> AttitudeState {
+    let Quaternion { coords } = state.attitude;
+    let attitude = Attitude::from_xyzw(coords.into()).unwrap_or_default();
+    AttitudeState { attitude, rate: BodyRate(state.rate) }
+}
+
+/// Whether a body can still be spoken of.
+#[must_use]
+pub fn is_under_control(state: &State) -> bool {
+    let finite =
+        state.position.iter().chain(&state.attitude.coords).all(|number| number.is_finite());
+    finite && state.rate.norm() < FASTEST_RAD_S
+}

@@ -1,0 +1,112 @@
+//! The chapters as one page, and as a document.
+
+use maud::{Markup, html};
+
+use oqtal_observe::report;
+
+use super::Chapter;
+use super::sheet::{Cell, Row, Sheet, Variant};
+
+const STYLE: &str = include_str!("page.css");
+/// A table with more columns is set closer, so that it fits the page.
+const WIDE: usize = 8;
+/// A table with more rows is folded.
+const LONG: usize = 40;
+const LEAD: &str = "Each table has three blocks. Paper: the printed numbers. As printed: the paper's equations, with only the \
+     corrections without which nothing flies, computed here, with all settings the paper leaves open named. Ours: with \
+     something the paper does not have. Nothing is tuned to meet a printed number.";
+
+/// The page.
+#[must_use]
+pub fn html(chapters: &[Chapter]) -> String {
+    let body = html! {
+        header {
+            p.eyebrow { "oqtal" }
+            h1 { "The paper, reproduced" }
+            p.note { (LEAD) }
+        }
+        main { @for chapter in chapters { (section(chapter)) } }
+    };
+    report::page("oqtal: the paper, reproduced", STYLE, &body)
+}
+
+fn section(chapter: &Chapter) -> Markup {
+    html! {
+        section {
+            h2 { (chapter.title) }
+            @for paragraph in &chapter.intro { p.note { (paragraph) } }
+            @for sheet in &chapter.sheets {
+                (table(sheet))
+                @for other in &sheet.mismatched { (table(other)) }
+            }
+            @if !chapter.figures.is_empty() {
+                div.grid { @for figure in &chapter.figures { (figure.markup) } }
+            }
+        }
+    }
+}
+
+fn table(sheet: &Sheet) -> Markup {
+    html! {
+        div.sheet {
+            h3 { (sheet.title) }
+            @if sheet.rows.len() > LONG {
+                details { summary { (sheet.rows.len()) " rows" } (rows(sheet)) }
+            } @else {
+                (rows(sheet))
+            }
+            @for note in &sheet.notes { p.note { (note) } }
+        }
+    }
+}
+
+fn rows(sheet: &Sheet) -> Markup {
+    let shown = Variant::ALL.into_iter().filter(|variant| sheet.of(*variant).next().is_some());
+    html! {
+        table.wide[sheet.columns.len() > WIDE] {
+            thead {
+                tr {
+                    th { "controller" }
+                    th { "settings" }
+                    @for (_, title) in &sheet.columns { th { (title) } }
+                }
+            }
+            tbody {
+                @for variant in shown {
+                    tr.variant { th colspan=(sheet.columns.len() + 2) { (variant.title()) } }
+                    @for row in sheet.of(variant) { (line(row)) }
+                }
+            }
+        }
+    }
+}
+
+fn line(row: &Row) -> Markup {
+    html! {
+        tr {
+            th { (row.controller) }
+            td.settings { (row.settings) }
+            @for cell in &row.cells { td { (Cell::show(cell)) } }
+        }
+    }
+}
+
+/// The same tables as Markdown.
+#[must_use]
+pub fn markdown(chapters: &[Chapter], command: &str) -> String {
+    let mut text = format!(
+        "# The paper, reproduced\n\n{LEAD}\n\n```sh\n{command}\n```\n\nmakes this page with all figures, `reproduction.html`.\n\n"
+    );
+    for chapter in chapters {
+        text += &format!("## {}\n\n", chapter.title);
+        for paragraph in &chapter.intro {
+            text += &format!("{paragraph}\n\n");
+        }
+        for sheet in
+            chapter.sheets.iter().flat_map(|sheet| std::iter::once(sheet).chain(&sheet.mismatched))
+        {
+            text += &sheet.to_markdown();
+        }
+    }
+    text
+}

@@ -1,0 +1,123 @@
+//! Recovery from attitudes and rates that no flight should come to.
+
+use nalgebra::Vector3;
+use oqtal_control::controller::ControllerOptions;
+use oqtal_control::quaternion::Attitude;
+use oqtal_runtime::process::Failure;
+use rayon::prelude::*;
+
+use super::body::{Body, Manoeuvre, Turned};
+use super::lander::Lander;
+use super::progress::Progress;
+use super::roster::{self, Entry};
+use super::sheet::{Cell, Column, Row, Sheet};
+use super::words::{either, listed};
+use super::{Chapter, invalid};
+
+/// How far off at first \[rad\].
+const FAR_RAD: f64 = 175.0 * std::f64::consts::PI / 180.0;
+/// How fast it tumbles at first \[rad/s\].
+const TUMBLE_RAD_S: f64 = 20.0;
+/// So long may it take \[s\].
+const DURATION_S: f64 = 60.0;
+/// Recovered means nearer than this, for good \[rad\].
+const NEAR_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
+/// No axis of the body is an axis of the turn.
+const AXIS: Vector3<f64> = Vector3::new(0.6, -0.48, 0.64);
+
+const COLUMNS: [Column; 6] = [
+    ("vehicle", "vehicle"),
+    ("start", "start"),
+    ("recovered_s", "within 5° after [s]"),
+    ("commands_finite", "every command a number"),
+    ("riccati_solves", "Riccati solves"),
+    ("failed_solves", "of them failed"),
+];
+
+/// Lets every law recover both vehicles from both starts.
+///
+/// # Errors
+/// An option of a law has no meaning.
+pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
+    let spacecraft = Body::Spacecraft(Box::new(lander.clone()), true);
+    let quadrotor = Body::quadrotor()?;
+    let mut cases: Vec<(&str, &Body, Entry)> =
+        roster::each().into_iter().map(|entry| ("spacecraft, 5 N m", &spacecraft, entry)).collect();
+    cases.extend(quadrotor_laws().into_iter().map(|entry| ("quadrotor", &quadrotor, entry)));
+    let bar = progress.start("recovery", cases.len());
+    let recover = |(vehicle, body, entry): &(&str, &Body, Entry)| {
+        let rows = [("175° off", FAR_RAD, 0.0), ("tumble of 20 rad/s", 0.0, TUMBLE_RAD_S)].map(
+            |(start, angle, rate)| {
+                let manoeuvre = Manoeuvre {
+                    attitude: Attitude::from_rotation_vector(AXIS * angle),
+                    rate: AXIS * rate,
+                    target: Attitude::LEVEL,
+                    duration_s: DURATION_S,
+                };
+                let turned = body.turn(&entry.options, &manoeuvre).map_err(invalid)?;
+                Ok(row(entry, [vehicle, start], &turned))
+            },
+        );
+        bar.inc();
+        rows.into_iter().collect()
+    };
+    let rows: Result<Vec<Vec<Row>>, Failure> = cases.par_iter().map(recover).collect();
+    let rows = rows?.concat();
+    let sheet = Sheet {
+        name: "recovery".to_owned(),
+        title: "Recovery from 175 degrees and from a tumble of 20 rad/s".to_owned(),
+        notes: vec![NOTE.to_owned(), verdict(&rows)],
+        columns: COLUMNS.to_vec(),
+        rows,
+        ..Sheet::default()
+    };
+    Ok(Chapter { title: "Recovery", sheets: vec![sheet], ..Chapter::default() })
+}
+
+const NOTE: &str = "Not in the paper. On the spacecraft each law has the gains of the single step, on the quadrotor those it is \
+     shipped with, not the tuned ones; about an axis that is none of the body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's rate is held by its own loop, \
+     not by these laws.";
+
+/// Who does not recover, and whether every command was a number.
+fn verdict(rows: &[Row]) -> String {
+    let lost: Vec<String> = rows
+        .iter()
+        .filter(|row| !row.number(&COLUMNS, "recovered_s").is_finite())
+        .map(|row| format!("{} ({}, {})", row.controller, row.cells[0].show(), row.cells[1].show()))
+        .collect();
+    let finite = rows.iter().all(|row| row.cells[3].show() == "yes");
+    let commands = either(
+        finite,
+        "Every command of every law was a number.",
+        "Not every command was a number.",
+    );
+    format!("Not recovered: {}. {commands}", listed(&lost))
+}
+
+/// The laws with their shipped gains for the quadrotor.
+fn quadrotor_laws() -> Vec<Entry> {
+    let shipped = |entry: Entry| {
+        let options =
+            ControllerOptions { controller: entry.options.controller, ..Default::default() };
+        Entry { settings: "shipped gains".to_owned(), options, ..entry }
+    };
+    roster::each().into_iter().map(shipped).collect()
+}
+
+fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &Turned) -> Row {
+    let away =
+        turned.ticks.iter().rfind(|tick| tick.attitude.angle_to(&Attitude::LEVEL) > NEAR_RAD);
+    let since = away.map_or(0.0, |tick| tick.time_s);
+    let near =
+        turned.ticks.last().filter(|tick| tick.attitude.angle_to(&Attitude::LEVEL) <= NEAR_RAD);
+    let finite = if turned.commands_finite { "yes" } else { "no" };
+    let cells = vec![
+        vehicle.into(),
+        start.into(),
+        near.map(|_| since).into(),
+        finite.into(),
+        Cell::Count(turned.riccati_solves.into()),
+        Cell::Count(turned.failed_solves.into()),
+    ];
+    Row::new(entry.variant, entry.controller, entry.settings.clone(), cells)
+}

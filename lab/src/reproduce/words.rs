@@ -1,0 +1,86 @@
+//! Words for figures: what the page says of a figure is made from it.
+
+use oqtal_observe::report::unit::rounded;
+
+/// One of two texts, by what holds.
+#[must_use]
+pub fn either<'a>(holds: bool, yes: &'a str, no: &'a str) -> &'a str {
+    if holds { yes } else { no }
+}
+
+/// "a, b and c"; "none" if there is nothing.
+#[must_use]
+pub fn listed<T: AsRef<str>>(items: &[T]) -> String {
+    let items: Vec<&str> = items.iter().map(AsRef::as_ref).collect();
+    match items.as_slice() {
+        [] => "none".to_owned(),
+        [only] => (*only).to_owned(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+/// Four significant digits, as the tables have them; a count as it is.
+#[must_use]
+pub fn figure(value: f64) -> String {
+    let is_count = value.fract() == 0.0 && value.abs() < 1e4;
+    if is_count { format!("{value}") } else { rounded(value, 4) }
+}
+
+/// Two significant digits, for how often or how much.
+#[must_use]
+pub fn about(value: f64) -> String {
+    rounded(value, 2)
+}
+
+/// Whole numbers in rising order as ranges, each end written by `name`: "1 to 3 and 7".
+#[must_use]
+pub fn ranges(numbers: &[i32], name: impl Fn(i32) -> String) -> String {
+    let parts = numbers.chunk_by(|a, b| b - a == 1).map(|part| match part {
+        [only] => name(*only),
+        [first, .., last] => format!("{} to {}", name(*first), name(*last)),
+        [] => String::new(),
+    });
+    listed(&parts.collect::<Vec<_>>())
+}
+
+/// Within this share of the printed figure it counts as reproduced.
+const NEAR: f64 = 0.1;
+
+/// Which of the printed figures come out within 10 %, and what the others come to: `(name, computed, printed)` each.
+#[must_use]
+pub fn reproduced(figures: &[(&str, f64, f64)]) -> String {
+    let compared = |(name, ours, printed): &(&str, f64, f64)| {
+        format!("{name} ({} for {} printed)", figure(*ours), figure(*printed))
+    };
+    let (near, far): (Vec<_>, Vec<_>) =
+        figures.iter().partition(|(_, ours, printed)| (ours / printed - 1.0).abs() <= NEAR);
+    let [near, far] = [near, far].map(|some: Vec<_>| some.iter().map(compared).collect::<Vec<_>>());
+    format!("within 10 %: {}; not: {}", listed(&near), listed(&far))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_read_as_sentences() {
+        assert_eq!(listed::<&str>(&[]), "none");
+        assert_eq!(listed(&["a"]), "a");
+        assert_eq!(listed(&["a", "b", "c"]), "a, b and c");
+    }
+
+    #[test]
+    fn numbers_in_a_row_are_a_range() {
+        assert_eq!(
+            ranges(&[-3, -2, -1, 4, 7, 8], |n| format!("2^{n}")),
+            "2^-3 to 2^-1, 2^4 and 2^7 to 2^8"
+        );
+        assert_eq!([figure(49.0), figure(0.123_456)], ["49", "0.1235"]);
+    }
+
+    #[test]
+    fn a_figure_is_reproduced_within_a_tenth() {
+        let text = reproduced(&[("a", 1.09, 1.0), ("b", 1.2, 1.0)]);
+        assert_eq!(text, "within 10 %: a (1.090 for 1 printed); not: b (1.200 for 1 printed)");
+    }
+}

@@ -1,0 +1,120 @@
+//! The six PIDs of Fig. 16, tuned one at a time: single input, single output, as the paper's reference \[27\] does in flight.
+//!
+//! X and Y share their gains, so there are four searches, the inner loops first. Each has an objective of its own: how far
+//! the controlled variable is from what the loop is told, and how much the command shakes.
+
+use oqtal_config::Setting;
+use oqtal_runtime::process::Failure;
+use rayon::prelude::*;
+
+use crate::campaign::flights::{Contender, NOMINAL, Prepared, Test};
+use crate::campaign::metric::of_hover;
+use crate::campaign::statistics::TRAINING_SEEDS;
+use crate::reproduce::progress::Progress;
+use oqtal_observe::flight::{Flight, Sample};
+
+use super::search::{Budget, Tuned, search, values};
+use super::space::Parameter;
+
+/// How much a shaking command counts against an error: a loop that follows closely at the price of the attitude is no gain.
+const JITTER_WEIGHT: f64 = 1.0;
+
+/// One of the loops.
+struct Loop {
+    parameters: [Parameter; 2],
+    /// The error of the variable that it controls.
+    error: fn(&Sample) -> f64,
+}
+
+const LOOPS: [Loop; 4] = [
+    Loop {
+        parameters: [
+            Parameter { key: "position.vertical-velocity.kp", low: 0.5, high: 12.0 },
+            Parameter { key: "position.vertical-velocity.ki", low: 0.05, high: 5.0 },
+        ],
+        error: |sample| sample.velocity_error().z.abs(),
+    },
+    Loop {
+        parameters: [
+            Parameter { key: "position.horizontal-velocity.kp", low: 0.5, high: 12.0 },
+            Parameter { key: "position.horizontal-velocity.ki", low: 0.05, high: 5.0 },
+        ],
+        error: |sample| sample.velocity_error().xy().norm(),
+    },
+    Loop {
+        parameters: [
+            Parameter { key: "position.vertical-position.kp", low: 0.3, high: 5.0 },
+            Parameter { key: "position.vertical-position.ki", low: 1e-3, high: 0.3 },
+        ],
+        error: |sample| sample.position_error().z.abs(),
+    },
+    Loop {
+        parameters: [
+            Parameter { key: "position.horizontal-position.kp", low: 0.3, high: 5.0 },
+            Parameter { key: "position.horizontal-position.ki", low: 1e-3, high: 0.3 },
+        ],
+        error: |sample| sample.position_error().xy().norm(),
+    },
+];
+
+/// Tunes the loops in turn, each with its share of the budget and the gains already found for those before it, around the
+/// shipped `oqtal`.
+///
+/// # Errors
+/// A setting has no meaning.
+pub fn tune(budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
+    let bar = progress.start("tuning the outer loops", budget.points);
+    let share = Budget { points: budget.points / LOOPS.len(), ..budget };
+    let mut found: Vec<(&'static str, f64)> = Vec::new();
+    let mut objective = 0.0;
+    for tuned in &LOOPS {
+        let reference = judged(tuned, &found)?;
+        let best = search(&tuned.parameters, share, |points| {
+            let judge = |point: &Vec<f64>| {
+                let gains = [found.clone(), values(&tuned.parameters, point)].concat();
+                let judged = judged(tuned, &gains).unwrap_or([f64::INFINITY; 2]);
+                bar.inc();
+                (judged[0] / reference[0] + JITTER_WEIGHT * judged[1] / reference[1])
+                    / (1.0 + JITTER_WEIGHT)
+            };
+            points.par_iter().map(judge).collect()
+        });
+        found.extend(values(&tuned.parameters, &best.point));
+        objective += best.value / LOOPS.len() as f64;
+    }
+    Ok(Tuned { what: "outer".to_owned(), values: found, objective, budget })
+}
+
+/// The gains among `settings` that lie on a bound of the search, but for the rounding of what is written.
+#[must_use]
+pub fn on_a_bound(settings: &[Setting]) -> Vec<&'static str> {
+    let parameters = LOOPS.iter().flat_map(|tuned| tuned.parameters);
+    let lies = |parameter: &Parameter| {
+        let set = settings.iter().find(|setting| setting.key == parameter.key);
+        let value = set.and_then(|setting| setting.value.as_float());
+        value.is_some_and(|v| v <= parameter.low * 1.001 || v >= parameter.high * 0.999)
+    };
+    parameters.filter(lies).map(|parameter| parameter.key).collect()
+}
+
+/// Mean error of the loop and jitter of the command, over squares from take-off on.
+fn judged(tuned: &Loop, gains: &[(&'static str, f64)]) -> Result<[f64; 2], Failure> {
+    let settings = gains.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect();
+    let contender = Contender { controller: "oqtal", settings };
+    let square = Prepared::new(&contender, Test::Square, &NOMINAL)?;
+    let fly = |seed| {
+        let flown = square.fly(seed)?;
+        let judge = |flight: &Flight| [mean(flight, tuned.error), of_hover(flight)[1]];
+        Ok(flown.map_or([f64::INFINITY; 2], |(flight, _)| judge(&flight)))
+    };
+    let all: Result<Vec<[f64; 2]>, Failure> = TRAINING_SEEDS.into_par_iter().map(fly).collect();
+    let all = all?;
+    let share = |i: usize| all.iter().map(|each| each[i]).sum::<f64>() / all.len() as f64;
+    Ok([share(0), share(1)])
+}
+
+fn mean(flight: &Flight, error: fn(&Sample) -> f64) -> f64 {
+    let (count, sum) =
+        flight.armed().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
+    sum / f64::max(count, 1.0)
+}

@@ -1,0 +1,175 @@
+//! A recorded flight: what every process said, joined by time. The summary, the tables and the report are made from it.
+
+use std::fmt;
+
+use crate::latency::{Distribution, HopDistributions};
+use nalgebra::Vector3;
+use oqtal_bus::code::Mode;
+use oqtal_bus::message::{TelemetryV1, TruthV1};
+use oqtal_bus::time::Time;
+use oqtal_config::Config;
+use oqtal_control::quaternion::Attitude;
+use serde::Serialize;
+
+use crate::command_path::CommandPath;
+use crate::kernel::Observed;
+use crate::wire::WireRecord;
+
+/// How a flight ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outcome {
+    /// On the floor, at rest, disarmed.
+    Landed,
+    /// The daemon stopped the motors, by itself or for an operator.
+    Stopped,
+    /// It hit the floor, turned over or left the room.
+    Crashed,
+    /// It did not end in the time that its plan takes.
+    Timeout,
+    /// A recording was played to its end.
+    Replayed,
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Landed => "landed",
+            Self::Stopped => "stopped",
+            Self::Crashed => "crashed",
+            Self::Timeout => "timeout",
+            Self::Replayed => "replayed",
+        })
+    }
+}
+
+/// One tick of the daemon, and where the vehicle really was.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// What the daemon knew and decided.
+    pub telemetry: TelemetryV1,
+    /// The truth at the tick; `None` where there is none (a recording, a real vehicle).
+    pub truth: Option<TruthV1>,
+}
+
+/// A pose as it arrived.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// When it was published.
+    pub at: Time,
+    /// Number of its camera frame: a gap is a lost frame.
+    pub frame: u64,
+    /// \[m, world\].
+    pub position: [f64; 3],
+}
+
+/// Everything that was recorded of a flight.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    /// The configuration it flew with.
+    pub config: Config,
+    /// How commands reached the vehicle.
+    pub command_path: CommandPath,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Every tick, from the first to the last.
+    pub samples: Vec<Sample>,
+    /// Every pose.
+    pub arrivals: Vec<Arrival>,
+    /// Latencies of the commands that reached the vehicle.
+    pub hops: HopDistributions,
+    /// What went over the wire, if there was one.
+    pub wire: WireRecord,
+    /// How late the daemon woke.
+    pub wakeup_lateness: Distribution,
+    /// How far the time between two turns of the loop was from a period.
+    pub period_jitter: Distribution,
+    /// Commands that never reached the vehicle.
+    pub commands_lost: u64,
+    /// Poses whose frame number had been there before.
+    pub poses_repeated: u64,
+    /// Commands that the vehicle got more than once.
+    pub commands_repeated: u64,
+    /// Battery voltage over time: (instant, \[V\]).
+    pub battery: Vec<(Time, f64)>,
+    /// Simulated over wall time, from the first to the last tick.
+    pub speed_factor: f64,
+    /// The daemon as the kernel sees it; `None` if it was no process of its own.
+    pub daemon: Option<Observed>,
+}
+
+impl Sample {
+    /// Whether the vehicle was armed in this tick.
+    #[must_use]
+    pub fn is_armed(&self) -> bool {
+        [Mode::Flying.code(), Mode::Landing.code()].contains(&self.telemetry.mode)
+    }
+
+    /// Where the vehicle was \[m, world\]: the truth, or the estimate where there is none.
+    #[must_use]
+    pub fn position(&self) -> Vector3<f64> {
+        Vector3::from(self.truth.map_or(self.telemetry.position, |truth| truth.position))
+    }
+
+    /// How it moved \[m/s, world\].
+    #[must_use]
+    pub fn velocity(&self) -> Vector3<f64> {
+        Vector3::from(self.truth.map_or(self.telemetry.velocity, |truth| truth.velocity))
+    }
+
+    /// How it was oriented \[body to world\].
+    #[must_use]
+    pub fn attitude(&self) -> Attitude {
+        let numbers = self.truth.map_or(self.telemetry.attitude, |truth| truth.attitude);
+        Attitude::from_xyzw(numbers).unwrap_or_default()
+    }
+
+    /// The attitude that the daemon commanded \[body to world\].
+    #[must_use]
+    pub fn attitude_command(&self) -> Attitude {
+        Attitude::from_xyzw(self.telemetry.attitude_command).unwrap_or_default()
+    }
+
+    /// True position minus reference \[m, world\].
+    #[must_use]
+    pub fn position_error(&self) -> Vector3<f64> {
+        self.position() - Vector3::from(self.telemetry.reference_position)
+    }
+
+    /// True velocity minus the position loops' commanded velocity \[m/s, world\].
+    #[must_use]
+    pub fn velocity_error(&self) -> Vector3<f64> {
+        self.velocity() - Vector3::from(self.telemetry.velocity_command)
+    }
+
+    /// Rotation from the commanded to the true attitude \[rad, commanded body axes\].
+    #[must_use]
+    pub fn attitude_error(&self) -> Vector3<f64> {
+        self.attitude_command().rotation_to(&self.attitude())
+    }
+}
+
+impl Flight {
+    /// The ticks from arming to disarming.
+    pub fn armed(&self) -> impl Iterator<Item = &Sample> {
+        self.samples.iter().filter(|sample| sample.is_armed())
+    }
+
+    /// The ticks that are judged.
+    pub fn scored(&self) -> impl Iterator<Item = &Sample> {
+        self.armed().filter(|sample| sample.telemetry.scored != 0)
+    }
+
+    /// Whether a recording was played.
+    #[must_use]
+    pub fn is_replay(&self) -> bool {
+        self.config.is_replay()
+    }
+
+    /// The instant of the first tick that is shown: the first armed one, or the first of all.
+    #[must_use]
+    pub fn origin(&self) -> Time {
+        let first = self.armed().next().or(self.samples.first());
+        first.map_or(Time::UNSET, |sample| sample.telemetry.time)
+    }
+}

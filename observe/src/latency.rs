@@ -1,0 +1,238 @@
+//! Where the time between a camera's shutter and its effect on the vehicle goes, hop by hop.
+//!
+//! ```text
+//!  captured ─▶ pose published ─▶ woken ─▶ command published ─▶ received ─▶ applied
+//! ```
+//! The hops partition the whole: for every sample their sum is `sensor_to_actuator`. Behind a bridge a command is applied when its
+//! last byte was handed to the wire, and what it takes on the wire is one hop more.
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+
+use oqtal_bus::message::Stamps;
+use oqtal_bus::time::Span;
+
+/// The names of the hops, in order.
+pub const HOPS: [&str; 5] = [
+    "capture_to_publish",
+    "publish_to_daemon",
+    "compute",
+    "command_to_vehicle",
+    "vehicle_to_applied",
+];
+
+/// The name of the hop that follows them where there is a wire.
+pub const WIRE: &str = "wire";
+
+/// The name of their sum.
+pub const WHOLE: &str = "sensor_to_actuator";
+
+/// Every name that a distribution of hops may have, in the order of the way.
+pub const NAMES: [&str; HOPS.len() + 2] =
+    [HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, WHOLE];
+
+/// Spans up to a minute are told apart, to three digits.
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// The hops of one sample; `None` unless it passed every station, each no earlier than the one before.
+#[must_use]
+pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
+    let stations = [
+        stamps.captured_at,
+        stamps.pose_published_at,
+        stamps.woken_at,
+        stamps.command_published_at,
+        stamps.received_at,
+        stamps.applied_at,
+    ];
+    let ordered = stations.windows(2).all(|pair| pair[0] <= pair[1]);
+    let complete = stations.iter().all(|station| station.is_set());
+    (ordered && complete).then(|| std::array::from_fn(|i| stations[i + 1].since(stations[i])))
+}
+
+/// From the camera's shutter to the effect on the vehicle.
+#[must_use]
+pub fn sensor_to_actuator(stamps: &Stamps) -> Span {
+    stamps.applied_at.since(stamps.captured_at)
+}
+
+/// A distribution of spans in bounded memory: its ends are exact, what lies between them is known to three digits.
+#[derive(Clone, Debug)]
+pub struct Distribution {
+    spans: Histogram<u64>,
+    /// Least and greatest span \[ns\].
+    ends: (u64, u64),
+}
+
+impl Default for Distribution {
+    fn default() -> Self {
+        let spans = Histogram::new_with_bounds(1, LONGEST_NS, 3)
+            .expect("the bounds are constant and valid");
+        Self { spans, ends: (u64::MAX, 0) }
+    }
+}
+
+impl Distribution {
+    /// Adds a span; negative ones count as zero, and between the ends spans beyond a minute as a minute.
+    pub fn add(&mut self, span: Span) {
+        let nanos = span.nanos().max(0).unsigned_abs();
+        self.spans.saturating_record(nanos);
+        self.ends = (self.ends.0.min(nanos), self.ends.1.max(nanos));
+    }
+
+    /// The span that the share `quantile` of all spans does not exceed; zero if there are none.
+    #[must_use]
+    pub fn quantile(&self, quantile: f64) -> Span {
+        Span::from_nanos(self.quantile_ns(quantile).cast_signed())
+    }
+
+    fn quantile_ns(&self, quantile: f64) -> u64 {
+        let (least, greatest) = self.ends;
+        // The histogram knows the upper edge of a bucket, which may lie beyond every span in it.
+        if self.spans.is_empty() {
+            0
+        } else {
+            self.spans.value_at_quantile(quantile).clamp(least, greatest)
+        }
+    }
+
+    /// How many spans there are.
+    #[must_use]
+    pub fn count(&self) -> u64 {
+        self.spans.len()
+    }
+
+    /// Its figures.
+    #[must_use]
+    pub fn summary(&self) -> DistributionSummary {
+        let (least, greatest) = self.ends;
+        DistributionSummary {
+            count: self.spans.len(),
+            min_ns: if self.spans.is_empty() { 0 } else { least },
+            p50_ns: self.quantile_ns(0.5),
+            p99_ns: self.quantile_ns(0.99),
+            p999_ns: self.quantile_ns(0.999),
+            max_ns: greatest,
+        }
+    }
+}
+
+/// The figures of a [`Distribution`], in nanoseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[allow(missing_docs)]
+pub struct DistributionSummary {
+    pub count: u64,
+    pub min_ns: u64,
+    pub p50_ns: u64,
+    pub p99_ns: u64,
+    pub p999_ns: u64,
+    pub max_ns: u64,
+}
+
+/// The distributions of all hops and of their sum.
+#[derive(Clone, Debug, Default)]
+pub struct HopDistributions {
+    hops: [Distribution; HOPS.len()],
+    wire: Distribution,
+    whole: Distribution,
+}
+
+impl HopDistributions {
+    /// Adds a sample that reached the vehicle, over a `wire` if that took time; one that did not pass every station is left out.
+    pub fn add(&mut self, stamps: &Stamps, wire: Span) {
+        if let Some(spans) = hops(stamps) {
+            for (distribution, span) in self.hops.iter_mut().zip(spans) {
+                distribution.add(span);
+            }
+            if wire > Span::ZERO {
+                self.wire.add(wire);
+            }
+            self.whole.add(sensor_to_actuator(stamps) + wire);
+        }
+    }
+
+    /// Every hop, the wire if there was one, and then the whole, by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
+        let wire = (self.wire.count() > 0).then_some((WIRE, &self.wire));
+        HOPS.into_iter().zip(&self.hops).chain(wire).chain([(WHOLE, &self.whole)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::time::Time;
+
+    fn stamps(nanos: [u64; 6]) -> Stamps {
+        let [
+            captured_at,
+            pose_published_at,
+            woken_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        ] = nanos.map(Time::from_nanos);
+        Stamps {
+            captured_at,
+            pose_published_at,
+            woken_at,
+            computed_at: woken_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        }
+    }
+
+    #[test]
+    fn the_hops_of_a_sample_add_up_to_the_whole() {
+        let stamps = stamps([10, 25, 27, 40, 41, 99]);
+        let spans = hops(&stamps).unwrap();
+        let sum = spans.into_iter().fold(Span::ZERO, |sum, span| sum + span);
+        assert_eq!(sum, sensor_to_actuator(&stamps));
+        assert_eq!(spans[2], Span::from_nanos(13));
+    }
+
+    #[test]
+    fn a_sample_that_missed_a_station_or_ran_back_is_left_out() {
+        assert_eq!(hops(&stamps([10, 25, 0, 40, 41, 99])), None);
+        assert_eq!(hops(&stamps([10, 25, 24, 40, 41, 99])), None);
+    }
+
+    #[test]
+    fn a_wire_is_a_hop_of_its_own_and_part_of_the_whole() {
+        let mut hops = HopDistributions::default();
+        hops.add(&stamps([10, 25, 27, 40, 41, 99]), Span::ZERO);
+        assert!(hops.iter().all(|(name, _)| name != WIRE));
+        hops.add(&stamps([10, 25, 27, 40, 41, 99]), Span::from_nanos(1000));
+        let found = |wanted| hops.iter().find(|(name, _)| *name == wanted).unwrap().1.summary();
+        assert_eq!((found(WIRE).count, found(WIRE).max_ns), (1, 1000));
+        assert_eq!((found(WHOLE).min_ns, found(WHOLE).max_ns), (89, 1089));
+    }
+
+    #[test]
+    fn the_ends_are_exact_and_no_quantile_lies_beyond_them() {
+        let mut distribution = Distribution::default();
+        for nanos in [15_000_000, 15_000_000, 15_000_001, 90_000_000_123] {
+            distribution.add(Span::from_nanos(nanos));
+        }
+        let summary = distribution.summary();
+        assert_eq!((summary.min_ns, summary.max_ns), (15_000_000, 90_000_000_123));
+        let mut alike = Distribution::default();
+        alike.add(Span::from_millis(15));
+        let DistributionSummary { min_ns, p50_ns, p99_ns, p999_ns, max_ns, .. } = alike.summary();
+        assert_eq!([min_ns, p50_ns, p99_ns, p999_ns, max_ns], [15_000_000; 5]);
+    }
+
+    #[test]
+    fn a_distribution_knows_its_quantiles() {
+        let mut distribution = Distribution::default();
+        for micros in 1..=1000 {
+            distribution.add(Span::from_nanos(micros * 1000));
+        }
+        let summary = distribution.summary();
+        assert_eq!(summary.count, 1000);
+        assert!((summary.p50_ns as f64 / 500_000.0 - 1.0).abs() < 2e-3);
+        assert!((summary.p99_ns as f64 / 990_000.0 - 1.0).abs() < 2e-3);
+        assert_eq!(Distribution::default().summary(), DistributionSummary::default());
+    }
+}

@@ -1,0 +1,14 @@
+//! Whatever listens: the observer of the bus, the recorder, latencies, and what is made of them.
+#![forbid(unsafe_code)]
+
+pub mod command_path;
+pub mod csv;
+pub mod flight;
+pub mod kernel;
+pub mod latency;
+pub mod observer;
+pub mod recorder;
+pub mod report;
+pub mod summary;
+pub mod table;
+pub mod wire;

@@ -1,0 +1,232 @@
+//! Turns what the processes say into a [`Flight`]: joins ticks with the truth, and sees how the flight ends.
+
+use std::collections::VecDeque;
+
+use crate::latency::{Distribution, HopDistributions};
+use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::message::{Header, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_control::trajectory::Phase;
+
+use crate::command_path::CommandPath;
+use crate::flight::{Arrival, Flight, Outcome, Sample};
+use crate::wire::WireRecord;
+
+/// Lower than this, in flight, is a crash \[m\]; at rest, landed.
+const ON_FLOOR_M: f64 = 0.05;
+const AT_REST_M_S: f64 = 0.1;
+/// So long must it rest.
+const REST: Span = Span::from_millis(500);
+/// Steeper than this is a crash: cosine of 80 degrees.
+const TURNED_OVER: f64 = 0.17;
+/// Further from the origin than this is a crash \[m\].
+const ROOM_M: f64 = 20.0;
+/// Samples of the truth that a late tick can still find its own among.
+const TRUTHS_KEPT: usize = 64;
+
+/// Records one flight.
+#[derive(Debug)]
+pub struct Recorder {
+    config: Config,
+    samples: Vec<Sample>,
+    arrivals: Vec<Arrival>,
+    hops: HopDistributions,
+    wire: WireRecord,
+    wakeup_lateness: Distribution,
+    period_jitter: Distribution,
+    commands_lost: u64,
+    poses_repeated: u64,
+    commands_repeated: u64,
+    last_tick: Option<Time>,
+    last_command: u64,
+    battery: Vec<(Time, f64)>,
+    waiting: VecDeque<TelemetryV1>,
+    /// The newest samples of the truth, oldest first.
+    truths: VecDeque<TruthV1>,
+    flown: bool,
+    resting_since: Option<Time>,
+    outcome: Option<Outcome>,
+}
+
+impl Recorder {
+    /// A recorder for a flight under `config`.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self {
+            config: config.clone(),
+            samples: Vec::with_capacity(4096),
+            arrivals: Vec::with_capacity(4096),
+            hops: HopDistributions::default(),
+            wire: WireRecord::default(),
+            wakeup_lateness: Distribution::default(),
+            period_jitter: Distribution::default(),
+            commands_lost: 0,
+            poses_repeated: 0,
+            commands_repeated: 0,
+            last_tick: None,
+            last_command: 0,
+            battery: Vec::new(),
+            waiting: VecDeque::new(),
+            truths: VecDeque::with_capacity(TRUTHS_KEPT),
+            flown: false,
+            resting_since: None,
+            outcome: None,
+        }
+    }
+
+    /// Takes a sample of the truth. Ticks up to it now know where the vehicle was.
+    pub fn truth(&mut self, truth: &TruthV1) {
+        if self.truths.len() == TRUTHS_KEPT {
+            self.truths.pop_front();
+        }
+        self.truths.push_back(*truth);
+        self.join();
+    }
+
+    /// Takes a tick of the daemon.
+    pub fn telemetry(&mut self, telemetry: &TelemetryV1) {
+        self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        if let Some(last) = self.last_tick.replace(telemetry.time) {
+            let period = Span::period_of(self.config.control.rate_hz);
+            let deviation = telemetry.time.since(last) - period;
+            self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
+        }
+        if self.has_no_truth() {
+            self.push(Sample { telemetry: *telemetry, truth: None });
+            return;
+        }
+        self.waiting.push_back(*telemetry);
+        self.join();
+    }
+
+    /// Takes a pose.
+    pub fn pose(&mut self, header: &Header, pose: &PoseV1) {
+        let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
+        self.poses_repeated += u64::from(header.pose_sequence == last);
+        self.arrivals.push(Arrival {
+            at: header.stamps.pose_published_at,
+            frame: header.pose_sequence,
+            position: pose.position,
+        });
+    }
+
+    /// Takes the vehicle's answer to a command.
+    pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
+        self.commands_lost = vehicle.lost;
+        self.wire.vehicle(header, vehicle);
+        if !header.stamps.applied_at.is_set() {
+            // A bridge speaks in every period; this time there was no new command.
+            return;
+        }
+        self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
+        self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
+        self.last_command = vehicle.command_sequence;
+        self.battery.push((header.stamps.applied_at, vehicle.battery_v));
+    }
+
+    /// What the vehicle's side says, and the wire to it.
+    #[must_use]
+    pub fn wire(&self) -> &WireRecord {
+        &self.wire
+    }
+
+    /// In a recording, and where a shadow stands in for another vehicle, what is said of the truth is not about what flies.
+    fn has_no_truth(&self) -> bool {
+        self.config.is_replay() || self.config.vehicle.shadow
+    }
+
+    /// Whether a pose was heard.
+    #[must_use]
+    pub fn sees(&self) -> bool {
+        !self.arrivals.is_empty()
+    }
+
+    /// How the flight ended, once it has.
+    #[must_use]
+    pub fn outcome(&self) -> Option<Outcome> {
+        self.outcome
+    }
+
+    /// The newest tick.
+    #[must_use]
+    pub fn latest(&self) -> Option<&Sample> {
+        self.samples.last()
+    }
+
+    /// Closes the record; a flight that has not ended by itself ended with `otherwise`.
+    #[must_use]
+    pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
+        // Ticks after the last sample of the truth belong to no flight.
+        Flight {
+            outcome: self.outcome.unwrap_or(otherwise),
+            config: self.config,
+            command_path: CommandPath::Bus,
+            samples: self.samples,
+            arrivals: self.arrivals,
+            hops: self.hops,
+            wire: self.wire,
+            wakeup_lateness: self.wakeup_lateness,
+            period_jitter: self.period_jitter,
+            commands_lost: self.commands_lost,
+            poses_repeated: self.poses_repeated,
+            commands_repeated: self.commands_repeated,
+            battery: self.battery,
+            speed_factor,
+            daemon: None,
+        }
+    }
+
+    /// Gives every tick that the truth has caught up with the sample nearest in time; in virtual time that is the very
+    /// instant.
+    fn join(&mut self) {
+        let Some(newest) = self.truths.back().map(|truth| truth.time) else { return };
+        while let Some(telemetry) = self.waiting.front().copied().filter(|t| t.time <= newest) {
+            self.waiting.pop_front();
+            let distance = |truth: &&TruthV1| truth.time.since(telemetry.time).nanos().abs();
+            let truth = self.truths.iter().min_by_key(distance).copied();
+            self.push(Sample { telemetry, truth });
+        }
+    }
+
+    fn push(&mut self, sample: Sample) {
+        self.samples.push(sample);
+        if self.outcome.is_none() && !self.config.is_replay() {
+            self.judge(&sample);
+        }
+    }
+
+    fn judge(&mut self, sample: &Sample) {
+        if sample.is_armed() {
+            self.flown = true;
+            if has_crashed(sample) {
+                self.outcome = Some(Outcome::Crashed);
+            }
+            return;
+        }
+        if sample.telemetry.state == SafetyState::Stop.code() {
+            self.outcome = Some(Outcome::Stopped);
+            return;
+        }
+        let landed = self.flown
+            && sample.telemetry.mode == Mode::Disarmed.code()
+            && sample.position().z < ON_FLOOR_M
+            && sample.velocity().norm() < AT_REST_M_S;
+        let now = sample.telemetry.time;
+        self.resting_since = landed.then(|| self.resting_since.unwrap_or(now));
+        if self.resting_since.is_some_and(|since| now.since(since) >= REST) {
+            self.outcome = Some(Outcome::Landed);
+        }
+    }
+}
+
+/// An armed vehicle that lies on the floor, turned over or left the room.
+fn has_crashed(sample: &Sample) -> bool {
+    let airborne = [Phase::Settle, Phase::Trajectory]
+        .map(|phase| phase as u8)
+        .contains(&sample.telemetry.phase)
+        && sample.telemetry.mode == Mode::Flying.code();
+    let position = sample.position();
+    let upright = sample.attitude().to_world(&nalgebra::Vector3::z()).z;
+    (airborne && position.z <= 0.0) || upright < TURNED_OVER || position.norm() > ROOM_M
+}

@@ -1,0 +1,192 @@
+//! The report of a flight: one HTML page that needs nothing else.
+
+pub mod axis;
+mod events;
+pub mod figure;
+#[cfg(test)]
+pub mod fixture;
+mod latency;
+mod motion;
+pub mod palette;
+mod path;
+pub mod plot;
+mod replay;
+pub mod series;
+mod settings;
+pub mod unit;
+
+use crate::latency::WHOLE;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use crate::flight::{Flight, Outcome};
+use crate::summary::Summary;
+
+use replay::Arrivals;
+use series::Timeline;
+use unit::{MISSING, significant, span};
+
+const STYLE: &str = include_str!("report/page.css");
+
+/// The report of `flight`, whose figures are `summary`: a complete HTML document.
+#[must_use]
+pub fn html(flight: &Flight, summary: &Summary) -> String {
+    let timeline = Timeline::new(flight);
+    let body = if flight.is_replay() {
+        of_replay(&timeline, summary)
+    } else {
+        of_flight(&timeline, summary)
+    };
+    let title =
+        format!("{} · {} · {}", summary.controller, subject(flight, summary), summary.outcome);
+    let main = html! { (body) (settings::settings(flight, summary)) };
+    page(&title, "", &html! { (heading(flight, summary)) main { (main) } })
+}
+
+/// A complete HTML document in the style of the reports, with `style` added to it.
+pub fn page(title: &str, style: &str, body: &Markup) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (title) }
+                style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) (PreEscaped(style)) }
+            }
+            body { (body) }
+        }
+    };
+    page.into_string()
+}
+
+fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
+    html! {
+        (cards(&flight_figures(summary)))
+        (path::flown(timeline))
+        (motion::position(timeline))
+        (motion::attitude(timeline))
+        (motion::velocity(timeline))
+        (motion::command(timeline))
+        (latency::latency(timeline.flight, summary))
+        (events::events(timeline, summary))
+    }
+}
+
+fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
+    let arrivals = Arrivals::of(timeline.flight);
+    html! {
+        (cards(&replay_figures(&arrivals, summary)))
+        (path::recorded(timeline))
+        (replay::replay(timeline, &arrivals))
+        (motion::estimate(timeline))
+        (motion::command(timeline))
+        (latency::latency(timeline.flight, summary))
+        (events::events(timeline, summary))
+    }
+}
+
+/// What was flown.
+fn subject<'a>(flight: &Flight, summary: &'a Summary) -> &'a str {
+    if flight.is_replay() { "replay" } else { &summary.trajectory }
+}
+
+/// On what, how and for how long.
+fn circumstances(flight: &Flight, summary: &Summary) -> String {
+    let Summary { vehicle, clock, seed, duration_s, scored_s, .. } = summary;
+    if flight.is_replay() {
+        return format!("{} · {clock} clock · {duration_s:.1} s", flight.config.mocap.replay);
+    }
+    let against = if summary.error_source == "truth" { " against the truth" } else { "" };
+    format!(
+        "{vehicle} · {clock} clock · seed {seed} · {duration_s:.1} s in flight, \
+         {scored_s:.1} s of it (shaded) judged{against}"
+    )
+}
+
+fn heading(flight: &Flight, summary: &Summary) -> Markup {
+    let mood = match summary.outcome {
+        Outcome::Landed | Outcome::Replayed => "good",
+        Outcome::Stopped | Outcome::Timeout => "warning",
+        Outcome::Crashed => "bad",
+    };
+    html! {
+        header {
+            p.eyebrow { "oqtal flight report" }
+            h1 {
+                (summary.controller) span.dot { "·" } (subject(flight, summary))
+                span.badge.(mood) { (summary.outcome) }
+            }
+            p.note { (circumstances(flight, summary)) }
+        }
+    }
+}
+
+/// A figure that matters: its name, the figure, and what goes with it.
+type KeyFigure = (&'static str, String, String);
+
+fn cards(figures: &[KeyFigure]) -> Markup {
+    html! {
+        div.cards {
+            @for (name, value, detail) in figures {
+                div.card { p.name { (name) } p.value { (value) } p.detail { (detail) } }
+            }
+        }
+    }
+}
+
+fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
+    let mut figures = Vec::new();
+    let missing = || (MISSING.to_owned(), "nothing was judged".to_owned());
+    let (position, detail) = summary.position_error_m.as_ref().map_or_else(missing, |error| {
+        let [rms, max] = [error.rms, error.max].map(unit::length);
+        (unit::length(error.mean), format!("rms {rms}, max {max}"))
+    });
+    figures.push(("Mean position error", position, detail));
+    let (attitude, detail) = summary.attitude_error_deg.as_ref().map_or_else(missing, |error| {
+        let [mean, rms, max] = [error.mean, error.rms, error.max].map(significant);
+        (format!("{mean}°"), format!("rms {rms}°, max {max}°"))
+    });
+    figures.push(("Mean attitude error", attitude, detail));
+    let whole = summary.hops.get(WHOLE).copied().unwrap_or_default();
+    let tail = format!("p99 {}, max {}", span(whole.p99_ns), span(whole.max_ns));
+    figures.push(("Sensor to actuator, p50", span(whole.p50_ns), tail));
+    figures.extend(loop_figures(summary));
+    figures
+}
+
+fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
+    let milliseconds = |value: f64| format!("{} ms", significant(value));
+    let (median, longest) = (arrivals.median_ms(), arrivals.longest_ms());
+    let mut figures = vec![
+        ("Poses", arrivals.poses.to_string(), format!("{} frames lost", arrivals.frames_lost())),
+        ("Median interval", milliseconds(median), format!("{} Hz", significant(1e3 / median))),
+        (
+            "Jitter, rms",
+            milliseconds(arrivals.jitter_ms()),
+            format!("longest gap {}", milliseconds(longest)),
+        ),
+    ];
+    figures.extend(loop_figures(summary));
+    figures
+}
+
+/// What every flight has.
+fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
+    let ticks = format!("in {} ticks", summary.ticks);
+    let lost = format!("{} poses, {} commands lost", summary.lost.pose, summary.lost.command);
+    let speed = format!("{} ×", significant(summary.speed_factor));
+    [
+        ("Riccati solves", summary.riccati_solves.to_string(), ticks),
+        ("Deadline misses", summary.deadline_misses.to_string(), lost),
+        ("Speed", speed, "of real time".to_owned()),
+    ]
+}
+
+/// A section of the page: a heading over a grid.
+fn section(title: &str, content: Markup) -> Markup {
+    html! { section { h2 { (title) } div.grid { (content) } } }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,238 @@
+//! Where the time from the camera's shutter to the effect on the vehicle goes.
+
+use std::ops::Range;
+
+use crate::latency::{Distribution, DistributionSummary, NAMES, WHOLE};
+use maud::{Markup, html};
+use oqtal_config::ClockKind;
+
+use crate::flight::Flight;
+use crate::summary::Summary;
+use crate::wire::WireFigures;
+
+use super::axis::{Axis, extent};
+use super::figure::{HALF, figure, histogram};
+use super::palette::Ink;
+use super::plot::{Plot, Shape};
+use super::section;
+use super::series::Point;
+use super::unit::{significant, span, words};
+
+/// One ink for each of [`NAMES`]: the hops, the wire, the whole.
+const INKS: [Ink; NAMES.len()] =
+    [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Sixth, Ink::Reference];
+/// A distribution is drawn from this many of its quantiles.
+const QUANTILES: u32 = 400;
+/// Bars of a histogram in each decade.
+const BARS_PER_DECADE: usize = 30;
+const HEIGHT: u32 = 620;
+
+/// A distribution on its way into a plot.
+struct Hop<'a> {
+    name: String,
+    ink: Ink,
+    distribution: &'a Distribution,
+}
+
+/// The section of the latencies.
+pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
+    let hops: Vec<Hop<'_>> = flight
+        .hops
+        .iter()
+        .map(|(name, distribution)| Hop { name: words(name), ink: ink(name), distribution })
+        .collect();
+    let any = hops.iter().any(|hop| hop.distribution.count() > 0);
+    section(
+        "Latency",
+        html! {
+            @if flight.config.clock.kind != ClockKind::Real {
+                p.note.wide { "Virtual time: these are the latencies of the models. Computing and the bus take none." }
+            }
+            @if any {
+                (budget(summary))
+                (histograms(&hops))
+                (percentiles(&hops))
+                @if let Some(figures) = &summary.wire { (wire(figures)) }
+            } @else {
+                p.note.wide { "No command reached a vehicle." }
+            }
+            (table(summary))
+        },
+    )
+}
+
+/// The ink of a hop.
+fn ink(name: &str) -> Ink {
+    let known = NAMES.iter().zip(INKS).find(|(known, _)| **known == name);
+    known.map_or(Ink::Reference, |(_, ink)| ink)
+}
+
+/// What the wire carried.
+fn wire(figures: &WireFigures) -> Markup {
+    let percent = |share: f64| significant(100.0 * share);
+    html! {
+        p.note.wide {
+            "The wire: commands take " (percent(figures.command_occupancy)) " % of it"
+            @if let Some(quality) = &figures.link_quality {
+                "; the vehicle answered " (percent(quality.mean)) " % of what it was asked, in its worst second "
+                (percent(quality.min)) " %"
+            }
+            "."
+        }
+    }
+}
+
+/// The medians of the hops, end to end.
+fn budget(summary: &Summary) -> Markup {
+    let hops: Vec<&str> = NAMES
+        .into_iter()
+        .filter(|name| *name != WHOLE && summary.hops.contains_key(name))
+        .collect();
+    let median = |name: &str| summary.hops.get(name).map_or(0, |hop| hop.p50_ns);
+    let total: u64 = hops.iter().map(|name| median(name)).sum();
+    let share = |name: &str| 100.0 * median(name) as f64 / total.max(1) as f64;
+    html! {
+        figure.wide {
+            figcaption { span.title { "Median of each hop" } }
+            div.budget {
+                @for name in hops.iter().filter(|name| median(name) > 0) {
+                    div style={ "width:" (format!("{:.3}", share(name))) "%;background:" (ink(name).css()) } {}
+                }
+            }
+            ul.hops {
+                @for name in &hops {
+                    li {
+                        i style={ "background:" (ink(name).css()) } {}
+                        (words(name)) " " b { (span(median(name))) }
+                    }
+                }
+                li.whole { (words(WHOLE)) " " b { (span(median(WHOLE))) } }
+            }
+        }
+    }
+}
+
+/// A row for each hop, over one logarithmic axis.
+fn histograms(hops: &[Hop<'_>]) -> Markup {
+    let quantile = |i: u32| (f64::from(i) + 0.5) / f64::from(QUANTILES);
+    let values: Vec<Vec<f64>> = hops
+        .iter()
+        .map(|hop| (0..QUANTILES).map(|i| decades_of(hop.distribution, quantile(i))).collect())
+        .collect();
+    let x = time_axis(extent(values.iter().flatten().copied()));
+    let bins = BARS_PER_DECADE * (x.range.end - x.range.start) as usize;
+    let bars = hops.iter().zip(&values).enumerate().flat_map(|(row, (hop, values))| {
+        let counts = histogram(values.iter().copied(), &x.range, bins);
+        bars(hop.ink, &counts, &x.range, (hops.len() - 1 - row) as f64)
+    });
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: 300,
+        shapes: bars.collect(),
+        y: Axis::rows(hops.iter().map(|hop| hop.name.as_str())),
+        x,
+    };
+    figure("How often each latency occurs", &[], &plot)
+}
+
+/// Bars that stand on `floor`, the highest almost as high as a row.
+fn bars(ink: Ink, counts: &[u64], range: &Range<f64>, floor: f64) -> Vec<Shape> {
+    let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64;
+    let width = (range.end - range.start) / counts.len() as f64;
+    let bar = |(i, count): (usize, &u64)| {
+        let from = range.start + i as f64 * width;
+        Shape::Block(ink, (from, floor), (from + width, floor + 0.85 * *count as f64 / highest))
+    };
+    counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect()
+}
+
+/// Latency over percentile, both logarithmic: each decade to the right is one in ten of what was left.
+fn percentiles(hops: &[Hop<'_>]) -> Markup {
+    let count = hops.iter().map(|hop| hop.distribution.count()).max().unwrap_or(0);
+    let x = Axis::decades(0.0..(count.max(10) as f64).log10(), percentile);
+    let steps = (20.0 * x.range.end) as u32;
+    let curve = |hop: &Hop<'_>| -> Vec<Point> {
+        let nines = (0..=steps).map(|i| f64::from(i) / 20.0);
+        nines
+            .map(|nines| (nines, decades_of(hop.distribution, 1.0 - 10_f64.powf(-nines))))
+            .collect()
+    };
+    let curves: Vec<Vec<Point>> = hops.iter().map(curve).collect();
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: 120,
+        y: time_axis(extent(curves.iter().flatten().map(|point| point.1))),
+        shapes: hops
+            .iter()
+            .zip(curves)
+            .map(|(hop, curve)| Shape::Line(hop.ink, 4, curve))
+            .collect(),
+        x,
+    };
+    figure("Latency by percentile, colours as above", &[], &plot)
+}
+
+/// Decimal logarithm of a quantile \[ns\]; negative infinity, which no plot shows, for zero.
+fn decades_of(distribution: &Distribution, quantile: f64) -> f64 {
+    (distribution.quantile(quantile).nanos() as f64).log10()
+}
+
+fn time_axis(range: Range<f64>) -> Axis {
+    Axis::decades(range, power_of_ten)
+}
+
+/// A span of a whole decade of nanoseconds, written out.
+fn power_of_ten(decade: i32) -> String {
+    let unit = ["ns", "µs", "ms"].get((decade / 3).unsigned_abs() as usize);
+    match unit {
+        Some(unit) => format!("{} {unit}", 10_u32.pow(decade.unsigned_abs() % 3)),
+        None => format!("{} s", 10_u64.pow(decade.unsigned_abs() - 9)),
+    }
+}
+
+/// The share that `nines` decades stand for.
+fn percentile(nines: i32) -> String {
+    match nines {
+        ..=0 => "0 %".to_owned(),
+        1 => "90 %".to_owned(),
+        _ => format!("{:.*} %", nines as usize - 2, 100.0 - 100.0 * 0.1_f64.powi(nines)),
+    }
+}
+
+fn table(summary: &Summary) -> Markup {
+    let hops = NAMES.into_iter().filter_map(|name| Some((words(name), summary.hops.get(name)?)));
+    let hops = hops.filter(|(_, hop)| hop.count > 0);
+    let of_loop = [
+        ("wake-up lateness".to_owned(), &summary.wakeup_lateness),
+        ("period jitter".to_owned(), &summary.period_jitter),
+    ];
+    let at_last_byte = summary.wire.as_ref().map(|wire| &wire.command_age);
+    let ages = at_last_byte.into_iter().flat_map(|age| {
+        [("capture", &age.from_capture), ("publication", &age.from_publication)]
+            .map(|(since, age)| (format!("at the last byte on the wire, since {since}"), age))
+    });
+    html! {
+        div.wide.scroll {
+            table {
+                thead { tr {
+                    th { "Hop" }
+                    @for heading in ["count", "min", "p50", "p99", "p99.9", "max"] { th { (heading) } }
+                } }
+                tbody {
+                    @for (name, hop) in hops.chain(ages).chain(of_loop) { (row(&name, hop)) }
+                }
+            }
+        }
+    }
+}
+
+fn row(name: &str, hop: &DistributionSummary) -> Markup {
+    let spans = [hop.min_ns, hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
+    html! {
+        tr {
+            th { (name) }
+            td { (hop.count) }
+            @for nanos in spans { td { (span(nanos)) } }
+        }
+    }
+}

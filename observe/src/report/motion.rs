@@ -1,0 +1,143 @@
+//! Position, velocity, attitude and command over time.
+
+use maud::{Markup, html};
+use oqtal_config::VehicleKind;
+use oqtal_control::quaternion::Attitude;
+
+use crate::flight::Sample;
+
+use super::figure::over_time;
+use super::palette::Ink;
+use super::section;
+use super::series::Timeline;
+
+/// The axes of the world.
+const WORLD: [&str; 3] = ["x", "y", "z"];
+/// The 3-2-1 Euler angles.
+const ANGLES: [&str; 3] = ["Roll", "Pitch", "Yaw"];
+/// One ink for each component of a vector.
+const COMPONENTS: [Ink; 3] = [Ink::Actual, Ink::Second, Ink::Third];
+
+/// Position by axis beside its reference, and the magnitude of the error.
+pub fn position(timeline: &Timeline<'_>) -> Markup {
+    let axis = |i: usize| {
+        let traces = vec![
+            timeline.trace("reference", Ink::Reference, |s| s.telemetry.reference_position[i]),
+            timeline.trace(timeline.actual(), Ink::Actual, |s| s.position()[i]),
+        ];
+        over_time(timeline, &format!("Position {} [m]", WORLD[i]), traces)
+    };
+    let error = timeline.trace("error", Ink::Bad, |s| s.position_error().norm());
+    section(
+        "Position",
+        html! {
+            @for i in 0..3 { (axis(i)) }
+            (over_time(timeline, "Position error, magnitude [m]", vec![error]))
+        },
+    )
+}
+
+/// Attitude by angle beside its command, and the angle of the error.
+pub fn attitude(timeline: &Timeline<'_>) -> Markup {
+    let angle = |i: usize| {
+        let traces = vec![
+            timeline.angle("commanded", Ink::Reference, |s| euler_angles(&s.attitude_command())[i]),
+            timeline.angle(timeline.actual(), Ink::Actual, |s| euler_angles(&s.attitude())[i]),
+        ];
+        over_time(timeline, &format!("{} [deg]", ANGLES[i]), traces)
+    };
+    let error = timeline.trace("error", Ink::Bad, |s| s.attitude_error().norm().to_degrees());
+    section(
+        "Attitude",
+        html! {
+            @for i in 0..3 { (angle(i)) }
+            (over_time(timeline, "Attitude error, angle [deg]", vec![error]))
+        },
+    )
+}
+
+/// Velocity by axis beside its command, and the magnitude of the error.
+pub fn velocity(timeline: &Timeline<'_>) -> Markup {
+    let axis = |i: usize| {
+        let traces = vec![
+            timeline.trace("commanded", Ink::Reference, |s| s.telemetry.velocity_command[i]),
+            timeline.trace(timeline.actual(), Ink::Actual, |s| s.velocity()[i]),
+        ];
+        over_time(timeline, &format!("Velocity {} [m/s]", WORLD[i]), traces)
+    };
+    let error = timeline.trace("error", Ink::Bad, |s| s.velocity_error().norm());
+    section(
+        "Velocity",
+        html! {
+            @for i in 0..3 { (axis(i)) }
+            (over_time(timeline, "Velocity error, magnitude [m/s]", vec![error]))
+        },
+    )
+}
+
+/// What was asked of the vehicle, how fast it turned, and the voltage it had for it.
+pub fn command(timeline: &Timeline<'_>) -> Markup {
+    let thrust = timeline.trace("thrust", Ink::Actual, |s| s.telemetry.thrust);
+    let title = if timeline.flight.is_replay() { "Command, had it been sent" } else { "Command" };
+    section(
+        title,
+        html! {
+            (rotation_command(timeline))
+            (over_time(timeline, "Collective thrust [of the greatest]", vec![thrust]))
+            // Both or none: the grid has two columns.
+            @if let Some(voltage) = timeline.battery() {
+                (body_rate(timeline))
+                (over_time(timeline, "Battery voltage [V]", vec![voltage]))
+            }
+        },
+    )
+}
+
+/// Sticks or torque, whichever the vehicle takes.
+fn rotation_command(timeline: &Timeline<'_>) -> Markup {
+    let (title, vector): (_, fn(&Sample) -> [f64; 3]) = match timeline.flight.config.vehicle.kind {
+        VehicleKind::Hummingbird => ("Sticks [-1..1]", |s| s.telemetry.sticks),
+        VehicleKind::Spacecraft => ("Torque [N m, body]", |s| s.telemetry.torque),
+    };
+    by_component(timeline, title, ["roll", "pitch", "yaw"], vector)
+}
+
+/// The motion that the daemon estimated, and how old the poses were that it had.
+pub fn estimate(timeline: &Timeline<'_>) -> Markup {
+    let angle = |i: usize| {
+        let angle = timeline.angle("estimate", Ink::Actual, |s| euler_angles(&s.attitude())[i]);
+        over_time(timeline, &format!("{} [deg]", ANGLES[i]), vec![angle])
+    };
+    let age = timeline.trace("age", Ink::Bad, |s| s.telemetry.pose_age_s * 1e3);
+    section(
+        "Estimated motion",
+        html! {
+            (by_component(timeline, "Velocity [m/s]", WORLD, |s| s.telemetry.velocity))
+            (body_rate(timeline))
+            @for i in 0..3 { (angle(i)) }
+            (over_time(timeline, "Age of the newest pose at each tick [ms]", vec![age]))
+        },
+    )
+}
+
+fn body_rate(timeline: &Timeline<'_>) -> Markup {
+    let rate = |s: &Sample| s.telemetry.rate.map(f64::to_degrees);
+    by_component(timeline, "Estimated body rate [deg/s, body]", WORLD, rate)
+}
+
+fn by_component(
+    timeline: &Timeline<'_>,
+    title: &str,
+    names: [&'static str; 3],
+    vector: impl Fn(&Sample) -> [f64; 3],
+) -> Markup {
+    let traces = (0..3)
+        .map(|i| timeline.trace(names[i], COMPONENTS[i], |sample| vector(sample)[i]))
+        .collect();
+    over_time(timeline, title, traces)
+}
+
+/// Roll, pitch, yaw, 3-2-1 \[rad\].
+fn euler_angles(attitude: &Attitude) -> [f64; 3] {
+    attitude.unit_quaternion().euler_angles().into()
+}

@@ -1,0 +1,160 @@
+//! What a person reads in the terminal after a flight.
+
+use crate::latency::{DistributionSummary, NAMES};
+use comfy_table::{CellAlignment, Table, presets};
+
+use crate::kernel::Observed;
+use crate::report::unit::{significant, span, states, unit_of_length, words};
+use crate::summary::{ErrorFigures, Summary};
+use crate::wire::{CommandAge, WireFigures};
+
+/// The closing table of a flight: plain text of at most 100 columns.
+#[must_use]
+pub fn closing(summary: &Summary) -> String {
+    let mut text = format!("{}\n", headline(summary));
+    if let Some(errors) = errors(summary) {
+        text += &format!("{errors}\n");
+    }
+    text += &format!("{}\n", latencies(summary));
+    text += &summary.wire.as_ref().map_or_else(String::new, wire);
+    text += &counts(summary);
+    text + &summary.daemon.as_ref().map_or_else(String::new, process)
+}
+
+fn headline(summary: &Summary) -> String {
+    let Summary { controller, trajectory, vehicle, clock, seed, .. } = summary;
+    format!(
+        "{}: {controller}, {trajectory}, {vehicle}\n\
+         {clock} clock, seed {seed}, {:.1} s armed, {} x real time",
+        summary.outcome,
+        summary.duration_s,
+        significant(summary.speed_factor)
+    )
+}
+
+/// The errors, if anything was judged.
+fn errors(summary: &Summary) -> Option<Table> {
+    let position = summary.position_error_m.as_ref();
+    let (unit, per_metre) = unit_of_length(position.map_or(0.0, |error| error.max));
+    let decimals = if unit == "mm" { 1 } else { 3 };
+    let rows = [
+        (format!("position [{unit}]"), position, per_metre, decimals),
+        ("velocity [m/s]".to_owned(), summary.velocity_error_m_s.as_ref(), 1.0, 3),
+        ("attitude [deg]".to_owned(), summary.attitude_error_deg.as_ref(), 1.0, 2),
+    ];
+    let judged = format!("error over {:.1} s", summary.scored_s);
+    let mut table = table(&[&judged, "mean", "rms", "max", "rms x, roll", "y, pitch", "z, yaw"]);
+    for (name, figures, factor, decimals) in rows {
+        let ErrorFigures { mean, rms, max, rms_by_axis } = figures?;
+        let numbers = [*mean, *rms, *max].into_iter().chain(*rms_by_axis);
+        let cells = numbers.map(|number| format!("{:.decimals$}", number * factor));
+        table.add_row(std::iter::once(name).chain(cells));
+    }
+    align(&mut table);
+    Some(table)
+}
+
+fn latencies(summary: &Summary) -> Table {
+    let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
+    for name in NAMES {
+        if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0) {
+            table.add_row(latency_row(&words(name), hop));
+        }
+    }
+    table.add_row(latency_row("wake-up lateness", &summary.wakeup_lateness));
+    table.add_row(latency_row("period jitter", &summary.period_jitter));
+    align(&mut table);
+    table
+}
+
+/// A distribution as a row of a table of latencies.
+pub fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
+    let spans = [hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
+    let micros = spans.map(|nanos| significant(nanos as f64 * 1e-3));
+    std::iter::once(name.to_owned()).chain(micros).collect()
+}
+
+/// The wire in two lines.
+fn wire(wire: &WireFigures) -> String {
+    let age =
+        |age: &DistributionSummary| format!("{} (p99 {})", span(age.p50_ns), span(age.p99_ns));
+    let CommandAge { from_capture, from_publication } = &wire.command_age;
+    let quality = wire.link_quality.as_ref().map_or_else(String::new, |quality| {
+        let percent = |share: f64| significant(100.0 * share);
+        format!(", answered {} % (least {} %)", percent(quality.mean), percent(quality.min))
+    });
+    format!(
+        "age at the last byte on the wire: {} since capture, {} since publication\n\
+         wire: commands take {} % of it{quality}\n",
+        age(from_capture),
+        age(from_publication),
+        significant(100.0 * wire.command_occupancy),
+    )
+}
+
+fn counts(summary: &Summary) -> String {
+    let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
+    format!(
+        "Riccati solves {riccati_solves}, deadlines missed {deadline_misses}, \
+         poses lost {}, commands lost {}\nstates: {}",
+        lost.pose,
+        lost.command,
+        states(summary)
+    )
+}
+
+/// How the daemon was run, and whether it grew.
+fn process(daemon: &Observed) -> String {
+    let Observed { realtime, start, end } = daemon;
+    format!(
+        "\ndaemon: {realtime}\n        resident {} KiB at first, {} at last; open files {}, {}",
+        start.resident_kib, end.resident_kib, start.open_files, end.open_files
+    )
+}
+
+/// An empty table.
+pub fn table(header: &[&str]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(header.iter().copied());
+    table
+}
+
+/// Numbers to the right, below their headings.
+pub fn align(table: &mut Table) {
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::fixture;
+
+    fn closing_of(flight: &crate::flight::Flight) -> String {
+        closing(&Summary::of(flight))
+    }
+
+    #[test]
+    fn it_fits_a_terminal_and_says_the_figures() {
+        let text = closing_of(&fixture::square());
+        assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+        assert!(!text.contains('\u{1b}'));
+        for word in [
+            "landed",
+            "position [m",
+            "attitude [deg]",
+            "sensor to actuator",
+            "Nominal → Coast → Nominal",
+        ] {
+            assert!(text.contains(word), "{word} in\n{text}");
+        }
+    }
+
+    #[test]
+    fn a_replay_has_no_errors_and_an_empty_flight_no_figures() {
+        assert!(!closing_of(&fixture::replay()).contains("error"));
+        assert!(closing_of(&fixture::empty()).starts_with("timeout"));
+    }
+}

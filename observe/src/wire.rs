@@ -1,0 +1,159 @@
+//! What the wire to a vehicle carried in a flight, as far as its bridge tells.
+
+use crate::latency::{Distribution, DistributionSummary};
+use oqtal_bus::message::{Header, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::metrics::Statistics;
+use serde::Serialize;
+
+/// What was heard of the wire.
+#[derive(Clone, Debug, Default)]
+pub struct WireRecord {
+    first: Option<Time>,
+    last: Time,
+    /// What commands took on the wire between the first and the last one that is known in time.
+    busy: Span,
+    pending: Span,
+    from_capture: Distribution,
+    from_publication: Distribution,
+    quality: Statistics,
+    least_quality: Option<f64>,
+    latest: Option<VehicleV1>,
+    answered: bool,
+}
+
+/// The wire in figures.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct WireFigures {
+    /// Share of the time that commands take on the wire \[0..1\].
+    pub command_occupancy: f64,
+    /// How old a command is when its last byte is on the wire.
+    pub command_age: CommandAge,
+    /// Share of the requests to the vehicle that were answered \[0..1\]; `None` if it was never asked.
+    pub link_quality: Option<Quality>,
+}
+
+/// The age of a command at its last byte.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct CommandAge {
+    /// Since the capture of the pose that it is about.
+    pub from_capture: DistributionSummary,
+    /// Since its publication.
+    pub from_publication: DistributionSummary,
+}
+
+/// How much was answered.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Quality {
+    /// Mean.
+    pub mean: f64,
+    /// Least within a second.
+    pub min: f64,
+}
+
+impl WireRecord {
+    /// Takes what the vehicle's side says.
+    pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
+        self.latest = Some(*vehicle);
+        self.answered |= vehicle.link == 1;
+        let (stamps, wire) = (&header.stamps, Span::from_nanos(vehicle.wire_ns));
+        if wire <= Span::ZERO {
+            return;
+        }
+        // Before its first answer a vehicle may not be there yet.
+        if self.answered && vehicle.link_quality.is_finite() {
+            self.quality.add(vehicle.link_quality);
+            let least = self.least_quality.unwrap_or(1.0);
+            self.least_quality = Some(least.min(vehicle.link_quality));
+        }
+        if stamps.applied_at.is_set() {
+            if self.first.is_some() {
+                self.busy = self.busy + self.pending;
+            }
+            self.pending = Span::ZERO;
+            self.first.get_or_insert(stamps.applied_at);
+            self.last = stamps.applied_at;
+        }
+        self.pending = self.pending + wire;
+        if stamps.applied_at.is_set() && stamps.captured_at.is_set() {
+            self.from_capture.add(stamps.applied_at.since(stamps.captured_at) + wire);
+            let published = stamps.command_published_at;
+            self.from_publication.add(stamps.applied_at.since(published) + wire);
+        }
+    }
+
+    /// What was said last.
+    #[must_use]
+    pub fn latest(&self) -> Option<&VehicleV1> {
+        self.latest.as_ref()
+    }
+
+    /// Whether the vehicle ever answered.
+    #[must_use]
+    pub fn answered(&self) -> bool {
+        self.answered
+    }
+
+    /// The figures; `None` where nothing went over a wire.
+    #[must_use]
+    pub fn figures(&self) -> Option<WireFigures> {
+        let time = self.last.since(self.first?);
+        let mean = self.quality.mean();
+        Some(WireFigures {
+            command_occupancy: self.busy.seconds() / time.seconds().max(1e-9),
+            command_age: CommandAge {
+                from_capture: self.from_capture.summary(),
+                from_publication: self.from_publication.summary(),
+            },
+            link_quality: self.least_quality.map(|min| Quality { mean, min }),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::message::Stamps;
+
+    /// A command of 3 ms every 10 ms, each `age` old when it is handed over.
+    fn record(commands: u64, age: Span) -> WireRecord {
+        let mut record = WireRecord::default();
+        for command in 0..commands {
+            let applied_at = Time::VIRTUAL_START + Span::from_millis(10 * command as i64);
+            let stamps = Stamps {
+                captured_at: applied_at - age,
+                command_published_at: applied_at - Span::from_millis(1),
+                applied_at,
+                ..Stamps::default()
+            };
+            let header = Header { stamps, ..Header::default() };
+            let quality = if command % 2 == 0 { 1.0 } else { 0.5 };
+            let vehicle = VehicleV1 {
+                wire_ns: 3_000_000,
+                link_quality: quality,
+                link: 1,
+                ..Default::default()
+            };
+            record.vehicle(&header, &vehicle);
+        }
+        record
+    }
+
+    #[test]
+    fn occupancy_age_and_quality_are_those_of_the_commands() {
+        let figures = record(101, Span::from_millis(20)).figures().unwrap();
+        assert!((figures.command_occupancy - 0.3).abs() < 1e-9);
+        let age = figures.command_age;
+        assert_eq!((age.from_capture.count, age.from_capture.max_ns), (101, 23_000_000));
+        assert_eq!(age.from_publication.min_ns, 4_000_000);
+        let quality = figures.link_quality.unwrap();
+        assert!((quality.mean - 0.75).abs() < 0.01 && quality.min == 0.5);
+    }
+
+    #[test]
+    fn without_a_wire_there_are_no_figures() {
+        let mut record = WireRecord::default();
+        record.vehicle(&Header::default(), &VehicleV1 { link: 1, ..Default::default() });
+        assert!(record.figures().is_none() && record.answered());
+    }
+}

@@ -1,0 +1,57 @@
+//! A process that panics, on whichever thread, ends with exit code 70 and a message. This program is that process, too.
+
+use std::process::{Command, ExitCode};
+use std::time::Duration;
+
+use clap::Parser;
+use oqtal_bus::topic::Role;
+use oqtal_runtime::process::{Failure, Job, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::program;
+
+#[derive(Parser)]
+struct Cli {
+    #[command(subcommand)]
+    command: ProcessCommand,
+}
+
+/// The loop panics.
+fn loop_panics(_: &ProcessContext) -> Result<(), Failure> {
+    panic!("the loop fell over")
+}
+
+/// Another thread panics, and the loop ends only if it is asked to.
+fn thread_panics(context: &ProcessContext) -> Result<(), Failure> {
+    std::thread::scope(|threads| {
+        threads.spawn(|| panic!("the thread fell over"));
+        while !context.stop.is_set() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    });
+    Ok(())
+}
+
+fn main() -> ExitCode {
+    let process =
+        |job: Job| program::run(|cli: Cli| execute(Role::Daemon, &cli.command, job, |_| Ok(())));
+    match std::env::var("TEST_JOB").as_deref() {
+        Ok("loop") => process(loop_panics),
+        Ok("thread") => process(thread_panics),
+        Ok(_) => program::run(|_: Cli| panic!("the program fell over")),
+        Err(_) => {
+            ends_with_internal_error("loop", "the loop fell over");
+            ends_with_internal_error("thread", "the thread fell over");
+            ends_with_internal_error("program", "the program fell over");
+            ExitCode::SUCCESS
+        }
+    }
+}
+
+fn ends_with_internal_error(job: &str, says: &str) {
+    let root = tempfile::tempdir().unwrap();
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["run", "--instance", "panics", "--root"]).arg(root.path()).env("TEST_JOB", job);
+    let output = command.output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(70), "{job}: {message}");
+    assert!(message.contains(says) && message.contains("internal error"), "{job}: {message}");
+}
