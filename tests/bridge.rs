@@ -14,6 +14,7 @@ use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_wire::asctec::ControlInput;
 use rustix::process::Signal;
 use vehicle::{Manner, Vehicle};

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use common::{Running, Testbed, is_alive, number, stderr, wait_for};
 use oqtal_bus::message::{Header, VehicleV1};
 use oqtal_bus::topic::VEHICLE;
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::Config;
 use rustix::process::Signal;
 use serde_json::Value;

@@ -14,6 +14,7 @@ use oqtal_bus::code::Mode;
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{POSE, TELEMETRY};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use rustix::process::Signal;
 
 /// Counts what each thread takes from the heap.
@@ -85,7 +86,7 @@ fn the_bus_allocates_once_for_each_message_published_and_never_else() {
         let bus = testbed.bus_with(events);
         let mut writer = bus.writer(&POSE).unwrap();
         let mut reader = bus.reader(&POSE).unwrap();
-        let bell = bus.doorbell(&POSE).unwrap();
+        let bell = bus.listener(&POSE).unwrap();
         let (mut sending, mut waking, mut waiting, mut reading) = (0, 0, 0, 0);
         for message in 1..=MESSAGES + 10 {
             let pose = PoseV1::default();

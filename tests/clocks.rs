@@ -5,6 +5,7 @@ mod common;
 use common::{Testbed, number, signal, state_of, wait_for};
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{TELEMETRY, TRUTH};
+use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 
 /// A flight short enough to be flown often.

@@ -3,6 +3,7 @@
 mod common;
 
 use common::{Testbed, wait_for};
+use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -7,6 +7,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{TELEMETRY, TRUTH};
+use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 
 const LONG: [&str; 5] = ["fly", "--trajectory", "hover", "--duration", "60"];

@@ -9,6 +9,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_bus::wake::Events;
 use rustix::process::Signal;
 use serde_json::Value;

@@ -8,6 +8,7 @@ use std::process::Command;
 use common::{Running, Testbed, stderr, wait_for};
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 
 const PROCESSES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];

@@ -5,6 +5,7 @@ mod common;
 use common::{Testbed, number, wait_for};
 use oqtal_bus::message::{CommandV1, Stamps};
 use oqtal_bus::topic::{COMMAND, POSE, Role};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 
 /// A second of a vehicle that circles, at 50 Hz, as (t, position, quaternion scalar last).
 fn poses() -> impl Iterator<Item = (f64, [f64; 3], [f64; 4])> {

@@ -10,6 +10,7 @@ use oqtal_bus::message::{CommandV1, HealthV1, VehicleV1};
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Failure, ProcessContext};

@@ -15,7 +15,8 @@ use crate::mismatch::OpenError;
 use crate::paths::InstancePaths;
 use crate::port::{Reader, Writer};
 use crate::topic::{CONTROL, Topic};
-use crate::wake::{Bells, Doorbell};
+use crate::transport::Transport;
+use crate::wake::{EventPorts, Listener};
 
 /// How many processes may touch one instance at once.
 const MAX_NODES: usize = 24;
@@ -26,7 +27,7 @@ const ROOM_KIB: u64 = 6 * 1024;
 /// A process's (or a thread's) access to one instance. Ports stay with the thread that opened them.
 #[derive(Debug)]
 pub struct Bus {
-    bells: Bells,
+    bells: EventPorts,
     node: Node<ipc::Service>,
     place: InstancePaths,
 }
@@ -40,7 +41,7 @@ impl Bus {
         let mut config = place.prepare()?;
         check_room()?;
         // The bells first: remains of a dead listener are gone for good only if who removes them knows its kind.
-        let bells = Bells::open(&config, place, MAX_NODES)?;
+        let bells = EventPorts::open(&config, place, MAX_NODES)?;
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
@@ -75,44 +76,12 @@ impl Bus {
         }
     }
 
-    /// The one writer of a topic.
-    ///
-    /// # Errors
-    /// The topic has a writer already, or speaks another version.
-    pub fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<Writer<M>, BusError> {
-        let publisher = self.topic_service(topic)?.publisher_builder().create().map_err(
-            |error| match error {
-                PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                    BusError::Held { topic: topic.name, instance: self.place.instance.clone() }
-                }
-                other => system(format!("writing topic `{}`", topic.name), &other),
-            },
-        )?;
-        Ok(Writer::new(publisher, self.bells.ringer(topic.name)?, topic.name))
-    }
-
-    /// A reader that keeps the newest sample only: for the loop.
-    ///
-    /// # Errors
-    /// The topic speaks another version, or the operating system refuses.
-    pub fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
-        self.reader_with_buffer(topic, 1)
-    }
-
-    /// A reader that keeps as many samples as the topic allows: for those who must not miss one.
-    ///
-    /// # Errors
-    /// The topic speaks another version, or the operating system refuses.
-    pub fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
-        self.reader_with_buffer(topic, topic.buffer)
-    }
-
     /// What wakes a process when the topic is notified.
     ///
     /// # Errors
     /// The operating system refuses.
-    pub fn doorbell<M: Message>(&self, topic: &Topic<M>) -> Result<Doorbell, BusError> {
-        self.bells.doorbell(topic.name)
+    pub fn listener<M: Message>(&self, topic: &Topic<M>) -> Result<Listener, BusError> {
+        self.bells.listener(topic.name)
     }
 
     /// The daemon's end of the control service.
@@ -185,6 +154,31 @@ impl Bus {
             .max_nodes(MAX_NODES)
             .open_or_create()
             .map_err(|error| error.explain(&self.place.root, "service", CONTROL))
+    }
+}
+
+impl Transport for Bus {
+    type Writer<M: Message> = Writer<M>;
+    type Reader<M: Message> = Reader<M>;
+
+    fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<Writer<M>, BusError> {
+        let publisher = self.topic_service(topic)?.publisher_builder().create().map_err(
+            |error| match error {
+                PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                    BusError::Held { topic: topic.name, instance: self.place.instance.clone() }
+                }
+                other => system(format!("writing topic `{}`", topic.name), &other),
+            },
+        )?;
+        Ok(Writer::new(publisher, self.bells.ringer(topic.name)?, topic.name))
+    }
+
+    fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
+        self.reader_with_buffer(topic, 1)
+    }
+
+    fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
+        self.reader_with_buffer(topic, topic.buffer)
     }
 }
 
@@ -285,7 +279,7 @@ mod tests {
         let _control = named(CONTROL).request_response::<u64, u64>().create();
         let _topic = named("health/daemon").publish_subscribe::<u64>().create();
         let version = |error: BusError| matches!(error, BusError::Version { .. });
-        assert!(version(bus.doorbell(&COMMAND).unwrap_err()));
+        assert!(version(bus.listener(&COMMAND).unwrap_err()));
         assert!(version(bus.control_client().unwrap_err()));
         assert!(version(bus.reader(&crate::topic::Role::Daemon.health()).unwrap_err()));
         bus.leave();

@@ -6,13 +6,14 @@ use iceoryx2::prelude::ipc;
 
 use crate::error::{BusError, system};
 use crate::message::{Header, Message, Stamps};
-use crate::wake::Ringer;
+use crate::transport::{Publish, Subscribe};
+use crate::wake::Notifier;
 
 /// The writing end of a topic.
 #[derive(Debug)]
 pub struct Writer<M: Message> {
     publisher: Publisher<ipc::Service, M, Header>,
-    bell: Ringer,
+    bell: Notifier,
     topic: &'static str,
     source: u64,
     sequence: u64,
@@ -21,17 +22,15 @@ pub struct Writer<M: Message> {
 impl<M: Message> Writer<M> {
     pub(crate) fn new(
         publisher: Publisher<ipc::Service, M, Header>,
-        bell: Ringer,
+        bell: Notifier,
         topic: &'static str,
     ) -> Self {
         Self { publisher, bell, topic, source: u64::from(std::process::id()), sequence: 0 }
     }
+}
 
-    /// Publishes `body` about the pose `pose_sequence`; returns the sequence it got. Wakes nobody.
-    ///
-    /// # Errors
-    /// The shared memory is gone.
-    pub fn send(&mut self, pose_sequence: u64, stamps: Stamps, body: M) -> Result<u64, BusError> {
+impl<M: Message> Publish<M> for Writer<M> {
+    fn send(&mut self, pose_sequence: u64, stamps: Stamps, body: M) -> Result<u64, BusError> {
         let failed = |reason: &dyn std::fmt::Debug| {
             system(format!("publishing on `{}`", self.topic), reason)
         };
@@ -44,17 +43,12 @@ impl<M: Message> Writer<M> {
         Ok(sequence)
     }
 
-    /// Goes the way of [`Writer::send`] up to the sending, so that the way is warm when it is needed.
-    pub fn warm_up(&self) {
-        drop(self.publisher.loan_uninit());
+    fn notify(&self) -> Result<(), BusError> {
+        self.bell.ring().map_err(|e| system(format!("notifying `{}`", self.topic), &e))
     }
 
-    /// Wakes whoever holds a [`Doorbell`](crate::wake::Doorbell) of this topic.
-    ///
-    /// # Errors
-    /// The event's shared memory is gone.
-    pub fn notify(&self) -> Result<(), BusError> {
-        self.bell.ring().map_err(|e| system(format!("notifying `{}`", self.topic), &e))
+    fn warm_up(&self) {
+        drop(self.publisher.loan_uninit());
     }
 }
 
@@ -74,12 +68,10 @@ impl<M: Message> Reader<M> {
     ) -> Self {
         Self { subscriber, topic, last_sequence: 0, lost: 0 }
     }
+}
 
-    /// The next sample, oldest first; `None` when there is none.
-    ///
-    /// # Errors
-    /// The writer speaks another version, or the connection broke.
-    pub fn receive(&mut self) -> Result<Option<(Header, M)>, BusError> {
+impl<M: Message> Subscribe<M> for Reader<M> {
+    fn receive(&mut self) -> Result<Option<(Header, M)>, BusError> {
         let sample = self.subscriber.receive();
         let Some(sample) = sample.map_err(|e| system(format!("reading `{}`", self.topic), &e))?
         else {
@@ -97,21 +89,7 @@ impl<M: Message> Reader<M> {
         Ok(Some((header, *sample.payload())))
     }
 
-    /// The newest sample; older ones are passed over. `None` when nothing came since the last call.
-    ///
-    /// # Errors
-    /// As [`Reader::receive`].
-    pub fn latest(&mut self) -> Result<Option<(Header, M)>, BusError> {
-        let mut newest = None;
-        while let Some(sample) = self.receive()? {
-            newest = Some(sample);
-        }
-        Ok(newest)
-    }
-
-    /// Samples missed so far, by the gaps in their sequence.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
+    fn lost(&self) -> u64 {
         self.lost
     }
 }

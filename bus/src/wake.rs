@@ -16,8 +16,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use iceoryx2::config::Config;
-use iceoryx2::port::listener::{Listener, ListenerWaitError};
-use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::listener::{Listener as IceListener, ListenerWaitError};
+use iceoryx2::port::notifier::Notifier as IceNotifier;
 use iceoryx2::prelude::{
     EventId, FileDescriptorBased, FileName, Node, Path, ServiceName, ZeroCopySend, ipc,
 };
@@ -61,7 +61,7 @@ pub enum Events {
 
 /// Where events are opened.
 #[derive(Debug)]
-pub(crate) struct Bells {
+pub(crate) struct EventPorts {
     node: EventNode,
     place: InstancePaths,
     max_nodes: usize,
@@ -73,7 +73,7 @@ enum EventNode {
     Socket(Node<ipc::Service>),
 }
 
-impl Bells {
+impl EventPorts {
     /// # Errors
     /// The operating system refuses.
     pub(crate) fn open(
@@ -100,16 +100,16 @@ impl Bells {
     ///
     /// # Errors
     /// The bell was made by another version, or the operating system refuses.
-    pub(crate) fn ringer(&self, name: &str) -> Result<Ringer, BusError> {
+    pub(crate) fn ringer(&self, name: &str) -> Result<Notifier, BusError> {
         let failed = |e| system(format!("notifying `{name}`"), &e);
         Ok(match &self.node {
             EventNode::Futex(node) => {
                 let event = self.event(node, &futex_name(name))?;
-                Ringer::Futex(event.notifier_builder().create().map_err(failed)?)
+                Notifier::Futex(event.notifier_builder().create().map_err(failed)?)
             }
             EventNode::Socket(node) => {
                 let event = self.event(node, name)?;
-                Ringer::Socket(event.notifier_builder().create().map_err(failed)?)
+                Notifier::Socket(event.notifier_builder().create().map_err(failed)?)
             }
         })
     }
@@ -117,17 +117,17 @@ impl Bells {
     /// What hears the bell `name`.
     ///
     /// # Errors
-    /// As [`Bells::ringer`].
-    pub(crate) fn doorbell(&self, name: &str) -> Result<Doorbell, BusError> {
+    /// As [`EventPorts::ringer`].
+    pub(crate) fn listener(&self, name: &str) -> Result<Listener, BusError> {
         let failed = |e| system(format!("listening to `{name}`"), &e);
         Ok(match &self.node {
             EventNode::Futex(node) => {
                 let event = self.event(node, &futex_name(name))?;
-                Doorbell::Futex(event.listener_builder().create().map_err(failed)?)
+                Listener::Futex(event.listener_builder().create().map_err(failed)?)
             }
             EventNode::Socket(node) => {
                 let event = self.event(node, name)?;
-                Doorbell::Socket(event.listener_builder().create().map_err(failed)?)
+                Listener::Socket(event.listener_builder().create().map_err(failed)?)
             }
         })
     }
@@ -151,12 +151,12 @@ fn futex_name(name: &str) -> String {
 
 /// Wakes whoever listens.
 #[derive(Debug)]
-pub(crate) enum Ringer {
-    Futex(Notifier<FutexService>),
-    Socket(Notifier<ipc::Service>),
+pub(crate) enum Notifier {
+    Futex(IceNotifier<FutexService>),
+    Socket(IceNotifier<ipc::Service>),
 }
 
-impl Ringer {
+impl Notifier {
     pub(crate) fn ring(&self) -> Result<(), iceoryx2::port::notifier::NotifierNotifyError> {
         match self {
             Self::Futex(notifier) => notifier.notify().map(drop),
@@ -167,14 +167,14 @@ impl Ringer {
 
 /// Wakes a process when its topic is notified.
 #[derive(Debug)]
-pub enum Doorbell {
+pub enum Listener {
     #[doc(hidden)]
-    Futex(Listener<FutexService>),
+    Futex(IceListener<FutexService>),
     #[doc(hidden)]
-    Socket(Listener<ipc::Service>),
+    Socket(IceListener<ipc::Service>),
 }
 
-impl Doorbell {
+impl Listener {
     /// Sleeps until the bell rings or `deadline` has passed, at most `longest`. Returns at once if it rang meanwhile, and
     /// may return early: whoever wakes looks at every port.
     ///
@@ -200,7 +200,10 @@ impl Doorbell {
 }
 
 #[allow(unsafe_code)]
-fn sleep_on_socket(listener: &Listener<ipc::Service>, longest: Duration) -> Result<(), BusError> {
+fn sleep_on_socket(
+    listener: &IceListener<ipc::Service>,
+    longest: Duration,
+) -> Result<(), BusError> {
     let descriptor = listener.file_descriptor();
     // SAFETY: the listener owns the descriptor and outlives this borrow of it, which ends with the poll below; polling
     // neither reads from the descriptor nor closes it.

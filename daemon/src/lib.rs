@@ -35,6 +35,7 @@ use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, Stamps, TelemetryV1, Vehic
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, POSE, Role, TELEMETRY, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 use oqtal_runtime::loop_clock::LoopClock;

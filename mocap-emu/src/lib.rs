@@ -14,6 +14,7 @@ use oqtal_bus::message::{HealthV1, PoseV1, Stamps, TruthV1};
 use oqtal_bus::port::Writer;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, POSE, TRUTH};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};

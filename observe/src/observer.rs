@@ -5,6 +5,7 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::topic::{POSE, TELEMETRY, TRUTH, VEHICLE};
+use oqtal_bus::transport::{Subscribe, Transport};
 
 use crate::recorder::Recorder;
 

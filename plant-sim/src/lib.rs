@@ -12,6 +12,7 @@ mod world;
 use clap::{Args, Subcommand};
 use oqtal_bus::message::HealthV1;
 use oqtal_bus::topic::{COMMAND, Role, TRUTH, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_wire::link::LinkSpec;

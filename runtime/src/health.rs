@@ -7,6 +7,7 @@ use oqtal_bus::message::{HealthV1, Stamps};
 use oqtal_bus::port::Writer;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
+use oqtal_bus::transport::{Publish, Transport};
 
 /// A process that is well is heard this often.
 pub const HEALTH_PERIOD: Span = Span::from_millis(500);

@@ -1,4 +1,4 @@
-//! How a process waits for its next event: for the real clock and a doorbell, or for a grant of virtual time.
+//! How a process waits for its next event: for the real clock and a listener, or for a grant of virtual time.
 //!
 //! A process is one loop under either: `while let Some(now) = pace.wait(next_event)? { act(now) }`.
 
@@ -13,7 +13,8 @@ use oqtal_bus::message::{Message, Stamps, TimeAdvanceV1, TurnDoneV1};
 use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{Role, Topic};
-use oqtal_bus::wake::Doorbell;
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_bus::wake::Listener;
 
 /// A sleeping process looks this often whether it was asked to stop.
 const STOP_CHECK: Span = Span::from_millis(20);
@@ -65,7 +66,7 @@ pub struct LoopClock {
 
 #[derive(Debug)]
 enum Clock {
-    Real(Box<Doorbell>),
+    Real(Box<Listener>),
     Leader(Box<Leader>),
     Follower(Box<Follower>),
 }
@@ -80,7 +81,7 @@ impl LoopClock {
         wakes_on: &Topic<M>,
         stop: StopFlag,
     ) -> Result<Self, BusError> {
-        Ok(Self::new(Clock::Real(Box::new(bus.doorbell(wakes_on)?)), stop, Time::now()))
+        Ok(Self::new(Clock::Real(Box::new(bus.listener(wakes_on)?)), stop, Time::now()))
     }
 
     /// Virtual time, and this process, `role`, grants it to the others of `roles`.
@@ -105,7 +106,7 @@ impl LoopClock {
     pub fn follower(bus: &Bus, role: Role, stop: StopFlag) -> Result<Self, BusError> {
         let follower = Follower {
             grants: bus.reader(&role.grant())?,
-            bell: bus.doorbell(&role.grant())?,
+            listener: bus.listener(&role.grant())?,
             answers: bus.writer(&role.done())?,
             granted: None,
         };
@@ -162,8 +163,8 @@ impl LoopClock {
         }
         let done = TurnResult { next, published: std::mem::take(&mut self.published) };
         let woken = match &mut self.clock {
-            Clock::Real(bell) => {
-                bell.wait(next, STOP_CHECK)?;
+            Clock::Real(listener) => {
+                listener.wait(next, STOP_CHECK)?;
                 Some(Time::now())
             }
             Clock::Leader(leader) => leader.wait(done, &self.stop)?,
@@ -215,7 +216,7 @@ struct Link {
     role: Role,
     grants: Writer<TimeAdvanceV1>,
     answers: Reader<TurnDoneV1>,
-    bell: Doorbell,
+    listener: Listener,
 }
 
 impl Link {
@@ -223,7 +224,7 @@ impl Link {
         Ok(Self {
             role,
             answers: bus.reader(&role.done())?,
-            bell: bus.doorbell(&role.done())?,
+            listener: bus.listener(&role.done())?,
             grants: bus.writer(&role.grant())?,
         })
     }
@@ -233,7 +234,7 @@ impl Link {
         while !stop.is_set() {
             // A follower that joins after this call misses it, hence the repetition.
             self.send(Time::UNSET)?;
-            self.bell.wait(None, START_POLL)?;
+            self.listener.wait(None, START_POLL)?;
             if self.answers.latest()?.is_some() {
                 return Ok(true);
             }
@@ -245,7 +246,7 @@ impl Link {
     fn grant(&mut self, now: Time, stop: &StopFlag) -> Result<Option<TurnResult>, BusError> {
         let grant = self.send(now)?;
         while !stop.is_set() {
-            self.bell.wait(None, STOP_CHECK)?;
+            self.listener.wait(None, STOP_CHECK)?;
             match self.answers.latest()? {
                 Some((_, answer)) if answer.grant == grant => {
                     let next = answer.next.is_set().then_some(answer.next);
@@ -268,7 +269,7 @@ impl Link {
 #[derive(Debug)]
 struct Follower {
     grants: Reader<TimeAdvanceV1>,
-    bell: Doorbell,
+    listener: Listener,
     answers: Writer<TurnDoneV1>,
     granted: Option<u64>,
 }
@@ -285,7 +286,7 @@ impl Follower {
                     return Ok(Some(grant.now));
                 }
                 Some((header, _)) => self.answer(header.sequence, done)?,
-                None => self.bell.wait(None, STOP_CHECK)?,
+                None => self.listener.wait(None, STOP_CHECK)?,
             }
         }
         Ok(None)

@@ -10,6 +10,7 @@ use oqtal_bus::message::{Header, HealthV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{Role, TELEMETRY, VEHICLE};
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::health::HEALTH_PERIOD;
 use serde::Serialize;
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{Role, TRUTH};
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};

@@ -4,6 +4,7 @@ use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::port::Writer;
 use oqtal_bus::time::{Grid, Span, Time};
 use oqtal_bus::topic::POSE;
+use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 
 use super::bare::{Giver, Mechanism, Parcel, directory};

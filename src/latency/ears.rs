@@ -6,6 +6,7 @@ use oqtal_bus::message::{CommandV1, TelemetryV1, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TELEMETRY, VEHICLE};
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_observe::latency::{Distribution, HopDistributions};
 use serde::Serialize;
 

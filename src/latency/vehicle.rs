@@ -3,6 +3,7 @@
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{Stamps, VehicleV1};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::process::{Failure, ProcessContext};
 
 /// Takes commands until asked to stop.

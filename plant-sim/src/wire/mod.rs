@@ -19,6 +19,7 @@ use std::path::Path;
 use oqtal_bus::message::HealthV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
+use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
