@@ -11,7 +11,7 @@ use oqtal_runtime::random::{Generator, Source, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
-use crate::Delivery;
+use crate::{BODY, Delivery};
 
 /// Random words set aside for each frame, so that a frame's noise does not depend on what befell the frames before.
 const WORDS_PER_FRAME: u128 = 256;
@@ -99,6 +99,9 @@ impl Cameras {
         PoseV1 {
             position: position.into(),
             attitude: attitude.map_or([f64::NAN; 4], |attitude| attitude.xyzw()),
+            // The markers scatter about the fitted body as much as the fit about the truth.
+            residual_m: position_noise.norm(),
+            body: BODY,
             tracked: u8::from(attitude.is_some()),
         }
     }

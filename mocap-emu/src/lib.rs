@@ -23,6 +23,9 @@ pub use cameras::Cameras;
 pub use recording::Recording;
 pub use replay::Replay;
 
+/// Number of the rigid body whose poses are emulated or replayed: there is one.
+const BODY: u32 = 1;
+
 /// A pose on its way to the daemon.
 #[derive(Clone, Copy, Debug)]
 pub struct Delivery {

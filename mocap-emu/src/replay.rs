@@ -7,7 +7,7 @@
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 
-use crate::Delivery;
+use crate::{BODY, Delivery};
 use crate::recording::Recording;
 
 /// A recording being played. Pure: time comes in as an argument.
@@ -48,6 +48,9 @@ impl Replay {
             pose: PoseV1 {
                 position: pose.position.into(),
                 attitude: pose.attitude.xyzw(),
+                // Recordings do not contain it.
+                residual_m: f64::NAN,
+                body: BODY,
                 tracked: 1,
             },
         })

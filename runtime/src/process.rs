@@ -76,7 +76,9 @@ impl From<BusError> for Failure {
             BusError::Version { .. } => Exit::Version,
             BusError::Permission { .. } => Exit::Permission,
             BusError::Name { .. } => Exit::Usage,
-            BusError::Full { .. } | BusError::System { .. } => Exit::System,
+            BusError::Full { .. } | BusError::Locked { .. } | BusError::System { .. } => {
+                Exit::System
+            }
         };
         Self::new(exit, error.to_string())
     }
@@ -232,12 +234,7 @@ pub fn roles(config: &Config) -> &'static [Role] {
 /// A bad instance name.
 pub fn instance_paths(config: &Config) -> Result<InstancePaths, BusError> {
     let root = Some(&config.instance.root).filter(|root| !root.is_empty());
-    let place = InstancePaths::new(&config.instance.name, root.map(std::path::Path::new))?;
-    let events = match config.realtime.events {
-        oqtal_config::Events::Futex => oqtal_bus::wake::Events::Futex,
-        oqtal_config::Events::Socket => oqtal_bus::wake::Events::Socket,
-    };
-    Ok(InstancePaths { events, ..place })
+    InstancePaths::new(&config.instance.name, root.map(std::path::Path::new))
 }
 
 /// Does what the command line asks of `role`, whose job is `job`, and says how it ended.
@@ -284,7 +281,7 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     let result = guarded(|| service::attended(&context, || job(&context)));
     // Its ports are closed; whoever leaves last tidies up.
     if let Ok(bus) = context.bus() {
-        bus.leave();
+        drop(bus);
     }
     tracing::info!("{} ends", role.name());
     result
