@@ -278,7 +278,8 @@ fn show_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
         frame += 1;
         let now = Time::now();
         let position = [1e-6 * (frame % 7) as f64, 0.0, 0.0];
-        let pose = PoseV1 { position, attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1, ..PoseV1::default() };
+        let pose =
+            PoseV1 { position, attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1, ..PoseV1::default() };
         let stamps = Stamps { captured_at: now, pose_published_at: now, ..Stamps::default() };
         poses.send(frame, stamps, pose).unwrap();
         poses.notify().unwrap();

@@ -150,7 +150,12 @@ fn trace(ticks: u64) -> (BTreeMap<String, u64>, u64) {
     let (header, before) = wait_for("take-off", &mut flying);
     let log = testbed.path("strace");
     let mut strace = Command::new("strace");
-    strace.arg("-o").arg(&log).args(["-e", "signal=none", "-p", &header.origin().process().to_string()]);
+    strace.arg("-o").arg(&log).args([
+        "-e",
+        "signal=none",
+        "-p",
+        &header.origin().process().to_string(),
+    ]);
     let strace = Running::start(&mut strace);
     let lines = || std::fs::read_to_string(&log).unwrap_or_default().lines().count() as u64;
     wait_for("the first calls", || (lines() > 0).then_some(()));

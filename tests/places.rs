@@ -26,7 +26,8 @@ fn all_find_each_other(testbed: &Testbed, order: [usize; 3]) -> Vec<Running> {
     let daemon = started[daemon].id();
     wait_for(&format!("poses with the order {order:?}"), || {
         let (header, tick) = telemetry.latest().unwrap()?;
-        (header.origin().process() == daemon && tick.state == SafetyState::Nominal.code()).then_some(())
+        (header.origin().process() == daemon && tick.state == SafetyState::Nominal.code())
+            .then_some(())
     });
     started
 }

@@ -37,7 +37,10 @@ pub(crate) trait OpenError: std::fmt::Debug {
             Trouble::Mismatch | Trouble::Corrupted => BusError::Version { topic: name.to_owned() },
             Trouble::Permission => BusError::Permission { path: paths.root.clone() },
             Trouble::System => system(
-                format!("opening `{name}` of instance `{}` (remedy: end all its processes)", paths.instance),
+                format!(
+                    "opening `{name}` of instance `{}` (remedy: end all its processes)",
+                    paths.instance
+                ),
                 self,
             ),
         }

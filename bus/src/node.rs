@@ -4,13 +4,12 @@ use std::fmt;
 use std::rc::Rc;
 use std::time::Duration;
 
-use iceoryx2::port::publisher::PublisherCreateError;
-use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::prelude::{
-    AttributeVerifier, Node, NodeBuilder, ServiceName,
-    SignalHandlingMode, ipc,
-};
 use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::prelude::{
+    AttributeVerifier, Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc,
+};
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
 
 use crate::control::{CONTROL_SCHEMA, CONTROL_SIZES, RawClient, RawServer};

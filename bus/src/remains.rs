@@ -21,26 +21,54 @@ pub(crate) fn remove_all(prefix: &str, directory: &Path) {
     }
 }
 
-/// Removes services that a process left half-made or half-removed: a description that is not finished, or one of description
-/// (static part) and administration (dynamic part) without the other.
+/// Removes services that a process left half-made or half-removed: an unfinished description (static part), a description without
+/// administration (dynamic part), or an administration without description. The caller holds the lock under which services are
+/// made, so no service is being made now.
 pub(crate) fn remove_half_made(prefix: &str, directory: &Path) {
     let descriptions = files(&directory.join("services"), prefix);
     let administrations: Vec<_> = files(Path::new(SHARED_MEMORY), prefix)
         .into_iter()
         .filter(|file| file.extension().is_some_and(|extension| extension == "dynamic"))
         .collect();
-    let is_whole = |file: &PathBuf, others: &[PathBuf]| {
-        is_finished(file)
-            && others.iter().any(|other| other.file_stem() == file.file_stem() && is_finished(other))
-    };
-    let broken = |ours: &[PathBuf], others: &[PathBuf]| -> Vec<PathBuf> {
-        ours.iter().filter(|file| !is_whole(file, others)).cloned().collect()
-    };
-    let (half, rest) =
-        (broken(&descriptions, &administrations), broken(&administrations, &descriptions));
-    for file in half.into_iter().chain(rest) {
-        let _ = fs::remove_file(file);
+    let mut described = Vec::new();
+    for description in descriptions {
+        let id = service_id(&description);
+        let is_whole = id.is_some_and(|id| {
+            administrations.iter().any(|file| is_of(file, id) && has_mode(file, 0o600))
+        });
+        if is_whole && has_mode(&description, 0o400) {
+            described.extend(id);
+        } else {
+            let _ = fs::remove_file(description);
+        }
     }
+    for administration in administrations {
+        if !described.iter().any(|id| is_of(&administration, *id)) {
+            let _ = fs::remove_file(administration);
+        }
+    }
+}
+
+/// Whether the owner's permissions are `mode`. iceoryx2 marks by them that a file is finished: a description ends as readable only,
+/// an administration begins as writable only.
+fn has_mode(file: &Path, mode: u32) -> bool {
+    fs::metadata(file).is_ok_and(|metadata| metadata.permissions().mode() & 0o700 == mode)
+}
+
+/// Whether `administration` belongs to the service `id`, with which its name ends.
+fn is_of(administration: &Path, id: u128) -> bool {
+    let name = administration.file_stem().map(|stem| stem.to_string_lossy());
+    name.and_then(|name| name.rsplit_once('_')?.1.parse().ok()) == Some(id)
+}
+
+/// Number of the service that a description, a TOML file of iceoryx2 0.10, is about: two halves of 64 bits.
+fn service_id(description: &Path) -> Option<u128> {
+    let text = fs::read_to_string(description).ok()?;
+    let half = |key: &str| -> Option<u128> {
+        let mut lines = text.lines().filter_map(|line| line.split_once(" = "));
+        lines.find(|(name, _)| *name == key)?.1.parse().ok()
+    };
+    Some(half("unique_value")? << 64 | half("payload_value")?)
 }
 
 /// Takes the rights of other users away from iceoryx2's counter of nodes, which it makes writable for all.
@@ -50,18 +78,6 @@ pub(crate) fn make_private(prefix: &str) {
             // The file is ours; a file that has just gone needs no rights.
             let _ = fs::set_permissions(file, fs::Permissions::from_mode(0o600));
         }
-    }
-}
-
-/// iceoryx2 marks by the permissions whether a file is finished: a description ends as readable only, an administration begins as
-/// writable only.
-fn is_finished(file: &Path) -> bool {
-    let Ok(metadata) = fs::metadata(file) else { return false };
-    let mode = metadata.permissions().mode() & 0o700;
-    if file.extension().is_some_and(|extension| extension == "dynamic") {
-        mode != 0o200
-    } else {
-        mode == 0o400
     }
 }
 

@@ -148,8 +148,6 @@ impl Listener {
     pub fn wait(&self, deadline: Option<Time>, longest: Span) -> Result<(), BusError> {
         let latest = Time::now() + longest;
         let deadline = deadline.map_or(latest, |deadline| deadline.min(latest));
-        self.waiter
-            .wait(deadline)
-            .map_err(|e| system(format!("waiting for `{}`", self.topic), &e))
+        self.waiter.wait(deadline).map_err(|e| system(format!("waiting for `{}`", self.topic), &e))
     }
 }

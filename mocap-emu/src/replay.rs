@@ -7,8 +7,8 @@
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 
-use crate::{BODY, Delivery};
 use crate::recording::Recording;
+use crate::{BODY, Delivery};
 
 /// A recording being played. Pure: time comes in as an argument.
 #[derive(Clone, Debug)]

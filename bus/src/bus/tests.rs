@@ -63,6 +63,40 @@ fn nothing_is_left_after_the_last_port_is_dropped() {
     assert_eq!(files(&place), Vec::<std::path::PathBuf>::new());
 }
 
+/// The description of the service `name` in the instance's directory.
+fn description(place: &InstancePaths, name: &str) -> Option<std::path::PathBuf> {
+    let entries = std::fs::read_dir(place.directory().join("services")).unwrap();
+    let mut files = entries.map(|entry| entry.unwrap().path());
+    let line = format!("service_name = \"{name}\"");
+    files.find(|file| std::fs::read_to_string(file).unwrap().contains(&line))
+}
+
+#[test]
+fn f29_half_made_services_are_made_anew_and_whole_ones_kept() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let _pose = bus.writer(&POSE).unwrap();
+    let command = bus.writer(&COMMAND).unwrap();
+    let path = description(&place, "command").unwrap();
+    drop(command);
+    assert_eq!(description(&place, "command"), None);
+    // As if its maker had died: a description begun, then one without administration.
+    std::fs::write(&path, "service_ha").unwrap();
+    drop(Bus::open(&place).unwrap().writer(&COMMAND).unwrap());
+    let truth = bus.reader(&TRUTH).unwrap();
+    let before = files(&place);
+    let _more = bus.reader(&COMMAND).unwrap();
+    for file in files(&place).iter().filter(|file| !before.contains(file)) {
+        std::fs::remove_file(file).unwrap();
+    }
+    let other = Bus::open(&place).unwrap();
+    drop(other.writer(&COMMAND).unwrap());
+    assert!(description(&place, "pose").is_some() && description(&place, "truth").is_some());
+    assert!(matches!(other.writer(&POSE), Err(BusError::Held { .. })));
+    drop(truth);
+}
+
 #[test]
 fn files_of_an_instance_are_private() {
     use std::os::unix::fs::MetadataExt;

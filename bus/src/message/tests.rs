@@ -11,8 +11,22 @@ use crate::time::Time;
 
 /// Every unit that a field may have.
 const UNITS: [&str; 16] = [
-    "-", "code", "flag", "ns", "s", "m", "V", "0..1", "m, world", "m/s, world", "body to world",
-    "rad/s, body", "N m, body", "-1..1, body", "rad, world", "N, body",
+    "-",
+    "code",
+    "flag",
+    "ns",
+    "s",
+    "m",
+    "V",
+    "0..1",
+    "m, world",
+    "m/s, world",
+    "body to world",
+    "rad/s, body",
+    "N m, body",
+    "-1..1, body",
+    "rad, world",
+    "N, body",
 ];
 
 /// Name, schema and table of every message.
