@@ -54,7 +54,7 @@ fn stands_still_while_the_daemon_is_stopped(testbed: &Testbed) {
         ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "600", "--json"];
     let flight = testbed.start(&long);
     let daemon = wait_for("the daemon", || {
-        telemetry.receive().unwrap().map(|(header, _)| header.source.try_into().unwrap())
+        telemetry.receive().unwrap().map(|(header, _)| header.origin().process())
     });
     signal(daemon, Signal::STOP);
     wait_for("the daemon to stop", || (state_of(daemon) == Some('T')).then_some(()));

@@ -21,10 +21,12 @@ fn airborne(testbed: &Testbed) -> (Running, Bus, u32, u32) {
     let daemon = wait_for("take-off", || {
         let (header, telemetry) = telemetry.latest().unwrap()?;
         (telemetry.mode == Mode::Flying.code() && telemetry.position[2] > 0.3)
-            .then_some(header.source)
+            .then_some(header.origin().process())
     });
-    let plant = wait_for("the truth", || truth.latest().unwrap().map(|(header, _)| header.source));
-    (flight, bus, daemon.try_into().unwrap(), plant.try_into().unwrap())
+    let plant = wait_for("the truth", || {
+        truth.latest().unwrap().map(|(header, _)| header.origin().process())
+    });
+    (flight, bus, daemon, plant)
 }
 
 #[test]
@@ -71,7 +73,7 @@ fn killed_cameras_and_a_killed_daemon_are_replaced_under_running_peers() {
     let mut tick = |what: &str, writer: u32, is_fresh: bool| {
         wait_for(what, || {
             let (header, tick) = telemetry.receive().unwrap()?;
-            let ours = header.source == u64::from(writer);
+            let ours = header.origin().process() == writer;
             (ours && (tick.fresh != 0) == is_fresh).then_some(())
         });
     };
