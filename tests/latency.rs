@@ -41,7 +41,8 @@ fn figures(output: &std::process::Output) -> Value {
 fn remains(pid: u32) -> Vec<String> {
     let entries = std::fs::read_dir("/dev/shm").unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
-    names.filter(|name| name.contains(&format!("latency-{pid}"))).collect()
+    let own = [format!("latency-{pid}"), format!("_b-{pid}_")];
+    names.filter(|name| own.iter().any(|own| name.contains(own))).collect()
 }
 
 /// The processes that `pid` started.
@@ -152,7 +153,7 @@ fn a_killed_measurement_leaves_no_orphans() {
         wait_for("an orphan to end", || (!is_alive(child)).then_some(()));
     }
     // A killed process cleans up nothing; the next that comes does.
-    for name in [format!("latency-{pid}"), format!("latency-{pid}-bare")] {
+    for name in [format!("latency-{pid}"), format!("b-{pid}")] {
         let place = InstancePaths::new(&name, Some(&testbed.path("run"))).unwrap();
         drop(Bus::open(&place).unwrap());
     }

@@ -85,10 +85,11 @@ impl super::Taker for Taker {
 type Services =
     (publish_subscribe::PortFactory<ipc::Service, Parcel, ()>, event::PortFactory<ipc::Service>);
 
-/// Paths of the bare services, beside the instance at `place`: nothing of the bus is shared with them.
+/// Paths of the bare services, beside the instance `latency-PID` at `place`: nothing of the bus is shared with them. The name is
+/// short because iceoryx2 puts it twice into the path of a socket, which the kernel limits to 107 bytes.
 #[must_use]
 pub fn beside(place: &InstancePaths) -> InstancePaths {
-    let instance = format!("{}-bare", place.instance);
+    let instance = place.instance.replace("latency", "b");
     InstancePaths { instance, ..place.clone() }
 }
 
