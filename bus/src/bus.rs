@@ -38,9 +38,9 @@ impl Bus {
         Ok(Self { node, events: EventPorts::new(Rc::clone(&membership)), place: place.clone() })
     }
 
-    /// The instance of this bus.
+    /// Paths and names of the instance.
     #[must_use]
-    pub fn place(&self) -> &InstancePaths {
+    pub fn paths(&self) -> &InstancePaths {
         &self.place
     }
 

@@ -8,7 +8,9 @@ use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 
 use crate::recording::Recording;
-use crate::{BODY, Delivery};
+use oqtal_runtime::pose_source::Delivery;
+
+use crate::BODY;
 
 /// A recording being played. Pure: time comes in as an argument.
 #[derive(Clone, Debug)]
