@@ -1,7 +1,7 @@
 //! Files that processes of an instance left behind: in its directory and in shared memory.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{FallocateFlags, fallocate};
@@ -93,8 +93,12 @@ pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
     for path in files(Path::new(SHARED_MEMORY), prefix) {
         // A connection may be gone again; one that cannot be opened yet is being made by its own process.
         let Ok(file) = fs::OpenOptions::new().read(true).write(true).open(path) else { continue };
-        let size = file.metadata().map_or(0, |metadata| metadata.len());
-        if size > 0 && fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC) {
+        let Ok(metadata) = file.metadata() else { continue };
+        let size = metadata.len();
+        // Files in use have their memory: they are not touched.
+        if metadata.blocks() * 512 < size
+            && fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC)
+        {
             return Err(size);
         }
     }
