@@ -15,8 +15,8 @@ use std::hash::Hasher;
 use std::path::Path;
 
 use oqtal_control::controller::{
-    ControllerName, ControllerOptions, GeometricOptions, InvalidOption, LqrOptions, OqtalDtOptions,
-    OqtalOptions, PidOptions,
+    ControllerName, ControllerOptions, GeometricOptions, LqrOptions, OqtalDtOptions, OqtalOptions,
+    PidOptions,
 };
 use oqtal_control::estimator::EstimatorOptions;
 use oqtal_control::position::PositionOptions;
@@ -125,15 +125,11 @@ pub struct Control {
 
 impl Control {
     fn check(&self) -> Result<(), Violation> {
-        let invalid = |law: &str, error: InvalidOption| {
-            let rule = format!("is {}, it must be {}", error.value, error.expected);
-            Violation::new(format!("control.{law}.{}", error.key), rule)
-        };
-        self.pid.check().map_err(|error| invalid("pid", error))?;
-        self.lqr.check().map_err(|error| invalid("lqr", error))?;
-        self.oqtal.check().map_err(|error| invalid("oqtal", error))?;
-        self.oqtal_dt.check().map_err(|error| invalid("oqtal-dt", error))?;
-        self.geometric.check().map_err(|error| invalid("geometric", error))?;
+        self.pid.check().map_err(|error| outside("control.pid", error))?;
+        self.lqr.check().map_err(|error| outside("control.lqr", error))?;
+        self.oqtal.check().map_err(|error| outside("control.oqtal", error))?;
+        self.oqtal_dt.check().map_err(|error| outside("control.oqtal-dt", error))?;
+        self.geometric.check().map_err(|error| outside("control.geometric", error))?;
         self.predictive.check().map_err(|error| outside("control.predictive", error))?;
         self.estimator.check().map_err(|error| outside("control.estimator", error))
     }

@@ -14,9 +14,9 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::options::InvalidOption;
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::integral::Integral;
+use crate::options::{OptionError, Rule, check_options};
 use crate::tracking_error::AttitudeError;
 
 /// Options of [`Geometric`]. The default is for the Hummingbird in rate form.
@@ -67,13 +67,14 @@ impl GeometricOptions {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-gain", self.attitude_gain)?;
-        InvalidOption::unless_not_negative("rate-gain-per-s", self.rate_gain_per_s)?;
-        InvalidOption::unless_not_negative("integral-gain-per-s", self.integral_gain_per_s)?;
-        let c = self.integral_attitude_gain_per_s;
-        InvalidOption::unless_not_negative("integral-attitude-gain-per-s", c)?;
-        InvalidOption::unless_not_negative("integral-limit", self.integral_limit)
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-gain", self.attitude_gain, Rule::Positive),
+            ("rate-gain-per-s", self.rate_gain_per_s, Rule::NotNegative),
+            ("integral-gain-per-s", self.integral_gain_per_s, Rule::NotNegative),
+            ("integral-attitude-gain-per-s", self.integral_attitude_gain_per_s, Rule::NotNegative),
+            ("integral-limit", self.integral_limit, Rule::NotNegative),
+        ])
     }
 }
 
@@ -90,7 +91,7 @@ impl<I: InputForm> Geometric<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: GeometricOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: GeometricOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         Ok(Self { options, input, e_i: Integral::new(options.integral_limit) })
     }

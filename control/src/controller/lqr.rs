@@ -10,12 +10,13 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix6, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::feedback::RateFeedback;
 use super::input::InputForm;
-use super::options::{InvalidOption, RateFeedback};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::euler::EulerAngles;
 use crate::integral::Integral;
+use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
 use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
 use crate::tracking_error::AttitudeError;
@@ -94,14 +95,16 @@ impl LqrOptions {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
-        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
-        InvalidOption::unless_not_negative("integral-weight", self.integral_weight)?;
-        InvalidOption::unless_positive("input-weight", self.input_weight)?;
-        InvalidOption::unless_not_negative("integral-limit-rad-s", self.integral_limit_rad_s)?;
-        InvalidOption::unless_positive("delta-rad", self.delta_rad)?;
-        InvalidOption::unless_positive("operating-pitch-limit-rad", self.operating_pitch_limit_rad)
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-weight", self.attitude_weight, Rule::Positive),
+            ("rate-weight", self.rate_weight, Rule::NotNegative),
+            ("integral-weight", self.integral_weight, Rule::NotNegative),
+            ("input-weight", self.input_weight, Rule::Positive),
+            ("integral-limit-rad-s", self.integral_limit_rad_s, Rule::NotNegative),
+            ("delta-rad", self.delta_rad, Rule::Positive),
+            ("operating-pitch-limit-rad", self.operating_pitch_limit_rad, Rule::Positive),
+        ])
     }
 
     fn weights(&self) -> Weights {
@@ -128,7 +131,7 @@ impl<I: InputForm> ClassicLqr<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: LqrOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: LqrOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
             Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };

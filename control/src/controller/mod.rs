@@ -12,10 +12,10 @@
 //! quadrotor. To add a law, give it a file and options like these and a line in each list of this
 //! file.
 
+mod feedback;
 mod geometric;
 mod input;
 mod lqr;
-mod options;
 mod oqtal;
 mod oqtal_dt;
 mod pid;
@@ -23,11 +23,12 @@ mod regulator;
 
 use serde::{Deserialize, Serialize};
 
+use crate::options::OptionError;
 pub use crate::tracking_error::{AttitudeReference, AttitudeState};
+pub use feedback::RateFeedback;
 pub use geometric::{Geometric, GeometricOptions};
 pub use input::{InputForm, RateInput, TorqueInput};
 pub use lqr::{ClassicLqr, LqrOptions};
-pub use options::{InvalidOption, RateFeedback};
 pub use oqtal::{EpsDdot, Oqtal, OqtalOptions};
 pub use oqtal_dt::{DiscreteGain, OqtalDt, OqtalDtOptions};
 pub use pid::{PidOptions, QuaternionPid};
@@ -149,7 +150,7 @@ impl ControllerOptions {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
+    pub fn check(&self) -> Result<(), OptionError> {
         self.pid.check()?;
         self.lqr.check()?;
         self.oqtal.check()?;
@@ -178,7 +179,7 @@ impl<I: InputForm> Controller<I> {
     ///
     /// # Errors
     /// An option of that law whose value has no meaning.
-    pub fn new(options: &ControllerOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: &ControllerOptions, input: I) -> Result<Self, OptionError> {
         Ok(match options.controller {
             ControllerName::Pid => Self::Pid(QuaternionPid::new(options.pid, input)?),
             ControllerName::Lqr => Self::Lqr(ClassicLqr::new(options.lqr, input)?),

@@ -12,11 +12,11 @@ use nalgebra::{SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::options::InvalidOption;
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::error_model::{ErrorModel, Jacobian, OperatingPoint};
 use crate::integral::Integral;
+use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
 use crate::scalar_pid::low_pass_weight;
 use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
@@ -114,14 +114,16 @@ impl OqtalOptions {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
-        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
-        InvalidOption::unless_not_negative("integral-weight", self.integral_weight)?;
-        InvalidOption::unless_positive("input-weight", self.input_weight)?;
-        InvalidOption::unless_not_negative("integral-limit-s", self.integral_limit_s)?;
-        InvalidOption::unless_positive("eps-ddot-cutoff-hz", self.eps_ddot_cutoff_hz)?;
-        InvalidOption::unless_positive("delta-rad", self.delta_rad)
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-weight", self.attitude_weight, Rule::Positive),
+            ("rate-weight", self.rate_weight, Rule::NotNegative),
+            ("integral-weight", self.integral_weight, Rule::NotNegative),
+            ("input-weight", self.input_weight, Rule::Positive),
+            ("integral-limit-s", self.integral_limit_s, Rule::NotNegative),
+            ("eps-ddot-cutoff-hz", self.eps_ddot_cutoff_hz, Rule::Positive),
+            ("delta-rad", self.delta_rad, Rule::Positive),
+        ])
     }
 
     fn weights(&self) -> Weights {
@@ -151,7 +153,7 @@ impl<I: InputForm> Oqtal<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: OqtalOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: OqtalOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
             Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };

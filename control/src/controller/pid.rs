@@ -7,10 +7,11 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::feedback::RateFeedback;
 use super::input::InputForm;
-use super::options::{InvalidOption, RateFeedback};
 use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::integral::Integral;
+use crate::options::{OptionError, Rule, check_options};
 use crate::tracking_error::AttitudeError;
 
 /// Options of [`QuaternionPid`]. The default is for the Hummingbird in rate form.
@@ -67,16 +68,15 @@ impl PidOptions {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("gain", self.gain)?;
-        InvalidOption::unless_positive_or_infinite("integral-time-s", self.integral_time_s)?;
-        InvalidOption::unless_positive("rate-gain-per-s", self.rate_gain_per_s)?;
-        InvalidOption::unless_positive_or_infinite("max-rate-rad-s", self.max_rate_rad_s)?;
-        InvalidOption::unless_positive_or_infinite(
-            "max-acceleration-rad-s2",
-            self.max_acceleration_rad_s2,
-        )?;
-        InvalidOption::unless_not_negative("integral-limit-s", self.integral_limit_s)
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("gain", self.gain, Rule::Positive),
+            ("integral-time-s", self.integral_time_s, Rule::PositiveOrInfinite),
+            ("rate-gain-per-s", self.rate_gain_per_s, Rule::Positive),
+            ("max-rate-rad-s", self.max_rate_rad_s, Rule::PositiveOrInfinite),
+            ("max-acceleration-rad-s2", self.max_acceleration_rad_s2, Rule::PositiveOrInfinite),
+            ("integral-limit-s", self.integral_limit_s, Rule::NotNegative),
+        ])
     }
 }
 
@@ -93,7 +93,7 @@ impl<I: InputForm> QuaternionPid<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: PidOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: PidOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
     }

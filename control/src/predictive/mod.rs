@@ -44,10 +44,10 @@ mod setpoint_buffer;
 use nalgebra::Vector3;
 
 use crate::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, InputForm, InvalidOption, OqtalDt,
-    OqtalDtOptions,
+    AttitudeLaw, AttitudeReference, AttitudeState, InputForm, OqtalDt, OqtalDtOptions,
 };
 use crate::estimator::Estimate;
+use crate::options::OptionError;
 use crate::position::{PositionCommand, PositionOptions};
 use crate::quantity::BodyRate;
 use crate::trajectory::Reference;
@@ -117,7 +117,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         law: OqtalDtOptions,
         options: &PredictiveOptions,
         loops: &PositionOptions,
-    ) -> Result<Self, InvalidOption> {
+    ) -> Result<Self, OptionError> {
         Ok(Self {
             observer: Observer::new(design.model, options.filter),
             history: CommandHistory::new(design.delay_s),
