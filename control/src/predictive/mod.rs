@@ -163,7 +163,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
     }
 
     /// Returns the command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the first
-    /// pose, if no time has passed, and if a number is not finite or overflows; the state is then unchanged.
+    /// pose, if no time has passed, and if a number is not finite or overflows; no part of such a step is stored.
     pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<PredictiveOutput> {
         let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
         let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.delay_s());

@@ -55,7 +55,7 @@ pub fn dare<const N: usize, const M: usize>(
     solve(&problem, Doubling::of_discrete(&problem), TimeDomain::Discrete)
 }
 
-/// Doubles `start`, refines the outcome, and returns to the units of the caller.
+/// Doubles `start`, refines the result, and converts it to the units of the caller.
 fn solve<const N: usize, const M: usize>(
     problem: &Problem<N, M>,
     start: Doubling<N>,
