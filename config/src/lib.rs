@@ -23,7 +23,7 @@ use toml::Table;
 pub use bridge::Bridge;
 pub use layer::Setting;
 pub use mocap::Mocap;
-pub use realtime::{Events, Realtime, Scheduling};
+pub use realtime::{Realtime, Scheduling};
 pub use rule::Violation;
 pub use vehicle::{Battery, Fidelity, Rotors, Vehicle, VehicleKind};
 pub use wire::Wire;
