@@ -32,8 +32,10 @@ impl Default for EstimatorOptions {
 }
 
 impl EstimatorOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("velocity-cutoff-hz", self.velocity_cutoff_hz, Rule::Between(0.1, 1000.0)),

@@ -140,7 +140,7 @@ impl GravityTurn {
 /// Options of the guidance through a gravity turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuidanceOptions {
-    /// `n`: thrust over weight.
+    /// `n`: thrust over weight \[-\].
     pub thrust_ratio: f64,
     /// `g` \[m/s^2\].
     pub gravity_m_s2: f64,

@@ -57,14 +57,14 @@ impl TableTwo {
         self.effort_squared += sample.input.norm_squared() * dt_s;
     }
 
-    /// The cost as printed: the integral of `q eps'eps + r tau'tau`.
+    /// The cost as printed: the integral of `q eps'eps + r tau'tau` \[s\].
     #[must_use]
     pub fn cost(&self, weights: CostWeights) -> f64 {
         // Eq. (60)
         weights.q * self.quaternion_error_squared + weights.r * self.effort_squared
     }
 
-    /// The cost that the printed tables follow: the integral of `q |eps| + r |tau|`.
+    /// The cost that the printed tables follow: the integral of `q |eps| + r |tau|` \[s\].
     #[must_use]
     pub fn cost_of_norms(&self, weights: CostWeights) -> f64 {
         // Eq. (60), erratum E-60
@@ -100,19 +100,19 @@ impl Statistics {
         self.count
     }
 
-    /// Arithmetic mean; 0 before the first value.
+    /// Arithmetic mean \[unit of the values\]; 0 before the first value.
     #[must_use]
     pub fn mean(&self) -> f64 {
         self.mean
     }
 
-    /// Root of the mean square; 0 before the first value.
+    /// Root of the mean square \[unit of the values\]; 0 before the first value.
     #[must_use]
     pub fn rms(&self) -> f64 {
         self.mean_square.sqrt()
     }
 
-    /// Greatest value; 0 before the first.
+    /// Greatest value \[unit of the values\]; 0 before the first.
     #[must_use]
     pub fn max(&self) -> f64 {
         self.max

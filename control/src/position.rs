@@ -72,8 +72,10 @@ impl Default for PositionOptions {
 }
 
 impl PositionOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         self.horizontal_position.check().map_err(|error| error.within("horizontal-position"))?;
         self.vertical_position.check().map_err(|error| error.within("vertical-position"))?;

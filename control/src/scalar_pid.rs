@@ -19,6 +19,8 @@ pub struct PidGains {
 }
 
 impl PidGains {
+    /// Checks every gain.
+    ///
     /// # Errors
     /// The first gain outside 0 to 1000.
     pub fn check(&self) -> Result<(), OptionError> {
@@ -30,9 +32,9 @@ impl PidGains {
 /// Symmetric limits of a [`Pid`], in units of its output, not negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidLimits {
-    /// Greatest magnitude of the integral term.
+    /// Greatest magnitude of the integral term \[unit of the output\].
     pub integral: f64,
-    /// Greatest magnitude of the output; infinite if the caller limits it.
+    /// Greatest magnitude of the output \[unit of the output\]; infinite if the caller limits it.
     pub output: f64,
 }
 

@@ -168,7 +168,7 @@ impl<I: InputForm> OqtalDt<I> {
         if rate > fastest { eps * (fastest / rate) } else { *eps }
     }
 
-    /// `u` before the vehicle's limits are applied.
+    /// `u` before the vehicle's limits are applied \[N m, body axes, in rate form -1..1\].
     #[must_use]
     pub fn input(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let error = AttitudeError::between(&reference.attitude, &state.attitude);

@@ -46,9 +46,9 @@ pub struct Weights {
 /// The output, Eqs. (21), (32) and (35), is the attitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AugmentedModel {
-    /// `A` for a [`LawState`].
+    /// `A` for a [`LawState`] \[units of the states per s\].
     pub a: SMatrix<f64, 9, 9>,
-    /// `B` for a [`LawState`].
+    /// `B` for a [`LawState`] \[units of the states per s and unit of the input\].
     pub b: SMatrix<f64, 9, 3>,
     /// The first state that the model has: 0, or 3 if the input commands the rate.
     first: usize,

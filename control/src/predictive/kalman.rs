@@ -6,9 +6,9 @@ use nalgebra::{Matrix3, Vector3};
 /// Transition of the three states of an axis and the covariance added by it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StateTransition {
-    /// `F`: the state transition matrix.
+    /// `F`: the state transition matrix \[units of the states\].
     pub f: Matrix3<f64>,
-    /// `Q`: the covariance added by process noise.
+    /// `Q`: the covariance added by process noise \[units of the states\].
     pub q: Matrix3<f64>,
 }
 

@@ -212,7 +212,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         None
     }
 
-    /// Riccati equations solved so far.
+    /// Number of Riccati equations solved so far \[-\].
     #[must_use]
     pub fn riccati_solves(&self) -> u32 {
         self.attitude.riccati_solves()

@@ -39,8 +39,10 @@ impl Default for FilterOptions {
 }
 
 impl FilterOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-noise-deg", self.attitude_noise_deg, Rule::Between(1e-4, 45.0)),
@@ -89,8 +91,10 @@ impl Default for PredictiveOptions {
 }
 
 impl PredictiveOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("position-gain-per-s", self.position_gain_per_s, Rule::Between(0.0, 100.0)),

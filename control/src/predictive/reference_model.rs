@@ -51,8 +51,10 @@ impl Default for ReferenceModelOptions {
 }
 
 impl ReferenceModelOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("position-gain-per-s", self.position_gain_per_s, Rule::Between(0.1, 50.0)),

@@ -91,8 +91,10 @@ impl Default for TrajectoryOptions {
 }
 
 impl TrajectoryOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, 3600.0)),
