@@ -98,7 +98,7 @@ impl Bridge {
         let spacing = poll_spacing(&line, period, sizes).unwrap_or(period);
         let status_period = Span::period_of(options.status_rate_hz).max(spacing);
         let limits = SafetyLimits {
-            command_age: period.scaled(options.neutral_after_periods),
+            command_age: period.scaled(options.command_timeout_periods),
             status_age: status_period.scaled(STATUS_PERIODS),
             sequence: millis(options.motor_sequence_ms),
             rest: millis(options.rest_ms),
