@@ -43,6 +43,14 @@ pub struct LinkSpec {
 }
 
 impl LinkSpec {
+    /// Parses a configuration value; `None` if it is empty.
+    ///
+    /// # Errors
+    /// The text is no link.
+    pub fn from_setting(text: &str) -> Result<Option<Self>, InvalidLink> {
+        if text.is_empty() { Ok(None) } else { text.parse().map(Some) }
+    }
+
     /// What the vehicle speaks.
     #[must_use]
     pub fn kind(&self) -> ProtocolKind {

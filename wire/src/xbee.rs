@@ -25,7 +25,7 @@ mod frame;
 mod framing;
 mod packet;
 
-pub use carrier::{Address, Carrier, RadioEvent, RadioEvents, Side};
+pub use carrier::{Address, Carrier, InvalidAddress, RadioEvent, RadioEvents, Side};
 pub use decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
 pub use frame::{ApiFrame, ApiFrameError, Payload, TooLong, UNKNOWN_NETWORK};
 pub use framing::{Framing, InvalidFraming};

@@ -1,6 +1,7 @@
 //! Payload to and from a radio, whatever its framing.
 
 use std::slice::Chunks;
+use std::str::FromStr;
 
 use super::Framing;
 use super::decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
@@ -25,6 +26,24 @@ impl Address {
     #[must_use]
     pub fn is_broadcast(self) -> bool {
         matches!(self, Self::Long(0xFFFF) | Self::Short(0xFFFF))
+    }
+}
+
+/// Text that is no address.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("must be 4 or 16 hexadecimal digits, is `{0}`")]
+pub struct InvalidAddress(String);
+
+impl FromStr for Address {
+    type Err = InvalidAddress;
+
+    fn from_str(text: &str) -> Result<Self, InvalidAddress> {
+        let address = match text.len() {
+            4 => u16::from_str_radix(text, 16).ok().map(Self::Short),
+            16 => u64::from_str_radix(text, 16).ok().map(Self::Long),
+            _ => None,
+        };
+        address.ok_or_else(|| InvalidAddress(text.to_owned()))
     }
 }
 
