@@ -20,7 +20,7 @@ pub struct Bridge {
     pub xbee_address: String,
     /// Whether RTS and CTS hold the other end back.
     pub hardware_flow_control: bool,
-    /// How often the vehicle is asked how it is \[Hz\].
+    /// Rate at which the vehicle's status is requested \[Hz\].
     pub status_rate_hz: f64,
     /// A vehicle that says nothing valid for so long is silent \[ms\].
     pub silence_ms: f64,
