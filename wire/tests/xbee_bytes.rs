@@ -22,7 +22,7 @@ fn request() -> ApiFrame {
     }
 }
 
-/// ApiFrame, plain and escaped.
+/// A frame, plain and escaped.
 fn references() -> Vec<(ApiFrame, &'static str, &'static str)> {
     let plain = "7e 0017 10 01 0013a20040111111 fffe 00 00 3e2a3e64697e11137d 37";
     let escaped = "7e00171001007d33a200407d317d317d31fffe00003e2a3e64697d5e7d317d337d5d37";

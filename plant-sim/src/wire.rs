@@ -1,16 +1,16 @@
-//! A vehicle at the other end of a wire: the plant is flown through the very bytes that a bridge sends.
+//! Emulated vehicle at the other end of a wire: the plant is flown through the bytes that a bridge sends.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `line.rs` | the pseudo-terminal, and the link by which it is found |
-//! | `radio.rs` | what happens to bytes on their way |
-//! | `on_board.rs` | what the vehicle does about commands, and what it answers |
-//! | `motors.rs` | how they are started and stopped |
-//! | `vehicle.rs` | all of it but the line, as one pure object |
+//! | `pty.rs` | the pseudo-terminal, and the symbolic link to it |
+//! | `radio.rs` | model of the radio: rate, latency, losses, wrong bits |
+//! | `on_board.rs` | the on-board computer: commands to motors, answers |
+//! | `motors.rs` | the switch that starts and stops the motors |
+//! | `vehicle.rs` | the emulated vehicle without its pseudo-terminal, pure |
 
-mod line;
 mod motors;
 mod on_board;
+mod pty;
 mod radio;
 mod vehicle;
 
@@ -25,39 +25,39 @@ use oqtal_wire::link::LinkSpec;
 
 use crate::Output;
 
-pub use line::PseudoTerminal;
 pub use motors::MotorSwitch;
 pub use on_board::{Measured, OnBoard};
+pub use pty::PseudoTerminal;
 pub use radio::{LinkDirection, RadioModel, Traffic};
 pub use vehicle::WiredVehicle;
 
-/// How often a line is opened to a new host again.
-const READMISSION: Span = Span::from_millis(100);
-/// Bytes taken off the line at once.
+/// Time between two releases of exclusive access to the terminal.
+const RELEASE_PERIOD: Span = Span::from_millis(100);
+/// Size of the read buffer \[bytes\].
 const CHUNK: usize = 512;
 
-/// Flies the vehicle at the end of `link` until asked to stop. What it knows of itself goes over the wire alone; the truth goes to
-/// the cameras as ever.
+/// Flies the emulated vehicle at `link` until asked to stop. Its state goes over the wire alone; the truth is published for the
+/// cameras.
 ///
-/// # BitErrors
+/// # Errors
 /// The link cannot be made; the bus refuses or breaks.
 pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
-    let line = PseudoTerminal::open(Path::new(link.path()))?;
+    let terminal = PseudoTerminal::open(Path::new(link.path()))?;
     let bus = context.bus()?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut vehicle = WiredVehicle::new(&context.config, link, Time::now());
-    let (mut outputs, mut said) = (Vec::with_capacity(64), Vec::with_capacity(1024));
-    let mut readmitted_at = Time::UNSET;
+    let (mut outputs, mut answer) = (Vec::with_capacity(64), Vec::with_capacity(1024));
+    let mut released_at = Time::UNSET;
     let mut chunk = [0; CHUNK];
-    tracing::info!(link = link.path(), "an emulated vehicle waits for a host");
+    tracing::info!(link = link.path(), "the emulated vehicle waits for a host");
     context.enter_realtime();
     while !context.stop.is_set() {
         context.health.count_turn();
-        line.wait(vehicle.next_event(), vehicle.listens(Time::now()))?;
+        terminal.wait(vehicle.next_event(), vehicle.has_room(Time::now()))?;
         heartbeat.beat(HealthV1::default())?;
         let now = Time::now();
-        let read = if vehicle.listens(now) { line.read(&mut chunk)? } else { 0 };
+        let read = if vehicle.has_room(now) { terminal.read(&mut chunk)? } else { 0 };
         if read > 0 {
             context.health.count_input();
         }
@@ -71,21 +71,21 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
                 }
             }
         }
-        vehicle.host_reads(now, &mut said);
-        if !said.is_empty() {
-            line.write(&said)?;
-            said.clear();
+        vehicle.host_reads(now, &mut answer);
+        if !answer.is_empty() {
+            terminal.write(&answer)?;
+            answer.clear();
         }
-        if now.since(readmitted_at) >= READMISSION {
-            readmitted_at = now;
-            line.readmit();
+        if now.since(released_at) >= RELEASE_PERIOD {
+            released_at = now;
+            terminal.release_exclusive();
         }
     }
     report(&vehicle);
     Ok(())
 }
 
-/// What went over the wire, for the log.
+/// Logs the traffic on the wire.
 fn report(vehicle: &WiredVehicle) {
     let (up, down) =
         (vehicle.radio().traffic(LinkDirection::Up), vehicle.radio().traffic(LinkDirection::Down));
