@@ -17,6 +17,7 @@ use proptest::prelude::*;
 
 const BAUD: u32 = 57_600;
 const START: Time = Time::VIRTUAL_START;
+const PERIOD: Span = Span::from_nanos(16_666_667);
 /// Duration of a set-point on the line: 17 bytes of ten bits at 57600 baud.
 const FRAME: Span = Span::from_nanos(2_951_389);
 
@@ -139,40 +140,39 @@ proptest! {
     ) {
         let mut bridge = through_radio(framing);
         // API mode 2 escapes a byte or two of a frame.
-        let escapes = if framing == Framing::Api2 { 4 } else { 0 };
-        let setpoint = sizes(framing).setpoint + escapes;
-        let frame = LineOccupancy::new(serial(framing).byte_rate()).time_for(setpoint);
+        let setpoint = sizes(framing).setpoint + if framing == Framing::Api2 { 4 } else { 0 };
+        let line = LineOccupancy::new(serial(framing).byte_rate());
+        let frame = line.time_for(setpoint);
         // In API mode, a status request that began just before an early command is ahead of it too.
-        let poll = LineOccupancy::new(serial(framing).byte_rate()).time_for(sizes(framing).periodic);
-        let ahead = if framing == Framing::Transparent { frame } else { frame + poll };
-        prop_assert!(ahead <= Span::from_nanos(16_666_667), "at most a period");
-        let (mut now, mut due) = (START, START);
-        let mut polls = 0;
+        let request = line.time_for(sizes(framing).periodic);
+        let ahead = if framing == Framing::Transparent { frame } else { frame + request };
+        let (mut now, mut due, mut requests) = (START, START, 0);
+        prop_assert!(ahead <= PERIOD, "at most a period");
         for (sequence, jitter_us) in (1..).zip(jitter_us) {
-            due = due + Span::from_nanos(16_666_667);
+            due = due + PERIOD;
             let arrives = due + Span::from_nanos(jitter_us * 1000);
             // Frames by the bridge's own clock until then.
             while bridge.next_event(now) < arrives {
                 now = bridge.next_event(now).max(now);
                 let (bytes, _) = turn(&mut bridge, now);
-                polls += usize::from(bytes.len() > setpoint);
+                requests += usize::from(bytes.len() > setpoint);
                 bridge.receive_bytes(now, &acknowledgement_frame(Descriptor::ControlInput));
             }
             now = arrives;
             bridge.receive_command(now, &header(sequence, now), CommandV1::default(), 0);
-            let mut applied = None;
-            while applied.is_none() {
+            let (stamps, vehicle) = loop {
                 let (bytes, reported) = turn(&mut bridge, now);
-                polls += usize::from(bytes.len() > setpoint);
-                applied = reported.filter(|(_, stamps, _)| stamps.applied_at.is_set());
-                now = if applied.is_none() { bridge.next_event(now) } else { now };
-            }
-            let (_, stamps, vehicle) = applied.unwrap();
+                requests += usize::from(bytes.len() > setpoint);
+                match reported {
+                    Some((_, stamps, vehicle)) if stamps.applied_at.is_set() => break (stamps, vehicle),
+                    _ => now = bridge.next_event(now),
+                }
+            };
             let took = now.since(arrives) + Span::from_nanos(vehicle.wire_ns);
             prop_assert!(took <= ahead + frame, "{took:?}");
             prop_assert_eq!(stamps.received_at, arrives);
         }
-        prop_assert!(polls > 10, "{}", polls);
+        prop_assert!(requests > 10, "{}", requests);
     }
 
     #[test]
@@ -287,29 +287,29 @@ impl PausingPort {
     }
 }
 
+/// A command whose stick encodes its sequence; the first nine are "disarmed".
+fn numbered(sequence: usize) -> CommandV1 {
+    let stick = sequence as f64 / 2047.0;
+    let command = CommandV1 { sticks: [stick, 0.0, 0.0], ..flight() };
+    if sequence < 10 { CommandV1::default() } else { command }
+}
+
 /// Flies with a command every period through a port with `pauses` (begin, length) \[ms\]; returns the age on the wire of each
 /// flight command.
 fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
     let (mut bridge, mut port) = (bridge(), PausingPort::default());
-    let period = Span::from_nanos(16_666_667);
-    let mut published = Vec::new();
-    let mut now = START;
-    let mut due = START;
+    let (mut now, mut due, mut published) = (START, START, Vec::new());
     let paused = |now: Time| {
         let millis = now.since(START).nanos() / 1_000_000;
         pauses.iter().any(|(begin, length)| (*begin..begin + length).contains(&millis))
     };
     while now < START + Span::from_millis(4000) {
         if now >= due {
-            due = due + period;
+            due = due + PERIOD;
             published.push(now);
             let sequence = published.len();
-            // The sequence is encoded in the stick.
-            let stick = sequence as f64 / 2047.0;
-            let command = CommandV1 { sticks: [stick, 0.0, 0.0], ..flight() };
-            let command = if sequence < 10 { CommandV1::default() } else { command };
             bridge.receive_bytes(now, &status(1));
-            bridge.receive_command(now, &header(sequence as u64, now), command, 0);
+            bridge.receive_command(now, &header(sequence as u64, now), numbered(sequence), 0);
         }
         if bridge.is_stuck(now, port.queue.len()) {
             port.queue.clear();
@@ -322,9 +322,14 @@ fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
         }
         now = next;
     }
+    ages(&port.sent, &published)
+}
+
+/// Age of each flight command among the bytes `sent`, by its instant of publication.
+fn ages(sent: &[(Time, u8)], published: &[Time]) -> Vec<Span> {
     let mut decoder = VehicleDecoder::new();
     let mut ages = Vec::new();
-    for (at, byte) in &port.sent {
+    for (at, byte) in sent {
         for command in decoder.push(&[*byte]) {
             let HostCommand::Control(input) = command else { continue };
             if input.thrust > 0 {
@@ -343,7 +348,7 @@ proptest! {
         let ages = ages_through(&pauses);
         prop_assert!(!ages.is_empty());
         // A frame held back with less than half of it to go is detected with the next one, and discarded a period later.
-        let oldest = Span::from_nanos(2 * 16_666_667) + FRAME.scaled(3.0) + Span::from_millis(2);
+        let oldest = PERIOD.scaled(2.0) + FRAME.scaled(3.0) + Span::from_millis(2);
         for age in ages {
             prop_assert!(age <= oldest, "{age:?}");
         }
@@ -355,7 +360,7 @@ fn a_vehicle_whose_motors_do_not_stop_gets_the_emergency_stop_once() {
     let mut bridge = bridge();
     let (mut now, mut sequence, mut stops) = (START, 0, 0);
     let mut step = |bridge: &mut Bridge, command: CommandV1, motors_on: i8| {
-        now = now + Span::from_nanos(16_666_667);
+        now = now + PERIOD;
         sequence += 1;
         bridge.receive_bytes(now, &status(motors_on));
         bridge.receive_command(now, &header(sequence, now), command, 0);

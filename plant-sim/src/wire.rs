@@ -16,7 +16,8 @@ mod vehicle;
 
 use std::path::Path;
 
-use oqtal_bus::message::HealthV1;
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{HealthV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Publish, Transport};
@@ -63,14 +64,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
         }
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));
-        for output in outputs.drain(..) {
-            if let Output::Truth(truth) = output {
-                truths.send(truth.capture, Default::default(), truth)?;
-                if truth.capture > 0 {
-                    truths.notify()?;
-                }
-            }
-        }
+        publish_truth(&mut truths, outputs.drain(..))?;
         vehicle.host_reads(now, &mut answer);
         if !answer.is_empty() {
             terminal.write(&answer)?;
@@ -82,6 +76,22 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
         }
     }
     report(&vehicle);
+    Ok(())
+}
+
+/// Publishes every truth sample, and wakes the cameras at those that they capture.
+fn publish_truth(
+    truths: &mut impl Publish<TruthV1>,
+    outputs: impl Iterator<Item = Output>,
+) -> Result<(), BusError> {
+    for output in outputs {
+        if let Output::Truth(truth) = output {
+            truths.send(truth.capture, Default::default(), truth)?;
+            if truth.capture > 0 {
+                truths.notify()?;
+            }
+        }
+    }
     Ok(())
 }
 
