@@ -20,6 +20,19 @@ use rustix::process::Signal;
 use vehicle::{Manner, PtyVehicle};
 
 #[test]
+fn a_flight_leaves_nothing_in_shared_memory_whatever_is_dropped_first() {
+    let (flight, commander) = airborne("remains");
+    let BridgeFlight { testbed, bus, reports, bridge, vehicle } = flight;
+    bridge.signal(Signal::TERM);
+    assert!(bridge.wait().status.success());
+    drop((bus, commander));
+    assert!(!testbed.remains().is_empty());
+    drop(reports);
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+    drop(vehicle);
+}
+
+#[test]
 fn a_vehicle_that_answers_is_heard_and_one_that_falls_silent_is_missed() {
     let mut flight = BridgeFlight::new("silence", Manner::Answering);
     let heard = flight.until("an answer", |vehicle| vehicle.link == 1);
@@ -115,7 +128,8 @@ fn publish_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
         frame += 1;
         let now = Time::now();
         let position = [1e-6 * (frame % 7) as f64, 0.0, 0.0];
-        let pose = PoseV1 { position, attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1 };
+        let pose =
+            PoseV1 { position, attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1, ..PoseV1::default() };
         let stamps = Stamps { captured_at: now, pose_published_at: now, ..Stamps::default() };
         poses.send(frame, stamps, pose).unwrap();
         poses.notify().unwrap();

@@ -194,7 +194,7 @@ proptest! {
 fn more_than_a_radio_packet_holds_is_refused() {
     let carrier = Carrier::new(Framing::Api1, Side::Host, Address::BROADCAST);
     let error = carrier.wrap(0, &[0; MAX_PAYLOAD + 1]).unwrap_err();
-    assert_eq!(error.to_string(), "101 bytes of payload, a radio packet takes 100");
+    assert_eq!(error.to_string(), "101 bytes of payload, a radio packet holds 100");
 }
 
 #[test]

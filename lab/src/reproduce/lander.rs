@@ -3,18 +3,18 @@
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Setting, Vehicle};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, InvalidOption,
-    TorqueInput,
+    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, TorqueInput,
 };
 use oqtal_control::gravity_turn::{GravityTurn, Guidance, GuidanceOptions};
-use oqtal_control::metrics::{Sample, TableTwo};
+use oqtal_control::metrics::{MetricSample, TableTwo};
+use oqtal_control::options::OptionError;
 use oqtal_control::position::attitude_along;
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeError;
 use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
 use oqtal_runtime::process::Failure;
-use oqtal_runtime::random::{Source, normal3, stream};
+use oqtal_runtime::random::{RandomSource, normal3, stream};
 
 /// Table I: simulated time \[s\].
 pub const DURATION_S: f64 = 23.0;
@@ -145,7 +145,7 @@ impl Lander {
         options: &ControllerOptions,
         descent: &Descent,
         watch: impl FnMut(&Moment),
-    ) -> Result<Option<TableTwo>, InvalidOption> {
+    ) -> Result<Option<TableTwo>, OptionError> {
         let options = ControllerOptions { rate_hz: descent.rate_hz, ..*options };
         let law = Controller::new(&options, self.input(false))?;
         Ok(self.descend(law, descent, watch))
@@ -163,7 +163,7 @@ impl Lander {
             least_speed_m_s: descent.least_speed_m_s,
             rates: descent.rates,
         });
-        let mut noise = stream(NOISE_SEED, Source::Cameras);
+        let mut noise = stream(NOISE_SEED, RandomSource::Cameras);
         let dt_s = 1.0 / descent.rate_hz;
         let (mut state, mut metrics) = (self.start(), TableTwo::default());
         for tick in 0..(DURATION_S * descent.rate_hz).round() as u32 {
@@ -175,7 +175,7 @@ impl Lander {
             let torque = law.update(&told, &desired, dt_s).0;
             watch(&Moment { time_s, state, desired, torque });
             let error = AttitudeError::between(&desired.attitude, &body.attitude);
-            let sample = Sample {
+            let sample = MetricSample {
                 position_error: self.ideal(time_s) - state.position,
                 quaternion_error: *error.eps(),
                 input: torque,
