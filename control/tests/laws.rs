@@ -1,5 +1,4 @@
-//! What is true of the attitude laws: in every law and both input forms unless a test says
-//! otherwise.
+//! Properties of the attitude laws: of every law in both input forms unless a test says otherwise.
 
 #[path = "laws/closed_loop.rs"]
 mod closed_loop;
@@ -19,7 +18,7 @@ mod solves;
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerName, ControllerOptions,
-    InputForm, RateFeedback, RateInput, TorqueInput,
+    InputForm, LawOptions, RateFeedback, RateInput, TorqueInput,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate, StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
@@ -29,14 +28,15 @@ use proptest::prelude::*;
 
 const DT_S: f64 = 1.0 / 60.0;
 const MAX_TORQUE: f64 = 20.0;
+/// Every registered law. A new law takes part in these tests at once.
+const ALL: [ControllerName; ControllerName::ALL.len()] = ControllerName::ALL;
 /// The laws with integral action.
-const LAWS: [ControllerName; 4] =
+const INTEGRATING: [ControllerName; 4] =
     [ControllerName::Pid, ControllerName::Lqr, ControllerName::Oqtal, ControllerName::Geometric];
-/// Those whose gain a Riccati equation gives, at an operating point.
+/// The laws whose gain is the solution of a Riccati equation at an operating point.
 const SCHEDULED: [ControllerName; 2] = [ControllerName::Lqr, ControllerName::Oqtal];
-const ALL: [ControllerName; 5] = [LAWS[0], LAWS[1], LAWS[2], LAWS[3], ControllerName::OqtalDt];
 
-/// A command as numbers, so that one test can speak of both forms.
+/// A command as numbers, so that one test covers both input forms.
 trait Numbers {
     fn numbers(&self) -> Vector3<f64>;
 }

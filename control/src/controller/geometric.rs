@@ -1,4 +1,4 @@
-//! Geometric tracking on SO(3): what many users would pick instead. Not in the paper.
+//! Geometric tracking control on SO(3), a widely used alternative. Not in the paper.
 //!
 //! ```text
 //! u = -J (k_R e_R + k_Omega e_Omega + k_I e_I) + omega x J omega + J (C omega_d_dot - omega_e x C omega_d)
@@ -8,16 +8,16 @@
 //! CDC* 2010); `e_I`, the integral of `e_Omega + c e_R`, is that of F.
 //! Goodarzi, D. Lee and T. Lee, *ECC* 2013. With the error used here, `e_R = 2 lambda eps`: the sine
 //! of the error angle, where OQTAL has the sine of half of it. It therefore fades towards half a
-//! turn. Different from the source: gains are per inertia, so that one set serves bodies alike.
+//! turn. Unlike in the source, gains are per inertia, so that one set of gains suits bodies of different inertia.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::options::InvalidOption;
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use crate::integral::Integral;
-use crate::tracking_error::AttitudeError;
+use crate::options::{OptionError, Rule, check_options};
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`Geometric`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,10 +51,16 @@ impl Default for GeometricOptions {
     }
 }
 
-impl GeometricOptions {
-    /// For the paper's spacecraft in torque form.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+impl LawOptions for GeometricOptions {
+    type Law<I: InputForm> = Geometric<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.geometric.attitude-gain", 1.0, 40.0),
+        SearchRange::new("control.geometric.integral-gain-per-s", 0.01, 5.0),
+    ];
+
+    /// Gains for the paper's spacecraft in torque form.
+    fn spacecraft() -> Self {
         Self {
             attitude_gain: 256.0,
             rate_gain_per_s: 32.0,
@@ -63,17 +69,18 @@ impl GeometricOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-gain", self.attitude_gain)?;
-        InvalidOption::unless_not_negative("rate-gain-per-s", self.rate_gain_per_s)?;
-        InvalidOption::unless_not_negative("integral-gain-per-s", self.integral_gain_per_s)?;
-        let c = self.integral_attitude_gain_per_s;
-        InvalidOption::unless_not_negative("integral-attitude-gain-per-s", c)?;
-        InvalidOption::unless_not_negative("integral-limit", self.integral_limit)
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-gain", self.attitude_gain, Rule::Positive),
+            ("rate-gain-per-s", self.rate_gain_per_s, Rule::NotNegative),
+            ("integral-gain-per-s", self.integral_gain_per_s, Rule::NotNegative),
+            ("integral-attitude-gain-per-s", self.integral_attitude_gain_per_s, Rule::NotNegative),
+            ("integral-limit", self.integral_limit, Rule::NotNegative),
+        ])
+    }
+
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Geometric<I>, OptionError> {
+        Self::Law::new(self, input)
     }
 }
 
@@ -89,8 +96,8 @@ impl<I: InputForm> Geometric<I> {
     /// The law with these options.
     ///
     /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn new(options: GeometricOptions, input: I) -> Result<Self, InvalidOption> {
+    /// The first option whose value is not allowed.
+    pub fn new(options: GeometricOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         Ok(Self { options, input, e_i: Integral::new(options.integral_limit) })
     }
@@ -109,7 +116,7 @@ impl<I: InputForm> AttitudeLaw for Geometric<I> {
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let e_omega = error.rate_error(state.rate, reference.rate);
         let e_r = 2.0 * error.lambda() * error.eps();
-        // In rate form the vehicle's own loop sees to the rate.
+        // In rate form the vehicle's own loop controls the rate.
         let (k_omega, e_i_dot) = match input.inertia() {
             Some(_) => {
                 (options.rate_gain_per_s, e_omega + options.integral_attitude_gain_per_s * e_r)

@@ -1,5 +1,4 @@
-//! The classic LQR: a linear-quadratic regulator on Euler angles that tracks a set-point. Paper,
-//! Sections II.F and II.G.
+//! Classic LQR: a linear-quadratic regulator on Euler angles that tracks a set-point. Paper, Sections II.F and II.G.
 //!
 //! ```text
 //! u = -K [omega; Theta - Theta_d; Theta_I],  Theta_I = integral of Theta_d - Theta        Eqs. (24), (34), corrected
@@ -10,15 +9,16 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix6, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::feedback::RateFeedback;
 use super::input::InputForm;
-use super::options::{InvalidOption, RateFeedback};
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::euler::EulerAngles;
 use crate::integral::Integral;
+use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
-use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
-use crate::tracking_error::AttitudeError;
+use crate::schedule::{CellGrid, Cells, GainSchedule, Resolve};
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`ClassicLqr`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,24 +28,24 @@ pub struct LqrOptions {
     pub attitude_weight: f64,
     /// Weight on `omega` \[s^2/rad^2\]; without effect in rate form.
     pub rate_weight: f64,
-    /// Weight on `Theta_I` as a fraction of `attitude-weight` \[1/s^2\]; 0 is no integral action.
+    /// Weight on `Theta_I` as a fraction of `attitude-weight` \[1/s^2\]; 0 for no integral action.
     pub integral_weight: f64,
-    /// `r`: weight on the input.
+    /// `r`: weight on the input \[-\].
     pub input_weight: f64,
     /// Limit of each component of `Theta_I` \[rad s\].
     pub integral_limit_rad_s: f64,
-    /// Which cells of `[omega; Theta]` share a gain.
+    /// Rule that divides `[omega; Theta]` into cells, one gain for each.
     pub cells: Cells,
     /// `delta`: width of a cell \[rad/s for `omega`, rad for `Theta`\].
     pub delta_rad: f64,
-    /// When the gain is computed.
+    /// When the gain is computed again.
     pub resolve: Resolve,
-    /// The pitch of an operating point stays within this \[rad\]. Towards 90 degrees the model
-    /// grows without bound, and beyond it has the wrong sign.
+    /// Greatest pitch of an operating point \[rad\]. The model grows without bound towards 90 degrees, and has the
+    /// wrong sign beyond.
     pub operating_pitch_limit_rad: f64,
-    /// The rate in `x`; without effect in rate form.
+    /// Rate that is fed back; without effect in rate form.
     pub rate: RateFeedback,
-    /// Whether the reference's own motion is fed forward. Not in the paper.
+    /// Whether the motion of the reference is fed forward. Not in the paper.
     pub feed_forward: bool,
 }
 
@@ -62,8 +62,8 @@ impl Default for LqrOptions {
             input_weight: 1.0,
             // Not in the paper. The same angle as the limit of OQTAL, whose eps is half an angle.
             integral_limit_rad_s: 1.0,
-            // Not in the paper, which prints `floor` and reports a count that only this rule or a
-            // like one can give.
+            // Not in the paper, which prints `floor` but reports a number of solutions that only a rule like this one
+            // gives.
             cells: Cells::Truncated,
             // In the paper: Section VIII, without a unit.
             delta_rad: 0.5,
@@ -76,11 +76,16 @@ impl Default for LqrOptions {
     }
 }
 
-impl LqrOptions {
-    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
-    /// VI.B.2.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+impl LawOptions for LqrOptions {
+    type Law<I: InputForm> = ClassicLqr<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.lqr.attitude-weight", 1.0, 400.0),
+        SearchRange::new("control.lqr.integral-weight", 1e-4, 1.0),
+    ];
+
+    /// Gains for the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
+    fn spacecraft() -> Self {
         Self {
             attitude_weight: 128.0,
             rate_weight: 128.0,
@@ -90,20 +95,24 @@ impl LqrOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
-        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
-        InvalidOption::unless_not_negative("integral-weight", self.integral_weight)?;
-        InvalidOption::unless_positive("input-weight", self.input_weight)?;
-        InvalidOption::unless_not_negative("integral-limit-rad-s", self.integral_limit_rad_s)?;
-        InvalidOption::unless_positive("delta-rad", self.delta_rad)?;
-        InvalidOption::unless_positive("operating-pitch-limit-rad", self.operating_pitch_limit_rad)
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-weight", self.attitude_weight, Rule::Positive),
+            ("rate-weight", self.rate_weight, Rule::NotNegative),
+            ("integral-weight", self.integral_weight, Rule::NotNegative),
+            ("input-weight", self.input_weight, Rule::Positive),
+            ("integral-limit-rad-s", self.integral_limit_rad_s, Rule::NotNegative),
+            ("delta-rad", self.delta_rad, Rule::Positive),
+            ("operating-pitch-limit-rad", self.operating_pitch_limit_rad, Rule::Positive),
+        ])
     }
 
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<ClassicLqr<I>, OptionError> {
+        Self::Law::new(self, input)
+    }
+}
+
+impl LqrOptions {
     fn weights(&self) -> Weights {
         Weights {
             rate: self.rate_weight,
@@ -124,14 +133,14 @@ pub struct ClassicLqr<I> {
 }
 
 impl<I: InputForm> ClassicLqr<I> {
-    /// The law with these options. Solves nothing yet.
+    /// The law with these options. The first Riccati equation is solved in the first step.
     ///
     /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn new(options: LqrOptions, input: I) -> Result<Self, InvalidOption> {
+    /// The first option whose value is not allowed.
+    pub fn new(options: LqrOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
-            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
+            CellGrid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let theta_i = Integral::new(options.integral_limit_rad_s);
         Ok(Self { options, input, schedule: GainSchedule::new(grid), theta_i })
     }

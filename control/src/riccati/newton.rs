@@ -1,34 +1,34 @@
-//! Newton's method on a Riccati equation: it removes the error of the start and proves the loop
-//! stable.
+//! Newton's method on a Riccati equation: it removes the error of the first guess and proves that the loop is stable.
 //!
 //! Both equations are written in terms of a rate of change: with `A` in continuous time and `A - I`
 //! in discrete time, and `D = A - BK`, the residual is `Q + K'RK + PD + D'P`, plus `D'PD` in
-//! discrete time. Sampled dynamics are close to the identity, and this form does not subtract it.
-//! It also sees an error of `K` only squared.
+//! discrete time. Sampled dynamics are close to the identity, and this form avoids its subtraction. An error of `K`
+//! enters the residual only squared.
 
 use nalgebra::{Cholesky, Const, SMatrix};
 
-use super::RiccatiError;
 use super::doubling::MAX_DOUBLINGS;
+use super::error::RiccatiError;
 use super::inverse::inverse;
 use super::problem::{Problem, is_finite, symmetrised};
 use super::twofold::Twofold;
 
-/// A step this small, relative to `P`, is the last: the error after it is smaller still.
+/// Relative size of a step below which the iteration ends; the remaining error is smaller still.
 const SETTLED: f64 = 1e-10;
-/// The same for the first step. Its residual is rounded, and nothing tells what that did to the solution but the step itself.
+/// The same for the first step, whose residual is computed in working precision, so that its error is known from the
+/// step alone.
 const SETTLED_ROUNDED: f64 = 1e-13;
-/// Each step but the first two must be this much smaller than the one before. Convergence is
-/// quadratic, so a step that is not has met rounding, or a pole on the stability boundary.
+/// Greatest ratio of a step to the one before, from the third step on. Convergence is quadratic; a greater ratio
+/// means rounding, or a pole on the stability boundary.
 const CONTRACTION: f64 = 0.1;
-/// Steps; one is usual.
+/// Greatest number of steps; one is usual.
 const MAX_STEPS: usize = 6;
-/// The norm of a power of the closed loop at which the squaring ends; the step is then good to the
-/// square of this.
+/// Norm of a power of the closed loop at which the squaring ends; the relative error of the step is then the square
+/// of this norm.
 const AT_REST: f64 = 1e-4;
 
-/// Which of the two equations.
-pub(super) enum Time {
+/// Continuous or discrete time.
+pub(super) enum TimeDomain {
     /// Continuous time, with the centre of the Cayley transform.
     Continuous {
         /// Maps the left half plane into the unit disc.
@@ -39,19 +39,19 @@ pub(super) enum Time {
 }
 
 /// A Riccati equation in terms of a rate of change.
-pub(super) struct Equation<'a, const N: usize, const M: usize> {
+pub(super) struct RiccatiEquation<'a, const N: usize, const M: usize> {
     problem: &'a Problem<N, M>,
     /// `A`, or `A - I` in discrete time.
     rate: SMatrix<f64, N, N>,
-    time: Time,
+    time: TimeDomain,
 }
 
-impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
+impl<'a, const N: usize, const M: usize> RiccatiEquation<'a, N, M> {
     /// The equation of `problem`.
-    pub(super) fn new(problem: &'a Problem<N, M>, time: Time) -> Self {
+    pub(super) fn new(problem: &'a Problem<N, M>, time: TimeDomain) -> Self {
         let rate = match time {
-            Time::Continuous { .. } => problem.a,
-            Time::Discrete => problem.a - SMatrix::identity(),
+            TimeDomain::Continuous { .. } => problem.a,
+            TimeDomain::Discrete => problem.a - SMatrix::identity(),
         };
         Self { problem, rate, time }
     }
@@ -80,17 +80,17 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
         Err(RiccatiError::IllConditioned)
     }
 
-    /// The Newton step at `p`. `None` if the loop that `p` closes is not stable.
+    /// The Newton step at `p`. `None` if the closed loop with the gain of `p` is not stable.
     fn correction(&self, p: &SMatrix<f64, N, N>, precise: bool) -> Option<SMatrix<f64, N, N>> {
         let k = self.gain(p)?;
         let d = self.rate - self.problem.b * k;
         let residual =
             if precise { self.precise_residual(p, &k) } else { self.residual(p, &k, &d) };
         match self.time {
-            Time::Discrete => stein(SMatrix::identity() + d, residual),
+            TimeDomain::Discrete => stein(SMatrix::identity() + d, residual),
             // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD +
             // residual = 0.
-            Time::Continuous { centre } => {
+            TimeDomain::Continuous { centre } => {
                 let inverse = inverse(d - SMatrix::identity() * centre)?;
                 let s = SMatrix::identity() + inverse * (2.0 * centre);
                 let w = inverse.transpose() * (residual * inverse) * (2.0 * centre);
@@ -102,16 +102,16 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     /// The weight of the input that the gain divides by: `R`, or `R + B'PB` in discrete time.
     fn input_weight(&self, bp: &SMatrix<f64, M, N>) -> Option<Cholesky<f64, Const<M>>> {
         match self.time {
-            Time::Continuous { .. } => Cholesky::new(self.problem.r),
-            Time::Discrete => Cholesky::new(self.problem.r + bp * self.problem.b),
+            TimeDomain::Continuous { .. } => Cholesky::new(self.problem.r),
+            TimeDomain::Discrete => Cholesky::new(self.problem.r + bp * self.problem.b),
         }
     }
 
     fn gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
         let bp = self.problem.b.transpose() * p;
         let right = match self.time {
-            Time::Continuous { .. } => bp,
-            Time::Discrete => bp + bp * self.rate,
+            TimeDomain::Continuous { .. } => bp,
+            TimeDomain::Discrete => bp + bp * self.rate,
         };
         Some(self.input_weight(&bp)?.solve(&right))
     }
@@ -124,7 +124,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     ) -> SMatrix<f64, N, N> {
         let pd = p * d;
         let mut sum = pd * 2.0 + k.transpose() * (self.problem.r * k);
-        if let Time::Discrete = self.time {
+        if let TimeDomain::Discrete = self.time {
             sum += d.transpose() * pd;
         }
         self.problem.q + symmetrised(&sum)
@@ -153,7 +153,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
             .plus(&pd)
             .plus(&pd.transpose())
             .plus_product(&k.transpose(), &rk);
-        if let Time::Discrete = self.time {
+        if let TimeDomain::Discrete = self.time {
             sum = sum.plus_product(&d.transpose(), &pd);
         }
         symmetrised(&sum.rounded())
@@ -163,7 +163,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     /// worse conditioned than `P`.
     fn precise_gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
         let k = self.gain(p)?;
-        if let Time::Continuous { .. } = self.time {
+        if let TimeDomain::Continuous { .. } = self.time {
             return Some(k);
         }
         let b = self.problem.b.transpose();

@@ -3,11 +3,9 @@
 use nalgebra::{Cholesky, SMatrix};
 
 use super::balance::Balance;
-use super::doubling::Doubling;
-use super::newton::{Equation, Time};
-use super::{RiccatiError, Solution};
+use super::error::RiccatiError;
 
-/// How far from symmetric, and how far below zero, a weight may be, relative to its size.
+/// Tolerance for the symmetry and the semidefiniteness of a weight, relative to its size \[-\].
 const TOLERANCE: f64 = 1e-10;
 
 /// The data of `care` or `dare`, in the units of `balance`.
@@ -18,7 +16,7 @@ pub(super) struct Problem<const N: usize, const M: usize> {
     pub(super) g: SMatrix<f64, N, N>,
     pub(super) q: SMatrix<f64, N, N>,
     pub(super) r: SMatrix<f64, M, M>,
-    balance: Balance<N>,
+    pub(super) balance: Balance<N>,
 }
 
 impl<const N: usize, const M: usize> Problem<N, M> {
@@ -49,22 +47,6 @@ impl<const N: usize, const M: usize> Problem<N, M> {
             balance,
         })
     }
-
-    /// Doubles `start`, refines the outcome, and returns to the units of the caller.
-    pub(super) fn solve(
-        &self,
-        start: Doubling<N>,
-        time: Time,
-    ) -> Result<Solution<N, M>, RiccatiError> {
-        let start = start.cost_to_go().ok_or(RiccatiError::NoStabilisingSolution)?;
-        let (p, k) = Equation::new(self, time).refine(start)?;
-        let (p, k) = (self.balance.input_form(&p), self.balance.gain(&k));
-        if is_finite(&p) && is_finite(&k) {
-            Ok(Solution { p, k })
-        } else {
-            Err(RiccatiError::IllConditioned)
-        }
-    }
 }
 
 /// No element is NaN or infinite.
@@ -77,8 +59,7 @@ pub(super) fn symmetrised<const N: usize>(matrix: &SMatrix<f64, N, N>) -> SMatri
     (matrix + matrix.transpose()) * 0.5
 }
 
-/// The matrix with rounding taken out of its symmetry; `None` if more than rounding is wrong with
-/// it.
+/// The symmetric part of the matrix; `None` if its asymmetry exceeds rounding.
 fn symmetric<const N: usize>(matrix: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     let asymmetry = (matrix - matrix.transpose()).amax();
     (asymmetry <= TOLERANCE * matrix.amax()).then(|| symmetrised(matrix))

@@ -1,24 +1,23 @@
-//! Prescribed attitudes, about roll and then about pitch: what an attitude loop can follow, without
-//! any say of the position loops. Not in the paper.
+//! Prescribed attitudes, about roll and then about pitch: tests of the attitude loop without the position loops. Not
+//! in the paper.
 //!
-//! The position is not controlled meanwhile, only the height; between the two axes and after them
-//! the vehicle flies back to the hover point.
+//! Meanwhile only the height is controlled. After each axis the vehicle flies back to the hover point.
 
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Reference};
+use super::reference::{Phase, Reference};
+use crate::options::{OptionError, Rule, check_options};
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;
-use crate::range::{OutOfRange, check_range};
 use crate::tracking_error::AttitudeReference;
 
 /// The greatest angle that may be prescribed \[deg\].
 const GREATEST_DEG: f64 = 30.0;
 
-/// A sine of rising frequency: how far an attitude loop follows.
+/// A sine of rising frequency: shows up to which frequency an attitude loop follows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct AttitudeChirp {
@@ -30,7 +29,7 @@ pub struct AttitudeChirp {
     pub to_hz: f64,
     /// Time of a sweep about one axis \[s\].
     pub sweep_s: f64,
-    /// Time to fly back after it \[s\].
+    /// Time for the flight back after each axis \[s\].
     pub recovery_s: f64,
 }
 
@@ -41,13 +40,14 @@ impl Default for AttitudeChirp {
 }
 
 impl AttitudeChirp {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        let amplitudes = -GREATEST_DEG..=GREATEST_DEG;
-        check_range("attitude-chirp.amplitude-deg", self.amplitude_deg, amplitudes)?;
-        check_range("attitude-chirp.from-hz", self.from_hz, 0.01..=30.0)?;
-        check_range("attitude-chirp.to-hz", self.to_hz, 0.01..=30.0)?;
-        check_range("attitude-chirp.sweep-s", self.sweep_s, 0.1..=60.0)?;
-        check_range("attitude-chirp.recovery-s", self.recovery_s, 0.0..=60.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("amplitude-deg", self.amplitude_deg, Rule::Between(-GREATEST_DEG, GREATEST_DEG)),
+            ("from-hz", self.from_hz, Rule::Between(0.01, 30.0)),
+            ("to-hz", self.to_hz, Rule::Between(0.01, 30.0)),
+            ("sweep-s", self.sweep_s, Rule::Between(0.1, 60.0)),
+            ("recovery-s", self.recovery_s, Rule::Between(0.0, 60.0)),
+        ])
     }
 
     pub(super) fn duration_s(&self) -> f64 {
@@ -66,15 +66,15 @@ impl AttitudeChirp {
     }
 }
 
-/// A step up, one down to the other side, and one back to level: how fast an attitude loop settles.
+/// A step to one side, one to the other side, and one back to level: shows how fast an attitude loop settles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct AttitudeDoublet {
-    /// Size \[deg\].
+    /// Size of the steps \[deg\].
     pub angle_deg: f64,
     /// Time at either side, and at level \[s\].
     pub hold_s: f64,
-    /// Time to fly back after it \[s\].
+    /// Time for the flight back after each axis \[s\].
     pub recovery_s: f64,
 }
 
@@ -85,10 +85,12 @@ impl Default for AttitudeDoublet {
 }
 
 impl AttitudeDoublet {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("attitude-doublet.angle-deg", self.angle_deg, -GREATEST_DEG..=GREATEST_DEG)?;
-        check_range("attitude-doublet.hold-s", self.hold_s, 0.1..=60.0)?;
-        check_range("attitude-doublet.recovery-s", self.recovery_s, 0.0..=60.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("angle-deg", self.angle_deg, Rule::Between(-GREATEST_DEG, GREATEST_DEG)),
+            ("hold-s", self.hold_s, Rule::Between(0.1, 60.0)),
+            ("recovery-s", self.recovery_s, Rule::Between(0.0, 60.0)),
+        ])
     }
 
     pub(super) fn duration_s(&self) -> f64 {
@@ -97,7 +99,7 @@ impl AttitudeDoublet {
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
         turn(t_s, 3.0 * self.hold_s, self.recovery_s, |t_s| {
-            // The conversion rounds down.
+            // The cast rounds down.
             let side = [1.0, -1.0, 0.0][((t_s / self.hold_s) as usize).min(2)];
             [side * self.angle_deg.to_radians(), 0.0, 0.0]
         })

@@ -1,15 +1,17 @@
-//! What a configuration says of a flight.
+//! The section `[trajectory]` of a configuration.
 
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::attitude::{AttitudeChirp, AttitudeDoublet};
+use super::path::{Trajectory, TrajectoryShape};
 use super::shape::{Circle, Hover, Lemniscate, Square, Step};
-use super::{AttitudeChirp, AttitudeDoublet, Shape, Trajectory, Waypoints};
-use crate::range::{OutOfRange, check_range};
+use super::waypoints::Waypoints;
+use crate::options::{OptionError, Rule, check_options};
 
-/// The trajectories there are.
+/// Kind of trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrajectoryKind {
@@ -31,16 +33,16 @@ pub enum TrajectoryKind {
     Waypoints,
 }
 
-/// A flight: which trajectory, the parameters of each, and what comes before and after it.
+/// Options of a flight: the kind of trajectory, the parameters of each kind, take-off and landing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct TrajectoryOptions {
     /// The trajectory to fly.
     pub kind: TrajectoryKind,
-    /// How long to fly it, if not as long as it lasts by itself \[s\]: cut short, or held at its end.
+    /// Duration of the trajectory if not its own \[s\]: the trajectory is cut short, or held at its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
-    /// Where the waypoints are, for [`TrajectoryKind::Waypoints`]. The caller reads the file: see [`Waypoints::parse`].
+    /// File of the waypoints, for [`TrajectoryKind::Waypoints`]. The caller reads the file: see [`Waypoints::parse`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub waypoints_file: Option<PathBuf>,
     /// Height of the hover point over the floor \[m\].
@@ -89,36 +91,42 @@ impl Default for TrajectoryOptions {
 }
 
 impl TrajectoryOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        check_range("duration-s", self.duration_s.unwrap_or(0.0), 0.0..=3600.0)?;
-        check_range("height-m", self.height_m, 0.1..=100.0)?;
-        check_range("take-off-s", self.take_off_s, 0.5..=60.0)?;
-        check_range("settle-s", self.settle_s, 0.0..=3600.0)?;
-        check_range("descent-m-s", self.descent_m_s, 0.05..=2.0)?;
-        self.hover.check()?;
-        self.step.check()?;
-        self.square.check()?;
-        self.circle.check()?;
-        self.lemniscate.check()?;
-        self.attitude_chirp.check()?;
-        self.attitude_doublet.check()
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, 3600.0)),
+            ("height-m", self.height_m, Rule::Between(0.1, 100.0)),
+            ("take-off-s", self.take_off_s, Rule::Between(0.5, 60.0)),
+            ("settle-s", self.settle_s, Rule::Between(0.0, 3600.0)),
+            ("descent-m-s", self.descent_m_s, Rule::Between(0.05, 2.0)),
+        ])?;
+        self.hover.check().map_err(|error| error.within("hover"))?;
+        self.step.check().map_err(|error| error.within("step"))?;
+        self.square.check().map_err(|error| error.within("square"))?;
+        self.circle.check().map_err(|error| error.within("circle"))?;
+        self.lemniscate.check().map_err(|error| error.within("lemniscate"))?;
+        self.attitude_chirp.check().map_err(|error| error.within("attitude-chirp"))?;
+        self.attitude_doublet.check().map_err(|error| error.within("attitude-doublet"))
     }
 
-    /// The trajectory that these options name. `waypoints` is what the file holds if it is to be
-    /// [`TrajectoryKind::Waypoints`], else not used; without them that kind is `None`.
+    /// The trajectory that these options name. `waypoints` is the content of the file, used by
+    /// [`TrajectoryKind::Waypoints`] only; that kind without waypoints gives `None`.
     #[must_use]
     pub fn trajectory(&self, waypoints: Option<Waypoints>) -> Option<Trajectory> {
         let shape = match self.kind {
-            TrajectoryKind::Hover => Shape::Hover(self.hover),
-            TrajectoryKind::Step => Shape::Step(self.step),
-            TrajectoryKind::Square => Shape::Square(self.square),
-            TrajectoryKind::Circle => Shape::Circle(self.circle),
-            TrajectoryKind::Lemniscate => Shape::Lemniscate(self.lemniscate),
-            TrajectoryKind::AttitudeChirp => Shape::AttitudeChirp(self.attitude_chirp),
-            TrajectoryKind::AttitudeDoublet => Shape::AttitudeDoublet(self.attitude_doublet),
-            TrajectoryKind::Waypoints => Shape::Waypoints(waypoints?),
+            TrajectoryKind::Hover => TrajectoryShape::Hover(self.hover),
+            TrajectoryKind::Step => TrajectoryShape::Step(self.step),
+            TrajectoryKind::Square => TrajectoryShape::Square(self.square),
+            TrajectoryKind::Circle => TrajectoryShape::Circle(self.circle),
+            TrajectoryKind::Lemniscate => TrajectoryShape::Lemniscate(self.lemniscate),
+            TrajectoryKind::AttitudeChirp => TrajectoryShape::AttitudeChirp(self.attitude_chirp),
+            TrajectoryKind::AttitudeDoublet => {
+                TrajectoryShape::AttitudeDoublet(self.attitude_doublet)
+            }
+            TrajectoryKind::Waypoints => TrajectoryShape::Waypoints(waypoints?),
         };
         Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })
     }

@@ -1,4 +1,4 @@
-//! The shapes a trajectory can have, with their parameters as they stand in the configuration.
+//! The shapes of trajectories with their parameters in the configuration.
 //!
 //! Positions are relative to the hover point, times to the start of the trajectory.
 
@@ -7,16 +7,16 @@ use std::f64::consts::TAU;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Reference};
+use super::reference::{Phase, Reference};
+use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
-use crate::range::{OutOfRange, check_range};
 use crate::tracking_error::AttitudeReference;
 
 /// Rest at the hover point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Hover {
-    /// How long \[s\].
+    /// Duration \[s\].
     pub duration_s: f64,
 }
 
@@ -27,8 +27,8 @@ impl Default for Hover {
 }
 
 impl Hover {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("hover.duration-s", self.duration_s, 0.0..=3600.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([("duration-s", self.duration_s, Rule::Between(0.0, 3600.0))])
     }
 }
 
@@ -44,9 +44,10 @@ pub enum StepAxis {
     Yaw,
 }
 
-/// One Euler angle is stepped up at the start and back to zero after a time; the rest is for the way back.
+/// A step of one Euler angle: up at the start, back to zero after `hold-s`; the remaining time is for the flight
+/// back.
 ///
-/// Roll and pitch are prescribed as an attitude, so the position is not controlled while they last.
+/// Roll and pitch are prescribed as an attitude, so the horizontal position is not controlled during the step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Step {
@@ -54,9 +55,9 @@ pub struct Step {
     pub axis: StepAxis,
     /// Size of the step \[deg\].
     pub angle_deg: f64,
-    /// How long the angle is held \[s\].
+    /// Time for which the angle is held \[s\].
     pub hold_s: f64,
-    /// How long the trajectory lasts \[s\].
+    /// Duration of the trajectory \[s\].
     pub duration_s: f64,
 }
 
@@ -67,11 +68,13 @@ impl Default for Step {
 }
 
 impl Step {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
+    pub(super) fn check(&self) -> Result<(), OptionError> {
         let greatest = if self.axis == StepAxis::Yaw { 180.0 } else { 30.0 };
-        check_range("step.angle-deg", self.angle_deg, -greatest..=greatest)?;
-        check_range("step.duration-s", self.duration_s, 0.0..=3600.0)?;
-        check_range("step.hold-s", self.hold_s, 0.0..=self.duration_s)
+        check_options([
+            ("angle-deg", self.angle_deg, Rule::Between(-greatest, greatest)),
+            ("duration-s", self.duration_s, Rule::Between(0.0, 3600.0)),
+            ("hold-s", self.hold_s, Rule::Between(0.0, self.duration_s)),
+        ])
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
@@ -101,7 +104,7 @@ pub struct Square {
     pub side_m: f64,
     /// Time between jumps; the first is at the start \[s\].
     pub dwell_s: f64,
-    /// How long the trajectory lasts \[s\].
+    /// Duration of the trajectory \[s\].
     pub duration_s: f64,
 }
 
@@ -112,15 +115,17 @@ impl Default for Square {
 }
 
 impl Square {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("square.side-m", self.side_m, 0.0..=100.0)?;
-        check_range("square.dwell-s", self.dwell_s, 0.1..=3600.0)?;
-        check_range("square.duration-s", self.duration_s, 0.0..=3600.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("side-m", self.side_m, Rule::Between(0.0, 100.0)),
+            ("dwell-s", self.dwell_s, Rule::Between(0.1, 3600.0)),
+            ("duration-s", self.duration_s, Rule::Between(0.0, 3600.0)),
+        ])
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
         const CORNERS: [[f64; 2]; 4] = [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]];
-        // The conversion rounds down.
+        // The cast rounds down.
         let [x, y] = CORNERS[((t_s / self.dwell_s) as usize).min(CORNERS.len() - 1)];
         Reference::rest(Vector3::new(x, y, 0.0) * self.side_m, Phase::Trajectory)
     }
@@ -134,7 +139,7 @@ pub struct Circle {
     pub radius_m: f64,
     /// Time of one round at full speed \[s\].
     pub period_s: f64,
-    /// Rounds.
+    /// Number of rounds \[-\].
     pub laps: u32,
     /// Time from rest to full speed, and back \[s\].
     pub ramp_s: f64,
@@ -147,11 +152,13 @@ impl Default for Circle {
 }
 
 impl Circle {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("circle.radius-m", self.radius_m, 0.0..=100.0)?;
-        check_range("circle.period-s", self.period_s, 0.1..=3600.0)?;
-        check_range("circle.laps", f64::from(self.laps), 1.0..=1000.0)?;
-        check_range("circle.ramp-s", self.ramp_s, 0.0..=self.period_s)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("radius-m", self.radius_m, Rule::Between(0.0, 100.0)),
+            ("period-s", self.period_s, Rule::Between(0.1, 3600.0)),
+            ("laps", f64::from(self.laps), Rule::Between(1.0, 1000.0)),
+            ("ramp-s", self.ramp_s, Rule::Between(0.0, self.period_s)),
+        ])
     }
 
     pub(super) fn sweep(&self) -> Sweep {
@@ -175,7 +182,7 @@ pub struct Lemniscate {
     pub half_length_m: f64,
     /// Time of one round at full speed \[s\].
     pub period_s: f64,
-    /// Rounds.
+    /// Number of rounds \[-\].
     pub laps: u32,
     /// Time from rest to full speed, and back \[s\].
     pub ramp_s: f64,
@@ -188,11 +195,13 @@ impl Default for Lemniscate {
 }
 
 impl Lemniscate {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("lemniscate.half-length-m", self.half_length_m, 0.0..=100.0)?;
-        check_range("lemniscate.period-s", self.period_s, 0.1..=3600.0)?;
-        check_range("lemniscate.laps", f64::from(self.laps), 1.0..=1000.0)?;
-        check_range("lemniscate.ramp-s", self.ramp_s, 0.0..=self.period_s)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("half-length-m", self.half_length_m, Rule::Between(0.0, 100.0)),
+            ("period-s", self.period_s, Rule::Between(0.1, 3600.0)),
+            ("laps", f64::from(self.laps), Rule::Between(1.0, 1000.0)),
+            ("ramp-s", self.ramp_s, Rule::Between(0.0, self.period_s)),
+        ])
     }
 
     pub(super) fn sweep(&self) -> Sweep {
@@ -214,8 +223,8 @@ fn moving(position: Vector2<f64>, velocity: Vector2<f64>) -> Reference {
     }
 }
 
-/// The course of the angle on a closed curve that is entered and left at rest. The angular speed rises and falls by
-/// 3 x^2 - 2 x^3, so the acceleration is continuous too.
+/// Angle as a function of time on a closed curve that starts and ends at rest. The angular speed rises and falls by 3
+/// x^2 - 2 x^3, so the acceleration is continuous too.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sweep {
     period_s: f64,

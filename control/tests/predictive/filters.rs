@@ -1,8 +1,8 @@
-//! The filters are the optimal ones for the model they have.
+//! The filters are optimal for their model.
 
 use nalgebra::{Matrix1, Matrix3};
 use oqtal_control::predictive::{
-    AttitudeFilter, Covariance, FilterOptions, Motion, PositionFilter, Transition,
+    AttitudeFilter, Covariance, FilterOptions, Motion, PositionFilter, StateTransition,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::riccati::dare;
@@ -29,13 +29,13 @@ impl Noise {
     }
 }
 
-/// With walks so short that no bias comes to its limit in a test.
+/// Options with walks so small that no bias reaches its limit in a test.
 fn options() -> FilterOptions {
     FilterOptions { acceleration_walk_m_s2: 0.1, ..FilterOptions::default() }
 }
 
 /// The covariance before a measurement, after many of them.
-fn settled(transition: &Transition, sd: f64) -> Matrix3<f64> {
+fn settled(transition: &StateTransition, sd: f64) -> Matrix3<f64> {
     let mut covariance = Covariance::of([sd, 1.0, 1.0]);
     for _ in 0..20_000 {
         covariance.correct(sd);
@@ -46,8 +46,8 @@ fn settled(transition: &Transition, sd: f64) -> Matrix3<f64> {
 
 /// Estimation is the dual of control: the filter's covariance settles at the solution of the Riccati
 /// equation of the transposed system.
-fn check_dual(transition: &Transition, sd: f64) {
-    let Transition { f, q } = transition;
+fn check_dual(transition: &StateTransition, sd: f64) {
+    let StateTransition { f, q } = transition;
     let r = Matrix1::new(sd * sd);
     // In units in which the noise of the measurement is one, for the sake of conditioning.
     let dual = dare(&f.transpose(), &Vector3::x(), &(q / r[0]), &Matrix1::new(1.0)).unwrap();
@@ -66,7 +66,7 @@ fn the_covariances_settle_where_our_own_riccati_solver_says() {
 }
 
 /// Mean square of the innovations over their expected variance, and their correlation from one to
-/// the next: 1 and 0 if the filter knows all there is to know.
+/// the next: 1 and 0 for an optimal filter.
 fn statistics(innovations: &[Vector3<f64>], variance: f64) -> (f64, f64) {
     let n = 3.0 * innovations.len() as f64;
     let square = innovations.iter().map(Vector3::norm_squared).sum::<f64>() / n;
@@ -156,7 +156,7 @@ proptest! {
         }
     }
 
-    /// The sign with which a pose writes its attitude is not the vehicle's.
+    /// The sign of the measured quaternion has no effect.
     #[test]
     fn the_sign_of_a_measured_quaternion_does_not_matter(turn in vector(0.5), estimate in vector(3.0)) {
         let measured = Attitude::from_rotation_vector(turn);

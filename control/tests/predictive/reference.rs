@@ -1,24 +1,24 @@
-//! The reference that is followed, and the attitude that goes with it.
+//! The reference model, and the attitude for its acceleration.
 
 use nalgebra::Vector2;
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::predictive::{
-    CommandFilter, Course, Force, Limits, LookAhead, ReferenceModel, ReferenceModelOptions,
+    CommandFilter, Course, Force, LookAhead, MotionLimits, ReferenceModel, ReferenceModelOptions,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate};
 use oqtal_control::quaternion::Attitude;
 
 use super::*;
 
-/// How far the reference may go past a target at rest \[m\].
+/// Overshoot allowed past a target at rest \[m\].
 const MOST_PAST_M: f64 = 1e-6;
 
-const LIMITS: Limits = Limits { speed: 0.8, acceleration: 2.3 };
+const LIMITS: MotionLimits = MotionLimits { speed: 0.8, acceleration: 2.3 };
 
 /// The way to a target at rest, from rest at the origin: where the reference is after every tick.
 fn towards(
     target: Vector3<f64>,
-    (options, limits): (ReferenceModelOptions, Limits),
+    (options, limits): (ReferenceModelOptions, MotionLimits),
     seconds: f64,
 ) -> Vec<Course> {
     let mut model = ReferenceModel::new(options, limits);
@@ -32,10 +32,10 @@ fn towards(
         .collect()
 }
 
-/// Whether these courses keep all limits; what is wrong otherwise.
+/// Whether these courses keep all limits; the violation otherwise.
 fn within(
     courses: &[Course],
-    (options, limits): (ReferenceModelOptions, Limits),
+    (options, limits): (ReferenceModelOptions, MotionLimits),
 ) -> Result<(), TestCaseError> {
     for course in courses {
         prop_assert!(course.velocity.norm() <= limits.speed * (1.0 + 1e-9));
@@ -47,9 +47,9 @@ fn within(
 
 /// Options and limits of a vehicle from wide ranges, though not all that a configuration may hold; the greatest jerk such
 /// that the acceleration is there in two seconds.
-fn any_options() -> impl Strategy<Value = (ReferenceModelOptions, Limits)> {
-    let limits =
-        (0.05..5.0_f64, 0.1..15.0_f64).prop_map(|(speed, a)| Limits { speed, acceleration: a });
+fn any_options() -> impl Strategy<Value = (ReferenceModelOptions, MotionLimits)> {
+    let limits = (0.05..5.0_f64, 0.1..15.0_f64)
+        .prop_map(|(speed, a)| MotionLimits { speed, acceleration: a });
     (0.1..50.0_f64, 0.05..20.0_f64, 0.5..1000.0_f64, limits).prop_map(|(k_p, a_b, jerk, limits)| {
         let options = ReferenceModelOptions {
             position_gain_per_s: k_p,
@@ -86,7 +86,7 @@ proptest! {
         }
     }
 
-    /// Wherever the target jumps meanwhile.
+    /// The limits hold for any jumps of the target.
     #[test]
     fn it_keeps_its_limits_when_the_target_jumps(
         targets in prop::collection::vec((vector(3.0), 1..90_usize), 1..8),
@@ -104,7 +104,7 @@ proptest! {
         within(&courses, options)?;
     }
 
-    /// Each derivative is what the one before it changed by, in the last part of a tick.
+    /// Each derivative is the rate of change of the previous one in the last part of a tick.
     #[test]
     fn its_derivatives_are_those_of_its_position(target in vector(3.0)) {
         let courses = towards(target, (ReferenceModelOptions::default(), LIMITS), 3.0);
@@ -118,7 +118,7 @@ proptest! {
         }
     }
 
-    /// What the attitude is said to turn at is what it turns at.
+    /// The stated rate is the rate of the attitude.
     #[test]
     fn rate_and_acceleration_are_the_derivatives_of_the_attitude(
         value in vector(2.0),
