@@ -5,6 +5,7 @@
 
 mod dynamics;
 mod plant;
+mod spread;
 mod state;
 pub mod wire;
 mod world;
@@ -56,7 +57,7 @@ impl PlantArgs {
     /// The same for any process: the wire is a setting.
     fn common(self) -> CommonArgs {
         let Self { wire, mut common } = self;
-        common.settings.extend(wire.map(|link| format!("vehicle.wire.link={link}")));
+        common.settings.extend(wire.map(|link| format!("plant.wire.link={link}")));
         common
     }
 }
@@ -71,7 +72,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 
 /// The link that the vehicle is to be found at, if its commands come over a wire.
 fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
-    Ok(config.vehicle.wire.link()?)
+    wire::link(config).map_err(|error| config.locate(&error).into())
 }
 
 /// Flies the simulated vehicle until asked to stop.
@@ -91,7 +92,7 @@ fn fly(context: &ProcessContext) -> Result<(), Failure> {
     let mut commands = bus.reader(&COMMAND)?;
     let mut truths = bus.writer(&TRUTH)?;
     // Of a vehicle behind the bridge it is the bridge that speaks.
-    let own = !context.config.vehicle.shadow;
+    let own = !context.config.plant.shadow;
     let mut vehicles = own.then(|| bus.writer(&VEHICLE)).transpose()?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut pace = context.pace(&bus, &COMMAND)?;

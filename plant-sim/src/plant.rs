@@ -6,9 +6,10 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
-use oqtal_config::{Config, VehicleKind};
+use oqtal_config::{Config, Interface};
 
 use crate::dynamics::{Disturbance, Dynamics, Input};
+use crate::spread::drawn;
 use crate::state::State;
 use crate::world::{Cell, Gust, imperfections, rest_on_floor};
 
@@ -62,26 +63,27 @@ impl Plant {
     /// The vehicle of `config` on the floor at `start`.
     #[must_use]
     pub fn new(config: &Config, start: Time) -> Self {
-        let (vehicle, seed) = (&config.vehicle, config.clock.seed);
-        let (drift, constant_acceleration) = imperfections(vehicle, seed);
+        let seed = config.clock.seed;
+        let options = drawn(&config.plant, seed);
+        let (drift, constant_acceleration) = imperfections(&options, seed);
         Self {
-            dynamics: Dynamics::new(vehicle),
+            dynamics: Dynamics::new(&options),
             state: State::on_floor(),
             time: start,
             millisecond: Grid::new(start, INTEGRATION_HZ),
-            camera: Grid::new(start, config.mocap.rate_hz),
-            gust: Gust::new(vehicle, seed, 1.0 / INTEGRATION_HZ),
-            battery: Cell::new(vehicle),
+            camera: Grid::new(start, options.frame_rate_hz),
+            gust: Gust::new(&options, seed, 1.0 / INTEGRATION_HZ),
+            battery: Cell::new(&options),
             drift,
             constant_acceleration,
             radio: VecDeque::with_capacity(64),
-            radio_delay: Span::from_seconds(vehicle.radio_delay_ms * 1e-3),
+            radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
             input: Input::default(),
-            understands: match vehicle.kind {
-                VehicleKind::Hummingbird => Actuation::Sticks,
-                VehicleKind::Spacecraft => Actuation::Torque,
+            understands: match options.interface {
+                Interface::Rate => Actuation::Sticks,
+                Interface::Torque => Actuation::Torque,
             },
-            max_torque: vehicle.max_torque_nm,
+            max_torque: options.max_torque_nm,
             falls_silent_at: None,
             armed: false,
             commands_lost: 0,

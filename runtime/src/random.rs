@@ -27,6 +27,8 @@ pub enum Source {
     DownlinkLoss = 6,
     /// Which bits from a vehicle are wrong.
     DownlinkErrors = 7,
+    /// Deviations of the simulated vehicle's parameters from their nominal values.
+    Spread = 8,
 }
 
 /// The stream of `source` under `seed`.

@@ -5,12 +5,14 @@
 //! | `line.rs` | the pseudo-terminal, and the link by which it is found |
 //! | `radio.rs` | what happens to bytes on their way |
 //! | `on_board.rs` | what the vehicle does about commands, and what it answers |
+//! | `options.rs` | `[plant.wire]` in the terms of `oqtal-wire` |
 //! | `motors.rs` | how they are started and stopped |
 //! | `vehicle.rs` | all of it but the line, as one pure object |
 
 mod line;
 mod motors;
 mod on_board;
+mod options;
 mod radio;
 mod vehicle;
 
@@ -28,6 +30,7 @@ use crate::Output;
 pub use line::Line;
 pub use motors::Motors;
 pub use on_board::{Measured, OnBoard};
+pub use options::link;
 pub use radio::{Radio, Traffic, Way};
 pub use vehicle::WiredVehicle;
 

@@ -1,0 +1,40 @@
+//! `[plant.wire]` in the terms of `oqtal-wire`: link, address, scales.
+
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_wire::asctec::Scales;
+use oqtal_wire::link::LinkSpec;
+use oqtal_wire::xbee::Address;
+
+/// The link at which the emulated vehicle is to be found; `None` if its commands come over the bus.
+///
+/// # Errors
+/// `plant.wire.link` is no link, or a value that goes with a link cannot be used.
+pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
+    let text = &config.plant.wire.link;
+    if text.is_empty() {
+        return Ok(None);
+    }
+    let refused = |error| OptionError::new("plant.wire.link", "unusable", format!("a link: {error}"));
+    let link = text.parse().map_err(refused)?;
+    address(config)?;
+    scales(config)?;
+    Ok(Some(link))
+}
+
+/// The host's XBee as the vehicle addresses it.
+pub(super) fn address(config: &Config) -> Result<Address, OptionError> {
+    let text = &config.plant.wire.xbee_address;
+    let refused = || OptionError::new("plant.wire.xbee-address", format!("`{text}`"), Address::FORM);
+    Address::from_digits(text).ok_or_else(refused)
+}
+
+/// What counts mean to the vehicle.
+pub(super) fn scales(config: &Config) -> Result<Scales, OptionError> {
+    let scales: Scales = config.plant.wire.asctec.convert("plant.wire.asctec")?;
+    let checked = scales.check();
+    let refused = |error: oqtal_wire::asctec::InvalidScale| {
+        OptionError::new(format!("plant.wire.asctec.{}", error.key), "unusable", error.rule)
+    };
+    checked.map(|()| scales).map_err(refused)
+}
