@@ -17,23 +17,23 @@ use oqtal_bus::topic::{COMMAND, POSE, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_wire::asctec::ControlInput;
 use rustix::process::Signal;
-use vehicle::{Manner, Vehicle};
+use vehicle::{Manner, PtyVehicle};
 
 const PERIOD: std::time::Duration = std::time::Duration::from_nanos(16_666_667);
 
 /// A bridge, the vehicle at its link, and the bus they share with the test.
-struct Flight {
+struct BridgeFlight {
     testbed: Testbed,
-    vehicle: Vehicle,
+    vehicle: PtyVehicle,
     bridge: Running,
     bus: Bus,
     said: Reader<VehicleV1>,
 }
 
-impl Flight {
+impl BridgeFlight {
     fn new(name: &str, manner: Manner) -> Self {
         let testbed = Testbed::new(name);
-        let vehicle = Vehicle::new(&testbed.path("port"), manner);
+        let vehicle = PtyVehicle::new(&testbed.path("port"), manner);
         let bus = testbed.bus();
         let said = bus.observer(&VEHICLE).unwrap();
         let bridge = testbed.start(&["bridge", "run", "--link", &vehicle.link()]);
@@ -102,12 +102,12 @@ fn stick(roll: f64) -> CommandV1 {
 }
 
 fn is_neutral(order: &ControlInput) -> bool {
-    *order == ControlInput::NEUTRAL
+    *order == ControlInput::ZERO_SETPOINT
 }
 
 /// A flight whose vehicle's motors run and which follows commands.
-fn airborne(name: &str) -> (Flight, Commander) {
-    let mut flight = Flight::new(name, Manner::Answers);
+fn airborne(name: &str) -> (BridgeFlight, Commander) {
+    let mut flight = BridgeFlight::new(name, Manner::Answers);
     let mut commander = Commander::new(&flight.bus);
     flight.until("an answer", |vehicle| vehicle.link == 1);
     let vehicle = &flight.vehicle;
@@ -185,7 +185,7 @@ fn an_independent_reader_sees_valid_neutral_frames_at_sixty_hertz_without_a_daem
 
 #[test]
 fn a_vehicle_that_answers_is_heard_and_one_that_falls_silent_is_missed() {
-    let mut flight = Flight::new("silence", Manner::Answers);
+    let mut flight = BridgeFlight::new("silence", Manner::Answers);
     let heard = flight.until("an answer", |vehicle| vehicle.link == 1);
     assert!((heard.air_ns, heard.armed, heard.starting) == (17_000_000, 0, 0), "{heard:?}");
     let settled = flight.until("quality", |v| v.link_quality > 0.9 && v.battery_v > 0.0);
@@ -203,7 +203,7 @@ fn a_vehicle_that_answers_is_heard_and_one_that_falls_silent_is_missed() {
 
 #[test]
 fn f20_noise_in_place_of_telemetry_is_never_an_answer_and_frames_go_on() {
-    let mut flight = Flight::new("noise", Manner::Babbles);
+    let mut flight = BridgeFlight::new("noise", Manner::Babbles);
     let orders = flight.orders(240);
     assert!(orders.iter().all(is_neutral));
     for _ in 0..100 {
@@ -288,7 +288,7 @@ fn show_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
 
 /// A real daemon that flies is given `blow`: the bridge must go neutral by itself.
 fn daemon_falls(name: &str, blow: Signal) {
-    let mut flight = Flight::new(name, Manner::Answers);
+    let mut flight = BridgeFlight::new(name, Manner::Answers);
     flight.until("an answer", |vehicle| vehicle.link == 1);
     let stop = std::sync::atomic::AtomicBool::new(false);
     std::thread::scope(|threads| {
@@ -328,12 +328,12 @@ fn f19_a_port_that_comes_back_is_found_and_neutral_comes_first() {
     let port = flight.testbed.path("port");
     let log = std::mem::replace(
         &mut flight.vehicle,
-        Vehicle::new(&flight.testbed.path("spare"), Manner::Answers),
+        PtyVehicle::new(&flight.testbed.path("spare"), Manner::Answers),
     )
     .unplug();
     assert_eq!(log.damaged, 0);
     flight.until("the loss", |vehicle| vehicle.link == 0);
-    flight.vehicle = Vehicle::new(&port, Manner::Answers);
+    flight.vehicle = PtyVehicle::new(&port, Manner::Answers);
     let vehicle = &flight.vehicle;
     // The daemon never stopped wanting to fly: nothing but neutral until it does.
     let orders = commander.until("frames after the loss", stick(0.5), || {
@@ -352,7 +352,7 @@ fn f19_a_port_that_comes_back_is_found_and_neutral_comes_first() {
 #[test]
 fn f33_asked_to_end_the_bridge_says_neutral_and_stops_motors_that_run() {
     let (flight, mut commander) = airborne("term");
-    let Flight { vehicle, bridge, .. } = flight;
+    let BridgeFlight { vehicle, bridge, .. } = flight;
     commander.until("some flight", stick(0.1), || (vehicle.log().orders.len() > 30).then_some(()));
     commander.send(stick(0.1), Time::now());
     bridge.signal(Signal::TERM);
@@ -396,7 +396,7 @@ fn a_port_that_is_none_is_named_with_a_remedy() {
 #[test]
 fn a_port_without_permission_says_so() {
     let testbed = Testbed::new("nobody");
-    let vehicle = Vehicle::new(&testbed.path("port"), Manner::Answers);
+    let vehicle = PtyVehicle::new(&testbed.path("port"), Manner::Answers);
     let device = testbed.path("port").canonicalize().unwrap();
     std::fs::set_permissions(&device, std::os::unix::fs::PermissionsExt::from_mode(0o000)).unwrap();
     let mut command =
@@ -422,7 +422,7 @@ fn a_port_without_permission_says_so() {
 
 #[test]
 fn f25_a_second_bridge_is_refused_and_the_first_goes_on() {
-    let flight = Flight::new("second-bridge", Manner::Answers);
+    let flight = BridgeFlight::new("second-bridge", Manner::Answers);
     let link = flight.vehicle.link();
     refused(&flight.testbed, &["run", "--link", &link], 75, &["vehicle", "already has a writer"]);
     // Another instance knows nothing of the first but the port.

@@ -16,11 +16,11 @@ use oqtal_config::Config;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
-    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll,
-    Scales, Status, Sticks, acknowledgement_frame, poll_frame,
+    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Poll, Scales,
+    Status, StickMeaning, Sticks, acknowledgement_frame, poll_frame,
 };
 
-use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
+use crate::protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
 use crate::safety::VehicleSetpoint;
 
 /// Head, length, descriptor, checksum and tail around a telemetry payload \[bytes\].
@@ -48,8 +48,8 @@ impl Asctec {
     fn sticks(&self, command: &CommandV1) -> Option<Sticks> {
         let CommandV1 { sticks: [roll, pitch, yaw], thrust, .. } = *command;
         match self.scales.sticks {
-            Meaning::BodyRate => Some(Sticks { roll, pitch, yaw, thrust }),
-            Meaning::Attitude => {
+            StickMeaning::BodyRate => Some(Sticks { roll, pitch, yaw, thrust }),
+            StickMeaning::Attitude => {
                 let angles = EulerAngles::from_attitude(&Attitude::from_xyzw(command.attitude)?);
                 let (roll, pitch) = (angles.roll, angles.pitch);
                 Some(Sticks { roll, pitch, yaw: yaw * self.yaw_authority, thrust })
@@ -59,8 +59,8 @@ impl Asctec {
 }
 
 impl VehicleProtocol for Asctec {
-    fn sizes(&self) -> Sizes {
-        Sizes {
+    fn sizes(&self) -> FrameSizes {
+        FrameSizes {
             setpoint: ControlInput::FRAME_LEN,
             acknowledgement: acknowledgement_frame(Descriptor::ControlInput).len(),
             poll: poll_frame(Poll::LL_STATUS).len(),
@@ -68,26 +68,26 @@ impl VehicleProtocol for Asctec {
         }
     }
 
-    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> Frame {
+    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> VehicleFrame {
         let input = match setpoint {
-            VehicleSetpoint::Neutral => ControlInput::NEUTRAL,
+            VehicleSetpoint::Zero => ControlInput::ZERO_SETPOINT,
             VehicleSetpoint::Fly(command) => self
                 .sticks(command)
-                .map_or(ControlInput::NEUTRAL, |sticks| self.scales.encode(&sticks)),
+                .map_or(ControlInput::ZERO_SETPOINT, |sticks| self.scales.encode(&sticks)),
             // The same frame: a toggle.
             VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => {
                 self.scales.motor_switch()
             }
         };
-        Frame::of(&input.frame())
+        VehicleFrame::of(&input.frame())
     }
 
-    fn poll(&mut self) -> Frame {
-        Frame::of(&poll_frame(Poll::LL_STATUS))
+    fn poll(&mut self) -> VehicleFrame {
+        VehicleFrame::of(&poll_frame(Poll::LL_STATUS))
     }
 
-    fn emergency_stop(&mut self) -> Frame {
-        Frame::of(&EMERGENCY_STOP)
+    fn emergency_stop(&mut self) -> VehicleFrame {
+        VehicleFrame::of(&EMERGENCY_STOP)
     }
 
     fn hear(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
@@ -117,7 +117,7 @@ fn status_of(status: LlStatus) -> VehicleReply {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_wire::asctec::{Command, VehicleDecoder, write_telemetry};
+    use oqtal_wire::asctec::{HostCommand, VehicleDecoder, write_telemetry};
 
     fn protocol() -> Asctec {
         Asctec::new(&Config::default())
@@ -126,8 +126,8 @@ mod tests {
     /// What the vehicle reads of `command`.
     fn read(protocol: &mut Asctec, command: CommandV1) -> ControlInput {
         let frame = protocol.setpoint(&VehicleSetpoint::Fly(command));
-        let reply: Vec<Command> = VehicleDecoder::new().push(frame.bytes()).collect();
-        let [Command::Control(input)] = reply[..] else { panic!("{reply:?}") };
+        let reply: Vec<HostCommand> = VehicleDecoder::new().push(frame.bytes()).collect();
+        let [HostCommand::Control(input)] = reply[..] else { panic!("{reply:?}") };
         input
     }
 
@@ -136,7 +136,7 @@ mod tests {
         let mut protocol = protocol();
         let sizes = protocol.sizes();
         for setpoint in [
-            VehicleSetpoint::Neutral,
+            VehicleSetpoint::Zero,
             VehicleSetpoint::StartMotors,
             VehicleSetpoint::Fly(CommandV1::default()),
         ] {
@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
         let mut config = Config::default();
-        config.bridge.asctec.sticks = Meaning::Attitude;
+        config.bridge.asctec.sticks = StickMeaning::Attitude;
         let mut protocol = Asctec::new(&config);
         // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
         let half = 5.0_f64.to_radians();
@@ -176,6 +176,6 @@ mod tests {
         assert_eq!((input.roll, input.pitch), (400 * i16::from(signs.roll), 0));
         assert_eq!(input.yaw.abs(), 95);
         let nothing = read(&mut protocol, CommandV1 { attitude: [0.0; 4], ..command });
-        assert_eq!(nothing, ControlInput::NEUTRAL);
+        assert_eq!(nothing, ControlInput::ZERO_SETPOINT);
     }
 }

@@ -7,8 +7,8 @@ use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::stop::StopFlag;
 
-use crate::link::Link;
-use crate::motors::Change;
+use crate::link::VehicleLink;
+use crate::motors::MotorChange;
 
 const QUEUE: usize = 64;
 /// How often there is looked for something to do.
@@ -29,7 +29,7 @@ pub enum Note {
         damaged: u64,
     },
     /// The motors, or what was tried with them.
-    Motors(Change),
+    Motors(MotorChange),
     /// A command was too old, or from the future.
     RefusedOld,
     /// The port did not pass on what it was given; that was dropped.
@@ -40,8 +40,8 @@ pub enum Note {
 #[derive(Debug)]
 pub struct RtHandle {
     notes: Sender<Note>,
-    lost: Sender<Box<dyn Link>>,
-    opened: Receiver<Box<dyn Link>>,
+    lost: Sender<Box<dyn VehicleLink>>,
+    opened: Receiver<Box<dyn VehicleLink>>,
     unlogged: u64,
 }
 
@@ -49,8 +49,8 @@ pub struct RtHandle {
 #[derive(Debug)]
 pub struct BackgroundWorker {
     notes: Receiver<Note>,
-    lost: Receiver<Box<dyn Link>>,
-    opened: Sender<Box<dyn Link>>,
+    lost: Receiver<Box<dyn VehicleLink>>,
+    opened: Sender<Box<dyn VehicleLink>>,
 }
 
 /// Both ends.
@@ -80,32 +80,32 @@ impl RtHandle {
     }
 
     /// Hands over a link that is lost, to be closed, and opened anew.
-    pub fn lost(&self, link: Box<dyn Link>) {
+    pub fn lost(&self, link: Box<dyn VehicleLink>) {
         // There is one link, so there is room for it.
         let _ = self.lost.try_send(link);
     }
 
     /// The link opened in place of a lost one, once there is one.
     #[must_use]
-    pub fn opened(&self) -> Option<Box<dyn Link>> {
+    pub fn opened(&self) -> Option<Box<dyn VehicleLink>> {
         self.opened.try_recv().ok()
     }
 }
 
 impl BackgroundWorker {
     /// Keeps house until asked to stop. Lost links are replaced by what `open` opens.
-    pub fn run<L: Link + 'static, E: std::fmt::Display>(
+    pub fn run<L: VehicleLink + 'static, E: std::fmt::Display>(
         &self,
         stop: &StopFlag,
         mut open: impl FnMut() -> Result<L, E>,
     ) {
-        let mut search: Option<Search> = None;
+        let mut search: Option<PortSearch> = None;
         while !stop.is_set() {
             self.notes.try_iter().for_each(log);
             if let Ok(link) = self.lost.try_recv() {
                 tracing::warn!("the port is lost: neutral first when it is back");
                 drop(link);
-                search = Some(Search::new(Time::now()));
+                search = Some(PortSearch::new(Time::now()));
             }
             let found = search.as_mut().and_then(|search| search.look(Time::now(), &mut open));
             if let Some(link) = found {
@@ -121,13 +121,13 @@ impl BackgroundWorker {
 
 /// The search for a lost port.
 #[derive(Clone, Debug)]
-struct Search {
+struct PortSearch {
     next: Time,
     pause: Span,
     last_reason: String,
 }
 
-impl Search {
+impl PortSearch {
     fn new(now: Time) -> Self {
         Self { next: now + SHORTEST_PAUSE, pause: SHORTEST_PAUSE, last_reason: String::new() }
     }
@@ -176,20 +176,20 @@ fn log(note: Note) {
     }
 }
 
-fn log_motors(change: Change) {
+fn log_motors(change: MotorChange) {
     match change {
-        Change::Starts => tracing::info!("motors are being started"),
-        Change::Runs => tracing::info!("motors run"),
-        Change::Stops => tracing::info!("motors are being stopped"),
-        Change::Stands => tracing::info!("motors stand"),
-        Change::StartFailed => tracing::warn!(
+        MotorChange::Starts => tracing::info!("motors are being started"),
+        MotorChange::Runs => tracing::info!("motors run"),
+        MotorChange::Stops => tracing::info!("motors are being stopped"),
+        MotorChange::Stands => tracing::info!("motors stand"),
+        MotorChange::StartFailed => tracing::warn!(
             "motors did not start: neutral until disarmed; look at bridge.asctec.motor-yaw-counts and the remote control"
         ),
-        Change::StopFailed => {
+        MotorChange::StopFailed => {
             tracing::warn!("motors did not stop: neutral; stop them by the remote control");
         }
-        Change::Stalled => tracing::warn!("motors stopped in flight: neutral until disarmed"),
-        Change::Abandoned => {
+        MotorChange::Stalled => tracing::warn!("motors stopped in flight: neutral until disarmed"),
+        MotorChange::Abandoned => {
             tracing::warn!(
                 "the daemon fell silent in flight: neutral until it is there and disarmed"
             );
@@ -204,7 +204,7 @@ mod tests {
     #[test]
     fn a_lost_port_is_looked_for_ever_more_seldom_and_at_least_every_two_seconds() {
         let mut now = Time::VIRTUAL_START;
-        let mut search = Search::new(now);
+        let mut search = PortSearch::new(now);
         let mut pauses = Vec::new();
         for _ in 0..7 {
             pauses.push(search.next.since(now).nanos() / 1_000_000);

@@ -14,12 +14,12 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
 use crate::background::Note;
-use crate::line::Line;
-use crate::motors::Change;
-use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
-use crate::safety::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
+use crate::line::LineOccupancy;
+use crate::motors::MotorChange;
+use crate::protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
+use crate::safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits, VehicleSetpoint};
 use crate::schedule::{Schedule, spacing};
-use crate::vehicle::Vehicle;
+use crate::vehicle::VehicleMonitor;
 
 /// A status counts for a motor sequence for so many periods of asking.
 const STATUS_PERIODS: f64 = 3.0;
@@ -32,12 +32,12 @@ const LAG_FRAMES: f64 = 0.5;
 const REFUSALS_APART: Span = Span::from_millis(1000);
 
 /// What is told to the daemon and to observers: the pose's sequence, the stations passed, the vehicle.
-pub type Report = (u64, Stamps, VehicleV1);
+pub type VehicleReport = (u64, Stamps, VehicleV1);
 
 /// What a frame is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
-    VehicleSetpoint(Option<About>),
+enum FrameKind {
+    VehicleSetpoint(Option<ForwardedCommand>),
     Poll,
     EmergencyStop,
 }
@@ -45,8 +45,8 @@ enum Kind {
 /// A frame on its way out.
 #[derive(Clone, Copy, Debug)]
 struct Outgoing {
-    kind: Kind,
-    frame: Frame,
+    kind: FrameKind,
+    frame: VehicleFrame,
     handed_over: usize,
     begun: Time,
 }
@@ -55,14 +55,14 @@ struct Outgoing {
 #[derive(Debug)]
 pub struct Bridge {
     protocol: Box<dyn VehicleProtocol>,
-    sizes: Sizes,
+    sizes: FrameSizes,
     period: Span,
     air: Span,
     emergency_stop: bool,
-    safety: Safety,
+    safety: CommandGate,
     schedule: Schedule,
-    line: Line,
-    vehicle: Vehicle,
+    line: LineOccupancy,
+    vehicle: VehicleMonitor,
     outgoing: Option<Outgoing>,
     is_open: bool,
     /// Since when the port holds back what should have gone out.
@@ -81,8 +81,8 @@ pub struct Bridge {
 }
 
 /// How far apart polls must be on `line`; `None` if there is no room for any.
-pub(crate) fn poll_spacing(line: &Line, period: Span, sizes: Sizes) -> Option<Span> {
-    let Sizes { setpoint, acknowledgement, poll, status } = sizes;
+pub(crate) fn poll_spacing(line: &LineOccupancy, period: Span, sizes: FrameSizes) -> Option<Span> {
+    let FrameSizes { setpoint, acknowledgement, poll, status } = sizes;
     spacing(period, line.time_for(setpoint + acknowledgement), line.time_for(poll + status))
 }
 
@@ -93,12 +93,12 @@ impl Bridge {
         let options = &config.bridge;
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         let period = Span::period_of(config.control.rate_hz);
-        let (line, sizes) = (Line::new(baud), protocol.sizes());
+        let (line, sizes) = (LineOccupancy::new(baud), protocol.sizes());
         // Without any room the configuration was refused.
         let spacing = poll_spacing(&line, period, sizes).unwrap_or(period);
         let status_period = Span::period_of(options.status_rate_hz).max(spacing);
-        let limits = Limits {
-            command_age: period.scaled(options.neutral_after_periods),
+        let limits = SafetyLimits {
+            command_age: period.scaled(options.command_timeout_periods),
             status_age: status_period.scaled(STATUS_PERIODS),
             sequence: millis(options.motor_sequence_ms),
             rest: millis(options.rest_ms),
@@ -109,10 +109,10 @@ impl Bridge {
             period,
             air: millis(options.air_latency_ms),
             emergency_stop: options.emergency_stop,
-            safety: Safety::new(now, limits),
+            safety: CommandGate::new(now, limits),
             schedule: Schedule::new(period, status_period, spacing),
             line,
-            vehicle: Vehicle::new(millis(options.silence_ms)),
+            vehicle: VehicleMonitor::new(millis(options.silence_ms)),
             outgoing: None,
             is_open: false,
             held_since: None,
@@ -174,7 +174,7 @@ impl Bridge {
     }
 
     /// Begins the frame that is due, if one is and the line is clear. Without a port the report alone is due.
-    pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<Report> {
+    pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<VehicleReport> {
         self.watch(now, note);
         let due = self.command_waits || now >= self.schedule.next_frame();
         let blocked = self.outgoing.is_some() || self.held_since.is_some();
@@ -190,13 +190,13 @@ impl Bridge {
         let (setpoint, about, change) = self.safety.decide(now);
         if let Some(change) = change {
             note(Note::Motors(change));
-            self.emergency_waits |= change == Change::StopFailed && self.emergency_stop;
+            self.emergency_waits |= change == MotorChange::StopFailed && self.emergency_stop;
         }
         let with_command = std::mem::take(&mut self.command_waits);
         self.schedule.frame(now, with_command);
         if self.is_open {
             let frame = self.protocol.setpoint(&setpoint);
-            self.begin(now, Kind::VehicleSetpoint(about), frame);
+            self.begin(now, FrameKind::VehicleSetpoint(about), frame);
             None
         } else {
             Some(self.report(now, None, Span::ZERO))
@@ -210,14 +210,14 @@ impl Bridge {
         }
         if std::mem::take(&mut self.emergency_waits) {
             let frame = self.protocol.emergency_stop();
-            self.begin(now, Kind::EmergencyStop, frame);
+            self.begin(now, FrameKind::EmergencyStop, frame);
             return;
         }
         let asking = self.line.time_for(self.sizes.poll);
         let urgent = self.safety.is_in_sequence();
         if self.schedule.poll(now, self.line.ahead(now), asking, urgent) {
             let frame = self.protocol.poll();
-            self.begin(now, Kind::Poll, frame);
+            self.begin(now, FrameKind::Poll, frame);
         }
     }
 
@@ -230,7 +230,7 @@ impl Bridge {
     }
 
     /// So many of them were taken at `now`. With the last byte of an setpoint there is something to report.
-    pub fn handed_over(&mut self, now: Time, bytes: usize) -> Option<Report> {
+    pub fn handed_over(&mut self, now: Time, bytes: usize) -> Option<VehicleReport> {
         let outgoing = self.outgoing.as_mut()?;
         outgoing.handed_over += bytes;
         if outgoing.handed_over < outgoing.frame.bytes().len() {
@@ -240,15 +240,15 @@ impl Bridge {
         self.outgoing = None;
         let on_wire = self.line.take(now, frame.bytes().len());
         match kind {
-            Kind::VehicleSetpoint(about) => {
+            FrameKind::VehicleSetpoint(about) => {
                 self.vehicle.asked(now);
                 Some(self.report(now, about, on_wire))
             }
-            Kind::Poll => {
+            FrameKind::Poll => {
                 self.vehicle.asked(now);
                 None
             }
-            Kind::EmergencyStop => None,
+            FrameKind::EmergencyStop => None,
         }
     }
 
@@ -275,8 +275,8 @@ impl Bridge {
 
     /// The last words: neutral. To be called as often as it is to be said.
     pub fn say_neutral(&mut self, now: Time) {
-        let frame = self.protocol.setpoint(&VehicleSetpoint::Neutral);
-        self.begin(now, Kind::VehicleSetpoint(None), frame);
+        let frame = self.protocol.setpoint(&VehicleSetpoint::Zero);
+        self.begin(now, FrameKind::VehicleSetpoint(None), frame);
     }
 
     /// The very last: the emergency stop, if the motors run because of this bridge. Nobody will be left to stop them.
@@ -284,7 +284,7 @@ impl Bridge {
         let needed = self.is_open && self.emergency_stop && self.safety.may_run();
         if needed {
             let frame = self.protocol.emergency_stop();
-            self.begin(now, Kind::EmergencyStop, frame);
+            self.begin(now, FrameKind::EmergencyStop, frame);
         }
         needed
     }
@@ -296,7 +296,12 @@ impl Bridge {
     }
 
     /// How the vehicle is, as told without a frame.
-    pub fn report(&mut self, now: Time, about: Option<About>, on_wire: Span) -> Report {
+    pub fn report(
+        &mut self,
+        now: Time,
+        about: Option<ForwardedCommand>,
+        on_wire: Span,
+    ) -> VehicleReport {
         if let Some(about) = &about {
             self.last_command = about.command;
         }
@@ -349,7 +354,7 @@ impl Bridge {
         now + (self.line.ahead(now) - self.line.time_for(self.sizes.setpoint)).max(Span::ZERO)
     }
 
-    fn begin(&mut self, now: Time, kind: Kind, frame: Frame) {
+    fn begin(&mut self, now: Time, kind: FrameKind, frame: VehicleFrame) {
         self.outgoing = Some(Outgoing { kind, frame, handed_over: 0, begun: now });
     }
 }

@@ -36,21 +36,21 @@ use oqtal_bus::time::Span;
 use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, Config, VehicleKind};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
-use oqtal_wire::link::{Kind, LinkSpec};
+use oqtal_wire::link::{LinkSpec, ProtocolKind};
 use oqtal_wire::xbee::{Address, Framing};
 
 pub use asctec::Asctec;
 pub use background::{BackgroundWorker, Note, RtHandle, rt_handle};
-pub use bridge::{Bridge, Report};
-pub use line::Line;
-pub use link::Link;
-pub use motors::{Change, Conditions, Motors, State};
-pub use protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
+pub use bridge::{Bridge, VehicleReport};
+pub use line::LineOccupancy;
+pub use link::VehicleLink;
+pub use motors::{MotorChange, MotorConditions, MotorSequencer, MotorState};
+pub use protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
 pub use radio::through;
-pub use safety::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
+pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits, VehicleSetpoint};
 pub use schedule::{Schedule, spacing};
-pub use serial::{OpenError, Port, Serial};
-pub use vehicle::Vehicle;
+pub use serial::{PortOpenError, SerialLink, SerialPortOptions};
+pub use vehicle::VehicleMonitor;
 
 /// Of the line's time, commands may take so much.
 const GREATEST_OCCUPANCY: f64 = 0.8;
@@ -134,7 +134,7 @@ fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn VehicleProtocol>), Fail
         wrong("`bridge.link` names no vehicle; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0".to_owned())
     })?;
     let protocol: Box<dyn VehicleProtocol> = match spec.kind() {
-        Kind::Asctec => Box::new(Asctec::new(config)),
+        ProtocolKind::Asctec => Box::new(Asctec::new(config)),
     };
     let peer = config.bridge.xbee_address()?;
     let protocol = radio::through(spec.xbee(), peer, protocol);
@@ -143,8 +143,8 @@ fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn VehicleProtocol>), Fail
 }
 
 /// Commands, polls and answers must fit on the line.
-fn check_room(config: &Config, spec: &LinkSpec, sizes: Sizes) -> Result<(), String> {
-    let line = Line::new(spec.baud());
+fn check_room(config: &Config, spec: &LinkSpec, sizes: FrameSizes) -> Result<(), String> {
+    let line = LineOccupancy::new(spec.baud());
     let (period, rate) = (Span::period_of(config.control.rate_hz), config.control.rate_hz);
     let baud = spec.baud();
     if line.time_for(sizes.setpoint) > period.scaled(GREATEST_OCCUPANCY) {

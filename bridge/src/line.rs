@@ -7,12 +7,12 @@ const BITS_PER_BYTE: f64 = 10.0;
 
 /// A serial line, as it is reckoned from what was handed to it.
 #[derive(Clone, Copy, Debug)]
-pub struct Line {
+pub struct LineOccupancy {
     baud: f64,
     free_at: Time,
 }
 
-impl Line {
+impl LineOccupancy {
     /// A line at `baud` that is free.
     #[must_use]
     pub fn new(baud: u32) -> Self {
@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn bytes_queue_behind_those_before_them() {
-        let (mut line, now) = (Line::new(57_600), Time::VIRTUAL_START);
+        let (mut line, now) = (LineOccupancy::new(57_600), Time::VIRTUAL_START);
         // 17 bytes of 10 bits at 57600 baud.
         assert_eq!(line.take(now, 17), Span::from_nanos(2_951_389));
         let then = now + Span::from_millis(1);

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::io;
 
 /// A way for bytes, both ways. No call waits.
-pub trait Link: Debug + Send {
+pub trait VehicleLink: Debug + Send {
     /// Reads what is there; 0 if that is nothing.
     ///
     /// # Errors

@@ -29,7 +29,7 @@ const SETTLE: Span = Span::from_millis(500);
 
 /// How it is with the motors, as far as the bridge is concerned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum State {
+pub enum MotorState {
     /// Neutral, until nobody has wanted to fly for a while.
     #[default]
     Held,
@@ -45,7 +45,7 @@ pub enum State {
 
 /// What is true now.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Conditions {
+pub struct MotorConditions {
     /// The daemon wants to fly: its newest command is young, and not neutral.
     pub wanted: bool,
     /// It has not wanted to for a while.
@@ -69,39 +69,39 @@ pub struct Conditions {
 }
 
 /// One way from state to state: when `when` holds in `from`.
-struct Transition {
-    from: State,
-    to: State,
-    when: fn(&Conditions) -> bool,
+struct MotorTransition {
+    from: MotorState,
+    to: MotorState,
+    when: fn(&MotorConditions) -> bool,
 }
 
 /// All ways; the first that holds is taken.
-const TRANSITIONS: [Transition; 13] = {
-    use State::{Held, Off, Running, Starting, Stopping};
+const TRANSITIONS: [MotorTransition; 13] = {
+    use MotorState::{Held, Off, Running, Starting, Stopping};
     [
         // A daemon that fell silent in flight must come back and say so: it may only have been asleep.
-        Transition { from: Held, to: Off, when: |c| c.calm && (c.disarmed || !c.flown) },
+        MotorTransition { from: Held, to: Off, when: |c| c.calm && (c.disarmed || !c.flown) },
         // Left over from before it was held.
-        Transition { from: Off, to: Stopping, when: |c| c.flown && c.rested && c.run },
-        Transition { from: Off, to: Running, when: |c| c.wanted && c.run },
-        Transition { from: Off, to: Starting, when: |c| c.wanted && c.stand },
+        MotorTransition { from: Off, to: Stopping, when: |c| c.flown && c.rested && c.run },
+        MotorTransition { from: Off, to: Running, when: |c| c.wanted && c.run },
+        MotorTransition { from: Off, to: Starting, when: |c| c.wanted && c.stand },
         // Called off: the toggle may have taken effect already, and then must be taken back.
-        Transition { from: Starting, to: Stopping, when: |c| !c.wanted },
-        Transition { from: Starting, to: Running, when: |c| c.run },
-        Transition { from: Starting, to: Held, when: |c| c.overdue },
+        MotorTransition { from: Starting, to: Stopping, when: |c| !c.wanted },
+        MotorTransition { from: Starting, to: Running, when: |c| c.run },
+        MotorTransition { from: Starting, to: Held, when: |c| c.overdue },
         // Somebody else stopped them, the pilot perhaps: they are not started again behind his back.
-        Transition { from: Running, to: Held, when: |c| c.stand && c.wanted },
-        Transition { from: Running, to: Off, when: |c| c.stand },
-        Transition { from: Running, to: Held, when: |c| c.abandoned },
-        Transition { from: Running, to: Stopping, when: |c| c.rested && c.run },
-        Transition { from: Stopping, to: Off, when: |c| c.stand && c.settled },
-        Transition { from: Stopping, to: Held, when: |c| c.overdue },
+        MotorTransition { from: Running, to: Held, when: |c| c.stand && c.wanted },
+        MotorTransition { from: Running, to: Off, when: |c| c.stand },
+        MotorTransition { from: Running, to: Held, when: |c| c.abandoned },
+        MotorTransition { from: Running, to: Stopping, when: |c| c.rested && c.run },
+        MotorTransition { from: Stopping, to: Off, when: |c| c.stand && c.settled },
+        MotorTransition { from: Stopping, to: Held, when: |c| c.overdue },
     ]
 };
 
 /// What there is to say about a transition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Change {
+pub enum MotorChange {
     /// The motors are being started.
     Starts,
     /// They run.
@@ -122,42 +122,42 @@ pub enum Change {
 
 /// The state, and since when.
 #[derive(Clone, Copy, Debug)]
-pub struct Motors {
-    state: State,
+pub struct MotorSequencer {
+    state: MotorState,
     since: Time,
     longest: Span,
     flown: bool,
 }
 
-impl Motors {
+impl MotorSequencer {
     /// Held at `now`; a sequence lasts `longest` at most.
     #[must_use]
     pub fn new(now: Time, longest: Span) -> Self {
-        Self { state: State::Held, since: now, longest, flown: false }
+        Self { state: MotorState::Held, since: now, longest, flown: false }
     }
 
     /// The present state.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> MotorState {
         self.state
     }
 
     /// Neutral until nobody has wanted to fly for a while.
     pub fn hold(&mut self, now: Time) {
-        (self.state, self.since) = (State::Held, now);
+        (self.state, self.since) = (MotorState::Held, now);
     }
 
     /// Whether the motors may run because of what was sent from here.
     #[must_use]
     pub fn may_run(&self) -> bool {
-        self.flown || !matches!(self.state, State::Held | State::Off)
+        self.flown || !matches!(self.state, MotorState::Held | MotorState::Off)
     }
 
     /// Goes on to `now`; what changed, if it is worth saying. The last three of `conditions` are filled in.
-    pub fn step(&mut self, now: Time, conditions: Conditions) -> Option<Change> {
+    pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorChange> {
         let lasted = now.since(self.since);
         self.flown &= !conditions.stand;
-        let conditions = Conditions {
+        let conditions = MotorConditions {
             flown: self.flown,
             settled: lasted >= SETTLE,
             overdue: lasted >= self.longest,
@@ -168,9 +168,9 @@ impl Motors {
         (self.state, self.since) = (way.to, now);
         let change = change(way, &conditions);
         match change {
-            Some(Change::Runs) => self.flown = true,
+            Some(MotorChange::Runs) => self.flown = true,
             // Tried, and told: not again.
-            Some(Change::StopFailed) => self.flown = false,
+            Some(MotorChange::StopFailed) => self.flown = false,
             _ => {}
         }
         change
@@ -178,28 +178,30 @@ impl Motors {
 }
 
 /// What there is to say about a way that was taken.
-fn change(way: &Transition, conditions: &Conditions) -> Option<Change> {
+fn change(way: &MotorTransition, conditions: &MotorConditions) -> Option<MotorChange> {
     match (way.from, way.to) {
-        (_, State::Starting) => Some(Change::Starts),
-        (_, State::Running) => Some(Change::Runs),
-        (_, State::Stopping) => Some(Change::Stops),
-        (State::Starting, State::Held) => Some(Change::StartFailed),
-        (State::Stopping, State::Held) => Some(Change::StopFailed),
-        (State::Running, State::Held) if conditions.abandoned => Some(Change::Abandoned),
-        (State::Running, State::Held) => Some(Change::Stalled),
-        (State::Held, _) => None,
-        _ => Some(Change::Stands),
+        (_, MotorState::Starting) => Some(MotorChange::Starts),
+        (_, MotorState::Running) => Some(MotorChange::Runs),
+        (_, MotorState::Stopping) => Some(MotorChange::Stops),
+        (MotorState::Starting, MotorState::Held) => Some(MotorChange::StartFailed),
+        (MotorState::Stopping, MotorState::Held) => Some(MotorChange::StopFailed),
+        (MotorState::Running, MotorState::Held) if conditions.abandoned => {
+            Some(MotorChange::Abandoned)
+        }
+        (MotorState::Running, MotorState::Held) => Some(MotorChange::Stalled),
+        (MotorState::Held, _) => None,
+        _ => Some(MotorChange::Stands),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use State::{Held, Off, Running, Starting, Stopping};
+    use MotorState::{Held, Off, Running, Starting, Stopping};
 
     const LONGEST: Span = Span::from_millis(3000);
-    const STATES: [State; 5] = [Held, Off, Starting, Running, Stopping];
-    const WANTED: Conditions = Conditions {
+    const STATES: [MotorState; 5] = [Held, Off, Starting, Running, Stopping];
+    const WANTED: MotorConditions = MotorConditions {
         wanted: true,
         calm: false,
         disarmed: false,
@@ -212,32 +214,39 @@ mod tests {
         overdue: false,
     };
 
-    fn after(state: State, millis: i64, conditions: Conditions) -> State {
+    fn after(state: MotorState, millis: i64, conditions: MotorConditions) -> MotorState {
         let since = Time::VIRTUAL_START;
-        let mut motors = Motors { state, since, longest: LONGEST, flown: conditions.flown };
+        let mut motors = MotorSequencer { state, since, longest: LONGEST, flown: conditions.flown };
         motors.step(since + Span::from_millis(millis), conditions);
         motors.state
     }
 
-    fn all_conditions() -> impl Iterator<Item = Conditions> {
+    fn all_conditions() -> impl Iterator<Item = MotorConditions> {
         (0..32_u8).map(|bits| {
             let on = |bit: u8| bits & (1 << bit) != 0;
             let (wanted, run, stand) = (on(0), on(3), on(4));
-            Conditions { wanted, calm: on(1), rested: on(2), run, stand, ..Conditions::default() }
+            MotorConditions {
+                wanted,
+                calm: on(1),
+                rested: on(2),
+                run,
+                stand,
+                ..MotorConditions::default()
+            }
         })
     }
 
     #[test]
     fn a_flight_goes_round() {
         let (run, stand) = (
-            Conditions { run: true, ..Conditions::default() },
-            Conditions { stand: true, ..Conditions::default() },
+            MotorConditions { run: true, ..MotorConditions::default() },
+            MotorConditions { stand: true, ..MotorConditions::default() },
         );
-        assert_eq!(after(Held, 1, Conditions { calm: true, ..stand }), Off);
-        assert_eq!(after(Off, 1, Conditions { wanted: true, ..stand }), Starting);
-        assert_eq!(after(Starting, 1, Conditions { wanted: true, ..run }), Running);
+        assert_eq!(after(Held, 1, MotorConditions { calm: true, ..stand }), Off);
+        assert_eq!(after(Off, 1, MotorConditions { wanted: true, ..stand }), Starting);
+        assert_eq!(after(Starting, 1, MotorConditions { wanted: true, ..run }), Running);
         assert_eq!(after(Running, 1, run), Running, "neutral, but not for long");
-        assert_eq!(after(Running, 1, Conditions { rested: true, ..run }), Stopping);
+        assert_eq!(after(Running, 1, MotorConditions { rested: true, ..run }), Stopping);
         assert_eq!(after(Stopping, 499, stand), Stopping, "that status may be old");
         assert_eq!(after(Stopping, 500, stand), Off);
     }
@@ -246,7 +255,7 @@ mod tests {
     fn a_sequence_is_given_up() {
         assert_eq!(after(Starting, 2999, WANTED), Starting);
         assert_eq!(after(Starting, 3000, WANTED), Held);
-        assert_eq!(after(Stopping, 3000, Conditions::default()), Held);
+        assert_eq!(after(Stopping, 3000, MotorConditions::default()), Held);
     }
 
     #[test]
@@ -269,26 +278,27 @@ mod tests {
 
     #[test]
     fn motors_that_stood_still_in_flight_are_not_started_again() {
-        assert_eq!(after(Running, 10, Conditions { stand: true, ..WANTED }), Held);
-        assert_eq!(after(Held, 10, Conditions { stand: true, ..WANTED }), Held);
+        assert_eq!(after(Running, 10, MotorConditions { stand: true, ..WANTED }), Held);
+        assert_eq!(after(Held, 10, MotorConditions { stand: true, ..WANTED }), Held);
     }
 
     #[test]
     fn a_daemon_that_fell_silent_must_be_disarmed_before_it_flies_on() {
-        let run = Conditions { run: true, flown: true, ..WANTED };
-        let silent = Conditions { abandoned: true, wanted: false, ..run };
+        let run = MotorConditions { run: true, flown: true, ..WANTED };
+        let silent = MotorConditions { abandoned: true, wanted: false, ..run };
         assert_eq!(after(Running, 10, silent), Held);
         assert_eq!(after(Held, 10, run), Held);
-        let calm = Conditions { calm: true, wanted: false, ..run };
+        let calm = MotorConditions { calm: true, wanted: false, ..run };
         assert_eq!(after(Held, 10, calm), Held);
-        let disarmed = Conditions { disarmed: true, rested: true, ..calm };
+        let disarmed = MotorConditions { disarmed: true, rested: true, ..calm };
         assert_eq!(after(Held, 10, disarmed), Off);
         assert_eq!(after(Off, 10, disarmed), Stopping);
     }
 
     #[test]
     fn motors_that_nobody_here_flew_are_left_alone() {
-        let by_hand = Conditions { calm: true, rested: true, run: true, ..Conditions::default() };
+        let by_hand =
+            MotorConditions { calm: true, rested: true, run: true, ..MotorConditions::default() };
         assert_eq!(after(Held, 10, by_hand), Off);
         assert_eq!(after(Off, 10_000, by_hand), Off);
     }

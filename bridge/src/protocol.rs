@@ -10,18 +10,18 @@ pub const MAX_FRAME: usize = 128;
 
 /// A frame on its way out.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame {
+pub struct VehicleFrame {
     bytes: [u8; MAX_FRAME],
     length: usize,
 }
 
-impl Default for Frame {
+impl Default for VehicleFrame {
     fn default() -> Self {
         Self { bytes: [0; MAX_FRAME], length: 0 }
     }
 }
 
-impl Frame {
+impl VehicleFrame {
     /// The frame of these bytes.
     #[must_use]
     pub fn of(bytes: &[u8]) -> Self {
@@ -65,7 +65,7 @@ pub enum VehicleReply {
 
 /// Bytes on the wire, whatever frames a radio puts around them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sizes {
+pub struct FrameSizes {
     /// Of an setpoint.
     pub setpoint: usize,
     /// Of the answer to an setpoint.
@@ -79,16 +79,16 @@ pub struct Sizes {
 /// A vehicle's protocol. No call allocates, and no bytes can make one panic.
 pub trait VehicleProtocol: Debug + Send {
     /// How long its frames are.
-    fn sizes(&self) -> Sizes;
+    fn sizes(&self) -> FrameSizes;
 
     /// The frame for an setpoint.
-    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> Frame;
+    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> VehicleFrame;
 
     /// The frame that asks how the vehicle is.
-    fn poll(&mut self) -> Frame;
+    fn poll(&mut self) -> VehicleFrame;
 
     /// The frame that stops the motors at once.
-    fn emergency_stop(&mut self) -> Frame;
+    fn emergency_stop(&mut self) -> VehicleFrame;
 
     /// Takes bytes as they came, and tells what they complete.
     fn hear(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply));

@@ -19,9 +19,9 @@ use oqtal_wire::link::LinkSpec;
 
 use crate::background::{Note, RtHandle, rt_handle};
 use crate::bridge::Bridge;
-use crate::link::Link;
+use crate::link::VehicleLink;
 use crate::protocol::VehicleProtocol;
-use crate::serial::Port;
+use crate::serial::SerialPortOptions;
 
 /// Bytes read at once: at 57600 baud a period brings less than a hundred.
 const READ: usize = 512;
@@ -44,12 +44,12 @@ pub fn run(
     let bus = context.bus()?;
     let ports = Ports::open(context, &bus)?;
     let pace = context.loop_clock(&bus, &COMMAND)?;
-    let port = Port {
+    let port = SerialPortOptions {
         path: spec.path().into(),
         baud: spec.baud(),
         hardware_flow_control: context.config.bridge.hardware_flow_control,
     };
-    let link: Box<dyn Link> = Box::new(port.open()?);
+    let link: Box<dyn VehicleLink> = Box::new(port.open()?);
     tracing::info!(link = spec.to_string(), "the port is open");
     let now = pace.now();
     let mut bridge = Bridge::new(&context.config, protocol, spec.baud(), now);
@@ -85,7 +85,7 @@ struct Pump {
     ports: Ports,
     pace: LoopClock,
     bridge: Bridge,
-    link: Option<Box<dyn Link>>,
+    link: Option<Box<dyn VehicleLink>>,
     rt_handle: RtHandle,
     health: Health,
 }
@@ -194,7 +194,7 @@ impl Pump {
         Ok(())
     }
 
-    fn report(&mut self, report: crate::bridge::Report) -> Result<(), BusError> {
+    fn report(&mut self, report: crate::bridge::VehicleReport) -> Result<(), BusError> {
         let (pose_sequence, stamps, vehicle) = report;
         self.ports.vehicles.send(pose_sequence, stamps, vehicle).map(drop)
     }
@@ -218,7 +218,7 @@ impl Pump {
         }
         if let Some(link) = &mut self.link {
             let give_up = self.pace.now() + SHUTDOWN_TIMEOUT;
-            let is_out = |link: &dyn Link, now: Time| {
+            let is_out = |link: &dyn VehicleLink, now: Time| {
                 self.bridge.ahead(now) == Span::ZERO && link.queued().is_ok_and(|left| left == 0)
             };
             while !is_out(link.as_ref(), self.pace.now()) {

@@ -3,14 +3,14 @@
 //! Requests carry the id 0, which asks for no report of their delivery: the vehicle's own acknowledgements say more, and each
 //! report would take the line's time.
 
-use oqtal_wire::xbee::{Address, Arrival, Carrier, Framing, Side};
+use oqtal_wire::xbee::{Address, Carrier, Framing, RadioEvent, Side};
 
-use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
+use crate::protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
 use crate::safety::VehicleSetpoint;
 
 /// A protocol that goes through a radio.
 #[derive(Debug)]
-struct Radio {
+struct XbeeTransport {
     carrier: Carrier,
     inner: Box<dyn VehicleProtocol>,
 }
@@ -25,24 +25,24 @@ pub fn through(
     match framing {
         Framing::Transparent => inner,
         Framing::Api1 | Framing::Api2 => {
-            Box::new(Radio { carrier: Carrier::new(framing, Side::Host, peer), inner })
+            Box::new(XbeeTransport { carrier: Carrier::new(framing, Side::Host, peer), inner })
         }
     }
 }
 
-impl Radio {
-    fn wrap(&self, frame: &Frame) -> Frame {
+impl XbeeTransport {
+    fn wrap(&self, frame: &VehicleFrame) -> VehicleFrame {
         // Every frame of a vehicle fits into a packet of the radio; one that did not would be none.
         self.carrier
             .wrap(0, frame.bytes())
-            .map_or_else(|_| Frame::default(), |wire| Frame::of(wire.as_bytes()))
+            .map_or_else(|_| VehicleFrame::default(), |wire| VehicleFrame::of(wire.as_bytes()))
     }
 }
 
-impl VehicleProtocol for Radio {
-    fn sizes(&self) -> Sizes {
+impl VehicleProtocol for XbeeTransport {
+    fn sizes(&self) -> FrameSizes {
         let (inner, overhead) = (self.inner.sizes(), self.carrier.overhead());
-        Sizes {
+        FrameSizes {
             setpoint: inner.setpoint + overhead,
             acknowledgement: inner.acknowledgement + overhead,
             poll: inner.poll + overhead,
@@ -50,17 +50,17 @@ impl VehicleProtocol for Radio {
         }
     }
 
-    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> Frame {
+    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> VehicleFrame {
         let frame = self.inner.setpoint(setpoint);
         self.wrap(&frame)
     }
 
-    fn poll(&mut self) -> Frame {
+    fn poll(&mut self) -> VehicleFrame {
         let frame = self.inner.poll();
         self.wrap(&frame)
     }
 
-    fn emergency_stop(&mut self) -> Frame {
+    fn emergency_stop(&mut self) -> VehicleFrame {
         let frame = self.inner.emergency_stop();
         self.wrap(&frame)
     }
@@ -68,7 +68,7 @@ impl VehicleProtocol for Radio {
     fn hear(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         let Self { carrier, inner } = self;
         for arrival in carrier.push(bytes) {
-            if let Arrival::Payload { payload, .. } = arrival {
+            if let RadioEvent::Payload { payload, .. } = arrival {
                 inner.hear(&payload, reply);
             }
         }
@@ -87,7 +87,7 @@ impl VehicleProtocol for Radio {
 #[cfg(test)]
 mod tests {
     use oqtal_config::Config;
-    use oqtal_wire::asctec::{Command, ControlInput, VehicleDecoder};
+    use oqtal_wire::asctec::{ControlInput, HostCommand, VehicleDecoder};
 
     use super::*;
     use crate::asctec::Asctec;
@@ -99,14 +99,14 @@ mod tests {
             let peer = Address::BROADCAST;
             let mut near = through(framing, peer, Box::new(Asctec::new(&config)));
             let mut far = Carrier::new(framing, Side::Radio, peer);
-            let frame = near.setpoint(&VehicleSetpoint::Neutral);
+            let frame = near.setpoint(&VehicleSetpoint::Zero);
             let mut decoder = VehicleDecoder::new();
             let mut read = Vec::new();
             for arrival in far.push(frame.bytes()) {
-                let Arrival::Payload { payload, .. } = arrival else { panic!("{arrival:?}") };
+                let RadioEvent::Payload { payload, .. } = arrival else { panic!("{arrival:?}") };
                 read.extend(decoder.push(&payload));
             }
-            assert_eq!(read, [Command::Control(ControlInput::NEUTRAL)], "{framing}");
+            assert_eq!(read, [HostCommand::Control(ControlInput::ZERO_SETPOINT)], "{framing}");
             let answer = far.wrap(0, b">a\x17a<").unwrap();
             let mut reply = Vec::new();
             near.hear(answer.as_bytes(), &mut |what| reply.push(what));

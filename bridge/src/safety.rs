@@ -9,13 +9,13 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 
-use crate::motors::{Change, Conditions, Motors, State};
+use crate::motors::{MotorChange, MotorConditions, MotorSequencer, MotorState};
 
 /// What a frame tells the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VehicleSetpoint {
     /// Sticks centred, no thrust.
-    Neutral,
+    Zero,
     /// Fly like this: sticks and thrust.
     Fly(CommandV1),
     /// No thrust, and the stick that starts the motors.
@@ -26,7 +26,7 @@ pub enum VehicleSetpoint {
 
 /// A command that an setpoint passes on for the first time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct About {
+pub struct ForwardedCommand {
     /// Sequence of the command.
     pub command: u64,
     /// Sequence of its pose.
@@ -46,7 +46,7 @@ pub struct MotorStatus {
 
 /// How long is too long.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct SafetyLimits {
     /// A command published longer ago is never sent.
     pub command_age: Span,
     /// A status reply longer ago does not count for a motor sequence.
@@ -60,16 +60,16 @@ pub struct Limits {
 /// A command as it arrived.
 #[derive(Clone, Copy, Debug)]
 struct Newest {
-    about: About,
+    about: ForwardedCommand,
     command: CommandV1,
     passed_on: bool,
 }
 
 /// Decides what a frame says.
 #[derive(Clone, Debug)]
-pub struct Safety {
-    limits: Limits,
-    motors: Motors,
+pub struct CommandGate {
+    limits: SafetyLimits,
+    motors: MotorSequencer,
     newest: Option<Newest>,
     status: Option<MotorStatus>,
     /// Since when nobody has wanted to fly.
@@ -79,13 +79,13 @@ pub struct Safety {
     refused: u64,
 }
 
-impl Safety {
+impl CommandGate {
     /// A vehicle of which nothing is known.
     #[must_use]
-    pub fn new(now: Time, limits: Limits) -> Self {
+    pub fn new(now: Time, limits: SafetyLimits) -> Self {
         Self {
             limits,
-            motors: Motors::new(now, limits.sequence),
+            motors: MotorSequencer::new(now, limits.sequence),
             newest: None,
             status: None,
             unwanted_since: now,
@@ -114,7 +114,8 @@ impl Safety {
             return false;
         }
         let stamps = Stamps { received_at: now, ..header.stamps };
-        let about = About { command: header.sequence, pose: header.pose_sequence, stamps };
+        let about =
+            ForwardedCommand { command: header.sequence, pose: header.pose_sequence, stamps };
         self.newest = Some(Newest { about, command, passed_on: false });
         if is_flight(&command) {
             self.neutral_since = None;
@@ -130,7 +131,10 @@ impl Safety {
     }
 
     /// What a frame that begins `now` says, the command that it passes on for the first time, and what changed.
-    pub fn decide(&mut self, now: Time) -> (VehicleSetpoint, Option<About>, Option<Change>) {
+    pub fn decide(
+        &mut self,
+        now: Time,
+    ) -> (VehicleSetpoint, Option<ForwardedCommand>, Option<MotorChange>) {
         let flight = self.flight(now);
         if flight.is_some() {
             self.unwanted_since = now;
@@ -138,11 +142,11 @@ impl Safety {
         let conditions = self.conditions(now, flight.is_some());
         let change = self.motors.step(now, conditions);
         let setpoint = match (self.motors.state(), flight) {
-            (State::Running, Some(command)) => VehicleSetpoint::Fly(command),
+            (MotorState::Running, Some(command)) => VehicleSetpoint::Fly(command),
             // A toggle, so only while it is known to be needed.
-            (State::Starting, Some(_)) if conditions.stand => VehicleSetpoint::StartMotors,
-            (State::Stopping, None) if conditions.run => VehicleSetpoint::StopMotors,
-            _ => VehicleSetpoint::Neutral,
+            (MotorState::Starting, Some(_)) if conditions.stand => VehicleSetpoint::StartMotors,
+            (MotorState::Stopping, None) if conditions.run => VehicleSetpoint::StopMotors,
+            _ => VehicleSetpoint::Zero,
         };
         (setpoint, self.pass_on(now, &setpoint), change)
     }
@@ -150,13 +154,13 @@ impl Safety {
     /// Whether the daemon waits for the motors.
     #[must_use]
     pub fn is_starting(&self) -> bool {
-        self.motors.state() == State::Starting
+        self.motors.state() == MotorState::Starting
     }
 
     /// Whether a motor sequence is under way: then the vehicle's word is wanted often.
     #[must_use]
     pub fn is_in_sequence(&self) -> bool {
-        matches!(self.motors.state(), State::Starting | State::Stopping)
+        matches!(self.motors.state(), MotorState::Starting | MotorState::Stopping)
     }
 
     /// Whether the motors may run because of what was sent here.
@@ -191,12 +195,12 @@ impl Safety {
         Some(status.run)
     }
 
-    fn conditions(&self, now: Time, wanted: bool) -> Conditions {
+    fn conditions(&self, now: Time, wanted: bool) -> MotorConditions {
         let status = self.fresh_status(now);
         let unwanted = now.since(self.unwanted_since);
         let rested = self.neutral_since.is_some_and(|since| now.since(since) >= self.limits.rest);
         let silent = self.neutral_since.is_none() && unwanted >= self.limits.rest;
-        Conditions {
+        MotorConditions {
             wanted,
             calm: unwanted > self.limits.command_age,
             disarmed: self.neutral_since.is_some(),
@@ -204,18 +208,18 @@ impl Safety {
             abandoned: silent && !wanted,
             run: status == Some(true),
             stand: status == Some(false),
-            ..Conditions::default()
+            ..MotorConditions::default()
         }
     }
 
     /// The newest command, if `setpoint` is the first that does what it says.
-    fn pass_on(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<About> {
+    fn pass_on(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<ForwardedCommand> {
         let newest = self.newest.as_mut().filter(|newest| !newest.passed_on)?;
         let young =
             is_young(now, newest.about.stamps.command_published_at, self.limits.command_age);
         let says_so = match setpoint {
             VehicleSetpoint::Fly(_) => true,
-            VehicleSetpoint::Neutral => !is_flight(&newest.command) && young,
+            VehicleSetpoint::Zero => !is_flight(&newest.command) && young,
             VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => false,
         };
         newest.passed_on |= says_so;

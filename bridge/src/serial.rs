@@ -15,14 +15,14 @@ use oqtal_runtime::process::{Exit, Failure};
 use rustix::fs::OFlags;
 use serialport::{ClearBuffer, FlowControl, SerialPort, TTYPort};
 
-use crate::link::Link;
+use crate::link::VehicleLink;
 
 /// An adapter that holds bytes back for longer is worth a word \[ms\].
 const GOOD_LATENCY_MS: u32 = 1;
 
 /// Which port, and how.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Port {
+pub struct SerialPortOptions {
     /// Its path; a symbolic link is followed anew at each opening.
     pub path: PathBuf,
     /// Its speed \[baud\].
@@ -33,7 +33,7 @@ pub struct Port {
 
 /// Why a port cannot be opened.
 #[derive(Debug, thiserror::Error)]
-pub enum OpenError {
+pub enum PortOpenError {
     /// There is none at this path.
     #[error("no serial port at {path}; plug it in, or name another in `bridge.link` or --link")]
     Missing {
@@ -70,13 +70,13 @@ pub enum OpenError {
     },
 }
 
-impl From<OpenError> for Failure {
-    fn from(error: OpenError) -> Self {
+impl From<PortOpenError> for Failure {
+    fn from(error: PortOpenError) -> Self {
         let exit = match error {
-            OpenError::Permission { .. } => Exit::Permission,
-            OpenError::Busy { .. } => Exit::Peer,
-            OpenError::Missing { .. } | OpenError::NotATerminal { .. } => Exit::System,
-            OpenError::System { .. } => Exit::System,
+            PortOpenError::Permission { .. } => Exit::Permission,
+            PortOpenError::Busy { .. } => Exit::Peer,
+            PortOpenError::Missing { .. } | PortOpenError::NotATerminal { .. } => Exit::System,
+            PortOpenError::System { .. } => Exit::System,
         };
         Self::new(exit, error.to_string())
     }
@@ -84,18 +84,18 @@ impl From<OpenError> for Failure {
 
 /// An open serial port.
 #[derive(Debug)]
-pub struct Serial {
+pub struct SerialLink {
     // In this setpoint: the lock is given back last.
     bytes: File,
     control: TTYPort,
 }
 
-impl Port {
+impl SerialPortOptions {
     /// Opens the port. May take long: never on the loop's thread.
     ///
     /// # Errors
     /// There is none, it is taken, or the operating system refuses.
-    pub fn open(&self) -> Result<Serial, OpenError> {
+    pub fn open(&self) -> Result<SerialLink, PortOpenError> {
         // Both descriptors are of the same device, even if the link is changed in between.
         let device =
             self.path.canonicalize().map_err(|error| self.refused(error.kind(), &error))?;
@@ -107,13 +107,13 @@ impl Port {
             .open(&device)
             .map_err(|error| self.refused(error.kind(), &error))?;
         if !bytes.is_terminal() {
-            return Err(OpenError::NotATerminal { path: self.name() });
+            return Err(PortOpenError::NotATerminal { path: self.name() });
         }
         let flow =
             if self.hardware_flow_control { FlowControl::Hardware } else { FlowControl::None };
         let builder = serialport::new(device.to_string_lossy(), self.baud).flow_control(flow);
         let control = TTYPort::open(&builder).map_err(|error| match error.kind() {
-            serialport::ErrorKind::NoDevice => OpenError::Busy { path: self.name() },
+            serialport::ErrorKind::NoDevice => PortOpenError::Busy { path: self.name() },
             serialport::ErrorKind::Io(kind) => self.refused(kind, &error),
             _ => self.refused(ErrorKind::Other, &error),
         })?;
@@ -122,26 +122,26 @@ impl Port {
             .clear(ClearBuffer::Input)
             .map_err(|error| self.refused(ErrorKind::Other, &error))?;
         warn_of_latency(&device);
-        Ok(Serial { bytes, control })
+        Ok(SerialLink { bytes, control })
     }
 
     fn name(&self) -> String {
         self.path.display().to_string()
     }
 
-    fn refused(&self, kind: ErrorKind, reason: &dyn std::fmt::Display) -> OpenError {
+    fn refused(&self, kind: ErrorKind, reason: &dyn std::fmt::Display) -> PortOpenError {
         let path = self.name();
         match kind {
-            ErrorKind::NotFound => OpenError::Missing { path },
-            ErrorKind::PermissionDenied => OpenError::Permission { path },
-            ErrorKind::ResourceBusy => OpenError::Busy { path },
-            ErrorKind::IsADirectory => OpenError::NotATerminal { path },
-            _ => OpenError::System { path, baud: self.baud, reason: reason.to_string() },
+            ErrorKind::NotFound => PortOpenError::Missing { path },
+            ErrorKind::PermissionDenied => PortOpenError::Permission { path },
+            ErrorKind::ResourceBusy => PortOpenError::Busy { path },
+            ErrorKind::IsADirectory => PortOpenError::NotATerminal { path },
+            _ => PortOpenError::System { path, baud: self.baud, reason: reason.to_string() },
         }
     }
 }
 
-impl Link for Serial {
+impl VehicleLink for SerialLink {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self.bytes.read(buffer) {
             // The end of a terminal is the end of the line.

@@ -10,7 +10,7 @@ const PART: Span = Span::from_millis(100);
 
 /// What is known of the vehicle.
 #[derive(Clone, Debug)]
-pub struct Vehicle {
+pub struct VehicleMonitor {
     silence: Span,
     heard_at: Time,
     battery_v: f64,
@@ -19,7 +19,7 @@ pub struct Vehicle {
     part_began: Time,
 }
 
-impl Vehicle {
+impl VehicleMonitor {
     /// A vehicle that was never reply; it is silent once nothing valid came for `silence`.
     #[must_use]
     pub fn new(silence: Span) -> Self {
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn a_vehicle_is_silent_until_heard_and_after_a_while() {
-        let mut vehicle = Vehicle::new(Span::from_millis(1000));
+        let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
         assert!(!vehicle.answers(at(0)) && vehicle.battery_v().is_nan());
         vehicle.hear(at(0), STATUS);
         assert!(vehicle.answers(at(1000)) && !vehicle.answers(at(1001)));
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn quality_is_that_of_the_last_second() {
-        let mut vehicle = Vehicle::new(Span::from_millis(1000));
+        let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
         assert!(vehicle.quality(at(0)).is_nan());
         for tick in 0..100 {
             vehicle.asked(at(20 * tick));

@@ -1,13 +1,13 @@
 //! What may be said to a vehicle, whatever the daemon, the vehicle and the clock do.
 
-use oqtal_bridge::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
+use oqtal_bridge::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits, VehicleSetpoint};
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
 
 const PERIOD: Span = Span::from_nanos(16_666_667);
-const LIMITS: Limits = Limits {
+const LIMITS: SafetyLimits = SafetyLimits {
     command_age: Span::from_nanos(50_000_001),
     status_age: Span::from_millis(375),
     sequence: Span::from_millis(3000),
@@ -17,7 +17,7 @@ const START: Time = Time::VIRTUAL_START;
 
 /// Something that happens, and how long after the last thing.
 #[derive(Clone, Debug)]
-enum Event {
+enum Stimulus {
     /// A command that was published so long ago, or is said to come from the future.
     Command {
         kind: u8,
@@ -28,21 +28,21 @@ enum Event {
         run: bool,
     },
     Reopened,
-    Frame,
+    VehicleFrame,
 }
 
-fn event() -> impl Strategy<Value = Event> {
+fn event() -> impl Strategy<Value = Stimulus> {
     let stick = prop_oneof![-1.0..1.0, Just(f64::NAN), Just(f64::INFINITY)];
     let age = prop_oneof![4 => 0..2000_i64, 1 => 0..200_000_i64, 1 => -50_000..0_i64];
     prop_oneof![
-        6 => (0..4_u8, stick, age).prop_map(|(kind, stick, age_us)| Event::Command { kind, stick, age_us }),
-        3 => any::<bool>().prop_map(|run| Event::Status { run }),
-        1 => Just(Event::Reopened),
-        8 => Just(Event::Frame),
+        6 => (0..4_u8, stick, age).prop_map(|(kind, stick, age_us)| Stimulus::Command { kind, stick, age_us }),
+        3 => any::<bool>().prop_map(|run| Stimulus::Status { run }),
+        1 => Just(Stimulus::Reopened),
+        8 => Just(Stimulus::VehicleFrame),
     ]
 }
 
-fn events() -> impl Strategy<Value = Vec<(i64, Event)>> {
+fn events() -> impl Strategy<Value = Vec<(i64, Stimulus)>> {
     let pause = prop_oneof![6 => 0..20_000_i64, 1 => 0..2_000_000_i64];
     prop::collection::vec((pause, event()), 1..200)
 }
@@ -60,26 +60,26 @@ fn header(sequence: u64, published_at: Time) -> Header {
 proptest! {
     #[test]
     fn no_frame_carries_a_command_older_than_three_periods(events in events()) {
-        let mut safety = Safety::new(START, LIMITS);
+        let mut safety = CommandGate::new(START, LIMITS);
         let (mut now, mut sequence) = (START, 0);
         let mut published = std::collections::BTreeMap::new();
         let mut neutral_first = true;
         for (pause_us, event) in events {
             now = now + Span::from_nanos(pause_us * 1000);
             match event {
-                Event::Command { kind, stick, age_us } => {
+                Stimulus::Command { kind, stick, age_us } => {
                     sequence += 1;
                     let at = now - Span::from_nanos(age_us * 1000);
                     let command = CommandV1 { actuation: kind, ..flight(stick + sequence as f64) };
                     safety.receive(now, &header(sequence, at), command);
                     published.insert(command.sticks[0].to_bits(), at);
                 }
-                Event::Status { run } => safety.hear(MotorStatus { heard_at: now, run }),
-                Event::Reopened => {
+                Stimulus::Status { run } => safety.hear(MotorStatus { heard_at: now, run }),
+                Stimulus::Reopened => {
                     safety.forget(now);
                     neutral_first = true;
                 }
-                Event::Frame => {
+                Stimulus::VehicleFrame => {
                     let (setpoint, about, _) = safety.decide(now);
                     if let VehicleSetpoint::Fly(command) = setpoint {
                         let at = published[&command.sticks[0].to_bits()];
@@ -87,10 +87,10 @@ proptest! {
                         prop_assert!(command.sticks.iter().all(|stick| stick.is_finite()));
                         prop_assert_eq!(command.actuation, Actuation::Sticks.code());
                     }
-                    if let Some(About { stamps, .. }) = about {
+                    if let Some(ForwardedCommand { stamps, .. }) = about {
                         prop_assert!(now.since(stamps.command_published_at) <= LIMITS.command_age);
                     }
-                    prop_assert!(!neutral_first || setpoint == VehicleSetpoint::Neutral, "{:?}", setpoint);
+                    prop_assert!(!neutral_first || setpoint == VehicleSetpoint::Zero, "{:?}", setpoint);
                     neutral_first = false;
                 }
             }
@@ -99,32 +99,32 @@ proptest! {
 
     #[test]
     fn a_toggle_is_sent_only_while_a_fresh_status_asks_for_it_and_not_for_ever(events in events()) {
-        let mut safety = Safety::new(START, LIMITS);
+        let mut safety = CommandGate::new(START, LIMITS);
         let (mut now, mut sequence) = (START, 0);
         let mut status: Option<(Time, bool)> = None;
         let mut toggling_since = None;
         for (pause_us, event) in events {
             now = now + Span::from_nanos(pause_us * 1000);
             match event {
-                Event::Command { kind, stick, age_us } => {
+                Stimulus::Command { kind, stick, age_us } => {
                     sequence += 1;
                     let at = now - Span::from_nanos(age_us * 1000);
                     safety.receive(now, &header(sequence, at), CommandV1 { actuation: kind, ..flight(stick) });
                 }
-                Event::Status { run } => {
+                Stimulus::Status { run } => {
                     status = Some((now, run));
                     safety.hear(MotorStatus { heard_at: now, run });
                 }
-                Event::Reopened => {
+                Stimulus::Reopened => {
                     status = None;
                     safety.forget(now);
                 }
-                Event::Frame => {
+                Stimulus::VehicleFrame => {
                     let (setpoint, ..) = safety.decide(now);
                     let wanted = match setpoint {
                         VehicleSetpoint::StartMotors => Some(false),
                         VehicleSetpoint::StopMotors => Some(true),
-                        VehicleSetpoint::Neutral | VehicleSetpoint::Fly(_) => None,
+                        VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => None,
                     };
                     let Some(run) = wanted else {
                         if !safety.is_in_sequence() {
@@ -145,14 +145,14 @@ proptest! {
 
 /// A vehicle whose motors were started by commands, up to the first frame that passes one on.
 struct Flying {
-    safety: Safety,
+    safety: CommandGate,
     now: Time,
     sequence: u64,
 }
 
 impl Flying {
     fn new() -> Self {
-        let mut flying = Self { safety: Safety::new(START, LIMITS), now: START, sequence: 0 };
+        let mut flying = Self { safety: CommandGate::new(START, LIMITS), now: START, sequence: 0 };
         for _ in 0..5 {
             flying.frame();
         }
@@ -192,10 +192,10 @@ fn f14_after_the_last_command_at_most_four_frames_are_not_neutral_however_long_n
         flying.status(true);
         after.push(flying.frame());
     }
-    let first = after.iter().position(|setpoint| *setpoint == VehicleSetpoint::Neutral).unwrap();
+    let first = after.iter().position(|setpoint| *setpoint == VehicleSetpoint::Zero).unwrap();
     assert!(first <= 4, "{first}");
     assert!(
-        after[first..].iter().all(|setpoint| *setpoint == VehicleSetpoint::Neutral),
+        after[first..].iter().all(|setpoint| *setpoint == VehicleSetpoint::Zero),
         "no toggle either"
     );
 }
@@ -208,11 +208,11 @@ fn a_disarmed_vehicle_is_stopped_after_a_rest_and_not_before() {
         flying.status(true);
         orders.push(flying.command(CommandV1::default()));
     }
-    let first = orders.iter().position(|setpoint| *setpoint != VehicleSetpoint::Neutral).unwrap();
+    let first = orders.iter().position(|setpoint| *setpoint != VehicleSetpoint::Zero).unwrap();
     assert!((89..=92).contains(&first), "1.5 s are 90 periods, not {first}");
     assert_eq!(orders[first], VehicleSetpoint::StopMotors);
     flying.status(false);
-    assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Neutral);
+    assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Zero);
 }
 
 #[test]
@@ -221,7 +221,7 @@ fn a_daemon_that_never_stopped_wanting_to_fly_does_not_restart_the_motors_after_
     flying.safety.forget(flying.now);
     for _ in 0..300 {
         flying.status(false);
-        assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Neutral);
+        assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Zero);
     }
     for _ in 0..5 {
         flying.command(CommandV1::default());
@@ -235,7 +235,7 @@ fn f15_a_daemon_that_comes_back_after_a_long_silence_must_be_disarmed_first() {
     let mut flying = Flying::new();
     flying.frames(120);
     flying.status(true);
-    assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Neutral);
+    assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Zero);
 }
 
 #[test]
@@ -252,7 +252,7 @@ fn a_command_that_waited_while_the_bridge_was_stopped_is_never_sent() {
     let published = flying.now;
     flying.now = flying.now + Span::from_millis(200);
     assert!(!flying.safety.receive(flying.now, &header(99, published), flight(0.7)));
-    assert_eq!(flying.frame(), VehicleSetpoint::Neutral);
+    assert_eq!(flying.frame(), VehicleSetpoint::Zero);
     assert_eq!(flying.safety.refused(), 1);
 }
 
@@ -260,5 +260,5 @@ fn a_command_that_waited_while_the_bridge_was_stopped_is_never_sent() {
 fn the_last_word_of_a_daemon_is_taken_though_it_has_no_stamps() {
     let mut flying = Flying::new();
     flying.safety.receive(flying.now, &header(100, Time::UNSET), CommandV1::default());
-    assert_eq!(flying.frame(), VehicleSetpoint::Neutral);
+    assert_eq!(flying.frame(), VehicleSetpoint::Zero);
 }

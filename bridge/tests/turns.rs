@@ -1,12 +1,12 @@
 //! Whole turns of the bridge over a serial line that takes its time, and ports that take bytes as they like.
 
-use oqtal_bridge::{Asctec, Bridge, Line, Note, VehicleProtocol, through};
+use oqtal_bridge::{Asctec, Bridge, LineOccupancy, Note, VehicleProtocol, through};
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, LlStatus, VehicleDecoder, acknowledgement_frame,
+    ControlInput, Descriptor, HostCommand, LlStatus, VehicleDecoder, acknowledgement_frame,
     write_telemetry,
 };
 use oqtal_wire::xbee::{Address, Framing};
@@ -42,7 +42,7 @@ fn flight() -> CommandV1 {
 }
 
 /// A turn with a port that takes everything; the bytes of setpoint and poll, and what was reported.
-fn turn(bridge: &mut Bridge, now: Time) -> (Vec<u8>, Option<oqtal_bridge::Report>) {
+fn turn(bridge: &mut Bridge, now: Time) -> (Vec<u8>, Option<oqtal_bridge::VehicleReport>) {
     let (mut bytes, mut reported) = (Vec::new(), None);
     let mut all = |bridge: &mut Bridge| {
         let count = bridge.outbox().len();
@@ -78,9 +78,9 @@ proptest! {
         // API 2 escapes a byte or two of a frame.
         let escapes = if framing == Framing::Api2 { 4 } else { 0 };
         let setpoint = protocol(framing).sizes().setpoint + escapes;
-        let frame = Line::new(BAUD).time_for(setpoint);
+        let frame = LineOccupancy::new(BAUD).time_for(setpoint);
         // Through a radio's frames, a poll that a command came upon early is ahead of it too.
-        let poll = Line::new(BAUD).time_for(protocol(framing).sizes().poll);
+        let poll = LineOccupancy::new(BAUD).time_for(protocol(framing).sizes().poll);
         let ahead = if framing == Framing::Transparent { frame } else { frame + poll };
         prop_assert!(ahead <= Span::from_nanos(16_666_667), "at most a period");
         let (mut now, mut due) = (START, START);
@@ -170,7 +170,7 @@ fn what_a_port_keeps_although_it_was_dropped_is_waited_for() {
     assert!(!bridge.is_stuck(START + Span::from_millis(19), 0));
     assert_eq!(
         turn(&mut bridge, START + Span::from_millis(19)).0[..17],
-        ControlInput::NEUTRAL.frame()
+        ControlInput::ZERO_SETPOINT.frame()
     );
 }
 
@@ -208,12 +208,12 @@ fn of_refused_commands_the_first_of_each_run_is_noted() {
 
 /// A port whose far end now and then asks for a pause: what it has taken and not sent, by when it goes if nothing holds it up.
 #[derive(Default)]
-struct Port {
+struct PausingPort {
     queue: std::collections::VecDeque<u8>,
     sent: Vec<(Time, u8)>,
 }
 
-impl Port {
+impl PausingPort {
     fn send_until(&mut self, from: Time, until: Time) {
         let byte = FRAME.scaled(1.0 / 17.0);
         let mut at = from + byte;
@@ -226,7 +226,7 @@ impl Port {
 
 /// Flies with a command every period through a port that pauses from time to time: age of each flight setpoint on the wire.
 fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
-    let (mut bridge, mut port) = (bridge(), Port::default());
+    let (mut bridge, mut port) = (bridge(), PausingPort::default());
     let period = Span::from_nanos(16_666_667);
     let mut published = Vec::new();
     let mut now = START;
@@ -262,7 +262,7 @@ fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
     let mut ages = Vec::new();
     for (at, byte) in &port.sent {
         for command in decoder.push(&[*byte]) {
-            let Command::Control(input) = command else { continue };
+            let HostCommand::Control(input) = command else { continue };
             if input.thrust > 0 {
                 ages.push(at.since(published[usize::from(input.roll.unsigned_abs()) - 1]));
             }
@@ -296,8 +296,8 @@ fn a_vehicle_whose_motors_do_not_stop_gets_the_emergency_stop_once() {
         bridge.hear(now, &status(motors_on));
         bridge.receive(now, &header(sequence, now), command, 0);
         let (bytes, _) = turn(bridge, now);
-        let reply: Vec<Command> = VehicleDecoder::new().push(&bytes).collect();
-        stops += reply.iter().filter(|command| **command == Command::EmergencyStop).count();
+        let reply: Vec<HostCommand> = VehicleDecoder::new().push(&bytes).collect();
+        stops += reply.iter().filter(|command| **command == HostCommand::EmergencyStop).count();
         reply
     };
     for _ in 0..10 {
@@ -309,6 +309,6 @@ fn a_vehicle_whose_motors_do_not_stop_gets_the_emergency_stop_once() {
         step(&mut bridge, CommandV1::default(), 1);
     }
     let last = step(&mut bridge, CommandV1::default(), 1);
-    assert_eq!(last[0], Command::Control(ControlInput::NEUTRAL));
+    assert_eq!(last[0], HostCommand::Control(ControlInput::ZERO_SETPOINT));
     assert_eq!(stops, 1);
 }

@@ -38,7 +38,7 @@ code! {
     /// What the numbers of a command mean.
     Actuation {
         /// Motors off, whatever the numbers.
-        Neutral = 0 => "neutral",
+        Disarmed = 0 => "disarmed",
         /// Attitude sticks and collective thrust, Eq. (61).
         Sticks = 1 => "sticks",
         /// Torque and collective thrust.

@@ -131,14 +131,14 @@ message! {
 message! {
     /// Topic `command`: what the daemon wants of the vehicle.
     CommandV1 = "oqtal.Command.v1" {
-        /// [`crate::code::Actuation`]: neutral, sticks or torque.
+        /// [`crate::code::Actuation`]: disarmed, sticks or torque.
         actuation: u8,
         /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61) \[-1..1, body\]; zero unless sticks are meant.
         sticks: [f64; 3],
         /// Torque \[N m, body\]; zero unless torque is meant.
         torque: [f64; 3],
         /// The attitude that sticks or torque are to bring about, scalar last \[body to world\], for a vehicle that holds one
-        /// by itself; zeros in a neutral command.
+        /// by itself; zeros in a disarmed command.
         attitude: [f64; 4],
         /// Collective thrust `delta_c` of Eq. (61) \[0..1 of the vehicle's greatest thrust\].
         thrust: f64,

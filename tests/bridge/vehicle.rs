@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, LlStatus, Scales, Status, VehicleDecoder,
+    ControlInput, Descriptor, HostCommand, LlStatus, Scales, Status, VehicleDecoder,
     acknowledgement_frame, write_telemetry,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -32,7 +32,7 @@ pub enum Manner {
 
 /// What it heard so far.
 #[derive(Clone, Debug, Default)]
-pub struct Log {
+pub struct VehicleLog {
     /// Every order, and whether its motors ran then.
     pub orders: Vec<ControlInput>,
     /// Every byte.
@@ -44,15 +44,15 @@ pub struct Log {
     pub motors_run: bool,
 }
 
-pub struct Vehicle {
-    log: Arc<Mutex<Log>>,
+pub struct PtyVehicle {
+    log: Arc<Mutex<VehicleLog>>,
     manner: Arc<AtomicU8>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     link: PathBuf,
 }
 
-impl Vehicle {
+impl PtyVehicle {
     /// A vehicle whose port is found at `link`.
     pub fn new(link: &Path, manner: Manner) -> Self {
         let master =
@@ -65,9 +65,10 @@ impl Vehicle {
         raw(&slave);
         let _ = std::fs::remove_file(link);
         std::os::unix::fs::symlink(&name, link).unwrap();
-        let (log, stop) = (Arc::new(Mutex::new(Log::default())), Arc::new(AtomicBool::new(false)));
+        let (log, stop) =
+            (Arc::new(Mutex::new(VehicleLog::default())), Arc::new(AtomicBool::new(false)));
         let manner = Arc::new(AtomicU8::new(manner as u8));
-        let body = Body {
+        let body = VehicleThread {
             log: log.clone(),
             manner: manner.clone(),
             decoder: VehicleDecoder::new(),
@@ -80,13 +81,13 @@ impl Vehicle {
         Self { log, manner, stop, thread: Some(thread), link: link.to_owned() }
     }
 
-    pub fn log(&self) -> Log {
+    pub fn log(&self) -> VehicleLog {
         self.log.lock().unwrap().clone()
     }
 
     pub fn forget(&self) {
         let mut log = self.log.lock().unwrap();
-        *log = Log { motors_run: log.motors_run, ..Log::default() };
+        *log = VehicleLog { motors_run: log.motors_run, ..VehicleLog::default() };
     }
 
     pub fn be(&self, manner: Manner) {
@@ -98,7 +99,7 @@ impl Vehicle {
     }
 
     /// Pulls the plug.
-    pub fn unplug(mut self) -> Log {
+    pub fn unplug(mut self) -> VehicleLog {
         self.end();
         self.log()
     }
@@ -111,7 +112,7 @@ impl Vehicle {
     }
 }
 
-impl Drop for Vehicle {
+impl Drop for PtyVehicle {
     fn drop(&mut self) {
         self.end();
     }
@@ -123,8 +124,8 @@ fn raw(slave: &File) {
     rustix::termios::tcsetattr(slave, rustix::termios::OptionalActions::Now, &settings).unwrap();
 }
 
-struct Body {
-    log: Arc<Mutex<Log>>,
+struct VehicleThread {
+    log: Arc<Mutex<VehicleLog>>,
     manner: Arc<AtomicU8>,
     decoder: VehicleDecoder,
     scales: Scales,
@@ -132,7 +133,7 @@ struct Body {
     noise: u32,
 }
 
-impl Body {
+impl VehicleThread {
     fn live(mut self, master: OwnedFd, slave: File, stop: &AtomicBool) {
         let mut master = File::from(master);
         let mut buffer = [0; 4096];
@@ -154,13 +155,13 @@ impl Body {
     }
 
     fn hear(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let commands: Vec<Command> = self.decoder.push(bytes).collect();
+        let commands: Vec<HostCommand> = self.decoder.push(bytes).collect();
         let mut log = self.log.lock().unwrap();
         log.bytes.extend_from_slice(bytes);
         let mut answer = Vec::new();
         for command in commands {
             match command {
-                Command::Control(input) => {
+                HostCommand::Control(input) => {
                     let switches = self.scales.is_motor_switch(&input);
                     self.switched = if switches { self.switched + 1 } else { 0 };
                     if self.switched == SWITCH_FRAMES {
@@ -169,13 +170,13 @@ impl Body {
                     log.orders.push(input);
                     answer.extend(acknowledgement_frame(Descriptor::ControlInput));
                 }
-                Command::Poll(_) => {
+                HostCommand::Poll(_) => {
                     log.polls += 1;
                     let status =
                         Status { battery_v: 11.1, motors_on: log.motors_run, flying: false };
                     answer.extend(status_frame(status));
                 }
-                Command::EmergencyStop => {
+                HostCommand::EmergencyStop => {
                     log.emergency_stops += 1;
                     log.motors_run = false;
                 }

@@ -30,13 +30,15 @@ mod telemetry;
 mod thrust;
 
 pub use command::{
-    Command, CommandError, CommandPacket, ControlInput, EMERGENCY_STOP, FULL_STICK, FULL_THRUST,
-    PollPacket, poll_frame,
+    CommandError, CommandPacket, ControlInput, EMERGENCY_STOP, FULL_STICK, FULL_THRUST,
+    HostCommand, PollPacket, poll_frame,
 };
 pub use crc::crc16;
 pub use decoder::{HostDecoder, HostEvent, HostGrammar, VehicleDecoder, VehicleGrammar};
 pub use descriptor::{Descriptor, Poll};
-pub use meaning::{Imu, InvalidScale, Limits, Meaning, Scales, Signs, Status, Sticks};
+pub use meaning::{
+    AxisSigns, CountLimits, Imu, InvalidScale, Scales, Status, StickMeaning, Sticks,
+};
 pub use payload::{ImuCalc, LlStatus};
 pub use telemetry::{
     AcknowledgementPacket, MAX_TELEMETRY, TelemetryError, TelemetryPacket, acknowledgement_frame,

@@ -17,12 +17,12 @@ const DEFAULT_BAUD: u32 = 57_600;
 
 /// Which bytes the vehicle speaks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ProtocolKind {
     /// [`crate::asctec`].
     Asctec,
 }
 
-impl Kind {
+impl ProtocolKind {
     const ALL: [(&'static str, Self); 1] = [("asctec", Self::Asctec)];
 
     fn name(self) -> &'static str {
@@ -36,7 +36,7 @@ impl Kind {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct LinkSpec {
-    kind: Kind,
+    kind: ProtocolKind,
     path: String,
     baud: u32,
     xbee: Framing,
@@ -45,7 +45,7 @@ pub struct LinkSpec {
 impl LinkSpec {
     /// What the vehicle speaks.
     #[must_use]
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> ProtocolKind {
         self.kind
     }
 
@@ -88,7 +88,8 @@ impl FromStr for LinkSpec {
 
 fn parse(text: &str) -> Result<LinkSpec, String> {
     let (name, rest) = text.split_once(':').ok_or("no kind before a colon")?;
-    let kind = Kind::ALL.into_iter().find_map(|(known, kind)| (known == name).then_some(kind));
+    let kind =
+        ProtocolKind::ALL.into_iter().find_map(|(known, kind)| (known == name).then_some(kind));
     let kind = kind.ok_or_else(|| format!("unknown kind `{name}`"))?;
     let mut parts = rest.split(',');
     let path = parts.next().unwrap_or_default();
@@ -158,7 +159,7 @@ mod tests {
     #[test]
     fn a_port_alone_is_57600_baud_and_transparent() {
         let link: LinkSpec = "asctec:/dev/ttyUSB0".parse().unwrap();
-        assert_eq!((link.kind(), link.path()), (Kind::Asctec, "/dev/ttyUSB0"));
+        assert_eq!((link.kind(), link.path()), (ProtocolKind::Asctec, "/dev/ttyUSB0"));
         assert_eq!((link.baud(), link.xbee()), (57_600, Framing::Transparent));
     }
 
@@ -194,7 +195,7 @@ mod tests {
         #[test]
         fn what_is_written_is_read_back(path in "[^,]+", baud in BAUD, xbee in 0..3_usize) {
             let xbee = [Framing::Transparent, Framing::Api1, Framing::Api2][xbee];
-            let link = LinkSpec { kind: Kind::Asctec, path, baud, xbee };
+            let link = LinkSpec { kind: ProtocolKind::Asctec, path, baud, xbee };
             prop_assert_eq!(link.to_string().parse::<LinkSpec>(), Ok(link));
         }
 

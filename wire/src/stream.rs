@@ -42,7 +42,7 @@ pub trait Grammar {
 
 /// What a decoder has seen so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+pub struct DecoderCounters {
     /// Good frames, those without an event included.
     pub frames: u64,
     /// Frames that were damaged.
@@ -58,14 +58,14 @@ pub struct Decoder<G> {
     start: usize,
     end: usize,
     wanted: usize,
-    counters: Counters,
+    counters: DecoderCounters,
     grammar: PhantomData<G>,
 }
 
 impl<G> Default for Decoder<G> {
     fn default() -> Self {
         let window = [0; CAPACITY];
-        let counters = Counters::default();
+        let counters = DecoderCounters::default();
         Self { window, start: 0, end: 0, wanted: 1, counters, grammar: PhantomData }
     }
 }
@@ -78,13 +78,13 @@ impl<G: Grammar> Decoder<G> {
     }
 
     /// Takes `bytes` as they came and yields what they complete. Bytes are taken as the iterator advances: run it to its end.
-    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> Events<'a, G> {
-        Events { decoder: self, bytes }
+    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> DecodedEvents<'a, G> {
+        DecodedEvents { decoder: self, bytes }
     }
 
     /// Frames and bytes so far.
     #[must_use]
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> DecoderCounters {
         self.counters
     }
 
@@ -157,12 +157,12 @@ impl<G: Grammar> Decoder<G> {
 /// The events in some bytes.
 #[must_use = "bytes are only taken as the iterator advances"]
 #[derive(Debug)]
-pub struct Events<'a, G> {
+pub struct DecodedEvents<'a, G> {
     decoder: &'a mut Decoder<G>,
     bytes: &'a [u8],
 }
 
-impl<G: Grammar> Iterator for Events<'_, G> {
+impl<G: Grammar> Iterator for DecodedEvents<'_, G> {
     type Item = G::Event;
 
     fn next(&mut self) -> Option<G::Event> {

@@ -25,8 +25,8 @@ mod frame;
 mod framing;
 mod packet;
 
-pub use carrier::{Address, Arrival, Arrivals, Carrier, Side};
+pub use carrier::{Address, Carrier, RadioEvent, RadioEvents, Side};
 pub use decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
-pub use frame::{Frame, FrameError, Payload, TooLong, UNKNOWN_NETWORK};
+pub use frame::{ApiFrame, ApiFrameError, Payload, TooLong, UNKNOWN_NETWORK};
 pub use framing::{Framing, InvalidFraming};
-pub use packet::{ApiPacket, MAX_PAYLOAD, MAX_WIRE, PacketError, START, Wire};
+pub use packet::{ApiPacket, MAX_PAYLOAD, MAX_WIRE, PacketError, START, WireBytes};

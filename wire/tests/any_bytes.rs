@@ -5,7 +5,7 @@ mod common;
 use common::any_bytes::{any_bytes, any_radio_bytes};
 use common::noise;
 use oqtal_wire::asctec::{HostGrammar, VehicleGrammar};
-use oqtal_wire::xbee::{Frame, Payload};
+use oqtal_wire::xbee::{ApiFrame, Payload};
 use proptest::prelude::*;
 
 /// A few bytes over and over: what a decoder that looks back too often would be slow on.
@@ -56,7 +56,7 @@ proptest! {
     #[test]
     fn a_frame_cut_anywhere_in_a_stream_of_escapes_stays_sound(cut in 0..235_usize, times in 1..4_usize) {
         let payload = Payload::try_from(&[0x7D; 100][..]).unwrap();
-        let frame = Frame::RxPacket16 { from: 0x7E7E, rssi: 0x11, options: 0x13, payload };
+        let frame = ApiFrame::RxPacket16 { from: 0x7E7E, rssi: 0x11, options: 0x13, payload };
         let wire = frame.to_wire(true);
         let part = &wire.as_bytes()[..cut.min(wire.as_bytes().len())];
         any_radio_bytes(&[&part.repeat(times), wire.as_bytes()].concat());

@@ -4,7 +4,7 @@ mod common;
 
 use common::{decode, decode_in_pieces, in_order, noise};
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, EMERGENCY_STOP, FULL_STICK, FULL_THRUST, HostEvent,
+    ControlInput, Descriptor, EMERGENCY_STOP, FULL_STICK, FULL_THRUST, HostCommand, HostEvent,
     HostGrammar, ImuCalc, LlStatus, MAX_TELEMETRY, Poll, VehicleGrammar, acknowledgement_frame,
     poll_frame, write_telemetry,
 };
@@ -17,12 +17,12 @@ fn control_input() -> impl Strategy<Value = ControlInput> {
     )
 }
 
-fn command() -> impl Strategy<Value = (Vec<u8>, Command)> {
+fn command() -> impl Strategy<Value = (Vec<u8>, HostCommand)> {
     let poll = any::<u16>().prop_filter_map("a poll", Poll::from_wire);
     prop_oneof![
-        4 => control_input().prop_map(|input| (input.frame().to_vec(), Command::Control(input))),
-        2 => poll.prop_map(|poll| (poll_frame(poll).to_vec(), Command::Poll(poll))),
-        1 => Just((EMERGENCY_STOP.to_vec(), Command::EmergencyStop)),
+        4 => control_input().prop_map(|input| (input.frame().to_vec(), HostCommand::Control(input))),
+        2 => poll.prop_map(|poll| (poll_frame(poll).to_vec(), HostCommand::Poll(poll))),
+        1 => Just((EMERGENCY_STOP.to_vec(), HostCommand::EmergencyStop)),
     ]
 }
 

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::process::Command;
 
 use common::{decode, hex};
-use oqtal_wire::xbee::{Api1Grammar, Api2Grammar, Frame, Payload};
+use oqtal_wire::xbee::{Api1Grammar, Api2Grammar, ApiFrame, Payload};
 use serde::Deserialize;
 
 const PYTHON: &str = "OQTAL_PEERS_PYTHON";
@@ -25,13 +25,13 @@ struct Example {
 }
 
 impl Example {
-    fn frame(&self) -> Frame {
+    fn frame(&self) -> ApiFrame {
         let payload = Payload::try_from(&hex(&self.payload)[..]).unwrap();
         let long = |index: usize| self.fields[index];
         let short = |index: usize| u16::try_from(self.fields[index]).unwrap();
         let byte = |index: usize| u8::try_from(self.fields[index]).unwrap();
         match self.kind {
-            0x10 => Frame::TxRequest {
+            0x10 => ApiFrame::TxRequest {
                 id: byte(0),
                 to: long(1),
                 network: short(2),
@@ -39,19 +39,25 @@ impl Example {
                 options: byte(4),
                 payload,
             },
-            0x01 => Frame::TxRequest16 { id: byte(0), to: short(1), options: byte(2), payload },
-            0x90 => Frame::RxPacket { from: long(0), network: short(1), options: byte(2), payload },
-            0x80 => Frame::RxPacket64 { from: long(0), rssi: byte(1), options: byte(2), payload },
-            0x81 => Frame::RxPacket16 { from: short(0), rssi: byte(1), options: byte(2), payload },
-            0x89 => Frame::TxStatus { id: byte(0), status: byte(1) },
-            0x8B => Frame::TxStatusExtended {
+            0x01 => ApiFrame::TxRequest16 { id: byte(0), to: short(1), options: byte(2), payload },
+            0x90 => {
+                ApiFrame::RxPacket { from: long(0), network: short(1), options: byte(2), payload }
+            }
+            0x80 => {
+                ApiFrame::RxPacket64 { from: long(0), rssi: byte(1), options: byte(2), payload }
+            }
+            0x81 => {
+                ApiFrame::RxPacket16 { from: short(0), rssi: byte(1), options: byte(2), payload }
+            }
+            0x89 => ApiFrame::TxStatus { id: byte(0), status: byte(1) },
+            0x8B => ApiFrame::TxStatusExtended {
                 id: byte(0),
                 network: short(1),
                 retries: byte(2),
                 delivery: byte(3),
                 discovery: byte(4),
             },
-            0x8A => Frame::ModemStatus(byte(0)),
+            0x8A => ApiFrame::ModemStatus(byte(0)),
             other => panic!("unknown kind {other:#04x}"),
         }
     }

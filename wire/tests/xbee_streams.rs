@@ -5,8 +5,8 @@ mod common;
 use common::{decode, decode_in_pieces, in_order, noise};
 use oqtal_wire::stream::Grammar;
 use oqtal_wire::xbee::{
-    Address, Api1Grammar, Api2Grammar, Arrival, Carrier, Frame, Framing, MAX_PAYLOAD, MAX_WIRE,
-    Payload, Side,
+    Address, Api1Grammar, Api2Grammar, ApiFrame, Carrier, Framing, MAX_PAYLOAD, MAX_WIRE, Payload,
+    RadioEvent, Side,
 };
 use proptest::prelude::*;
 
@@ -16,11 +16,11 @@ fn payload() -> impl Strategy<Value = Payload> {
         .prop_map(|bytes| Payload::try_from(&bytes[..]).unwrap())
 }
 
-fn with_payload() -> impl Strategy<Value = Frame> {
+fn with_payload() -> impl Strategy<Value = ApiFrame> {
     let (byte, short, long) = (any::<u8>, any::<u16>, any::<u64>);
     prop_oneof![
         (byte(), long(), short(), any::<[u8; 2]>(), payload()).prop_map(
-            |(id, to, network, [radius, options], payload)| Frame::TxRequest {
+            |(id, to, network, [radius, options], payload)| ApiFrame::TxRequest {
                 id,
                 to,
                 network,
@@ -30,26 +30,26 @@ fn with_payload() -> impl Strategy<Value = Frame> {
             }
         ),
         (byte(), short(), byte(), payload()).prop_map(|(id, to, options, payload)| {
-            Frame::TxRequest16 { id, to, options, payload }
+            ApiFrame::TxRequest16 { id, to, options, payload }
         }),
         (long(), short(), byte(), payload()).prop_map(|(from, network, options, payload)| {
-            Frame::RxPacket { from, network, options, payload }
+            ApiFrame::RxPacket { from, network, options, payload }
         }),
         (long(), byte(), byte(), payload()).prop_map(|(from, rssi, options, payload)| {
-            Frame::RxPacket64 { from, rssi, options, payload }
+            ApiFrame::RxPacket64 { from, rssi, options, payload }
         }),
         (short(), byte(), byte(), payload()).prop_map(|(from, rssi, options, payload)| {
-            Frame::RxPacket16 { from, rssi, options, payload }
+            ApiFrame::RxPacket16 { from, rssi, options, payload }
         }),
     ]
 }
 
-fn frame() -> impl Strategy<Value = Frame> {
+fn frame() -> impl Strategy<Value = ApiFrame> {
     prop_oneof![
         with_payload(),
-        any::<[u8; 2]>().prop_map(|[id, status]| Frame::TxStatus { id, status }),
+        any::<[u8; 2]>().prop_map(|[id, status]| ApiFrame::TxStatus { id, status }),
         (any::<u8>(), any::<u16>(), any::<[u8; 3]>()).prop_map(
-            |(id, network, [retries, delivery, discovery])| Frame::TxStatusExtended {
+            |(id, network, [retries, delivery, discovery])| ApiFrame::TxStatusExtended {
                 id,
                 network,
                 retries,
@@ -57,12 +57,12 @@ fn frame() -> impl Strategy<Value = Frame> {
                 discovery
             }
         ),
-        any::<u8>().prop_map(Frame::ModemStatus),
+        any::<u8>().prop_map(ApiFrame::ModemStatus),
     ]
 }
 
 /// Frames, each with noise before it, and silence at the end.
-fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<Frame>)> {
+fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<ApiFrame>)> {
     prop::collection::vec((noise(), frame()), 0..6).prop_map(move |parts| {
         let (mut bytes, mut frames) = (Vec::new(), Vec::new());
         for (noise, frame) in parts {
@@ -76,7 +76,7 @@ fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<Frame>)> {
 }
 
 /// Frames that go behind one another without noise.
-fn back_to_back<G: Grammar<Event = Frame>>(frames: &[Frame], escaped: bool) -> Vec<Frame> {
+fn back_to_back<G: Grammar<Event = ApiFrame>>(frames: &[ApiFrame], escaped: bool) -> Vec<ApiFrame> {
     let bytes: Vec<u8> =
         frames.iter().flat_map(|frame| frame.to_wire(escaped).as_bytes().to_vec()).collect();
     let (events, counters) = decode::<G>(&bytes);
@@ -92,10 +92,10 @@ fn carriers() -> impl Strategy<Value = (Framing, Address)> {
 }
 
 /// What arrives, put together again.
-fn bytes_of(arrivals: impl Iterator<Item = Arrival>) -> Vec<u8> {
+fn bytes_of(arrivals: impl Iterator<Item = RadioEvent>) -> Vec<u8> {
     arrivals
         .flat_map(|arrival| match arrival {
-            Arrival::Payload { payload, .. } => payload.to_vec(),
+            RadioEvent::Payload { payload, .. } => payload.to_vec(),
             other => panic!("{other:?}"),
         })
         .collect()
@@ -183,9 +183,9 @@ proptest! {
     ) {
         let radio = Carrier::new(framing, Side::Radio, address);
         let mut host = Carrier::new(framing, Side::Host, address);
-        let told: Vec<Arrival> = host.push(radio.report(id, delivered).as_bytes()).collect();
+        let told: Vec<RadioEvent> = host.push(radio.report(id, delivered).as_bytes()).collect();
         let silent = framing == Framing::Transparent || id == 0;
-        let wanted = (!silent).then_some(Arrival::Delivery { id, delivered });
+        let wanted = (!silent).then_some(RadioEvent::Delivery { id, delivered });
         prop_assert_eq!(told, Vec::from_iter(wanted));
     }
 }
@@ -201,9 +201,9 @@ fn more_than_a_radio_packet_takes_is_refused() {
 fn the_request_a_radio_hears_carries_its_number() {
     let host = Carrier::new(Framing::Api2, Side::Host, Address::Short(1));
     let mut radio = Carrier::new(Framing::Api2, Side::Radio, Address::Short(2));
-    let heard: Vec<Arrival> = radio.push(host.wrap(17, b"up").unwrap().as_bytes()).collect();
+    let heard: Vec<RadioEvent> = radio.push(host.wrap(17, b"up").unwrap().as_bytes()).collect();
     let payload = Payload::try_from(&b"up"[..]).unwrap();
-    assert_eq!(heard, [Arrival::Payload { id: 17, payload }]);
+    assert_eq!(heard, [RadioEvent::Payload { id: 17, payload }]);
 }
 
 #[test]

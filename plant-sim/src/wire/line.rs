@@ -22,7 +22,7 @@ const LONGEST_WAIT: Span = Span::from_millis(20);
 
 /// The vehicle's end of a serial line. The link goes when this is dropped.
 #[derive(Debug)]
-pub struct Line {
+pub struct PseudoTerminal {
     near: OwnedFd,
     /// Kept open: the line stays as it was set while nobody is at the other end. It carries the lock by which the link is known to
     /// be in use.
@@ -31,10 +31,10 @@ pub struct Line {
     link: PathBuf,
 }
 
-impl Line {
+impl PseudoTerminal {
     /// Opens a line and makes `link` lead to its other end. A link that a dead process left is replaced.
     ///
-    /// # Errors
+    /// # BitErrors
     /// Another emulated vehicle is at `link` (exit code 75), something else is (78), or the operating system refuses (71, 77).
     pub fn open(link: &Path) -> Result<Self, Failure> {
         let failed = |error| system("opening a pseudo-terminal", &error);
@@ -51,7 +51,7 @@ impl Line {
 
     /// Sleeps until `until`, or, if it is to listen, until somebody wrote; returns early now and then.
     ///
-    /// # Errors
+    /// # BitErrors
     /// The operating system refuses.
     pub fn wait(&self, until: Time, listen: bool) -> Result<(), Failure> {
         let left = until.since(Time::now()).clamp(Span::ZERO, LONGEST_WAIT).to_duration();
@@ -66,7 +66,7 @@ impl Line {
 
     /// Reads what was written at the other end, as far as it fits; the number of bytes.
     ///
-    /// # Errors
+    /// # BitErrors
     /// The operating system refuses.
     pub fn read(&self, buffer: &mut [u8]) -> Result<usize, Failure> {
         match rustix::io::read(&self.near, buffer) {
@@ -78,7 +78,7 @@ impl Line {
 
     /// Writes; what nobody reads is lost, as on a serial port.
     ///
-    /// # Errors
+    /// # BitErrors
     /// The operating system refuses.
     pub fn write(&self, bytes: &[u8]) -> Result<(), Failure> {
         match rustix::io::write(&self.near, bytes) {
@@ -94,7 +94,7 @@ impl Line {
     }
 }
 
-impl Drop for Line {
+impl Drop for PseudoTerminal {
     fn drop(&mut self) {
         // Another may have taken the place meanwhile.
         if fs::read_link(&self.link).is_ok_and(|target| target == self.terminal) {

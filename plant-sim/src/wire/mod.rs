@@ -27,11 +27,11 @@ use oqtal_wire::link::LinkSpec;
 
 use crate::Output;
 
-pub use line::Line;
-pub use motors::Motors;
+pub use line::PseudoTerminal;
+pub use motors::MotorSwitch;
 pub use on_board::{Measured, OnBoard};
 pub use options::link;
-pub use radio::{Radio, Traffic, Way};
+pub use radio::{LinkDirection, RadioModel, Traffic};
 pub use vehicle::WiredVehicle;
 
 /// How often a line is opened to a new host again.
@@ -42,10 +42,10 @@ const CHUNK: usize = 512;
 /// Flies the vehicle at the end of `link` until asked to stop. What it knows of itself goes over the wire alone; the truth goes to
 /// the cameras as ever.
 ///
-/// # Errors
+/// # BitErrors
 /// The link cannot be made; the bus refuses or breaks.
 pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
-    let line = Line::open(Path::new(link.path()))?;
+    let line = PseudoTerminal::open(Path::new(link.path()))?;
     let bus = context.bus()?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat = context.heartbeat(&bus)?;
@@ -90,7 +90,8 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
 
 /// What went over the wire, for the log.
 fn report(vehicle: &WiredVehicle) {
-    let (up, down) = (vehicle.radio().traffic(Way::Up), vehicle.radio().traffic(Way::Down));
+    let (up, down) =
+        (vehicle.radio().traffic(LinkDirection::Up), vehicle.radio().traffic(LinkDirection::Down));
     let counters = vehicle.counters();
     tracing::info!(
         read = counters.frames,

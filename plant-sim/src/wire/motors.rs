@@ -4,7 +4,7 @@ use oqtal_bus::time::{Span, Time};
 
 /// Whether the motors run, and what the switch has seen.
 #[derive(Clone, Copy, Debug)]
-pub struct Motors {
+pub struct MotorSwitch {
     hold: Span,
     running_since: Option<Time>,
     held: Held,
@@ -19,8 +19,8 @@ enum Held {
     Spent,
 }
 
-impl Motors {
-    /// Motors that stand, and are switched by holding the stick for `hold`.
+impl MotorSwitch {
+    /// MotorSwitch that stand, and are switched by holding the stick for `hold`.
     #[must_use]
     pub fn new(hold: Span) -> Self {
         Self { hold, running_since: None, held: Held::No }
@@ -69,13 +69,13 @@ mod tests {
     }
 
     /// Commands every 10 ms of these milliseconds.
-    fn commands(motors: &mut Motors, millis: std::ops::Range<i64>, holds: bool) {
+    fn commands(motors: &mut MotorSwitch, millis: std::ops::Range<i64>, holds: bool) {
         millis.step_by(10).for_each(|millis| motors.command(at(millis), holds));
     }
 
     #[test]
     fn the_switch_must_be_held_and_let_go_before_it_switches_again() {
-        let mut motors = Motors::new(Span::from_millis(400));
+        let mut motors = MotorSwitch::new(Span::from_millis(400));
         commands(&mut motors, 0..400, true);
         assert!(!motors.run());
         commands(&mut motors, 400..2000, true);
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn a_switch_let_go_too_early_does_nothing() {
-        let mut motors = Motors::new(Span::from_millis(400));
+        let mut motors = MotorSwitch::new(Span::from_millis(400));
         for begin in (0..5000).step_by(500) {
             commands(&mut motors, begin..begin + 390, true);
             commands(&mut motors, begin + 390..begin + 400, false);
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn an_emergency_stop_wins_over_a_switch_that_is_held() {
-        let mut motors = Motors::new(Span::from_millis(400));
+        let mut motors = MotorSwitch::new(Span::from_millis(400));
         commands(&mut motors, 0..600, true);
         motors.stop();
         commands(&mut motors, 600..3000, true);

@@ -14,11 +14,11 @@ use oqtal_config::Vehicle;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, Imu, LlStatus, MAX_TELEMETRY, Meaning, Poll, Scales, Status,
-    Sticks, acknowledgement_frame,
+    ControlInput, Descriptor, HostCommand, Imu, LlStatus, MAX_TELEMETRY, Poll, Scales, Status,
+    StickMeaning, Sticks, acknowledgement_frame,
 };
 
-use super::motors::Motors;
+use super::motors::MotorSwitch;
 
 /// Higher than this it flies, as far as it knows \[m\].
 const FLYING_M: f64 = 0.05;
@@ -39,7 +39,7 @@ pub struct OnBoard {
     authority: Vector3<f64>,
     attitude_gain: f64,
     time_out: Span,
-    motors: Motors,
+    motors: MotorSwitch,
     sticks: Sticks,
     heard_at: Option<Time>,
 }
@@ -54,7 +54,7 @@ impl OnBoard {
             authority: Vector3::from(vehicle.rate_authority_rad_s),
             attitude_gain: vehicle.wire.attitude_gain_per_s,
             time_out: millis(vehicle.wire.time_out_ms),
-            motors: Motors::new(millis(vehicle.wire.motor_switch_ms)),
+            motors: MotorSwitch::new(millis(vehicle.wire.motor_switch_ms)),
             sticks: Sticks::default(),
             heard_at: None,
         }
@@ -78,17 +78,17 @@ impl OnBoard {
     pub fn obey(
         &mut self,
         now: Time,
-        command: &Command,
+        command: &HostCommand,
         measured: &Measured,
         answer: &mut Vec<u8>,
     ) {
         match command {
-            Command::Control(input) => {
+            HostCommand::Control(input) => {
                 self.control(now, input);
                 answer.extend(acknowledgement_frame(Descriptor::ControlInput));
             }
-            Command::Poll(poll) => self.report(now, *poll, measured, answer),
-            Command::EmergencyStop => self.halt(),
+            HostCommand::Poll(poll) => self.report(now, *poll, measured, answer),
+            HostCommand::EmergencyStop => self.halt(),
         }
     }
 
@@ -138,7 +138,7 @@ impl OnBoard {
     /// Body rates as parts of the authority: the sticks themselves, or what turns the vehicle to the attitude that they mean.
     fn rates(&self, truth: &TruthV1) -> Vector3<f64> {
         let Sticks { roll, pitch, yaw, .. } = self.sticks;
-        if self.scales.sticks == Meaning::BodyRate {
+        if self.scales.sticks == StickMeaning::BodyRate {
             return Vector3::new(roll, pitch, yaw);
         }
         let is = angles(truth);

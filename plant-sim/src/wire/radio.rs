@@ -26,7 +26,7 @@ const BACKLOG: Span = Span::from_millis(50);
 
 /// Which way bytes go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum LinkDirection {
     /// From the host to the vehicle.
     Up,
     /// From the vehicle to the host.
@@ -35,7 +35,7 @@ pub enum Way {
 
 /// The radio.
 #[derive(Clone, Debug)]
-pub struct Radio {
+pub struct RadioModel {
     byte: Span,
     latency: Span,
     half_duplex: bool,
@@ -43,7 +43,7 @@ pub struct Radio {
     down: Lane,
 }
 
-impl Radio {
+impl RadioModel {
     /// The radio that `options` describe on a wire of `baud`.
     #[must_use]
     pub fn new(options: &Wire, seed: u64, baud: u32) -> Self {
@@ -60,7 +60,7 @@ impl Radio {
     }
 
     /// Takes bytes that are handed to the wire together.
-    pub fn send(&mut self, way: Way, now: Time, bytes: &[u8]) {
+    pub fn send(&mut self, way: LinkDirection, now: Time, bytes: &[u8]) {
         for frame in bytes.chunks(LONGEST_FRAME) {
             let start = now.max(self.free_at(way));
             let byte = self.byte;
@@ -69,48 +69,48 @@ impl Radio {
     }
 
     /// Appends the bytes to `out` that have arrived by `now`.
-    pub fn receive(&mut self, way: Way, now: Time, out: &mut Vec<u8>) {
+    pub fn receive(&mut self, way: LinkDirection, now: Time, out: &mut Vec<u8>) {
         let (byte, sent_by) = (self.byte, now - self.latency);
         self.lane_mut(way).receive(sent_by, byte, out);
     }
 
     /// When the next frame that way has arrived whole.
     #[must_use]
-    pub fn next_arrival(&self, way: Way) -> Option<Time> {
+    pub fn next_arrival(&self, way: LinkDirection) -> Option<Time> {
         self.lane(way).frames.front().map(|frame| frame.end + self.latency)
     }
 
     /// Whether the wire takes more; else whoever speaks should wait.
     #[must_use]
-    pub fn has_room(&self, way: Way, now: Time) -> bool {
+    pub fn has_room(&self, way: LinkDirection, now: Time) -> bool {
         self.free_at(way) <= now + BACKLOG
     }
 
     /// What went that way so far.
     #[must_use]
-    pub fn traffic(&self, way: Way) -> Traffic {
+    pub fn traffic(&self, way: LinkDirection) -> Traffic {
         self.lane(way).traffic
     }
 
     /// When what is queued has gone; half duplex, whichever way.
-    fn free_at(&self, way: Way) -> Time {
+    fn free_at(&self, way: LinkDirection) -> Time {
         match self.half_duplex {
             true => self.up.free_at.max(self.down.free_at),
             false => self.lane(way).free_at,
         }
     }
 
-    fn lane(&self, way: Way) -> &Lane {
+    fn lane(&self, way: LinkDirection) -> &Lane {
         match way {
-            Way::Up => &self.up,
-            Way::Down => &self.down,
+            LinkDirection::Up => &self.up,
+            LinkDirection::Down => &self.down,
         }
     }
 
-    fn lane_mut(&mut self, way: Way) -> &mut Lane {
+    fn lane_mut(&mut self, way: LinkDirection) -> &mut Lane {
         match way {
-            Way::Up => &mut self.up,
-            Way::Down => &mut self.down,
+            LinkDirection::Up => &mut self.up,
+            LinkDirection::Down => &mut self.down,
         }
     }
 }
@@ -130,7 +130,7 @@ pub struct Traffic {
 
 /// A frame on its way.
 #[derive(Clone, Copy, Debug)]
-struct Frame {
+struct QueuedFrame {
     start: Time,
     end: Time,
     bytes: usize,
@@ -143,9 +143,9 @@ struct Frame {
 struct Lane {
     loss_probability: f64,
     losses: Generator,
-    errors: Errors,
+    errors: BitErrors,
     free_at: Time,
-    frames: VecDeque<Frame>,
+    frames: VecDeque<QueuedFrame>,
     bytes: VecDeque<u8>,
     traffic: Traffic,
 }
@@ -155,7 +155,7 @@ impl Lane {
         Self {
             loss_probability: options.loss_probability,
             losses,
-            errors: Errors::new(options.bit_error_rate, errors),
+            errors: BitErrors::new(options.bit_error_rate, errors),
             free_at: Time::UNSET,
             frames: VecDeque::with_capacity(64),
             bytes: VecDeque::with_capacity(1024),
@@ -167,7 +167,7 @@ impl Lane {
         let draw: f64 = self.losses.random();
         let lost = draw < self.loss_probability;
         let end = start + Span::from_nanos(byte.nanos() * bytes.len() as i64);
-        self.frames.push_back(Frame { start, end, bytes: bytes.len(), arrived: 0, lost });
+        self.frames.push_back(QueuedFrame { start, end, bytes: bytes.len(), arrived: 0, lost });
         self.free_at = end;
         self.traffic.frames += 1;
         self.traffic.lost += u64::from(lost);
@@ -199,14 +199,14 @@ impl Lane {
 
 /// Which bits are wrong: the distances between them, drawn one by one.
 #[derive(Clone, Debug)]
-struct Errors {
+struct BitErrors {
     distance: Geometric,
     generator: Generator,
     /// Right bits before the next wrong one.
     right: u64,
 }
 
-impl Errors {
+impl BitErrors {
     fn new(rate: f64, mut generator: Generator) -> Self {
         let distance = Geometric::new(rate).expect("the configuration was checked");
         let right = distance.sample(&mut generator);

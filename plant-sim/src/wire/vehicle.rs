@@ -2,20 +2,20 @@
 
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_wire::asctec::{Command, Scales, VehicleDecoder};
+use oqtal_wire::asctec::{HostCommand, Scales, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
-use oqtal_wire::stream::Counters;
-use oqtal_wire::xbee::{Address, Arrival, Carrier, MAX_PAYLOAD, Side};
+use oqtal_wire::stream::DecoderCounters;
+use oqtal_wire::xbee::{Address, Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
 use super::on_board::{Measured, OnBoard};
-use super::radio::{Radio, Way};
+use super::radio::{LinkDirection, RadioModel};
 use crate::plant::{Output, Plant};
 
 /// A vehicle that is flown through its radio.
 #[derive(Debug)]
 pub struct WiredVehicle {
     plant: Plant,
-    radio: Radio,
+    radio: RadioModel,
     /// The host's XBee, which stands before the vehicle.
     carrier: Carrier,
     decoder: VehicleDecoder,
@@ -23,7 +23,7 @@ pub struct WiredVehicle {
     heard: Vec<u8>,
     /// What the host wants to know the delivery of.
     requests: Vec<u8>,
-    commands: Vec<Command>,
+    commands: Vec<HostCommand>,
     answer: Vec<u8>,
 }
 
@@ -36,7 +36,7 @@ impl WiredVehicle {
         let peer = config.bridge.xbee_address().unwrap_or(Address::BROADCAST);
         Self {
             plant: Plant::new(config, start),
-            radio: Radio::new(&config.vehicle.wire, config.clock.seed, link.baud()),
+            radio: RadioModel::new(&config.vehicle.wire, config.clock.seed, link.baud()),
             carrier: Carrier::new(link.xbee(), Side::Radio, peer),
             decoder: VehicleDecoder::new(),
             on_board: OnBoard::new(&config.vehicle, scales),
@@ -50,7 +50,8 @@ impl WiredVehicle {
     /// The next instant at which something happens.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        let arrivals = [Way::Up, Way::Down].map(|way| self.radio.next_arrival(way));
+        let arrivals =
+            [LinkDirection::Up, LinkDirection::Down].map(|way| self.radio.next_arrival(way));
         let events = arrivals.into_iter().chain([self.on_board.next_event()]);
         events.flatten().fold(self.plant.next_sample(), Time::min)
     }
@@ -58,23 +59,23 @@ impl WiredVehicle {
     /// Whether the wire has room for what the host writes; else it has to wait.
     #[must_use]
     pub fn listens(&self, now: Time) -> bool {
-        self.radio.has_room(Way::Up, now)
+        self.radio.has_room(LinkDirection::Up, now)
     }
 
     /// Takes what the host wrote together.
     pub fn host_writes(&mut self, now: Time, bytes: &[u8]) {
-        self.radio.send(Way::Up, now, bytes);
+        self.radio.send(LinkDirection::Up, now, bytes);
     }
 
     /// Appends to `bytes` what has arrived at the host by `now`.
     pub fn host_reads(&mut self, now: Time, bytes: &mut Vec<u8>) {
-        self.radio.receive(Way::Down, now, bytes);
+        self.radio.receive(LinkDirection::Down, now, bytes);
     }
 
     /// Flies on to `until`, and tells `out` what happens. Commands act at the very instant at which their last byte arrives.
     pub fn advance(&mut self, until: Time, mut out: impl FnMut(Output)) {
         loop {
-            let up = self.radio.next_arrival(Way::Up);
+            let up = self.radio.next_arrival(LinkDirection::Up);
             let events = [up, self.on_board.next_event()].into_iter().flatten();
             let next = events.fold(self.plant.next_sample(), Time::min).min(until);
             self.plant.advance(next, &mut out);
@@ -89,13 +90,13 @@ impl WiredVehicle {
 
     /// What the vehicle could read, and what not.
     #[must_use]
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> DecoderCounters {
         self.decoder.counters()
     }
 
     /// The radio.
     #[must_use]
-    pub fn radio(&self) -> &Radio {
+    pub fn radio(&self) -> &RadioModel {
         &self.radio
     }
 
@@ -114,23 +115,23 @@ impl WiredVehicle {
     /// Obeys what has arrived, and answers.
     fn listen(&mut self, now: Time) {
         let Self { radio, carrier, decoder, commands, answer, heard, .. } = self;
-        radio.receive(Way::Up, now, heard);
+        radio.receive(LinkDirection::Up, now, heard);
         for arrival in carrier.push(heard) {
-            if let Arrival::Payload { id, payload } = arrival {
+            if let RadioEvent::Payload { id, payload } = arrival {
                 commands.extend(decoder.push(&payload));
                 self.requests.push(id);
             }
         }
         heard.clear();
         for id in self.requests.drain(..) {
-            radio.send(Way::Down, now, carrier.report(id, true).as_bytes());
+            radio.send(LinkDirection::Down, now, carrier.report(id, true).as_bytes());
         }
         let measured = Measured { truth: self.plant.truth(), battery_v: self.plant.battery_v() };
         for command in commands.drain(..) {
             self.on_board.obey(now, &command, &measured, answer);
             for piece in answer.chunks(MAX_PAYLOAD) {
                 if let Ok(frame) = carrier.wrap(0, piece) {
-                    radio.send(Way::Down, now, frame.as_bytes());
+                    radio.send(LinkDirection::Down, now, frame.as_bytes());
                 }
             }
             answer.clear();

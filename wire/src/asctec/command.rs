@@ -42,7 +42,7 @@ impl ControlInput {
     pub const ENABLE_ALL: i16 = 15;
 
     /// Sticks centred, no thrust, all axes.
-    pub const NEUTRAL: Self =
+    pub const ZERO_SETPOINT: Self =
         Self { pitch: 0, roll: 0, yaw: 0, thrust: 0, enabled: Self::ENABLE_ALL };
 
     /// Length of its frame \[bytes\].
@@ -90,7 +90,7 @@ pub fn poll_frame(poll: Poll) -> [u8; POLL_LEN] {
 
 /// What a vehicle is told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Command {
+pub enum HostCommand {
     /// Fly like this. Acknowledged with [`super::Descriptor::ControlInput`].
     Control(ControlInput),
     /// Send this telemetry, once.

@@ -3,7 +3,7 @@
 use super::command::{COMMAND_HEAD, POLL_HEAD, POLL_LEN};
 use super::telemetry::{ACKNOWLEDGEMENT_LEN, ENVELOPE, HEAD, PREFIX};
 use super::{
-    AcknowledgementPacket, Command, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP,
+    AcknowledgementPacket, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP, HostCommand,
     ImuCalc, LlStatus, PollPacket, TelemetryPacket,
 };
 use crate::stream::{Decoder, Grammar, Verdict};
@@ -93,11 +93,11 @@ fn event(packet: &TelemetryPacket) -> Option<HostEvent> {
 }
 
 impl Grammar for VehicleGrammar {
-    type Event = Command;
+    type Event = HostCommand;
 
     const START: u8 = b'>';
 
-    fn inspect(bytes: &[u8]) -> Verdict<Command> {
+    fn inspect(bytes: &[u8]) -> Verdict<HostCommand> {
         let length = if agrees(bytes, COMMAND_HEAD) {
             ControlInput::FRAME_LEN
         } else if agrees(bytes, POLL_HEAD) {
@@ -119,14 +119,14 @@ impl Grammar for VehicleGrammar {
     }
 }
 
-fn command(frame: &[u8]) -> Option<Command> {
+fn command(frame: &[u8]) -> Option<HostCommand> {
     if frame == EMERGENCY_STOP {
-        return Some(Command::EmergencyStop);
+        return Some(HostCommand::EmergencyStop);
     }
     if let Ok(packet) = PollPacket::new_checked(frame) {
-        return Some(Command::Poll(packet.poll()));
+        return Some(HostCommand::Poll(packet.poll()));
     }
-    CommandPacket::new_checked(frame).ok().map(|packet| Command::Control(packet.input()))
+    CommandPacket::new_checked(frame).ok().map(|packet| HostCommand::Control(packet.input()))
 }
 
 /// Whether `bytes` begin with `mark`, as far as there are bytes.

@@ -7,7 +7,7 @@
 //! | yaw stick beside it | `K_stick_yaw` 120 mdeg/s | asctec_mav_framework; asctec_drivers has 254.760 deg/s at full stick, 124.5 |
 //! | thrust | by a table, see [`ThrustTable`] | the paper, section VII.A |
 //!
-//! Signs: asctec_drivers turns roll and yaw of the telemetry round to reach these axes, and passes commands on as they are;
+//! AxisSigns: asctec_drivers turns roll and yaw of the telemetry round to reach these axes, and passes commands on as they are;
 //! asctec_mav_framework calls the 2012 firmware's axes north-east-down. So they are configuration: look which way the vehicle
 //! tilts before it flies.
 
@@ -37,7 +37,7 @@ impl InvalidScale {
 /// What the roll and pitch sticks mean to the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Meaning {
+pub enum StickMeaning {
     /// A body rate, as a fraction of that at full stick, Eq. (61): the paper's vehicle.
     #[default]
     BodyRate,
@@ -61,7 +61,7 @@ pub struct Sticks {
 /// The sign of each axis of the vehicle in body axes: 1, or -1 if it turns the other way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Signs {
+pub struct AxisSigns {
     /// About x.
     pub roll: i8,
     /// About y.
@@ -70,7 +70,7 @@ pub struct Signs {
     pub yaw: i8,
 }
 
-impl Default for Signs {
+impl Default for AxisSigns {
     fn default() -> Self {
         Self { roll: -1, pitch: 1, yaw: -1 }
     }
@@ -79,7 +79,7 @@ impl Default for Signs {
 /// The greatest counts sent on each axis. asctec_drivers flies with roll and pitch 300, yaw 600, thrust 2200.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Limits {
+pub struct CountLimits {
     /// Roll, either way \[counts\].
     pub roll: i16,
     /// Pitch, either way \[counts\].
@@ -90,7 +90,7 @@ pub struct Limits {
     pub thrust: i16,
 }
 
-impl Default for Limits {
+impl Default for CountLimits {
     fn default() -> Self {
         Self { roll: FULL_STICK, pitch: FULL_STICK, yaw: FULL_STICK, thrust: FULL_THRUST }
     }
@@ -101,17 +101,17 @@ impl Default for Limits {
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Scales {
     /// What the sticks mean.
-    pub sticks: Meaning,
+    pub sticks: StickMeaning,
     /// Roll and pitch angle of a count, AscTec's `K_stick` \[mdeg\], where sticks mean an attitude.
     pub angle_per_count_mdeg: f64,
     /// Yaw rate of a count, AscTec's `K_stick_yaw` \[mdeg/s\], where sticks mean an attitude.
     pub yaw_rate_per_count_mdeg_s: f64,
-    /// Signs of what is sent.
-    pub command_signs: Signs,
-    /// Signs of what is measured.
-    pub telemetry_signs: Signs,
+    /// AxisSigns of what is sent.
+    pub command_signs: AxisSigns,
+    /// AxisSigns of what is measured.
+    pub telemetry_signs: AxisSigns,
     /// Greatest counts sent.
-    pub limit_counts: Limits,
+    pub limit_counts: CountLimits,
     /// Points `[delta_c, counts]` from thrust to counts.
     pub thrust_table: ThrustTable,
     /// Yaw stick that, held without thrust, starts and stops the motors \[counts\]. asctec_drivers has -2047,
@@ -122,12 +122,12 @@ pub struct Scales {
 impl Default for Scales {
     fn default() -> Self {
         Self {
-            sticks: Meaning::BodyRate,
+            sticks: StickMeaning::BodyRate,
             angle_per_count_mdeg: 25.0,
             yaw_rate_per_count_mdeg_s: 120.0,
-            command_signs: Signs::default(),
-            telemetry_signs: Signs::default(),
-            limit_counts: Limits::default(),
+            command_signs: AxisSigns::default(),
+            telemetry_signs: AxisSigns::default(),
+            limit_counts: CountLimits::default(),
             thrust_table: ThrustTable::default(),
             motor_yaw_counts: -FULL_STICK,
         }
@@ -205,7 +205,7 @@ impl Scales {
     pub fn encode(&self, sticks: &Sticks) -> ControlInput {
         let Sticks { roll, pitch, yaw, thrust } = *sticks;
         if ![roll, pitch, yaw, thrust].iter().all(|value| value.is_finite()) {
-            return ControlInput::NEUTRAL;
+            return ControlInput::ZERO_SETPOINT;
         }
         let (signs, limits) = (&self.command_signs, &self.limit_counts);
         let (angle, rate) = (self.counts_per_angle(), self.counts_per_yaw());
@@ -237,7 +237,7 @@ impl Scales {
         ControlInput {
             yaw: self.motor_yaw_counts,
             enabled: ControlInput::ENABLE_YAW | ControlInput::ENABLE_THRUST,
-            ..ControlInput::NEUTRAL
+            ..ControlInput::ZERO_SETPOINT
         }
     }
 
@@ -289,21 +289,21 @@ impl Scales {
     /// Counts per unit of [`Sticks::roll`] and [`Sticks::pitch`].
     fn counts_per_angle(&self) -> f64 {
         match self.sticks {
-            Meaning::BodyRate => f64::from(FULL_STICK),
-            Meaning::Attitude => 1000.0_f64.to_degrees() / self.angle_per_count_mdeg,
+            StickMeaning::BodyRate => f64::from(FULL_STICK),
+            StickMeaning::Attitude => 1000.0_f64.to_degrees() / self.angle_per_count_mdeg,
         }
     }
 
     /// Counts per unit of [`Sticks::yaw`].
     fn counts_per_yaw(&self) -> f64 {
         match self.sticks {
-            Meaning::BodyRate => f64::from(FULL_STICK),
-            Meaning::Attitude => 1000.0_f64.to_degrees() / self.yaw_rate_per_count_mdeg_s,
+            StickMeaning::BodyRate => f64::from(FULL_STICK),
+            StickMeaning::Attitude => 1000.0_f64.to_degrees() / self.yaw_rate_per_count_mdeg_s,
         }
     }
 }
 
-impl Signs {
+impl AxisSigns {
     fn check(&self, key: &'static str) -> Result<(), InvalidScale> {
         if [self.roll, self.pitch, self.yaw].iter().all(|sign| [1, -1].contains(sign)) {
             Ok(())
@@ -317,7 +317,7 @@ impl Signs {
     }
 }
 
-impl Limits {
+impl CountLimits {
     fn check(&self) -> Result<(), InvalidScale> {
         let sticks = [self.roll, self.pitch, self.yaw];
         let fits = sticks.iter().all(|limit| (1..=FULL_STICK).contains(limit))

@@ -4,9 +4,9 @@ use std::slice::Chunks;
 
 use super::Framing;
 use super::decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
-use super::frame::{Frame, Payload, TooLong, UNKNOWN_NETWORK};
-use super::packet::{MAX_PAYLOAD, Wire};
-use crate::stream::{Counters, Events};
+use super::frame::{ApiFrame, Payload, TooLong, UNKNOWN_NETWORK};
+use super::packet::{MAX_PAYLOAD, WireBytes};
+use crate::stream::{DecodedEvents, DecoderCounters};
 
 /// The radio at the other end of the air.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,7 +39,7 @@ pub enum Side {
 
 /// What came over the serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Arrival {
+pub enum RadioEvent {
     /// Bytes for this end; `id` is what a radio reports their delivery by, 0 if nobody wants to know.
     Payload {
         /// Number of the request.
@@ -89,21 +89,23 @@ impl Carrier {
     ///
     /// # Errors
     /// More than [`MAX_PAYLOAD`] bytes: send them in pieces, as the radios do.
-    pub fn wrap(&self, id: u8, payload: &[u8]) -> Result<Wire, TooLong> {
+    pub fn wrap(&self, id: u8, payload: &[u8]) -> Result<WireBytes, TooLong> {
         let payload = Payload::try_from(payload)?;
         Ok(match self.escapes() {
-            None => Wire::plain(&payload),
+            None => WireBytes::plain(&payload),
             Some(escaped) => self.carry(id, payload).to_wire(escaped),
         })
     }
 
     /// From a radio to its host: what became of request `id`. Empty where there is no framing, or nobody asked (0).
     #[must_use]
-    pub fn report(&self, id: u8, delivered: bool) -> Wire {
+    pub fn report(&self, id: u8, delivered: bool) -> WireBytes {
         // 0x01 and 0x21: no acknowledgement from the other radio.
         let frame = match self.peer {
-            Address::Short(_) => Frame::TxStatus { id, status: if delivered { 0 } else { 0x01 } },
-            Address::Long(_) => Frame::TxStatusExtended {
+            Address::Short(_) => {
+                ApiFrame::TxStatus { id, status: if delivered { 0 } else { 0x01 } }
+            }
+            Address::Long(_) => ApiFrame::TxStatusExtended {
                 id,
                 network: UNKNOWN_NETWORK,
                 retries: 0,
@@ -113,7 +115,7 @@ impl Carrier {
         };
         match self.escapes() {
             Some(escaped) if id != 0 => frame.to_wire(escaped),
-            _ => Wire::EMPTY,
+            _ => WireBytes::EMPTY,
         }
     }
 
@@ -129,20 +131,20 @@ impl Carrier {
     }
 
     /// Takes `bytes` as they came over the serial port. Bytes are taken as the iterator advances: run it to its end.
-    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> Arrivals<'a> {
+    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> RadioEvents<'a> {
         let inbound = match &mut self.decoder {
             Inbound::Transparent => Pieces::Transparent(bytes.chunks(MAX_PAYLOAD)),
             Inbound::Api1(decoder) => Pieces::Api1(decoder.push(bytes)),
             Inbound::Api2(decoder) => Pieces::Api2(decoder.push(bytes)),
         };
-        Arrivals { side: self.side, peer: self.peer, inbound }
+        RadioEvents { side: self.side, peer: self.peer, inbound }
     }
 
     /// API frames and bytes so far; zero without framing.
     #[must_use]
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> DecoderCounters {
         match &self.decoder {
-            Inbound::Transparent => Counters::default(),
+            Inbound::Transparent => DecoderCounters::default(),
             Inbound::Api1(decoder) => decoder.counters(),
             Inbound::Api2(decoder) => decoder.counters(),
         }
@@ -165,18 +167,18 @@ impl Carrier {
         }
     }
 
-    fn carry(&self, id: u8, payload: Payload) -> Frame {
+    fn carry(&self, id: u8, payload: Payload) -> ApiFrame {
         let (network, options, rssi) = (UNKNOWN_NETWORK, 0, 0);
         match (self.side, self.peer) {
-            (Side::Host, Address::Short(to)) => Frame::TxRequest16 { id, to, options, payload },
+            (Side::Host, Address::Short(to)) => ApiFrame::TxRequest16 { id, to, options, payload },
             (Side::Host, Address::Long(to)) => {
-                Frame::TxRequest { id, to, network, radius: 0, options, payload }
+                ApiFrame::TxRequest { id, to, network, radius: 0, options, payload }
             }
             (Side::Radio, Address::Short(from)) => {
-                Frame::RxPacket16 { from, rssi, options, payload }
+                ApiFrame::RxPacket16 { from, rssi, options, payload }
             }
             (Side::Radio, Address::Long(from)) => {
-                Frame::RxPacket { from, network, options, payload }
+                ApiFrame::RxPacket { from, network, options, payload }
             }
         }
     }
@@ -185,7 +187,7 @@ impl Carrier {
 /// What came in some bytes.
 #[must_use = "bytes are only taken as the iterator advances"]
 #[derive(Debug)]
-pub struct Arrivals<'a> {
+pub struct RadioEvents<'a> {
     side: Side,
     peer: Address,
     inbound: Pieces<'a>,
@@ -194,19 +196,19 @@ pub struct Arrivals<'a> {
 #[derive(Debug)]
 enum Pieces<'a> {
     Transparent(Chunks<'a, u8>),
-    Api1(Events<'a, Api1Grammar>),
-    Api2(Events<'a, Api2Grammar>),
+    Api1(DecodedEvents<'a, Api1Grammar>),
+    Api2(DecodedEvents<'a, Api2Grammar>),
 }
 
-impl Iterator for Arrivals<'_> {
-    type Item = Arrival;
+impl Iterator for RadioEvents<'_> {
+    type Item = RadioEvent;
 
-    fn next(&mut self) -> Option<Arrival> {
+    fn next(&mut self) -> Option<RadioEvent> {
         loop {
             let frame = match &mut self.inbound {
                 Pieces::Transparent(chunks) => {
                     let payload = Payload::try_from(chunks.next()?).ok()?;
-                    return Some(Arrival::Payload { id: 0, payload });
+                    return Some(RadioEvent::Payload { id: 0, payload });
                 }
                 Pieces::Api1(frames) => frames.next()?,
                 Pieces::Api2(frames) => frames.next()?,
@@ -219,28 +221,29 @@ impl Iterator for Arrivals<'_> {
 }
 
 /// What a frame is to this side; a frame that goes the other way is an echo, and nothing; so is what another radio sent.
-fn arrival(side: Side, peer: Address, frame: Frame) -> Option<Arrival> {
+fn arrival(side: Side, peer: Address, frame: ApiFrame) -> Option<RadioEvent> {
     match (side, frame) {
         (
             Side::Radio,
-            Frame::TxRequest { id, payload, .. } | Frame::TxRequest16 { id, payload, .. },
-        ) => Some(Arrival::Payload { id, payload }),
+            ApiFrame::TxRequest { id, payload, .. } | ApiFrame::TxRequest16 { id, payload, .. },
+        ) => Some(RadioEvent::Payload { id, payload }),
         (
             Side::Host,
-            Frame::RxPacket { from, payload, .. } | Frame::RxPacket64 { from, payload, .. },
+            ApiFrame::RxPacket { from, payload, .. } | ApiFrame::RxPacket64 { from, payload, .. },
         ) => heard(peer, Address::Long(from), payload),
-        (Side::Host, Frame::RxPacket16 { from, payload, .. }) => {
+        (Side::Host, ApiFrame::RxPacket16 { from, payload, .. }) => {
             heard(peer, Address::Short(from), payload)
         }
         (
             Side::Host,
-            Frame::TxStatus { id, status: delivery } | Frame::TxStatusExtended { id, delivery, .. },
-        ) => Some(Arrival::Delivery { id, delivered: delivery == 0 }),
-        (Side::Host, Frame::ModemStatus(status)) => Some(Arrival::Modem(status)),
+            ApiFrame::TxStatus { id, status: delivery }
+            | ApiFrame::TxStatusExtended { id, delivery, .. },
+        ) => Some(RadioEvent::Delivery { id, delivered: delivery == 0 }),
+        (Side::Host, ApiFrame::ModemStatus(status)) => Some(RadioEvent::Modem(status)),
         (Side::Radio, _) | (Side::Host, _) => None,
     }
 }
 
-fn heard(peer: Address, from: Address, payload: Payload) -> Option<Arrival> {
-    (peer.is_broadcast() || peer == from).then_some(Arrival::Payload { id: 0, payload })
+fn heard(peer: Address, from: Address, payload: Payload) -> Option<RadioEvent> {
+    (peer.is_broadcast() || peer == from).then_some(RadioEvent::Payload { id: 0, payload })
 }

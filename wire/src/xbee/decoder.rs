@@ -1,6 +1,6 @@
 //! API frames out of a stream.
 
-use super::frame::{Frame, FrameError};
+use super::frame::{ApiFrame, ApiFrameError};
 use super::packet::{ApiPacket, MAX_DATA, START, Unescaped};
 use crate::stream::{Decoder, Grammar, Verdict};
 
@@ -22,11 +22,11 @@ pub struct Api2Grammar;
 pub type Api2Decoder = Decoder<Api2Grammar>;
 
 impl Grammar for Api1Grammar {
-    type Event = Frame;
+    type Event = ApiFrame;
 
     const START: u8 = START;
 
-    fn inspect(bytes: &[u8]) -> Verdict<Frame> {
+    fn inspect(bytes: &[u8]) -> Verdict<ApiFrame> {
         let Some(&[_, high, low]) = bytes.first_chunk::<HEAD>() else {
             return Verdict::Wait(HEAD);
         };
@@ -39,11 +39,11 @@ impl Grammar for Api1Grammar {
 }
 
 impl Grammar for Api2Grammar {
-    type Event = Frame;
+    type Event = ApiFrame;
 
     const START: u8 = START;
 
-    fn inspect(bytes: &[u8]) -> Verdict<Frame> {
+    fn inspect(bytes: &[u8]) -> Verdict<ApiFrame> {
         let Ok(head) = Unescaped::read(bytes, HEAD) else { return Verdict::Noise };
         let &[_, high, low] = head.as_bytes() else {
             return Verdict::Wait(bytes.len() + HEAD - head.as_bytes().len());
@@ -65,11 +65,11 @@ fn total(high: u8, low: u8) -> Option<usize> {
 }
 
 /// A frame without escapes, which took `taken` bytes.
-fn judge(frame: &[u8], taken: usize) -> Verdict<Frame> {
+fn judge(frame: &[u8], taken: usize) -> Verdict<ApiFrame> {
     let Ok(packet) = ApiPacket::new_checked(frame) else { return Verdict::Damaged };
-    match Frame::parse(&packet) {
+    match ApiFrame::parse(&packet) {
         Ok(frame) => Verdict::Accept(taken, Some(frame)),
-        Err(FrameError::Kind(_)) => Verdict::Accept(taken, None),
-        Err(FrameError::Length { .. }) => Verdict::Damaged,
+        Err(ApiFrameError::Kind(_)) => Verdict::Accept(taken, None),
+        Err(ApiFrameError::Length { .. }) => Verdict::Damaged,
     }
 }

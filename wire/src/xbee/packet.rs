@@ -29,7 +29,7 @@ pub enum PacketError {
     /// Does not begin with [`START`].
     #[error("no start byte")]
     Start,
-    /// Data and checksum do not add up to 0xFF.
+    /// FrameData and checksum do not add up to 0xFF.
     #[error("data and checksum add up to {0:#04x}, want 0xff")]
     Checksum(u8),
 }
@@ -85,12 +85,12 @@ fn sum(bytes: &[u8]) -> u8 {
 
 /// An API frame on its way to the serial port.
 #[derive(Clone, Copy, Debug)]
-pub struct Wire {
+pub struct WireBytes {
     bytes: [u8; MAX_WIRE],
     length: usize,
 }
 
-impl Wire {
+impl WireBytes {
     /// Nothing yet.
     pub(super) const EMPTY: Self = Self { bytes: [0; MAX_WIRE], length: 0 };
 
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn what_is_wrong_with_a_frame_is_said() {
-        let frame = Wire::framed(&[0x8A, 0x06], false);
+        let frame = WireBytes::framed(&[0x8A, 0x06], false);
         let mut bytes = frame.as_bytes().to_vec();
         assert_eq!(ApiPacket::new_checked(&bytes).map(|packet| packet.kind()), Ok(0x8A));
         assert_eq!(ApiPacket::new_checked(&bytes[..5]).unwrap_err(), PacketError::Length(5));

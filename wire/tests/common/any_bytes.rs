@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use std::marker::PhantomData;
 
 use oqtal_wire::stream::{Decoder, Grammar, Verdict};
-use oqtal_wire::xbee::{Address, Api1Grammar, Api2Grammar, Arrival, Carrier, Framing, Side};
+use oqtal_wire::xbee::{Address, Api1Grammar, Api2Grammar, Carrier, Framing, RadioEvent, Side};
 
 /// How often a byte may be the reason for a look at what begins somewhere: each look takes a frame's bytes at most.
 const LOOKS_PER_BYTE: usize = 10;
@@ -64,8 +64,8 @@ pub fn any_radio_bytes(bytes: &[u8]) {
             let payload: usize = carrier
                 .push(bytes)
                 .map(|arrival| match arrival {
-                    Arrival::Payload { payload, .. } => payload.len(),
-                    Arrival::Delivery { .. } | Arrival::Modem(_) => 0,
+                    RadioEvent::Payload { payload, .. } => payload.len(),
+                    RadioEvent::Delivery { .. } | RadioEvent::Modem(_) => 0,
                 })
                 .sum();
             let whole = payload == bytes.len();

@@ -3,7 +3,7 @@
 
 pub mod any_bytes;
 
-use oqtal_wire::stream::{Counters, Decoder, Grammar};
+use oqtal_wire::stream::{Decoder, DecoderCounters, Grammar};
 use proptest::prelude::*;
 
 /// Bytes from hexadecimal digits; spaces are for the reader.
@@ -13,14 +13,17 @@ pub fn hex(text: &str) -> Vec<u8> {
 }
 
 /// The events of a stream taken at once.
-pub fn decode<G: Grammar>(stream: &[u8]) -> (Vec<G::Event>, Counters) {
+pub fn decode<G: Grammar>(stream: &[u8]) -> (Vec<G::Event>, DecoderCounters) {
     let mut decoder = Decoder::<G>::new();
     let events = decoder.push(stream).collect();
     (events, decoder.counters())
 }
 
 /// The events of a stream that comes in pieces of these lengths, and then the rest.
-pub fn decode_in_pieces<G: Grammar>(stream: &[u8], pieces: &[usize]) -> (Vec<G::Event>, Counters) {
+pub fn decode_in_pieces<G: Grammar>(
+    stream: &[u8],
+    pieces: &[usize],
+) -> (Vec<G::Event>, DecoderCounters) {
     let mut decoder = Decoder::<G>::new();
     let (mut events, mut rest) = (Vec::new(), stream);
     for length in pieces {
