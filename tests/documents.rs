@@ -246,7 +246,7 @@ fn the_shipped_configuration_agrees_with_the_defaults_of_the_mathematics() {
 #[test]
 fn every_preset_is_what_its_name_gives() {
     for (key, name, file) in [
-        ("vehicle.kind", "spacecraft", "spacecraft"),
+        ("vehicle.preset", "spacecraft", "spacecraft"),
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
     ] {

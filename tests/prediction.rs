@@ -14,7 +14,7 @@ fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
 }
 
 fn config(vehicle: &str) -> Config {
-    Config::from_settings(&[Setting::flag("test", "vehicle.kind", vehicle)]).unwrap()
+    Config::from_settings(&[Setting::flag("test", "vehicle.preset", vehicle)]).unwrap()
 }
 
 fn model(config: &Config, rotation: Rotation) -> VehicleModel {
@@ -46,7 +46,7 @@ fn integrate(
     input: &oqtal_plant_sim::Input,
     disturbance: &Disturbance,
 ) -> State {
-    let dynamics = Dynamics::new(&config.vehicle);
+    let dynamics = Dynamics::new(&config.plant);
     (0..350).fold(state(motion), |state, _| dynamics.step(&state, STEP_S, input, disturbance))
 }
 

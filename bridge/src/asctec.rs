@@ -14,12 +14,14 @@
 use oqtal_bus::message::CommandV1;
 use oqtal_config::Config;
 use oqtal_control::euler::EulerAngles;
+use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
     ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Poll, Scales,
     Status, StickMeaning, Sticks, acknowledgement_frame, poll_frame,
 };
 
+use crate::options;
 use crate::protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
 use crate::safety::VehicleSetpoint;
 
@@ -36,12 +38,14 @@ pub struct Asctec {
 }
 
 impl Asctec {
-    /// With counts that mean what `config` says.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
+    /// The protocol with the scales of `config`.
+    ///
+    /// # Errors
+    /// A scale cannot be used.
+    pub fn new(config: &Config) -> Result<Self, OptionError> {
         let [_, _, yaw_authority] = config.vehicle.rate_authority_rad_s;
-        let scales = config.bridge.asctec.clone();
-        Self { scales, yaw_authority, decoder: HostDecoder::new() }
+        let scales = options::scales(config)?;
+        Ok(Self { scales, yaw_authority, decoder: HostDecoder::new() })
     }
 
     /// What a command asks for, in the vehicle's terms; `None` if it does not say.
@@ -120,7 +124,7 @@ mod tests {
     use oqtal_wire::asctec::{HostCommand, VehicleDecoder, write_telemetry};
 
     fn protocol() -> Asctec {
-        Asctec::new(&Config::default())
+        Asctec::new(&Config::default()).unwrap()
     }
 
     /// What the vehicle reads of `command`.
@@ -153,7 +157,7 @@ mod tests {
         let mut protocol = protocol();
         let command = CommandV1 { sticks: [0.5, -0.25, 0.1], thrust: 0.25, ..CommandV1::default() };
         let input = read(&mut protocol, command);
-        let read = Config::default().bridge.asctec.decode(&input);
+        let read = Scales::default().decode(&input);
         let resolution = 1.0 / 2047.0;
         for (read, sent) in [read.roll, read.pitch, read.yaw].into_iter().zip(command.sticks) {
             assert!((read - sent).abs() <= resolution);
@@ -164,8 +168,8 @@ mod tests {
     #[test]
     fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
         let mut config = Config::default();
-        config.bridge.asctec.sticks = StickMeaning::Attitude;
-        let mut protocol = Asctec::new(&config);
+        config.bridge.asctec.sticks = oqtal_config::AsctecSticks::Attitude;
+        let mut protocol = Asctec::new(&config).unwrap();
         // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
         let half = 5.0_f64.to_radians();
         let attitude = [half.sin(), 0.0, 0.0, half.cos()];

@@ -23,6 +23,7 @@ mod bridge;
 mod line;
 mod link;
 mod motors;
+mod options;
 mod protocol;
 mod pump;
 mod radio;
@@ -34,7 +35,8 @@ mod vehicle;
 use clap::{Args, Subcommand};
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::Role;
-use oqtal_config::{ClockKind, Config, VehicleKind};
+use oqtal_config::{ClockKind, Config, Interface};
+use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_wire::link::{LinkSpec, ProtocolKind};
 use oqtal_wire::xbee::{Address, Framing};
@@ -44,6 +46,7 @@ pub use background::{BackgroundWorker, Note, RtHandle, rt_handle};
 pub use bridge::{Bridge, VehicleReport};
 pub use line::LineOccupancy;
 pub use link::VehicleLink;
+pub use options::link;
 pub use motors::{MotorChange, MotorConditions, MotorSequencer, MotorState};
 pub use protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
 pub use radio::through;
@@ -109,7 +112,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// The configuration has no meaning, the port cannot be opened, or the bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let (spec, protocol) = vehicle(&context.config)?;
-    let every_radio = context.config.bridge.xbee_address().is_ok_and(Address::is_broadcast);
+    let every_radio = options::address(&context.config).is_ok_and(Address::is_broadcast);
     if every_radio && spec.xbee() != Framing::Transparent {
         tracing::warn!(
             "commands go to every radio in reach, and any of them is taken for the vehicle; set `bridge.xbee-address` to that of its radio"
@@ -125,18 +128,19 @@ fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn VehicleProtocol>), Fail
         let reason = "a bridge flies by the machine's clock alone; set `clock.kind = \"real\"`";
         return Err(Failure::new(Exit::Usage, reason));
     }
-    if config.vehicle.kind != VehicleKind::Hummingbird {
-        let reason = "a bridge passes on sticks, not torque; set `vehicle.kind = \"hummingbird\"`";
+    if config.vehicle.interface != Interface::Rate {
+        let reason = "a bridge passes on sticks, not torque; set `vehicle.interface = \"rate\"`";
         return Err(wrong(reason.to_owned()));
     }
-    let spec = config.bridge.link()?;
+    let located = |error: OptionError| Failure::from(config.locate(&error));
+    let spec = options::link(config).map_err(located)?;
     let spec = spec.ok_or_else(|| {
         wrong("`bridge.link` names no vehicle; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0".to_owned())
     })?;
     let protocol: Box<dyn VehicleProtocol> = match spec.kind() {
-        ProtocolKind::Asctec => Box::new(Asctec::new(config)),
+        ProtocolKind::Asctec => Box::new(Asctec::new(config).map_err(located)?),
     };
-    let peer = config.bridge.xbee_address()?;
+    let peer = options::address(config).map_err(located)?;
     let protocol = radio::through(spec.xbee(), peer, protocol);
     check_room(config, &spec, protocol.sizes()).map_err(wrong)?;
     Ok((spec, protocol))

@@ -97,7 +97,7 @@ mod tests {
         let config = Config::default();
         for framing in [Framing::Transparent, Framing::Api1, Framing::Api2] {
             let peer = Address::BROADCAST;
-            let mut near = through(framing, peer, Box::new(Asctec::new(&config)));
+            let mut near = through(framing, peer, Box::new(Asctec::new(&config).unwrap()));
             let mut far = Carrier::new(framing, Side::Radio, peer);
             let frame = near.setpoint(&VehicleSetpoint::Zero);
             let mut decoder = VehicleDecoder::new();

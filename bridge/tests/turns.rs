@@ -22,7 +22,7 @@ fn bridge() -> Bridge {
 }
 
 fn protocol(framing: Framing) -> Box<dyn VehicleProtocol> {
-    through(framing, Address::BROADCAST, Box::new(Asctec::new(&Config::default())))
+    through(framing, Address::BROADCAST, Box::new(Asctec::new(&Config::default()).unwrap()))
 }
 
 fn through_radio(framing: Framing) -> Bridge {

@@ -45,7 +45,7 @@ proptest! {
     ) {
         let mut bench = Bench::flying(&[
             Setting::flag("test", "control.controller", law),
-            Setting::flag("test", "vehicle.kind", vehicle),
+            Setting::flag("test", "vehicle.preset", vehicle),
         ]);
         for (pose, absurd) in poses {
             let pose = if absurd { pose } else { still(bench.frame) };

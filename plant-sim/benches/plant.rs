@@ -15,12 +15,12 @@ const COMMAND_EVERY: u64 = 16;
 
 fn bench(criterion: &mut Criterion, fidelity: &str) {
     let config =
-        Config::from_settings(&[Setting::flag("bench", "vehicle.fidelity", fidelity)]).unwrap();
+        Config::from_settings(&[Setting::flag("bench", "plant.fidelity", fidelity)]).unwrap();
     let mut now = Time::VIRTUAL_START;
     let mut plant = Plant::new(&config, now);
     let hover = CommandV1 {
         actuation: Actuation::Sticks.code(),
-        thrust: config.vehicle.mass_kg * config.vehicle.gravity_m_s2 / config.vehicle.max_thrust_n,
+        thrust: config.plant.mass_kg * config.plant.gravity_m_s2 / config.plant.max_thrust_n,
         ..CommandV1::default()
     };
     let mut millisecond = 0;

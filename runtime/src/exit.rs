@@ -3,7 +3,8 @@
 use std::process::ExitCode;
 
 use oqtal_bus::error::BusError;
-use oqtal_config::{ConfigError, Violation};
+use oqtal_config::ConfigError;
+use oqtal_control::options::OptionError;
 
 /// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,9 +69,9 @@ impl From<BusError> for Failure {
     }
 }
 
-impl From<Violation> for Failure {
-    fn from(violation: Violation) -> Self {
-        Self::new(Exit::Config, violation.to_string())
+impl From<OptionError> for Failure {
+    fn from(error: OptionError) -> Self {
+        Self::new(Exit::Config, error.to_string())
     }
 }
 

@@ -16,7 +16,7 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
-use oqtal_config::{Realtime, Scheduling};
+use oqtal_config::{RealtimeOptions, Scheduling};
 
 /// Stack that a loop may use without a page fault \[bytes\].
 const STACK: usize = 256 * 1024;
@@ -42,7 +42,7 @@ pub struct Granted {
 
 /// Asks for what `options` say, for the calling thread; its memory for the whole process.
 #[must_use]
-pub fn enter(options: &Realtime) -> Granted {
+pub fn enter(options: &RealtimeOptions) -> Granted {
     let mut granted = Granted { policy: "other", ..Granted::default() };
     let mut note = |result: Result<(), String>| match result {
         Ok(()) => true,

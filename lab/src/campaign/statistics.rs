@@ -3,7 +3,7 @@
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::flights::{Contender, Pilot, Plant, Trial};
+use super::flights::{Contender, FlyMission, PlantVariant, Trial};
 use super::metric::{Figures, METRIC, METRICS, POSITION};
 
 /// The seeds that gains are judged with; none of them is used to tune.
@@ -27,7 +27,7 @@ impl Runs {
     /// A setting is wrong.
     pub fn fly(
         contender: &Contender,
-        plant: &Plant,
+        plant: &PlantVariant,
         seeds: std::ops::Range<u64>,
     ) -> Result<Self, Failure> {
         let trial = Trial::new(contender, plant)?;
@@ -36,18 +36,18 @@ impl Runs {
         Ok(Self::from_iter(flown?))
     }
 
-    /// Flies every test with every seed, one after the other, each flown by `pilot`.
+    /// Flies every test with every seed, one after the other, each flown by `fly`.
     ///
     /// # Errors
-    /// A setting is wrong, or what the pilot says.
+    /// A setting is wrong, or what the fly says.
     pub fn fly_in_turn(
         contender: &Contender,
-        plant: &Plant,
+        plant: &PlantVariant,
         seeds: std::ops::Range<u64>,
-        pilot: &mut Pilot<'_>,
+        fly: &mut FlyMission<'_>,
     ) -> Result<Self, Failure> {
         let trial = Trial::new(contender, plant)?;
-        seeds.map(|seed| trial.fly_by(seed, pilot)).collect()
+        seeds.map(|seed| trial.fly_by(seed, fly)).collect()
     }
 
     /// The `count` runs with the least position error.

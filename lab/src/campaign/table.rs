@@ -8,7 +8,7 @@ use crate::reproduce::progress::Progress;
 use crate::reproduce::sheet::{Cell, Column, Row, Variant};
 use crate::tune::{gains, search, space};
 
-use super::flights::{Contender, NOMINAL, Plant, Prepared, Test};
+use super::flights::{Contender, NOMINAL, PlantVariant, Prepared, Test};
 use super::interval::Interval;
 use super::metric::{ATTITUDE, METRIC, METRICS, of_square};
 use super::statistics::{EVALUATION_SEEDS, Runs};
@@ -146,7 +146,7 @@ pub struct Flown {
 /// A setting has no meaning.
 pub fn fly(
     entrants: &[Entrant],
-    plant: &Plant,
+    plant: &PlantVariant,
     scope: &Scope,
     progress: &Progress,
 ) -> Result<Vec<Flown>, Failure> {

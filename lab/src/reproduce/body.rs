@@ -1,7 +1,7 @@
 //! A body that only turns, under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
 
 use nalgebra::Vector3;
-use oqtal_config::{Config, Setting, Vehicle};
+use oqtal_config::{Config, Setting};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, Controller, ControllerName, ControllerOptions, RateInput,
 };
@@ -69,8 +69,8 @@ impl Body {
     /// # Errors
     /// The environment sets a vehicle that is none.
     pub fn quadrotor() -> Result<Self, Failure> {
-        let kind = Setting::flag("quadrotor", "vehicle.kind", "hummingbird");
-        Ok(Self::Quadrotor(Box::new(Config::from_settings(&[kind])?.vehicle)))
+        let kind = Setting::flag("quadrotor", "vehicle.preset", "hummingbird");
+        Ok(Self::Quadrotor(Box::new(Config::from_settings(&[kind])?)))
     }
 
     /// Turns the body under the law of `options`, 60 times a second.
@@ -90,7 +90,8 @@ impl Body {
                     (torque.0, lander.hold(state, torque.0, 1.0 / RATE_HZ))
                 }))
             }
-            Self::Quadrotor(vehicle) => {
+            Self::Quadrotor(config) => {
+                let vehicle = &config.vehicle;
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?;
                 // As the daemon builds it: the paper's laws do not know of the lag.
                 let input = match options.controller {
@@ -100,7 +101,7 @@ impl Body {
                     _ => input,
                 };
                 let law = Controller::new(options, input)?;
-                let dynamics = Dynamics::new(vehicle);
+                let dynamics = Dynamics::new(&config.plant);
                 let attitude = *manoeuvre.attitude.unit_quaternion().quaternion();
                 let start = State { attitude, rate: manoeuvre.rate, ..State::on_floor() };
                 Ok(follow(law, start, manoeuvre, |state, sticks| {

@@ -1,7 +1,7 @@
 //! The lander of Table I in its gravity turn, under an attitude law: the paper's simulation, without delays or noise.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
-use oqtal_config::{Config, Setting, Vehicle};
+use oqtal_config::{Config, Setting, VehicleOptions};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, TorqueInput,
 };
@@ -73,7 +73,7 @@ pub struct Moment {
 /// The vehicle of Table I.
 #[derive(Clone, Debug)]
 pub struct Lander {
-    vehicle: Vehicle,
+    vehicle: VehicleOptions,
     dynamics: Dynamics,
     turn: GravityTurn,
 }
@@ -84,12 +84,12 @@ impl Lander {
     /// # Errors
     /// The environment sets a vehicle that is none.
     pub fn new() -> Result<Self, Failure> {
-        let preset = Setting::flag("spacecraft", "vehicle.kind", "spacecraft");
-        let vehicle = Config::from_settings(&[preset])?.vehicle;
+        let preset = Setting::flag("spacecraft", "vehicle.preset", "spacecraft");
+        let Config { vehicle, plant, .. } = Config::from_settings(&[preset])?;
         let angle = std::f64::consts::FRAC_PI_2;
         let turn = GravityTurn::new(THRUST_RATIO, vehicle.gravity_m_s2, SPEED_M_S, angle)
             .expect("Table I is a gravity turn");
-        Ok(Self { dynamics: Dynamics::new(&vehicle), vehicle, turn })
+        Ok(Self { dynamics: Dynamics::new(&plant), vehicle, turn })
     }
 
     /// The ideal turn.

@@ -5,7 +5,7 @@ use oqtal_control::tuning::Best;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{Contender, Plant, TRAINING, Trial};
+use crate::campaign::flights::{Contender, PlantVariant, TRAINING, Trial};
 use crate::campaign::metric::Figures;
 use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::reproduce::progress::Progress;
@@ -151,8 +151,8 @@ pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
 
 /// Mean figures over the training seeds, each on its plant.
 fn trained(contender: &Contender) -> Result<Figures, Failure> {
-    let fly = |(seed, plant): (u64, &Plant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);
-    let flights: Vec<(u64, &Plant)> = TRAINING_SEEDS.zip(&TRAINING).collect();
+    let fly = |(seed, plant): (u64, &PlantVariant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);
+    let flights: Vec<(u64, &PlantVariant)> = TRAINING_SEEDS.zip(&TRAINING).collect();
     let figures: Result<Vec<Figures>, Failure> = flights.into_par_iter().map(fly).collect();
     Ok(Runs { figures: figures?, solves: 0 }.mean())
 }

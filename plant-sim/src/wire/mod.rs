@@ -49,7 +49,8 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat = context.heartbeat(&bus)?;
-    let mut vehicle = WiredVehicle::new(&context.config, link, Time::now());
+    let mut vehicle = WiredVehicle::new(&context.config, link, Time::now())
+        .map_err(|error| context.config.locate(&error))?;
     let (mut outputs, mut said) = (Vec::with_capacity(64), Vec::with_capacity(1024));
     let mut readmitted_at = Time::UNSET;
     let mut chunk = [0; CHUNK];

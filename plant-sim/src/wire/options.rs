@@ -2,8 +2,8 @@
 
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_wire::asctec::Scales;
-use oqtal_wire::link::LinkSpec;
+use oqtal_wire::asctec::{InvalidScale, Scales};
+use oqtal_wire::link::{InvalidLink, LinkSpec};
 use oqtal_wire::xbee::Address;
 
 /// The link at which the emulated vehicle is to be found; `None` if its commands come over the bus.
@@ -15,7 +15,9 @@ pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
     if text.is_empty() {
         return Ok(None);
     }
-    let refused = |error| OptionError::new("plant.wire.link", "unusable", format!("a link: {error}"));
+    let refused = |error: InvalidLink| {
+        OptionError::new("plant.wire.link", format!("`{text}`"), format!("a link: {error}"))
+    };
     let link = text.parse().map_err(refused)?;
     address(config)?;
     scales(config)?;
@@ -33,7 +35,7 @@ pub(super) fn address(config: &Config) -> Result<Address, OptionError> {
 pub(super) fn scales(config: &Config) -> Result<Scales, OptionError> {
     let scales: Scales = config.plant.wire.asctec.convert("plant.wire.asctec")?;
     let checked = scales.check();
-    let refused = |error: oqtal_wire::asctec::InvalidScale| {
+    let refused = |error: InvalidScale| {
         OptionError::new(format!("plant.wire.asctec.{}", error.key), "unusable", error.rule)
     };
     checked.map(|()| scales).map_err(refused)

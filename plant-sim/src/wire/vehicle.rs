@@ -2,12 +2,14 @@
 
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
+use oqtal_control::options::OptionError;
 use oqtal_wire::asctec::{HostCommand, Scales, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::stream::DecoderCounters;
 use oqtal_wire::xbee::{Address, Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
 use super::on_board::{Measured, OnBoard};
+use super::options::{address, scales};
 use super::radio::{LinkDirection, RadioModel};
 use crate::plant::{Output, Plant};
 
@@ -29,17 +31,18 @@ pub struct WiredVehicle {
 
 impl WiredVehicle {
     /// The vehicle of `config` on the floor at `start`, at the other end of `link`.
-    #[must_use]
-    pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Self {
-        let scales: &Scales = &config.bridge.asctec;
+    ///
+    /// # Errors
+    /// An option of `[plant.wire]` cannot be used.
+    pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Result<Self, OptionError> {
         // The frames of answers are of the kind that the host's requests are.
-        let peer = config.bridge.xbee_address().unwrap_or(Address::BROADCAST);
-        Self {
+        let peer = address(config)?;
+        Ok(Self {
             plant: Plant::new(config, start),
-            radio: RadioModel::new(&config.vehicle.wire, config.clock.seed, link.baud()),
+            radio: RadioModel::new(&config.plant.wire, config.clock.seed, link.baud()),
             carrier: Carrier::new(link.xbee(), Side::Radio, peer),
             decoder: VehicleDecoder::new(),
-            on_board: OnBoard::new(&config.vehicle, scales),
+            on_board: OnBoard::new(&config.plant, scales(config)?),
             heard: Vec::with_capacity(1024),
             requests: Vec::with_capacity(64),
             commands: Vec::with_capacity(64),

@@ -20,6 +20,18 @@ pub enum Address {
 impl Address {
     /// Every radio in reach.
     pub const BROADCAST: Self = Self::Long(0xFFFF);
+    /// How an address is written, for messages.
+    pub const FORM: &str = "4 or 16 hexadecimal digits";
+
+    /// The address that `text` is, 4 or 16 hexadecimal digits; `None` if it is none.
+    #[must_use]
+    pub fn from_digits(text: &str) -> Option<Self> {
+        match text.len() {
+            4 => u16::from_str_radix(text, 16).ok().map(Self::Short),
+            16 => u64::from_str_radix(text, 16).ok().map(Self::Long),
+            _ => None,
+        }
+    }
 
     /// Whether this is every radio in reach, by 16 bits or by 64.
     #[must_use]
