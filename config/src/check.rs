@@ -23,7 +23,7 @@ impl Config {
         self.vehicle.check()?;
         self.plant.check()?;
         self.mocap.check()?;
-        self.control.check()?;
+        self.control.check().map_err(|error| error.within("control"))?;
         self.position.check().map_err(|error| error.within("position"))?;
         self.trajectory.check().map_err(|error| error.within("trajectory"))?;
         self.safety.check()?;

@@ -3,6 +3,7 @@
 use std::hash::Hasher;
 use std::path::Path;
 
+use oqtal_control::ControlOptions;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
@@ -10,7 +11,6 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
-use crate::control::Control;
 use crate::error::ConfigError;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::mocap::MocapOptions;
@@ -40,7 +40,7 @@ pub struct Config {
     /// `[mocap]`: the emulated cameras.
     pub mocap: MocapOptions,
     /// `[control]`: the loop and the attitude laws.
-    pub control: Control,
+    pub control: ControlOptions,
     /// `[position]`: the outer loops.
     pub position: PositionOptions,
     /// `[trajectory]`: what is flown.

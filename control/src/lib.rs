@@ -4,6 +4,7 @@
 //! OQTAL (IEEE TAES 2015); where the printed equation is wrong the line cites the erratum in `docs/errata.md`.
 #![forbid(unsafe_code)]
 
+mod control_options;
 pub mod controller;
 pub mod error_model;
 pub mod estimator;
@@ -24,3 +25,5 @@ pub mod schedule;
 pub mod tracking_error;
 pub mod trajectory;
 pub mod tuning;
+
+pub use control_options::ControlOptions;

@@ -14,10 +14,10 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
-use crate::tracking_error::AttitudeError;
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`Geometric`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,10 +51,16 @@ impl Default for GeometricOptions {
     }
 }
 
-impl GeometricOptions {
+impl LawOptions for GeometricOptions {
+    type Law<I: InputForm> = Geometric<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.geometric.attitude-gain", 1.0, 40.0),
+        SearchRange::new("control.geometric.integral-gain-per-s", 0.01, 5.0),
+    ];
+
     /// For the paper's spacecraft in torque form.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         Self {
             attitude_gain: 256.0,
             rate_gain_per_s: 32.0,
@@ -63,11 +69,7 @@ impl GeometricOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), OptionError> {
+    fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-gain", self.attitude_gain, Rule::Positive),
             ("rate-gain-per-s", self.rate_gain_per_s, Rule::NotNegative),
@@ -75,6 +77,10 @@ impl GeometricOptions {
             ("integral-attitude-gain-per-s", self.integral_attitude_gain_per_s, Rule::NotNegative),
             ("integral-limit", self.integral_limit, Rule::NotNegative),
         ])
+    }
+
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Geometric<I>, OptionError> {
+        Self::Law::new(self, input)
     }
 }
 

@@ -12,14 +12,14 @@ use serde::{Deserialize, Serialize};
 
 use super::feedback::RateFeedback;
 use super::input::InputForm;
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::euler::EulerAngles;
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
 use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
-use crate::tracking_error::AttitudeError;
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`ClassicLqr`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,11 +77,17 @@ impl Default for LqrOptions {
     }
 }
 
-impl LqrOptions {
+impl LawOptions for LqrOptions {
+    type Law<I: InputForm> = ClassicLqr<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.lqr.attitude-weight", 1.0, 400.0),
+        SearchRange::new("control.lqr.integral-weight", 1e-4, 1.0),
+    ];
+
     /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
     /// VI.B.2.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         Self {
             attitude_weight: 128.0,
             rate_weight: 128.0,
@@ -91,11 +97,7 @@ impl LqrOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), OptionError> {
+    fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-weight", self.attitude_weight, Rule::Positive),
             ("rate-weight", self.rate_weight, Rule::NotNegative),
@@ -107,6 +109,12 @@ impl LqrOptions {
         ])
     }
 
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<ClassicLqr<I>, OptionError> {
+        Self::Law::new(self, input)
+    }
+}
+
+impl LqrOptions {
     fn weights(&self) -> Weights {
         Weights {
             rate: self.rate_weight,

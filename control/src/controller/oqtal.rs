@@ -12,15 +12,15 @@ use nalgebra::{SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::error_model::{ErrorModel, Jacobian, OperatingPoint};
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
 use crate::scalar_pid::low_pass_weight;
 use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
-use crate::tracking_error::AttitudeError;
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// What the model makes of the second time derivative of `eps`, Section VII.C. It is the difference
 /// of Eq. (38) between two steps.
@@ -96,11 +96,17 @@ impl Default for OqtalOptions {
     }
 }
 
-impl OqtalOptions {
+impl LawOptions for OqtalOptions {
+    type Law<I: InputForm> = Oqtal<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.oqtal.attitude-weight", 4.0, 1600.0),
+        SearchRange::new("control.oqtal.integral-weight", 1e-4, 1.0),
+    ];
+
     /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
     /// VI.B.2.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         Self {
             attitude_weight: 256.0,
             rate_weight: 256.0,
@@ -110,11 +116,7 @@ impl OqtalOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), OptionError> {
+    fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-weight", self.attitude_weight, Rule::Positive),
             ("rate-weight", self.rate_weight, Rule::NotNegative),
@@ -126,6 +128,12 @@ impl OqtalOptions {
         ])
     }
 
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Oqtal<I>, OptionError> {
+        Self::Law::new(self, input)
+    }
+}
+
+impl OqtalOptions {
     fn weights(&self) -> Weights {
         Weights {
             rate: self.rate_weight,
