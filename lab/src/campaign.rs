@@ -129,7 +129,8 @@ impl CampaignArgs {
             let clock = Setting::flag("--clock", "clock.kind", self.clock.name());
             entrant.contender.settings.push(clock);
             let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + self.runs;
-            let runs = Runs::fly_in_turn(&entrant.contender, &flights::NOMINAL, seeds, &mut fly_mission)?;
+            let runs =
+                Runs::fly_in_turn(&entrant.contender, &flights::NOMINAL, seeds, &mut fly_mission)?;
             Ok(Flown::new(entrant, runs))
         };
         entrants.into_iter().map(fly).collect()

@@ -74,10 +74,13 @@ mod tests {
         let parameters = |plant: &PlantOptions| {
             let [roll, pitch, yaw] = plant.rate_authority_rad_s;
             let rotors = &plant.rotors;
-            let body = [plant.mass_kg, plant.inertia_kg_m2[1][1], plant.max_thrust_n, roll, pitch, yaw];
-            let loops = [plant.rate_lag_ms, plant.thrust_lag_ms, plant.command_delay_ms, plant.drag_per_s];
+            let body =
+                [plant.mass_kg, plant.inertia_kg_m2[1][1], plant.max_thrust_n, roll, pitch, yaw];
+            let loops =
+                [plant.rate_lag_ms, plant.thrust_lag_ms, plant.command_delay_ms, plant.drag_per_s];
             let rest = [plant.max_torque_nm, rotors.arm_m, rotors.lag_ms, rotors.max_speed_rad_s];
-            [&body[..], &loops, &rest, &[rotors.thrust_coefficient, rotors.torque_coefficient]].concat()
+            [&body[..], &loops, &rest, &[rotors.thrust_coefficient, rotors.torque_coefficient]]
+                .concat()
         };
         let draws: Vec<Vec<f64>> = (0..50).map(|seed| parameters(&drawn(&nominal, seed))).collect();
         assert_eq!(draws[7], parameters(&drawn(&nominal, 7)));

@@ -151,7 +151,8 @@ fn a_sagging_battery_takes_thrust_away() {
 
 #[test]
 fn a_torque_turns_the_spacecraft_as_euler_says() {
-    let settings = [("vehicle.preset", "spacecraft".into()), ("plant.command-delay-ms", 0.0.into())];
+    let settings =
+        [("vehicle.preset", "spacecraft".into()), ("plant.command-delay-ms", 0.0.into())];
     let mut bench = Bench::new(&config(&settings));
     let lift =
         CommandV1 { actuation: Actuation::Torque.code(), thrust: 1.0, ..CommandV1::default() };

@@ -6,7 +6,7 @@ use oqtal_plant_sim::wire::{LinkDirection, RadioModel, WiredVehicle};
 use oqtal_runtime::random::{Source, stream};
 use oqtal_wire::asctec::{
     ControlInput, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent, LlStatus, Poll, Scales,
-    StickMeaning, Sticks, VehicleDecoder, poll_frame,
+    Sticks, VehicleDecoder, poll_frame,
 };
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::xbee::{Address, Carrier, RadioEvent, Side};

@@ -4,7 +4,6 @@ use std::process::ExitCode;
 
 use oqtal_bus::error::BusError;
 use oqtal_config::ConfigError;
-use oqtal_control::options::OptionError;
 
 /// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,12 +65,6 @@ impl From<BusError> for Failure {
             BusError::Full { .. } | BusError::System { .. } => Exit::System,
         };
         Self::new(exit, error.to_string())
-    }
-}
-
-impl From<OptionError> for Failure {
-    fn from(error: OptionError) -> Self {
-        Self::new(Exit::Config, error.to_string())
     }
 }
 

@@ -21,7 +21,7 @@ pub enum Body {
     /// Torque in; limited to what the vehicle can do, or not.
     Spacecraft(Box<Lander>, bool),
     /// Sticks in.
-    Quadrotor(Box<Vehicle>),
+    Quadrotor(Box<Config>),
 }
 
 /// One tick of a turn.

@@ -3,10 +3,10 @@
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_wire::asctec::{HostCommand, Scales, VehicleDecoder};
+use oqtal_wire::asctec::{HostCommand, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::stream::DecoderCounters;
-use oqtal_wire::xbee::{Address, Carrier, MAX_PAYLOAD, RadioEvent, Side};
+use oqtal_wire::xbee::{Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
 use super::on_board::{Measured, OnBoard};
 use super::options::{address, scales};
@@ -47,7 +47,7 @@ impl WiredVehicle {
             requests: Vec::with_capacity(64),
             commands: Vec::with_capacity(64),
             answer: Vec::with_capacity(1024),
-        }
+        })
     }
 
     /// The next instant at which something happens.
