@@ -43,7 +43,7 @@ fn state(motion: &Motion) -> State {
 fn integrate(
     config: &Config,
     motion: &Motion,
-    input: &oqtal_plant_sim::Input,
+    input: &oqtal_plant_sim::PlantInput,
     disturbance: &Disturbance,
 ) -> State {
     let dynamics = Dynamics::new(&config.plant);
@@ -81,7 +81,7 @@ proptest! {
         };
         let bias = Bias { demand: drift, acceleration: push };
         let disturbance = Disturbance { acceleration: push, rate_drift: drift, voltage_ratio: 1.0 };
-        let told = oqtal_plant_sim::Input { sticks, thrust, ..Default::default() };
+        let told = oqtal_plant_sim::PlantInput { sticks, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);
         assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
     }
@@ -101,7 +101,7 @@ proptest! {
         let disturbance =
             Disturbance { acceleration: push, rate_drift: Vector3::zeros(), voltage_ratio: 1.0 };
         let thrust = 1.6 / config.vehicle.max_thrust_n;
-        let told = oqtal_plant_sim::Input { torque, thrust, ..Default::default() };
+        let told = oqtal_plant_sim::PlantInput { torque, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);
         assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
     }

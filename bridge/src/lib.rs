@@ -47,7 +47,7 @@ pub use bridge::{Bridge, VehicleReport};
 pub use line::LineOccupancy;
 pub use link::VehicleLink;
 pub use motors::{MotorChange, MotorConditions, MotorSequencer, MotorState};
-pub use options::link;
+pub use options::{check as check_options, link};
 pub use protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
 pub use radio::through;
 pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits, VehicleSetpoint};

@@ -6,6 +6,16 @@ use oqtal_wire::asctec::{InvalidScale, Scales};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
 use oqtal_wire::xbee::Address;
 
+/// Checks link, address and scales, whether or not a bridge is used.
+///
+/// # Errors
+/// The first value that cannot be used.
+pub fn check(config: &Config) -> Result<(), OptionError> {
+    address(config)?;
+    scales(config)?;
+    link(config).map(drop)
+}
+
 /// The link to the vehicle; `None` if none is configured.
 ///
 /// # Errors

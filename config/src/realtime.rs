@@ -14,7 +14,7 @@ const MAX_WARMUP_US: f64 = 5000.0;
 /// The mechanism that wakes a sleeping process. All processes of an instance use the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Events {
+pub enum EventMechanism {
     /// A futex in shared memory.
     #[default]
     Futex,
@@ -50,7 +50,7 @@ pub struct RealtimeOptions {
     /// never.
     pub warmup_us: f64,
     /// The mechanism that wakes a loop.
-    pub events: Events,
+    pub events: EventMechanism,
 }
 
 impl RealtimeOptions {

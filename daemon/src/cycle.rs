@@ -40,7 +40,7 @@ pub struct Tick {
 
 /// Time constants of the loop.
 #[derive(Clone, Debug)]
-struct Timing {
+struct LoopTiming {
     period: Span,
     /// Least time between two ticks: the poses of cameras faster than the loop are decimated.
     spacing: Span,
@@ -51,7 +51,7 @@ struct Timing {
     recovery_poses: u32,
 }
 
-impl Timing {
+impl LoopTiming {
     fn of(config: &Config) -> Self {
         let period = Span::period_of(config.control.rate_hz);
         let poses_per_tick = config.poses_per_tick();
@@ -111,7 +111,7 @@ struct Requests {
 /// The controller between its events.
 #[derive(Clone, Debug)]
 pub struct Cycle {
-    timing: Timing,
+    timing: LoopTiming,
     observe_only: bool,
     interface: Interface,
     max_thrust_n: f64,
@@ -139,7 +139,7 @@ impl Cycle {
         let awaited = config.safety.arm_at_start && !config.safety.observe_only;
         let at_start = if awaited { AtStart::Awaited } else { AtStart::Nothing };
         Ok(Self {
-            timing: Timing::of(config),
+            timing: LoopTiming::of(config),
             observe_only: config.safety.observe_only,
             interface: config.vehicle.interface,
             max_thrust_n: config.vehicle.max_thrust_n,

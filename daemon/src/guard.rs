@@ -1,5 +1,4 @@
-//! The gate for poses: accepts poses that are fresh, in order, finite, of unit norm, and that move as a vehicle can. A refused
-//! pose counts as a missing one.
+//! The gate for poses: accepts those that are fresh, in order, finite, of unit norm, and that move as a vehicle can.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
@@ -152,8 +151,7 @@ impl Guard {
         if pose.tracked == 0 {
             return Err(Cause::Untracked);
         }
-        let numbers = pose.position.iter().chain(&pose.attitude);
-        if !numbers.clone().all(|number| number.is_finite()) {
+        if !pose.position.iter().chain(&pose.attitude).all(|number| number.is_finite()) {
             return Err(Cause::NotFinite);
         }
         let attitude = Attitude::from_xyzw(pose.attitude).ok_or(Cause::NotUnit)?;

@@ -12,11 +12,11 @@ const LANDED_HEIGHT_M: f64 = 0.04;
 #[derive(Clone, Debug)]
 pub struct ActiveMission {
     began: Time,
-    path: Path,
+    path: FlightPath,
 }
 
 #[derive(Clone, Debug)]
-enum Path {
+enum FlightPath {
     /// A flight from take-off to landing, and the height of the floor \[m\].
     Plan(FlightPlan, f64),
     /// The point \[m, world\] that is the reference while the daemon only observes.
@@ -27,13 +27,13 @@ impl ActiveMission {
     /// The flight of `plan` from `now` on, from the floor at `floor_m` \[m, world z\].
     #[must_use]
     pub fn fly(plan: FlightPlan, floor_m: f64, now: Time) -> Self {
-        Self { began: now, path: Path::Plan(plan, floor_m) }
+        Self { began: now, path: FlightPath::Plan(plan, floor_m) }
     }
 
     /// Observes a vehicle with the fixed reference `point` \[m, world\].
     #[must_use]
     pub fn observe(point: Vector3<f64>, now: Time) -> Self {
-        Self { began: now, path: Path::Observe(point) }
+        Self { began: now, path: FlightPath::Observe(point) }
     }
 
     /// Moves the beginning to `now`.
@@ -51,8 +51,8 @@ impl ActiveMission {
     #[must_use]
     pub fn reference(&self, now: Time) -> Reference {
         match &self.path {
-            Path::Plan(plan, _) => plan.sample(self.elapsed_s(now)),
-            Path::Observe(point) => Reference::rest(*point, Phase::Trajectory),
+            FlightPath::Plan(plan, _) => plan.sample(self.elapsed_s(now)),
+            FlightPath::Observe(point) => Reference::rest(*point, Phase::Trajectory),
         }
     }
 
@@ -60,8 +60,8 @@ impl ActiveMission {
     #[must_use]
     pub fn is_scored(&self, now: Time) -> bool {
         match &self.path {
-            Path::Plan(plan, _) => plan.scored(self.elapsed_s(now)),
-            Path::Observe(_) => false,
+            FlightPath::Plan(plan, _) => plan.scored(self.elapsed_s(now)),
+            FlightPath::Observe(_) => false,
         }
     }
 
@@ -70,7 +70,7 @@ impl ActiveMission {
         let height = self.reference(now).position.z;
         let from = estimate.position.xy().push(height);
         let elapsed_s = self.elapsed_s(now);
-        if let Path::Plan(plan, _) = &mut self.path {
+        if let FlightPath::Plan(plan, _) = &mut self.path {
             plan.land_from(elapsed_s, from);
         }
     }
@@ -78,7 +78,7 @@ impl ActiveMission {
     /// Whether the vehicle stands on the floor at the end of its landing.
     #[must_use]
     pub fn has_landed(&self, reference: &Reference, estimate: &Estimate) -> bool {
-        let Path::Plan(_, floor_m) = &self.path else { return false };
+        let FlightPath::Plan(_, floor_m) = &self.path else { return false };
         reference.phase == Phase::Landing
             && reference.position.z < *floor_m
             && estimate.position.z < floor_m + LANDED_HEIGHT_M

@@ -1,4 +1,4 @@
-//! `oqtal campaign`: many runs of every law, and what they come to.
+//! `oqtal campaign`: many runs of every law, and their statistics.
 
 pub mod flights;
 pub mod interval;
@@ -26,9 +26,9 @@ use flights::Test;
 use statistics::{EVALUATION_SEEDS, Runs};
 use table::{Entrant, Flown, Scope};
 
-/// Flies missions through processes, one after another.
+/// A series of flights through processes, one after another.
 pub trait FlightSeries {
-    /// Flies `mission`, which is called `name` in the series.
+    /// Flies `mission` under `name`.
     ///
     /// # Errors
     /// The flight could not be flown, or an operator ended the series.

@@ -7,7 +7,7 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
-use oqtal_plant_sim::{Output, Plant};
+use oqtal_plant_sim::{Plant, PlantOutput};
 
 const MILLISECOND: Span = Span::from_millis(1);
 /// A command every so many milliseconds, or the vehicle falls silent.
@@ -33,7 +33,7 @@ fn bench(criterion: &mut Criterion, fidelity: &str) {
             }
             now = now + MILLISECOND;
             plant.advance(black_box(now), |output| {
-                samples += u64::from(matches!(output, Output::Truth(_)));
+                samples += u64::from(matches!(output, PlantOutput::Truth(_)));
             });
         });
     });

@@ -9,7 +9,7 @@ use crate::state::{Derivative, State};
 
 /// The command in effect.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Input {
+pub struct PlantInput {
     /// Sticks `[delta_r, delta_p, delta_y]` of Eq. (61) \[-1..1, body\].
     pub sticks: Vector3<f64>,
     /// Torque \[N m, body\].
@@ -53,7 +53,13 @@ impl Dynamics {
 
     /// The state `h` seconds after `state`, under a constant input and disturbance.
     #[must_use]
-    pub fn step(&self, state: &State, h: f64, input: &Input, disturbance: &Disturbance) -> State {
+    pub fn step(
+        &self,
+        state: &State,
+        h: f64,
+        input: &PlantInput,
+        disturbance: &Disturbance,
+    ) -> State {
         // One dispatch a step in place of one at each of the four Runge-Kutta stages.
         match self {
             Self::Spacecraft(it) => state.step(h, |s| it.derivative(s, input, disturbance)),
@@ -74,13 +80,13 @@ impl Dynamics {
 
 /// Translation, which all vehicles share: a point mass under thrust, weight, drag and gusts.
 #[derive(Clone, Debug)]
-struct Body {
+struct Translation {
     per_mass: f64,
     gravity: f64,
     drag: f64,
 }
 
-impl Body {
+impl Translation {
     fn new(plant: &PlantOptions) -> Self {
         let per_mass = plant.mass_kg.recip();
         Self { per_mass, gravity: plant.gravity_m_s2, drag: plant.drag_per_s }
@@ -105,7 +111,7 @@ fn bandwidth(lag_ms: f64) -> f64 {
 /// A rigid body with torque input, as the lander of Table I.
 #[derive(Clone, Debug)]
 pub struct Spacecraft {
-    body: Body,
+    translation: Translation,
     inertia: Inertia,
     max_thrust: f64,
     thrust_bandwidth: f64,
@@ -114,7 +120,7 @@ pub struct Spacecraft {
 impl Spacecraft {
     fn new(plant: &PlantOptions) -> Self {
         Self {
-            body: Body::new(plant),
+            translation: Translation::new(plant),
             inertia: plant.inertia().expect("the configuration was checked"),
             max_thrust: plant.max_thrust_n,
             thrust_bandwidth: bandwidth(plant.thrust_lag_ms),
@@ -122,11 +128,16 @@ impl Spacecraft {
     }
 
     #[inline]
-    fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
+    fn derivative(
+        &self,
+        state: &State,
+        input: &PlantInput,
+        disturbance: &Disturbance,
+    ) -> Derivative {
         let thrust = state.actuators.x;
         Derivative {
             position: state.velocity,
-            velocity: self.body.acceleration(state, thrust, disturbance),
+            velocity: self.translation.acceleration(state, thrust, disturbance),
             attitude: state.attitude_rate(),
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(input.torque)).0,
@@ -139,7 +150,7 @@ impl Spacecraft {
 /// The Hummingbird by Eq. (61), with the lags of a real vehicle.
 #[derive(Clone, Debug)]
 pub struct Eq61 {
-    body: Body,
+    translation: Translation,
     authority: Vector3<f64>,
     rate_bandwidth: f64,
     max_thrust: f64,
@@ -149,7 +160,7 @@ pub struct Eq61 {
 impl Eq61 {
     fn new(plant: &PlantOptions) -> Self {
         Self {
-            body: Body::new(plant),
+            translation: Translation::new(plant),
             authority: Vector3::from(plant.rate_authority_rad_s),
             rate_bandwidth: 1e3 / plant.rate_lag_ms,
             max_thrust: plant.max_thrust_n,
@@ -158,7 +169,12 @@ impl Eq61 {
     }
 
     #[inline]
-    fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
+    fn derivative(
+        &self,
+        state: &State,
+        input: &PlantInput,
+        disturbance: &Disturbance,
+    ) -> Derivative {
         let thrust = state.actuators.x;
         // Eq. (61), erratum E-61: the rate that the on-board loop follows, its bias included.
         let rate_command = self.authority.component_mul(&input.sticks) + disturbance.rate_drift;
@@ -166,7 +182,7 @@ impl Eq61 {
         let greatest = self.max_thrust * disturbance.voltage_ratio.powi(2);
         Derivative {
             position: state.velocity,
-            velocity: self.body.acceleration(state, thrust, disturbance),
+            velocity: self.translation.acceleration(state, thrust, disturbance),
             attitude: state.attitude_rate(),
             rate: (rate_command - state.rate) * self.rate_bandwidth,
             actuators: Vector4::x() * ((input.thrust * greatest - thrust) * self.thrust_bandwidth),
@@ -178,7 +194,7 @@ impl Eq61 {
 /// one way, left and right rotor the other.
 #[derive(Clone, Debug)]
 pub struct Rotors {
-    body: Body,
+    translation: Translation,
     inertia: Inertia,
     authority: Vector3<f64>,
     rate_lag: f64,
@@ -205,7 +221,7 @@ impl Rotors {
             -d, d, -d, d,
         );
         Self {
-            body: Body::new(plant),
+            translation: Translation::new(plant),
             inertia: plant.inertia().expect("the configuration was checked"),
             authority: Vector3::from(plant.rate_authority_rad_s),
             rate_lag: plant.rate_lag_ms * 1e-3,
@@ -219,14 +235,19 @@ impl Rotors {
     }
 
     #[inline]
-    fn derivative(&self, state: &State, input: &Input, disturbance: &Disturbance) -> Derivative {
+    fn derivative(
+        &self,
+        state: &State,
+        input: &PlantInput,
+        disturbance: &Disturbance,
+    ) -> Derivative {
         let speeds = state.actuators;
         let wrench = self.mix * speeds.component_mul(&speeds);
         let torque = wrench.fixed_rows::<3>(1).into_owned();
         let targets = self.on_board_loop(state, input, disturbance);
         Derivative {
             position: state.velocity,
-            velocity: self.body.acceleration(state, wrench.x, disturbance),
+            velocity: self.translation.acceleration(state, wrench.x, disturbance),
             attitude: state.attitude_rate(),
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
@@ -239,7 +260,7 @@ impl Rotors {
     fn on_board_loop(
         &self,
         state: &State,
-        input: &Input,
+        input: &PlantInput,
         disturbance: &Disturbance,
     ) -> Vector4<f64> {
         if input.thrust <= 0.0 {

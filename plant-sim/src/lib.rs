@@ -18,8 +18,8 @@ use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 
-pub use dynamics::{Disturbance, Dynamics, Input};
-pub use plant::{Output, Plant};
+pub use dynamics::{Disturbance, Dynamics, PlantInput};
+pub use plant::{Plant, PlantOutput};
 pub use state::{Derivative, State};
 pub use turn::{PlantTurn, Stepping};
 

@@ -58,7 +58,7 @@ pub fn imperfections(plant: &PlantOptions, seed: u64) -> (Vector3<f64>, Vector3<
 
 /// A battery whose open-circuit voltage falls linearly with the charge drawn.
 #[derive(Clone, Debug)]
-pub struct Cell {
+pub struct BatteryModel {
     battery: BatteryOptions,
     /// One newton over the weight \[1/N\]; 0 without weight.
     per_weight: f64,
@@ -69,7 +69,7 @@ pub struct Cell {
     voltage: f64,
 }
 
-impl Cell {
+impl BatteryModel {
     /// A full battery of `plant`.
     #[must_use]
     pub fn new(plant: &PlantOptions) -> Self {

@@ -4,7 +4,7 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
-use oqtal_plant_sim::{Output, Plant};
+use oqtal_plant_sim::{Plant, PlantOutput};
 
 const START: Time = Time::VIRTUAL_START;
 
@@ -64,8 +64,8 @@ impl Bench {
         self.now = self.now + Span::from_millis(millis);
         let (truths, applied) = (&mut self.truths, &mut self.applied);
         self.plant.advance(self.now, |output| match output {
-            Output::Truth(truth) => truths.push(truth),
-            Output::Applied(_, stamps, vehicle) => applied.push((stamps.applied_at, vehicle)),
+            PlantOutput::Truth(truth) => truths.push(truth),
+            PlantOutput::Applied(_, stamps, vehicle) => applied.push((stamps.applied_at, vehicle)),
         });
     }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::shape::{Circle, Hover, Lemniscate, Square, Step};
+use super::shape::{Circle, Hover, Lemniscate, MAX_DURATION_S, Square, Step};
 use super::{AttitudeChirp, AttitudeDoublet, Shape, Trajectory, Waypoints};
 use crate::options::{OptionError, Rule, check_options};
 
@@ -93,7 +93,7 @@ impl TrajectoryOptions {
     /// The first option outside its range.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
-            ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, 3600.0)),
+            ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, MAX_DURATION_S)),
             ("height-m", self.height_m, Rule::Between(0.1, 100.0)),
             ("take-off-s", self.take_off_s, Rule::Between(0.5, 60.0)),
             ("settle-s", self.settle_s, Rule::Between(0.0, 3600.0)),

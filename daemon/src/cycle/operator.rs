@@ -25,21 +25,11 @@ impl Cycle {
     pub fn request(&mut self, now: Time, command: OperatorCommand) -> ControlResponseV1 {
         let verdict = match command {
             OperatorCommand::Status => Ok(Answer::Done),
-            OperatorCommand::Arm if self.mode != Mode::Disarmed || self.observe_only => {
-                Err(Cause::WrongMode)
-            }
-            OperatorCommand::Arm if self.guard.good_in_a_row() < self.timing.recovery_poses => {
-                Err(self.memory.missing)
-            }
-            OperatorCommand::Arm if !self.vehicle.answers(now) => Err(Cause::NoVehicle),
+            OperatorCommand::Arm => self.arm(now),
             OperatorCommand::Fly if self.observe_only => Err(Cause::WrongMode),
             // A repeated request: the first reply may have been lost.
             OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
-            OperatorCommand::Arm | OperatorCommand::Fly => {
-                self.mode = Mode::Waiting;
-                self.requests.arms_at_once = command == OperatorCommand::Arm;
-                Ok(Answer::Accepted)
-            }
+            OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
             OperatorCommand::Land => self.land(now),
             OperatorCommand::Disarm if matches!(self.mode, Mode::Waiting | Mode::Disarmed) => {
                 self.call_off();
@@ -66,6 +56,26 @@ impl Cycle {
             state: self.supervisor.state().code(),
             cause: cause.code(),
         }
+    }
+
+    /// Begins a flight at once, or refuses it.
+    fn arm(&mut self, now: Time) -> Result<Answer, Cause> {
+        if self.mode != Mode::Disarmed || self.observe_only {
+            Err(Cause::WrongMode)
+        } else if self.guard.good_in_a_row() < self.timing.recovery_poses {
+            Err(self.memory.missing)
+        } else if !self.vehicle.answers(now) {
+            Err(Cause::NoVehicle)
+        } else {
+            Ok(self.wait_for_flight(true))
+        }
+    }
+
+    /// Requests a flight: for the next tick or not at all, or as soon as poses and vehicle allow it.
+    fn wait_for_flight(&mut self, at_once: bool) -> Answer {
+        self.mode = Mode::Waiting;
+        self.requests.arms_at_once = at_once;
+        Answer::Accepted
     }
 
     /// Cancels a flight that has not begun.

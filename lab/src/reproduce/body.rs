@@ -7,7 +7,7 @@ use oqtal_control::controller::{
 };
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
-use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
+use oqtal_plant_sim::{Disturbance, Dynamics, PlantInput, State};
 use oqtal_runtime::process::Failure;
 
 use super::lander::{Lander, RATE_HZ, attitude_state, is_under_control};
@@ -114,7 +114,7 @@ impl Body {
 
 /// The state after `sticks` have been held for a tick.
 fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
-    let input = Input { sticks, ..Input::default() };
+    let input = PlantInput { sticks, ..PlantInput::default() };
     let calm = Disturbance {
         acceleration: Vector3::zeros(),
         rate_drift: Vector3::zeros(),

@@ -12,7 +12,7 @@ use oqtal_control::position::attitude_along;
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeError;
-use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
+use oqtal_plant_sim::{Disturbance, Dynamics, PlantInput, State};
 use oqtal_runtime::process::Failure;
 use oqtal_runtime::random::{Source, normal3, stream};
 
@@ -193,7 +193,7 @@ impl Lander {
     /// The state after `torque` \[N m, body\] has been held for `dt_s` \[s\], the thrust full.
     #[must_use]
     pub fn hold(&self, state: &State, torque: Vector3<f64>, dt_s: f64) -> State {
-        let input = Input { torque, thrust: 1.0, ..Input::default() };
+        let input = PlantInput { torque, thrust: 1.0, ..PlantInput::default() };
         let calm = Disturbance {
             acceleration: Vector3::zeros(),
             rate_drift: Vector3::zeros(),

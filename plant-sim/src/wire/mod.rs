@@ -25,7 +25,7 @@ use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
-use crate::Output;
+use crate::PlantOutput;
 
 pub use line::PseudoTerminal;
 pub use motors::MotorSwitch;
@@ -68,7 +68,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));
         for output in outputs.drain(..) {
-            if let Output::Truth(truth) = output {
+            if let PlantOutput::Truth(truth) = output {
                 truths.send(truth.capture, Default::default(), truth)?;
                 if truth.capture > 0 {
                     truths.notify()?;

@@ -9,8 +9,10 @@ use oqtal_wire::xbee::Address;
 /// The link at which the emulated vehicle is to be found; `None` if its commands come over the bus.
 ///
 /// # Errors
-/// `plant.wire.link` is no link, or a value that goes with a link cannot be used.
+/// Link, address or scales cannot be used.
 pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
+    address(config)?;
+    scales(config)?;
     let text = &config.plant.wire.link;
     if text.is_empty() {
         return Ok(None);
@@ -18,10 +20,7 @@ pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
     let refused = |error: InvalidLink| {
         OptionError::new("plant.wire.link", format!("`{text}`"), format!("a link: {error}"))
     };
-    let link = text.parse().map_err(refused)?;
-    address(config)?;
-    scales(config)?;
-    Ok(Some(link))
+    text.parse().map(Some).map_err(refused)
 }
 
 /// The host's XBee as the vehicle addresses it.

@@ -11,7 +11,7 @@ use oqtal_wire::xbee::{Carrier, MAX_PAYLOAD, RadioEvent, Side};
 use super::on_board::{Measured, OnBoard};
 use super::options::{address, scales};
 use super::radio::{LinkDirection, RadioModel};
-use crate::plant::{Output, Plant};
+use crate::plant::{Plant, PlantOutput};
 
 /// A vehicle that is flown through its radio.
 #[derive(Debug)]
@@ -76,7 +76,7 @@ impl WiredVehicle {
     }
 
     /// Flies on to `until`, and tells `out` what happens. Commands act at the very instant at which their last byte arrives.
-    pub fn advance(&mut self, until: Time, mut out: impl FnMut(Output)) {
+    pub fn advance(&mut self, until: Time, mut out: impl FnMut(PlantOutput)) {
         loop {
             let up = self.radio.next_arrival(LinkDirection::Up);
             let events = [up, self.on_board.next_event()].into_iter().flatten();
@@ -84,7 +84,7 @@ impl WiredVehicle {
             self.plant.advance(next, &mut out);
             self.listen(next);
             self.on_board.tick(next);
-            self.plant.steer(&self.on_board.command(&self.plant.truth()));
+            self.plant.apply_command(&self.on_board.command(&self.plant.truth()));
             if next >= until {
                 return;
             }
