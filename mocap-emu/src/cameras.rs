@@ -7,7 +7,7 @@ use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::MocapOptions;
 use oqtal_control::quaternion::Attitude;
-use oqtal_runtime::random::{Generator, Source, normal3, stream};
+use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
@@ -32,7 +32,7 @@ impl Cameras {
     pub fn new(mocap: &MocapOptions, seed: u64) -> Self {
         Self {
             mocap: mocap.clone(),
-            generator: stream(seed, Source::Cameras),
+            generator: stream(seed, RandomSource::Cameras),
             in_flight: VecDeque::with_capacity(64),
             gap: 0,
         }

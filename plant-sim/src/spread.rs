@@ -1,7 +1,7 @@
 //! Parameter spread: a simulated vehicle that differs from its nominal values, `plant.spread`.
 
 use oqtal_config::PlantOptions;
-use oqtal_runtime::random::{Generator, Source, stream};
+use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 
 /// Shortest time constant that the integrator follows \[ms\].
@@ -11,7 +11,7 @@ const LEAST_LAG_MS: f64 = 1.0;
 /// to both sides. The inertia is scaled as a whole.
 #[must_use]
 pub fn drawn(nominal: &PlantOptions, seed: u64) -> PlantOptions {
-    let mut spread = Spread { generator: stream(seed, Source::Spread), most: nominal.spread };
+    let mut spread = Spread { generator: stream(seed, RandomSource::Spread), most: nominal.spread };
     let mut plant = nominal.clone();
     spread.apply(&mut plant.mass_kg);
     let inertia = spread.factor();

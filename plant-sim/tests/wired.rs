@@ -3,7 +3,7 @@
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{AsctecSticks, Config};
 use oqtal_plant_sim::wire::{LinkDirection, RadioModel, WiredVehicle};
-use oqtal_runtime::random::{Source, stream};
+use oqtal_runtime::random::{RandomSource, stream};
 use oqtal_wire::asctec::{
     ControlInput, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent, LlStatus, Poll, Scales,
     Sticks, VehicleDecoder, poll_frame,
@@ -206,7 +206,7 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
     config.plant.wire.latency_ms = 0.0;
     let mut radio = RadioModel::new(&config.plant.wire, 7, 57_600);
     let mut decoder = VehicleDecoder::new();
-    let mut generator = stream(7, Source::Gust);
+    let mut generator = stream(7, RandomSource::Gust);
     let scales = Scales::default();
     let (frames, mut read, mut wrong, mut now, mut bytes) = (200_000, 0, 0, START, Vec::new());
     for _ in 0..frames {
