@@ -18,7 +18,7 @@ use crate::euler::EulerAngles;
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
-use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
+use crate::schedule::{CellGrid, Cells, GainSchedule, Resolve};
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`ClassicLqr`]. The default is for the Hummingbird in rate form.
@@ -142,7 +142,7 @@ impl<I: InputForm> ClassicLqr<I> {
     pub fn new(options: LqrOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
-            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
+            CellGrid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let theta_i = Integral::new(options.integral_limit_rad_s);
         Ok(Self { options, input, schedule: GainSchedule::new(grid), theta_i })
     }

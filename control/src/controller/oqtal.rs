@@ -19,7 +19,7 @@ use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
 use crate::scalar_pid::low_pass_weight;
-use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
+use crate::schedule::{CellGrid, Cells, GainSchedule, Resolve};
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// What the model makes of the second time derivative of `eps`, Section VII.C. It is the difference
@@ -164,7 +164,7 @@ impl<I: InputForm> Oqtal<I> {
     pub fn new(options: OqtalOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
-            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
+            CellGrid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let eps_i = Integral::new(options.integral_limit_s);
         let schedule = GainSchedule::new(grid);
         Ok(Self { options, input, schedule, eps_i, eps_dot: None, eps_ddot: Vector3::zeros() })

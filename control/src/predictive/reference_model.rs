@@ -64,7 +64,7 @@ impl ReferenceModelOptions {
 
 /// The limits that the vehicle sets, along the axes that a model is for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct MotionLimits {
     /// Greatest speed \[m/s\].
     pub speed: f64,
     /// Greatest acceleration \[m/s^2\].
@@ -109,7 +109,7 @@ impl Course {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceModel {
     options: ReferenceModelOptions,
-    limits: Limits,
+    limits: MotionLimits,
     leader: Course,
     /// The leader behind one lag.
     between: Course,
@@ -119,7 +119,7 @@ pub struct ReferenceModel {
 impl ReferenceModel {
     /// At rest at the origin.
     #[must_use]
-    pub fn new(options: ReferenceModelOptions, limits: Limits) -> Self {
+    pub fn new(options: ReferenceModelOptions, limits: MotionLimits) -> Self {
         let [leader, between, course] = [Course::default(); 3];
         Self { options, limits, leader, between, course }
     }

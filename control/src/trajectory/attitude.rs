@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Reference};
+use super::reference::{Phase, Reference};
 use crate::options::{OptionError, Rule, check_options};
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;

@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::attitude::{AttitudeChirp, AttitudeDoublet};
+use super::path::{Trajectory, TrajectoryShape};
 use super::shape::{Circle, Hover, Lemniscate, MAX_DURATION_S, Square, Step};
-use super::{AttitudeChirp, AttitudeDoublet, Shape, Trajectory, Waypoints};
+use super::waypoints::Waypoints;
 use crate::options::{OptionError, Rule, check_options};
 
 /// The trajectories there are.
@@ -113,14 +115,16 @@ impl TrajectoryOptions {
     #[must_use]
     pub fn trajectory(&self, waypoints: Option<Waypoints>) -> Option<Trajectory> {
         let shape = match self.kind {
-            TrajectoryKind::Hover => Shape::Hover(self.hover),
-            TrajectoryKind::Step => Shape::Step(self.step),
-            TrajectoryKind::Square => Shape::Square(self.square),
-            TrajectoryKind::Circle => Shape::Circle(self.circle),
-            TrajectoryKind::Lemniscate => Shape::Lemniscate(self.lemniscate),
-            TrajectoryKind::AttitudeChirp => Shape::AttitudeChirp(self.attitude_chirp),
-            TrajectoryKind::AttitudeDoublet => Shape::AttitudeDoublet(self.attitude_doublet),
-            TrajectoryKind::Waypoints => Shape::Waypoints(waypoints?),
+            TrajectoryKind::Hover => TrajectoryShape::Hover(self.hover),
+            TrajectoryKind::Step => TrajectoryShape::Step(self.step),
+            TrajectoryKind::Square => TrajectoryShape::Square(self.square),
+            TrajectoryKind::Circle => TrajectoryShape::Circle(self.circle),
+            TrajectoryKind::Lemniscate => TrajectoryShape::Lemniscate(self.lemniscate),
+            TrajectoryKind::AttitudeChirp => TrajectoryShape::AttitudeChirp(self.attitude_chirp),
+            TrajectoryKind::AttitudeDoublet => {
+                TrajectoryShape::AttitudeDoublet(self.attitude_doublet)
+            }
+            TrajectoryKind::Waypoints => TrajectoryShape::Waypoints(waypoints?),
         };
         Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })
     }

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Reference};
+use super::reference::{Phase, Reference};
 use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
 use crate::tracking_error::AttitudeReference;

@@ -6,7 +6,7 @@ use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, TorqueInput,
 };
 use oqtal_control::gravity_turn::{GravityTurn, Guidance, GuidanceOptions};
-use oqtal_control::metrics::{Sample, TableTwo};
+use oqtal_control::metrics::{MetricSample, TableTwo};
 use oqtal_control::options::OptionError;
 use oqtal_control::position::attitude_along;
 use oqtal_control::quantity::BodyRate;
@@ -175,7 +175,7 @@ impl Lander {
             let torque = law.update(&told, &desired, dt_s).0;
             watch(&Moment { time_s, state, desired, torque });
             let error = AttitudeError::between(&desired.attitude, &body.attitude);
-            let sample = Sample {
+            let sample = MetricSample {
                 position_error: self.ideal(time_s) - state.position,
                 quaternion_error: *error.eps(),
                 input: torque,

@@ -2,10 +2,10 @@
 
 use std::ops::RangeInclusive;
 
+use crate::tune::bee_colony::BeeColony;
 use oqtal_control::controller::RateFeedback;
 use oqtal_control::metrics::{CostWeights, TableTwo};
 use oqtal_control::options::OptionError;
-use oqtal_control::tuning::BeeColony;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 

@@ -3,9 +3,9 @@
 
 use std::ops::RangeInclusive;
 
+use super::bee_colony::{BeeColony, Best};
 use clap::ValueEnum;
 use fcmaes_core::{Cmaes, CmaesParams, Fitness};
-use oqtal_control::tuning::{BeeColony, Best};
 
 /// Initial standard deviation of CMA-ES, over half the range of a parameter \[-\].
 const SPREAD: f64 = 0.3;

@@ -1,8 +1,8 @@
 //! The search for gains: the same optimiser, budget and seeds for every law.
 
+use super::bee_colony::Best;
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::SearchRange;
-use oqtal_control::tuning::Best;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
