@@ -73,7 +73,7 @@ proptest! {
 }
 
 #[test]
-fn it_is_neutral_until_asked_to_fly_and_sees() {
+fn it_is_disarmed_until_asked_to_fly_and_sees() {
     let mut bench = Bench::new(&[]);
     for _ in 0..20 {
         let tick = bench.show(still(bench.frame)).expect("a tick on every pose");
