@@ -41,7 +41,7 @@ pub use instance::{ClockKind, ClockOptions, InstanceOptions, LogLevel, LogOption
 pub use mocap::MocapOptions;
 pub use plant::{BatteryOptions, Fidelity, PlantOptions, RotorOptions};
 pub use plant_wire::PlantWireOptions;
-pub use realtime::{EventMechanism, RealtimeOptions, Scheduling};
+pub use realtime::{RealtimeOptions, Scheduling};
 pub use safety::SafetyOptions;
 pub use setting::Setting;
 pub use vehicle::VehicleOptions;

@@ -11,17 +11,6 @@ const MAX_CPU: usize = 1023;
 /// Longest time between cache warm-up and pose \[us\]: after it the caches are cold again.
 const MAX_WARMUP_US: f64 = 5000.0;
 
-/// The mechanism that wakes a sleeping process. All processes of an instance use the same.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum EventMechanism {
-    /// A futex in shared memory.
-    #[default]
-    Futex,
-    /// iceoryx2's own events: a Unix datagram socket.
-    Socket,
-}
-
 /// How a loop is scheduled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -49,8 +38,6 @@ pub struct RealtimeOptions {
     /// Time before each expected pose at which the daemon warms its caches by a tick on a copy of its state \[us\]; 0 for
     /// never.
     pub warmup_us: f64,
-    /// The mechanism that wakes a loop.
-    pub events: EventMechanism,
 }
 
 impl RealtimeOptions {

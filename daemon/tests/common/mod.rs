@@ -113,5 +113,10 @@ impl Bench {
 /// A vehicle at rest on the floor, with the noise that every real pose has.
 pub fn still(frame: u64) -> PoseV1 {
     let noise = 1e-5 * (frame % 11) as f64;
-    PoseV1 { position: [noise, 0.0, 0.0], attitude: [noise, 0.0, 0.0, 1.0], tracked: 1 }
+    PoseV1 {
+        position: [noise, 0.0, 0.0],
+        attitude: [noise, 0.0, 0.0, 1.0],
+        tracked: 1,
+        ..PoseV1::default()
+    }
 }
