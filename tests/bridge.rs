@@ -121,7 +121,7 @@ fn airborne(name: &str) -> (BridgeFlight, Commander) {
 #[test]
 fn a_flight_leaves_nothing_in_shared_memory_whatever_is_dropped_first() {
     let (flight, commander) = airborne("remains");
-    let Flight { testbed, bus, said, bridge, vehicle } = flight;
+    let BridgeFlight { testbed, bus, said, bridge, vehicle } = flight;
     bridge.signal(Signal::TERM);
     assert!(bridge.wait().status.success());
     drop((bus, commander));
