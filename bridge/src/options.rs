@@ -37,8 +37,8 @@ pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
 /// `bridge.xbee-address` is no address.
 pub fn address(config: &Config) -> Result<Address, OptionError> {
     let text = &config.bridge.xbee_address;
-    let refused = || OptionError::new("bridge.xbee-address", format!("`{text}`"), Address::FORM);
-    Address::from_digits(text).ok_or_else(refused)
+    let form = "4 or 16 hexadecimal digits";
+    text.parse().map_err(|_| OptionError::new("bridge.xbee-address", format!("`{text}`"), form))
 }
 
 /// What counts mean to the vehicle.

@@ -18,7 +18,7 @@ pub struct BridgeOptions {
     pub xbee_address: String,
     /// Whether the serial port uses RTS and CTS.
     pub hardware_flow_control: bool,
-    /// Rate of status requests to the vehicle \[Hz\].
+    /// Rate at which the vehicle's status is requested \[Hz\].
     pub status_rate_hz: f64,
     /// Time without a valid reply after which the vehicle counts as silent \[ms\].
     pub silence_ms: f64,

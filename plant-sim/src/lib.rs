@@ -71,7 +71,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     link(config).map(drop)
 }
 
-/// The link that the vehicle is to be found at, if its commands come over a wire.
+/// The link that `plant.wire.link` names; `None` if the key is empty and commands come over the bus.
 fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
     wire::link(config).map_err(|error| config.locate(&error).into())
 }

@@ -1,4 +1,4 @@
-//! The radio to a vehicle: what it does to bytes, and what it never does.
+//! Model of the radio: rate, latency, losses, wrong bits.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, PlantWireOptions};
@@ -18,7 +18,7 @@ fn at(micros: i64) -> Time {
     Time::VIRTUAL_START + Span::from_nanos(1000 * micros)
 }
 
-/// Everything that has arrived by `now`.
+/// All bytes that have arrived by `now`.
 fn received(radio: &mut RadioModel, way: LinkDirection, now: Time) -> Vec<u8> {
     let mut bytes = Vec::new();
     radio.receive(way, now, &mut bytes);
@@ -51,7 +51,7 @@ fn half_duplex_the_two_ends_take_turns() {
 }
 
 #[test]
-fn as_many_frames_are_lost_and_bits_wrong_as_was_asked_for() {
+fn frames_are_lost_and_bits_are_wrong_as_often_as_configured() {
     let mut radio = radio(|options| {
         (options.loss_probability, options.bit_error_rate) = (0.1, 0.01);
     });
@@ -67,7 +67,7 @@ fn as_many_frames_are_lost_and_bits_wrong_as_was_asked_for() {
 }
 
 proptest! {
-    /// What arrives in any time is at most what the wire carries in it.
+    /// In any interval no more bytes arrive than the wire carries in it.
     #[test]
     fn occupancy_never_exceeds_the_baud_rate(
         frames in prop::collection::vec((0..50_000_i64, 1..200_usize, any::<bool>()), 1..40),
@@ -115,7 +115,7 @@ proptest! {
         prop_assert!(received(&mut radio, LinkDirection::Down, at(LATE)).is_empty());
     }
 
-    /// The same bits are wrong however bytes are cut into frames.
+    /// The same bits are wrong however bytes are divided into frames.
     #[test]
     fn wrong_bits_depend_on_their_place_alone(cuts in prop::collection::vec(1..90_usize, 1..30)) {
         let noisy = || radio(|options| options.bit_error_rate = 0.02);

@@ -1,4 +1,4 @@
-//! The vehicle at the other end of a wire: switched on, flown and asked through bytes.
+//! The emulated vehicle at the other end of a wire: switched on, flown and polled through bytes.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{AsctecSticks, Config};
@@ -16,7 +16,7 @@ use rand::RngExt;
 const START: Time = Time::VIRTUAL_START;
 const PERIOD_US: i64 = 16_667;
 
-/// A host that speaks and listens at 60 Hz.
+/// A host that writes and reads at 60 Hz.
 struct Host {
     vehicle: WiredVehicle,
     scales: Scales,
@@ -37,7 +37,7 @@ impl Host {
         }
     }
 
-    /// Writes `bytes`, and lives on for a period.
+    /// Writes `bytes`, and advances by a period.
     fn write(&mut self, bytes: &[u8]) {
         self.vehicle.host_writes(self.now, bytes);
         self.now = self.now + Span::from_nanos(1000 * PERIOD_US);
@@ -95,7 +95,7 @@ fn commands_are_ignored_until_the_motors_run() {
 }
 
 #[test]
-fn every_command_is_acknowledged_and_the_status_tells_the_motors() {
+fn every_command_is_acknowledged_and_the_status_reports_the_motors() {
     let mut host = host();
     host.command(&ControlInput::ZERO_SETPOINT, 30);
     host.command(&ControlInput::ZERO_SETPOINT, 30);
@@ -128,7 +128,7 @@ fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
     assert!(!host.vehicle.motors_run(), "a second has passed since the last command arrived");
 }
 
-/// So figures of flights with and without a wire compare.
+/// Flights with and without a wire are then comparable.
 #[test]
 fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     let config = Config::default();
@@ -142,7 +142,7 @@ fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     assert_eq!(vehicle.counters().frames, 1);
 }
 
-/// Frames of an XBee go in and come out; delivery is reported where it was asked for.
+/// API frames are unwrapped and wrapped; delivery is reported where requested.
 #[test]
 fn both_api_modes_carry_commands_and_answers() {
     for framing in ["api1", "api2"] {
@@ -193,7 +193,7 @@ fn the_inertial_measurements_are_those_of_the_flight() {
         _ => None,
     });
     let (imu, truth) = (imu.expect("an answer"), host.vehicle.plant().truth());
-    // It is a few periods old.
+    // The measurement is a few periods old.
     assert!((imu.rate[0] - truth.rate[0]).abs() < 0.02 && imu.rate[0] > 0.1, "{imu:?}");
     assert!(imu.height > 0.1 && imu.height < truth.position[2], "{imu:?}");
 }
@@ -234,9 +234,9 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
 }
 
 proptest! {
-    /// Whatever a host writes: no panic, nothing that is not finite, and no motors that run without the switch.
+    /// For arbitrary bytes of a host: no panic, only finite values, and no running motors without the switch.
     #[test]
-    fn any_bytes_leave_a_vehicle_in_its_senses(
+    fn arbitrary_bytes_leave_the_vehicle_in_a_valid_state(
         writes in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..30),
     ) {
         let mut host = host();

@@ -1,4 +1,4 @@
-//! A vehicle at the other end of a pseudo-terminal: it reads frames, answers polls, and its motors obey the motor switch.
+//! An emulated vehicle at the other end of a pseudo-terminal: reads frames, answers status requests, and has motors with a switch.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -15,27 +15,27 @@ use oqtal_wire::asctec::{
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Frames with the motor switch until the motors obey.
+/// Number of consecutive motor-switch frames after which the motors start or stop \[-\].
 const SWITCH_FRAMES: u32 = 10;
 
-/// What it says.
+/// Behaviour of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Manner {
-    /// Answers, as it should.
-    Answers,
-    /// Reads, and says nothing.
+    /// Answers every frame.
+    Answering,
+    /// Reads frames without an answer.
     Silent,
-    /// Answers with noise.
-    Babbles,
+    /// Sends noise in place of answers.
+    Noise,
 }
 
-/// What it heard so far.
+/// Frames that the vehicle has received.
 #[derive(Clone, Debug, Default)]
 pub struct VehicleLog {
-    /// Every order, and whether its motors ran then.
-    pub orders: Vec<ControlInput>,
-    /// Every byte.
+    /// Every set-point.
+    pub setpoints: Vec<ControlInput>,
+    /// Every byte, in order.
     pub bytes: Vec<u8>,
     pub polls: usize,
     pub emergency_stops: usize,
@@ -44,6 +44,7 @@ pub struct VehicleLog {
     pub motors_run: bool,
 }
 
+/// The vehicle, and the thread that runs it.
 pub struct PtyVehicle {
     log: Arc<Mutex<VehicleLog>>,
     manner: Arc<AtomicU8>,
@@ -53,14 +54,14 @@ pub struct PtyVehicle {
 }
 
 impl PtyVehicle {
-    /// A vehicle whose port is found at `link`.
+    /// Starts a vehicle whose port is at `link`.
     pub fn new(link: &Path, manner: Manner) -> Self {
         let master =
             openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
         let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
-        // Held open, so that a bridge that closes the port does not end the line.
+        // Held open, so that the terminal outlasts a bridge that closes the port.
         let slave = File::options().read(true).write(true).open(&name).unwrap();
         raw(&slave);
         let _ = std::fs::remove_file(link);
@@ -77,7 +78,7 @@ impl PtyVehicle {
             noise: 1,
         };
         let ended = stop.clone();
-        let thread = std::thread::spawn(move || body.live(master, slave, &ended));
+        let thread = std::thread::spawn(move || body.run(master, slave, &ended));
         Self { log, manner, stop, thread: Some(thread), link: link.to_owned() }
     }
 
@@ -85,12 +86,12 @@ impl PtyVehicle {
         self.log.lock().unwrap().clone()
     }
 
-    pub fn forget(&self) {
+    pub fn clear_log(&self) {
         let mut log = self.log.lock().unwrap();
         *log = VehicleLog { motors_run: log.motors_run, ..VehicleLog::default() };
     }
 
-    pub fn be(&self, manner: Manner) {
+    pub fn set_manner(&self, manner: Manner) {
         self.manner.store(manner as u8, Ordering::Release);
     }
 
@@ -98,7 +99,7 @@ impl PtyVehicle {
         format!("asctec:{}", self.link.display())
     }
 
-    /// Pulls the plug.
+    /// Closes the port, as if it were unplugged; returns the log.
     pub fn unplug(mut self) -> VehicleLog {
         self.end();
         self.log()
@@ -134,7 +135,7 @@ struct VehicleThread {
 }
 
 impl VehicleThread {
-    fn live(mut self, master: OwnedFd, slave: File, stop: &AtomicBool) {
+    fn run(mut self, master: OwnedFd, slave: File, stop: &AtomicBool) {
         let mut master = File::from(master);
         let mut buffer = [0; 4096];
         while !stop.load(Ordering::Acquire) {
@@ -145,7 +146,7 @@ impl VehicleThread {
             }
             match master.read(&mut buffer) {
                 Ok(count) => {
-                    let answer = self.hear(&buffer[..count]);
+                    let answer = self.receive(&buffer[..count]);
                     master.write_all(&answer).unwrap();
                 }
                 Err(error) => assert_eq!(error.kind(), ErrorKind::Interrupted, "{error}"),
@@ -154,7 +155,7 @@ impl VehicleThread {
         drop((master, slave));
     }
 
-    fn hear(&mut self, bytes: &[u8]) -> Vec<u8> {
+    fn receive(&mut self, bytes: &[u8]) -> Vec<u8> {
         let commands: Vec<HostCommand> = self.decoder.push(bytes).collect();
         let mut log = self.log.lock().unwrap();
         log.bytes.extend_from_slice(bytes);
@@ -167,7 +168,7 @@ impl VehicleThread {
                     if self.switched == SWITCH_FRAMES {
                         log.motors_run = !log.motors_run;
                     }
-                    log.orders.push(input);
+                    log.setpoints.push(input);
                     answer.extend(acknowledgement_frame(Descriptor::ControlInput));
                 }
                 HostCommand::Poll(_) => {
@@ -186,7 +187,7 @@ impl VehicleThread {
             (self.decoder.counters().damaged, self.decoder.counters().skipped);
         drop(log);
         match self.manner.load(Ordering::Acquire) {
-            manner if manner == Manner::Answers as u8 => answer,
+            manner if manner == Manner::Answering as u8 => answer,
             manner if manner == Manner::Silent as u8 => Vec::new(),
             _ => (0..64).map(|_| self.noise()).collect(),
         }

@@ -1,4 +1,4 @@
-//! How a link to a vehicle is written: `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`.
+//! Text form of a link to a vehicle: `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::xbee::Framing;
 
-/// The form, for messages.
+/// Text form, for error messages.
 const FORM: &str = "asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]";
-/// Speeds that serial ports have \[baud\].
+/// Allowed speeds of a serial port \[baud\].
 const BAUD: RangeInclusive<u32> = 1200..=3_000_000;
-/// AscTec's speed \[baud\].
+/// Default speed, AscTec's \[baud\].
 const DEFAULT_BAUD: u32 = 57_600;
 
-/// Which bytes the vehicle speaks.
+/// Wire format of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProtocolKind {
     /// [`crate::asctec`].
@@ -32,7 +32,7 @@ impl ProtocolKind {
     }
 }
 
-/// A link to a vehicle.
+/// Link to a vehicle: wire format, serial port, framing of the radio.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct LinkSpec {
@@ -43,38 +43,46 @@ pub struct LinkSpec {
 }
 
 impl LinkSpec {
-    /// What the vehicle speaks.
+    /// Parses a configuration value; `None` if it is empty.
+    ///
+    /// # Errors
+    /// The text is no link.
+    pub fn from_setting(text: &str) -> Result<Option<Self>, InvalidLink> {
+        if text.is_empty() { Ok(None) } else { text.parse().map(Some) }
+    }
+
+    /// Wire format of the vehicle.
     #[must_use]
     pub fn kind(&self) -> ProtocolKind {
         self.kind
     }
 
-    /// The serial port.
+    /// Path of the serial port.
     #[must_use]
     pub fn path(&self) -> &str {
         &self.path
     }
 
-    /// Its speed \[baud\].
+    /// Speed of the serial port \[baud\].
     #[must_use]
     pub fn baud(&self) -> u32 {
         self.baud
     }
 
-    /// How the radio frames what it carries.
+    /// Framing of the radio.
     #[must_use]
     pub fn xbee(&self) -> Framing {
         self.xbee
     }
 }
 
-/// Text that is no link.
+/// Error in the text of a link.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("link `{text}`: {problem}; write {FORM}")]
 pub struct InvalidLink {
-    /// The text.
+    /// Text that is no link.
     pub text: String,
-    /// What is wrong with it.
+    /// Part of it that is wrong.
     pub problem: String,
 }
 

@@ -1,4 +1,4 @@
-//! Any bytes into any decoder.
+//! Arbitrary bytes into every decoder.
 
 mod common;
 
@@ -8,7 +8,7 @@ use oqtal_wire::asctec::{HostGrammar, VehicleGrammar};
 use oqtal_wire::xbee::{ApiFrame, Payload};
 use proptest::prelude::*;
 
-/// A few bytes over and over: what a decoder that looks back too often would be slow on.
+/// A few bytes repeated: slow for a decoder that inspects them too often.
 fn repeated() -> impl Strategy<Value = Vec<u8>> {
     let telling = prop::sample::select(vec![
         b">".to_vec(),
@@ -16,13 +16,13 @@ fn repeated() -> impl Strategy<Value = Vec<u8>> {
         b">a".to_vec(),
         b">*>".to_vec(),
         b">*>di".to_vec(),
-        // Heads of the longest telemetry, close together, and with end marks where theirs might be.
+        // Heads of the longest telemetry frame, close together, with end marks where theirs would be.
         b">*>\x5c\x00\x03".to_vec(),
         b">*>\x5c\x00\x03<#<".to_vec(),
         b"\x7e".to_vec(),
         b"\x7e\x00".to_vec(),
         b"\x7e\x00\x72".to_vec(),
-        // A head of the longest frame, and nothing but escapes after it.
+        // A head of the longest frame, followed by escapes alone.
         [b"\x7e\x00\x72".to_vec(), b"\x7d\x5e".repeat(115)].concat(),
         [b"\x7e\x00\x72".to_vec(), b"\x7d".repeat(115)].concat(),
     ]);

@@ -1,4 +1,4 @@
-//! AscTec's frames against bytes that were not made here.
+//! AscTec's frames against bytes of independent origin.
 //!
 //! The telemetry frame was accepted by the parser of nmichael/asctec_quadrotor, and refused by it with one bit of the CRC
 //! changed; the command is worked out from the manual by hand.
@@ -88,7 +88,7 @@ fn frames_have_the_lengths_that_the_wire_is_planned_with() {
 }
 
 #[test]
-fn imu_fields_lie_where_the_manual_has_them() {
+fn imu_fields_are_where_the_manual_has_them() {
     let imu = ImuCalc {
         angle_nick: 0x0403_0201,
         rate_yaw: 0x1413_1211,
@@ -114,7 +114,7 @@ fn imu_fields_lie_where_the_manual_has_them() {
 }
 
 #[test]
-fn a_refused_command_says_what_is_wrong() {
+fn a_rejected_command_has_a_reason() {
     let refused = |bytes: &[u8]| CommandPacket::new_checked(bytes).unwrap_err();
     let mut bytes = hex(COMMAND);
     assert_eq!(refused(&bytes[..16]), CommandError::Length { found: 16, wanted: 17 });

@@ -1,4 +1,4 @@
-//! What counts mean: against figures of the sources, and there and back again.
+//! Conversion between counts and SI units: against figures of the sources, and there and back.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -75,7 +75,7 @@ fn limits_hold_on_every_axis_on_its_own() {
 }
 
 #[test]
-fn a_number_that_is_none_makes_the_command_neutral() {
+fn a_value_that_is_not_finite_gives_the_zero_set_point() {
     for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let good = Sticks { roll: 0.1, pitch: 0.2, yaw: 0.3, thrust: 0.4 };
         for sticks in [
@@ -90,7 +90,7 @@ fn a_number_that_is_none_makes_the_command_neutral() {
 }
 
 #[test]
-fn the_motor_switch_is_that_of_asctec_drivers_and_knows_itself() {
+fn the_motor_switch_is_that_of_asctec_drivers_and_is_recognised() {
     let scales = Scales::default();
     let switch = scales.motor_switch();
     assert_eq!((switch.yaw, switch.thrust, switch.enabled), (-2047, 0, 0b1100));

@@ -1,7 +1,7 @@
 //! XBee's frames against digi-xbee, byte for byte, in both directions.
 //!
-//! Wants an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; `.ci/run` installs one.
-//! Without the variable the test says that it is skipped. With it, a peer that does not answer is a failure.
+//! Needs an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; `.ci/run` installs one.
+//! Without the variable the test is skipped with a message. With it, a peer that does not answer is a failure.
 
 mod common;
 
@@ -63,10 +63,10 @@ impl Example {
     }
 }
 
-/// What the script prints; none if there is no peer here.
+/// Output of the script; `None` if there is no peer.
 fn peer(script: &str) -> Option<String> {
     let Some(python) = std::env::var_os(PYTHON) else {
-        // Straight to standard error: what a passing test prints is not shown.
+        // Directly to standard error: the output of a passing test is not shown.
         let reason =
             format!("{script}: skipped, {PYTHON} names no interpreter; .ci/run installs one\n");
         std::io::stderr().write_all(reason.as_bytes()).unwrap();

@@ -22,7 +22,7 @@ fn request() -> ApiFrame {
     }
 }
 
-/// ApiFrame, plain and escaped.
+/// A frame, plain and escaped.
 fn references() -> Vec<(ApiFrame, &'static str, &'static str)> {
     let plain = "7e 0017 10 01 0013a20040111111 fffe 00 00 3e2a3e64697e11137d 37";
     let escaped = "7e00171001007d33a200407d317d317d31fffe00003e2a3e64697d5e7d317d337d5d37";
@@ -56,7 +56,7 @@ fn the_greatest_frame_fits() {
     let ApiFrame::TxRequest { id, network, radius, options, .. } = request() else {
         unreachable!()
     };
-    // Address and payload made of bytes to escape.
+    // Address and payload consist of bytes to escape.
     let to = 0x7E7D_1113_7E7D_1113;
     let frame = ApiFrame::TxRequest { id, to, network, radius, options, payload };
     let wire = frame.to_wire(true);
@@ -66,8 +66,8 @@ fn the_greatest_frame_fits() {
 }
 
 #[test]
-fn a_sound_frame_of_another_kind_is_passed_over_whole() {
-    // An AT command response (0x88), in which a start byte occurs.
+fn a_good_frame_of_an_unsupported_kind_is_skipped_whole() {
+    // An AT command response (0x88) that contains a start byte.
     let stream = hex("7e 0005 88 01 4449 7e 6b");
     let (events, counters) = decode::<Api1Grammar>(&stream);
     assert_eq!(events, []);

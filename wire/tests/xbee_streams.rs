@@ -61,7 +61,7 @@ fn frame() -> impl Strategy<Value = ApiFrame> {
     ]
 }
 
-/// Frames, each with noise before it, and silence at the end.
+/// Frames, each with noise before it, and zeros at the end.
 fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<ApiFrame>)> {
     prop::collection::vec((noise(), frame()), 0..6).prop_map(move |parts| {
         let (mut bytes, mut frames) = (Vec::new(), Vec::new());
@@ -75,7 +75,7 @@ fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<ApiFrame>)> {
     })
 }
 
-/// Frames that go behind one another without noise.
+/// Frames one after another without noise.
 fn back_to_back<G: Grammar<Event = ApiFrame>>(frames: &[ApiFrame], escaped: bool) -> Vec<ApiFrame> {
     let bytes: Vec<u8> =
         frames.iter().flat_map(|frame| frame.to_wire(escaped).as_bytes().to_vec()).collect();
@@ -91,7 +91,7 @@ fn carriers() -> impl Strategy<Value = (Framing, Address)> {
     (framing, address)
 }
 
-/// What arrives, put together again.
+/// Payload of the events, concatenated.
 fn bytes_of(arrivals: impl Iterator<Item = RadioEvent>) -> Vec<u8> {
     arrivals
         .flat_map(|arrival| match arrival {
@@ -118,7 +118,7 @@ proptest! {
     #[test]
     fn one_wrong_bit_is_never_accepted(frame in frame(), bit in any::<prop::sample::Index>()) {
         let mut bytes = frame.to_wire(false).as_bytes().to_vec();
-        // Wrong bits in the length move the checksum to another place, where one sum in 256 is right.
+        // A wrong bit in the length moves the checksum to another place, where one sum in 256 is right.
         let bit = 24 + bit.index((bytes.len() - 3) * 8);
         bytes[bit / 8] ^= 1 << (bit % 8);
         bytes.extend([0; MAX_WIRE]);
@@ -157,7 +157,7 @@ proptest! {
                 .collect();
             let whole: Vec<u8> = sent.iter().flat_map(|payload| payload.to_vec()).collect();
             prop_assert_eq!(bytes_of(receiver.push(&wire)), whole);
-            // What this side sends is nothing to itself, except where there is no framing.
+            // A side ignores its own frames, except without framing.
             let mut echo = Carrier::new(framing, from, address);
             let echoed = bytes_of(echo.push(&wire));
             prop_assert!(framing == Framing::Transparent || echoed.is_empty());
@@ -176,7 +176,7 @@ proptest! {
     }
 
     #[test]
-    fn a_report_tells_the_host_what_became_of_its_request(
+    fn a_report_gives_the_host_the_delivery_of_its_request(
         (framing, address) in carriers(),
         id: u8,
         delivered: bool,
@@ -191,14 +191,14 @@ proptest! {
 }
 
 #[test]
-fn more_than_a_radio_packet_takes_is_refused() {
+fn more_than_a_radio_packet_holds_is_refused() {
     let carrier = Carrier::new(Framing::Api1, Side::Host, Address::BROADCAST);
     let error = carrier.wrap(0, &[0; MAX_PAYLOAD + 1]).unwrap_err();
-    assert_eq!(error.to_string(), "101 bytes of payload, a radio packet takes 100");
+    assert_eq!(error.to_string(), "101 bytes of payload, a radio packet holds 100");
 }
 
 #[test]
-fn the_request_a_radio_hears_carries_its_number() {
+fn a_request_carries_its_number_to_the_radio() {
     let host = Carrier::new(Framing::Api2, Side::Host, Address::Short(1));
     let mut radio = Carrier::new(Framing::Api2, Side::Radio, Address::Short(2));
     let heard: Vec<RadioEvent> = radio.push(host.wrap(17, b"up").unwrap().as_bytes()).collect();
@@ -207,7 +207,7 @@ fn the_request_a_radio_hears_carries_its_number() {
 }
 
 #[test]
-fn a_host_hears_its_peer_alone_unless_that_is_every_radio() {
+fn a_host_accepts_its_peer_alone_unless_that_is_the_broadcast_address() {
     let (one, other) = (Address::Long(0x0013_A200_4052_1234), Address::Long(0x0013_A200_4052_1235));
     let (short, every_short) = (Address::Short(0x1234), Address::Short(0xFFFF));
     for (peer, from, hears) in [

@@ -1,4 +1,4 @@
-//! The vehicle behind its radio, bytes in and bytes out. Pure: time comes in as an argument.
+//! Emulated vehicle behind its radio, bytes in and bytes out. Pure: time is an argument.
 
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
@@ -13,17 +13,17 @@ use super::options::{address, scales};
 use super::radio::{LinkDirection, RadioModel};
 use crate::plant::{Plant, PlantOutput};
 
-/// A vehicle that is flown through its radio.
+/// Emulated vehicle that is flown through its radio.
 #[derive(Debug)]
 pub struct WiredVehicle {
     plant: Plant,
     radio: RadioModel,
-    /// The host's XBee, which stands before the vehicle.
+    /// The host's XBee, which is emulated with the vehicle.
     carrier: Carrier,
     decoder: VehicleDecoder,
     on_board: OnBoard,
-    heard: Vec<u8>,
-    /// What the host wants to know the delivery of.
+    received: Vec<u8>,
+    /// Frame ids for which the host requested a delivery report \[-\].
     requests: Vec<u8>,
     commands: Vec<HostCommand>,
     answer: Vec<u8>,
@@ -43,14 +43,14 @@ impl WiredVehicle {
             carrier: Carrier::new(link.xbee(), Side::Radio, peer),
             decoder: VehicleDecoder::new(),
             on_board: OnBoard::new(&config.plant, scales(config)?),
-            heard: Vec::with_capacity(1024),
+            received: Vec::with_capacity(1024),
             requests: Vec::with_capacity(64),
             commands: Vec::with_capacity(64),
             answer: Vec::with_capacity(1024),
         })
     }
 
-    /// The next instant at which something happens.
+    /// Instant of the next event.
     #[must_use]
     pub fn next_event(&self) -> Time {
         let arrivals =
@@ -59,18 +59,18 @@ impl WiredVehicle {
         events.flatten().fold(self.plant.next_sample(), Time::min)
     }
 
-    /// Whether the wire has room for what the host writes; else it has to wait.
+    /// Whether the radio has room for what the host writes; otherwise the host has to wait.
     #[must_use]
-    pub fn listens(&self, now: Time) -> bool {
+    pub fn has_room(&self, now: Time) -> bool {
         self.radio.has_room(LinkDirection::Up, now)
     }
 
-    /// Takes what the host wrote together.
+    /// Takes bytes that the host wrote together.
     pub fn host_writes(&mut self, now: Time, bytes: &[u8]) {
         self.radio.send(LinkDirection::Up, now, bytes);
     }
 
-    /// Appends to `bytes` what has arrived at the host by `now`.
+    /// Appends to `bytes` the bytes that have arrived at the host by `now`.
     pub fn host_reads(&mut self, now: Time, bytes: &mut Vec<u8>) {
         self.radio.receive(LinkDirection::Down, now, bytes);
     }
@@ -82,7 +82,7 @@ impl WiredVehicle {
             let events = [up, self.on_board.next_event()].into_iter().flatten();
             let next = events.fold(self.plant.next_sample(), Time::min).min(until);
             self.plant.advance(next, &mut out);
-            self.listen(next);
+            self.receive(next);
             self.on_board.tick(next);
             self.plant.apply_command(&self.on_board.command(&self.plant.truth()));
             if next >= until {
@@ -91,13 +91,13 @@ impl WiredVehicle {
         }
     }
 
-    /// What the vehicle could read, and what not.
+    /// Counters of the frames received.
     #[must_use]
     pub fn counters(&self) -> DecoderCounters {
         self.decoder.counters()
     }
 
-    /// The radio.
+    /// Model of the radio.
     #[must_use]
     pub fn radio(&self) -> &RadioModel {
         &self.radio
@@ -115,23 +115,23 @@ impl WiredVehicle {
         &self.plant
     }
 
-    /// Obeys what has arrived, and answers.
-    fn listen(&mut self, now: Time) {
-        let Self { radio, carrier, decoder, commands, answer, heard, .. } = self;
-        radio.receive(LinkDirection::Up, now, heard);
-        for arrival in carrier.push(heard) {
+    /// Executes the messages that have arrived, and answers.
+    fn receive(&mut self, now: Time) {
+        let Self { radio, carrier, decoder, commands, answer, received, .. } = self;
+        radio.receive(LinkDirection::Up, now, received);
+        for arrival in carrier.push(received) {
             if let RadioEvent::Payload { id, payload } = arrival {
                 commands.extend(decoder.push(&payload));
                 self.requests.push(id);
             }
         }
-        heard.clear();
+        received.clear();
         for id in self.requests.drain(..) {
             radio.send(LinkDirection::Down, now, carrier.report(id, true).as_bytes());
         }
         let measured = Measured { truth: self.plant.truth(), battery_v: self.plant.battery_v() };
         for command in commands.drain(..) {
-            self.on_board.obey(now, &command, &measured, answer);
+            self.on_board.execute(now, &command, &measured, answer);
             for piece in answer.chunks(MAX_PAYLOAD) {
                 if let Ok(frame) = carrier.wrap(0, piece) {
                     radio.send(LinkDirection::Down, now, frame.as_bytes());

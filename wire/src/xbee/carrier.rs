@@ -1,6 +1,7 @@
-//! Payload to and from a radio, whatever its framing.
+//! Payload to and from a radio, for every framing.
 
 use std::slice::Chunks;
+use std::str::FromStr;
 
 use super::Framing;
 use super::decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
@@ -8,69 +9,75 @@ use super::frame::{ApiFrame, Payload, TooLong, UNKNOWN_NETWORK};
 use super::packet::{MAX_PAYLOAD, WireBytes};
 use crate::stream::{DecodedEvents, DecoderCounters};
 
-/// The radio at the other end of the air.
+/// Address of the radio at the other end of the air.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Address {
-    /// 16 bits: frames 0x01, 0x81 and 0x89.
+    /// Address of 16 bits: frames 0x01, 0x81 and 0x89.
     Short(u16),
-    /// 64 bits: frames 0x10, 0x90 and 0x8B.
+    /// Address of 64 bits: frames 0x10, 0x90 and 0x8B.
     Long(u64),
 }
 
 impl Address {
-    /// Every radio in reach.
+    /// Address of every radio in reach.
     pub const BROADCAST: Self = Self::Long(0xFFFF);
-    /// How an address is written, for messages.
-    pub const FORM: &str = "4 or 16 hexadecimal digits";
-
-    /// The address that `text` is, 4 or 16 hexadecimal digits; `None` if it is none.
-    #[must_use]
-    pub fn from_digits(text: &str) -> Option<Self> {
-        match text.len() {
-            4 => u16::from_str_radix(text, 16).ok().map(Self::Short),
-            16 => u64::from_str_radix(text, 16).ok().map(Self::Long),
-            _ => None,
-        }
-    }
-
-    /// Whether this is every radio in reach, by 16 bits or by 64.
+    /// Whether the address is that of every radio in reach, in 16 bits or in 64.
     #[must_use]
     pub fn is_broadcast(self) -> bool {
         matches!(self, Self::Long(0xFFFF) | Self::Short(0xFFFF))
     }
 }
 
-/// Who speaks at this end of the serial port.
+/// Error in the text of an address.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("must be 4 or 16 hexadecimal digits, is `{0}`")]
+pub struct InvalidAddress(String);
+
+impl FromStr for Address {
+    type Err = InvalidAddress;
+
+    fn from_str(text: &str) -> Result<Self, InvalidAddress> {
+        let address = match text.len() {
+            4 => u16::from_str_radix(text, 16).ok().map(Self::Short),
+            16 => u64::from_str_radix(text, 16).ok().map(Self::Long),
+            _ => None,
+        };
+        address.ok_or_else(|| InvalidAddress(text.to_owned()))
+    }
+}
+
+/// End of the serial port between a computer and its radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The computer: asks its radio to send, and hears what was received.
+    /// The computer, which sends requests and receives packets.
     Host,
-    /// The radio: hears what to send, and tells what it received.
+    /// The radio, which receives requests and delivers packets.
     Radio,
 }
 
-/// What came over the serial port.
+/// Event on the serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RadioEvent {
-    /// Bytes for this end; `id` is what a radio reports their delivery by, 0 if nobody wants to know.
+    /// Payload for this end. The radio reports its delivery under `id`, unless that is 0.
     Payload {
-        /// Number of the request.
+        /// Number of the request \[-\].
         id: u8,
-        /// The bytes.
+        /// The payload.
         payload: Payload,
     },
-    /// To the host: what became of a request.
+    /// To the host: delivery report of a request.
     Delivery {
-        /// Number of the request.
+        /// Number of the request \[-\].
         id: u8,
-        /// Whether the other radio has it.
+        /// Whether the other radio acknowledged the packet.
         delivered: bool,
     },
-    /// To the host: what happened to its radio, as in Digi's manuals; 0 and 1 are resets.
+    /// To the host: status of its radio, as in Digi's manuals; 0 and 1 are resets.
     Modem(u8),
 }
 
-/// One end of the serial port between a computer and its radio. A host hears its peer alone, unless that is every radio.
+/// Carrier of payload at one end of the serial port. A host accepts packets from its peer alone, or from every radio if the peer
+/// is the broadcast address.
 #[derive(Clone, Debug)]
 pub struct Carrier {
     side: Side,
@@ -86,7 +93,7 @@ enum Inbound {
 }
 
 impl Carrier {
-    /// An end that speaks to the radio `peer`.
+    /// Carrier to the radio `peer`.
     #[must_use]
     pub fn new(framing: Framing, side: Side, peer: Address) -> Self {
         let decoder = match framing {
@@ -97,10 +104,10 @@ impl Carrier {
         Self { side, peer, decoder }
     }
 
-    /// `payload` as it goes over the serial port. A host that wants to know its fate gives an `id` other than 0.
+    /// Wraps `payload` for the serial port. With an `id` other than 0, a host requests a delivery report.
     ///
     /// # Errors
-    /// More than [`MAX_PAYLOAD`] bytes: send them in pieces, as the radios do.
+    /// More than [`MAX_PAYLOAD`] bytes; split them, as the radios do.
     pub fn wrap(&self, id: u8, payload: &[u8]) -> Result<WireBytes, TooLong> {
         let payload = Payload::try_from(payload)?;
         Ok(match self.escapes() {
@@ -109,7 +116,7 @@ impl Carrier {
         })
     }
 
-    /// From a radio to its host: what became of request `id`. Empty where there is no framing, or nobody asked (0).
+    /// Encodes the delivery report of request `id`, from a radio to its host; empty without framing, or if `id` is 0.
     #[must_use]
     pub fn report(&self, id: u8, delivered: bool) -> WireBytes {
         // 0x01 and 0x21: no acknowledgement from the other radio.
@@ -131,7 +138,7 @@ impl Carrier {
         }
     }
 
-    /// Bytes that framing adds to a payload, escapes apart: see [`Carrier::wrap`] for the length with them.
+    /// Bytes that the framing adds to a payload, escapes not counted \[bytes\].
     #[must_use]
     pub fn overhead(&self) -> usize {
         match (&self.decoder, self.side, self.peer) {
@@ -142,7 +149,8 @@ impl Carrier {
         }
     }
 
-    /// Takes `bytes` as they came over the serial port. Bytes are taken as the iterator advances: run it to its end.
+    /// Takes bytes received on the serial port and returns the events that they complete. Bytes are taken as the iterator advances:
+    /// run it to its end.
     pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> RadioEvents<'a> {
         let inbound = match &mut self.decoder {
             Inbound::Transparent => Pieces::Transparent(bytes.chunks(MAX_PAYLOAD)),
@@ -152,7 +160,7 @@ impl Carrier {
         RadioEvents { side: self.side, peer: self.peer, inbound }
     }
 
-    /// API frames and bytes so far; zero without framing.
+    /// Counters of API frames since the start; zero without framing.
     #[must_use]
     pub fn counters(&self) -> DecoderCounters {
         match &self.decoder {
@@ -162,7 +170,7 @@ impl Carrier {
         }
     }
 
-    /// Forgets the beginning of a frame, as after a reopened port.
+    /// Discards the beginning of a frame, as after a reopened port.
     pub fn reset(&mut self) {
         match &mut self.decoder {
             Inbound::Transparent => {}
@@ -196,7 +204,7 @@ impl Carrier {
     }
 }
 
-/// What came in some bytes.
+/// Events that received bytes complete.
 #[must_use = "bytes are only taken as the iterator advances"]
 #[derive(Debug)]
 pub struct RadioEvents<'a> {
@@ -232,7 +240,7 @@ impl Iterator for RadioEvents<'_> {
     }
 }
 
-/// What a frame is to this side; a frame that goes the other way is an echo, and nothing; so is what another radio sent.
+/// Converts a frame to an event of this side. Frames of the other direction are echoes and, like those of other radios, ignored.
 fn arrival(side: Side, peer: Address, frame: ApiFrame) -> Option<RadioEvent> {
     match (side, frame) {
         (

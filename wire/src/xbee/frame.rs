@@ -1,22 +1,22 @@
-//! What API frames say.
+//! Fields of API frames.
 
 use std::ops::Deref;
 
 use super::packet::{ApiPacket, MAX_DATA, MAX_PAYLOAD, WireBytes};
 
-/// The network address of a radio whose address is not known.
+/// Network address that stands for an unknown one \[-\].
 pub const UNKNOWN_NETWORK: u16 = 0xFFFE;
 
-/// Up to [`MAX_PAYLOAD`] bytes.
+/// Payload of up to [`MAX_PAYLOAD`] bytes.
 #[derive(Clone, Copy)]
 pub struct Payload {
     bytes: [u8; MAX_PAYLOAD],
     length: usize,
 }
 
-/// More bytes than a radio packet takes.
+/// Error: more bytes than a radio packet holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0} bytes of payload, a radio packet takes {MAX_PAYLOAD}")]
+#[error("{0} bytes of payload, a radio packet holds {MAX_PAYLOAD}")]
 pub struct TooLong(pub usize);
 
 impl TryFrom<&[u8]> for Payload {
@@ -52,9 +52,9 @@ impl std::fmt::Debug for Payload {
     }
 }
 
-/// The frames that carry payload, and those that say what became of it.
+/// API frames that carry payload or report its delivery.
 ///
-/// `id` numbers a request; a radio reports on it with a TX status, unless it is 0. `rssi` is in -dBm.
+/// `id` numbers a request \[-\]; a radio reports its delivery by a TX status, unless it is 0. `rssi` is in -dBm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(
     missing_docs,
@@ -71,35 +71,35 @@ pub enum ApiFrame {
     RxPacket64 { from: u64, rssi: u8, options: u8, payload: Payload },
     /// 0x81: received from a 16-bit address.
     RxPacket16 { from: u16, rssi: u8, options: u8, payload: Payload },
-    /// 0x89: what became of a request (802.15.4); 0 is success.
+    /// 0x89: delivery of a request (802.15.4); status 0 is success.
     TxStatus { id: u8, status: u8 },
-    /// 0x8B: what became of a request; delivery 0 is success.
+    /// 0x8B: delivery of a request; delivery 0 is success.
     TxStatusExtended { id: u8, network: u16, retries: u8, delivery: u8, discovery: u8 },
-    /// 0x8A: what happened to the radio itself.
+    /// 0x8A: status of the radio itself.
     ModemStatus(u8),
 }
 
-/// Why a sound API frame is none that is spoken here.
+/// Error in an API frame whose checksum is right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ApiFrameError {
-    /// Another kind of frame.
+    /// Unsupported kind of frame.
     #[error("frame of kind {0:#04x}")]
     Kind(u8),
-    /// FieldReader missing, or too much payload.
+    /// Missing fields, or too much payload.
     #[error("{length} bytes in a frame of kind {kind:#04x}")]
     Length {
-        /// The kind.
+        /// Kind of frame \[-\].
         kind: u8,
-        /// Bytes after it.
+        /// Number of bytes after the kind \[bytes\].
         length: usize,
     },
 }
 
 impl ApiFrame {
-    /// Reads the fields.
+    /// Decodes the fields.
     ///
     /// # Errors
-    /// Another kind of frame, or of the wrong length.
+    /// An unsupported kind of frame, or a wrong length.
     pub fn parse(packet: &ApiPacket) -> Result<Self, ApiFrameError> {
         let (kind, length) = (packet.kind(), packet.body().len());
         let mut fields = FieldReader(packet.body());
@@ -118,7 +118,7 @@ impl ApiFrame {
         frame.filter(|_| fields.0.is_empty()).ok_or(ApiFrameError::Length { kind, length })
     }
 
-    /// The frame on the serial port, with escapes (API mode 2) or without (mode 1).
+    /// Encodes the frame for the serial port, with escapes (API mode 2) or without (mode 1).
     #[must_use]
     pub fn to_wire(&self, escaped: bool) -> WireBytes {
         let mut data = FrameData { bytes: [0; MAX_DATA], length: 0 };
@@ -155,14 +155,14 @@ impl ApiFrame {
     }
 }
 
-/// A frame between length and checksum, as it grows.
+/// Content of a frame between length and checksum, under construction.
 struct FrameData {
     bytes: [u8; MAX_DATA],
     length: usize,
 }
 
 impl FrameData {
-    /// No frame is longer than [`MAX_DATA`], as no payload is longer than [`MAX_PAYLOAD`].
+    /// Appends a field. No frame exceeds [`MAX_DATA`], since no payload exceeds [`MAX_PAYLOAD`].
     fn put(&mut self, field: &[u8]) -> &mut Self {
         let end = self.length + field.len();
         if let Some(place) = self.bytes.get_mut(self.length..end) {
@@ -173,7 +173,7 @@ impl FrameData {
     }
 }
 
-/// The fields of a frame, read one after the other.
+/// Reader of the fields of a frame, one after another.
 struct FieldReader<'a>(&'a [u8]);
 
 impl FieldReader<'_> {
