@@ -155,7 +155,8 @@ fn a_check_names_the_line_of_a_value_that_only_a_process_reads() {
     ] {
         let testbed = Testbed::new("process-values");
         let file = testbed.write("bad.toml", text);
-        let output = testbed.oqtal(&["check", file.to_str().unwrap()]).output().unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        let output = command.arg("check").arg(&file).output().unwrap();
         let message = stderr(&output);
         assert_eq!(output.status.code(), Some(78), "{text}: {message}");
         assert!(message.contains("bad.toml:2: ") && message.contains(says), "{text}: {message}");

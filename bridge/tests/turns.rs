@@ -41,7 +41,8 @@ fn through_radio(framing: Framing) -> Bridge {
 
 fn over(transport: Box<dyn VehicleTransport>) -> Bridge {
     let config = Config::default();
-    let mut bridge = Bridge::new(&config, Box::new(Asctec::new(&config).unwrap()), transport, START);
+    let mut bridge =
+        Bridge::new(&config, Box::new(Asctec::new(&config).unwrap()), transport, START);
     bridge.open(START);
     bridge
 }

@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn ordinary_poses_are_accepted_and_counted() {
+    fn ordinary_poses_are_believed_and_counted() {
         let mut feed = Feed::settled();
         assert!(feed.show(pose_at(0.01)).is_ok());
         assert_eq!(feed.guard.good_in_a_row(), 5);
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn f17_frames_that_count_anew_are_refused_in_flight_and_accepted_on_the_ground() {
+    fn f17_frames_that_count_anew_are_refused_in_flight_and_believed_on_the_ground() {
         let mut feed = Feed::settled();
         let captured_at = feed.time + FRAME;
         let stamps = Stamps { captured_at, ..Stamps::default() };
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn f06_nothing_that_is_not_finite_or_not_tracked_is_accepted() {
+    fn f06_nothing_that_is_not_finite_or_not_tracked_is_believed() {
         let mut feed = Feed::settled();
         for index in 0..7 {
             for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn f09_a_jump_is_refused_and_the_next_good_pose_accepted() {
+    fn f09_a_jump_is_refused_and_the_next_good_pose_believed() {
         let mut feed = Feed::settled();
         assert_eq!(feed.show(pose_at(0.5)), Err(Cause::Jump));
         assert!(feed.show(pose_at(0.01)).is_ok());

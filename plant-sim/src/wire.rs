@@ -86,7 +86,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
 /// Publishes every truth sample, and wakes the cameras at those that they capture.
 fn publish_truth(
     truths: &mut impl Publish<TruthV1>,
-    outputs: impl Iterator<Item = Output>,
+    outputs: impl Iterator<Item = PlantOutput>,
 ) -> Result<(), BusError> {
     for output in outputs {
         if let PlantOutput::Truth(truth) = output {

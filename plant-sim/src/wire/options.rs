@@ -26,9 +26,8 @@ pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
 /// The host's XBee as the vehicle addresses it.
 pub(super) fn address(config: &Config) -> Result<Address, OptionError> {
     let text = &config.plant.wire.xbee_address;
-    let refused =
-        || OptionError::new("plant.wire.xbee-address", format!("`{text}`"), Address::FORM);
-    Address::from_digits(text).ok_or_else(refused)
+    let form = "4 or 16 hexadecimal digits";
+    text.parse().map_err(|_| OptionError::new("plant.wire.xbee-address", format!("`{text}`"), form))
 }
 
 /// What counts mean to the vehicle.
