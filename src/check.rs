@@ -21,6 +21,7 @@ impl CheckArgs {
     /// The file has an error: exit code 78, with its line. A file that it names is bad: exit code 65.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.file.as_deref(), &[])?;
+        oqtal_bridge::check_options(&config).map_err(|error| config.locate(&error))?;
         oqtal_daemon::check(&config)?;
         oqtal_plant_sim::check(&config)?;
         oqtal_mocap_emu::check(&config)?;

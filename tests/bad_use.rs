@@ -127,7 +127,7 @@ fn bad_config(text: &str, line: usize, says: &[&str]) {
 
 #[test]
 fn f30_a_bad_configuration_is_refused_with_file_and_line() {
-    bad_config("[vehicle]\n\nmass-kg = -0.5\n", 3, &["vehicle.mass-kg", "above zero", "-0.5"]);
+    bad_config("[vehicle]\n\nmass-kg = -0.5\n", 3, &["vehicle.mass-kg", "above 0", "-0.5"]);
     bad_config("[vehicle]\nmas-kg = 0.5\n", 2, &["mas-kg", "unknown field", "mass-kg"]);
     bad_config("[vehicle]\nmass-kg = \"heavy\"\n", 2, &["vehicle.mass-kg", "invalid type"]);
     bad_config("[flight]\nx = 1\n", 2, &["flight"]);
@@ -139,7 +139,34 @@ fn f30_a_bad_configuration_is_refused_with_file_and_line() {
     );
     bad_config("[control.oqtal]\nattitude-weight = -1.0\n", 2, &["attitude-weight"]);
     bad_config("[position]\ntilt-limit-deg = 90.0\n", 2, &["tilt-limit-deg"]);
+    bad_config("[plant]\n\nmass-kg = -0.5\n", 3, &["plant.mass-kg", "above 0", "-0.5"]);
+    bad_config("[bridge]\nlink = \"/dev/ttyUSB0\"\n", 2, &["bridge.link", "asctec:PATH"]);
     bad_config("[trajectory.square]\nside-m = -1.0\n", 2, &["side-m"]);
+}
+
+/// Links and scales are read by the processes that use them, and say the line all the same.
+#[test]
+fn a_check_names_the_line_of_a_value_that_only_a_process_reads() {
+    for (text, says) in [
+        ("[bridge]\nlink = \"/dev/ttyUSB0\"\n", "bridge.link"),
+        ("[bridge]\nxbee-address = \"12\"\n", "hexadecimal"),
+        ("[bridge.asctec]\nmotor-yaw-counts = 0\n", "motor-yaw-counts"),
+        ("[plant.wire]\nlink = \"mavlink:/tmp/x\"\n", "plant.wire.link"),
+    ] {
+        let testbed = Testbed::new("process-values");
+        let file = testbed.write("bad.toml", text);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        let output = command.arg("check").arg(&file).output().unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(78), "{text}: {message}");
+        assert!(message.contains("bad.toml:2: ") && message.contains(says), "{text}: {message}");
+    }
+}
+
+#[test]
+fn the_interfaces_that_a_vehicle_can_have_are_named() {
+    let words = ["--set", "vehicle.interface=attitude"];
+    refused(&words, 78, &["vehicle.interface", "attitude", "rate", "torque"]);
 }
 
 #[test]

@@ -57,7 +57,7 @@ fn the_square_through_real_frames_is_as_good_as_without_them() {
 #[test]
 fn a_hover_goes_on_for_a_minute_through_one_wrong_bit_in_a_hundred() {
     let testbed = Testbed::new("noisy");
-    let noise = ["--json", "--set", "vehicle.wire.bit-error-rate=0.01"];
+    let noise = ["--json", "--set", "plant.wire.bit-error-rate=0.01"];
     let bus = testbed.bus();
     let mut observer = bus.observer(&VEHICLE).unwrap();
     let flight = testbed.start(&[&["fly"], &WIRED[..], &hover("60"), &noise].concat());
@@ -237,9 +237,9 @@ fn latency_of_a_running_bridge_has_the_hop_of_the_wire() {
 fn the_delay_over_the_wire_is_that_of_the_direct_simulation() {
     let config = Config::default();
     let command_ms = 1e3 * 17.0 * 10.0 / 57_600.0;
-    for latency_ms in [config.vehicle.wire.latency_ms, config.bridge.air_latency_ms] {
+    for latency_ms in [config.plant.wire.latency_ms, config.bridge.air_latency_ms] {
         let whole = latency_ms + command_ms;
-        assert!((whole - config.vehicle.radio_delay_ms).abs() < 0.1, "{whole} ms");
+        assert!((whole - config.plant.command_delay_ms).abs() < 0.1, "{whole} ms");
     }
 }
 

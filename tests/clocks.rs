@@ -32,7 +32,7 @@ fn the_clocks_agree_with_every_law_camera_and_vehicle() {
         &["--controller", "pid", "--set", "mocap.preset=measured"][..],
         &["--controller", "oqtal-dt", "--set", "mocap.preset=measured"],
         &["--controller", "lqr", "--set", "mocap.rate-hz=240"],
-        &["--vehicle", "sim:hummingbird,fidelity=rotors", "--set", "vehicle.battery.sag=true"],
+        &["--vehicle", "sim:hummingbird,fidelity=rotors", "--set", "plant.battery.sag=true"],
         &["--vehicle", "sim:spacecraft", "--set", "mocap.latency-ms=0"],
     ] {
         let words = [&SHORT[..], words].concat();

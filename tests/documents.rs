@@ -218,7 +218,12 @@ fn the_shipped_configuration_is_the_defaults_and_shows_every_key() {
     let shown: toml::Table = read("deploy/oqtal.toml").parse().unwrap();
     let known: toml::Table = shipped.to_toml().parse().unwrap();
     let (shown, known) = (keys(&shown, ""), keys(&known, ""));
-    assert_eq!(known.difference(&shown).collect::<Vec<_>>(), Vec::<&String>::new(), "not shown");
+    // A table that follows another is shown as one key that names the other.
+    let is_shown = |key: &String| {
+        shown.contains(key) || key.rmatch_indices('.').any(|(end, _)| shown.contains(&key[..end]))
+    };
+    let hidden: Vec<&String> = known.iter().filter(|key| !is_shown(key)).collect();
+    assert_eq!(hidden, Vec::<&String>::new(), "not shown");
 }
 
 /// The dotted keys of a table.
@@ -246,7 +251,7 @@ fn the_shipped_configuration_agrees_with_the_defaults_of_the_mathematics() {
 #[test]
 fn every_preset_is_what_its_name_gives() {
     for (key, name, file) in [
-        ("vehicle.kind", "spacecraft", "spacecraft"),
+        ("vehicle.preset", "spacecraft", "spacecraft"),
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
     ] {

@@ -73,7 +73,7 @@ fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
 /// Delays are measured, not configured: one that is not as expected costs little.
 #[test]
 fn oqtal_dt_learns_the_delay_of_the_loop() {
-    for delay in ["mocap.latency-ms=25", "vehicle.radio-delay-ms=40"] {
+    for delay in ["mocap.latency-ms=25", "vehicle.command-delay-ms=40"] {
         let summary = fly(&["--controller", "oqtal-dt", "--set", delay]);
         assert_eq!(summary["outcome"], "landed", "{delay}");
         assert!(number(&summary, "/attitude_error_deg/mean") <= 0.35, "{delay}");

@@ -14,7 +14,7 @@ fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {
 }
 
 fn config(vehicle: &str) -> Config {
-    Config::from_settings(&[Setting::flag("test", "vehicle.kind", vehicle)]).unwrap()
+    Config::from_settings(&[Setting::flag("test", "vehicle.preset", vehicle)]).unwrap()
 }
 
 fn model(config: &Config, rotation: Rotation) -> VehicleModel {
@@ -43,10 +43,10 @@ fn state(motion: &Motion) -> State {
 fn integrate(
     config: &Config,
     motion: &Motion,
-    input: &oqtal_plant_sim::Input,
+    input: &oqtal_plant_sim::PlantInput,
     disturbance: &Disturbance,
 ) -> State {
-    let dynamics = Dynamics::new(&config.vehicle);
+    let dynamics = Dynamics::new(&config.plant);
     (0..350).fold(state(motion), |state, _| dynamics.step(&state, STEP_S, input, disturbance))
 }
 
@@ -81,7 +81,7 @@ proptest! {
         };
         let bias = Bias { demand: drift, acceleration: push };
         let disturbance = Disturbance { acceleration: push, rate_drift: drift, voltage_ratio: 1.0 };
-        let told = oqtal_plant_sim::Input { sticks, thrust, ..Default::default() };
+        let told = oqtal_plant_sim::PlantInput { sticks, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);
         assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
     }
@@ -101,7 +101,7 @@ proptest! {
         let disturbance =
             Disturbance { acceleration: push, rate_drift: Vector3::zeros(), voltage_ratio: 1.0 };
         let thrust = 1.6 / config.vehicle.max_thrust_n;
-        let told = oqtal_plant_sim::Input { torque, thrust, ..Default::default() };
+        let told = oqtal_plant_sim::PlantInput { torque, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);
         assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
     }

@@ -17,12 +17,14 @@ use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::euler::EulerAngles;
+use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
     ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Poll, Scales,
     Status, StickMeaning, Sticks, acknowledgement_frame, poll_frame,
 };
 
+use crate::options;
 use crate::protocol::{
     FrameSizes, PeriodicTimer, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply,
 };
@@ -43,16 +45,18 @@ pub struct Asctec {
 
 impl Asctec {
     /// Protocol with the scales and the status rate of `config`.
-    #[must_use]
-    pub fn new(config: &Config) -> Self {
+    ///
+    /// # Errors
+    /// A scale cannot be used.
+    pub fn new(config: &Config) -> Result<Self, OptionError> {
         let [_, _, yaw_authority] = config.vehicle.rate_authority_rad_s;
         let status_period = Span::period_of(config.bridge.status_rate_hz);
-        Self {
-            scales: scales(config),
+        Ok(Self {
+            scales: options::scales(config)?,
             yaw_authority,
             decoder: HostDecoder::new(),
             status_timer: PeriodicTimer::new(status_period),
-        }
+        })
     }
 
     /// Converts a command to sticks; `None` if the sticks command an attitude and the command has none.
@@ -67,11 +71,6 @@ impl Asctec {
             }
         }
     }
-}
-
-/// The scales of `[bridge.asctec]`.
-fn scales(config: &Config) -> Scales {
-    config.bridge.asctec.clone()
 }
 
 impl VehicleProtocol for Asctec {
@@ -139,7 +138,7 @@ mod tests {
     use oqtal_wire::asctec::{HostCommand, VehicleDecoder, write_telemetry};
 
     fn protocol() -> Asctec {
-        Asctec::new(&Config::default())
+        Asctec::new(&Config::default()).unwrap()
     }
 
     /// The control input that the vehicle decodes from the frame of `command`.
@@ -185,7 +184,7 @@ mod tests {
         let mut protocol = protocol();
         let command = CommandV1 { sticks: [0.5, -0.25, 0.1], thrust: 0.25, ..CommandV1::default() };
         let input = read(&mut protocol, command);
-        let read = Config::default().bridge.asctec.decode(&input);
+        let read = Scales::default().decode(&input);
         let resolution = 1.0 / 2047.0;
         for (read, sent) in [read.roll, read.pitch, read.yaw].into_iter().zip(command.sticks) {
             assert!((read - sent).abs() <= resolution);
@@ -196,8 +195,8 @@ mod tests {
     #[test]
     fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
         let mut config = Config::default();
-        config.bridge.asctec.sticks = StickMeaning::Attitude;
-        let mut protocol = Asctec::new(&config);
+        config.bridge.asctec.sticks = oqtal_config::AsctecSticks::Attitude;
+        let mut protocol = Asctec::new(&config).unwrap();
         // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
         let half = 5.0_f64.to_radians();
         let attitude = [half.sin(), 0.0, 0.0, half.cos()];

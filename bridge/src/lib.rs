@@ -27,6 +27,7 @@ mod link;
 mod monitor;
 mod motors;
 mod note;
+mod options;
 mod outbox;
 mod protocol;
 mod safety;
@@ -53,6 +54,7 @@ pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
 pub use note::Note;
+pub use options::{check as check_options, link};
 pub use protocol::{
     FrameSizes, MAX_FRAME, PeriodicTimer, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply,
 };

@@ -1,7 +1,8 @@
 //! What the configuration asks of the bridge: the link, the protocol that is spoken there, the transport that carries it.
 
 use oqtal_bus::time::Span;
-use oqtal_config::{ClockKind, Config, VehicleKind, Violation};
+use oqtal_config::{ClockKind, Config, Interface};
+use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::link::{LinkSpec, ProtocolKind};
 use oqtal_wire::xbee::{Address, Framing};
@@ -10,6 +11,7 @@ use crate::asctec::Asctec;
 use crate::bridge::word_spacing;
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
+use crate::options;
 use crate::protocol::VehicleProtocol;
 use crate::serial::SerialPortOptions;
 use crate::transport::{SerialStream, VehicleTransport};
@@ -41,19 +43,19 @@ impl VehicleSetup {
             let reason = "a bridge runs in real time only; set `clock.kind = \"real\"`";
             return Err(Failure::new(Exit::Usage, reason));
         }
-        if config.vehicle.kind != VehicleKind::Hummingbird {
-            let reason =
-                "a bridge forwards sticks, not torque; set `vehicle.kind = \"hummingbird\"`";
+        if config.vehicle.interface != Interface::Rate {
+            let reason = "a bridge forwards sticks, not torque; set `vehicle.interface = \"rate\"`";
             return Err(Failure::new(Exit::Config, reason));
         }
-        let spec = link(config)?.ok_or_else(|| {
+        let located = |error: OptionError| Failure::from(config.locate(&error));
+        let spec = options::link(config).map_err(located)?.ok_or_else(|| {
             let reason =
                 "`bridge.link` is empty; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0";
             Failure::new(Exit::Config, reason)
         })?;
-        let peer = xbee_address(config)?;
+        let peer = options::address(config).map_err(located)?;
         let protocol: Box<dyn VehicleProtocol> = match spec.kind() {
-            ProtocolKind::Asctec => Box::new(Asctec::new(config)),
+            ProtocolKind::Asctec => Box::new(Asctec::new(config).map_err(located)?),
         };
         let port = SerialPortOptions {
             path: spec.path().into(),
@@ -62,13 +64,13 @@ impl VehicleSetup {
         };
         let setup =
             Self { protocol, transport: transport(&spec, peer), port: Box::new(port), spec };
-        setup.check_room(config)?;
+        setup.check_room(config).map_err(located)?;
         Ok(setup)
     }
 
     /// Warns if commands go to every radio in reach.
     pub fn warn_of_broadcast(&self, config: &Config) {
-        let is_broadcast = xbee_address(config).is_ok_and(Address::is_broadcast);
+        let is_broadcast = options::address(config).is_ok_and(Address::is_broadcast);
         if is_broadcast && self.spec.xbee() != Framing::Transparent {
             tracing::warn!(
                 "commands go to every radio in reach, and a reply of any radio counts as the vehicle's; set `bridge.xbee-address` to the address of its radio"
@@ -77,8 +79,11 @@ impl VehicleSetup {
     }
 
     /// Checks that every frame fits into a packet, and that set-points, periodic words and answers fit on the line.
-    fn check_room(&self, config: &Config) -> Result<(), Violation> {
-        let wrong = |rule: String| Err(Violation::new("bridge.link", rule));
+    fn check_room(&self, config: &Config) -> Result<(), OptionError> {
+        let wrong = |rule: String| {
+            let link = format!("`{}`", self.spec);
+            Err(OptionError::new("bridge.link", link, format!("another link: it {rule}")))
+        };
         let (bare, longest) = (self.protocol.sizes(), self.transport.max_frame());
         if bare.longest_sent() > longest {
             let bytes = bare.longest_sent();
@@ -113,18 +118,4 @@ pub fn transport(spec: &LinkSpec, peer: Address) -> Box<dyn VehicleTransport> {
         Framing::Transparent => Box::new(SerialStream::new(spec.baud())),
         framing => Box::new(XbeeTransport::new(framing, peer, spec.baud())),
     }
-}
-
-/// The link that `bridge.link` names; `None` if the key is empty.
-fn link(config: &Config) -> Result<Option<LinkSpec>, Violation> {
-    let invalid = |error| Violation::new("bridge.link", format!("is no link: {error}"));
-    LinkSpec::from_setting(&config.bridge.link).map_err(invalid)
-}
-
-/// The address of the vehicle's radio, `bridge.xbee-address`.
-fn xbee_address(config: &Config) -> Result<Address, Violation> {
-    let invalid = |error: oqtal_wire::xbee::InvalidAddress| {
-        Violation::new("bridge.xbee-address", error.to_string())
-    };
-    config.bridge.xbee_address.parse().map_err(invalid)
 }

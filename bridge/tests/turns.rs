@@ -32,7 +32,7 @@ fn serial(framing: Framing) -> Box<dyn VehicleTransport> {
 
 /// Frame lengths on the port \[bytes\].
 fn sizes(framing: Framing) -> FrameSizes {
-    Asctec::new(&Config::default()).sizes().with_overhead(serial(framing).overhead())
+    Asctec::new(&Config::default()).unwrap().sizes().with_overhead(serial(framing).overhead())
 }
 
 fn through_radio(framing: Framing) -> Bridge {
@@ -41,7 +41,8 @@ fn through_radio(framing: Framing) -> Bridge {
 
 fn over(transport: Box<dyn VehicleTransport>) -> Bridge {
     let config = Config::default();
-    let mut bridge = Bridge::new(&config, Box::new(Asctec::new(&config)), transport, START);
+    let mut bridge =
+        Bridge::new(&config, Box::new(Asctec::new(&config).unwrap()), transport, START);
     bridge.open(START);
     bridge
 }

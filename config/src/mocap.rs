@@ -1,14 +1,15 @@
-//! `[mocap]`: what six cameras make of the truth.
+//! `[mocap]`: the emulated camera system.
 
+use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-use crate::{Violation, not_negative, positive, probability};
+use crate::preset;
 
 /// `[mocap]`. Noise is Gaussian, per axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Mocap {
-    /// The preset that these values started from.
+pub struct MocapOptions {
+    /// Name of the preset that these values started from.
     pub preset: String,
     /// Rate of the cameras \[Hz\].
     pub rate_hz: f64,
@@ -18,17 +19,17 @@ pub struct Mocap {
     pub attitude_noise_deg: f64,
     /// Capture to pose \[ms\].
     pub latency_ms: f64,
-    /// Greatest addition to the latency \[ms\], uniform from zero.
+    /// Greatest random addition to the latency \[ms\], uniform from 0.
     pub jitter_ms: f64,
-    /// Poses are handed on at multiples of this \[ms\], as by a receiver that polls; 0 hands them on at once.
+    /// Period at whose multiples poses are published \[ms\], as by a receiver that polls; 0 publishes them at once.
     pub poll_ms: f64,
-    /// Probability that a frame starts a gap.
+    /// Probability that a frame starts a gap \[0..1\].
     pub dropout_probability: f64,
     /// Mean length of a gap \[frames\], geometric.
     pub dropout_frames: f64,
-    /// Probability that a frame is wrong.
+    /// Probability that a frame is an outlier \[0..1\].
     pub outlier_probability: f64,
-    /// Distance of a wrong frame from the truth \[m\].
+    /// Distance of an outlier from the truth \[m\], in a random direction.
     pub outlier_m: f64,
     /// Resolution of a position \[mm\]; 0 is exact.
     pub position_quantum_mm: f64,
@@ -38,28 +39,24 @@ pub struct Mocap {
     pub replay: String,
 }
 
-impl Mocap {
-    pub(crate) fn check(&self) -> Result<(), Violation> {
-        if !["ideal", "qualisys", "measured"].contains(&self.preset.as_str()) {
-            let rule = format!("must be ideal, qualisys or measured, is `{}`", self.preset);
-            return Err(Violation::new("mocap.preset", rule));
-        }
-        positive("mocap.rate-hz", self.rate_hz)?;
-        if self.rate_hz > 1000.0 {
-            return Err(Violation::new("mocap.rate-hz", "must be at most 1000"));
-        }
-        not_negative("mocap.position-noise-mm", self.position_noise_mm)?;
-        not_negative("mocap.attitude-noise-deg", self.attitude_noise_deg)?;
-        not_negative("mocap.latency-ms", self.latency_ms)?;
-        not_negative("mocap.jitter-ms", self.jitter_ms)?;
-        not_negative("mocap.poll-ms", self.poll_ms)?;
-        probability("mocap.dropout-probability", self.dropout_probability)?;
-        if !(self.dropout_frames >= 1.0 && self.dropout_frames.is_finite()) {
-            return Err(Violation::new("mocap.dropout-frames", "must be at least 1"));
-        }
-        probability("mocap.outlier-probability", self.outlier_probability)?;
-        not_negative("mocap.outlier-m", self.outlier_m)?;
-        not_negative("mocap.position-quantum-mm", self.position_quantum_mm)?;
-        not_negative("mocap.attitude-quantum-deg", self.attitude_quantum_deg)
+impl MocapOptions {
+    pub(crate) fn check(&self) -> Result<(), OptionError> {
+        preset::check("mocap.preset", &self.preset)?;
+        let probability = Rule::Between(0.0, 1.0);
+        check_options([
+            ("rate-hz", self.rate_hz, Rule::Between(f64::MIN_POSITIVE, 1000.0)),
+            ("position-noise-mm", self.position_noise_mm, Rule::NotNegative),
+            ("attitude-noise-deg", self.attitude_noise_deg, Rule::NotNegative),
+            ("latency-ms", self.latency_ms, Rule::NotNegative),
+            ("jitter-ms", self.jitter_ms, Rule::NotNegative),
+            ("poll-ms", self.poll_ms, Rule::NotNegative),
+            ("dropout-probability", self.dropout_probability, probability),
+            ("dropout-frames", self.dropout_frames, Rule::Between(1.0, f64::MAX)),
+            ("outlier-probability", self.outlier_probability, probability),
+            ("outlier-m", self.outlier_m, Rule::NotNegative),
+            ("position-quantum-mm", self.position_quantum_mm, Rule::NotNegative),
+            ("attitude-quantum-deg", self.attitude_quantum_deg, Rule::NotNegative),
+        ])
+        .map_err(|error| error.within("mocap"))
     }
 }

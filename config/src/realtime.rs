@@ -1,61 +1,60 @@
-//! `[realtime]`: how the operating system runs the loops.
+//! `[realtime]`: scheduling, memory and wake-up of the loops.
 
+use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-use crate::{Violation, positive};
-
-/// Highest priority a loop may have: what watches over it, and the kernel's own threads, stay above.
+/// Highest priority of a loop under SCHED_FIFO: watchdogs and the kernel's own threads stay above.
 const MAX_PRIORITY: u8 = 80;
-/// More CPUs than this no set of CPUs can name.
+/// Highest number of a CPU that the kernel's CPU set can hold.
 const MAX_CPU: usize = 1023;
 
-/// A warmup earlier than this is forgotten again when the pose comes \[us\].
-const LONGEST_LEAD_US: f64 = 5000.0;
+/// Longest time between cache warm-up and pose \[us\]: after it the caches are cold again.
+const MAX_WARMUP_US: f64 = 5000.0;
 
 /// How a loop is scheduled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scheduling {
-    /// SCHED_FIFO: runs until it sleeps.
+    /// SCHED_FIFO: the loop runs until it sleeps.
     Fifo,
-    /// SCHED_OTHER, like any program.
+    /// SCHED_OTHER, the scheduling of ordinary programs.
     Other,
 }
 
 /// `[realtime]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Realtime {
-    /// How the loops are scheduled.
+pub struct RealtimeOptions {
+    /// Scheduling of the loops.
     pub scheduling: Scheduling,
     /// Priority under SCHED_FIFO, 1 to 80.
     pub priority: u8,
-    /// CPUs that the loops may run on; empty for all.
+    /// Numbers of the CPUs that the loops may run on; empty for all.
     pub cpus: Vec<usize>,
-    /// Whether all memory stays in RAM.
+    /// Whether all memory of a process is locked in RAM.
     pub lock_memory: bool,
-    /// How much later than asked the kernel may wake a loop that is not under SCHED_FIFO \[us\].
+    /// Timer slack: greatest delay of a wake-up that the kernel may add to a loop that is not under SCHED_FIFO \[us\].
     pub timer_slack_us: f64,
-    /// So long before the next pose is expected the daemon runs a turn on a copy of itself, to have it in the caches; 0 for
-    /// never \[us\].
-    pub rehearsal_us: f64,
+    /// Time before each expected pose at which the daemon warms its caches by a tick on a copy of its state \[us\]; 0 for
+    /// never.
+    pub warmup_us: f64,
 }
 
-impl Realtime {
-    pub(crate) fn check(&self) -> Result<(), Violation> {
-        if !(1..=MAX_PRIORITY).contains(&self.priority) {
-            let rule = format!("must lie between 1 and {MAX_PRIORITY}, is {}", self.priority);
-            return Err(Violation::new("realtime.priority", rule));
+impl RealtimeOptions {
+    pub(crate) fn check(&self) -> Result<(), OptionError> {
+        let table = [
+            ("priority", f64::from(self.priority), Rule::Between(1.0, f64::from(MAX_PRIORITY))),
+            ("warmup-us", self.warmup_us, Rule::Between(0.0, MAX_WARMUP_US)),
+            ("timer-slack-us", self.timer_slack_us, Rule::Positive),
+        ];
+        check_options(table).map_err(|error| error.within("realtime"))?;
+        match self.cpus.iter().find(|&&cpu| cpu > MAX_CPU) {
+            None => Ok(()),
+            Some(cpu) => {
+                let allowed = format!("a list of CPUs from 0 to {MAX_CPU}");
+                let value = format_args!("a list with CPU {cpu}");
+                Err(OptionError::new("realtime.cpus", value, allowed))
+            }
         }
-        if let Some(cpu) = self.cpus.iter().find(|&&cpu| cpu > MAX_CPU) {
-            let rule = format!("names CPU {cpu}, it must be at most {MAX_CPU}");
-            return Err(Violation::new("realtime.cpus", rule));
-        }
-        if !(0.0..=LONGEST_LEAD_US).contains(&self.rehearsal_us) {
-            let rule =
-                format!("must lie between 0 and {LONGEST_LEAD_US}, is {}", self.rehearsal_us);
-            return Err(Violation::new("realtime.warmup-us", rule));
-        }
-        positive("realtime.timer-slack-us", self.timer_slack_us)
     }
 }

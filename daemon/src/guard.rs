@@ -1,30 +1,31 @@
-//! Which poses are believed: fresh, ordered, finite, of unit norm, moving as a vehicle can. Anything else is as no pose.
+//! The gate for poses: accepts those that are fresh, in order, finite, of unit norm, and that move as a vehicle can.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
 use oqtal_bus::message::{Header, PoseV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Safety;
+use oqtal_config::SafetyOptions;
 use oqtal_control::quaternion::Attitude;
 
-/// Added to what a vehicle can fly between two poses: noise must not look like a jump.
+/// Distance added to what a vehicle can fly between two poses, so that noise is no jump \[m\].
 const JUMP_MARGIN_M: f64 = 0.05;
+/// Angle added to what a vehicle can turn between two poses, so that noise is no jump \[rad\].
 const JUMP_MARGIN_RAD: f64 = 0.1;
-/// So many identical poses in a row under new sequence numbers are a frozen source: real ones carry noise.
+/// Identical poses in a row, under new sequence numbers, after which the source counts as frozen: real poses carry noise.
 const FROZEN_AFTER: u32 = 3;
 
-/// A pose that passed the guard.
+/// A pose that passed the gate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accepted {
-    /// When it was captured.
+    /// Instant of its capture.
     pub captured_at: Time,
-    /// \[m, world\].
+    /// Position \[m, world\].
     pub position: Vector3<f64>,
-    /// \[body to world\].
+    /// Attitude \[body to world\].
     pub attitude: Attitude,
 }
 
-/// Judges poses one by one.
+/// The gate for poses.
 #[derive(Clone, Debug)]
 pub struct Guard {
     max_age: Span,
@@ -36,7 +37,7 @@ pub struct Guard {
     last_source: u64,
     last_pose: PoseV1,
     repeats: u32,
-    /// How long the vehicle had been out of sight when the first of the present run of jumps came \[s\].
+    /// Time since the last accepted pose when the present run of jumps began \[s\].
     unseen_s: Option<f64>,
     lost: u64,
     superseded: u64,
@@ -45,9 +46,9 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard with the limits of `safety`.
+    /// A gate with the limits of `safety`.
     #[must_use]
-    pub fn new(safety: &Safety) -> Self {
+    pub fn new(safety: &SafetyOptions) -> Self {
         Self {
             max_age: Span::from_seconds(safety.max_pose_age_ms * 1e-3),
             max_speed: safety.max_speed_m_s,
@@ -66,12 +67,12 @@ impl Guard {
         }
     }
 
-    /// Judges a pose that the daemon looks at `now`. Only `flying` does a body that does not move at all arouse suspicion:
-    /// on the floor, perfect cameras say the same again and again.
+    /// Checks a pose that the daemon takes at `now`. Frozen poses are refused in flight only: of a body on the floor perfect
+    /// cameras report the same pose again and again.
     ///
     /// # Errors
-    /// Why it is not believed.
-    pub fn judge(
+    /// Why the pose is refused.
+    pub fn gate(
         &mut self,
         now: Time,
         header: &Header,
@@ -80,8 +81,8 @@ impl Guard {
     ) -> Result<Accepted, Cause> {
         let verdict = self.examine(now, header, pose, flying);
         match verdict {
-            Ok(believed) => {
-                self.last = Some(believed);
+            Ok(accepted) => {
+                self.last = Some(accepted);
                 self.unseen_s = None;
                 self.good_in_a_row = self.good_in_a_row.saturating_add(1);
             }
@@ -93,12 +94,12 @@ impl Guard {
         verdict
     }
 
-    /// Tells the guard that a pose was due and none came.
+    /// Records that a pose was due and none arrived.
     pub fn missed(&mut self) {
         self.good_in_a_row = 0;
     }
 
-    /// On the ground a vehicle may be carried elsewhere: wherever it is seen next is believed.
+    /// Forgets the last position after a jump: on the ground a vehicle may have been carried elsewhere.
     pub fn forget(&mut self) {
         if self.unseen_s.is_some() {
             self.last = None;
@@ -106,31 +107,31 @@ impl Guard {
         }
     }
 
-    /// The last pose believed.
+    /// The last accepted pose.
     #[must_use]
     pub fn last(&self) -> Option<&Accepted> {
         self.last.as_ref()
     }
 
-    /// Poses believed in a row, up to now.
+    /// Number of poses accepted in a row, up to now \[-\].
     #[must_use]
     pub fn good_in_a_row(&self) -> u32 {
         self.good_in_a_row
     }
 
-    /// Frames that were never published as a pose, by the gaps in their numbers.
+    /// Number of frames that were never published as a pose, by the gaps in their numbers \[-\].
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// Poses that were published, and overtaken by the next one before anybody looked.
+    /// Number of poses that were superseded by the next one before the daemon took them \[-\].
     #[must_use]
     pub fn superseded(&self) -> u64 {
         self.superseded
     }
 
-    /// Poses not believed.
+    /// Number of poses refused \[-\].
     #[must_use]
     pub fn refused(&self) -> u64 {
         self.refused
@@ -150,8 +151,7 @@ impl Guard {
         if pose.tracked == 0 {
             return Err(Cause::Untracked);
         }
-        let numbers = pose.position.iter().chain(&pose.attitude);
-        if !numbers.clone().all(|number| number.is_finite()) {
+        if !pose.position.iter().chain(&pose.attitude).all(|number| number.is_finite()) {
             return Err(Cause::NotFinite);
         }
         let attitude = Attitude::from_xyzw(pose.attitude).ok_or(Cause::NotUnit)?;
@@ -162,16 +162,16 @@ impl Guard {
         if now.since(captured_at) > self.max_age {
             return Err(Cause::Stale);
         }
-        let believed = Accepted { captured_at, position: pose.position.into(), attitude };
-        self.check_motion(&believed)?;
-        Ok(believed)
+        let accepted = Accepted { captured_at, position: pose.position.into(), attitude };
+        self.check_motion(&accepted)?;
+        Ok(accepted)
     }
 
-    /// Frame numbers and capture times only ever go up.
+    /// Checks that frame numbers and capture times increase, and counts the gaps.
     fn count_frames(&mut self, header: &Header, flying: bool) -> Result<(), Cause> {
         let frame = header.pose_sequence;
         let later = |last: Accepted| header.stamps.captured_at > last.captured_at;
-        // A source that restarted counts anew, at later capture times; on the ground so may what the source itself looks at.
+        // A restarted source counts anew, at later capture times; on the ground so may the camera system behind the source.
         let anew = !flying && frame <= self.last_frame && self.last.is_none_or(later);
         let restarted = header.source != self.last_source || anew;
         self.last_source = header.source;
@@ -198,8 +198,8 @@ impl Guard {
         self.repeats >= FROZEN_AFTER - 1
     }
 
-    /// A vehicle moves no further than its speed allows since it was last seen. Time that passes while poses jump does not
-    /// count: a body that swapped its markers must not become believable by waiting.
+    /// Checks that the vehicle moved no further than its limits allow since the last accepted pose. Time that passes while poses
+    /// jump does not count: a body with swapped markers must not become acceptable by waiting.
     fn check_motion(&mut self, pose: &Accepted) -> Result<(), Cause> {
         let Some(last) = self.last else { return Ok(()) };
         let elapsed_s = pose.captured_at.since(last.captured_at).seconds();
@@ -231,7 +231,7 @@ mod tests {
     }
 
     impl Feed {
-        /// A guard that has believed a few poses at the origin.
+        /// A guard that has accepted a few poses at the origin.
         fn settled() -> Self {
             let guard = Guard::new(&Config::default().safety);
             let mut feed = Self { guard, frame: 0, time: Time::VIRTUAL_START };
@@ -259,7 +259,7 @@ mod tests {
             pose.position[1] += 1e-6 * (self.frame % 7) as f64;
             let stamps = Stamps { captured_at, ..Stamps::default() };
             let header = Header { pose_sequence: frame, stamps, ..Header::default() };
-            self.guard.judge(now, &header, &pose, true)
+            self.guard.gate(now, &header, &pose, true)
         }
     }
 
@@ -296,7 +296,7 @@ mod tests {
             let stamps = Stamps { captured_at: now, ..Stamps::default() };
             let header =
                 Header { sequence: message, pose_sequence: frame, stamps, ..Header::default() };
-            assert!(guard.judge(now, &header, &pose_at(1e-6 * frame as f64), true).is_ok());
+            assert!(guard.gate(now, &header, &pose_at(1e-6 * frame as f64), true).is_ok());
             (guard.superseded(), guard.lost())
         };
         assert_eq!(show(1, 1), (0, 0));
@@ -345,7 +345,7 @@ mod tests {
         let captured_at = feed.time + FRAME;
         let stamps = Stamps { captured_at, ..Stamps::default() };
         let header = Header { pose_sequence: 1, stamps, ..Header::default() };
-        let mut judge = |flying| feed.guard.judge(captured_at, &header, &pose_at(0.0), flying);
+        let mut judge = |flying| feed.guard.gate(captured_at, &header, &pose_at(0.0), flying);
         assert_eq!(judge(true), Err(Cause::Order));
         assert!(judge(false).is_ok());
         assert_eq!(judge(false), Err(Cause::Order), "the same capture again");

@@ -3,13 +3,15 @@
 //! | file | subject |
 //! |---|---|
 //! | `cycle.rs` | one turn of the loop |
-//! | `cycle/operator.rs` | flights that are asked for, and called off |
-//! | `cycle/report.rs` | what a tick tells observers |
-//! | `guard.rs` | which poses are believed |
-//! | `vehicle.rs` | whether the vehicle answers |
+//! | `cycle/operator.rs` | requests of operators |
+//! | `cycle/report.rs` | telemetry of a tick |
+//! | `cycle/mode.rs`, `cycle/safety.rs` | modes, and the safety conditions of a tick |
+//! | `command.rs` | the command in SI units, and its message |
+//! | `guard.rs` | the gate for poses |
+//! | `vehicle.rs` | the state of the vehicle, as heard |
 //! | `supervisor.rs` | the table of safety states |
-//! | `mission.rs` | what is flown, and since when |
-//! | `pilot.rs` | outer loops and attitude law |
+//! | `mission.rs` | the flight under way |
+//! | `stack.rs` | the control stacks: everything between poses and command |
 //! | `warmup.rs` | keeping the loop warm |
 //! | `turn.rs` | one turn over the ports |
 //! | `background.rs` | the background thread: logs, health, operator requests |
@@ -19,11 +21,12 @@
 #![forbid(unsafe_code)]
 
 mod background;
+mod command;
 mod cycle;
 mod flight_marker;
 mod guard;
 mod mission;
-mod pilot;
+mod stack;
 mod supervisor;
 mod turn;
 mod vehicle;
@@ -43,12 +46,13 @@ use oqtal_runtime::process_loop;
 
 use background::DaemonWorker;
 pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
+pub use command::{RotationCommand, VehicleCommand};
 pub use cycle::{AtStart, Cycle, Tick};
 use flight_marker::FlightMarker;
 pub use guard::{Accepted, Guard};
-pub use mission::Mission;
-pub use pilot::{ControlOutput, Pilot};
-pub use supervisor::{Conditions, Supervisor};
+pub use mission::ActiveMission;
+pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
+pub use supervisor::{SafetyConditions, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;
@@ -63,7 +67,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let ports = DaemonPorts::open(&bus).map_err(|error| name_holder(&bus, error))?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
     let mut cycle = Cycle::new(&context.config, trajectory, clock.now())
-        .map_err(|reason| Failure::new(Exit::Config, reason))?;
+        .map_err(|error| context.config.locate(&error))?;
     let warmup =
         if clock.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
     let (handle, requests) = loop_handoff();
@@ -89,7 +93,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// # Errors
 /// An option of the law has no meaning (exit code 78), or a waypoint file cannot be read (65).
 pub fn check(config: &Config) -> Result<(), Failure> {
-    Pilot::new(config).map_err(|reason| Failure::new(Exit::Config, reason))?;
+    ControlStack::new(config).map_err(|error| config.locate(&error))?;
     trajectory(config).map(drop)
 }
 

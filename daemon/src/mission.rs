@@ -1,84 +1,84 @@
-//! What is being flown, and since when.
+//! The flight under way: its plan, and when it began.
 
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::trajectory::{FlightPlan, Phase, Reference};
 
-/// A vehicle this close above where it took off, with its reference below the floor, has landed \[m\].
+/// Height above the floor below which a vehicle has landed, once its reference is below the floor \[m\].
 const LANDED_HEIGHT_M: f64 = 0.04;
 
 /// A flight under way.
 #[derive(Clone, Debug)]
-pub struct Mission {
+pub struct ActiveMission {
     began: Time,
-    path: Path,
+    path: FlightPath,
 }
 
 #[derive(Clone, Debug)]
-enum Path {
+enum FlightPath {
     /// A flight from take-off to landing, and the height of the floor \[m\].
     Plan(FlightPlan, f64),
-    /// A point, for a vehicle that is only watched.
-    Watch(Vector3<f64>),
+    /// The point \[m, world\] that is the reference while the daemon only observes.
+    Observe(Vector3<f64>),
 }
 
-impl Mission {
-    /// The flight of `plan`, from now on, from the floor at `floor_m` \[m, world z\].
+impl ActiveMission {
+    /// The flight of `plan` from `now` on, from the floor at `floor_m` \[m, world z\].
     #[must_use]
     pub fn fly(plan: FlightPlan, floor_m: f64, now: Time) -> Self {
-        Self { began: now, path: Path::Plan(plan, floor_m) }
+        Self { began: now, path: FlightPath::Plan(plan, floor_m) }
     }
 
-    /// Watching a vehicle whose reference is `point` \[m, world\].
+    /// Observes a vehicle with the fixed reference `point` \[m, world\].
     #[must_use]
-    pub fn watch(point: Vector3<f64>, now: Time) -> Self {
-        Self { began: now, path: Path::Watch(point) }
+    pub fn observe(point: Vector3<f64>, now: Time) -> Self {
+        Self { began: now, path: FlightPath::Observe(point) }
     }
 
-    /// Begins at `now` instead.
-    pub fn begin_again(&mut self, now: Time) {
+    /// Moves the beginning to `now`.
+    pub fn restart(&mut self, now: Time) {
         self.began = now;
     }
 
-    /// Time since it began \[s\].
+    /// Time since the flight began \[s\].
     #[must_use]
     pub fn elapsed_s(&self, now: Time) -> f64 {
         now.since(self.began).seconds()
     }
 
-    /// Where the vehicle should be.
+    /// The reference at `now`.
     #[must_use]
     pub fn reference(&self, now: Time) -> Reference {
         match &self.path {
-            Path::Plan(plan, _) => plan.sample(self.elapsed_s(now)),
-            Path::Watch(point) => Reference::rest(*point, Phase::Trajectory),
+            FlightPath::Plan(plan, _) => plan.sample(self.elapsed_s(now)),
+            FlightPath::Observe(point) => Reference::rest(*point, Phase::Trajectory),
         }
     }
 
-    /// Whether the flight is judged now.
+    /// Whether `now` lies in the scored window.
     #[must_use]
     pub fn is_scored(&self, now: Time) -> bool {
         match &self.path {
-            Path::Plan(plan, _) => plan.scored(self.elapsed_s(now)),
-            Path::Watch(_) => false,
+            FlightPath::Plan(plan, _) => plan.scored(self.elapsed_s(now)),
+            FlightPath::Observe(_) => false,
         }
     }
 
-    /// Lands early: where the vehicle is, from the height of its reference.
+    /// Lands early, above the present position, from the height of the reference.
     pub fn land(&mut self, now: Time, estimate: &Estimate) {
         let height = self.reference(now).position.z;
         let from = estimate.position.xy().push(height);
         let elapsed_s = self.elapsed_s(now);
-        if let Path::Plan(plan, _) = &mut self.path {
+        if let FlightPath::Plan(plan, _) = &mut self.path {
             plan.land_from(elapsed_s, from);
         }
     }
 
-    /// Whether the vehicle stands on the floor and is meant to.
+    /// Whether the vehicle stands on the floor at the end of its landing.
     #[must_use]
     pub fn has_landed(&self, reference: &Reference, estimate: &Estimate) -> bool {
-        let Path::Plan(_, floor_m) = &self.path else { return false };
+        let FlightPath::Plan(_, floor_m) = &self.path else { return false };
         reference.phase == Phase::Landing
             && reference.position.z < *floor_m
             && estimate.position.z < floor_m + LANDED_HEIGHT_M

@@ -1,4 +1,4 @@
-//! Whether the daemon may fly on what it sees: three states, and their transitions as one table.
+//! The safety state machine: three states, and their transitions as one table.
 //!
 //! ```text
 //!         poses missing, or on the           blind too long, or vehicle
@@ -7,54 +7,58 @@
 //!     ▲                      │                                       │
 //!     └ poses, vehicle good ─┴──────────── operator arms ────────────┘
 //! ```
-//! In each tick: collect conditions, check transitions, go on.
+//! Each tick collects the conditions and takes the first transition that holds.
 
 use oqtal_bus::code::{Cause, SafetyState};
 
-/// What is true in this tick.
+/// The conditions of one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Conditions {
-    /// No believable pose for longer than a regular source ever pauses.
+pub struct SafetyConditions {
+    /// No accepted pose for longer than the longest pause of a regular source.
     pub poses_missing: bool,
-    /// Enough good poses came in a row.
+    /// Enough good poses arrived in a row.
     pub poses_good: bool,
-    /// The last believable pose is too long ago, in flight.
+    /// In flight: the last accepted pose is too old.
     pub blind_too_long: bool,
-    /// The vehicle does not answer, on the ground: a flight must not begin.
+    /// On the ground: the vehicle does not answer, so that a flight must not begin.
     pub vehicle_silent: bool,
     /// The vehicle answers again, and its silence is still the cause of the state.
     pub vehicle_back: bool,
-    /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted. Before it: another
-    /// vehicle took the place of the one that was to fly.
+    /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted. Before a flight:
+    /// another vehicle took the place of the one for which the flight was requested.
     pub vehicle_lost: bool,
-    /// An operator asked to stop.
+    /// An operator requested a stop.
     pub operator_stops: bool,
-    /// An operator arms.
+    /// An operator requested a flight.
     pub operator_arms: bool,
 }
 
-/// One way from state to state: when `when` holds in `from`.
-struct Transition {
+/// A transition: from `from` to `to` when `when` holds.
+struct SafetyTransition {
     from: SafetyState,
     to: SafetyState,
-    when: fn(&Conditions) -> bool,
+    when: fn(&SafetyConditions) -> bool,
 }
 
-/// All ways, the most urgent first: the first that holds is taken.
-const TRANSITIONS: [Transition; 9] = {
+/// All transitions, the most urgent first: the first that holds is taken.
+const TRANSITIONS: [SafetyTransition; 9] = {
     use SafetyState::{Coast, Nominal, Stop};
     [
-        Transition { from: Nominal, to: Stop, when: |c| c.operator_stops },
-        Transition { from: Coast, to: Stop, when: |c| c.operator_stops },
-        Transition { from: Nominal, to: Stop, when: |c| c.blind_too_long || c.vehicle_lost },
-        Transition { from: Coast, to: Stop, when: |c| c.blind_too_long || c.vehicle_lost },
-        Transition { from: Nominal, to: Coast, when: |c| c.poses_missing || c.vehicle_silent },
-        Transition { from: Coast, to: Nominal, when: |c| c.poses_good && !c.vehicle_silent },
-        // What is still missing is the other of the two: the cause changes, the state does not.
-        Transition { from: Coast, to: Coast, when: |c| c.poses_good && c.vehicle_silent },
-        Transition { from: Coast, to: Coast, when: |c| c.vehicle_back },
-        // Latched: only an operator ends it, and only once poses are good and the vehicle answers.
-        Transition {
+        SafetyTransition { from: Nominal, to: Stop, when: |c| c.operator_stops },
+        SafetyTransition { from: Coast, to: Stop, when: |c| c.operator_stops },
+        SafetyTransition { from: Nominal, to: Stop, when: |c| c.blind_too_long || c.vehicle_lost },
+        SafetyTransition { from: Coast, to: Stop, when: |c| c.blind_too_long || c.vehicle_lost },
+        SafetyTransition {
+            from: Nominal,
+            to: Coast,
+            when: |c| c.poses_missing || c.vehicle_silent,
+        },
+        SafetyTransition { from: Coast, to: Nominal, when: |c| c.poses_good && !c.vehicle_silent },
+        // Poses or vehicle are back while the other is still missing: the cause changes, the state does not.
+        SafetyTransition { from: Coast, to: Coast, when: |c| c.poses_good && c.vehicle_silent },
+        SafetyTransition { from: Coast, to: Coast, when: |c| c.vehicle_back },
+        // Stop is latched: an operator ends it, once poses are good and the vehicle answers.
+        SafetyTransition {
             from: Stop,
             to: Nominal,
             when: |c| c.operator_arms && c.poses_good && !c.vehicle_silent && !c.operator_stops,
@@ -62,7 +66,7 @@ const TRANSITIONS: [Transition; 9] = {
     ]
 };
 
-/// The state, and why.
+/// The safety state and its cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Supervisor {
     state: SafetyState,
@@ -70,15 +74,15 @@ pub struct Supervisor {
 }
 
 impl Default for Supervisor {
-    /// Blind until poses come; the vehicle must answer besides.
+    /// Coast: neither poses nor a vehicle yet.
     fn default() -> Self {
         Self { state: SafetyState::Coast, cause: Cause::NoPose }
     }
 }
 
 impl Supervisor {
-    /// Goes on by one tick. `cause` says what is missing, or who stops.
-    pub fn step(&mut self, conditions: &Conditions, cause: Cause) -> SafetyState {
+    /// Takes the transition of this tick. `cause` is the cause of a state other than Nominal.
+    pub fn step(&mut self, conditions: &SafetyConditions, cause: Cause) -> SafetyState {
         let taken = TRANSITIONS.iter().find(|way| way.from == self.state && (way.when)(conditions));
         if let Some(way) = taken {
             self.state = way.to;
@@ -93,7 +97,7 @@ impl Supervisor {
         self.state
     }
 
-    /// Why it is not Nominal.
+    /// Why the state is not Nominal.
     #[must_use]
     pub fn cause(&self) -> Cause {
         self.cause
@@ -105,7 +109,7 @@ mod tests {
     use super::*;
     use SafetyState::{Coast, Nominal, Stop};
 
-    const MISSED: Conditions = Conditions {
+    const MISSED: SafetyConditions = SafetyConditions {
         poses_missing: true,
         poses_good: false,
         blind_too_long: false,
@@ -115,7 +119,8 @@ mod tests {
         operator_stops: false,
         operator_arms: false,
     };
-    const GOOD: Conditions = Conditions { poses_missing: false, poses_good: true, ..MISSED };
+    const GOOD: SafetyConditions =
+        SafetyConditions { poses_missing: false, poses_good: true, ..MISSED };
 
     fn in_state(state: SafetyState) -> Supervisor {
         Supervisor { state, cause: Cause::None }
@@ -139,7 +144,7 @@ mod tests {
 
     #[test]
     fn blindness_stops_from_every_flying_state() {
-        let blind = Conditions { blind_too_long: true, ..MISSED };
+        let blind = SafetyConditions { blind_too_long: true, ..MISSED };
         for state in [Nominal, Coast] {
             assert_eq!(in_state(state).step(&blind, Cause::NoPose), Stop);
         }
@@ -147,7 +152,7 @@ mod tests {
 
     #[test]
     fn f18_a_lost_vehicle_stops_from_every_flying_state() {
-        let lost = Conditions { vehicle_lost: true, ..GOOD };
+        let lost = SafetyConditions { vehicle_lost: true, ..GOOD };
         for state in [Nominal, Coast] {
             let mut supervisor = in_state(state);
             assert_eq!(supervisor.step(&lost, Cause::NoVehicle), Stop);
@@ -157,11 +162,11 @@ mod tests {
 
     #[test]
     fn a_silent_vehicle_keeps_the_daemon_on_the_ground_and_is_the_cause_when_poses_are_not() {
-        let silent = Conditions { vehicle_silent: true, ..GOOD };
+        let silent = SafetyConditions { vehicle_silent: true, ..GOOD };
         let mut supervisor = Supervisor::default();
         assert_eq!(supervisor.step(&silent, Cause::NoVehicle), Coast);
         assert_eq!(supervisor.cause(), Cause::NoVehicle);
-        let back_without_poses = Conditions { vehicle_back: true, ..MISSED };
+        let back_without_poses = SafetyConditions { vehicle_back: true, ..MISSED };
         assert_eq!(supervisor.step(&back_without_poses, Cause::Untracked), Coast);
         assert_eq!(supervisor.cause(), Cause::Untracked);
         assert_eq!(supervisor.step(&GOOD, Cause::None), Nominal);
@@ -172,7 +177,7 @@ mod tests {
     fn stop_is_latched_against_everything_but_arming_with_good_poses_and_a_vehicle() {
         for bits in 0..=u8::MAX {
             let on = |bit: u8| bits & (1 << bit) != 0;
-            let conditions = Conditions {
+            let conditions = SafetyConditions {
                 poses_missing: on(0),
                 poses_good: on(1),
                 blind_too_long: on(2),
@@ -193,7 +198,7 @@ mod tests {
 
     #[test]
     fn an_operator_stop_wins_over_everything() {
-        let stop = Conditions { operator_stops: true, ..GOOD };
+        let stop = SafetyConditions { operator_stops: true, ..GOOD };
         for state in [Nominal, Coast] {
             assert_eq!(in_state(state).step(&stop, Cause::Operator), Stop);
         }

@@ -1,15 +1,15 @@
-//! What the daemon knows of whatever carries its commands out: whether it answers, whether its motors are being started, whether
-//! anything really flies.
+//! The daemon's knowledge of the vehicle: whether it answers, whether its motors are being started, whether it is simulated.
 
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::time::{Span, Time};
+use oqtal_config::SafetyOptions;
 
-/// Listens to the vehicle.
+/// Monitor of the vehicle, fed by topic `vehicle`.
 #[derive(Clone, Debug)]
 pub struct VehicleWatch {
-    /// An answer older than this is none.
+    /// Age above which a reply of the vehicle no longer counts.
     silence: Span,
-    /// Motors that do not run for so long do not start.
+    /// Start-up time-out: motors that are not running after this time count as failed.
     start: Span,
     heard: Option<(Time, VehicleV1)>,
     answered_at: Option<Time>,
@@ -19,19 +19,19 @@ pub struct VehicleWatch {
     awaited_since: Option<Time>,
     /// Whether they were being started since the flight began.
     were_starting: bool,
-    /// The process that spoke last, and whether it is another than when the flight began.
+    /// The process that published last, and whether it is another than when the flight began.
     speaker: Option<u64>,
     is_replaced: bool,
 }
 
 impl VehicleWatch {
-    /// Nothing heard yet; after `silence` without an answer the vehicle is silent. What really flies has its motors started
-    /// within `start`.
+    /// A monitor with the time-outs of `options`, before the first message.
     #[must_use]
-    pub fn new(silence: Span, start: Span) -> Self {
+    pub fn new(options: &SafetyOptions) -> Self {
+        let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         Self {
-            silence,
-            start,
+            silence: millis(options.vehicle_silence_ms),
+            start: millis(options.motor_start_ms),
             heard: None,
             answered_at: None,
             ran_at: None,
@@ -42,7 +42,7 @@ impl VehicleWatch {
         }
     }
 
-    /// Takes what process `source` says of the vehicle at `now`.
+    /// Takes a message about the vehicle, published by process `source`, at `now`.
     pub fn hear(&mut self, now: Time, source: u64, vehicle: &VehicleV1) {
         self.is_replaced |= self.speaker.is_some_and(|speaker| speaker != source);
         self.speaker = Some(source);
@@ -58,41 +58,41 @@ impl VehicleWatch {
         }
     }
 
-    /// A flight begins at `now`: the motors have not run in it.
+    /// Begins a flight at `now`: its motors have not run yet.
     pub fn begin_flight(&mut self, now: Time) {
         (self.ran_at, self.is_replaced) = (None, false);
         (self.were_starting, self.awaited_since) = (false, Some(now));
     }
 
-    /// The process that last spoke of the vehicle.
+    /// The process that published last.
     #[must_use]
     pub fn speaker(&self) -> Option<u64> {
         self.speaker
     }
 
-    /// Whether the vehicle answers, as of the last word about it, which is not old.
+    /// Whether the vehicle answers, by the last message, which is not too old.
     #[must_use]
     pub fn answers(&self, now: Time) -> bool {
         !self.is_old(now, self.heard.map(|(at, _)| at))
             && self.heard.is_some_and(|(_, vehicle)| vehicle.link != 0)
     }
 
-    /// Whether a flight cannot go on: no answer for too long, motors that ran and no longer do or that do not start, or a bridge
-    /// that was restarted and knows nothing of a flight.
+    /// Whether a flight must end: no reply for too long, motors that stopped or do not start, or a bridge that was restarted and
+    /// does not know of the flight.
     #[must_use]
     pub fn is_lost(&self, now: Time) -> bool {
         let stands = self.ran_at.is_some() && self.is_old(now, self.ran_at);
         stands || self.is_replaced || self.is_old(now, self.answered_at) || self.does_not_start(now)
     }
 
-    /// Whether the flight waits for the motors: while they are being started, and with what really flies until they run.
+    /// Whether the flight waits for the motors: while they are being started, and with a real vehicle until they run.
     #[must_use]
     pub fn holds_flight(&self) -> bool {
         let waits = |vehicle: &VehicleV1| vehicle.starting != 0 || vehicle.simulated == 0;
         self.ran_at.is_none() && self.heard.is_some_and(|(_, vehicle)| waits(&vehicle))
     }
 
-    /// Whether the start of motors that never ran was given up, or takes too long.
+    /// Whether the start of the motors was given up or takes too long, if they have not run yet.
     fn does_not_start(&self, now: Time) -> bool {
         let (None, Some(since), Some((_, vehicle))) = (self.ran_at, self.awaited_since, self.heard)
         else {
@@ -102,7 +102,7 @@ impl VehicleWatch {
         vehicle.simulated == 0 && (given_up || now.since(since) > self.start)
     }
 
-    /// Whether nothing really flies; `None` before the vehicle was heard.
+    /// Whether the vehicle is simulated; `None` before the first message.
     #[must_use]
     pub fn is_simulated(&self) -> Option<bool> {
         self.heard.map(|(_, vehicle)| vehicle.simulated != 0)
@@ -117,8 +117,6 @@ impl VehicleWatch {
 mod tests {
     use super::*;
 
-    const SILENCE: Span = Span::from_millis(500);
-    const START: Span = Span::from_millis(3500);
     const BRIDGE: u64 = 4711;
     const WELL: VehicleV1 = VehicleV1 {
         command_sequence: 1,
@@ -133,13 +131,18 @@ mod tests {
         simulated: 0,
     };
 
+    /// Silent after 500 ms; motors start within 3500 ms.
+    fn watch() -> VehicleWatch {
+        VehicleWatch::new(&oqtal_config::Config::default().safety)
+    }
+
     fn at(millis: i64) -> Time {
         Time::VIRTUAL_START + Span::from_millis(millis)
     }
 
     #[test]
     fn a_vehicle_is_silent_before_its_first_word_and_after_its_last() {
-        let mut watch = VehicleWatch::new(SILENCE, START);
+        let mut watch = watch();
         assert!(!watch.answers(at(0)) && watch.is_lost(at(0)));
         watch.hear(at(0), BRIDGE, &WELL);
         assert!(watch.answers(at(500)) && !watch.is_lost(at(500)));
@@ -148,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_broken_link_keeps_on_the_ground_at_once_and_ends_a_flight_later() {
-        let mut watch = VehicleWatch::new(SILENCE, START);
+        let mut watch = watch();
         watch.hear(at(0), BRIDGE, &WELL);
         watch.hear(at(400), BRIDGE, &VehicleV1 { link: 0, ..WELL });
         assert!(!watch.answers(at(400)) && !watch.is_lost(at(400)));
@@ -157,7 +160,7 @@ mod tests {
 
     #[test]
     fn f18_a_bridge_restarted_in_flight_loses_the_vehicle_however_quick_it_is() {
-        let mut watch = VehicleWatch::new(SILENCE, START);
+        let mut watch = watch();
         watch.hear(at(0), BRIDGE, &WELL);
         watch.begin_flight(at(0));
         watch.hear(at(17), BRIDGE, &WELL);
@@ -170,7 +173,7 @@ mod tests {
 
     #[test]
     fn motors_are_waited_for_once_and_when_they_stand_again_the_vehicle_is_lost() {
-        let mut watch = VehicleWatch::new(SILENCE, START);
+        let mut watch = watch();
         let starting = VehicleV1 { starting: 1, ..WELL };
         watch.hear(at(0), BRIDGE, &starting);
         assert!(watch.holds_flight() && !watch.is_lost(at(0)));

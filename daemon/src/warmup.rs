@@ -29,8 +29,8 @@ impl CacheWarmup {
     /// As a configuration asks for.
     #[must_use]
     pub fn of(config: &Config) -> Self {
-        let lead = Span::from_seconds(config.realtime.rehearsal_us * 1e-6);
-        let period = Span::period_of(config.mocap.rate_hz);
+        let lead = Span::from_seconds(config.realtime.warmup_us * 1e-6);
+        let period = Span::period_of(config.safety.pose_rate_hz);
         Self { lead: (lead > Span::ZERO).then_some(lead), period, ..Self::never() }
     }
 

@@ -46,7 +46,7 @@ proptest! {
     ) {
         let mut bench = Bench::flying(&[
             Setting::flag("test", "control.controller", law),
-            Setting::flag("test", "vehicle.kind", vehicle),
+            Setting::flag("test", "vehicle.preset", vehicle),
         ]);
         for (pose, absurd) in poses {
             let pose = if absurd { pose } else { still(bench.frame) };
@@ -74,7 +74,7 @@ proptest! {
 }
 
 #[test]
-fn it_is_neutral_until_asked_to_fly_and_sees() {
+fn it_is_disarmed_until_asked_to_fly_and_sees() {
     let mut bench = Bench::new(&[]);
     for _ in 0..20 {
         let tick = bench.show(still(bench.frame)).expect("a tick on every pose");

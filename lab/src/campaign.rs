@@ -1,4 +1,4 @@
-//! `oqtal campaign`: many runs of every law, and what they come to.
+//! `oqtal campaign`: many runs of every law, and their statistics.
 
 pub mod flights;
 pub mod interval;
@@ -26,9 +26,9 @@ use flights::Test;
 use statistics::{EVALUATION_SEEDS, Runs};
 use table::{Entrant, Flown, Scope};
 
-/// Flies missions through processes, one after another.
+/// A series of flights through processes, one after another.
 pub trait FlightSeries {
-    /// Flies `mission`, which is called `name` in the series.
+    /// Flies `mission` under `name`.
     ///
     /// # Errors
     /// The flight could not be flown, or an operator ended the series.
@@ -117,7 +117,7 @@ impl CampaignArgs {
     ) -> Result<Vec<Flown>, Failure> {
         let total = entrants.len() as u64 * self.runs * Test::ALL.len() as u64;
         let mut number = 0;
-        let mut pilot = |mission: &Mission| {
+        let mut fly_mission = |mission: &Mission| {
             number += 1;
             let kind = name_of(&mission.config.trajectory.kind);
             let law = name_of(&mission.config.control.controller);
@@ -129,7 +129,8 @@ impl CampaignArgs {
             let clock = Setting::flag("--clock", "clock.kind", self.clock.name());
             entrant.contender.settings.push(clock);
             let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + self.runs;
-            let runs = Runs::fly_in_turn(&entrant.contender, &flights::NOMINAL, seeds, &mut pilot)?;
+            let runs =
+                Runs::fly_in_turn(&entrant.contender, &flights::NOMINAL, seeds, &mut fly_mission)?;
             Ok(Flown::new(entrant, runs))
         };
         entrants.into_iter().map(fly).collect()

@@ -1,44 +1,42 @@
-//! What is to be flown: the configuration and what it names, read and checked.
+//! A flight before it is flown: the configuration and the files that it names, read and checked.
 
 use oqtal_bus::time::Span;
-use oqtal_config::{Config, Vehicle};
+use oqtal_config::Config;
 use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
 use oqtal_mocap_emu::{Recording, read_recording};
 use oqtal_observe::flight::Outcome;
-use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::process::Failure;
 
-/// Beyond its plan a flight may take this long, for the cameras to be believed and the landing to be noticed.
+/// Time that a flight may take beyond its plan \[s\]: poses must be accepted first, and the landing be detected.
 const GRACE_S: f64 = 15.0;
 
-/// What a flight needs to know before it starts.
+/// A flight before it is flown.
 #[derive(Debug)]
 pub struct Mission {
     /// The effective configuration.
     pub config: Config,
-    /// What is flown.
+    /// The trajectory to fly.
     pub trajectory: Trajectory,
-    /// What is played instead of the cameras, if anything.
+    /// The recording that is played instead of the cameras, if any.
     pub recording: Option<Recording>,
-    /// What really flies, if it is not what the daemon believes: for studies of robustness, in one process only.
-    pub plant: Option<Vehicle>,
 }
 
 impl Mission {
-    /// Reads what the configuration names.
+    /// Reads the files that `config` names.
     ///
     /// # Errors
     /// A waypoint file or a recording is bad (exit code 65), or an option of the law has no meaning (78).
     pub fn new(config: Config) -> Result<Self, Failure> {
-        oqtal_daemon::Pilot::new(&config).map_err(|reason| Failure::new(Exit::Config, reason))?;
+        oqtal_daemon::ControlStack::new(&config).map_err(|error| config.locate(&error))?;
         let trajectory = oqtal_daemon::trajectory(&config)?;
         let recording = match config.is_replay() {
             true => Some(read_recording(&config.mocap.replay)?),
             false => None,
         };
-        Ok(Self { config, trajectory, recording, plant: None })
+        Ok(Self { config, trajectory, recording })
     }
 
-    /// How long it takes if all goes well.
+    /// Planned duration of the flight.
     #[must_use]
     pub fn expected(&self) -> Span {
         if let Some(recording) = &self.recording {
@@ -50,7 +48,7 @@ impl Mission {
         Span::from_seconds(plan.end_s())
     }
 
-    /// How long it may take.
+    /// Greatest duration of the flight: after it the flight is ended.
     #[must_use]
     pub fn patience(&self) -> Span {
         match self.recording {
@@ -59,7 +57,7 @@ impl Mission {
         }
     }
 
-    /// What a flight is called that did not end by itself.
+    /// Outcome of a flight that did not end by itself.
     #[must_use]
     pub fn otherwise(&self) -> Outcome {
         if self.recording.is_some() { Outcome::Replayed } else { Outcome::Timeout }

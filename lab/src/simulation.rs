@@ -5,7 +5,6 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_config::Config;
 use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, loop_handoff};
 use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_observe::flight::Flight;
@@ -88,13 +87,11 @@ impl Simulation {
         let config = &mission.config;
         let bus = MemoryBus::new();
         let cycle = Cycle::new(config, mission.trajectory.clone(), start)
-            .map_err(|reason| Failure::new(Exit::Config, reason))?;
+            .map_err(|error| config.locate(&error))?;
         // The background thread's end is dropped: nobody sends requests through it or reads notes from it.
         let (handle, _) = loop_handoff();
-        let vehicle = mission.plant.clone().unwrap_or_else(|| config.vehicle.clone());
-        let world = Config { vehicle, ..config.clone() };
         Ok(Self {
-            plant: PlantTurn::open(&bus, Plant::new(&world, start), Stepping::Exact, false)?,
+            plant: PlantTurn::open(&bus, Plant::new(config, start), Stepping::Exact, false)?,
             poses: PoseProcess::open(mission, &bus, start)?,
             daemon: DaemonTurn {
                 ports: DaemonPorts::open(&bus)?,

@@ -1,4 +1,4 @@
-//! `oqtal tune`: gains by an optimiser, on simulated flights.
+//! `oqtal tune`: tunes gains with an optimiser on simulated flights.
 
 pub mod bee_colony;
 pub mod gains;

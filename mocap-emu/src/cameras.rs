@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Mocap;
+use oqtal_config::MocapOptions;
 use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 use rand::RngExt;
@@ -20,7 +20,7 @@ const WORDS_PER_FRAME: u128 = 256;
 /// The cameras between capture and delivery. Pure: time comes in with the truth and as an argument.
 #[derive(Clone, Debug)]
 pub struct Cameras {
-    mocap: Mocap,
+    mocap: MocapOptions,
     generator: Generator,
     in_flight: VecDeque<(Time, Delivery)>,
     /// Frames of the present gap still to drop.
@@ -30,7 +30,7 @@ pub struct Cameras {
 impl Cameras {
     /// The cameras of a configuration.
     #[must_use]
-    pub fn new(mocap: &Mocap, seed: u64) -> Self {
+    pub fn new(mocap: &MocapOptions, seed: u64) -> Self {
         Self {
             mocap: mocap.clone(),
             generator: stream(seed, RandomSource::Cameras),

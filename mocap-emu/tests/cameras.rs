@@ -3,13 +3,13 @@
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, Mocap, Setting};
+use oqtal_config::{Config, MocapOptions, Setting};
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::{Cameras, Delivery};
 
 const FRAMES: u64 = 4000;
 
-fn mocap(settings: &[(&str, toml::Value)]) -> Mocap {
+fn mocap(settings: &[(&str, toml::Value)]) -> MocapOptions {
     let settings: Vec<Setting> = settings
         .iter()
         .map(|(key, value)| Setting::flag("test", &format!("mocap.{key}"), value.clone()))
@@ -28,7 +28,7 @@ fn truth(frame: u64) -> TruthV1 {
 }
 
 /// Every pose of many frames, with its arrival.
-fn watch(mocap: &Mocap, seed: u64) -> Vec<(Time, Delivery)> {
+fn watch(mocap: &MocapOptions, seed: u64) -> Vec<(Time, Delivery)> {
     let mut cameras = Cameras::new(mocap, seed);
     let mut arrivals = Vec::new();
     for frame in 1..=FRAMES {

@@ -48,7 +48,7 @@ impl Realtime {
 
     /// What `asked` asks for and the kernel does not grant.
     #[must_use]
-    pub fn lacks(&self, asked: &config::Realtime) -> Vec<&'static str> {
+    pub fn lacks(&self, asked: &config::RealtimeOptions) -> Vec<&'static str> {
         let wanted = [
             ("SCHED_FIFO", asked.scheduling == Scheduling::Fifo, self.policy == "fifo"),
             ("locked memory", asked.lock_memory, self.locked),
@@ -175,7 +175,7 @@ mod tests {
         let granted = Realtime { policy: "fifo", priority: 50, cpu: None, locked: true };
         assert!(granted.lacks(&asked).is_empty());
         assert_eq!(Realtime::default().lacks(&asked), ["SCHED_FIFO", "locked memory"]);
-        let content = config::Realtime { lock_memory: false, ..asked };
+        let content = config::RealtimeOptions { lock_memory: false, ..asked };
         assert_eq!(Realtime::default().lacks(&content), ["SCHED_FIFO"]);
     }
 

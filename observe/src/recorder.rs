@@ -133,7 +133,7 @@ impl Recorder {
 
     /// In a recording, and where a shadow stands in for another vehicle, what is said of the truth is not about what flies.
     fn has_no_truth(&self) -> bool {
-        self.config.is_replay() || self.config.vehicle.shadow
+        self.config.is_replay() || self.config.plant.shadow
     }
 
     /// Whether a pose was heard.

@@ -6,7 +6,7 @@ use crate::latency::DistributionSummary;
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
-use oqtal_config::{Fidelity, VehicleKind};
+use oqtal_config::{Config, Interface};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
@@ -92,7 +92,7 @@ impl Summary {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
             vehicle: match &flight.command_path {
-                CommandPath::Bus => vehicle_name(config.vehicle.kind, config.vehicle.fidelity),
+                CommandPath::Bus => simulated_vehicle(config),
                 way => way.to_string(),
             },
             clock: name_of(&config.clock.kind),
@@ -140,10 +140,12 @@ pub fn name_of(value: &impl Serialize) -> String {
     }
 }
 
-fn vehicle_name(kind: VehicleKind, fidelity: Fidelity) -> String {
-    match kind {
-        VehicleKind::Spacecraft => "sim:spacecraft".to_owned(),
-        VehicleKind::Hummingbird => format!("sim:hummingbird,fidelity={}", name_of(&fidelity)),
+/// The simulated vehicle of `config`, as `--vehicle` names it.
+fn simulated_vehicle(config: &Config) -> String {
+    let preset = &config.vehicle.preset;
+    match config.plant.interface {
+        Interface::Torque => format!("sim:{preset}"),
+        Interface::Rate => format!("sim:{preset},fidelity={}", name_of(&config.plant.fidelity)),
     }
 }
 

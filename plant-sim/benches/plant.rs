@@ -7,7 +7,7 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
-use oqtal_plant_sim::{Output, Plant};
+use oqtal_plant_sim::{Plant, PlantOutput};
 
 const MILLISECOND: Span = Span::from_millis(1);
 /// A command every so many milliseconds, or the vehicle falls silent.
@@ -15,12 +15,12 @@ const COMMAND_EVERY: u64 = 16;
 
 fn bench(criterion: &mut Criterion, fidelity: &str) {
     let config =
-        Config::from_settings(&[Setting::flag("bench", "vehicle.fidelity", fidelity)]).unwrap();
+        Config::from_settings(&[Setting::flag("bench", "plant.fidelity", fidelity)]).unwrap();
     let mut now = Time::VIRTUAL_START;
     let mut plant = Plant::new(&config, now);
     let hover = CommandV1 {
         actuation: Actuation::Sticks.code(),
-        thrust: config.vehicle.mass_kg * config.vehicle.gravity_m_s2 / config.vehicle.max_thrust_n,
+        thrust: config.plant.mass_kg * config.plant.gravity_m_s2 / config.plant.max_thrust_n,
         ..CommandV1::default()
     };
     let mut millisecond = 0;
@@ -33,7 +33,7 @@ fn bench(criterion: &mut Criterion, fidelity: &str) {
             }
             now = now + MILLISECOND;
             plant.advance(black_box(now), |output| {
-                samples += u64::from(matches!(output, Output::Truth(_)));
+                samples += u64::from(matches!(output, PlantOutput::Truth(_)));
             });
         });
     });

@@ -5,6 +5,7 @@
 
 mod dynamics;
 mod plant;
+mod spread;
 mod state;
 mod turn;
 pub mod wire;
@@ -12,13 +13,13 @@ mod world;
 
 use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
-use oqtal_config::{Config, Violation};
+use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 
-pub use dynamics::{Disturbance, Dynamics, Input};
-pub use plant::{Output, Plant};
+pub use dynamics::{Disturbance, Dynamics, PlantInput};
+pub use plant::{Plant, PlantOutput};
 pub use state::{Derivative, State};
 pub use turn::{PlantTurn, Stepping};
 
@@ -57,7 +58,7 @@ impl PlantArgs {
     /// The same for any process: the wire is a setting.
     fn common(self) -> CommonArgs {
         let Self { wire, mut common } = self;
-        common.settings.extend(wire.map(|link| format!("vehicle.wire.link={link}")));
+        common.settings.extend(wire.map(|link| format!("plant.wire.link={link}")));
         common
     }
 }
@@ -70,10 +71,9 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     link(config).map(drop)
 }
 
-/// The link that `vehicle.wire.link` names; `None` if the key is empty and commands come over the bus.
+/// The link that `plant.wire.link` names; `None` if the key is empty and commands come over the bus.
 fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
-    let invalid = |error| Violation::new("vehicle.wire.link", format!("is no link: {error}"));
-    Ok(LinkSpec::from_setting(&config.vehicle.wire.link).map_err(invalid)?)
+    wire::link(config).map_err(|error| config.locate(&error).into())
 }
 
 /// Flies the simulated vehicle until asked to stop.
@@ -94,7 +94,7 @@ fn fly(context: &ProcessContext) -> Result<(), Failure> {
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
     let stepping = if clock.is_virtual() { Stepping::Exact } else { Stepping::Sampled };
     let plant = Plant::new(&context.config, clock.now());
-    let shadow = context.config.vehicle.shadow;
+    let shadow = context.config.plant.shadow;
     let mut turn =
         PlantTurn::open(&bus, plant, stepping, shadow)?.counted_in(context.health.clone());
     context.enter_realtime();

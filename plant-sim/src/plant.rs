@@ -1,4 +1,4 @@
-//! The vehicle in its room, from event to event: camera instants, milliseconds, commands off the radio.
+//! The simulated vehicle, integrated from event to event: camera instants, milliseconds, commands that take effect.
 
 use std::collections::VecDeque;
 
@@ -6,24 +6,25 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
-use oqtal_config::{Config, VehicleKind};
+use oqtal_config::{Config, Interface};
 
-use crate::dynamics::{Disturbance, Dynamics, Input};
+use crate::dynamics::{Disturbance, Dynamics, PlantInput};
+use crate::spread::drawn;
 use crate::state::State;
-use crate::world::{Cell, Gust, imperfections, rest_on_floor};
+use crate::world::{BatteryModel, Gust, imperfections, rest_on_floor};
 
-/// Rate of the integration grid \[Hz\]: no step is longer than its period, and gusts change with it.
+/// Rate of the integration grid \[Hz\]: the reciprocal of the longest step, and the rate at which gusts change.
 const INTEGRATION_HZ: f64 = 1000.0;
 
-/// A vehicle that hears nothing for so long stops its motors by itself.
+/// Time without a command after which the vehicle stops its motors.
 const COMMAND_TIME_OUT: Span = Span::from_millis(250);
 
-/// What the plant says while time passes.
+/// An output of the plant.
 #[derive(Clone, Copy, Debug)]
-pub enum Output {
+pub enum PlantOutput {
     /// A sample of the truth.
     Truth(TruthV1),
-    /// A command began to act: its pose, its stamps, the vehicle's answer.
+    /// A command took effect: sequence of its pose, its stamps, the state of the vehicle.
     Applied(u64, Stamps, VehicleV1),
 }
 
@@ -44,15 +45,15 @@ pub struct Plant {
     millisecond: Grid,
     camera: Grid,
     gust: Gust,
-    battery: Cell,
+    battery: BatteryModel,
     drift: Vector3<f64>,
     constant_acceleration: Vector3<f64>,
     radio: VecDeque<OnAir>,
     radio_delay: Span,
-    input: Input,
-    understands: Actuation,
+    input: PlantInput,
+    accepts: Actuation,
     max_torque: f64,
-    /// When the motors stop if nothing more is heard; never while they stand.
+    /// Instant at which the motors stop unless a further command arrives; `None` while they stand.
     falls_silent_at: Option<Time>,
     armed: bool,
     commands_lost: u64,
@@ -62,46 +63,48 @@ impl Plant {
     /// The vehicle of `config` on the floor at `start`.
     #[must_use]
     pub fn new(config: &Config, start: Time) -> Self {
-        let (vehicle, seed) = (&config.vehicle, config.clock.seed);
-        let (drift, constant_acceleration) = imperfections(vehicle, seed);
+        let seed = config.clock.seed;
+        let options = drawn(&config.plant, seed);
+        let (drift, constant_acceleration) = imperfections(&options, seed);
         Self {
-            dynamics: Dynamics::new(vehicle),
+            dynamics: Dynamics::new(&options),
             state: State::on_floor(),
             time: start,
             millisecond: Grid::new(start, INTEGRATION_HZ),
-            camera: Grid::new(start, config.mocap.rate_hz),
-            gust: Gust::new(vehicle, seed, 1.0 / INTEGRATION_HZ),
-            battery: Cell::new(vehicle),
+            camera: Grid::new(start, options.frame_rate_hz),
+            gust: Gust::new(&options, seed, 1.0 / INTEGRATION_HZ),
+            battery: BatteryModel::new(&options),
             drift,
             constant_acceleration,
             radio: VecDeque::with_capacity(64),
-            radio_delay: Span::from_seconds(vehicle.radio_delay_ms * 1e-3),
-            input: Input::default(),
-            understands: match vehicle.kind {
-                VehicleKind::Hummingbird => Actuation::Sticks,
-                VehicleKind::Spacecraft => Actuation::Torque,
+            radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
+            input: PlantInput::default(),
+            accepts: match options.interface {
+                Interface::Rate => Actuation::Sticks,
+                Interface::Torque => Actuation::Torque,
             },
-            max_torque: vehicle.max_torque_nm,
+            max_torque: options.max_torque_nm,
             falls_silent_at: None,
             armed: false,
             commands_lost: 0,
         }
     }
 
-    /// The next instant at which something happens that others depend on: a camera frame, or a command that begins to act.
+    /// The next instant that other processes depend on: a camera frame, a command that takes effect, or a command time-out.
     #[must_use]
     pub fn next_event(&self) -> Time {
         let applied = self.radio.front().map(|on_air| on_air.acts_at);
         [applied, self.falls_silent_at].into_iter().flatten().fold(self.camera.next(), Time::min)
     }
 
-    /// The next instant at which observers expect a sample.
+    /// The next instant at which observers expect a sample of the truth.
     #[must_use]
     pub fn next_sample(&self) -> Time {
         self.millisecond.next().min(self.next_event())
     }
 
-    /// Takes a command off the bus at `now`; it acts after the radio's delay. `lost` commands never arrived, in total.
+    /// Takes a command off the bus at `now`; it takes effect after the radio's delay. `lost` is the number of commands that never
+    /// arrived, in total.
     pub fn receive(&mut self, now: Time, header: Header, command: CommandV1, lost: u64) {
         let mut header = header;
         header.stamps.received_at = now;
@@ -109,8 +112,8 @@ impl Plant {
         self.radio.push_back(OnAir { acts_at: now + self.radio_delay, header, command });
     }
 
-    /// Lets `command` act at the instant reached, for a vehicle that has its commands from elsewhere: of these it says nothing.
-    pub fn steer(&mut self, command: &CommandV1) {
+    /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.
+    pub fn apply_command(&mut self, command: &CommandV1) {
         self.act_on(command);
     }
 
@@ -120,13 +123,13 @@ impl Plant {
         self.battery.voltage()
     }
 
-    /// Flies on to `until`, exactly from event to event in steps of at most a millisecond, and tells `out` what happens.
-    pub fn advance(&mut self, until: Time, mut out: impl FnMut(Output)) {
+    /// Integrates to `until`, exactly from event to event in steps of at most a millisecond, and passes the outputs to `out`.
+    pub fn advance(&mut self, until: Time, mut out: impl FnMut(PlantOutput)) {
         loop {
             self.apply_due(&mut out);
             let sampled = self.pass_grids();
             if let Some(truth) = sampled {
-                out(Output::Truth(truth));
+                out(PlantOutput::Truth(truth));
             }
             if self.time >= until {
                 return;
@@ -137,7 +140,7 @@ impl Plant {
         }
     }
 
-    /// The truth at the instant reached.
+    /// The truth at the present instant.
     #[must_use]
     pub fn truth(&self) -> TruthV1 {
         let q = self.state.attitude;
@@ -151,8 +154,8 @@ impl Plant {
         }
     }
 
-    /// Lets every command act whose time has come.
-    fn apply_due(&mut self, out: &mut impl FnMut(Output)) {
+    /// Applies the commands that are due.
+    fn apply_due(&mut self, out: &mut impl FnMut(PlantOutput)) {
         while let Some(on_air) = self.radio.front().copied().filter(|c| c.acts_at <= self.time) {
             self.radio.pop_front();
             self.act_on(&on_air.command);
@@ -167,17 +170,17 @@ impl Plant {
                 simulated: 1,
                 ..VehicleV1::default()
             };
-            out(Output::Applied(on_air.header.pose_sequence, stamps, vehicle));
+            out(PlantOutput::Applied(on_air.header.pose_sequence, stamps, vehicle));
         }
         if self.falls_silent_at.is_some_and(|at| at <= self.time) {
             self.act_on(&CommandV1::default());
         }
     }
 
-    /// A vehicle takes what it understands and keeps to its limits; anything else is neutral.
+    /// Applies a command within the vehicle's limits. A command of another interface disarms.
     fn act_on(&mut self, command: &CommandV1) {
         let actuation = Actuation::from_code(command.actuation)
-            .filter(|actuation| *actuation == self.understands)
+            .filter(|actuation| *actuation == self.accepts)
             .unwrap_or(Actuation::Disarmed);
         self.armed = actuation != Actuation::Disarmed;
         self.falls_silent_at = self.armed.then(|| self.time + COMMAND_TIME_OUT);
@@ -185,22 +188,22 @@ impl Plant {
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
         self.input = match actuation {
-            Actuation::Disarmed => Input::default(),
-            Actuation::Sticks => Input {
+            Actuation::Disarmed => PlantInput::default(),
+            Actuation::Sticks => PlantInput {
                 sticks: Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0)),
                 thrust: clamp(command.thrust, 0.0),
-                ..Input::default()
+                ..PlantInput::default()
             },
-            Actuation::Torque => Input {
+            Actuation::Torque => PlantInput {
                 torque: Vector3::from(command.torque)
                     .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 }),
                 thrust: clamp(command.thrust, 0.0),
-                ..Input::default()
+                ..PlantInput::default()
             },
         };
     }
 
-    /// Passes the grids whose instant is reached; the sample that they ask for.
+    /// Advances the grids whose instant is reached, and returns the sample that is due on them.
     fn pass_grids(&mut self) -> Option<TruthV1> {
         let mut truth = None;
         if self.millisecond.next() <= self.time {

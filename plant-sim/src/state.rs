@@ -4,7 +4,7 @@ use std::ops::{Add, Mul};
 
 use nalgebra::{Quaternion, Vector3, Vector4};
 
-/// Where a vehicle is and how it moves.
+/// State of motion of a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Position of the centre of mass \[m, world\].
@@ -15,7 +15,7 @@ pub struct State {
     pub attitude: Quaternion<f64>,
     /// Body rate \[rad/s, body\].
     pub rate: Vector3<f64>,
-    /// What the actuators do: `[thrust \[N\], 0, 0, 0]`, or four rotor speeds \[rad/s\].
+    /// State of the actuators: `[thrust \[N\], 0, 0, 0]`, or four rotor speeds \[rad/s\].
     pub actuators: Vector4<f64>,
 }
 
@@ -47,7 +47,7 @@ impl State {
         }
     }
 
-    /// The body's z axis \[world\]: where the thrust points.
+    /// Direction of the thrust, the body's z axis \[-, world\].
     #[must_use]
     pub fn thrust_axis(&self) -> Vector3<f64> {
         let (x, y, z, w) = (self.attitude.i, self.attitude.j, self.attitude.k, self.attitude.w);

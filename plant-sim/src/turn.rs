@@ -8,7 +8,7 @@ use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::health::Health;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
-use crate::plant::{Output, Plant};
+use crate::plant::{Plant, PlantOutput};
 
 /// The instants at which the plant acts without an arrival.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub struct PlantTurn<T: Transport> {
     vehicles: Option<T::Writer<VehicleV1>>,
     plant: Plant,
     stepping: Stepping,
-    outputs: Vec<Output>,
+    outputs: Vec<PlantOutput>,
     health: Health,
 }
 
@@ -64,13 +64,13 @@ impl<T: Transport> PlantTurn<T> {
         let Self { truths, vehicles, outputs, .. } = self;
         for output in outputs.drain(..) {
             match output {
-                Output::Truth(truth) => {
+                PlantOutput::Truth(truth) => {
                     truths.send(truth.capture, Default::default(), truth)?;
                     if truth.capture > 0 {
                         clock.announce(truths)?;
                     }
                 }
-                Output::Applied(pose_sequence, stamps, vehicle) => {
+                PlantOutput::Applied(pose_sequence, stamps, vehicle) => {
                     if let Some(vehicles) = vehicles {
                         vehicles.send(pose_sequence, stamps, vehicle)?;
                     }
@@ -99,7 +99,7 @@ impl<T: Transport> Turn for PlantTurn<T> {
             self.health.count_input();
             plant.receive(now, header, command, self.commands.lost());
             // The truth at the daemon's tick, for the evaluation of the flight.
-            outputs.push(Output::Truth(plant.truth()));
+            outputs.push(PlantOutput::Truth(plant.truth()));
         }
         self.publish(clock)
     }

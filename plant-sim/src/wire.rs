@@ -5,11 +5,13 @@
 //! | `pty.rs` | the pseudo-terminal, and the symbolic link to it |
 //! | `radio.rs` | model of the radio: rate, latency, losses, wrong bits |
 //! | `on_board.rs` | the on-board computer: commands to motors, answers |
+//! | `options.rs` | `[plant.wire]` in the terms of `oqtal-wire` |
 //! | `motors.rs` | the switch that starts and stops the motors |
 //! | `vehicle.rs` | the emulated vehicle without its pseudo-terminal, pure |
 
 mod motors;
 mod on_board;
+mod options;
 mod pty;
 mod radio;
 mod vehicle;
@@ -24,10 +26,11 @@ use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
-use crate::Output;
+use crate::PlantOutput;
 
 pub use motors::MotorSwitch;
 pub use on_board::{Measured, OnBoard};
+pub use options::link;
 pub use pty::PseudoTerminal;
 pub use radio::{LinkDirection, RadioModel, Traffic};
 pub use vehicle::WiredVehicle;
@@ -47,7 +50,8 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat = context.heartbeat(&bus)?;
-    let mut vehicle = WiredVehicle::new(&context.config, link, Time::now());
+    let mut vehicle = WiredVehicle::new(&context.config, link, Time::now())
+        .map_err(|error| context.config.locate(&error))?;
     let (mut outputs, mut answer) = (Vec::with_capacity(64), Vec::with_capacity(1024));
     let mut released_at = Time::UNSET;
     let mut chunk = [0; CHUNK];
@@ -82,10 +86,10 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
 /// Publishes every truth sample, and wakes the cameras at those that they capture.
 fn publish_truth(
     truths: &mut impl Publish<TruthV1>,
-    outputs: impl Iterator<Item = Output>,
+    outputs: impl Iterator<Item = PlantOutput>,
 ) -> Result<(), BusError> {
     for output in outputs {
-        if let Output::Truth(truth) = output {
+        if let PlantOutput::Truth(truth) = output {
             truths.send(truth.capture, Default::default(), truth)?;
             if truth.capture > 0 {
                 truths.notify()?;

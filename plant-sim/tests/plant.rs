@@ -4,16 +4,16 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
-use oqtal_plant_sim::{Output, Plant};
+use oqtal_plant_sim::{Plant, PlantOutput};
 
 const START: Time = Time::VIRTUAL_START;
 
 fn config(settings: &[(&str, toml::Value)]) -> Config {
     let calm = [
-        ("vehicle.gust-sd-m-s2", toml::Value::from(0.0)),
-        ("vehicle.disturbance-spread", toml::Value::from(0.0)),
-        ("vehicle.rate-drift-deg-s", toml::Value::from(vec![0.0; 3])),
-        ("vehicle.force-n", toml::Value::from(vec![0.0; 3])),
+        ("plant.gust-sd-m-s2", toml::Value::from(0.0)),
+        ("plant.disturbance-spread", toml::Value::from(0.0)),
+        ("plant.rate-drift-deg-s", toml::Value::from(vec![0.0; 3])),
+        ("plant.force-n", toml::Value::from(vec![0.0; 3])),
     ];
     let settings: Vec<Setting> = calm
         .iter()
@@ -30,7 +30,7 @@ fn sticks(roll: f64, thrust: f64) -> CommandV1 {
 
 #[test]
 fn a_vehicle_on_the_floor_stays_where_it_stands() {
-    let mut bench = Bench::new(&config(&[("vehicle.force-n", vec![0.1, -0.1, 0.0].into())]));
+    let mut bench = Bench::new(&config(&[("plant.force-n", vec![0.1, -0.1, 0.0].into())]));
     let first = bench.plant.truth();
     bench.hold(sticks(0.5, 0.5 * HOVER), 2000);
     let last = bench.plant.truth();
@@ -64,8 +64,8 @@ impl Bench {
         self.now = self.now + Span::from_millis(millis);
         let (truths, applied) = (&mut self.truths, &mut self.applied);
         self.plant.advance(self.now, |output| match output {
-            Output::Truth(truth) => truths.push(truth),
-            Output::Applied(_, stamps, vehicle) => applied.push((stamps.applied_at, vehicle)),
+            PlantOutput::Truth(truth) => truths.push(truth),
+            PlantOutput::Applied(_, stamps, vehicle) => applied.push((stamps.applied_at, vehicle)),
         });
     }
 
@@ -105,7 +105,7 @@ fn a_command_acts_exactly_after_the_radio_delay_and_is_answered_once() {
 #[test]
 fn the_rate_follows_the_sticks_with_the_lag_of_the_on_board_loop() {
     for fidelity in ["eq61", "rotors"] {
-        let mut bench = Bench::new(&config(&[("vehicle.fidelity", fidelity.into())]));
+        let mut bench = Bench::new(&config(&[("plant.fidelity", fidelity.into())]));
         bench.hold(sticks(0.0, 1.5 * HOVER), 1000);
         bench.command(sticks(0.1, 1.5 * HOVER));
         bench.fly(20 + 50);
@@ -121,7 +121,7 @@ fn the_rate_follows_the_sticks_with_the_lag_of_the_on_board_loop() {
 #[test]
 fn hover_thrust_hovers() {
     for fidelity in ["eq61", "rotors"] {
-        let mut bench = Bench::new(&config(&[("vehicle.fidelity", fidelity.into())]));
+        let mut bench = Bench::new(&config(&[("plant.fidelity", fidelity.into())]));
         bench.hold(sticks(0.0, 2.0 * HOVER), 500);
         bench.hold(sticks(0.0, HOVER), 3000);
         let before = bench.truth().velocity[2];
@@ -134,7 +134,7 @@ fn hover_thrust_hovers() {
 
 #[test]
 fn a_sagging_battery_takes_thrust_away() {
-    let sag = [("vehicle.battery.sag", true.into()), ("vehicle.battery.capacity-ah", 0.02.into())];
+    let sag = [("plant.battery.sag", true.into()), ("plant.battery.capacity-ah", 0.02.into())];
     let mut fresh = Bench::new(&config(&[]));
     let mut sagging = Bench::new(&config(&sag));
     for bench in [&mut fresh, &mut sagging] {
@@ -151,7 +151,8 @@ fn a_sagging_battery_takes_thrust_away() {
 
 #[test]
 fn a_torque_turns_the_spacecraft_as_euler_says() {
-    let settings = [("vehicle.kind", "spacecraft".into()), ("vehicle.radio-delay-ms", 0.0.into())];
+    let settings =
+        [("vehicle.preset", "spacecraft".into()), ("plant.command-delay-ms", 0.0.into())];
     let mut bench = Bench::new(&config(&settings));
     let lift =
         CommandV1 { actuation: Actuation::Torque.code(), thrust: 1.0, ..CommandV1::default() };
@@ -200,8 +201,8 @@ fn frames_are_numbered_and_fall_on_the_cameras_instants() {
 fn gusts_have_their_standard_deviation_and_repeat_with_the_seed() {
     let velocity = |seed: i64| {
         let gusty = config(&[
-            ("vehicle.gust-sd-m-s2", 0.5.into()),
-            ("vehicle.drag-per-s", 0.0.into()),
+            ("plant.gust-sd-m-s2", 0.5.into()),
+            ("plant.drag-per-s", 0.0.into()),
             ("clock.seed", seed.into()),
         ]);
         let mut bench = Bench::new(&gusty);

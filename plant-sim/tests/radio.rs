@@ -1,15 +1,15 @@
 //! Model of the radio: rate, latency, losses, wrong bits.
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, Wire};
+use oqtal_config::{Config, PlantWireOptions};
 use oqtal_plant_sim::wire::{LinkDirection, RadioModel};
 use proptest::prelude::*;
 
 const BAUD: u32 = 57_600;
 const LATENCY: Span = Span::from_millis(17);
 
-fn radio(change: impl Fn(&mut Wire)) -> RadioModel {
-    let mut options = Wire { latency_ms: 17.0, ..Config::default().vehicle.wire };
+fn radio(change: impl Fn(&mut PlantWireOptions)) -> RadioModel {
+    let mut options = PlantWireOptions { latency_ms: 17.0, ..Config::default().plant.wire };
     change(&mut options);
     RadioModel::new(&options, 7, BAUD)
 }

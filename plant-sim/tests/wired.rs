@@ -1,12 +1,12 @@
 //! The emulated vehicle at the other end of a wire: switched on, flown and polled through bytes.
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Config;
+use oqtal_config::{AsctecSticks, Config};
 use oqtal_plant_sim::wire::{LinkDirection, RadioModel, WiredVehicle};
 use oqtal_runtime::random::{RandomSource, stream};
 use oqtal_wire::asctec::{
     ControlInput, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent, LlStatus, Poll, Scales,
-    StickMeaning, Sticks, VehicleDecoder, poll_frame,
+    Sticks, VehicleDecoder, poll_frame,
 };
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::xbee::{Address, Carrier, RadioEvent, Side};
@@ -29,8 +29,8 @@ impl Host {
     fn new(config: &Config) -> Self {
         let link = "asctec:/dev/null".parse().unwrap();
         Self {
-            vehicle: WiredVehicle::new(config, &link, START),
-            scales: config.bridge.asctec.clone(),
+            vehicle: WiredVehicle::new(config, &link, START).unwrap(),
+            scales: config.plant.wire.asctec.convert("plant.wire.asctec").unwrap(),
             decoder: HostDecoder::new(),
             heard: Vec::new(),
             now: START,
@@ -133,12 +133,12 @@ fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
 fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     let config = Config::default();
     let link = "asctec:/dev/null".parse().unwrap();
-    let mut vehicle = WiredVehicle::new(&config, &link, START);
+    let mut vehicle = WiredVehicle::new(&config, &link, START).unwrap();
     vehicle.host_writes(START, &ControlInput::ZERO_SETPOINT.frame());
     let delay = |millis: f64| START + Span::from_seconds(1e-3 * millis);
-    vehicle.advance(delay(config.vehicle.radio_delay_ms - 0.01), |_| {});
+    vehicle.advance(delay(config.plant.command_delay_ms - 0.01), |_| {});
     assert_eq!(vehicle.counters().frames, 0);
-    vehicle.advance(delay(config.vehicle.radio_delay_ms + 0.01), |_| {});
+    vehicle.advance(delay(config.plant.command_delay_ms + 0.01), |_| {});
     assert_eq!(vehicle.counters().frames, 1);
 }
 
@@ -148,7 +148,7 @@ fn both_api_modes_carry_commands_and_answers() {
     for framing in ["api1", "api2"] {
         let config = Config::default();
         let link: LinkSpec = format!("asctec:/dev/null,xbee={framing}").parse().unwrap();
-        let mut vehicle = WiredVehicle::new(&config, &link, START);
+        let mut vehicle = WiredVehicle::new(&config, &link, START).unwrap();
         let mut host = Carrier::new(link.xbee(), Side::Host, Address::BROADCAST);
         let request = host.wrap(1, &poll_frame(Poll::LL_STATUS)).unwrap();
         vehicle.host_writes(START, request.as_bytes());
@@ -167,7 +167,7 @@ fn both_api_modes_carry_commands_and_answers() {
 #[test]
 fn sticks_that_mean_an_attitude_are_followed_by_a_loop_on_board() {
     let mut config = Config::default();
-    config.bridge.asctec.sticks = StickMeaning::Attitude;
+    config.plant.wire.asctec.sticks = AsctecSticks::Attitude;
     let mut host = Host::new(&config);
     host.start_motors();
     let tilt = 10.0_f64.to_radians();
@@ -202,9 +202,9 @@ fn the_inertial_measurements_are_those_of_the_flight() {
 #[test]
 fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
     let mut config = Config::default();
-    config.vehicle.wire.bit_error_rate = 0.01;
-    config.vehicle.wire.latency_ms = 0.0;
-    let mut radio = RadioModel::new(&config.vehicle.wire, 7, 57_600);
+    config.plant.wire.bit_error_rate = 0.01;
+    config.plant.wire.latency_ms = 0.0;
+    let mut radio = RadioModel::new(&config.plant.wire, 7, 57_600);
     let mut decoder = VehicleDecoder::new();
     let mut generator = stream(7, RandomSource::Gust);
     let scales = Scales::default();

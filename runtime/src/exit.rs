@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use oqtal_bus::error::BusError;
-use oqtal_config::{ConfigError, Violation};
+use oqtal_config::ConfigError;
 
 /// Exit code of a process (sysexits.h, and 1 for a flight that did not end as asked).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,12 +67,6 @@ impl From<BusError> for Failure {
             }
         };
         Self::new(exit, error.to_string())
-    }
-}
-
-impl From<Violation> for Failure {
-    fn from(violation: Violation) -> Self {
-        Self::new(Exit::Config, violation.to_string())
     }
 }
 

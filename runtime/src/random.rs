@@ -27,6 +27,8 @@ pub enum RandomSource {
     DownlinkLoss = 6,
     /// Wrong bits from the vehicle.
     DownlinkErrors = 7,
+    /// Deviations of the simulated vehicle's parameters from their nominal values.
+    Spread = 8,
 }
 
 /// The stream of `source` under `seed`.

@@ -16,7 +16,7 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
-use oqtal_config::{Realtime, Scheduling};
+use oqtal_config::{RealtimeOptions, Scheduling};
 
 /// Stack that is prefaulted \[bytes\].
 const STACK: usize = 256 * 1024;
@@ -42,7 +42,7 @@ pub struct GrantedSettings {
 
 /// Applies `options` to the calling thread; memory is locked for the whole process.
 #[must_use]
-pub fn enter(options: &Realtime) -> GrantedSettings {
+pub fn enter(options: &RealtimeOptions) -> GrantedSettings {
     let mut granted = GrantedSettings { policy: "other", ..GrantedSettings::default() };
     let mut note = |result: Result<(), String>| match result {
         Ok(()) => true,

@@ -7,6 +7,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{Role, TRUTH};
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
 use oqtal_wire::link::LinkSpec;
@@ -24,8 +25,8 @@ const ANSWER_S: f64 = 20.0;
 pub enum VehicleChoice {
     /// The simulated vehicle, with commands off the bus.
     Simulated {
-        /// Which.
-        kind: Option<String>,
+        /// Name of its preset.
+        preset: Option<String>,
         /// How closely modelled.
         fidelity: Option<String>,
     },
@@ -58,9 +59,9 @@ fn parse_simulated(text: &str) -> Option<VehicleChoice> {
         Some((vehicle, option)) => (vehicle, Some(option)),
         None => (text, None),
     };
-    let kind = match vehicle.split_once(':') {
+    let preset = match vehicle.split_once(':') {
         None if vehicle == "sim" => None,
-        Some(("sim", kind)) => Some(kind.to_owned()),
+        Some(("sim", preset)) => Some(preset.to_owned()),
         _ => return None,
     };
     let fidelity = match option.map(|option| option.split_once('=')) {
@@ -68,19 +69,19 @@ fn parse_simulated(text: &str) -> Option<VehicleChoice> {
         Some(Some(("fidelity", fidelity))) => Some(fidelity.to_owned()),
         Some(_) => return None,
     };
-    Some(VehicleChoice::Simulated { kind, fidelity })
+    Some(VehicleChoice::Simulated { preset, fidelity })
 }
 
 impl VehicleChoice {
     /// What it sets before the configuration is made.
     pub fn settings(&self, settings: &mut Vec<Setting>) {
-        let Self::Simulated { kind, fidelity } = self else { return };
+        let Self::Simulated { preset, fidelity } = self else { return };
         let mut set = |key: &str, value: toml::Value| {
             settings.push(Setting::flag("--vehicle", key, value));
         };
-        set("vehicle.wire.link", "".into());
-        set("vehicle.shadow", false.into());
-        for (key, value) in [("vehicle.kind", kind), ("vehicle.fidelity", fidelity)] {
+        set("plant.wire.link", "".into());
+        set("plant.shadow", false.into());
+        for (key, value) in [("vehicle.preset", preset), ("plant.fidelity", fidelity)] {
             value.iter().for_each(|value| set(key, value.as_str().into()));
         }
     }
@@ -127,11 +128,12 @@ impl VehicleLink {
 
     /// As a flight before was flown, by the configuration that it left.
     fn configured(config: &Config) -> Result<Self, Failure> {
-        if let Some(link) = config.vehicle.wire.link()? {
+        let located = |error: OptionError| Failure::from(config.locate(&error));
+        if let Some(link) = oqtal_plant_sim::wire::link(config).map_err(located)? {
             return Ok(Self::Bridged(at_instance(&link, config)?));
         }
-        let link = config.bridge.link()?;
-        Ok(link.filter(|_| config.vehicle.shadow).map_or(Self::Bus, Self::Linked))
+        let link = oqtal_bridge::link(config).map_err(located)?;
+        Ok(link.filter(|_| config.plant.shadow).map_or(Self::Bus, Self::Linked))
     }
 
     fn complete(&self, config: &mut Config) -> Result<(), Failure> {
@@ -139,13 +141,13 @@ impl VehicleLink {
             Self::Bus => {}
             Self::Bridged(link) => {
                 config.bridge.link = link.to_string();
-                config.vehicle.wire.link = link.to_string();
-                config.vehicle.shadow = false;
+                config.plant.wire.link = link.to_string();
+                config.plant.shadow = false;
             }
             Self::Linked(link) => {
                 config.bridge.link = link.to_string();
-                config.vehicle.wire.link.clear();
-                config.vehicle.shadow = !is_truth_told(config)?;
+                config.plant.wire.link.clear();
+                config.plant.shadow = !is_truth_told(config)?;
             }
         }
         Ok(())
@@ -169,7 +171,7 @@ impl VehicleLink {
     pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
             Self::Bus => roles(config),
-            Self::Linked(_) if !config.vehicle.shadow => &[Role::Mocap, Role::Bridge, Role::Daemon],
+            Self::Linked(_) if !config.plant.shadow => &[Role::Mocap, Role::Bridge, Role::Daemon],
             Self::Bridged(_) | Self::Linked(_) => {
                 &[Role::Plant, Role::Mocap, Role::Bridge, Role::Daemon]
             }
@@ -254,7 +256,7 @@ mod tests {
         );
         assert!(matches!(
             parse("sim:hummingbird,fidelity=rotors"),
-            Ok(VehicleChoice::Simulated { kind: Some(_), fidelity: Some(_) })
+            Ok(VehicleChoice::Simulated { preset: Some(_), fidelity: Some(_) })
         ));
         for wrong in ["bridge", "bridge:mavlink", "bridge:asctec,parity=1", "simulated", "sim,x=1"]
         {

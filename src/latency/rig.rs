@@ -62,6 +62,7 @@ impl Rig {
         config.instance.name = format!("latency-{}", std::process::id());
         config.clock.kind = ClockKind::Real;
         config.mocap.replay.clear();
+        config.safety.observe_only = false;
         config.trajectory.kind = TrajectoryKind::Hover;
         config.trajectory.duration_s = Some(LONGEST_FLIGHT_S);
         let place = instance_paths(&config)?;

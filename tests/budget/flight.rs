@@ -7,7 +7,7 @@ use oqtal_bus::topic::Role;
 use oqtal_config::{Config, Setting};
 use oqtal_daemon::{Cycle, trajectory};
 use oqtal_mocap_emu::{Cameras, is_frame};
-use oqtal_plant_sim::{Output, Plant};
+use oqtal_plant_sim::{Plant, PlantOutput};
 use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 
 /// Take-off, square and landing fit in.
@@ -69,9 +69,9 @@ impl Flight {
     fn plant(&mut self, now: Time) -> TurnResult {
         let Self { frames, vehicle: newest, .. } = self;
         self.plant.advance(now, |output| match output {
-            Output::Truth(truth) if is_frame(&truth) => frames.push(truth),
-            Output::Truth(_) => {}
-            Output::Applied(_, stamps, vehicle) => {
+            PlantOutput::Truth(truth) if is_frame(&truth) => frames.push(truth),
+            PlantOutput::Truth(_) => {}
+            PlantOutput::Applied(_, stamps, vehicle) => {
                 *newest = Some((Header { stamps, ..Header::default() }, vehicle));
             }
         });

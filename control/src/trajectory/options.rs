@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::attitude::{AttitudeChirp, AttitudeDoublet};
 use super::path::{Trajectory, TrajectoryShape};
-use super::shape::{Circle, Hover, Lemniscate, Square, Step};
+use super::shape::{Circle, Hover, Lemniscate, MAX_DURATION_S, Square, Step};
 use super::waypoints::Waypoints;
 use crate::options::{OptionError, Rule, check_options};
 
@@ -97,7 +97,7 @@ impl TrajectoryOptions {
     /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
-            ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, 3600.0)),
+            ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, MAX_DURATION_S)),
             ("height-m", self.height_m, Rule::Between(0.1, 100.0)),
             ("take-off-s", self.take_off_s, Rule::Between(0.5, 60.0)),
             ("settle-s", self.settle_s, Rule::Between(0.0, 3600.0)),

@@ -12,6 +12,9 @@ use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
 use crate::tracking_error::AttitudeReference;
 
+/// Longest trajectory \[s\]: a week, for soak tests.
+pub(super) const MAX_DURATION_S: f64 = 7.0 * 24.0 * 3600.0;
+
 /// Rest at the hover point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
@@ -28,7 +31,7 @@ impl Default for Hover {
 
 impl Hover {
     pub(super) fn check(&self) -> Result<(), OptionError> {
-        check_options([("duration-s", self.duration_s, Rule::Between(0.0, 3600.0))])
+        check_options([("duration-s", self.duration_s, Rule::Between(0.0, MAX_DURATION_S))])
     }
 }
 

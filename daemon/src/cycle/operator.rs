@@ -1,58 +1,35 @@
-//! When a flight begins and ends because somebody asked for it, or because the daemon was told to take off by itself.
+//! Requests of operators, and the automatic flight at start-up.
 
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::time::Time;
 
 use super::Cycle;
-
-/// What became of a flight that the daemon was to begin by itself, `[safety] arm-at-start`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum AtStart {
-    /// None is meant, or it was called off.
-    #[default]
-    Nothing,
-    /// It begins as soon as it can, with what is simulated then.
-    Awaited,
-    /// A flight began.
-    Taken,
-    /// Not with a vehicle that really flies.
-    Refused,
-}
+use super::at_start::AtStart;
 
 impl Cycle {
-    /// What became of the flight that was to begin by itself.
+    /// State of the automatic flight at start-up.
     #[must_use]
     pub fn at_start(&self) -> AtStart {
-        self.at_start
+        self.requests.at_start
     }
 
-    /// No flight begins by itself.
+    /// Cancels the automatic flight at start-up.
     pub fn stay_at_start(&mut self) {
-        if self.at_start == AtStart::Awaited {
-            self.at_start = AtStart::Nothing;
+        if self.requests.at_start == AtStart::Awaited {
+            self.requests.at_start = AtStart::Nothing;
         }
     }
 
-    /// Answers an operator.
+    /// Executes an operator's request and returns the reply.
     pub fn request(&mut self, now: Time, command: OperatorCommand) -> ControlResponseV1 {
         let verdict = match command {
             OperatorCommand::Status => Ok(Answer::Done),
-            OperatorCommand::Arm if self.mode != Mode::Disarmed || self.watches_only => {
-                Err(Cause::WrongMode)
-            }
-            OperatorCommand::Arm if self.guard.good_in_a_row() < self.recovery_poses => {
-                Err(self.missing)
-            }
-            OperatorCommand::Arm if !self.vehicle.answers(now) => Err(Cause::NoVehicle),
-            OperatorCommand::Fly if self.watches_only => Err(Cause::WrongMode),
-            // Asked twice, as by an operator who did not hear the first answer.
+            OperatorCommand::Arm => self.arm(now),
+            OperatorCommand::Fly if self.observe_only => Err(Cause::WrongMode),
+            // A repeated request: the first reply may have been lost.
             OperatorCommand::Fly if self.mode != Mode::Disarmed => Ok(Answer::Done),
-            OperatorCommand::Arm | OperatorCommand::Fly => {
-                self.mode = Mode::Waiting;
-                self.arms_at_once = command == OperatorCommand::Arm;
-                Ok(Answer::Accepted)
-            }
+            OperatorCommand::Fly => Ok(self.wait_for_flight(false)),
             OperatorCommand::Land => self.land(now),
             OperatorCommand::Disarm if matches!(self.mode, Mode::Waiting | Mode::Disarmed) => {
                 self.call_off();
@@ -64,7 +41,7 @@ impl Cycle {
             }
             OperatorCommand::Disarm => Err(Cause::WrongMode),
             OperatorCommand::Stop => {
-                self.stop_requested = true;
+                self.requests.stop = true;
                 self.call_off();
                 Ok(Answer::Accepted)
             }
@@ -81,7 +58,27 @@ impl Cycle {
         }
     }
 
-    /// A flight that has not begun does not begin.
+    /// Begins a flight at once, or refuses it.
+    fn arm(&mut self, now: Time) -> Result<Answer, Cause> {
+        if self.mode != Mode::Disarmed || self.observe_only {
+            Err(Cause::WrongMode)
+        } else if self.guard.good_in_a_row() < self.timing.recovery_poses {
+            Err(self.memory.missing)
+        } else if !self.vehicle.answers(now) {
+            Err(Cause::NoVehicle)
+        } else {
+            Ok(self.wait_for_flight(true))
+        }
+    }
+
+    /// Requests a flight: for the next tick or not at all, or as soon as poses and vehicle allow it.
+    fn wait_for_flight(&mut self, at_once: bool) -> Answer {
+        self.mode = Mode::Waiting;
+        self.requests.arms_at_once = at_once;
+        Answer::Accepted
+    }
+
+    /// Cancels a flight that has not begun.
     fn call_off(&mut self) {
         self.stay_at_start();
         if self.mode == Mode::Waiting {
@@ -89,21 +86,23 @@ impl Cycle {
         }
     }
 
-    /// Whether to take off by itself in this very tick, should poses allow it: once, if that is asked for, and only with what
-    /// says now that it is simulated. A vehicle that is not ends the setpoint.
+    /// Whether the automatic flight at start-up may begin in this tick: once, and only with a vehicle that reports that it is
+    /// simulated. A vehicle that is not simulated cancels it.
     pub(super) fn takes_off_by_itself(&mut self) -> bool {
-        if self.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(false) {
-            self.at_start = AtStart::Refused;
+        if self.requests.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(false)
+        {
+            self.requests.at_start = AtStart::Refused;
         }
-        self.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(true)
+        self.requests.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(true)
     }
 
-    /// A flight that an operator asked for is meant for the vehicle that was there: with another it must be asked for again.
+    /// Takes the process that speaks for the vehicle. A requested flight is meant for the vehicle that was there: with another
+    /// vehicle it is cancelled and must be requested again.
     pub(super) fn notice_speaker(&mut self, speaker: u64) {
         let is_another = self.vehicle.speaker().is_some_and(|known| known != speaker);
         if is_another && self.mode == Mode::Waiting {
             self.call_off();
-            self.vehicle_replaced = true;
+            self.requests.vehicle_replaced = true;
         }
     }
 
@@ -114,7 +113,7 @@ impl Cycle {
             return Ok(Answer::Done);
         }
         match (self.mode, &mut self.mission) {
-            (Mode::Flying, _) if self.watches_only => Err(Cause::WrongMode),
+            (Mode::Flying, _) if self.observe_only => Err(Cause::WrongMode),
             (Mode::Flying, Some(mission)) => {
                 mission.land(now, &self.estimator.latest());
                 self.mode = Mode::Landing;

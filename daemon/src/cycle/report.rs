@@ -1,15 +1,15 @@
-//! What a tick knew and decided, written down for observers.
+//! Telemetry of a tick, for observers.
 
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Reference;
 
 use super::Cycle;
-use crate::pilot::ControlOutput;
+use crate::stack::ControlOutput;
 
 impl Cycle {
-    /// Writes down what this tick knew and decided.
-    pub(super) fn note(
+    /// Fills in the telemetry of this tick.
+    pub(super) fn record(
         &mut self,
         now: Time,
         reference: Option<&Reference>,
@@ -28,8 +28,8 @@ impl Cycle {
         telemetry.attitude = estimate.attitude.xyzw();
         telemetry.rate = estimate.rate.0.into();
         telemetry.pose_age_s = age_s;
-        telemetry.riccati_solves = u64::from(self.pilot.riccati_solves());
-        telemetry.riccati_failures = u64::from(self.pilot.riccati_failures());
+        telemetry.riccati_solves = u64::from(self.stack.active().riccati_solves());
+        telemetry.riccati_failures = u64::from(self.stack.active().riccati_failures());
         telemetry.poses_lost = self.guard.lost();
         telemetry.poses_superseded = self.guard.superseded();
         telemetry.poses_refused = self.guard.refused();
@@ -40,12 +40,12 @@ impl Cycle {
         let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
         telemetry.scored = u8::from(scored);
         telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
-        note_commands(telemetry, reference, output);
+        record_commands(telemetry, reference, output);
     }
 }
 
-/// Writes down what was asked for and commanded: the last of it while coasting, nothing when not flying.
-fn note_commands(
+/// Fills in reference and commands: the last ones while coasting, NaN when not flying.
+fn record_commands(
     telemetry: &mut TelemetryV1,
     reference: Option<&Reference>,
     output: Option<&ControlOutput>,

@@ -1,6 +1,6 @@
-//! The flights that a law is judged by, one set for each seed, in one process.
+//! The flights by which laws are compared: a square, a hover and two prescribed attitudes for each seed.
 
-use oqtal_config::{Config, Setting, Vehicle};
+use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::Failure;
 
 use crate::mission::Mission;
@@ -12,70 +12,79 @@ use super::metric::{
     of_square,
 };
 
-/// A law with its settings, as a configuration understands them.
+/// An attitude law with its settings.
 #[derive(Clone, Debug)]
 pub struct Contender {
-    /// Its name in the configuration.
+    /// Name of the law in the configuration.
     pub controller: &'static str,
-    /// What it differs in from the shipped configuration.
+    /// Settings that differ from the shipped configuration.
     pub settings: Vec<Setting>,
 }
 
-/// What the vehicle and the cameras are, where that is not what the law was designed for.
-#[derive(Clone, Debug)]
-pub struct Plant {
-    /// What is different, in words.
+/// A simulated vehicle that may differ from the one that the laws are designed for.
+#[derive(Clone, Copy, Debug)]
+pub struct PlantVariant {
+    /// The difference, in words.
     pub name: &'static str,
-    /// The difference: keys and values.
-    pub settings: &'static [(&'static str, f64)],
-    /// The rate authority of the vehicle over that which the law knows.
-    pub rate_gain: f64,
+    /// The difference, as settings `KEY=VALUE` of `[plant]`.
+    pub settings: &'static [&'static str],
 }
 
 /// The plant that the laws are designed for.
-pub const NOMINAL: Plant = Plant { name: "nominal", settings: &[], rate_gain: 1.0 };
+pub const NOMINAL: PlantVariant = PlantVariant { name: "nominal", settings: &[] };
 
-/// Plants that differ from it.
-pub const MISMATCHED: [Plant; 5] = [
-    Plant { name: "rate gain -20 %", settings: &[], rate_gain: 0.8 },
-    Plant { name: "rate gain +20 %", settings: &[], rate_gain: 1.2 },
-    Plant { name: "delay +10 ms", settings: &[("vehicle.radio-delay-ms", 30.0)], rate_gain: 1.0 },
-    Plant { name: "inner lag 30 ms", settings: &[("vehicle.rate-lag-ms", 30.0)], rate_gain: 1.0 },
-    Plant { name: "inner lag 80 ms", settings: &[("vehicle.rate-lag-ms", 80.0)], rate_gain: 1.0 },
+/// Plants that differ from the nominal one.
+pub const MISMATCHED: [PlantVariant; 5] = [
+    PlantVariant {
+        name: "rate gain -20 %",
+        settings: &["plant.rate-authority-rad-s=[1.6, 1.6, 1.6]"],
+    },
+    PlantVariant {
+        name: "rate gain +20 %",
+        settings: &["plant.rate-authority-rad-s=[2.4, 2.4, 2.4]"],
+    },
+    PlantVariant { name: "delay +10 ms", settings: &["plant.command-delay-ms=30.0"] },
+    PlantVariant { name: "inner lag 30 ms", settings: &["plant.rate-lag-ms=30.0"] },
+    PlantVariant { name: "inner lag 80 ms", settings: &["plant.rate-lag-ms=80.0"] },
 ];
 
-/// What gains are tuned on: a plant for each training seed, so that no gain relies on one plant being exactly known.
-pub const TRAINING: [Plant; 6] = [
+/// The plants that gains are tuned on, one for each training seed, so that no gain relies on one plant being exactly known.
+pub const TRAINING: [PlantVariant; 6] = [
     NOMINAL,
     NOMINAL,
-    Plant { name: "rate gain -12 %", settings: &[], rate_gain: 0.88 },
-    Plant { name: "rate gain +12 %", settings: &[], rate_gain: 1.12 },
-    Plant { name: "inner lag 65 ms", settings: &[("vehicle.rate-lag-ms", 65.0)], rate_gain: 1.0 },
-    Plant {
+    PlantVariant {
+        name: "rate gain -12 %",
+        settings: &["plant.rate-authority-rad-s=[1.76, 1.76, 1.76]"],
+    },
+    PlantVariant {
+        name: "rate gain +12 %",
+        settings: &["plant.rate-authority-rad-s=[2.24, 2.24, 2.24]"],
+    },
+    PlantVariant { name: "inner lag 65 ms", settings: &["plant.rate-lag-ms=65.0"] },
+    PlantVariant {
         name: "inner lag 40 ms, delay +5 ms",
-        settings: &[("vehicle.rate-lag-ms", 40.0), ("vehicle.radio-delay-ms", 25.0)],
-        rate_gain: 1.0,
+        settings: &["plant.rate-lag-ms=40.0", "plant.command-delay-ms=25.0"],
     },
 ];
 
-/// The flights of one seed.
+/// One flight of a seed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Test {
     /// The paper's square.
     Square,
     /// 30 s of hover.
     Hover,
-    /// A prescribed attitude that swings ever faster.
+    /// A prescribed attitude that swings with rising frequency.
     Chirp,
-    /// A prescribed attitude that steps to and fro.
+    /// A prescribed attitude that steps to both sides.
     Doublet,
 }
 
 impl Test {
-    /// All of them.
+    /// All tests.
     pub const ALL: [Self; 4] = [Self::Square, Self::Hover, Self::Chirp, Self::Doublet];
 
-    /// What it sets.
+    /// The settings of the test.
     fn settings(self) -> Vec<(&'static str, toml::Value)> {
         match self {
             Self::Square => vec![("trajectory.kind", "square".into())],
@@ -87,7 +96,7 @@ impl Test {
 }
 
 impl Contender {
-    /// The configuration of a flight.
+    /// The configuration of a flight of `test`, with `extra` settings.
     ///
     /// # Errors
     /// A setting is wrong.
@@ -105,8 +114,6 @@ impl Contender {
 #[derive(Clone, Debug)]
 pub struct Prepared {
     config: Config,
-    /// The vehicle as it is.
-    vehicle: Vehicle,
 }
 
 impl Prepared {
@@ -114,18 +121,13 @@ impl Prepared {
     ///
     /// # Errors
     /// A setting is wrong.
-    pub fn new(contender: &Contender, test: Test, plant: &Plant) -> Result<Self, Failure> {
-        let config = contender.config(test, &[])?;
-        let different = |(key, value): &(&str, f64)| Setting::flag("plant", key, *value);
-        let settings: Vec<Setting> = plant.settings.iter().map(different).collect();
-        let mut vehicle = contender.config(test, &settings)?.vehicle;
-        for authority in &mut vehicle.rate_authority_rad_s {
-            *authority *= plant.rate_gain;
-        }
-        Ok(Self { config, vehicle })
+    pub fn new(contender: &Contender, test: Test, plant: &PlantVariant) -> Result<Self, Failure> {
+        let settings: Result<Vec<Setting>, _> =
+            plant.settings.iter().map(|text| Setting::parse("plant", text)).collect();
+        Ok(Self { config: contender.config(test, &settings?)? })
     }
 
-    /// Flies with `seed`; the flight and its mission, or nothing if it did not land.
+    /// Flies with `seed`. Returns the flight and its mission, or `None` if the vehicle did not land.
     ///
     /// # Errors
     /// An option of the law has no meaning.
@@ -133,27 +135,27 @@ impl Prepared {
         self.fly_by(seed, &mut |mission| simulation::fly(mission))
     }
 
-    /// The same, flown by `pilot`.
+    /// As [`Self::fly`], with the flight flown by `fly`.
     ///
     /// # Errors
-    /// An option of the law has no meaning, or what the pilot says.
+    /// An option of the law is not allowed, or `fly` failed.
     pub fn fly_by(
         &self,
         seed: u64,
-        pilot: &mut Pilot<'_>,
+        fly: &mut FlyMission<'_>,
     ) -> Result<Option<(Flight, Mission)>, Failure> {
         let mut config = self.config.clone();
         config.clock.seed = seed;
-        let mission = Mission { plant: Some(self.vehicle.clone()), ..Mission::new(config)? };
-        let flight = pilot(&mission)?;
+        let mission = Mission::new(config)?;
+        let flight = fly(&mission)?;
         Ok((flight.outcome == Outcome::Landed).then_some((flight, mission)))
     }
 }
 
-/// Whoever flies a mission.
-pub type Pilot<'a> = dyn FnMut(&Mission) -> Result<Flight, Failure> + 'a;
+/// Flies a mission, in this process or through processes of their own.
+pub type FlyMission<'a> = dyn FnMut(&Mission) -> Result<Flight, Failure> + 'a;
 
-/// All tests of a law on one plant.
+/// All tests of a law on one plant, ready to be flown with any seed.
 #[derive(Clone, Debug)]
 pub struct Trial {
     square: Prepared,
@@ -167,7 +169,7 @@ impl Trial {
     ///
     /// # Errors
     /// A setting is wrong.
-    pub fn new(contender: &Contender, plant: &Plant) -> Result<Self, Failure> {
+    pub fn new(contender: &Contender, plant: &PlantVariant) -> Result<Self, Failure> {
         let prepare = |test| Prepared::new(contender, test, plant);
         Ok(Self {
             square: prepare(Test::Square)?,
@@ -177,7 +179,7 @@ impl Trial {
         })
     }
 
-    /// Flies every test with `seed`: the figures, and the Riccati equations solved in the square.
+    /// Flies every test with `seed`. Returns the figures, and the number of Riccati equations solved in the square.
     ///
     /// # Errors
     /// An option of the law has no meaning.
@@ -185,24 +187,24 @@ impl Trial {
         self.fly_by(seed, &mut |mission| simulation::fly(mission))
     }
 
-    /// The same, flown by `pilot`.
+    /// As [`Self::fly`], with the flight flown by `fly`.
     ///
     /// # Errors
-    /// An option of the law has no meaning, or what the pilot says.
-    pub fn fly_by(&self, seed: u64, pilot: &mut Pilot<'_>) -> Result<(Figures, u64), Failure> {
+    /// An option of the law is not allowed, or `fly` failed.
+    pub fn fly_by(&self, seed: u64, fly: &mut FlyMission<'_>) -> Result<(Figures, u64), Failure> {
         let mut figures = [f64::INFINITY; METRICS];
         let mut solves = 0;
-        if let Some((flight, _)) = self.square.fly_by(seed, pilot)? {
+        if let Some((flight, _)) = self.square.fly_by(seed, fly)? {
             figures[POSITION..=OVERSHOOT].copy_from_slice(&of_square(&flight));
             solves = flight.samples.last().map_or(0, |sample| sample.telemetry.riccati_solves);
         }
-        if let Some((flight, _)) = self.hover.fly_by(seed, pilot)? {
+        if let Some((flight, _)) = self.hover.fly_by(seed, fly)? {
             figures[HOVER..=JITTER].copy_from_slice(&of_hover(&flight));
         }
-        if let Some((flight, mission)) = self.chirp.fly_by(seed, pilot)? {
+        if let Some((flight, mission)) = self.chirp.fly_by(seed, fly)? {
             figures[CHIRP] = of_attitude(&flight, &mission.trajectory)[0];
         }
-        if let Some((flight, mission)) = self.doublet.fly_by(seed, pilot)? {
+        if let Some((flight, mission)) = self.doublet.fly_by(seed, fly)? {
             figures[DOUBLET] = of_attitude(&flight, &mission.trajectory)[1];
         }
         Ok((figures, solves))

@@ -1,4 +1,4 @@
-//! Confidence intervals of means: how far apart two laws are, beyond the luck of their seeds.
+//! Confidence intervals of means: whether two laws differ by more than the chance of their seeds.
 
 /// A mean with its 95 % confidence interval, by Student's t over the runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -10,7 +10,7 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Of the mean of independent values.
+    /// The interval of the mean of independent values.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
         let (mean, sd) = super::statistics::mean_and_sd(values);
@@ -33,14 +33,14 @@ impl Interval {
         self.mean - self.half
     }
 
-    /// Whether the two intervals have nothing in common. Two that do not may still differ: this errs on the careful side.
+    /// Whether the two intervals are disjoint. Means with overlapping intervals may still differ: the test is conservative.
     #[must_use]
     pub fn is_apart_from(&self, other: &Self) -> bool {
         self.high() < other.low() || other.high() < self.low()
     }
 }
 
-/// The 97.5 % quantile of Student's distribution with so many degrees of freedom, at least 1.
+/// The 97.5 % quantile of Student's distribution with `degrees` of freedom, at least 1.
 fn student(freedom: usize) -> f64 {
     /// Printed in every table.
     const FIRST: [f64; 10] =

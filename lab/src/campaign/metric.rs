@@ -1,4 +1,4 @@
-//! What flights on the testbed are judged by: Table V, and figures that a smoother command cannot make better.
+//! Metrics of flights on the testbed: those of Table V, and metrics that a smoother command cannot improve.
 
 use nalgebra::Vector3;
 use oqtal_control::metrics::Statistics;
@@ -6,31 +6,31 @@ use oqtal_control::trajectory::Trajectory;
 
 use oqtal_observe::flight::{Flight, Sample};
 
-/// A corner is settled when the error stays below this \[m\].
+/// Position error below which a corner is settled \[m\].
 const SETTLED_M: f64 = 0.05;
-/// An attitude step is settled when the error stays below this \[deg\].
+/// Attitude error below which an attitude step is settled \[deg\].
 const SETTLED_DEG: f64 = 1.5;
-/// A reference that moves further than this in one tick has stepped \[m\].
+/// Change of the reference in one tick that counts as a step \[m\].
 const CORNER_M: f64 = 0.1;
-/// A prescribed attitude that turns further than this in one tick has stepped \[deg\].
+/// Change of a prescribed attitude in one tick that counts as a step \[deg\].
 const STEP_DEG: f64 = 5.0;
 
-/// One figure by which a law is judged.
+/// One metric by which laws are compared.
 #[derive(Clone, Copy, Debug)]
 pub struct Metric {
-    /// Its name in JSON.
+    /// Name in JSON.
     pub key: &'static str,
-    /// Its heading.
+    /// Heading of its column.
     pub title: &'static str,
-    /// How much it counts when gains are tuned.
+    /// Weight in the objective of tuning \[-\].
     pub weight: f64,
 }
 
-/// How many metrics there are.
+/// Number of metrics.
 pub const METRICS: usize = 9;
 
-/// The metrics, in the order of [`Figures`]. When gains are tuned, hover counts double: of what neither limits nor a
-/// command of a law's own decide, two figures are of a prescribed attitude, and it is the only one of the position.
+/// The metrics, in the order of [`Figures`]. In tuning, hover counts double: of the metrics that depend neither on limits nor
+/// on a command of the law's own, hover is the only one of the position, while two are of a prescribed attitude.
 pub const METRIC: [Metric; METRICS] = [
     metric("position_error_m", "position [m]", 1.0),
     metric("velocity_error_m_s", "velocity [m/s]", 1.0),
@@ -55,7 +55,7 @@ pub const SETTLE: usize = 3;
 pub const OVERSHOOT: usize = 4;
 /// Index of the error in hover.
 pub const HOVER: usize = 5;
-/// Index of how much the command of a hover shakes.
+/// Index of the jitter of the command in hover.
 pub const JITTER: usize = 6;
 /// Index of the error against a chirp.
 pub const CHIRP: usize = 7;
@@ -133,7 +133,7 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
 
 /// The true attitude against one that the trajectory prescribes: RMS \[deg\] and mean time to settle after a step \[s\].
 ///
-/// It is not the daemon's own command: a law that filters its command is judged by what it was asked for.
+/// The prescribed attitude is not the daemon's own command: a law that filters its command is judged by the prescribed one.
 #[must_use]
 pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let options = &flight.config.trajectory;

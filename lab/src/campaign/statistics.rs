@@ -1,22 +1,22 @@
-//! Runs of one law, and what they come to.
+//! Runs of one law, and their statistics.
 
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::flights::{Contender, Pilot, Plant, Trial};
+use super::flights::{Contender, FlyMission, PlantVariant, Trial};
 use super::metric::{Figures, METRIC, METRICS, POSITION};
 
-/// The seeds that gains are judged with; none of them is used to tune.
+/// Seeds of the flights by which gains are compared; none of them is used for tuning.
 pub const EVALUATION_SEEDS: std::ops::Range<u64> = 200..225;
-/// The seeds that gains are tuned with.
+/// Seeds of the flights on which gains are tuned.
 pub const TRAINING_SEEDS: std::ops::Range<u64> = 101..107;
 
 /// The runs of one law on one plant.
 #[derive(Clone, Debug)]
 pub struct Runs {
-    /// One set of figures for each seed.
+    /// The figures of each seed.
     pub figures: Vec<Figures>,
-    /// Riccati equations solved, at most, in a square.
+    /// Greatest number of Riccati equations solved in a square \[-\].
     pub solves: u64,
 }
 
@@ -27,7 +27,7 @@ impl Runs {
     /// A setting is wrong.
     pub fn fly(
         contender: &Contender,
-        plant: &Plant,
+        plant: &PlantVariant,
         seeds: std::ops::Range<u64>,
     ) -> Result<Self, Failure> {
         let trial = Trial::new(contender, plant)?;
@@ -36,18 +36,18 @@ impl Runs {
         Ok(Self::from_iter(flown?))
     }
 
-    /// Flies every test with every seed, one after the other, each flown by `pilot`.
+    /// Flies every test with every seed, one after the other, each flown by `fly`.
     ///
     /// # Errors
-    /// A setting is wrong, or what the pilot says.
+    /// A setting is wrong, or `fly` failed.
     pub fn fly_in_turn(
         contender: &Contender,
-        plant: &Plant,
+        plant: &PlantVariant,
         seeds: std::ops::Range<u64>,
-        pilot: &mut Pilot<'_>,
+        fly: &mut FlyMission<'_>,
     ) -> Result<Self, Failure> {
         let trial = Trial::new(contender, plant)?;
-        seeds.map(|seed| trial.fly_by(seed, pilot)).collect()
+        seeds.map(|seed| trial.fly_by(seed, fly)).collect()
     }
 
     /// The `count` runs with the least position error.
@@ -98,7 +98,7 @@ pub fn mean_and_sd(values: &[f64]) -> (f64, f64) {
     (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }
 
-/// The figure that tuning makes least: the weighted mean of the metrics over those of a reference.
+/// The objective of tuning \[-\]: the weighted mean of the metrics, each over that of a reference.
 #[must_use]
 pub fn objective(figures: &Figures, reference: &Figures) -> f64 {
     let weights: f64 = METRIC.iter().map(|metric| metric.weight).sum();

@@ -8,7 +8,7 @@ use crate::reproduce::progress::Progress;
 use crate::reproduce::sheet::{Cell, Column, Row, Variant};
 use crate::tune::{gains, search, space};
 
-use super::flights::{Contender, NOMINAL, Plant, Prepared, Test};
+use super::flights::{Contender, NOMINAL, PlantVariant, Prepared, Test};
 use super::interval::Interval;
 use super::metric::{ATTITUDE, METRIC, METRICS, of_square};
 use super::statistics::{EVALUATION_SEEDS, Runs};
@@ -20,12 +20,12 @@ pub struct Entrant {
     pub contender: Contender,
     /// Where the gains come from.
     pub variant: Variant,
-    /// What is to be known of them.
+    /// Remarks on the gains.
     pub settings: String,
 }
 
 impl Entrant {
-    /// Whether it is one of those that are tuned alike.
+    /// Whether the law is one of those that are tuned alike.
     #[must_use]
     pub fn is_tuned(&self) -> bool {
         self.variant == Variant::Ours
@@ -35,11 +35,11 @@ impl Entrant {
 /// The greatest weight, or gain, before the attitude error rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MaxQ {
-    /// The last before it rises.
+    /// The last one before the error rises.
     Reached(f64),
-    /// The last that was tried: the error had not risen.
+    /// The last one tried: the error had not risen.
     AtLeast(f64),
-    /// That of the nominal plant, in a row of another.
+    /// The one of the nominal plant, in a row of another plant.
     Nominal(f64),
 }
 
@@ -51,7 +51,7 @@ impl MaxQ {
         weight
     }
 
-    /// What is to be known of it.
+    /// How the weight was found.
     fn is(self) -> &'static str {
         match self {
             Self::Reached(_) => "reached",
@@ -61,10 +61,10 @@ impl MaxQ {
     }
 }
 
-/// How much is flown for a row.
+/// Scope of the flights for a row.
 #[derive(Clone, Copy, Debug)]
 pub struct Scope {
-    /// Runs, one for each seed.
+    /// Number of runs, one for each seed \[-\].
     pub runs: u64,
     /// Whether the greatest weight is searched.
     pub raises_weights: bool,
@@ -72,14 +72,14 @@ pub struct Scope {
 
 /// The paper's scope.
 pub const PAPER: Scope = Scope { runs: 25, raises_weights: true };
-/// Of the runs, so many with the least position error make up the paper's means.
+/// Number of runs with the least position error that make up the paper's means \[-\].
 pub const BEST: usize = 5;
 
-/// A weight is raised by this factor until the attitude error rises.
+/// Factor by which a weight is raised at a time \[-\].
 const RAISE: f64 = std::f64::consts::SQRT_2;
-/// The attitude error has risen when it is this much above the least seen.
+/// Ratio to the least attitude error above which the error has risen \[-\].
 const RISEN: f64 = 1.25;
-/// No weight is raised more often.
+/// Greatest number of times that a weight is raised \[-\].
 const MOST_RAISES: usize = 16;
 /// Seeds of the flights with raised weights.
 const RAISED_SEEDS: std::ops::Range<u64> = 200..202;
@@ -149,7 +149,7 @@ pub struct Flown {
 /// A setting has no meaning.
 pub fn fly(
     entrants: &[Entrant],
-    plant: &Plant,
+    plant: &PlantVariant,
     scope: &Scope,
     progress: &Progress,
 ) -> Result<Vec<Flown>, Failure> {
@@ -186,7 +186,7 @@ impl Flown {
         self.entrant.contender.controller
     }
 
-    /// Whether it is one of those that are tuned alike.
+    /// Whether the law is one of those that are tuned alike.
     #[must_use]
     pub fn is_tuned(&self) -> bool {
         self.entrant.is_tuned()

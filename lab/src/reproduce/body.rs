@@ -1,13 +1,13 @@
 //! A body that only turns, under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
 
 use nalgebra::Vector3;
-use oqtal_config::{Config, Setting, Vehicle};
+use oqtal_config::{Config, Setting};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, Controller, ControllerName, ControllerOptions, RateInput,
 };
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
-use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
+use oqtal_plant_sim::{Disturbance, Dynamics, PlantInput, State};
 use oqtal_runtime::process::Failure;
 
 use super::lander::{Lander, RATE_HZ, attitude_state, is_under_control};
@@ -21,7 +21,7 @@ pub enum Body {
     /// Torque in; limited to what the vehicle can do, or not.
     Spacecraft(Box<Lander>, bool),
     /// Sticks in.
-    Quadrotor(Box<Vehicle>),
+    Quadrotor(Box<Config>),
 }
 
 /// One tick of a turn.
@@ -69,8 +69,8 @@ impl Body {
     /// # Errors
     /// The environment sets a vehicle that is none.
     pub fn quadrotor() -> Result<Self, Failure> {
-        let kind = Setting::flag("quadrotor", "vehicle.kind", "hummingbird");
-        Ok(Self::Quadrotor(Box::new(Config::from_settings(&[kind])?.vehicle)))
+        let kind = Setting::flag("quadrotor", "vehicle.preset", "hummingbird");
+        Ok(Self::Quadrotor(Box::new(Config::from_settings(&[kind])?)))
     }
 
     /// Turns the body under the law of `options`, 60 times a second.
@@ -90,7 +90,8 @@ impl Body {
                     (torque.0, lander.hold(state, torque.0, 1.0 / RATE_HZ))
                 }))
             }
-            Self::Quadrotor(vehicle) => {
+            Self::Quadrotor(config) => {
+                let vehicle = &config.vehicle;
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?;
                 // As the daemon builds it: the paper's laws do not know of the lag.
                 let input = match options.controller {
@@ -100,7 +101,7 @@ impl Body {
                     _ => input,
                 };
                 let law = Controller::new(options, input)?;
-                let dynamics = Dynamics::new(vehicle);
+                let dynamics = Dynamics::new(&config.plant);
                 let attitude = *manoeuvre.attitude.unit_quaternion().quaternion();
                 let start = State { attitude, rate: manoeuvre.rate, ..State::on_floor() };
                 Ok(follow(law, start, manoeuvre, |state, sticks| {
@@ -113,7 +114,7 @@ impl Body {
 
 /// The state after `sticks` have been held for a tick.
 fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
-    let input = Input { sticks, ..Input::default() };
+    let input = PlantInput { sticks, ..PlantInput::default() };
     let calm = Disturbance {
         acceleration: Vector3::zeros(),
         rate_drift: Vector3::zeros(),

@@ -1,7 +1,7 @@
 //! The lander of Table I in its gravity turn, under an attitude law: the paper's simulation, without delays or noise.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
-use oqtal_config::{Config, Setting, Vehicle};
+use oqtal_config::{Config, Setting, VehicleOptions};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, TorqueInput,
 };
@@ -12,7 +12,7 @@ use oqtal_control::position::attitude_along;
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeError;
-use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
+use oqtal_plant_sim::{Disturbance, Dynamics, PlantInput, State};
 use oqtal_runtime::process::Failure;
 use oqtal_runtime::random::{RandomSource, normal3, stream};
 
@@ -73,7 +73,7 @@ pub struct Moment {
 /// The vehicle of Table I.
 #[derive(Clone, Debug)]
 pub struct Lander {
-    vehicle: Vehicle,
+    vehicle: VehicleOptions,
     dynamics: Dynamics,
     turn: GravityTurn,
 }
@@ -84,12 +84,12 @@ impl Lander {
     /// # Errors
     /// The environment sets a vehicle that is none.
     pub fn new() -> Result<Self, Failure> {
-        let preset = Setting::flag("spacecraft", "vehicle.kind", "spacecraft");
-        let vehicle = Config::from_settings(&[preset])?.vehicle;
+        let preset = Setting::flag("spacecraft", "vehicle.preset", "spacecraft");
+        let Config { vehicle, plant, .. } = Config::from_settings(&[preset])?;
         let angle = std::f64::consts::FRAC_PI_2;
         let turn = GravityTurn::new(THRUST_RATIO, vehicle.gravity_m_s2, SPEED_M_S, angle)
             .expect("Table I is a gravity turn");
-        Ok(Self { dynamics: Dynamics::new(&vehicle), vehicle, turn })
+        Ok(Self { dynamics: Dynamics::new(&plant), vehicle, turn })
     }
 
     /// The ideal turn.
@@ -193,7 +193,7 @@ impl Lander {
     /// The state after `torque` \[N m, body\] has been held for `dt_s` \[s\], the thrust full.
     #[must_use]
     pub fn hold(&self, state: &State, torque: Vector3<f64>, dt_s: f64) -> State {
-        let input = Input { torque, thrust: 1.0, ..Input::default() };
+        let input = PlantInput { torque, thrust: 1.0, ..PlantInput::default() };
         let calm = Disturbance {
             acceleration: Vector3::zeros(),
             rate_drift: Vector3::zeros(),

@@ -1,5 +1,5 @@
-//! The optimisers that gains can be tuned with. Both look at whole batches of points, chosen before any of them is
-//! evaluated: the result does not depend on the number of threads.
+//! Optimisers for tuning. Both evaluate whole batches of points, chosen before any of them is evaluated, so that the result
+//! does not depend on the number of threads.
 
 use std::ops::RangeInclusive;
 
@@ -7,10 +7,10 @@ use super::bee_colony::{BeeColony, Best};
 use clap::ValueEnum;
 use fcmaes_core::{Cmaes, CmaesParams, Fitness};
 
-/// The first standard deviation of CMA-ES, as a share of half a range.
+/// Initial standard deviation of CMA-ES, over half the range of a parameter \[-\].
 const SPREAD: f64 = 0.3;
 
-/// How the point with the least objective is looked for.
+/// An optimiser.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Optimiser {
     /// Active covariance matrix adaptation (fcmaes)
@@ -21,7 +21,7 @@ pub enum Optimiser {
 }
 
 impl Optimiser {
-    /// Its name on the command line.
+    /// Name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -30,9 +30,9 @@ impl Optimiser {
         }
     }
 
-    /// The point within `bounds` at which the objective is least, of about `points` that are looked at, `start` first.
+    /// Returns the point within `bounds` with the least objective among about `points` evaluated ones, `start` first.
     ///
-    /// `evaluate` gives the objective at each point of a batch, in order; a value that is not a number counts as infinite.
+    /// `evaluate` returns the objective at each point of a batch, in order; NaN counts as infinite.
     pub fn minimise(
         self,
         bounds: &[RangeInclusive<f64>],

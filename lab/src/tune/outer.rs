@@ -1,7 +1,7 @@
 //! The six PIDs of Fig. 16, tuned one at a time: single input, single output, as the paper's reference \[27\] does in flight.
 //!
-//! X and Y share their gains, so there are four searches, the inner loops first. Each has an objective of its own: how far
-//! the controlled variable is from what the loop is told, and how much the command shakes.
+//! X and Y share their gains, so there are four searches, the inner loops first. Each has an objective of its own: the error of
+//! the controlled variable against the loop's reference, and the jitter of the command.
 
 use oqtal_config::Setting;
 use oqtal_control::controller::SearchRange;
@@ -16,13 +16,13 @@ use oqtal_observe::flight::{Flight, Sample};
 
 use super::search::{Budget, Tuned, search, values};
 
-/// How much a shaking command counts against an error: a loop that follows closely at the price of the attitude is no gain.
+/// Weight of the jitter of the command against the error \[-\]: a loop must not follow closely at the expense of the attitude.
 const JITTER_WEIGHT: f64 = 1.0;
 
-/// One of the loops.
+/// One search: a pair of gains and its objective.
 struct Loop {
     parameters: [SearchRange; 2],
-    /// The error of the variable that it controls.
+    /// Error of the variable that the loop controls.
     error: fn(&Sample) -> f64,
 }
 
@@ -85,7 +85,7 @@ pub fn tune(budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
     Ok(Tuned { what: "outer".to_owned(), values: found, objective, budget })
 }
 
-/// The gains among `settings` that lie on a bound of the search, but for the rounding of what is written.
+/// The gains among `settings` that lie on a bound of the search, up to the rounding of written values.
 #[must_use]
 pub fn on_a_bound(settings: &[Setting]) -> Vec<&'static str> {
     let parameters = LOOPS.iter().flat_map(|tuned| tuned.parameters);

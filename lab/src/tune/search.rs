@@ -6,7 +6,7 @@ use oqtal_control::controller::SearchRange;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{Contender, Plant, TRAINING, Trial};
+use crate::campaign::flights::{Contender, PlantVariant, TRAINING, Trial};
 use crate::campaign::metric::Figures;
 use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::reproduce::progress::Progress;
@@ -14,10 +14,10 @@ use crate::reproduce::progress::Progress;
 use super::optimiser::Optimiser;
 use super::space::LawSpace;
 
-/// How far to search.
+/// Budget of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct Budget {
-    /// Points to look at.
+    /// Number of points to evaluate \[-\].
     pub points: usize,
     /// Seed of the optimiser.
     pub seed: u64,
@@ -31,21 +31,21 @@ impl Default for Budget {
     }
 }
 
-/// Gains that were found.
+/// Gains found by a search.
 #[derive(Clone, Debug)]
 pub struct Tuned {
-    /// What was tuned.
+    /// Name of the law, or `outer`.
     pub what: String,
     /// Keys and values.
     pub values: Vec<(&'static str, f64)>,
-    /// The objective there; 1 is the shipped `oqtal`.
+    /// Objective at these gains \[-\]; 1 for the shipped `oqtal`.
     pub objective: f64,
     /// The search.
     pub budget: Budget,
 }
 
 impl Tuned {
-    /// What was done, on one line.
+    /// Command and result on one line.
     #[must_use]
     pub fn headline(&self) -> String {
         let Budget { points, seed, optimiser } = self.budget;
@@ -56,7 +56,7 @@ impl Tuned {
         )
     }
 
-    /// As a configuration.
+    /// The gains as a configuration file.
     #[must_use]
     pub fn to_toml(&self) -> String {
         let law = if self.what == "outer" { None } else { Some(&self.what) };
@@ -65,7 +65,7 @@ impl Tuned {
         format!("# oqtal {}\n{law}{}", self.headline(), values.collect::<String>())
     }
 
-    /// As settings.
+    /// The gains as settings.
     #[must_use]
     pub fn settings(&self) -> Vec<Setting> {
         settings(&self.values)
@@ -76,7 +76,7 @@ fn settings(values: &[(&'static str, f64)]) -> Vec<Setting> {
     values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
 }
 
-/// The value that is shipped for a numeric `key`.
+/// The shipped value of a numeric `key`.
 ///
 /// # Panics
 /// If there is no such key: a test holds that every parameter is one.
@@ -90,7 +90,7 @@ pub fn shipped(key: &str) -> f64 {
     value.as_float().expect("a parameter is a number")
 }
 
-/// Four significant digits: what is judged is what is written.
+/// `value` rounded to four significant digits, so that the gains evaluated are those written.
 fn readable(value: f64) -> f64 {
     format!("{value:.3e}").parse().expect("a number just written")
 }
@@ -113,7 +113,7 @@ pub fn search(
     optimiser.minimise(&bounds, start, (points, seed), evaluate)
 }
 
-/// Tunes a law with what surrounds it, on the training seeds.
+/// Tunes a law, with estimator and position loops around it, on the training seeds.
 ///
 /// # Errors
 /// A setting has no meaning.
@@ -152,8 +152,8 @@ pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
 
 /// Mean figures over the training seeds, each on its plant.
 fn trained(contender: &Contender) -> Result<Figures, Failure> {
-    let fly = |(seed, plant): (u64, &Plant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);
-    let flights: Vec<(u64, &Plant)> = TRAINING_SEEDS.zip(&TRAINING).collect();
+    let fly = |(seed, plant): (u64, &PlantVariant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);
+    let flights: Vec<(u64, &PlantVariant)> = TRAINING_SEEDS.zip(&TRAINING).collect();
     let figures: Result<Vec<Figures>, Failure> = flights.into_par_iter().map(fly).collect();
     Ok(Runs { figures: figures?, solves: 0 }.mean())
 }

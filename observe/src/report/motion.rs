@@ -1,7 +1,7 @@
 //! Position, velocity, attitude and command over time.
 
 use maud::{Markup, html};
-use oqtal_config::VehicleKind;
+use oqtal_config::Interface;
 use oqtal_control::quaternion::Attitude;
 
 use crate::flight::Sample;
@@ -95,10 +95,11 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
 
 /// Sticks or torque, whichever the vehicle takes.
 fn rotation_command(timeline: &Timeline<'_>) -> Markup {
-    let (title, vector): (_, fn(&Sample) -> [f64; 3]) = match timeline.flight.config.vehicle.kind {
-        VehicleKind::Hummingbird => ("Sticks [-1..1]", |s| s.telemetry.sticks),
-        VehicleKind::Spacecraft => ("Torque [N m, body]", |s| s.telemetry.torque),
-    };
+    let (title, vector): (_, fn(&Sample) -> [f64; 3]) =
+        match timeline.flight.config.vehicle.interface {
+            Interface::Rate => ("Sticks [-1..1]", |s| s.telemetry.sticks),
+            Interface::Torque => ("Torque [N m, body]", |s| s.telemetry.torque),
+        };
     by_component(timeline, title, ["roll", "pitch", "yaw"], vector)
 }
 

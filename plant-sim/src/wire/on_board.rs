@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Vehicle;
+use oqtal_config::PlantOptions;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
@@ -45,16 +45,16 @@ pub struct OnBoard {
 }
 
 impl OnBoard {
-    /// Computer of `vehicle`, with `scales` of counts.
+    /// The on-board computer of `plant` with these scales.
     #[must_use]
-    pub fn new(vehicle: &Vehicle, scales: &Scales) -> Self {
+    pub fn new(plant: &PlantOptions, scales: Scales) -> Self {
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         Self {
-            scales: scales.clone(),
-            authority: Vector3::from(vehicle.rate_authority_rad_s),
-            attitude_gain: vehicle.wire.attitude_gain_per_s,
-            timeout: millis(vehicle.wire.time_out_ms),
-            motors: MotorSwitch::new(millis(vehicle.wire.motor_switch_ms)),
+            scales,
+            authority: Vector3::from(plant.rate_authority_rad_s),
+            attitude_gain: plant.wire.attitude_gain_per_s,
+            timeout: millis(plant.wire.time_out_ms),
+            motors: MotorSwitch::new(millis(plant.wire.motor_switch_ms)),
             sticks: Sticks::default(),
             received_at: None,
         }

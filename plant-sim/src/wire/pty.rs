@@ -137,7 +137,7 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     let old = fs::read_link(link).ok().filter(|target| target.starts_with(TERMINALS));
     let Some(old) = old else {
         let message = format!(
-            "{shown} exists and is no link to a pseudo-terminal; remove it, or name another path in `vehicle.wire.link`"
+            "{shown} exists and is no link to a pseudo-terminal; remove it, or name another path in `plant.wire.link`"
         );
         return Err(Failure::new(Exit::Config, message));
     };

@@ -12,7 +12,7 @@
 use std::collections::VecDeque;
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Wire;
+use oqtal_config::PlantWireOptions;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
@@ -46,7 +46,7 @@ pub struct RadioModel {
 impl RadioModel {
     /// Radio of `options` on a wire at `baud`.
     #[must_use]
-    pub fn new(options: &Wire, seed: u64, baud: u32) -> Self {
+    pub fn new(options: &PlantWireOptions, seed: u64, baud: u32) -> Self {
         let lane = |losses, errors| Lane::new(options, stream(seed, losses), stream(seed, errors));
         // Rounded up, so that the model is never faster than the wire.
         let nanos = (BITS_PER_BYTE * 1_000_000_000).div_ceil(u64::from(baud.max(1)));
@@ -151,7 +151,7 @@ struct Lane {
 }
 
 impl Lane {
-    fn new(options: &Wire, losses: Generator, errors: Generator) -> Self {
+    fn new(options: &PlantWireOptions, losses: Generator, errors: Generator) -> Self {
         Self {
             loss_probability: options.loss_probability,
             losses,

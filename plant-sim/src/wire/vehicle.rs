@@ -2,14 +2,16 @@
 
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_wire::asctec::{HostCommand, Scales, VehicleDecoder};
+use oqtal_control::options::OptionError;
+use oqtal_wire::asctec::{HostCommand, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::stream::DecoderCounters;
-use oqtal_wire::xbee::{Address, Carrier, MAX_PAYLOAD, RadioEvent, Side};
+use oqtal_wire::xbee::{Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
 use super::on_board::{Measured, OnBoard};
+use super::options::{address, scales};
 use super::radio::{LinkDirection, RadioModel};
-use crate::plant::{Output, Plant};
+use crate::plant::{Plant, PlantOutput};
 
 /// Emulated vehicle that is flown through its radio.
 #[derive(Debug)]
@@ -29,22 +31,23 @@ pub struct WiredVehicle {
 
 impl WiredVehicle {
     /// The vehicle of `config` on the floor at `start`, at the other end of `link`.
-    #[must_use]
-    pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Self {
-        let scales: &Scales = &config.bridge.asctec;
-        // Answers use the address length of the host's requests.
-        let peer = config.bridge.xbee_address.parse().unwrap_or(Address::BROADCAST);
-        Self {
+    ///
+    /// # Errors
+    /// An option of `[plant.wire]` cannot be used.
+    pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Result<Self, OptionError> {
+        // The frames of answers are of the kind that the host's requests are.
+        let peer = address(config)?;
+        Ok(Self {
             plant: Plant::new(config, start),
-            radio: RadioModel::new(&config.vehicle.wire, config.clock.seed, link.baud()),
+            radio: RadioModel::new(&config.plant.wire, config.clock.seed, link.baud()),
             carrier: Carrier::new(link.xbee(), Side::Radio, peer),
             decoder: VehicleDecoder::new(),
-            on_board: OnBoard::new(&config.vehicle, scales),
+            on_board: OnBoard::new(&config.plant, scales(config)?),
             received: Vec::with_capacity(1024),
             requests: Vec::with_capacity(64),
             commands: Vec::with_capacity(64),
             answer: Vec::with_capacity(1024),
-        }
+        })
     }
 
     /// Instant of the next event.
@@ -72,8 +75,8 @@ impl WiredVehicle {
         self.radio.receive(LinkDirection::Down, now, bytes);
     }
 
-    /// Integrates to `until`, and passes every output to `out`. A command acts at the instant at which its last byte arrives.
-    pub fn advance(&mut self, until: Time, mut out: impl FnMut(Output)) {
+    /// Flies on to `until`, and tells `out` what happens. Commands act at the very instant at which their last byte arrives.
+    pub fn advance(&mut self, until: Time, mut out: impl FnMut(PlantOutput)) {
         loop {
             let up = self.radio.next_arrival(LinkDirection::Up);
             let events = [up, self.on_board.next_event()].into_iter().flatten();
@@ -81,7 +84,7 @@ impl WiredVehicle {
             self.plant.advance(next, &mut out);
             self.receive(next);
             self.on_board.tick(next);
-            self.plant.steer(&self.on_board.command(&self.plant.truth()));
+            self.plant.apply_command(&self.on_board.command(&self.plant.truth()));
             if next >= until {
                 return;
             }

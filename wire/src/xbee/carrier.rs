@@ -21,7 +21,6 @@ pub enum Address {
 impl Address {
     /// Address of every radio in reach.
     pub const BROADCAST: Self = Self::Long(0xFFFF);
-
     /// Whether the address is that of every radio in reach, in 16 bits or in 64.
     #[must_use]
     pub fn is_broadcast(self) -> bool {

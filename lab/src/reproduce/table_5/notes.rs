@@ -11,14 +11,14 @@ use crate::tune::search::{self, Budget};
 
 /// The plant, and why the paper's numbers are not those of this one.
 pub fn intro() -> String {
-    let Config { vehicle, mocap, trajectory, .. } = Config::default();
+    let Config { plant, mocap, trajectory, .. } = Config::default();
     format!(
         "The Hummingbird of Eq. (61) with a rate loop that lags by {} ms, a radio delay of {} ms, cameras with {} ms latency, {} mm \
          and {} degrees of noise, drift, a small force and gusts: a simulation, where the paper had a laboratory. So the paper's \
          numbers are not comparable one by one; how the laws compare with each other is. The reference jumps from corner to \
          corner of a square of {} m.",
-        vehicle.rate_lag_ms,
-        vehicle.radio_delay_ms,
+        plant.rate_lag_ms,
+        plant.command_delay_ms,
         mocap.latency_ms,
         mocap.position_noise_mm,
         mocap.attitude_noise_deg,
@@ -137,15 +137,15 @@ fn max_q(nominal: &[Flown]) -> String {
 
 /// What limits on speed and tilt leave of the position error, and how near the laws are.
 fn bound(nominal: &[Flown]) -> String {
-    let Config { vehicle, mocap, position, trajectory, .. } = Config::default();
+    let Config { plant, mocap, position, trajectory, .. } = Config::default();
     let side = trajectory.square.side_m;
     let duration = trajectory.square.duration_s;
     let ways = (duration / trajectory.square.dwell_s).floor();
     let speed = position.horizontal_velocity_limit_m_s;
-    let acceleration = vehicle.gravity_m_s2 * position.tilt_limit_deg.to_radians().tan();
+    let acceleration = plant.gravity_m_s2 * position.tilt_limit_deg.to_radians().tan();
     let way_s = side / speed + speed / acceleration;
     let least = ways * side * way_s / 2.0 / duration;
-    let late_ms = mocap.latency_ms + vehicle.radio_delay_ms + vehicle.rate_lag_ms;
+    let late_ms = mocap.latency_ms + plant.command_delay_ms + plant.rate_lag_ms;
     let late = ways * side * late_ms * 1e-3 / duration;
     let tuned: Vec<f64> = nominal
         .iter()

@@ -1,0 +1,74 @@
+//! The rules of the effective configuration.
+
+use oqtal_control::options::OptionError;
+
+use crate::config::Config;
+use crate::error::{BrokenRule, ConfigError};
+use crate::instance::ClockKind;
+
+/// Slowest rate of poses over that of the loop \[-\].
+const LEAST_POSES_PER_TICK: f64 = 1.0 / 1.5;
+
+impl Config {
+    /// Checks the rules that one value, or several together, must keep.
+    ///
+    /// # Errors
+    /// The first rule broken, with the origin of the value at fault.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let checked = self.check_sections().and_then(|()| self.check_together());
+        checked.map_err(|broken| self.origins.locate_rule(&broken))
+    }
+
+    fn check_sections(&self) -> Result<(), BrokenRule> {
+        self.vehicle.check()?;
+        self.plant.check()?;
+        self.mocap.check()?;
+        self.control.check().map_err(|error| error.within("control"))?;
+        self.position.check().map_err(|error| error.within("position"))?;
+        self.trajectory.check().map_err(|error| error.within("trajectory"))?;
+        self.safety.check()?;
+        self.bridge.check()?;
+        Ok(self.realtime.check()?)
+    }
+
+    /// The rules about values of several sections.
+    fn check_together(&self) -> Result<(), BrokenRule> {
+        if !self.plant.wire.link.is_empty() && self.clock.kind != ClockKind::Real {
+            let link = format!("`{}`", self.plant.wire.link);
+            let allowed = "empty unless clock.kind = \"real\"";
+            let error = OptionError::new("plant.wire.link", link, allowed);
+            return Err(BrokenRule { error, others: &["clock.kind"] });
+        }
+        let (poses, loops) = (self.safety.pose_rate_hz, self.control.rate_hz);
+        if poses < loops * LEAST_POSES_PER_TICK {
+            let allowed = format!("at least two thirds of control.rate-hz, {loops}");
+            let error = OptionError::new("safety.pose-rate-hz", poses, allowed);
+            return Err(BrokenRule { error, others: &["control.rate-hz", "mocap.rate-hz"] });
+        }
+        let (lift, gravity) =
+            (self.position.vertical_acceleration_limit_m_s2, self.vehicle.gravity_m_s2);
+        if lift >= gravity {
+            let key = "position.vertical-acceleration-limit-m-s2";
+            let allowed = format!("below gravity, {gravity}: thrust only pushes");
+            let others = &["vehicle.gravity-m-s2", "vehicle.preset"];
+            return Err(BrokenRule { error: OptionError::new(key, lift, allowed), others });
+        }
+        self.check_motor_start()
+    }
+
+    /// The daemon must not give up a start of motors that the bridge still reports on.
+    fn check_motor_start(&self) -> Result<(), BrokenRule> {
+        let sequence_ms = self.bridge.motor_sequence_ms;
+        let least_ms = sequence_ms + self.safety.vehicle_silence_ms;
+        if self.safety.motor_start_ms >= least_ms {
+            return Ok(());
+        }
+        let allowed = format!(
+            "at least {least_ms}, bridge.motor-sequence-ms and safety.vehicle-silence-ms together"
+        );
+        Err(BrokenRule {
+            error: OptionError::new("safety.motor-start-ms", self.safety.motor_start_ms, allowed),
+            others: &["bridge.motor-sequence-ms", "safety.vehicle-silence-ms"],
+        })
+    }
+}

@@ -1,0 +1,161 @@
+//! The effective configuration of all processes, made of its layers.
+
+use std::hash::Hasher;
+use std::path::Path;
+
+use oqtal_control::ControlOptions;
+use oqtal_control::options::OptionError;
+use oqtal_control::position::PositionOptions;
+use oqtal_control::trajectory::TrajectoryOptions;
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::bridge::BridgeOptions;
+use crate::error::ConfigError;
+use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
+use crate::mocap::MocapOptions;
+use crate::origin::Origins;
+use crate::plant::PlantOptions;
+use crate::realtime::RealtimeOptions;
+use crate::safety::SafetyOptions;
+use crate::setting::Setting;
+use crate::vehicle::VehicleOptions;
+use crate::{follow, layer, preset};
+
+/// The shipped file: every key with its default.
+pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
+
+/// The effective configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Config {
+    /// `[instance]`: which testbed.
+    pub instance: InstanceOptions,
+    /// `[clock]`: which time.
+    pub clock: ClockOptions,
+    /// `[vehicle]`: what the controller believes of the vehicle.
+    pub vehicle: VehicleOptions,
+    /// `[plant]`: what the simulated vehicle and its surroundings are.
+    pub plant: PlantOptions,
+    /// `[mocap]`: the emulated cameras.
+    pub mocap: MocapOptions,
+    /// `[control]`: the loop and the attitude laws.
+    pub control: ControlOptions,
+    /// `[position]`: the outer loops.
+    pub position: PositionOptions,
+    /// `[trajectory]`: what is flown.
+    pub trajectory: TrajectoryOptions,
+    /// `[safety]`: which poses are accepted, and when the motors stop.
+    pub safety: SafetyOptions,
+    /// `[bridge]`: the way to a real vehicle.
+    pub bridge: BridgeOptions,
+    /// `[realtime]`: scheduling of the loops.
+    pub realtime: RealtimeOptions,
+    /// `[log]`: what is logged.
+    pub log: LogOptions,
+    /// Where the values were set.
+    #[serde(skip)]
+    pub(crate) origins: Origins,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self::from_settings(&[]).expect("the shipped configuration is valid: a test holds it")
+    }
+}
+
+impl Config {
+    /// The effective configuration of `file` (if any), the environment and `flags`.
+    ///
+    /// # Errors
+    /// A file that cannot be read or parsed, an unknown key, a value of the wrong type, or one that breaks a rule; with its
+    /// origin.
+    pub fn load(file: Option<&Path>, flags: &[Setting]) -> Result<Self, ConfigError> {
+        let mut settings = file.map_or(Ok(Vec::new()), layer::from_file)?;
+        settings.extend(layer::from_environment(std::env::vars_os()));
+        settings.extend_from_slice(flags);
+        Self::from_settings(&settings)
+    }
+
+    /// The built-in values under `settings`; later ones win.
+    ///
+    /// # Errors
+    /// As [`Config::load`], without files.
+    pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
+        let mut table: Table =
+            DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
+        let mut origins = Origins::default();
+        for setting in preset::named_by(settings)?.iter().chain(settings) {
+            setting.insert_into(&mut table)?;
+            // Value by value, so that the error names the setting at fault.
+            deserialize(&table).map_err(|reason| setting.refused(&reason))?;
+            origins.record(setting);
+        }
+        let config = deserialize(&table)
+            .map_err(|reason| ConfigError { origin: "built-in".to_owned(), reason })?;
+        let config = Self { origins, ..config };
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Adds to `error`, whose key is a full one, where its option was set.
+    #[must_use]
+    pub fn locate(&self, error: &OptionError) -> ConfigError {
+        self.origins.locate(error)
+    }
+
+    /// Whether a recording is played instead of the cameras.
+    #[must_use]
+    pub fn is_replay(&self) -> bool {
+        !self.mocap.replay.is_empty()
+    }
+
+    /// Poses for each tick of the loop \[-\]: the poses of cameras much faster than the loop are decimated.
+    #[must_use]
+    pub fn poses_per_tick(&self) -> f64 {
+        (self.safety.pose_rate_hz / self.control.rate_hz).round().max(1.0)
+    }
+
+    /// The rates of cameras and loop, in words.
+    #[must_use]
+    pub fn pace(&self) -> String {
+        let (cameras, wanted) = (self.safety.pose_rate_hz, self.control.rate_hz);
+        let every = self.poses_per_tick();
+        let rate = cameras / every;
+        format!(
+            "cameras at {cameras} Hz, control.rate-hz = {wanted}: the loop acts on one pose in {every}, at {rate:.4} Hz"
+        )
+    }
+
+    /// The configuration as a file with every key, a key on a line.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a configuration holds only what TOML can say")
+    }
+
+    /// Identifies the effective configuration.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        let mut hasher = fnv::FnvHasher::default();
+        hasher.write(self.to_toml().as_bytes());
+        hasher.finish()
+    }
+}
+
+/// The configuration that a complete table says; the reason on one line if it says none.
+fn deserialize(table: &Table) -> Result<Config, String> {
+    let mut table = table.clone();
+    follow::resolve(&mut table);
+    observe_replay(&mut table);
+    table.try_into().map_err(|error: toml::de::Error| error.message().to_owned())
+}
+
+/// Where a recording is played the daemon only observes: nothing would obey it.
+fn observe_replay(table: &mut Table) {
+    let replay = table.get("mocap").and_then(|mocap| mocap.get("replay")).and_then(Value::as_str);
+    if replay.is_some_and(|file| !file.is_empty())
+        && let Some(Value::Table(safety)) = table.get_mut("safety")
+    {
+        safety.insert("observe-only".to_owned(), true.into());
+    }
+}

@@ -1,0 +1,88 @@
+//! Values that follow those of another section unless they are set: a simulated vehicle is what the controller believes until
+//! `[plant]` says otherwise.
+//!
+//! In the configuration such a key holds the name of the section that it follows: `mass-kg = "vehicle"` in `[plant]`. When a
+//! configuration is loaded the word is replaced by the value of the key that is followed.
+
+use toml::{Table, Value};
+
+/// The keys of `[plant]` that follow the key of the same name in `[vehicle]`.
+const AIRFRAME: [&str; 11] = [
+    "interface",
+    "mass-kg",
+    "gravity-m-s2",
+    "inertia-kg-m2",
+    "max-thrust-n",
+    "rate-authority-rad-s",
+    "max-torque-nm",
+    "rate-lag-ms",
+    "thrust-lag-ms",
+    "command-delay-ms",
+    "drag-per-s",
+];
+
+/// Further keys that may follow another: (key, key followed).
+const OTHERS: [(&str, &str); 4] = [
+    ("plant.frame-rate-hz", "mocap.rate-hz"),
+    ("plant.wire.xbee-address", "bridge.xbee-address"),
+    ("plant.wire.asctec", "bridge.asctec"),
+    ("safety.pose-rate-hz", "mocap.rate-hz"),
+];
+
+/// The key that `key` may follow; `None` if it follows none. A key within a table that follows, follows the key of the same
+/// name in the other table.
+pub(crate) fn followed_by(key: &str) -> Option<String> {
+    if let Some(name) = key.strip_prefix("plant.").filter(|name| AIRFRAME.contains(name)) {
+        return Some(format!("vehicle.{name}"));
+    }
+    OTHERS.iter().find_map(|(follower, source)| {
+        let rest = key.strip_prefix(follower)?;
+        (rest.is_empty() || rest.starts_with('.')).then(|| format!("{source}{rest}"))
+    })
+}
+
+/// The word that lets `key` follow another: the first part of the key that is followed.
+pub(crate) fn follow_word(key: &str) -> Option<String> {
+    followed_by(key).and_then(|source| source.split('.').next().map(str::to_owned))
+}
+
+/// Replaces every word in `table` that names a section to follow by the value that is followed, and completes tables that are
+/// given in part.
+pub(crate) fn resolve(table: &mut Table) {
+    let airframe = AIRFRAME.map(|name| format!("plant.{name}"));
+    let others = OTHERS.map(|(key, _)| key.to_owned());
+    for key in airframe.iter().chain(&others) {
+        let Some(value) = followed_by(key).and_then(|source| value_at(table, &source)).cloned()
+        else {
+            continue;
+        };
+        let word = follow_word(key);
+        match (value_at_mut(table, key), value) {
+            (Some(Value::Table(own)), Value::Table(followed)) => complete(own, &followed),
+            (Some(own), value) if own.as_str() == word.as_deref() => *own = value,
+            _ => {}
+        }
+    }
+}
+
+/// Adds to `own` what it lacks of `followed`.
+fn complete(own: &mut Table, followed: &Table) {
+    for (name, value) in followed {
+        match (own.get_mut(name), value) {
+            (None, value) => drop(own.insert(name.clone(), value.clone())),
+            (Some(Value::Table(own)), Value::Table(followed)) => complete(own, followed),
+            (Some(_), _) => {}
+        }
+    }
+}
+
+fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
+    let (section, name) = key.rsplit_once('.')?;
+    section.split('.').try_fold(table, |table, name| table.get(name)?.as_table())?.get(name)
+}
+
+fn value_at_mut<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Value> {
+    let (section, name) = key.rsplit_once('.')?;
+    let section = section.split('.').try_fold(table, |t, name| t.get_mut(name)?.as_table_mut())?;
+    section.get_mut(name)
+}

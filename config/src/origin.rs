@@ -1,0 +1,57 @@
+//! Where each value of the configuration was set.
+
+use oqtal_control::options::OptionError;
+
+use crate::error::{BrokenRule, ConfigError};
+use crate::follow::followed_by;
+use crate::setting::Setting;
+
+/// Origin of a value that no setting changed.
+const BUILT_IN: &str = "built-in";
+
+/// The origins of all values that were set, as (key, origin), later settings last.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Origins(Vec<(String, String)>);
+
+/// Configurations are compared by their values: any two origins are equal.
+impl PartialEq for Origins {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl Origins {
+    /// Records the origin of `setting`.
+    pub(crate) fn record(&mut self, setting: &Setting) {
+        self.0.push((setting.key.clone(), setting.origin.clone()));
+    }
+
+    /// Adds to `error` where its option was set. An option that follows another is blamed on that one.
+    pub(crate) fn locate(&self, error: &OptionError) -> ConfigError {
+        self.locate_rule(&BrokenRule { error: error.clone(), others: &[] })
+    }
+
+    /// Adds the origin to a broken rule: that of the option set last among those in the rule.
+    pub(crate) fn locate_rule(&self, broken: &BrokenRule) -> ConfigError {
+        let BrokenRule { error, others } = broken;
+        let followed = followed_by(&error.key);
+        let last =
+            |concerned: &dyn Fn(&str) -> bool| self.0.iter().rev().find(|(key, _)| concerned(key));
+        let found = last(&|set| are_nested(set, &error.key) || others.contains(&set))
+            .or_else(|| last(&|set| followed.as_deref().is_some_and(|key| are_nested(set, key))));
+        let (set, origin) = found.map_or(("", BUILT_IN), |(key, origin)| (key, origin));
+        let through = match &followed {
+            Some(key) if key == set => format!(" (it follows `{key}`)"),
+            _ => String::new(),
+        };
+        ConfigError { origin: origin.to_owned(), reason: format!("{error}{through}") }
+    }
+}
+
+/// Whether two keys are the same, or one is a section that holds the other.
+fn are_nested(a: &str, b: &str) -> bool {
+    let is_within = |key: &str, section: &str| {
+        key.strip_prefix(section).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    is_within(a, b) || is_within(b, a)
+}

@@ -1,0 +1,188 @@
+//! `[plant]`: what the simulated vehicle and its surroundings are. A key that is not set follows `[vehicle]`.
+
+use oqtal_control::options::{OptionError, Rule, check_options};
+use oqtal_control::rigid_body::{Inertia, InertiaError};
+use serde::{Deserialize, Serialize};
+
+use crate::airframe::{A_STEP, Airframe, Interface, inertia};
+use crate::error::BrokenRule;
+use crate::plant_wire::PlantWireOptions;
+
+/// How finely a vehicle that is commanded by rates is modelled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Fidelity {
+    /// Eq. (61): the rate follows the sticks with a first-order lag.
+    Eq61,
+    /// Four rotors and the on-board rate loop.
+    Rotors,
+}
+
+/// `[plant]`, with all keys that follow another section resolved.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct PlantOptions {
+    /// How the simulated vehicle is commanded; it ignores commands of another interface.
+    pub interface: Interface,
+    /// How finely the vehicle is modelled, where it is commanded by rates.
+    pub fidelity: Fidelity,
+    /// Mass \[kg\].
+    pub mass_kg: f64,
+    /// Gravity \[m/s^2\], along -z of the world.
+    pub gravity_m_s2: f64,
+    /// Moment of inertia \[kg m^2, body\], rows.
+    pub inertia_kg_m2: [[f64; 3]; 3],
+    /// Collective thrust at full stick, `K_T` of Eq. (61) \[N\].
+    pub max_thrust_n: f64,
+    /// Body rate at full stick, `K_phi, K_theta, K_psi` of Eq. (61) \[rad/s, body\].
+    pub rate_authority_rad_s: [f64; 3],
+    /// Greatest torque about each axis, for torque input \[N m, body\].
+    pub max_torque_nm: f64,
+    /// Time constant of the on-board rate loop \[ms\].
+    pub rate_lag_ms: f64,
+    /// Time constant of the thrust \[ms\]; 0 for none.
+    pub thrust_lag_ms: f64,
+    /// From a command received over the bus to its effect \[ms\]; the delay of a wire is in `[plant.wire]`.
+    pub command_delay_ms: f64,
+    /// Linear drag per mass \[1/s\].
+    pub drag_per_s: f64,
+    /// Greatest relative deviation of each of these parameters, and of the rotors', from its value here \[-\], drawn once per
+    /// seed, evenly to both sides.
+    pub spread: f64,
+    /// Standard deviation of the gusts' acceleration per axis \[m/s^2, world\].
+    pub gust_sd_m_s2: f64,
+    /// Correlation time of the gusts \[s\].
+    pub gust_time_s: f64,
+    /// Bias of the on-board rate loop \[deg/s, body\].
+    pub rate_drift_deg_s: [f64; 3],
+    /// Constant disturbance force \[N, world\].
+    pub force_n: [f64; 3],
+    /// Relative standard deviation of drift and force over seeds \[-\].
+    pub disturbance_spread: f64,
+    /// Rate at which the truth is sampled for cameras \[Hz\].
+    pub frame_rate_hz: f64,
+    /// Whether the simulated vehicle only provides the truth that cameras see, while another vehicle is behind the bridge: the
+    /// plant then flies by the commands on the bus and does not publish `vehicle`.
+    pub shadow: bool,
+    /// `[plant.rotors]`.
+    pub rotors: RotorOptions,
+    /// `[plant.battery]`.
+    pub battery: BatteryOptions,
+    /// `[plant.wire]`.
+    pub wire: PlantWireOptions,
+}
+
+/// `[plant.rotors]`: four rotors in plus configuration, for `fidelity = "rotors"`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct RotorOptions {
+    /// Centre of mass to rotor axis \[m\].
+    pub arm_m: f64,
+    /// Thrust per squared speed \[N/(rad/s)^2\].
+    pub thrust_coefficient: f64,
+    /// Drag torque per squared speed \[N m/(rad/s)^2\].
+    pub torque_coefficient: f64,
+    /// Time constant of a rotor's speed \[ms\].
+    pub lag_ms: f64,
+    /// Greatest speed at the nominal voltage \[rad/s\].
+    pub max_speed_rad_s: f64,
+}
+
+/// `[plant.battery]`: an open-circuit voltage that falls linearly with the charge, and an internal resistance.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct BatteryOptions {
+    /// Whether thrust falls with the voltage.
+    pub sag: bool,
+    /// Voltage at which the rotors turn as fast as commanded \[V\].
+    pub nominal_v: f64,
+    /// Open-circuit voltage when full \[V\].
+    pub full_v: f64,
+    /// Open-circuit voltage when empty \[V\].
+    pub empty_v: f64,
+    /// Capacity \[A h\].
+    pub capacity_ah: f64,
+    /// Internal resistance \[ohm\].
+    pub resistance_ohm: f64,
+    /// Current in hover \[A\].
+    pub hover_current_a: f64,
+}
+
+impl PlantOptions {
+    /// The inertia as the equations of motion take it.
+    ///
+    /// # Errors
+    /// The inertia is not symmetric positive definite.
+    pub fn inertia(&self) -> Result<Inertia, InertiaError> {
+        inertia(&self.inertia_kg_m2)
+    }
+
+    pub(crate) fn check(&self) -> Result<(), BrokenRule> {
+        self.airframe().check()?;
+        let own = check_options([
+            ("spread", self.spread, Rule::Between(0.0, 0.5)),
+            ("gust-sd-m-s2", self.gust_sd_m_s2, Rule::NotNegative),
+            ("gust-time-s", self.gust_time_s, Rule::Positive),
+            ("disturbance-spread", self.disturbance_spread, Rule::NotNegative),
+            ("frame-rate-hz", self.frame_rate_hz, Rule::Between(1.0, 1000.0)),
+        ]);
+        own.map_err(|error| error.within("plant"))?;
+        self.rotors.check().map_err(|error| error.within("plant.rotors"))?;
+        self.battery.check().map_err(|error| error.within("plant.battery"))?;
+        self.wire.check().map_err(|error| error.within("plant.wire"))?;
+        if self.interface == Interface::Rate || self.wire.link.is_empty() {
+            return Ok(());
+        }
+        let link = format!("`{}`", self.wire.link);
+        let allowed = "empty unless the vehicle is commanded by rates (plant.interface = \"rate\")";
+        Err(BrokenRule {
+            error: OptionError::new("plant.wire.link", link, allowed),
+            others: &["plant.interface", "vehicle.interface", "vehicle.preset"],
+        })
+    }
+
+    fn airframe(&self) -> Airframe<'_> {
+        Airframe {
+            section: "plant",
+            mass_kg: self.mass_kg,
+            gravity_m_s2: self.gravity_m_s2,
+            inertia_kg_m2: &self.inertia_kg_m2,
+            max_thrust_n: self.max_thrust_n,
+            rate_authority_rad_s: self.rate_authority_rad_s,
+            max_torque_nm: self.max_torque_nm,
+            rate_lag_ms: self.rate_lag_ms,
+            thrust_lag_ms: self.thrust_lag_ms,
+            command_delay_ms: self.command_delay_ms,
+            drag_per_s: self.drag_per_s,
+        }
+    }
+}
+
+impl RotorOptions {
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("arm-m", self.arm_m, Rule::Positive),
+            ("thrust-coefficient", self.thrust_coefficient, Rule::Positive),
+            ("torque-coefficient", self.torque_coefficient, Rule::Positive),
+            ("lag-ms", self.lag_ms, A_STEP),
+            ("max-speed-rad-s", self.max_speed_rad_s, Rule::Positive),
+        ])
+    }
+}
+
+impl BatteryOptions {
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("nominal-v", self.nominal_v, Rule::Positive),
+            ("empty-v", self.empty_v, Rule::Positive),
+            ("capacity-ah", self.capacity_ah, Rule::Positive),
+            ("resistance-ohm", self.resistance_ohm, Rule::NotNegative),
+            ("hover-current-a", self.hover_current_a, Rule::NotNegative),
+        ])?;
+        if self.full_v > self.empty_v {
+            return Ok(());
+        }
+        let allowed = format!("above empty-v, {}", self.empty_v);
+        Err(OptionError::new("full-v", self.full_v, allowed))
+    }
+}

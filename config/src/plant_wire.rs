@@ -1,0 +1,47 @@
+//! `[plant.wire]`: the emulated vehicle at the other end of a wire, and the radio on the way to it.
+
+use oqtal_control::options::{OptionError, Rule, check_options};
+use serde::{Deserialize, Serialize};
+
+use crate::asctec::AsctecOptions;
+
+/// `[plant.wire]`. With the defaults a command acts as long after its first byte as one that comes over the bus acts after it
+/// was received, `plant.command-delay-ms`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct PlantWireOptions {
+    /// Link, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`: PATH becomes a symbolic link to a pseudo-terminal; empty
+    /// for no wire, with commands off the bus. Parsed by plant-sim.
+    pub link: String,
+    /// From a byte's last bit to its arrival, each way \[ms\].
+    pub latency_ms: f64,
+    /// Whether the two ends take turns on the air.
+    pub half_duplex: bool,
+    /// Probability that a frame is lost, each way \[0..1\].
+    pub loss_probability: f64,
+    /// Probability that a bit is wrong, each way, independent of others \[0..1\].
+    pub bit_error_rate: f64,
+    /// Time for which no thrust and full yaw must be held to start or stop the motors \[ms\].
+    pub motor_switch_ms: f64,
+    /// Time without a command after which the vehicle stops its motors \[ms\].
+    pub time_out_ms: f64,
+    /// From an attitude error to a body rate \[1/s\], where sticks mean an attitude.
+    pub attitude_gain_per_s: f64,
+    /// The host's XBee as the vehicle addresses it, 4 or 16 hexadecimal digits; API modes only. Parsed by plant-sim.
+    pub xbee_address: String,
+    /// `[plant.wire.asctec]`: what counts mean to the emulated vehicle.
+    pub asctec: AsctecOptions,
+}
+
+impl PlantWireOptions {
+    pub(crate) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("latency-ms", self.latency_ms, Rule::NotNegative),
+            ("loss-probability", self.loss_probability, Rule::Between(0.0, 1.0)),
+            ("bit-error-rate", self.bit_error_rate, Rule::Between(0.0, 1.0)),
+            ("motor-switch-ms", self.motor_switch_ms, Rule::NotNegative),
+            ("time-out-ms", self.time_out_ms, Rule::Positive),
+            ("attitude-gain-per-s", self.attitude_gain_per_s, Rule::Positive),
+        ])
+    }
+}

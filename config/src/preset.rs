@@ -1,0 +1,60 @@
+//! Presets: sets of values that one key names.
+
+use oqtal_control::options::OptionError;
+
+use crate::error::ConfigError;
+use crate::layer::from_toml;
+use crate::setting::Setting;
+
+/// A preset.
+struct Preset {
+    /// The key that names it.
+    key: &'static str,
+    /// The value of that key.
+    name: &'static str,
+    /// Its file; empty for the built-in values.
+    text: &'static str,
+}
+
+/// All presets. A further one is a row and a file.
+const PRESETS: [Preset; 5] = [
+    Preset { key: "vehicle.preset", name: "hummingbird", text: "" },
+    Preset {
+        key: "vehicle.preset",
+        name: "spacecraft",
+        text: include_str!("../../deploy/presets/spacecraft.toml"),
+    },
+    Preset { key: "mocap.preset", name: "qualisys", text: "" },
+    Preset {
+        key: "mocap.preset",
+        name: "ideal",
+        text: include_str!("../../deploy/presets/mocap-ideal.toml"),
+    },
+    Preset {
+        key: "mocap.preset",
+        name: "measured",
+        text: include_str!("../../deploy/presets/mocap-measured.toml"),
+    },
+];
+
+/// The settings of all presets that `settings` name.
+pub(crate) fn named_by(settings: &[Setting]) -> Result<Vec<Setting>, ConfigError> {
+    let mut found = Vec::new();
+    for Preset { key, name, text } in PRESETS {
+        let last = settings.iter().rev().find(|setting| setting.key == key);
+        if last.is_some_and(|setting| setting.value.as_str() == Some(name)) {
+            found.extend(from_toml(&format!("preset {name}"), text)?);
+        }
+    }
+    Ok(found)
+}
+
+/// Checks that `name`, the value of `key`, names a preset.
+pub(crate) fn check(key: &str, name: &str) -> Result<(), OptionError> {
+    let names: Vec<&str> =
+        PRESETS.iter().filter(|preset| preset.key == key).map(|preset| preset.name).collect();
+    if names.contains(&name) {
+        return Ok(());
+    }
+    Err(OptionError::new(key, format_args!("`{name}`"), names.join(" or ")))
+}

@@ -1,0 +1,74 @@
+//! One value on its way into the configuration, with its origin.
+
+use toml::{Table, Value};
+
+use crate::error::ConfigError;
+use crate::follow::follow_word;
+
+/// One value for one key.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// The key, dotted: `vehicle.mass-kg`.
+    pub key: String,
+    /// The value.
+    pub value: Value,
+    /// Where it was set: `FILE:LINE`, a variable, a flag.
+    pub origin: String,
+}
+
+impl Setting {
+    /// A setting made by a flag.
+    #[must_use]
+    pub fn flag(flag: &str, key: &str, value: impl Into<Value>) -> Self {
+        Self { key: key.to_owned(), value: value.into(), origin: flag.to_owned() }
+    }
+
+    /// A setting written as `KEY=VALUE`, the value in TOML or a bare word.
+    ///
+    /// # Errors
+    /// `text` has no `=`.
+    pub fn parse(flag: &str, text: &str) -> Result<Self, ConfigError> {
+        let Some((key, value)) = text.split_once('=') else {
+            let reason = format!("`{text}` is not KEY=VALUE, as in vehicle.mass-kg=0.6");
+            return Err(ConfigError { origin: flag.to_owned(), reason });
+        };
+        Ok(Self::flag(flag, key.trim(), word_or_toml(value.trim())))
+    }
+
+    /// Writes the value into `table`, the sections on the way to it included.
+    pub(crate) fn insert_into(&self, table: &mut Table) -> Result<(), ConfigError> {
+        let (path, name) = self.key.rsplit_once('.').unwrap_or(("", &self.key));
+        let mut section = table;
+        let mut key = String::new();
+        for name in path.split('.').filter(|name| !name.is_empty()) {
+            key += if key.is_empty() { "" } else { "." };
+            key += name;
+            let value =
+                section.entry(name.to_owned()).or_insert_with(|| Value::Table(Table::new()));
+            // A table that follows another begins to have values of its own.
+            if value.is_str() && value.as_str() == follow_word(&key).as_deref() {
+                *value = Value::Table(Table::new());
+            }
+            let Some(inner) = value.as_table_mut() else {
+                return Err(self.refused(&format!("`{name}` is a key, not a section")));
+            };
+            section = inner;
+        }
+        section.insert(name.to_owned(), self.value.clone());
+        Ok(())
+    }
+
+    /// The error of this setting, for a reason.
+    pub(crate) fn refused(&self, reason: &str) -> ConfigError {
+        ConfigError { origin: self.origin.clone(), reason: format!("`{}`: {reason}", self.key) }
+    }
+}
+
+/// The TOML value that `text` is, or `text` itself as a string if it is none.
+pub(crate) fn word_or_toml(text: &str) -> Value {
+    let parsed: Result<Table, _> = format!("value = {text}").parse();
+    parsed
+        .ok()
+        .and_then(|mut table| table.remove("value"))
+        .unwrap_or_else(|| Value::String(text.to_owned()))
+}

@@ -1,0 +1,100 @@
+//! The layers of a configuration: what follows what, and which setting an error names.
+
+use oqtal_config::{Config, ConfigError, Interface, Setting};
+
+fn set(settings: &[&str]) -> Result<Config, ConfigError> {
+    let parsed: Result<Vec<Setting>, ConfigError> = settings
+        .iter()
+        .enumerate()
+        .map(|(index, text)| Setting::parse(&format!("flag {index}"), text))
+        .collect();
+    Config::from_settings(&parsed?)
+}
+
+fn error(settings: &[&str]) -> String {
+    set(settings).unwrap_err().to_string()
+}
+
+#[test]
+fn the_plant_is_what_the_controller_believes_unless_it_is_told() {
+    let config = set(&["vehicle.mass-kg=0.6"]).unwrap();
+    assert_eq!((config.vehicle.mass_kg, config.plant.mass_kg), (0.6, 0.6));
+    let config = set(&["plant.mass-kg=0.55", "vehicle.mass-kg=0.6"]).unwrap();
+    assert_eq!((config.vehicle.mass_kg, config.plant.mass_kg), (0.6, 0.55));
+    let config = set(&["plant.mass-kg=0.55", "plant.mass-kg=vehicle"]).unwrap();
+    assert_eq!(config.plant.mass_kg, config.vehicle.mass_kg);
+    let config = set(&["vehicle.preset=spacecraft"]).unwrap();
+    assert_eq!((config.plant.interface, config.plant.mass_kg), (Interface::Torque, 0.432));
+}
+
+#[test]
+fn a_table_that_follows_may_differ_in_one_key() {
+    let settings =
+        ["plant.wire.asctec.command-signs.roll=1", "bridge.asctec.angle-per-count-mdeg=30.0"];
+    let Config { plant, bridge, .. } = set(&settings).unwrap();
+    let ours = plant.wire.asctec;
+    assert_eq!((ours.command_signs.roll, bridge.asctec.command_signs.roll), (1, -1));
+    assert_eq!((ours.command_signs.pitch, ours.angle_per_count_mdeg), (1, 30.0));
+}
+
+#[test]
+fn the_effective_configuration_shows_the_plant_in_numbers_and_is_read_back_as_it_is() {
+    let config = set(&["vehicle.mass-kg=0.6", "plant.spread=0.1"]).unwrap();
+    let text = config.to_toml();
+    let plant = text.split_once("[plant]").unwrap().1;
+    assert!(plant.lines().any(|line| line == "mass-kg = 0.6"), "{plant}");
+    let table: toml::Table = text.parse().unwrap();
+    assert_eq!(table["plant"]["frame-rate-hz"].as_float(), Some(60.0));
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("effective.toml");
+    std::fs::write(&file, &text).unwrap();
+    assert_eq!(Config::load(Some(&file), &[]).unwrap(), config);
+}
+
+#[test]
+fn a_matrix_is_printed_on_one_line() {
+    let text = Config::default().to_toml();
+    let lines: Vec<&str> = text.lines().filter(|line| line.starts_with("inertia-kg-m2")).collect();
+    assert_eq!(lines.len(), 2, "{text}");
+    assert!(lines.iter().all(|line| line.starts_with("inertia-kg-m2 = [[0.00365, 0.0, 0.0], [")));
+}
+
+#[test]
+fn an_error_names_the_setting_that_made_the_value_impossible() {
+    let too_light = error(&["vehicle.gravity-m-s2=3.0"]);
+    assert!(too_light.starts_with("flag 0: `position.vertical-acceleration-limit"), "{too_light}");
+    let too_heavy = error(&["vehicle.max-thrust-n=6.0", "vehicle.mass-kg=0.8"]);
+    assert!(too_heavy.starts_with("flag 1: `vehicle.max-thrust-n` is 6"), "{too_heavy}");
+    let too_fast = error(&["mocap.rate-hz=60", "control.rate-hz=200"]);
+    assert!(too_fast.starts_with("flag 1: `safety.pose-rate-hz` is 60"), "{too_fast}");
+    let too_slow = error(&["control.rate-hz=100", "mocap.rate-hz=30"]);
+    assert!(too_slow.starts_with("flag 1: ") && too_slow.contains("it follows `mocap.rate-hz`"));
+    let too_long = error(&["bridge.motor-sequence-ms=4000"]);
+    assert!(too_long.starts_with("flag 0: `safety.motor-start-ms`"), "{too_long}");
+    let wired = error(&["plant.wire.link=asctec:/tmp/x", "clock.kind=lockstep"]);
+    assert!(wired.starts_with("flag 1: `plant.wire.link`"), "{wired}");
+}
+
+#[test]
+fn a_value_that_follows_is_blamed_on_what_it_follows() {
+    let message = error(&["vehicle.rate-lag-ms=0.5"]);
+    assert!(message.starts_with("flag 0: `vehicle.rate-lag-ms` is 0.5"), "{message}");
+    let own = error(&["plant.rate-lag-ms=0.5"]);
+    assert!(own.starts_with("flag 0: `plant.rate-lag-ms` is 0.5"), "{own}");
+}
+
+#[test]
+fn an_interface_or_a_preset_that_is_none_is_told_those_there_are() {
+    let interface = error(&["vehicle.interface=attitude"]);
+    assert!(interface.contains("`rate` or `torque`"), "{interface}");
+    let preset = error(&["vehicle.preset=boat"]);
+    assert!(preset.contains("`boat`, it must be hummingbird or spacecraft"), "{preset}");
+}
+
+#[test]
+fn where_a_recording_is_played_the_daemon_only_observes() {
+    assert!(!Config::default().safety.observe_only);
+    let replay = set(&["mocap.replay=flight.csv", "safety.observe-only=false"]).unwrap();
+    assert!(replay.safety.observe_only);
+    assert!(set(&["safety.observe-only=true"]).unwrap().safety.observe_only);
+}

@@ -1,0 +1,97 @@
+//! Modes of the daemon: disarmed, waiting, flying, landing.
+
+use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::time::Time;
+use oqtal_control::estimator::Estimate;
+use oqtal_control::euler::EulerAngles;
+use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint};
+
+use super::Cycle;
+use super::at_start::AtStart;
+use crate::mission::ActiveMission;
+
+impl Cycle {
+    /// Whether the daemon commands a flying vehicle.
+    pub(super) fn is_flying(&self) -> bool {
+        self.is_armed() && !self.observe_only
+    }
+
+    /// Whether a mission is under way, flown or only observed.
+    pub(super) fn is_armed(&self) -> bool {
+        matches!(self.mode, Mode::Flying | Mode::Landing)
+    }
+
+    /// Whether the flight is held at its beginning until the motors run.
+    pub(super) fn is_held(&self) -> bool {
+        self.is_flying() && self.vehicle.holds_flight()
+    }
+
+    /// Changes the mode for this tick.
+    pub(super) fn change_mode(&mut self, now: Time, fresh: bool) {
+        let estimate = self.estimator.latest();
+        let by_itself = self.takes_off_by_itself();
+        match (self.mode, self.supervisor.state()) {
+            (Mode::Disarmed, SafetyState::Nominal) if fresh && by_itself => {
+                self.begin_flight(now, &estimate);
+            }
+            (Mode::Disarmed, SafetyState::Nominal) if self.observe_only => {
+                self.stack.active_mut().reset();
+                self.mission = Some(ActiveMission::observe(estimate.position, now));
+                self.mode = Mode::Flying;
+            }
+            // `arm` begins a flight at once or not at all: poses were good when the operator asked.
+            (Mode::Waiting, SafetyState::Coast | SafetyState::Stop)
+                if self.requests.arms_at_once =>
+            {
+                self.mode = Mode::Disarmed;
+            }
+            (Mode::Waiting, SafetyState::Nominal) if fresh => {
+                self.begin_flight(now, &estimate);
+            }
+            (Mode::Flying | Mode::Landing, SafetyState::Stop) if !self.observe_only => {
+                self.end_flight();
+            }
+            (Mode::Flying | Mode::Landing, _) => self.go_on(now, &estimate),
+            _ => {}
+        }
+    }
+
+    /// Ends the flight: motors off.
+    pub(super) fn end_flight(&mut self) {
+        self.mission = None;
+        self.mode = Mode::Disarmed;
+    }
+
+    fn begin_flight(&mut self, now: Time, estimate: &Estimate) {
+        let start = StartPoint {
+            position: estimate.position,
+            yaw_rad: EulerAngles::from_attitude(&estimate.attitude).yaw,
+        };
+        let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
+        self.stack.active_mut().reset();
+        self.vehicle.begin_flight(now);
+        self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
+        self.mode = Mode::Flying;
+        if self.requests.at_start == AtStart::Awaited {
+            self.requests.at_start = AtStart::Taken;
+        }
+    }
+
+    /// Holds a flight whose motors do not run yet, and notices the landing.
+    fn go_on(&mut self, now: Time, estimate: &Estimate) {
+        if self.is_held() {
+            self.stack.active_mut().reset();
+            if let Some(mission) = &mut self.mission {
+                mission.restart(now);
+            }
+            return;
+        }
+        let Some(mission) = &self.mission else { return };
+        let reference = mission.reference(now);
+        if mission.has_landed(&reference, estimate) {
+            self.end_flight();
+        } else if reference.phase == Phase::Landing {
+            self.mode = Mode::Landing;
+        }
+    }
+}

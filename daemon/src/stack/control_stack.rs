@@ -1,0 +1,92 @@
+//! The control stack that a configuration asks for.
+
+use nalgebra::Vector3;
+use oqtal_config::{Config, Interface};
+use oqtal_control::controller::{ControllerName, RateInput, TorqueInput};
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::Rotation;
+
+use super::flight_stack::FlightStack;
+use super::paper::PaperStack;
+use super::predictive::PredictiveStack;
+
+/// Greatest stick \[-\].
+const MAX_STICK: f64 = 1.0;
+
+/// One of the control stacks, in the form that the vehicle takes.
+// Not boxed: the cache warm-up copies the stack, and a copy must not allocate.
+#[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant)]
+pub enum ControlStack {
+    /// The paper's loops, sticks out.
+    PaperRate(PaperStack<RateInput>),
+    /// The paper's loops, torque out.
+    PaperTorque(PaperStack<TorqueInput>),
+    /// The predictive autopilot, sticks out.
+    PredictiveRate(PredictiveStack<RateInput>),
+    /// The predictive autopilot, torque out.
+    PredictiveTorque(PredictiveStack<TorqueInput>),
+}
+
+impl ControlStack {
+    /// The stack of `config`.
+    ///
+    /// # Errors
+    /// An option of the law or of the vehicle is not allowed.
+    pub fn new(config: &Config) -> Result<Self, OptionError> {
+        let is_predictive = config.control.controller == ControllerName::OqtalDt;
+        match config.vehicle.interface {
+            Interface::Rate => Self::rate(config, is_predictive),
+            Interface::Torque => Self::torque(config, is_predictive),
+        }
+    }
+
+    fn rate(config: &Config, is_predictive: bool) -> Result<Self, OptionError> {
+        let vehicle = &config.vehicle;
+        let of_vehicle = |error: OptionError| error.within("vehicle");
+        let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s));
+        let input = input.map_err(of_vehicle)?;
+        if !is_predictive {
+            return PaperStack::new(config, input, MAX_STICK).map(Self::PaperRate);
+        }
+        let lag_s = vehicle.rate_lag_ms * 1e-3;
+        let input = input.with_lag(lag_s, 1.0 / config.control.rate_hz).map_err(of_vehicle)?;
+        let rotation = Rotation::RateLoop { lag_s };
+        PredictiveStack::new(config, input, rotation, MAX_STICK).map(Self::PredictiveRate)
+    }
+
+    fn torque(config: &Config, is_predictive: bool) -> Result<Self, OptionError> {
+        let vehicle = &config.vehicle;
+        let inertia = vehicle.inertia().map_err(|error| {
+            OptionError::new("vehicle.inertia-kg-m2", "unusable", format!("an inertia: {error}"))
+        })?;
+        let limit = vehicle.max_torque_nm;
+        let input = TorqueInput::new(inertia, limit).map_err(|error| error.within("vehicle"))?;
+        if !is_predictive {
+            return PaperStack::new(config, input, limit).map(Self::PaperTorque);
+        }
+        let rotation = Rotation::RigidBody { inertia };
+        PredictiveStack::new(config, input, rotation, limit).map(Self::PredictiveTorque)
+    }
+
+    /// The stack behind its interface.
+    #[must_use]
+    pub fn active(&self) -> &dyn FlightStack {
+        match self {
+            Self::PaperRate(stack) => stack,
+            Self::PaperTorque(stack) => stack,
+            Self::PredictiveRate(stack) => stack,
+            Self::PredictiveTorque(stack) => stack,
+        }
+    }
+
+    /// The stack behind its interface, to be changed.
+    pub fn active_mut(&mut self) -> &mut dyn FlightStack {
+        match self {
+            Self::PaperRate(stack) => stack,
+            Self::PaperTorque(stack) => stack,
+            Self::PredictiveRate(stack) => stack,
+            Self::PredictiveTorque(stack) => stack,
+        }
+    }
+}

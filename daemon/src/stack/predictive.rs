@@ -1,0 +1,108 @@
+//! The predictive control stack: Kalman filters, prediction over the measured delay, reference model and `oqtal-dt`.
+
+use nalgebra::Vector3;
+use oqtal_config::Config;
+use oqtal_control::controller::InputForm;
+use oqtal_control::estimator::Estimate;
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::{Autopilot, Design, Rotation, VehicleModel};
+use oqtal_control::trajectory::Reference;
+
+use super::flight_stack::{ControlOutput, ControlStep, FlightStack, SATURATED};
+use crate::command::{RotationCommand, VehicleCommand, collective};
+
+/// The predictive control stack for a vehicle commanded through `I`.
+#[derive(Clone, Debug)]
+pub struct PredictiveStack<I> {
+    autopilot: Autopilot<I>,
+    /// Limit of each component of the rotation command \[as the command\].
+    limit: f64,
+    max_thrust_n: f64,
+}
+
+impl<I: InputForm + Copy> PredictiveStack<I> {
+    /// The stack of `config` for a vehicle that turns as `rotation` says and whose rotation command is at most `limit` \[as the
+    /// command\].
+    ///
+    /// # Errors
+    /// An option of the law is not allowed.
+    pub fn new(
+        config: &Config,
+        input: I,
+        rotation: Rotation,
+        limit: f64,
+    ) -> Result<Self, OptionError> {
+        let (vehicle, control) = (&config.vehicle, &config.control);
+        let model = VehicleModel {
+            rotation,
+            mass_kg: vehicle.mass_kg,
+            gravity_m_s2: vehicle.gravity_m_s2,
+            drag_per_s: vehicle.drag_per_s,
+            thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
+        };
+        let design = Design {
+            model,
+            input,
+            delay_s: vehicle.command_delay_ms * 1e-3,
+            period_s: 1.0 / control.rate_hz,
+        };
+        let autopilot =
+            Autopilot::new(design, control.oqtal_dt, &control.predictive, &config.position)
+                .map_err(|error| error.within("control.oqtal-dt"))?;
+        Ok(Self { autopilot, limit, max_thrust_n: vehicle.max_thrust_n })
+    }
+}
+
+impl<I: InputForm + Copy> FlightStack for PredictiveStack<I>
+where
+    I::Command: Into<RotationCommand>,
+{
+    fn observe(&mut self, captured_s: f64, measured: &Estimate) {
+        self.autopilot.observe(captured_s, measured);
+    }
+
+    /// The autopilot has an estimate of its own.
+    fn decide(
+        &mut self,
+        step: ControlStep,
+        _: &Estimate,
+        reference: &Reference,
+    ) -> Option<ControlOutput> {
+        let decision = self.autopilot.decide(step.now_s, reference)?;
+        let setpoint = decision.setpoint;
+        let rotation: RotationCommand = I::command_from(decision.u).into();
+        let attitude = setpoint.attitude.attitude;
+        let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
+        let saturated = rotation.vector().amax() / self.limit >= SATURATED;
+        Some(ControlOutput { setpoint, command, saturated })
+    }
+
+    fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand) {
+        let (u, thrust_n) = match command {
+            VehicleCommand::Disarmed => (Vector3::zeros(), 0.0),
+            // The thrust as the message carries it, a fraction of the greatest.
+            VehicleCommand::Armed { rotation, thrust_n, .. } => {
+                let fraction = collective(*thrust_n, self.max_thrust_n);
+                (rotation.vector(), fraction * self.max_thrust_n)
+            }
+        };
+        self.autopilot.sent(sequence, sent_s, (&u, thrust_n));
+    }
+
+    fn applied(&mut self, sequence: u64, applied_s: f64) {
+        self.autopilot.applied(sequence, applied_s);
+    }
+
+    fn reset(&mut self) {
+        self.autopilot.reset();
+    }
+
+    fn riccati_solves(&self) -> u32 {
+        self.autopilot.riccati_solves()
+    }
+
+    /// Always 0: the one equation is solved when the stack is made, which fails without a solution.
+    fn riccati_failures(&self) -> u32 {
+        0
+    }
+}
