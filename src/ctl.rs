@@ -13,7 +13,7 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
-use status::{Overview, ProcessHealth, Vehicle};
+use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 
 /// How long a running daemon may take to answer.
 const PATIENCE: Span = Span::from_millis(2000);
@@ -74,7 +74,7 @@ struct Report {
     config_agrees: Option<bool>,
     /// If somebody speaks for it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    vehicle: Option<Vehicle>,
+    vehicle: Option<VehicleStatus>,
     /// Where the daemon believes the vehicle is \[m, world\].
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
@@ -115,21 +115,21 @@ impl CtlArgs {
     }
 
     /// What the daemon answers, `None` if there is none; with `status` also how processes and vehicle are.
-    fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, Overview), BusError> {
+    fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
         let request = ControlRequestV1 { command: self.command.command().code() };
         let response = bus.control_client()?.ask(request, PATIENCE)?;
         let heard = match self.command {
-            Request::Status => status::listen(bus)?,
-            _ => Overview::default(),
+            Request::Status => status::observe(bus)?,
+            _ => InstanceStatus::default(),
         };
         Ok((response, heard))
     }
 }
 
 impl Report {
-    fn new(command: OperatorCommand, response: &ControlResponseV1, heard: Overview) -> Self {
+    fn new(command: OperatorCommand, response: &ControlResponseV1, heard: InstanceStatus) -> Self {
         let config_agrees = heard.config_agrees();
-        let Overview { processes, vehicle, position_m } = heard;
+        let InstanceStatus { processes, vehicle, position_m } = heard;
         Self {
             command: command.to_string(),
             answer: word(Answer::from_code(response.answer)),
@@ -154,9 +154,4 @@ impl Report {
         let first = format!("{command}: {answer}; {mode}, {state}{because}");
         [&[first], lines].concat().join("\n")
     }
-}
-
-/// A code in words; nothing for one that no version of ours sends.
-fn word(code: Option<impl ToString>) -> String {
-    code.map_or_else(String::new, |code| code.to_string())
 }

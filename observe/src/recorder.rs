@@ -1,4 +1,5 @@
-//! Turns what the processes say into a [`Flight`]: joins ticks with the truth, and sees how the flight ends.
+//! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and makes a
+//! [`Flight`] of it.
 
 use std::collections::VecDeque;
 
@@ -11,6 +12,7 @@ use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
 use crate::flight::{Arrival, Flight, Outcome, Sample};
+use crate::sink::{ObservedTopic, Reception, Sink};
 use crate::wire::WireRecord;
 
 /// Lower than this, in flight, is a crash \[m\]; at rest, landed.
@@ -29,6 +31,10 @@ const TRUTHS_KEPT: usize = 64;
 #[derive(Debug)]
 pub struct Recorder {
     config: Config,
+    /// Process id of the daemon; `None` before its first tick.
+    daemon_pid: Option<u64>,
+    /// Samples that were lost before the recorder received them, by topic.
+    lost: Vec<(ObservedTopic, u64)>,
     samples: Vec<Sample>,
     arrivals: Vec<Arrival>,
     hops: HopDistributions,
@@ -50,11 +56,21 @@ pub struct Recorder {
 }
 
 impl Recorder {
+    /// The topics that a flight is judged by.
+    pub const TOPICS: [ObservedTopic; 4] = [
+        ObservedTopic::Telemetry,
+        ObservedTopic::Truth,
+        ObservedTopic::Pose,
+        ObservedTopic::Vehicle,
+    ];
+
     /// A recorder for a flight under `config`.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
             config: config.clone(),
+            daemon_pid: None,
+            lost: Vec::new(),
             samples: Vec::with_capacity(4096),
             arrivals: Vec::with_capacity(4096),
             hops: HopDistributions::default(),
@@ -142,6 +158,18 @@ impl Recorder {
         !self.arrivals.is_empty()
     }
 
+    /// Process id of the daemon; `None` before its first tick was received.
+    #[must_use]
+    pub fn daemon_pid(&self) -> Option<u64> {
+        self.daemon_pid
+    }
+
+    /// Samples that were lost before the recorder received them, by topic; empty if there were none.
+    #[must_use]
+    pub fn lost(&self) -> &[(ObservedTopic, u64)] {
+        &self.lost
+    }
+
     /// How the flight ended, once it has.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
@@ -216,6 +244,32 @@ impl Recorder {
         self.resting_since = landed.then(|| self.resting_since.unwrap_or(now));
         if self.resting_since.is_some_and(|since| now.since(since) >= REST) {
             self.outcome = Some(Outcome::Landed);
+        }
+    }
+}
+
+impl Sink for Recorder {
+    fn truth(&mut self, _: &Reception, truth: &TruthV1) {
+        Self::truth(self, truth);
+    }
+
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        Self::pose(self, &reception.header, pose);
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        Self::vehicle(self, &reception.header, vehicle);
+    }
+
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        self.daemon_pid = Some(reception.header.source);
+        Self::telemetry(self, telemetry);
+    }
+
+    fn lost(&mut self, topic: ObservedTopic, count: u64) {
+        match self.lost.iter_mut().find(|(other, _)| *other == topic) {
+            Some((_, total)) => *total += count,
+            None => self.lost.push((topic, count)),
         }
     }
 }

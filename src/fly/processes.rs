@@ -23,7 +23,7 @@ use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::REVIEW;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::kernel::{Observed, OneProcessor};
-use oqtal_observe::observer::Observer;
+use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
 
 /// How often the observer listens in real time: well before a buffer of a thousand milliseconds is full.
@@ -55,8 +55,8 @@ fn fly_at(
     (place, interrupts): (&InstancePaths, &Interrupts),
 ) -> Result<Flight, Failure> {
     let bus = Bus::open(place)?;
-    // The ears are open before anybody speaks.
-    let mut observer = Observer::new(&bus)?;
+    // The readers are open before any process publishes.
+    let mut observer = BusObserver::open(&bus, &Recorder::TOPICS)?;
     refuse_company(&bus, &mission.config.instance.name)?;
     let lockstep = mission.config.clock.kind == ClockKind::Lockstep;
     let _here = lockstep.then(OneProcessor::stay);
@@ -73,10 +73,6 @@ fn fly_at(
     processes.dismiss();
     if let Some(failure) = watch.fallen.into_inner().unwrap_or_else(|poison| poison.into_inner()) {
         return Err(failure);
-    }
-    if observer.lost() > 0 {
-        let lost = observer.lost();
-        say(&format!("oqtal: {lost} samples were not recorded: this machine is overloaded"));
     }
     let flight = flight?;
     say_what_is_lacking(&flight);
@@ -113,7 +109,7 @@ fn refuse_company(bus: &Bus, instance: &str) -> Result<(), Failure> {
 fn record(
     (mission, link): (&Mission, &VehicleLink),
     bus: &Bus,
-    observer: &mut Observer,
+    observer: &mut BusObserver<Bus>,
     stop: &StopFlag,
 ) -> Result<Flight, Failure> {
     let client = bus.control_client()?;
@@ -129,11 +125,14 @@ fn record(
     let mut daemon = None;
     while let Some(instant) = clock.next_review()? {
         now = instant;
-        let heard = observer.listen(&mut recorder)?;
+        observer.poll(now, &mut recorder)?;
         progress.show(&recorder);
-        daemon = daemon.or_else(|| Observed::of(observer.daemon()?));
+        daemon = daemon.or_else(|| Observed::of(recorder.daemon_pid()?));
         // A recording begins with its first pose, whenever the daemon began.
-        let begun = if mission.recording.is_some() { recorder.sees() } else { heard };
+        let begun = match mission.recording {
+            Some(_) => recorder.sees(),
+            None => recorder.daemon_pid().is_some(),
+        };
         if begun || clock.is_virtual() {
             first.get_or_insert((now, Time::now()));
         } else if first.is_none() && Time::now().since(wall) > PATIENCE {
@@ -151,10 +150,15 @@ fn record(
         }
     }
     progress.finish();
+    for (topic, lost) in recorder.lost() {
+        say(&format!(
+            "oqtal: {lost} samples of `{topic}` were not recorded: this machine is overloaded"
+        ));
+    }
     let speed_factor = first.map_or(0.0, |(began, wall)| {
         now.since(began).seconds() / Time::now().since(wall).seconds().max(1e-9)
     });
-    if let (Some(daemon), Some(pid)) = (&mut daemon, observer.daemon()) {
+    if let (Some(daemon), Some(pid)) = (&mut daemon, recorder.daemon_pid()) {
         daemon.look_again(pid);
     }
     let command_path = link.command_path();
