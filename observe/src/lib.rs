@@ -8,6 +8,8 @@ pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;
 pub mod observer;
+pub mod page;
+pub mod plot;
 pub mod recorder;
 pub mod report;
 pub mod sink;

@@ -1,31 +1,25 @@
 //! The report of a flight: one HTML page that needs nothing else.
 
-pub mod axis;
 mod events;
-pub mod figure;
 #[cfg(test)]
 pub mod fixture;
 mod latency;
 mod motion;
-pub mod palette;
 mod path;
-pub mod plot;
 mod replay;
-pub mod series;
 mod settings;
-pub mod unit;
+mod timeline;
 
 use crate::latency::WHOLE;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use crate::flight::{Flight, Outcome};
+use crate::page::page;
+use crate::plot::unit::{self, MISSING, significant, span};
 use crate::summary::Summary;
 
 use replay::Arrivals;
-use series::Timeline;
-use unit::{MISSING, significant, span};
-
-const STYLE: &str = include_str!("report/page.css");
+use timeline::Timeline;
 
 /// The report of `flight`, whose figures are `summary`: a complete HTML document.
 #[must_use]
@@ -40,24 +34,6 @@ pub fn html(flight: &Flight, summary: &Summary) -> String {
         format!("{} · {} · {}", summary.controller, subject(flight, summary), summary.outcome);
     let main = html! { (body) (settings::settings(flight, summary)) };
     page(&title, "", &html! { (heading(flight, summary)) main { (main) } })
-}
-
-/// A complete HTML document in the style of the reports, with `style` added to it.
-pub fn page(title: &str, style: &str, body: &Markup) -> String {
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                title { (title) }
-                style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) (PreEscaped(style)) }
-            }
-            body { (body) }
-        }
-    };
-    page.into_string()
 }
 
 fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
@@ -181,11 +157,6 @@ fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
         ("Deadline misses", summary.deadline_misses.to_string(), lost),
         ("Speed", speed, "of real time".to_owned()),
     ]
-}
-
-/// A section of the page: a heading over a grid.
-fn section(title: &str, content: Markup) -> Markup {
-    html! { section { h2 { (title) } div.grid { (content) } } }
 }
 
 #[cfg(test)]

@@ -15,6 +15,9 @@ use crate::flight::{Flight, Outcome, Sample};
 use crate::kernel::Observed;
 use crate::wire::WireFigures;
 
+/// Safety states that are listed by name at most.
+const MOST_STATES: usize = 7;
+
 /// Mean, root mean square and greatest value of an error's magnitude, and the root mean square by axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct ErrorFigures {
@@ -120,6 +123,18 @@ impl Summary {
             state_sequence: state_sequence(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
+        }
+    }
+
+    /// The safety states passed through, as text; the first few if there are many.
+    #[must_use]
+    pub fn states(&self) -> String {
+        let states = &self.state_sequence;
+        let shown = states[..states.len().min(MOST_STATES)].join(" → ");
+        if states.len() > MOST_STATES {
+            format!("{shown} … ({} changes)", states.len() - 1)
+        } else {
+            shown
         }
     }
 

@@ -4,7 +4,7 @@ use crate::latency::{DistributionSummary, NAMES};
 use comfy_table::{CellAlignment, Table, presets};
 
 use crate::kernel::Observed;
-use crate::report::unit::{significant, span, states, unit_of_length, words};
+use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 use crate::wire::{CommandAge, WireFigures};
 
@@ -99,7 +99,7 @@ fn counts(summary: &Summary) -> String {
          poses lost {}, commands lost {}\nstates: {}",
         lost.pose,
         lost.command,
-        states(summary)
+        summary.states()
     )
 }
 

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use oqtal_observe::report;
+use oqtal_observe::page::page;
 
 use super::Chapter;
 use super::sheet::{Cell, Row, Sheet, Variant};
@@ -27,7 +27,7 @@ pub fn html(chapters: &[Chapter]) -> String {
         }
         main { @for chapter in chapters { (section(chapter)) } }
     };
-    report::page("oqtal: the paper, reproduced", STYLE, &body)
+    page("oqtal: the paper, reproduced", STYLE, &body)
 }
 
 fn section(chapter: &Chapter) -> Markup {

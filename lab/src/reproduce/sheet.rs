@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use oqtal_observe::report::unit::{MISSING, rounded};
+use oqtal_observe::plot::unit::{MISSING, rounded};
 
 /// Where a row comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

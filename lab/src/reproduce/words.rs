@@ -1,6 +1,6 @@
 //! Words for figures: what the page says of a figure is made from it.
 
-use oqtal_observe::report::unit::rounded;
+use oqtal_observe::plot::unit::rounded;
 
 /// One of two texts, by what holds.
 #[must_use]

@@ -8,12 +8,12 @@ use oqtal_control::trajectory::Phase;
 use crate::flight::Sample;
 use crate::summary::Summary;
 
-use super::axis::Axis;
-use super::figure::{FULL, figure};
-use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::section;
-use super::series::Timeline;
+use super::timeline::Timeline;
+use crate::page::section;
+use crate::plot::axis::Axis;
+use crate::plot::chart::{Mark, Plot};
+use crate::plot::figure::{FULL, figure};
+use crate::plot::palette::Ink;
 
 /// A list names so many events and counts the rest.
 const MOST_LISTED: usize = 100;
@@ -88,14 +88,14 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
 }
 
 /// A block for every stretch of ticks of one ink, in the row above `floor`.
-fn bands(timeline: &Timeline<'_>, ink: impl Fn(&Sample) -> Option<Ink>, floor: f64) -> Vec<Shape> {
+fn bands(timeline: &Timeline<'_>, ink: impl Fn(&Sample) -> Option<Ink>, floor: f64) -> Vec<Mark> {
     let mut bands = Vec::new();
     let stretches = timeline.samples.chunk_by(|a, b| ink(a) == ink(b));
     let ends = stretches.clone().skip(1).map(|next| &next[0]).chain(timeline.samples.last());
     for (stretch, end) in stretches.zip(ends) {
         if let Some(ink) = ink(&stretch[0]) {
             let from = (timeline.at(&stretch[0]), floor + 0.15);
-            bands.push(Shape::Block(ink, from, (timeline.at(end), floor + 0.85)));
+            bands.push(Mark::Block(ink, from, (timeline.at(end), floor + 0.85)));
         }
     }
     bands

@@ -10,13 +10,13 @@ use crate::flight::Flight;
 use crate::summary::Summary;
 use crate::wire::WireFigures;
 
-use super::axis::{Axis, extent};
-use super::figure::{HALF, figure, histogram};
-use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::section;
-use super::series::Point;
-use super::unit::{significant, span, words};
+use crate::page::section;
+use crate::plot::axis::{Axis, extent};
+use crate::plot::chart::{Mark, Plot};
+use crate::plot::figure::{HALF, figure, histogram};
+use crate::plot::palette::Ink;
+use crate::plot::trace::Point;
+use crate::plot::unit::{significant, span, words};
 
 /// One ink for each of [`NAMES`]: the hops, the wire, the whole.
 const INKS: [Ink; NAMES.len()] =
@@ -136,12 +136,12 @@ fn histograms(hops: &[Hop<'_>]) -> Markup {
 }
 
 /// Bars that stand on `floor`, the highest almost as high as a row.
-fn bars(ink: Ink, counts: &[u64], range: &Range<f64>, floor: f64) -> Vec<Shape> {
+fn bars(ink: Ink, counts: &[u64], range: &Range<f64>, floor: f64) -> Vec<Mark> {
     let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64;
     let width = (range.end - range.start) / counts.len() as f64;
     let bar = |(i, count): (usize, &u64)| {
         let from = range.start + i as f64 * width;
-        Shape::Block(ink, (from, floor), (from + width, floor + 0.85 * *count as f64 / highest))
+        Mark::Block(ink, (from, floor), (from + width, floor + 0.85 * *count as f64 / highest))
     };
     counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect()
 }
@@ -162,11 +162,7 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
         size: (HALF, HEIGHT),
         label_width: 120,
         y: time_axis(extent(curves.iter().flatten().map(|point| point.1))),
-        shapes: hops
-            .iter()
-            .zip(curves)
-            .map(|(hop, curve)| Shape::Line(hop.ink, 4, curve))
-            .collect(),
+        shapes: hops.iter().zip(curves).map(|(hop, curve)| Mark::Line(hop.ink, 4, curve)).collect(),
         x,
     };
     figure("Latency by percentile, colours as above", &[], &plot)

@@ -6,10 +6,10 @@ use oqtal_control::quaternion::Attitude;
 
 use crate::flight::Sample;
 
-use super::figure::over_time;
-use super::palette::Ink;
-use super::section;
-use super::series::Timeline;
+use super::timeline::Timeline;
+use super::timeline::over_time;
+use crate::page::section;
+use crate::plot::palette::Ink;
 
 /// The axes of the world.
 const WORLD: [&str; 3] = ["x", "y", "z"];

@@ -4,10 +4,11 @@ use maud::{Markup, html};
 
 use crate::flight::Sample;
 
-use super::figure::in_plane;
-use super::palette::Ink;
-use super::section;
-use super::series::{Point, Timeline, Trace, thin_path};
+use super::timeline::Timeline;
+use crate::page::section;
+use crate::plot::figure::in_plane;
+use crate::plot::palette::Ink;
+use crate::plot::trace::{Point, Trace, thin_path};
 
 /// A reference that moves further than this in one tick steps \[m\].
 const STEP_M: f64 = 0.1;

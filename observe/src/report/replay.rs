@@ -5,14 +5,14 @@ use oqtal_bus::time::Time;
 
 use crate::flight::Flight;
 
-use super::axis::Axis;
 use super::events::list;
-use super::figure::{FULL, figure, histogram};
-use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::section;
-use super::series::Timeline;
-use super::unit::significant;
+use super::timeline::Timeline;
+use crate::page::section;
+use crate::plot::axis::Axis;
+use crate::plot::chart::{Mark, Plot};
+use crate::plot::figure::{FULL, figure, histogram};
+use crate::plot::palette::Ink;
+use crate::plot::unit::significant;
 
 /// Poses further apart than this make a gap \[ms\].
 const GAP_MS: f64 = 50.0;
@@ -104,7 +104,7 @@ fn intervals(arrivals: &Arrivals) -> Markup {
         let from = i as f64 * width;
         // A single one is still to be seen: bars stand on half a count.
         let (floor, top) = (0.5_f64.log10(), (*count as f64).log10());
-        Shape::Block(Ink::Actual, (from, floor), (from + 0.85 * width, top))
+        Mark::Block(Ink::Actual, (from, floor), (from + 0.85 * width, top))
     };
     let mut y = Axis::decades(0.0..greatest.log10(), |decade| {
         10_u64.pow(decade.unsigned_abs()).to_string()

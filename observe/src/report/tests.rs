@@ -32,7 +32,7 @@ fn every_colour_of_a_plot_has_a_dark_counterpart() {
             let color = &rest[..6];
             // Text has its colour from the page.
             let known =
-                color == "000000" || palette::css().contains(&format!("{property}=\"#{color}\""));
+                color == "000000" || crate::plot::palette::css().contains(&format!("{property}=\"#{color}\""));
             assert!(known, "{property} {color}");
         }
     }

@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use maud::{Markup, PreEscaped, html};
 
-use oqtal_observe::report::axis::extent;
-use oqtal_observe::report::palette::Ink;
+use oqtal_observe::plot::axis::extent;
+use oqtal_observe::plot::palette::Ink;
 
 /// A point in space.
 pub type Point3 = [f64; 3];
@@ -201,7 +201,7 @@ pub fn around<'a>(
     std::array::from_fn(|i| {
         let Range { start, end } = ranges[i];
         let missing = (0.1 * longest - (end - start)).max(0.0);
-        let label = |value: f64| oqtal_observe::report::unit::rounded(value, 3);
+        let label = |value: f64| oqtal_observe::plot::unit::rounded(value, 3);
         Edge { name: names[i], range: start - missing / 2.0..end + missing / 2.0, label }
     })
 }

@@ -10,9 +10,9 @@ use crate::campaign::statistics::EVALUATION_SEEDS;
 use crate::campaign::table::Entrant;
 use crate::reproduce::sheet::Variant;
 use oqtal_observe::flight::{Flight, Sample};
-use oqtal_observe::report::figure::in_plane;
-use oqtal_observe::report::palette::Ink;
-use oqtal_observe::report::series::{Point, Trace, thin_path};
+use oqtal_observe::plot::figure::in_plane;
+use oqtal_observe::plot::palette::Ink;
+use oqtal_observe::plot::trace::{Point, Trace, thin_path};
 
 use super::scene::{Point3, Scene, around};
 use super::{Figure, over};

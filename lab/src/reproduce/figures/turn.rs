@@ -7,9 +7,9 @@ use oqtal_control::schedule::Cells;
 
 use crate::reproduce::lander::{DURATION_S, Descent, Lander, RATE_HZ, attitude_state};
 use crate::reproduce::roster;
-use oqtal_observe::report::figure::in_plane;
-use oqtal_observe::report::palette::Ink;
-use oqtal_observe::report::series::{Point, Trace};
+use oqtal_observe::plot::figure::in_plane;
+use oqtal_observe::plot::palette::Ink;
+use oqtal_observe::plot::trace::{Point, Trace};
 
 use super::scene::{Point3, Scene, around};
 use super::{Figure, over};

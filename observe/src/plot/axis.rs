@@ -2,11 +2,18 @@
 
 use std::ops::Range;
 
-use super::series::is_drawable;
+/// Largest magnitude that is drawn; larger numbers are faults, not measurements, and leave a gap.
+const GREATEST: f64 = 1e9;
 
-/// A tick and what is written at it.
+/// Whether a plot can show `value`.
+#[must_use]
+pub fn is_drawable(value: f64) -> bool {
+    value.abs() <= GREATEST
+}
+
+/// A tick of an axis, with its label.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tick {
+pub struct AxisTick {
     /// Where, in the axis's coordinate.
     pub at: f64,
     /// Its text.
@@ -19,7 +26,7 @@ pub struct Axis {
     /// From its lower to its upper end; never empty.
     pub range: Range<f64>,
     /// In rising order.
-    pub ticks: Vec<Tick>,
+    pub ticks: Vec<AxisTick>,
 }
 
 impl Axis {
@@ -30,7 +37,7 @@ impl Axis {
         let first = (range.start / step).ceil() as i64;
         let last = (range.end / step).floor() as i64;
         let tick =
-            |k: i64| Tick { at: k as f64 * step, label: format!("{}{unit}", number(k, step)) };
+            |k: i64| AxisTick { at: k as f64 * step, label: format!("{}{unit}", number(k, step)) };
         Self { ticks: (first..=last).map(tick).collect(), range }
     }
 
@@ -48,18 +55,18 @@ impl Axis {
     pub fn decades(range: Range<f64>, label: impl Fn(i32) -> String) -> Self {
         let first = range.start.floor() as i32;
         let last = (range.end.ceil() as i32).max(first + 1);
-        let tick = |decade: i32| Tick { at: f64::from(decade), label: label(decade) };
+        let tick = |decade: i32| AxisTick { at: f64::from(decade), label: label(decade) };
         Self { range: f64::from(first)..f64::from(last), ticks: (first..=last).map(tick).collect() }
     }
 
     /// Rows of height 1, the first at the top, each with its name.
     pub fn rows<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> Self {
         let count = names.len().max(1);
-        let tick = |(row, name): (usize, &str)| Tick {
+        let tick = |(row, name): (usize, &str)| AxisTick {
             at: count as f64 - 0.5 - row as f64,
             label: name.to_owned(),
         };
-        let mut ticks: Vec<Tick> = names.enumerate().map(tick).collect();
+        let mut ticks: Vec<AxisTick> = names.enumerate().map(tick).collect();
         ticks.reverse();
         Self { range: 0.0..count as f64, ticks }
     }

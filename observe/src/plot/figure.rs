@@ -5,9 +5,9 @@ use std::ops::Range;
 use maud::{Markup, PreEscaped, html};
 
 use super::axis::Axis;
+use super::chart::{Mark, Plot};
 use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::series::{Timeline, Trace};
+use super::trace::Trace;
 
 /// Width of a plot that takes half of the page.
 pub const HALF: u32 = 1120;
@@ -37,15 +37,20 @@ pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
     }
 }
 
-/// Traces over the time of the flight, the judged window shaded.
-pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Markup {
+/// Traces over a horizontal axis of seconds, with `shaded` stretch of it if there is one.
+pub fn over_time(
+    title: &str,
+    traces: Vec<Trace>,
+    span: Range<f64>,
+    shaded: Option<Range<f64>>,
+) -> Markup {
     let values = traces.iter().flat_map(|trace| &trace.points).map(|point| point.1);
     let legend: Vec<_> = traces.iter().map(|trace| (trace.name, trace.ink)).collect();
-    let band = timeline.scored().map(Shape::Band);
+    let band = shaded.map(Mark::Band);
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,
-        x: Axis::linear(timeline.range(), 8.0, " s"),
+        x: Axis::linear(span, 8.0, " s"),
         y: Axis::fitting(values),
         shapes: band.into_iter().chain(lines(traces)).collect(),
     };
@@ -61,14 +66,14 @@ pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
     let legend: Vec<_> = shown.map(|trace| (trace.name, trace.ink)).collect();
     let discs = marks
         .into_iter()
-        .flat_map(|mark| mark.points.into_iter().map(move |at| Shape::Disc(mark.ink, at)));
+        .flat_map(|mark| mark.points.into_iter().map(move |at| Mark::Disc(mark.ink, at)));
     let shapes = lines(paths).chain(discs).collect();
     let plot = Plot { size: (HALF, PATH_HEIGHT), label_width: LABEL_WIDTH, x, y, shapes };
     figure(title, &legend, &plot.with_equal_scale())
 }
 
-fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Shape> {
-    traces.into_iter().map(|trace| Shape::Line(trace.ink, LINE_WIDTH, trace.points))
+fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Mark> {
+    traces.into_iter().map(|trace| Mark::Line(trace.ink, LINE_WIDTH, trace.points))
 }
 
 /// How many of `values` fall into each of `bins` equal parts of `range`; those outside are left out.

@@ -10,7 +10,7 @@ use plotters::prelude::*;
 
 use super::axis::Axis;
 use super::palette::Ink;
-use super::series::{Point, is_drawable_point};
+use super::trace::{Point, is_drawable_point};
 
 /// Size of text; the backend divides by 1.24.
 const FONT_SIZE: f64 = 24.0 * 1.24;
@@ -29,7 +29,7 @@ type Plane = Cartesian2d<Axis, Axis>;
 
 /// Something drawn between the axes.
 #[derive(Clone, Debug)]
-pub enum Shape {
+pub enum Mark {
     /// A line of that width through points; a point that cannot be drawn is a gap.
     Line(Ink, u32, Vec<Point>),
     /// A shaded stretch of the horizontal axis, behind the grid.
@@ -52,7 +52,7 @@ pub struct Plot {
     /// The vertical axis.
     pub y: Axis,
     /// From the back to the front.
-    pub shapes: Vec<Shape>,
+    pub shapes: Vec<Mark>,
 }
 
 impl Plot {
@@ -89,7 +89,7 @@ impl Plot {
                 .y_label_area_size(self.label_width)
                 .build_cartesian_2d(self.x.clone(), self.y.clone())
                 .expect(NEVER_FAILS);
-            let is_behind = |shape: &&Shape| matches!(shape, Shape::Band(_));
+            let is_behind = |shape: &&Mark| matches!(shape, Mark::Band(_));
             for shape in self.shapes.iter().filter(is_behind) {
                 draw(chart.plotting_area(), shape);
             }
@@ -140,9 +140,9 @@ fn draw_axes(chart: &mut ChartContext<'_, SVGBackend<'_>, Plane>) {
         .expect(NEVER_FAILS);
 }
 
-fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
+fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Mark) {
     match shape {
-        Shape::Line(ink, width, points) => {
+        Mark::Line(ink, width, points) => {
             let style = ink.color().stroke_width(*width);
             for run in points.split(|point| !is_drawable_point(point)) {
                 if run.len() > 1 {
@@ -150,16 +150,16 @@ fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
                 }
             }
         }
-        Shape::Band(stretch) => {
+        Mark::Band(stretch) => {
             let y = plane.get_y_range();
             let corners = [(stretch.start, y.start), (stretch.end, y.end)];
             let band = Rectangle::new(corners, Ink::Shade.color().filled());
             plane.draw(&band).expect(NEVER_FAILS);
         }
-        Shape::Block(ink, from, to) => {
+        Mark::Block(ink, from, to) => {
             plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
         }
-        Shape::Disc(ink, center) => {
+        Mark::Disc(ink, center) => {
             if is_drawable_point(center) {
                 plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
             }

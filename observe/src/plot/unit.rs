@@ -1,11 +1,7 @@
 //! Numbers and names as people read them.
 
-use crate::summary::Summary;
-
 /// What stands for a number that is not there.
 pub const MISSING: &str = "–";
-/// So many safety states are named.
-const MOST_STATES: usize = 7;
 
 /// Three significant digits, without an exponent from a millionth up.
 pub fn significant(value: f64) -> String {
@@ -52,17 +48,6 @@ pub fn unit_of_length(metres: f64) -> (&'static str, f64) {
 pub fn length(metres: f64) -> String {
     let (unit, per_metre) = unit_of_length(metres);
     format!("{} {unit}", significant(metres * per_metre))
-}
-
-/// The safety states that a flight passed through; the first few if there are many.
-pub fn states(summary: &Summary) -> String {
-    let states = &summary.state_sequence;
-    let shown = states[..states.len().min(MOST_STATES)].join(" → ");
-    if states.len() > MOST_STATES {
-        format!("{shown} … ({} changes)", states.len() - 1)
-    } else {
-        shown
-    }
 }
 
 /// The name of a hop in words.
