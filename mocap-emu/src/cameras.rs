@@ -7,11 +7,11 @@ use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Mocap;
 use oqtal_control::quaternion::Attitude;
-use oqtal_runtime::random::{Generator, Source, normal3, stream};
+use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
-use crate::Delivery;
+use oqtal_runtime::pose_source::Delivery;
 
 /// Random words set aside for each frame, so that a frame's noise does not depend on what befell the frames before.
 const WORDS_PER_FRAME: u128 = 256;
@@ -32,7 +32,7 @@ impl Cameras {
     pub fn new(mocap: &Mocap, seed: u64) -> Self {
         Self {
             mocap: mocap.clone(),
-            generator: stream(seed, Source::Cameras),
+            generator: stream(seed, RandomSource::Cameras),
             in_flight: VecDeque::with_capacity(64),
             gap: 0,
         }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use crate::latency::{Distribution, HopDistributions};
 use oqtal_bus::code::{Mode, SafetyState};
-use oqtal_bus::message::{Header, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::trajectory::Phase;
@@ -89,56 +89,6 @@ impl Recorder {
             resting_since: None,
             outcome: None,
         }
-    }
-
-    /// Takes a sample of the truth. Ticks up to it now know where the vehicle was.
-    pub fn truth(&mut self, truth: &TruthV1) {
-        if self.truths.len() == TRUTHS_KEPT {
-            self.truths.pop_front();
-        }
-        self.truths.push_back(*truth);
-        self.join();
-    }
-
-    /// Takes a tick of the daemon.
-    pub fn telemetry(&mut self, telemetry: &TelemetryV1) {
-        self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
-        if let Some(last) = self.last_tick.replace(telemetry.time) {
-            let period = Span::period_of(self.config.control.rate_hz);
-            let deviation = telemetry.time.since(last) - period;
-            self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
-        }
-        if self.has_no_truth() {
-            self.push(Sample { telemetry: *telemetry, truth: None });
-            return;
-        }
-        self.waiting.push_back(*telemetry);
-        self.join();
-    }
-
-    /// Takes a pose.
-    pub fn pose(&mut self, header: &Header, pose: &PoseV1) {
-        let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
-        self.poses_repeated += u64::from(header.pose_sequence == last);
-        self.arrivals.push(Arrival {
-            at: header.stamps.pose_published_at,
-            frame: header.pose_sequence,
-            position: pose.position,
-        });
-    }
-
-    /// Takes the vehicle's answer to a command.
-    pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
-        self.commands_lost = vehicle.lost;
-        self.wire.vehicle(header, vehicle);
-        if !header.stamps.applied_at.is_set() {
-            // A bridge speaks in every period; this time there was no new command.
-            return;
-        }
-        self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
-        self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
-        self.last_command = vehicle.command_sequence;
-        self.battery.push((header.stamps.applied_at, vehicle.battery_v));
     }
 
     /// What the vehicle's side says, and the wire to it.
@@ -249,21 +199,54 @@ impl Recorder {
 }
 
 impl Sink for Recorder {
+    /// Joins the waiting ticks up to this sample with the truth.
     fn truth(&mut self, _: &Reception, truth: &TruthV1) {
-        Self::truth(self, truth);
-    }
-
-    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
-        Self::pose(self, &reception.header, pose);
-    }
-
-    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        Self::vehicle(self, &reception.header, vehicle);
+        if self.truths.len() == TRUTHS_KEPT {
+            self.truths.pop_front();
+        }
+        self.truths.push_back(*truth);
+        self.join();
     }
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         self.daemon_pid = Some(reception.header.source);
-        Self::telemetry(self, telemetry);
+        self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        if let Some(last) = self.last_tick.replace(telemetry.time) {
+            let period = Span::period_of(self.config.control.rate_hz);
+            let deviation = telemetry.time.since(last) - period;
+            self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
+        }
+        if self.has_no_truth() {
+            self.push(Sample { telemetry: *telemetry, truth: None });
+            return;
+        }
+        self.waiting.push_back(*telemetry);
+        self.join();
+    }
+
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        let header = &reception.header;
+        let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
+        self.poses_repeated += u64::from(header.pose_sequence == last);
+        self.arrivals.push(Arrival {
+            at: header.stamps.pose_published_at,
+            frame: header.pose_sequence,
+            position: pose.position,
+        });
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        let header = &reception.header;
+        self.commands_lost = vehicle.lost;
+        self.wire.vehicle(header, vehicle);
+        if !header.stamps.applied_at.is_set() {
+            // A bridge publishes in every period; in this one it had no new command.
+            return;
+        }
+        self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
+        self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
+        self.last_command = vehicle.command_sequence;
+        self.battery.push((header.stamps.applied_at, vehicle.battery_v));
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {

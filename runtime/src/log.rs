@@ -1,4 +1,4 @@
-//! Where logs go: to the journal, field by field, if it started this process; else to standard error, one readable line each.
+//! The log: structured records in the journal if the service manager started the process, else lines on standard error.
 
 use std::io::IsTerminal;
 
@@ -10,10 +10,10 @@ use tracing_subscriber::util::SubscriberInitExt;
 use oqtal_bus::topic::Role;
 use oqtal_config::LogLevel;
 
-/// In the journal our fields begin with this: `OQTAL_STATE`, `OQTAL_CAUSE`, `OQTAL_SEQUENCE`.
+/// Prefix of the journal fields: `OQTAL_STATE`, `OQTAL_CAUSE`, `OQTAL_SEQUENCE`.
 const PREFIX: &str = "OQTAL";
 
-/// Starts the log of `role`; what is less severe than `level` is not written.
+/// Starts the log of `role`; records below `level` are discarded.
 pub fn start(level: LogLevel, role: Role) {
     let level = match level {
         LogLevel::Error => Level::ERROR,
@@ -30,13 +30,13 @@ pub fn start(level: LogLevel, role: Role) {
             .with_writer(std::io::stderr)
             .with_ansi(std::io::stderr().is_terminal())
             .with_target(false)
-            // Standard error may be closed: the loop goes on without a log.
+            // If standard error is closed, the process goes on without a log.
             .log_internal_errors(false)
             .init(),
     }
 }
 
-/// The journal, if standard error leads to it.
+/// The journal layer, if standard error is connected to the journal.
 fn journal(role: Role) -> Option<tracing_journald::Layer> {
     let stream = std::env::var("JOURNAL_STREAM").ok()?;
     let stderr = rustix::fs::fstat(std::io::stderr()).ok()?;
@@ -48,7 +48,8 @@ fn journal(role: Role) -> Option<tracing_journald::Layer> {
     Some(journal.with_field_prefix(Some(PREFIX.to_owned())).with_syslog_identifier(name))
 }
 
-/// Whether `JOURNAL_STREAM` names this file, by device and inode (systemd.exec(5)): the variable outlives a redirection.
+/// Whether `JOURNAL_STREAM` names this file by device and inode (systemd.exec(5)). The variable is inherited also when standard
+/// error was redirected.
 fn is_stream(text: &str, device: u64, inode: u64) -> bool {
     let number = |text: &str| text.parse::<u64>().ok();
     text.split_once(':')

@@ -11,9 +11,10 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
-use oqtal_runtime::loop_clock::{LoopClock, StopFlag};
+use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Exit, Failure, instance_paths};
 use oqtal_runtime::program::say;
+use oqtal_runtime::stop::StopFlag;
 
 use super::output::Output;
 use super::process_group::{PATIENCE, ProcessGroup};

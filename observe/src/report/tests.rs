@@ -31,8 +31,8 @@ fn every_colour_of_a_plot_has_a_dark_counterpart() {
         for rest in page.split(&format!(" {property}=\"#")).skip(1) {
             let color = &rest[..6];
             // Text has its colour from the page.
-            let known =
-                color == "000000" || crate::plot::palette::css().contains(&format!("{property}=\"#{color}\""));
+            let known = color == "000000"
+                || crate::plot::palette::css().contains(&format!("{property}=\"#{color}\""));
             assert!(known, "{property} {color}");
         }
     }

@@ -8,8 +8,8 @@ pub mod turn;
 use maud::Markup;
 
 use oqtal_observe::plot::axis::Axis;
-use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::chart::{Mark, Plot};
+use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::trace::{Trace, thin};
 
 /// A figure of the paper.
