@@ -60,7 +60,7 @@ impl Request {
 
 /// The answer, as it is printed.
 #[derive(Debug, Serialize)]
-struct Report {
+struct ControlReport {
     command: String,
     answer: String,
     mode: String,
@@ -104,9 +104,9 @@ impl CtlArgs {
             return Err(Failure::new(Exit::Peer, message));
         };
         let lines = heard.lines();
-        let report = Report::new(self.command.command(), &response, heard);
+        let report = ControlReport::new(self.command.command(), &response, heard);
         if response.answer == Answer::Refused.code() {
-            let Report { command, cause, mode, .. } = report;
+            let ControlReport { command, cause, mode, .. } = report;
             let message = format!("{command} refused: {cause} (daemon is {mode})");
             return Err(Failure::new(Exit::Flight, message));
         }
@@ -126,7 +126,7 @@ impl CtlArgs {
     }
 }
 
-impl Report {
+impl ControlReport {
     fn new(command: OperatorCommand, response: &ControlResponseV1, heard: InstanceStatus) -> Self {
         let config_agrees = heard.config_agrees();
         let InstanceStatus { processes, vehicle, position_m } = heard;

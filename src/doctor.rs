@@ -28,10 +28,10 @@ use finding::{Finding, Level};
 use system::System;
 
 /// A check; `None` where there is nothing to check.
-type Check = fn(&System) -> Option<Finding>;
+type MachineCheck = fn(&System) -> Option<Finding>;
 
 /// Those that can keep a vehicle on the ground first.
-const CHECKS: [Check; 14] = [
+const CHECKS: [MachineCheck; 14] = [
     memory::shared,
     place::root,
     place::remains,

@@ -1,6 +1,6 @@
 //! `oqtal fly`: one flight, from the command line to the report.
 
-mod output;
+mod directory;
 mod process_group;
 mod processes;
 mod progress;
@@ -21,7 +21,7 @@ use oqtal_observe::summary::Summary;
 
 use vehicle::VehicleChoice;
 
-use progress::{Interrupts, Progress};
+use progress::{FlightProgress, Interrupts};
 use vehicle::VehicleLink;
 
 /// What to fly, and how.
@@ -93,7 +93,7 @@ impl Series {
 impl FlightSeries for Series {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
         let directory = self.directory.as_ref().map(|directory| directory.join(name));
-        let output = output::Output::create(directory.as_deref(), &mission.config)?;
+        let output = directory::FlightDirectory::create(directory.as_deref(), &mission.config)?;
         let flight = processes::fly(mission, &VehicleLink::Bus, (&output, &self.interrupts))?;
         if self.interrupts.came() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
@@ -111,7 +111,7 @@ impl FlyArgs {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         let link = VehicleLink::open(self.vehicle.as_ref(), &mut config)?;
         let mission = Mission::new(config)?;
-        let output = output::Output::create(self.out.as_deref(), &mission.config)?;
+        let output = directory::FlightDirectory::create(self.out.as_deref(), &mission.config)?;
         let flight = match mission.config.clock.kind {
             ClockKind::InProcess => fly_in_process(&mission)?,
             ClockKind::Real | ClockKind::Lockstep => {
@@ -121,7 +121,11 @@ impl FlyArgs {
         self.conclude(&flight, &output)
     }
 
-    fn conclude(&self, flight: &Flight, output: &output::Output) -> Result<Exit, Failure> {
+    fn conclude(
+        &self,
+        flight: &Flight,
+        output: &directory::FlightDirectory,
+    ) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
         output.write(flight, &summary)?;
         if self.json {
@@ -162,7 +166,7 @@ impl FlyArgs {
 
 /// Flies in this process, with progress in the terminal and Ctrl-C.
 fn fly_in_process(mission: &Mission) -> Result<Flight, Failure> {
-    let progress = Progress::new(mission.expected());
+    let progress = FlightProgress::new(mission.expected());
     let interrupts = Interrupts::listen()?;
     let flight = simulation::fly_watched(mission, |recorder| {
         progress.show(recorder);

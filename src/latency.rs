@@ -33,7 +33,7 @@ use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
 use figures::Figures;
-use oqtal_observe::kernel::Realtime;
+use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::LoopMonitor;
 use oqtal_observe::observer::BusObserver;
 use rig::Rig;
@@ -155,7 +155,8 @@ impl LatencyArgs {
             observation.poll()?;
             rig.as_mut().map_or(Ok(()), |rig| rig.check())?;
         }
-        let realtime = observation.monitor.daemon_pid().and_then(Realtime::of).unwrap_or_default();
+        let realtime =
+            observation.monitor.daemon_pid().and_then(ThreadScheduling::of).unwrap_or_default();
         let bare = rig.map(|rig| rig.finish(from, Time::now())).transpose()?;
         Ok(Figures::new(&observation.monitor, bare.as_ref(), realtime))
     }

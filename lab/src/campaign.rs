@@ -16,8 +16,8 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
 use crate::mission::Mission;
-use crate::reproduce::progress::Progress;
-use crate::reproduce::sheet::{Sheet, Variant};
+use crate::progress::Progress;
+use crate::sheet::{Sheet, Variant};
 use crate::tune::space;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::name_of;

@@ -3,6 +3,8 @@
 
 pub mod campaign;
 pub mod mission;
+pub mod progress;
 pub mod reproduce;
+pub mod sheet;
 pub mod simulation;
 pub mod tune;

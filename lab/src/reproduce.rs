@@ -4,15 +4,15 @@
 //! them by shared code.
 
 pub mod body;
+pub mod chapter;
+pub mod criteria;
 pub mod figures;
 pub mod judgement;
 pub mod lander;
 pub mod options;
 pub mod page;
-pub mod progress;
 pub mod recovery;
 pub mod roster;
-pub mod sheet;
 pub mod step;
 pub mod sweep;
 pub mod table_3;
@@ -20,25 +20,24 @@ pub mod table_4;
 pub mod table_5;
 pub mod words;
 
-use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use oqtal_control::controller::InvalidOption;
 use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
 
-use figures::Figure;
+use crate::progress::Progress;
+use crate::sheet::Sheet;
+
+use chapter::{Chapter, ExperimentContext};
 use lander::Lander;
-use progress::Progress;
-use sheet::Sheet;
 
 /// One experiment: what it can be called, its figures, and how it is run.
 struct Experiment {
     name: &'static str,
     figures: &'static [&'static str],
-    run: fn(&Context) -> Result<Chapter, Failure>,
+    run: fn(&ExperimentContext) -> Result<Chapter, Failure>,
 }
 
 /// The experiments, in the order of the page.
@@ -83,48 +82,6 @@ const EXPERIMENTS: [Experiment; 7] = [
 /// Everything.
 const ALL: &str = "all";
 
-/// What came of an experiment.
-#[derive(Clone, Debug, Default)]
-pub struct Chapter {
-    /// Its heading.
-    pub title: &'static str,
-    /// What a reader must know first, a paragraph each.
-    pub intro: Vec<String>,
-    /// Its tables.
-    pub sheets: Vec<Sheet>,
-    /// Its figures.
-    pub figures: Vec<Figure>,
-}
-
-/// What experiments share.
-#[derive(Debug)]
-pub struct Context {
-    /// The spacecraft.
-    pub lander: Lander,
-    /// Whether gains are tuned anew.
-    pub retune: bool,
-    /// Where results are written.
-    pub directory: PathBuf,
-    /// How far the work is.
-    pub progress: Progress,
-}
-
-impl Context {
-    /// Writes a file among the results.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
-        let file = self.directory.join(name);
-        let parent = file.parent().unwrap_or(&self.directory);
-        fs::create_dir_all(parent).and_then(|()| fs::write(&file, text)).map_err(|error| {
-            let name = file.display();
-            let message = format!("{name}: {error}; give another directory with --out");
-            Failure::new(Exit::System, message)
-        })
-    }
-}
-
 /// Which part of the paper.
 #[derive(Args, Debug)]
 pub struct ReproduceArgs {
@@ -155,7 +112,7 @@ impl ReproduceArgs {
     /// # Errors
     /// The directory cannot be written, or a setting in the environment has no meaning.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let context = Context {
+        let context = ExperimentContext {
             lander: Lander::new()?,
             retune: self.retune,
             directory: self.out.clone(),
@@ -210,9 +167,4 @@ fn to_json(chapters: &[Chapter]) -> Value {
         }
         _ => json!({ "tables": sheets }),
     }
-}
-
-/// The options of the experiments are constants: a wrong one is a fault of ours.
-fn invalid(error: InvalidOption) -> Failure {
-    Failure::new(Exit::Internal, error.to_string())
 }

@@ -13,7 +13,7 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_runtime::process::{Exit, Failure};
 
-use crate::reproduce::progress::Progress;
+use crate::progress::Progress;
 
 use optimiser::Optimiser;
 use search::{Budget, Tuned};

@@ -6,12 +6,12 @@ use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_control::trajectory::Phase;
 
-use crate::flight::{Flight, Sample};
+use crate::flight::{Flight, FlightSample};
 
 /// A column of words; `None` leaves the cell empty.
-type Word = (&'static str, fn(&TelemetryV1) -> Option<String>);
+type WordColumn = (&'static str, fn(&TelemetryV1) -> Option<String>);
 
-const WORDS: [Word; 4] = [
+const WORDS: [WordColumn; 4] = [
     ("mode", |t| Mode::from_code(t.mode).map(|mode| mode.to_string())),
     ("state", |t| SafetyState::from_code(t.state).map(|state| state.to_string())),
     ("cause", |t| Cause::from_code(t.cause).map(|cause| cause.to_string())),
@@ -19,9 +19,9 @@ const WORDS: [Word; 4] = [
 ];
 
 /// Columns of numbers that come together: as many of the four as there are names.
-type Group = (&'static [&'static str], fn(&Sample) -> [f64; 4]);
+type NumberColumns = (&'static [&'static str], fn(&FlightSample) -> [f64; 4]);
 
-const NUMBERS: [Group; 20] = [
+const NUMBERS: [NumberColumns; 20] = [
     (&["tick", "mission_s"], |s| two(s.telemetry.tick as f64, s.telemetry.mission_s)),
     (&["scored", "fresh", "saturated"], |s| {
         three([s.telemetry.scored, s.telemetry.fresh, s.telemetry.saturated].map(f64::from))

@@ -12,7 +12,7 @@ use oqtal_control::quaternion::Attitude;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
-use crate::kernel::Observed;
+use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
 /// How a flight ended.
@@ -45,7 +45,7 @@ impl fmt::Display for Outcome {
 
 /// One tick of the daemon, and where the vehicle really was.
 #[derive(Clone, Copy, Debug)]
-pub struct Sample {
+pub struct FlightSample {
     /// What the daemon knew and decided.
     pub telemetry: TelemetryV1,
     /// The truth at the tick; `None` where there is none (a recording, a real vehicle).
@@ -54,7 +54,7 @@ pub struct Sample {
 
 /// A pose as it arrived.
 #[derive(Clone, Copy, Debug)]
-pub struct Arrival {
+pub struct PoseArrival {
     /// When it was published.
     pub at: Time,
     /// Number of its camera frame: a gap is a lost frame.
@@ -73,9 +73,9 @@ pub struct Flight {
     /// How it ended.
     pub outcome: Outcome,
     /// Every tick, from the first to the last.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<FlightSample>,
     /// Every pose.
-    pub arrivals: Vec<Arrival>,
+    pub arrivals: Vec<PoseArrival>,
     /// Latencies of the commands that reached the vehicle.
     pub hops: HopDistributions,
     /// What went over the wire, if there was one.
@@ -95,10 +95,10 @@ pub struct Flight {
     /// Simulated over wall time, from the first to the last tick.
     pub speed_factor: f64,
     /// The daemon as the kernel sees it; `None` if it was no process of its own.
-    pub daemon: Option<Observed>,
+    pub daemon: Option<ProcessUsage>,
 }
 
-impl Sample {
+impl FlightSample {
     /// Whether the vehicle was armed in this tick.
     #[must_use]
     pub fn is_armed(&self) -> bool {
@@ -151,12 +151,12 @@ impl Sample {
 
 impl Flight {
     /// The ticks from arming to disarming.
-    pub fn armed(&self) -> impl Iterator<Item = &Sample> {
+    pub fn armed(&self) -> impl Iterator<Item = &FlightSample> {
         self.samples.iter().filter(|sample| sample.is_armed())
     }
 
     /// The ticks that are judged.
-    pub fn scored(&self) -> impl Iterator<Item = &Sample> {
+    pub fn scored(&self) -> impl Iterator<Item = &FlightSample> {
         self.armed().filter(|sample| sample.telemetry.scored != 0)
     }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 /// How the most urgent thread of a process is scheduled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Realtime {
+pub struct ThreadScheduling {
     /// `other`, `fifo`, `rr`, `batch`, `idle` or `deadline`.
     pub policy: &'static str,
     /// Real-time priority; 0 under ordinary scheduling.
@@ -20,7 +20,7 @@ pub struct Realtime {
     pub locked: bool,
 }
 
-impl fmt::Display for Realtime {
+impl fmt::Display for ThreadScheduling {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "SCHED_{}", self.policy.to_uppercase())?;
         if self.priority > 0 {
@@ -34,7 +34,7 @@ impl fmt::Display for Realtime {
     }
 }
 
-impl Realtime {
+impl ThreadScheduling {
     /// That of the process `pid`; `None` if there is none.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
@@ -104,21 +104,21 @@ impl Footprint {
 
 /// A process over the time it was looked at.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Observed {
+pub struct ProcessUsage {
     /// How it was scheduled.
-    pub realtime: Realtime,
+    pub realtime: ThreadScheduling,
     /// What it held when it was first looked at.
     pub start: Footprint,
     /// What it held in the end.
     pub end: Footprint,
 }
 
-impl Observed {
+impl ProcessUsage {
     /// The process `pid`, looked at for the first time.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let start = Footprint::of(pid)?;
-        Some(Self { realtime: Realtime::of(pid)?, start, end: start })
+        Some(Self { realtime: ThreadScheduling::of(pid)?, start, end: start })
     }
 
     /// Looks again; what is gone stays as it was.
@@ -163,20 +163,24 @@ mod tests {
         fields[41 - 3] = "1".to_owned();
         let stat = format!("17 (a) b (c) {}", fields.join(" "));
         let status = "Name:\tx\nVmLck:\t  5120 kB\nCpus_allowed_list:\t1\n";
-        let found = Realtime::parse(&stat, status).unwrap();
-        assert_eq!(found, Realtime { policy: "fifo", priority: 80, cpu: Some(1), locked: true });
-        let several = Realtime::parse(&stat, "VmLck:\t0 kB\nCpus_allowed_list:\t0-1\n").unwrap();
+        let found = ThreadScheduling::parse(&stat, status).unwrap();
+        assert_eq!(
+            found,
+            ThreadScheduling { policy: "fifo", priority: 80, cpu: Some(1), locked: true }
+        );
+        let several =
+            ThreadScheduling::parse(&stat, "VmLck:\t0 kB\nCpus_allowed_list:\t0-1\n").unwrap();
         assert_eq!((several.cpu, several.locked), (None, false));
     }
 
     #[test]
     fn what_is_asked_for_and_not_granted_is_named() {
         let asked = config::Config::default().realtime;
-        let granted = Realtime { policy: "fifo", priority: 50, cpu: None, locked: true };
+        let granted = ThreadScheduling { policy: "fifo", priority: 50, cpu: None, locked: true };
         assert!(granted.lacks(&asked).is_empty());
-        assert_eq!(Realtime::default().lacks(&asked), ["SCHED_FIFO", "locked memory"]);
+        assert_eq!(ThreadScheduling::default().lacks(&asked), ["SCHED_FIFO", "locked memory"]);
         let content = config::Realtime { lock_memory: false, ..asked };
-        assert_eq!(Realtime::default().lacks(&content), ["SCHED_FIFO"]);
+        assert_eq!(ThreadScheduling::default().lacks(&content), ["SCHED_FIFO"]);
     }
 
     #[test]
@@ -190,9 +194,9 @@ mod tests {
 
     #[test]
     fn this_process_is_scheduled_somehow() {
-        let own = Realtime::of(u64::from(std::process::id())).unwrap();
+        let own = ThreadScheduling::of(u64::from(std::process::id())).unwrap();
         assert_ne!(own.policy, "unknown");
-        assert_eq!(Realtime::of(u64::MAX), None);
+        assert_eq!(ThreadScheduling::of(u64::MAX), None);
         let held = Footprint::of(u64::from(std::process::id())).unwrap();
         assert!(held.resident_kib > 0 && held.open_files > 2, "{held:?}");
     }

@@ -11,7 +11,7 @@ use oqtal_config::Config;
 use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
-use crate::flight::{Arrival, Flight, Outcome, Sample};
+use crate::flight::{Flight, FlightSample, Outcome, PoseArrival};
 use crate::sink::{ObservedTopic, Reception, Sink};
 use crate::wire::WireRecord;
 
@@ -35,8 +35,8 @@ pub struct Recorder {
     daemon_pid: Option<u64>,
     /// Samples that were lost before the recorder received them, by topic.
     lost: Vec<(ObservedTopic, u64)>,
-    samples: Vec<Sample>,
-    arrivals: Vec<Arrival>,
+    samples: Vec<FlightSample>,
+    arrivals: Vec<PoseArrival>,
     hops: HopDistributions,
     wire: WireRecord,
     wakeup_lateness: Distribution,
@@ -128,7 +128,7 @@ impl Recorder {
 
     /// The newest tick.
     #[must_use]
-    pub fn latest(&self) -> Option<&Sample> {
+    pub fn latest(&self) -> Option<&FlightSample> {
         self.samples.last()
     }
 
@@ -163,18 +163,18 @@ impl Recorder {
             self.waiting.pop_front();
             let distance = |truth: &&TruthV1| truth.time.since(telemetry.time).nanos().abs();
             let truth = self.truths.iter().min_by_key(distance).copied();
-            self.push(Sample { telemetry, truth });
+            self.push(FlightSample { telemetry, truth });
         }
     }
 
-    fn push(&mut self, sample: Sample) {
+    fn push(&mut self, sample: FlightSample) {
         self.samples.push(sample);
         if self.outcome.is_none() && !self.config.is_replay() {
             self.judge(&sample);
         }
     }
 
-    fn judge(&mut self, sample: &Sample) {
+    fn judge(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             self.flown = true;
             if has_crashed(sample) {
@@ -217,7 +217,7 @@ impl Sink for Recorder {
             self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
         }
         if self.has_no_truth() {
-            self.push(Sample { telemetry: *telemetry, truth: None });
+            self.push(FlightSample { telemetry: *telemetry, truth: None });
             return;
         }
         self.waiting.push_back(*telemetry);
@@ -228,7 +228,7 @@ impl Sink for Recorder {
         let header = &reception.header;
         let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
         self.poses_repeated += u64::from(header.pose_sequence == last);
-        self.arrivals.push(Arrival {
+        self.arrivals.push(PoseArrival {
             at: header.stamps.pose_published_at,
             frame: header.pose_sequence,
             position: pose.position,
@@ -258,7 +258,7 @@ impl Sink for Recorder {
 }
 
 /// An armed vehicle that lies on the floor, turned over or left the room.
-fn has_crashed(sample: &Sample) -> bool {
+fn has_crashed(sample: &FlightSample) -> bool {
     let airborne = [Phase::Settle, Phase::Trajectory]
         .map(|phase| phase as u8)
         .contains(&sample.telemetry.phase)

@@ -18,7 +18,7 @@ use crate::page::page;
 use crate::plot::unit::{self, MISSING, significant, span};
 use crate::summary::Summary;
 
-use replay::Arrivals;
+use replay::ArrivalIntervals;
 use timeline::Timeline;
 
 /// The report of `flight`, whose figures are `summary`: a complete HTML document.
@@ -50,7 +50,7 @@ fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
 }
 
 fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
-    let arrivals = Arrivals::of(timeline.flight);
+    let arrivals = ArrivalIntervals::of(timeline.flight);
     html! {
         (cards(&replay_figures(&arrivals, summary)))
         (path::recorded(timeline))
@@ -131,7 +131,7 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
     figures
 }
 
-fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
+fn replay_figures(arrivals: &ArrivalIntervals, summary: &Summary) -> Vec<KeyFigure> {
     let milliseconds = |value: f64| format!("{} ms", significant(value));
     let (median, longest) = (arrivals.median_ms(), arrivals.longest_ms());
     let mut figures = vec![

@@ -11,8 +11,8 @@ use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
-use crate::flight::{Flight, Outcome, Sample};
-use crate::kernel::Observed;
+use crate::flight::{Flight, FlightSample, Outcome};
+use crate::kernel::ProcessUsage;
 use crate::wire::WireFigures;
 
 /// Safety states that are listed by name at most.
@@ -33,7 +33,7 @@ pub struct ErrorFigures {
 
 /// Messages by topic that were missed, or came more than once.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Counts {
+pub struct TopicCounts {
     /// Poses, by the gaps in their frame numbers; in a recording by the gaps in time.
     pub pose: u64,
     /// Commands, by the gaps in their sequence.
@@ -62,8 +62,8 @@ pub struct Summary {
     pub riccati_solves: u64,
     pub speed_factor: f64,
     pub deadline_misses: u64,
-    pub lost: Counts,
-    pub repeated: Counts,
+    pub lost: TopicCounts,
+    pub repeated: TopicCounts,
     /// Poses that a newer one overtook before the daemon looked: bursts, or a daemon that was late.
     pub poses_superseded: u64,
     pub hops: BTreeMap<&'static str, DistributionSummary>,
@@ -73,7 +73,7 @@ pub struct Summary {
     /// How far the time between two turns of the loop was from a period.
     pub period_jitter: DistributionSummary,
     /// The daemon as the kernel sees it; `None` if it was no process of its own.
-    pub daemon: Option<Observed>,
+    pub daemon: Option<ProcessUsage>,
     /// The safety states passed through, in order.
     pub state_sequence: Vec<String>,
     pub config_hash: String,
@@ -89,7 +89,7 @@ impl Summary {
         let (ticks, duration_s) = extent(flight.armed());
         let (_, scored_s) = extent(flight.scored());
         let figures =
-            |error: fn(&Sample) -> Vector3<f64>| error_figures(flight.scored().map(error));
+            |error: fn(&FlightSample) -> Vector3<f64>| error_figures(flight.scored().map(error));
         let has_truth = flight.samples.iter().any(|sample| sample.truth.is_some());
         Self {
             controller: name_of(&config.control.controller),
@@ -105,15 +105,18 @@ impl Summary {
             scored_s,
             outcome: flight.outcome,
             error_source: if has_truth { "truth" } else { "pose" },
-            position_error_m: figures(Sample::position_error),
-            velocity_error_m_s: figures(Sample::velocity_error),
+            position_error_m: figures(FlightSample::position_error),
+            velocity_error_m_s: figures(FlightSample::velocity_error),
             attitude_error_deg: figures(|sample| sample.attitude_error().map(f64::to_degrees)),
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,
             deadline_misses: last.deadline_misses,
-            lost: Counts { pose: last.poses_lost, command: flight.commands_lost },
-            repeated: Counts { pose: flight.poses_repeated, command: flight.commands_repeated },
+            lost: TopicCounts { pose: last.poses_lost, command: flight.commands_lost },
+            repeated: TopicCounts {
+                pose: flight.poses_repeated,
+                command: flight.commands_repeated,
+            },
             poses_superseded: last.poses_superseded,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wire: flight.wire.figures(),
@@ -163,7 +166,7 @@ fn vehicle_name(kind: VehicleKind, fidelity: Fidelity) -> String {
 }
 
 /// How many samples there are, and the time from the first to the last \[s\].
-fn extent<'a>(mut samples: impl Iterator<Item = &'a Sample>) -> (usize, f64) {
+fn extent<'a>(mut samples: impl Iterator<Item = &'a FlightSample>) -> (usize, f64) {
     let Some(first) = samples.next() else { return (0, 0.0) };
     let (count, last) = samples.fold((1, first), |(count, _), sample| (count + 1, sample));
     (count, last.telemetry.time.since(first.telemetry.time).seconds())

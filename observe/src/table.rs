@@ -3,7 +3,7 @@
 use crate::latency::{DistributionSummary, NAMES};
 use comfy_table::{CellAlignment, Table, presets};
 
-use crate::kernel::Observed;
+use crate::kernel::ProcessUsage;
 use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 use crate::wire::{CommandAge, WireFigures};
@@ -104,8 +104,8 @@ fn counts(summary: &Summary) -> String {
 }
 
 /// How the daemon was run, and whether it grew.
-fn process(daemon: &Observed) -> String {
-    let Observed { realtime, start, end } = daemon;
+fn process(daemon: &ProcessUsage) -> String {
+    let ProcessUsage { realtime, start, end } = daemon;
     format!(
         "\ndaemon: {realtime}\n        resident {} KiB at first, {} at last; open files {}, {}",
         start.resident_kib, end.resident_kib, start.open_files, end.open_files

@@ -30,7 +30,7 @@ pub struct WireFigures {
     /// How old a command is when its last byte is on the wire.
     pub command_age: CommandAge,
     /// Share of the requests to the vehicle that were answered \[0..1\]; `None` if it was never asked.
-    pub link_quality: Option<Quality>,
+    pub link_quality: Option<LinkQuality>,
 }
 
 /// The age of a command at its last byte.
@@ -44,7 +44,7 @@ pub struct CommandAge {
 
 /// How much was answered.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Quality {
+pub struct LinkQuality {
     /// Mean.
     pub mean: f64,
     /// Least within a second.
@@ -105,7 +105,7 @@ impl WireRecord {
                 from_capture: self.from_capture.summary(),
                 from_publication: self.from_publication.summary(),
             },
-            link_quality: self.least_quality.map(|min| Quality { mean, min }),
+            link_quality: self.least_quality.map(|min| LinkQuality { mean, min }),
         })
     }
 }

@@ -16,14 +16,14 @@ use oqtal_runtime::process::{Exit, Failure, instance_paths};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 
-use super::output::Output;
+use super::directory::FlightDirectory;
 use super::process_group::{PATIENCE, ProcessGroup};
-use super::progress::{Interrupts, Progress};
+use super::progress::{FlightProgress, Interrupts};
 use super::vehicle::VehicleLink;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::REVIEW;
 use oqtal_observe::flight::Flight;
-use oqtal_observe::kernel::{Observed, OneProcessor};
+use oqtal_observe::kernel::{OneProcessor, ProcessUsage};
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
 
@@ -39,7 +39,7 @@ const WATCH: Duration = Duration::from_millis(20);
 pub fn fly(
     mission: &Mission,
     link: &VehicleLink,
-    (output, interrupts): (&Output, &Interrupts),
+    (output, interrupts): (&FlightDirectory, &Interrupts),
 ) -> Result<Flight, Failure> {
     let place = instance_paths(&mission.config)?;
     let result = fly_at((mission, link), output, (&place, interrupts));
@@ -52,7 +52,7 @@ pub fn fly(
 
 fn fly_at(
     (mission, link): (&Mission, &VehicleLink),
-    output: &Output,
+    output: &FlightDirectory,
     (place, interrupts): (&InstancePaths, &Interrupts),
 ) -> Result<Flight, Failure> {
     let bus = Bus::open(place)?;
@@ -118,8 +118,8 @@ fn record(
         ask_to_fly(&client, stop)?;
     }
     let mut recorder = Recorder::new(&mission.config);
-    let progress = Progress::new(mission.expected());
-    let mut clock = Clock::new(mission, bus, stop)?;
+    let progress = FlightProgress::new(mission.expected());
+    let mut clock = ReviewClock::new(mission, bus, stop)?;
     let wall = Time::now();
     let mut first = None;
     let mut now = Time::UNSET;
@@ -128,7 +128,7 @@ fn record(
         now = instant;
         observer.poll(now, &mut recorder)?;
         progress.show(&recorder);
-        daemon = daemon.or_else(|| Observed::of(recorder.daemon_pid()?));
+        daemon = daemon.or_else(|| ProcessUsage::of(recorder.daemon_pid()?));
         // A recording begins with its first pose, whenever the daemon began.
         let begun = match mission.recording {
             Some(_) => recorder.sees(),
@@ -167,12 +167,12 @@ fn record(
 }
 
 /// The recorder's clock: a look every few milliseconds, or a turn in virtual time.
-enum Clock {
+enum ReviewClock {
     Real(StopFlag),
     Virtual { pace: Box<LoopClock>, next: Option<Time>, end: Time },
 }
 
-impl Clock {
+impl ReviewClock {
     fn new(mission: &Mission, bus: &Bus, stop: &StopFlag) -> Result<Self, Failure> {
         Ok(match mission.config.clock.kind {
             ClockKind::Real => Self::Real(stop.clone()),

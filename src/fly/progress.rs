@@ -15,11 +15,11 @@ use oqtal_observe::recorder::Recorder;
 
 /// A bar on standard error; silent where that is no terminal.
 #[derive(Debug)]
-pub struct Progress {
+pub struct FlightProgress {
     bar: ProgressBar,
 }
 
-impl Progress {
+impl FlightProgress {
     /// A bar for a flight that takes `expected`.
     #[must_use]
     pub fn new(expected: Span) -> Self {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::bare::Mechanism;
 use super::pairs::Pair;
 use super::rig::Bare;
-use oqtal_observe::kernel::Realtime;
+use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::{LoopCounters, LoopMonitor};
 
 /// The hops that only carry: what they take is the bus's, not a computation's.
@@ -56,7 +56,7 @@ pub struct Figures {
     /// Wake-ups.
     pub wakeup: Wakeup,
     /// How the daemon is scheduled.
-    pub realtime: Realtime,
+    pub realtime: ThreadScheduling,
     /// What was counted.
     pub counters: LoopCounters,
 }
@@ -64,7 +64,7 @@ pub struct Figures {
 impl Figures {
     /// The figures of what was heard, beside what was measured bare.
     #[must_use]
-    pub fn new(monitor: &LoopMonitor, bare: Option<&Bare>, realtime: Realtime) -> Self {
+    pub fn new(monitor: &LoopMonitor, bare: Option<&Bare>, realtime: ThreadScheduling) -> Self {
         let measured = bare.into_iter().flat_map(|bare| &bare.mechanisms);
         let mut figures = Self {
             hops: monitor.hops().iter().map(|(name, hop)| (name, hop.summary())).collect(),

@@ -18,7 +18,7 @@ use super::part;
 use super::rig::{Rig, read};
 use super::sleep::RECORD;
 use crate::child::{Child, command};
-use oqtal_observe::kernel::Realtime;
+use oqtal_observe::kernel::ThreadScheduling;
 
 /// Pairs measured.
 pub const PAIRS: u32 = 5;
@@ -49,7 +49,7 @@ struct Terms {
 }
 
 impl Terms {
-    fn new(rig: &Rig, length: Span, realtime: &Realtime) -> Result<Self, Failure> {
+    fn new(rig: &Rig, length: Span, realtime: &ThreadScheduling) -> Result<Self, Failure> {
         let mut config = rig.config().clone();
         let cpu = config.realtime.cpus.last().copied().map_or_else(last_cpu, Ok)?;
         config.realtime.cpus = vec![cpu];
@@ -74,7 +74,7 @@ pub fn is_installed() -> bool {
 pub fn run(
     rig: &Rig,
     length: Span,
-    realtime: &Realtime,
+    realtime: &ThreadScheduling,
     stop: &StopFlag,
 ) -> Result<Vec<Pair>, Failure> {
     let terms = Terms::new(rig, length, realtime)?;

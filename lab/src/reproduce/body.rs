@@ -17,7 +17,7 @@ const STEPS: u32 = 4;
 
 /// A body and how it is commanded.
 #[derive(Clone, Debug)]
-pub enum Body {
+pub enum RotatingBody {
     /// Torque in; limited to what the vehicle can do, or not.
     Spacecraft(Box<Lander>, bool),
     /// Sticks in.
@@ -26,7 +26,7 @@ pub enum Body {
 
 /// One tick of a turn.
 #[derive(Clone, Copy, Debug)]
-pub struct Turn {
+pub struct ManoeuvreTick {
     /// Since the start \[s\].
     pub time_s: f64,
     /// Attitude of the body.
@@ -52,9 +52,9 @@ pub struct Manoeuvre {
 
 /// What came of a turn.
 #[derive(Clone, Debug)]
-pub struct Turned {
+pub struct ManoeuvreRecord {
     /// Every tick, until control was lost.
-    pub ticks: Vec<Turn>,
+    pub ticks: Vec<ManoeuvreTick>,
     /// Whether every command was a number.
     pub commands_finite: bool,
     /// Riccati equations solved.
@@ -63,7 +63,7 @@ pub struct Turned {
     pub failed_solves: u32,
 }
 
-impl Body {
+impl RotatingBody {
     /// The quadrotor of the shipped configuration.
     ///
     /// # Errors
@@ -81,7 +81,7 @@ impl Body {
         &self,
         options: &ControllerOptions,
         manoeuvre: &Manoeuvre,
-    ) -> Result<Turned, InvalidOption> {
+    ) -> Result<ManoeuvreRecord, InvalidOption> {
         match self {
             Self::Spacecraft(lander, limited) => {
                 let law = Controller::new(options, lander.input(*limited))?;
@@ -130,7 +130,7 @@ fn follow<L: AttitudeLaw>(
     start: State,
     manoeuvre: &Manoeuvre,
     obey: impl Fn(&State, L::Command) -> (Vector3<f64>, State),
-) -> Turned {
+) -> ManoeuvreRecord {
     let mut state = start;
     let target = AttitudeReference { attitude: manoeuvre.target, ..Default::default() };
     let (mut ticks, mut commands_finite) = (Vec::new(), true);
@@ -139,13 +139,13 @@ fn follow<L: AttitudeLaw>(
         let (input, next) = obey(&state, law.update(&body, &target, 1.0 / RATE_HZ));
         commands_finite &= input.iter().all(|number| number.is_finite());
         let time_s = f64::from(tick) / RATE_HZ;
-        ticks.push(Turn { time_s, attitude: body.attitude, rate: state.rate, input });
+        ticks.push(ManoeuvreTick { time_s, attitude: body.attitude, rate: state.rate, input });
         state = next;
         if !is_under_control(&state) {
             break;
         }
     }
-    Turned {
+    ManoeuvreRecord {
         ticks,
         commands_finite,
         riccati_solves: law.riccati_solves(),

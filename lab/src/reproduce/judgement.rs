@@ -6,8 +6,8 @@ use crate::campaign::metric::{
 };
 use crate::campaign::table::{COLUMNS, Flown};
 
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::{about, either, listed};
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// The law that is judged.
 const OURS: &str = "oqtal-dt";
@@ -101,8 +101,8 @@ impl Duel {
         METRIC[self.metric].title
     }
 
-    fn row(&self, plant: &str, goal: Option<Goal>) -> Row {
-        let spread = |interval: &Interval| Cell::Interval(interval.mean, interval.half);
+    fn row(&self, plant: &str, goal: Option<Goal>) -> SheetRow {
+        let spread = |interval: &Interval| SheetCell::Interval(interval.mean, interval.half);
         let cells = vec![
             plant.into(),
             self.title().into(),
@@ -122,7 +122,7 @@ impl Duel {
             .into(),
             goal.map(|goal| either(self.meets(goal), "yes", "no")).into(),
         ];
-        Row::new(Variant::Ours, OURS, "against the best of the other tuned laws", cells)
+        SheetRow::new(Variant::Ours, OURS, "against the best of the other tuned laws", cells)
     }
 }
 
@@ -216,10 +216,10 @@ pub fn intervals(nominal: &Evidence<'_>) -> Sheet {
     let row = |flown: &Flown| {
         let cell = |metric| {
             let Interval { mean, half } = flown.interval(metric);
-            Cell::Interval(mean, half)
+            SheetCell::Interval(mean, half)
         };
         let cells = (0..METRICS).map(cell).collect();
-        Row::new(Variant::Ours, flown.name(), "all runs", cells)
+        SheetRow::new(Variant::Ours, flown.name(), "all runs", cells)
     };
     Sheet {
         name: "V-intervals".to_owned(),
@@ -239,10 +239,11 @@ pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
     for [a, b] in PAIRS {
         let Some((one, other)) = find(a).zip(find(b)) else { continue };
         let differences = std::array::from_fn(|metric| difference(one, other, metric));
-        let order = Order::of([a, b], &differences);
-        let cells = differences.iter().map(|percent| Cell::Interval(percent.mean, percent.half));
-        let counts = [order.better, order.worse].map(|count| Cell::Count(count as u64));
-        rows.push(Row::new(
+        let order = PairRanking::of([a, b], &differences);
+        let cells =
+            differences.iter().map(|percent| SheetCell::Interval(percent.mean, percent.half));
+        let counts = [order.better, order.worse].map(|count| SheetCell::Count(count as u64));
+        rows.push(SheetRow::new(
             Variant::Ours,
             a,
             format!("against {b}"),
@@ -263,13 +264,13 @@ pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
 }
 
 /// By how many figures the first of two laws is better, and worse, beyond the interval.
-struct Order {
+struct PairRanking {
     laws: [&'static str; 2],
     better: usize,
     worse: usize,
 }
 
-impl Order {
+impl PairRanking {
     fn of(laws: [&'static str; 2], differences: &[Interval; METRICS]) -> Self {
         let better = differences.iter().filter(|percent| percent.high() < 0.0).count();
         let worse = differences.iter().filter(|percent| percent.low() > 0.0).count();
@@ -292,9 +293,9 @@ impl Order {
     }
 }
 
-fn is_there_a_ranking(orders: &[Order]) -> String {
-    let said: Vec<String> = orders.iter().map(Order::said).collect();
-    let ranked = orders.iter().any(Order::is_a_ranking);
+fn is_there_a_ranking(orders: &[PairRanking]) -> String {
+    let said: Vec<String> = orders.iter().map(PairRanking::said).collect();
+    let ranked = orders.iter().any(PairRanking::is_a_ranking);
     format!(
         "Is there an honest ranking among the paper's laws? One law is ranked before another if it is better by some of the \
          {METRICS} figures and worse by none. {}. {}",
@@ -332,7 +333,7 @@ mod tests {
         let of = |first: f64, second: f64| {
             let mut differences = [interval(0.0); METRICS];
             (differences[0], differences[1]) = (interval(first), interval(second));
-            Order::of(["a", "b"], &differences)
+            PairRanking::of(["a", "b"], &differences)
         };
         assert!(of(-2.0, 0.5).is_a_ranking() && of(0.5, 2.0).is_a_ranking());
         assert!(!of(-2.0, 2.0).is_a_ranking() && !of(0.5, -0.5).is_a_ranking());

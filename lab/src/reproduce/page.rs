@@ -4,8 +4,8 @@ use maud::{Markup, html};
 
 use oqtal_observe::page::page;
 
-use super::Chapter;
-use super::sheet::{Cell, Row, Sheet, Variant};
+use super::chapter::Chapter;
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 const STYLE: &str = include_str!("page.css");
 /// A table with more columns is set closer, so that it fits the page.
@@ -81,12 +81,12 @@ fn rows(sheet: &Sheet) -> Markup {
     }
 }
 
-fn line(row: &Row) -> Markup {
+fn line(row: &SheetRow) -> Markup {
     html! {
         tr {
             th { (row.controller) }
             td.settings { (row.settings) }
-            @for cell in &row.cells { td { (Cell::show(cell)) } }
+            @for cell in &row.cells { td { (SheetCell::show(cell)) } }
         }
     }
 }

@@ -6,13 +6,13 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::body::{Body, Manoeuvre, Turned};
+use super::body::{Manoeuvre, ManoeuvreRecord, RotatingBody};
+use super::chapter::{Chapter, invalid};
 use super::lander::Lander;
-use super::progress::Progress;
 use super::roster::{self, Entry};
-use super::sheet::{Cell, Column, Row, Sheet};
 use super::words::{either, listed};
-use super::{Chapter, invalid};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 
 /// How far off at first \[rad\].
 const FAR_RAD: f64 = 175.0 * std::f64::consts::PI / 180.0;
@@ -39,13 +39,13 @@ const COLUMNS: [Column; 6] = [
 /// # Errors
 /// An option of a law has no meaning.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
-    let spacecraft = Body::Spacecraft(Box::new(lander.clone()), true);
-    let quadrotor = Body::quadrotor()?;
-    let mut cases: Vec<(&str, &Body, Entry)> =
+    let spacecraft = RotatingBody::Spacecraft(Box::new(lander.clone()), true);
+    let quadrotor = RotatingBody::quadrotor()?;
+    let mut cases: Vec<(&str, &RotatingBody, Entry)> =
         roster::each().into_iter().map(|entry| ("spacecraft, 5 N m", &spacecraft, entry)).collect();
     cases.extend(quadrotor_laws().into_iter().map(|entry| ("quadrotor", &quadrotor, entry)));
     let bar = progress.start("recovery", cases.len());
-    let recover = |(vehicle, body, entry): &(&str, &Body, Entry)| {
+    let recover = |(vehicle, body, entry): &(&str, &RotatingBody, Entry)| {
         let rows = [("175° off", FAR_RAD, 0.0), ("tumble of 20 rad/s", 0.0, TUMBLE_RAD_S)].map(
             |(start, angle, rate)| {
                 let manoeuvre = Manoeuvre {
@@ -61,7 +61,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         bar.inc();
         rows.into_iter().collect()
     };
-    let rows: Result<Vec<Vec<Row>>, Failure> = cases.par_iter().map(recover).collect();
+    let rows: Result<Vec<Vec<SheetRow>>, Failure> = cases.par_iter().map(recover).collect();
     let rows = rows?.concat();
     let sheet = Sheet {
         name: "recovery".to_owned(),
@@ -79,7 +79,7 @@ const NOTE: &str = "Not in the paper. On the spacecraft each law has the gains o
      not by these laws.";
 
 /// Who does not recover, and whether every command was a number.
-fn verdict(rows: &[Row]) -> String {
+fn verdict(rows: &[SheetRow]) -> String {
     let lost: Vec<String> = rows
         .iter()
         .filter(|row| !row.number(&COLUMNS, "recovered_s").is_finite())
@@ -104,7 +104,7 @@ fn quadrotor_laws() -> Vec<Entry> {
     roster::each().into_iter().map(shipped).collect()
 }
 
-fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &Turned) -> Row {
+fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &ManoeuvreRecord) -> SheetRow {
     let away =
         turned.ticks.iter().rfind(|tick| tick.attitude.angle_to(&Attitude::LEVEL) > NEAR_RAD);
     let since = away.map_or(0.0, |tick| tick.time_s);
@@ -116,8 +116,8 @@ fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &Turned) -> Row {
         start.into(),
         near.map(|_| since).into(),
         finite.into(),
-        Cell::Count(turned.riccati_solves.into()),
-        Cell::Count(turned.failed_solves.into()),
+        SheetCell::Count(turned.riccati_solves.into()),
+        SheetCell::Count(turned.failed_solves.into()),
     ];
-    Row::new(entry.variant, entry.controller, entry.settings.clone(), cells)
+    SheetRow::new(entry.variant, entry.controller, entry.settings.clone(), cells)
 }

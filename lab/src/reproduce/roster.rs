@@ -7,7 +7,7 @@ use oqtal_control::controller::{
 use oqtal_control::schedule::Cells;
 
 use super::lander::{Descent, RATE_HZ};
-use super::sheet::Variant;
+use crate::sheet::Variant;
 
 /// A pitch beyond any: cells are linearised where the rule puts them, as printed.
 const NO_LIMIT_RAD: f64 = 10.0;

@@ -6,13 +6,13 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::body::{Body, Manoeuvre, Turn};
+use super::body::{Manoeuvre, ManoeuvreTick, RotatingBody};
+use super::chapter::{Chapter, invalid};
 use super::lander::{Lander, RATE_HZ};
-use super::progress::Progress;
 use super::roster::{self, Entry};
-use super::sheet::{Cell, Column, Row, Sheet};
 use super::words::figure;
-use super::{Chapter, invalid};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 
 /// Sizes of the step \[deg\].
 const ANGLES_DEG: [f64; 7] = [5.0, 15.0, 30.0, 60.0, 90.0, 135.0, 170.0];
@@ -44,13 +44,13 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         .flat_map(|entry| steps().map(move |(axis, angle)| (entry, axis, angle)))
         .collect();
     let bar = progress.start("single step", cases.len());
-    let body = Body::Spacecraft(Box::new(lander.clone()), false);
+    let body = RotatingBody::Spacecraft(Box::new(lander.clone()), false);
     let step = |(entry, axis, angle): &(&Entry, usize, f64)| {
         let row = stepped(&body, entry, *axis, *angle)?;
         bar.inc();
         Ok(row)
     };
-    let rows: Result<Vec<Row>, Failure> = cases.par_iter().map(step).collect();
+    let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(step).collect();
     let rows = rows?;
     let sheet = Sheet {
         name: "step".to_owned(),
@@ -70,7 +70,7 @@ const NOTE: &str = "The spacecraft, at rest and level, is told to roll, pitch or
      error is half an angle, as the weights grow.";
 
 /// How many steps each law settles, and how long it takes at most.
-fn settled(rows: &[Row]) -> String {
+fn settled(rows: &[SheetRow]) -> String {
     let said: Vec<String> = rows
         .chunk_by(|a, b| a.controller == b.controller)
         .map(|of_law| {
@@ -94,7 +94,12 @@ fn target(axis: usize, angle: f64) -> Attitude {
     Attitude::from_xyzw(EulerAngles::from_vector(&theta).xyzw()).unwrap_or_default()
 }
 
-fn stepped(body: &Body, entry: &Entry, axis: usize, angle_deg: f64) -> Result<Row, Failure> {
+fn stepped(
+    body: &RotatingBody,
+    entry: &Entry,
+    axis: usize,
+    angle_deg: f64,
+) -> Result<SheetRow, Failure> {
     let target = target(axis, angle_deg.to_radians());
     let manoeuvre = Manoeuvre {
         attitude: Attitude::LEVEL,
@@ -113,9 +118,9 @@ fn stepped(body: &Body, entry: &Entry, axis: usize, angle_deg: f64) -> Result<Ro
         (100.0 * response.overshoot).into(),
         response.settle_s.into(),
         effort.into(),
-        Cell::Count(turned.riccati_solves.into()),
+        SheetCell::Count(turned.riccati_solves.into()),
     ];
-    Ok(Row::new(entry.variant, entry.controller, entry.settings.clone(), cells))
+    Ok(SheetRow::new(entry.variant, entry.controller, entry.settings.clone(), cells))
 }
 
 /// How a body answered a step.
@@ -126,11 +131,11 @@ struct Response {
 }
 
 impl Response {
-    fn of(ticks: &[Turn], axis: usize, size: f64, target: &Attitude) -> Self {
-        let progress = |tick: &Turn| turned_about(&tick.attitude, axis) / size;
+    fn of(ticks: &[ManoeuvreTick], axis: usize, size: f64, target: &Attitude) -> Self {
+        let progress = |tick: &ManoeuvreTick| turned_about(&tick.attitude, axis) / size;
         let reached =
             |share: f64| ticks.iter().find(|tick| progress(tick) >= share).map(|tick| tick.time_s);
-        let outside = |tick: &&Turn| tick.attitude.angle_to(target) > BAND * size;
+        let outside = |tick: &&ManoeuvreTick| tick.attitude.angle_to(target) > BAND * size;
         let last_outside = ticks.iter().rfind(outside).map_or(0.0, |tick| tick.time_s);
         let settled = ticks.last().filter(|last| !outside(last)).map(|_| last_outside);
         let furthest = ticks.iter().map(progress).fold(0.0, f64::max);

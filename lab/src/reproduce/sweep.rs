@@ -6,56 +6,15 @@ use oqtal_control::schedule::Cells;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use super::chapter::{Chapter, invalid};
+use super::criteria::{CRITERIA, Criterion, EXPONENTS, Surface};
 use super::lander::{Descent, Lander};
-use super::progress::Progress;
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::{listed, ranges};
-use super::{Chapter, figures, invalid, roster};
+use super::{figures, roster};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
-/// Exponents of two, of q and of r.
-pub const EXPONENTS: std::ops::RangeInclusive<i32> = 0..=20;
 const SIDE: usize = 21;
-
-/// A criterion of Table II, in the order of Figs. 6 to 9.
-#[derive(Clone, Copy, Debug)]
-pub struct Criterion {
-    /// Number of the figure.
-    pub figure: u8,
-    /// Its name.
-    pub name: &'static str,
-    /// What stands at its axis.
-    pub symbol: &'static str,
-    /// Its value.
-    pub value: fn(&TableTwo) -> f64,
-}
-
-/// The criteria.
-pub const CRITERIA: [Criterion; 4] = [
-    Criterion {
-        figure: 6,
-        name: "quaternion error ∫|ε| [s]",
-        symbol: "∫|ε| [s]",
-        value: |m| m.quaternion_error,
-    },
-    Criterion {
-        figure: 7,
-        name: "position error ∫|x̃| [m s]",
-        symbol: "∫|x̃| [m s]",
-        value: |m| m.position_error,
-    },
-    Criterion {
-        figure: 8,
-        name: "calculations",
-        symbol: "number",
-        value: |m| m.riccati_solves as f64,
-    },
-    Criterion {
-        figure: 9,
-        name: "effort ∫|τ| [N m s]",
-        symbol: "∫|τ| [N m s]",
-        value: |m| m.effort,
-    },
-];
 
 /// A law of the sweep.
 struct Law {
@@ -99,9 +58,6 @@ const LAWS: [Law; 4] = [
     },
 ];
 
-/// What one law did at every pair of weights: index `q * 21 + r`; `None` where it lost the body.
-pub type Surface = Vec<Option<TableTwo>>;
-
 /// Flies the sweep.
 ///
 /// # Errors
@@ -144,10 +100,11 @@ fn edge(surface: &Surface) -> Option<i32> {
 /// At how many of all pairs of weights each law keeps the body under control.
 fn kept(surfaces: &[Surface]) -> Sheet {
     let row = |(law, surface): (&Law, &Surface)| {
-        let edge = edge(surface).map(|ratio| Cell::Text(format!("2^{ratio}")));
-        let stable = Cell::Count(surface.iter().flatten().count() as u64);
-        let cells = vec![stable, Cell::Count(surface.len() as u64), edge.unwrap_or(Cell::None)];
-        Row::new(law.variant, law.name, law.settings, cells)
+        let edge = edge(surface).map(|ratio| SheetCell::Text(format!("2^{ratio}")));
+        let stable = SheetCell::Count(surface.iter().flatten().count() as u64);
+        let cells =
+            vec![stable, SheetCell::Count(surface.len() as u64), edge.unwrap_or(SheetCell::None)];
+        SheetRow::new(law.variant, law.name, law.settings, cells)
     };
     Sheet {
         name: "sweep-stability".to_owned(),
@@ -189,7 +146,7 @@ fn verdict(surfaces: &[Surface]) -> Sheet {
         CRITERIA.map(|criterion| {
             let against = format!("{}: against lqr, {}", criterion.name, law.settings);
             let cells = compared(criterion, rival, &surfaces[1]);
-            Row::new(Variant::AsPrinted, "oqtal", against, cells)
+            SheetRow::new(Variant::AsPrinted, "oqtal", against, cells)
         })
     };
     Sheet {
@@ -240,15 +197,15 @@ fn not_better(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<i32
 }
 
 /// How often `oqtal` is better than `rival`, where, and whether that is everywhere.
-fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<Cell> {
+fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<SheetCell> {
     let both: Vec<(&TableTwo, &TableTwo)> =
         rival.iter().zip(oqtal).filter_map(|(a, b)| a.as_ref().zip(b.as_ref())).collect();
-    let stable = |surface: &Surface| Cell::Count(surface.iter().flatten().count() as u64);
+    let stable = |surface: &Surface| SheetCell::Count(surface.iter().flatten().count() as u64);
     let better = |(a, b): &&(&TableTwo, &TableTwo)| (criterion.value)(b) < (criterion.value)(a);
     let count = both.iter().filter(better).count();
     let holds = if count == both.len() { "true" } else { "false" };
-    let both = Cell::Count(both.len() as u64);
-    vec![Cell::Count(count as u64), both, stable(rival), stable(oqtal), holds.into()]
+    let both = SheetCell::Count(both.len() as u64);
+    vec![SheetCell::Count(count as u64), both, stable(rival), stable(oqtal), holds.into()]
 }
 
 const VERDICT: [Column; 5] = [
@@ -272,7 +229,7 @@ fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
                 metrics.map(|m| m.effort).into(),
             ];
             let settings = format!("q/r = 2^{ratio}, {}", law.settings);
-            Row::new(law.variant, law.name, settings, cells)
+            SheetRow::new(law.variant, law.name, settings, cells)
         })
     });
     Sheet {

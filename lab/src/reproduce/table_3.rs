@@ -8,11 +8,12 @@ use oqtal_control::tuning::BeeColony;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use super::chapter::{Chapter, invalid};
 use super::lander::{Descent, Lander};
-use super::progress::Progress;
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
+use super::roster;
 use super::words::{about, either};
-use super::{Chapter, invalid, roster};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// The gains `c`, `k` \[1/s^2\] and `T` \[s\] are searched within these. Not in the paper.
 const BOUNDS: [RangeInclusive<f64>; 3] = [0.1..=50.0, 0.1..=50.0, 0.1..=20.0];
@@ -78,7 +79,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     let cases: Vec<(&Reading, [f64; 2])> =
         READINGS.iter().flat_map(|reading| WEIGHTS.map(|weights| (reading, weights))).collect();
     let tune = |(reading, weights): &(&Reading, [f64; 2])| tuned(lander, reading, *weights, &bar);
-    let rows: Result<Vec<Row>, InvalidOption> = cases.par_iter().map(tune).collect();
+    let rows: Result<Vec<SheetRow>, InvalidOption> = cases.par_iter().map(tune).collect();
     let mut sheet = Sheet {
         name: "III".to_owned(),
         title: "Table III: the PID tuned by an artificial bee colony".to_owned(),
@@ -131,25 +132,25 @@ fn verdict(sheet: &Sheet) -> String {
     )
 }
 
-fn paper() -> impl Iterator<Item = Row> {
+fn paper() -> impl Iterator<Item = SheetRow> {
     WEIGHTS.into_iter().zip(PAPER).map(|(weights, [position, error, effort, fitness])| {
-        let gains = [Cell::None, Cell::None, Cell::None];
-        let numbers = [position, error, effort, fitness].map(Cell::from);
-        Row::new(Variant::Paper, "pid", "", cells(weights, gains, numbers))
+        let gains = [SheetCell::None, SheetCell::None, SheetCell::None];
+        let numbers = [position, error, effort, fitness].map(SheetCell::from);
+        SheetRow::new(Variant::Paper, "pid", "", cells(weights, gains, numbers))
     })
 }
 
-fn cells(weights: [f64; 2], gains: [Cell; 3], numbers: [Cell; 4]) -> Vec<Cell> {
+fn cells(weights: [f64; 2], gains: [SheetCell; 3], numbers: [SheetCell; 4]) -> Vec<SheetCell> {
     let [q, r] = weights;
-    [Cell::Text(format!("[{q}, {r}]"))].into_iter().chain(gains).chain(numbers).collect()
+    [SheetCell::Text(format!("[{q}, {r}]"))].into_iter().chain(gains).chain(numbers).collect()
 }
 
 fn tuned(
     lander: &Lander,
     reading: &Reading,
     weights: [f64; 2],
-    bar: &super::progress::Bar,
-) -> Result<Row, InvalidOption> {
+    bar: &crate::progress::Bar,
+) -> Result<SheetRow, InvalidOption> {
     let [q, r] = weights;
     let fly = |point: &[f64]| {
         let options = roster::pid([point[0], point[1], point[2]], reading.rate);
@@ -166,8 +167,8 @@ fn tuned(
     };
     let best = COLONY.minimise(&BOUNDS, &[], evaluate);
     let metrics = fly(&best.point)?.unwrap_or_default();
-    let gains = [0, 1, 2].map(|axis| Cell::from(best.point[axis]));
+    let gains = [0, 1, 2].map(|axis| SheetCell::from(best.point[axis]));
     let numbers = [metrics.position_error, metrics.quaternion_error, metrics.effort, best.value]
-        .map(Cell::from);
-    Ok(Row::new(reading.variant, "pid", reading.settings, cells(weights, gains, numbers)))
+        .map(SheetCell::from);
+    Ok(SheetRow::new(reading.variant, "pid", reading.settings, cells(weights, gains, numbers)))
 }

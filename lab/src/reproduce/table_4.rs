@@ -4,12 +4,13 @@ use oqtal_control::metrics::{CostWeights, TableTwo};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use super::chapter::{Chapter, invalid};
+use super::figures;
 use super::lander::Lander;
-use super::progress::Progress;
 use super::roster::{self, Entry};
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::{about, either, reproduced};
-use super::{Chapter, figures, invalid};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// The columns of Table IV: both forms of every integral.
 pub const COLUMNS: [Column; 7] = [
@@ -45,9 +46,9 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         let metrics = lander.fly(&entry.options, &entry.descent, |_| ()).map_err(invalid)?;
         bar.inc();
         let (name, settings) = (entry.controller, entry.settings.clone());
-        Ok(Row::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
+        Ok(SheetRow::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
     };
-    let flown: Result<Vec<Row>, Failure> = entries.par_iter().map(fly).collect();
+    let flown: Result<Vec<SheetRow>, Failure> = entries.par_iter().map(fly).collect();
     let mut sheet = Sheet {
         name: "IV".to_owned(),
         title: "Table IV: best-tuned controllers in the gravity turn".to_owned(),
@@ -138,25 +139,25 @@ fn told_the_rate(sheet: &Sheet) -> String {
     )
 }
 
-fn paper() -> impl Iterator<Item = Row> {
+fn paper() -> impl Iterator<Item = SheetRow> {
     PAPER.into_iter().map(|(name, settings, [position, error, effort], solves)| {
         let cells = vec![
             position.into(),
             error.into(),
-            Cell::None,
+            SheetCell::None,
             effort.into(),
-            Cell::None,
+            SheetCell::None,
             solves.into(),
-            Cell::None,
+            SheetCell::None,
         ];
-        Row::new(Variant::Paper, name, settings, cells)
+        SheetRow::new(Variant::Paper, name, settings, cells)
     })
 }
 
 /// The cells of [`COLUMNS`] for a descent; none if it got out of control.
 #[must_use]
-pub fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<Cell> {
-    let Some(metrics) = metrics else { return vec![Cell::None; COLUMNS.len()] };
+pub fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<SheetCell> {
+    let Some(metrics) = metrics else { return vec![SheetCell::None; COLUMNS.len()] };
     vec![
         metrics.position_error.into(),
         metrics.quaternion_error.into(),

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use crate::campaign::flights::{Contender, NOMINAL, Prepared, Test};
 use crate::campaign::metric::of_hover;
 use crate::campaign::statistics::TRAINING_SEEDS;
-use crate::reproduce::progress::Progress;
-use oqtal_observe::flight::{Flight, Sample};
+use crate::progress::Progress;
+use oqtal_observe::flight::{Flight, FlightSample};
 
 use super::search::{Budget, Tuned, search, values};
 use super::space::Parameter;
@@ -23,7 +23,7 @@ const JITTER_WEIGHT: f64 = 1.0;
 struct Loop {
     parameters: [Parameter; 2],
     /// The error of the variable that it controls.
-    error: fn(&Sample) -> f64,
+    error: fn(&FlightSample) -> f64,
 }
 
 const LOOPS: [Loop; 4] = [
@@ -113,7 +113,7 @@ fn judged(tuned: &Loop, gains: &[(&'static str, f64)]) -> Result<[f64; 2], Failu
     Ok([share(0), share(1)])
 }
 
-fn mean(flight: &Flight, error: fn(&Sample) -> f64) -> f64 {
+fn mean(flight: &Flight, error: fn(&FlightSample) -> f64) -> f64 {
     let (count, sum) =
         flight.armed().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
     sum / f64::max(count, 1.0)

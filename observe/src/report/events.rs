@@ -5,7 +5,7 @@ use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_control::trajectory::Phase;
 
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 use crate::summary::Summary;
 
 use super::timeline::Timeline;
@@ -70,10 +70,12 @@ pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
 
 /// Phase and safety state as bands over time.
 fn strip(timeline: &Timeline<'_>) -> Markup {
-    let phase =
-        |sample: &Sample| PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2);
-    let state =
-        |sample: &Sample| STATES.iter().find(|s| s.0.code() == sample.telemetry.state).map(|s| s.2);
+    let phase = |sample: &FlightSample| {
+        PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2)
+    };
+    let state = |sample: &FlightSample| {
+        STATES.iter().find(|s| s.0.code() == sample.telemetry.state).map(|s| s.2)
+    };
     let legend: Vec<_> =
         PHASES.map(|p| (p.1, p.2)).into_iter().chain(STATES.map(|s| (s.1, s.2))).collect();
     let phases = bands(timeline, |sample| phase(sample).filter(|_| sample.is_armed()), 1.0);
@@ -88,7 +90,11 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
 }
 
 /// A block for every stretch of ticks of one ink, in the row above `floor`.
-fn bands(timeline: &Timeline<'_>, ink: impl Fn(&Sample) -> Option<Ink>, floor: f64) -> Vec<Mark> {
+fn bands(
+    timeline: &Timeline<'_>,
+    ink: impl Fn(&FlightSample) -> Option<Ink>,
+    floor: f64,
+) -> Vec<Mark> {
     let mut bands = Vec::new();
     let stretches = timeline.samples.chunk_by(|a, b| ink(a) == ink(b));
     let ends = stretches.clone().skip(1).map(|next| &next[0]).chain(timeline.samples.last());

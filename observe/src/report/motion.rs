@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use oqtal_config::VehicleKind;
 use oqtal_control::quaternion::Attitude;
 
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 
 use super::timeline::Timeline;
 use super::timeline::over_time;
@@ -95,10 +95,11 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
 
 /// Sticks or torque, whichever the vehicle takes.
 fn rotation_command(timeline: &Timeline<'_>) -> Markup {
-    let (title, vector): (_, fn(&Sample) -> [f64; 3]) = match timeline.flight.config.vehicle.kind {
-        VehicleKind::Hummingbird => ("Sticks [-1..1]", |s| s.telemetry.sticks),
-        VehicleKind::Spacecraft => ("Torque [N m, body]", |s| s.telemetry.torque),
-    };
+    let (title, vector): (_, fn(&FlightSample) -> [f64; 3]) =
+        match timeline.flight.config.vehicle.kind {
+            VehicleKind::Hummingbird => ("Sticks [-1..1]", |s| s.telemetry.sticks),
+            VehicleKind::Spacecraft => ("Torque [N m, body]", |s| s.telemetry.torque),
+        };
     by_component(timeline, title, ["roll", "pitch", "yaw"], vector)
 }
 
@@ -121,7 +122,7 @@ pub fn estimate(timeline: &Timeline<'_>) -> Markup {
 }
 
 fn body_rate(timeline: &Timeline<'_>) -> Markup {
-    let rate = |s: &Sample| s.telemetry.rate.map(f64::to_degrees);
+    let rate = |s: &FlightSample| s.telemetry.rate.map(f64::to_degrees);
     by_component(timeline, "Estimated body rate [deg/s, body]", WORLD, rate)
 }
 
@@ -129,7 +130,7 @@ fn by_component(
     timeline: &Timeline<'_>,
     title: &str,
     names: [&'static str; 3],
-    vector: impl Fn(&Sample) -> [f64; 3],
+    vector: impl Fn(&FlightSample) -> [f64; 3],
 ) -> Markup {
     let traces = (0..3)
         .map(|i| timeline.trace(names[i], COMPONENTS[i], |sample| vector(sample)[i]))

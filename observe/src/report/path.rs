@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 
 use super::timeline::Timeline;
 use crate::page::section;
@@ -50,7 +50,7 @@ fn actual(timeline: &Timeline<'_>, view: View) -> Trace {
 
 /// Where it began and ended.
 fn ends(timeline: &Timeline<'_>, view: View) -> [Trace; 2] {
-    let at = |sample: Option<&Sample>| sample.map(|sample| view(sample.position().into()));
+    let at = |sample: Option<&FlightSample>| sample.map(|sample| view(sample.position().into()));
     [("start", Ink::Good, timeline.samples.first()), ("end", Ink::Second, timeline.samples.last())]
         .map(|(name, ink, sample)| Trace { name, ink, points: at(sample).into_iter().collect() })
 }

@@ -20,24 +20,24 @@ const GAP_MS: f64 = 50.0;
 const BARS: usize = 100;
 
 /// Two poses that arrived one after the other.
-struct Interval {
+struct PoseInterval {
     from: Time,
     length_ms: f64,
     frames_lost: u64,
 }
 
 /// How the poses of a recording arrived.
-pub struct Arrivals {
-    intervals: Vec<Interval>,
+pub struct ArrivalIntervals {
+    intervals: Vec<PoseInterval>,
     /// Poses in all.
     pub poses: usize,
 }
 
-impl Arrivals {
+impl ArrivalIntervals {
     /// Those of `flight`.
     pub fn of(flight: &Flight) -> Self {
         let pairs = flight.arrivals.windows(2);
-        let intervals = pairs.map(|pair| Interval {
+        let intervals = pairs.map(|pair| PoseInterval {
             from: pair[0].at,
             length_ms: pair[1].at.since(pair[0].at).seconds() * 1e3,
             frames_lost: pair[1].frame.saturating_sub(pair[0].frame).saturating_sub(1),
@@ -76,13 +76,13 @@ impl Arrivals {
 }
 
 /// The section of the arrivals.
-pub fn replay(timeline: &Timeline<'_>, arrivals: &Arrivals) -> Markup {
+pub fn replay(timeline: &Timeline<'_>, arrivals: &ArrivalIntervals) -> Markup {
     let gaps = arrivals.intervals.iter().filter(|interval| interval.length_ms > GAP_MS);
-    let what = |gap: &Interval| {
+    let what = |gap: &PoseInterval| {
         format!("{} ms, frames lost: {}", significant(gap.length_ms), gap.frames_lost)
     };
     section(
-        "Arrival of poses",
+        "PoseArrival of poses",
         html! {
             div.wide { (intervals(arrivals)) }
             p.note.wide {
@@ -94,7 +94,7 @@ pub fn replay(timeline: &Timeline<'_>, arrivals: &Arrivals) -> Markup {
 }
 
 /// The times between poses, up to a gap or three times the usual.
-fn intervals(arrivals: &Arrivals) -> Markup {
+fn intervals(arrivals: &ArrivalIntervals) -> Markup {
     let longest = GAP_MS.max(3.0 * arrivals.median_ms());
     let range = 0.0..longest;
     let counts = histogram(arrivals.lengths_ms(), &range, BARS);

@@ -3,7 +3,7 @@ use oqtal_bus::time::Time;
 use proptest::prelude::*;
 
 use super::*;
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 
 fn page(flight: &Flight) -> String {
     html(flight, &Summary::of(flight))
@@ -41,7 +41,7 @@ fn every_colour_of_a_plot_has_a_dark_counterpart() {
 #[test]
 fn a_replay_shows_its_gaps_and_no_errors() {
     let page = page(&fixture::replay());
-    assert!(page.contains("Arrival of poses") && page.contains("Gaps over 50 ms: 2."));
+    assert!(page.contains("PoseArrival of poses") && page.contains("Gaps over 50 ms: 2."));
     // The settings at its end may well have keys with that word.
     let figures = page.split("Settings").next().unwrap();
     assert!(!figures.contains("error"));
@@ -78,10 +78,10 @@ fn an_empty_flight_has_a_page() {
     let mut flight = fixture::empty();
     assert!(page(&flight).contains("nothing was judged"));
     flight.config.mocap.replay = "recording.csv".to_owned();
-    assert!(page(&flight).contains("Arrival of poses"));
+    assert!(page(&flight).contains("PoseArrival of poses"));
 }
 
-fn any_sample() -> impl Strategy<Value = Sample> {
+fn any_sample() -> impl Strategy<Value = FlightSample> {
     let numbers = || prop_oneof![Just(f64::NAN), Just(f64::INFINITY), -2.0..2.0, any::<f64>()];
     let four = || prop::array::uniform4(numbers());
     let codes = prop::array::uniform5(0_u8..6);
@@ -105,7 +105,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
             ..TelemetryV1::default()
         };
         let truth = TruthV1 { position: [z, x, y], attitude: a, ..TruthV1::default() };
-        Sample { telemetry, truth: (scored > 2).then_some(truth) }
+        FlightSample { telemetry, truth: (scored > 2).then_some(truth) }
     })
 }
 

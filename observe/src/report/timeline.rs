@@ -6,7 +6,7 @@ use maud::Markup;
 
 use oqtal_bus::time::Time;
 
-use crate::flight::{Flight, Sample};
+use crate::flight::{Flight, FlightSample};
 use crate::plot::axis::{extent, is_drawable};
 use crate::plot::figure;
 use crate::plot::palette::Ink;
@@ -18,7 +18,7 @@ pub struct Timeline<'a> {
     /// The flight.
     pub flight: &'a Flight,
     /// Its ticks from the origin on.
-    pub samples: &'a [Sample],
+    pub samples: &'a [FlightSample],
     origin: Time,
 }
 
@@ -36,7 +36,7 @@ impl<'a> Timeline<'a> {
     }
 
     /// When `sample` was \[s\].
-    pub fn at(&self, sample: &Sample) -> f64 {
+    pub fn at(&self, sample: &FlightSample) -> f64 {
         self.seconds(sample.telemetry.time)
     }
 
@@ -55,7 +55,12 @@ impl<'a> Timeline<'a> {
     }
 
     /// `value` of every tick over time.
-    pub fn trace(&self, name: &'static str, ink: Ink, value: impl Fn(&Sample) -> f64) -> Trace {
+    pub fn trace(
+        &self,
+        name: &'static str,
+        ink: Ink,
+        value: impl Fn(&FlightSample) -> f64,
+    ) -> Trace {
         let points = self.samples.iter().map(|sample| (self.at(sample), value(sample)));
         Trace { name, ink, points: thin(points.collect()) }
     }
@@ -82,7 +87,12 @@ impl<'a> Timeline<'a> {
     }
 
     /// An angle \[rad\] of every tick over time \[deg\], with a gap where it jumps from one end of its range to the other.
-    pub fn angle(&self, name: &'static str, ink: Ink, angle: impl Fn(&Sample) -> f64) -> Trace {
+    pub fn angle(
+        &self,
+        name: &'static str,
+        ink: Ink,
+        angle: impl Fn(&FlightSample) -> f64,
+    ) -> Trace {
         let mut points: Vec<Point> = Vec::with_capacity(self.samples.len());
         for sample in self.samples {
             let degrees = angle(sample).to_degrees();
@@ -95,7 +105,12 @@ impl<'a> Timeline<'a> {
     }
 
     /// Two values of every tick against each other.
-    pub fn path(&self, name: &'static str, ink: Ink, point: impl Fn(&Sample) -> Point) -> Trace {
+    pub fn path(
+        &self,
+        name: &'static str,
+        ink: Ink,
+        point: impl Fn(&FlightSample) -> Point,
+    ) -> Trace {
         Trace { name, ink, points: thin_path(self.samples.iter().map(point).collect()) }
     }
 }

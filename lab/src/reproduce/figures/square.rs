@@ -8,8 +8,8 @@ use crate::campaign::flights::{NOMINAL, Prepared, Test};
 use crate::campaign::metric::of_square;
 use crate::campaign::statistics::EVALUATION_SEEDS;
 use crate::campaign::table::Entrant;
-use crate::reproduce::sheet::Variant;
-use oqtal_observe::flight::{Flight, Sample};
+use crate::sheet::Variant;
+use oqtal_observe::flight::{Flight, FlightSample};
 use oqtal_observe::plot::figure::in_plane;
 use oqtal_observe::plot::palette::Ink;
 use oqtal_observe::plot::trace::{Point, Trace, thin_path};
@@ -76,7 +76,7 @@ fn repeated(
 fn samples(
     laws: &[Repeated],
     with_reference: bool,
-    point: impl Fn(&Sample, bool) -> Point,
+    point: impl Fn(&FlightSample, bool) -> Point,
 ) -> Vec<Trace> {
     let trace = |name, ink, flight: &Flight, reference| Trace {
         name,
@@ -94,11 +94,11 @@ fn samples(
     reference.into_iter().chain(best).collect()
 }
 
-fn place(sample: &Sample, reference: bool) -> Point3 {
+fn place(sample: &FlightSample, reference: bool) -> Point3 {
     if reference { sample.telemetry.reference_position } else { sample.position().into() }
 }
 
-fn time(sample: &Sample) -> f64 {
+fn time(sample: &FlightSample) -> f64 {
     sample.telemetry.mission_s
 }
 
@@ -156,7 +156,7 @@ fn attitude(laws: &[Repeated]) -> Markup {
 }
 
 /// Roll, pitch, yaw \[deg\].
-fn euler_deg(sample: &Sample) -> [f64; 3] {
+fn euler_deg(sample: &FlightSample) -> [f64; 3] {
     let (roll, pitch, yaw) = sample.attitude().unit_quaternion().euler_angles();
     [roll, pitch, yaw].map(f64::to_degrees)
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use oqtal_control::metrics::TableTwo;
 
-use crate::reproduce::sweep::{CRITERIA, Criterion, EXPONENTS, Surface};
+use crate::reproduce::criteria::{CRITERIA, Criterion, EXPONENTS, Surface};
 use oqtal_observe::plot::axis::extent;
 use oqtal_observe::plot::palette::Ink;
 

@@ -42,7 +42,7 @@ impl Variant {
 
 /// One figure of a row.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Cell {
+pub enum SheetCell {
     /// A number.
     Number(f64),
     /// Mean and standard deviation.
@@ -57,7 +57,7 @@ pub enum Cell {
     None,
 }
 
-impl Cell {
+impl SheetCell {
     fn to_json(&self) -> Value {
         match self {
             Self::Number(number) => json!(number),
@@ -84,25 +84,25 @@ impl Cell {
     }
 }
 
-impl From<f64> for Cell {
+impl From<f64> for SheetCell {
     fn from(number: f64) -> Self {
         Self::Number(number)
     }
 }
 
-impl From<u64> for Cell {
+impl From<u64> for SheetCell {
     fn from(count: u64) -> Self {
         Self::Count(count)
     }
 }
 
-impl From<&str> for Cell {
+impl From<&str> for SheetCell {
     fn from(text: &str) -> Self {
         Self::Text(text.to_owned())
     }
 }
 
-impl<T: Into<Cell>> From<Option<T>> for Cell {
+impl<T: Into<SheetCell>> From<Option<T>> for SheetCell {
     fn from(value: Option<T>) -> Self {
         value.map_or(Self::None, Into::into)
     }
@@ -113,7 +113,7 @@ pub type Column = (&'static str, &'static str);
 
 /// One row of a [`Sheet`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct SheetRow {
     /// Which attitude law.
     pub controller: String,
     /// Where it comes from.
@@ -121,17 +121,17 @@ pub struct Row {
     /// With which settings.
     pub settings: String,
     /// One for each column.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<SheetCell>,
 }
 
-impl Row {
+impl SheetRow {
     /// A row of `variant`.
     #[must_use]
     pub fn new(
         variant: Variant,
         controller: impl Into<String>,
         settings: impl Into<String>,
-        cells: Vec<Cell>,
+        cells: Vec<SheetCell>,
     ) -> Self {
         Self { controller: controller.into(), variant, settings: settings.into(), cells }
     }
@@ -143,9 +143,11 @@ impl Row {
         match cell {
             Some((
                 _,
-                Cell::Number(number) | Cell::Spread(number, _) | Cell::Interval(number, _),
+                SheetCell::Number(number)
+                | SheetCell::Spread(number, _)
+                | SheetCell::Interval(number, _),
             )) => *number,
-            Some((_, Cell::Count(count))) => *count as f64,
+            Some((_, SheetCell::Count(count))) => *count as f64,
             _ => f64::NAN,
         }
     }
@@ -176,14 +178,14 @@ pub struct Sheet {
     /// The columns behind controller and settings.
     pub columns: Vec<Column>,
     /// The rows, paper first.
-    pub rows: Vec<Row>,
+    pub rows: Vec<SheetRow>,
     /// The same under other conditions, which their names say.
     pub mismatched: Vec<Sheet>,
 }
 
 impl Sheet {
     /// The rows of one variant.
-    pub fn of(&self, variant: Variant) -> impl Iterator<Item = &Row> {
+    pub fn of(&self, variant: Variant) -> impl Iterator<Item = &SheetRow> {
         self.rows.iter().filter(move |row| row.variant == variant)
     }
 
@@ -196,7 +198,7 @@ impl Sheet {
         words: &[&str],
         keys: [&str; N],
     ) -> [f64; N] {
-        let is_meant = |row: &&Row| {
+        let is_meant = |row: &&SheetRow| {
             row.controller == controller && words.iter().all(|word| row.settings.contains(word))
         };
         let row = self.of(variant).find(is_meant);
@@ -232,7 +234,7 @@ impl Sheet {
         table.set_header(self.headings());
         for row in &self.rows {
             let named = [row.variant.key(), &row.controller, &row.settings].map(str::to_owned);
-            table.add_row(named.into_iter().chain(row.cells.iter().map(Cell::show)));
+            table.add_row(named.into_iter().chain(row.cells.iter().map(SheetCell::show)));
         }
         for column in table.column_iter_mut().skip(3) {
             column.set_cell_alignment(comfy_table::CellAlignment::Right);
@@ -253,7 +255,7 @@ impl Sheet {
         text += &format!("| {} |\n|{}\n", headings.join(" | "), "---|".repeat(headings.len()));
         for variant in Variant::ALL {
             for row in self.of(variant) {
-                let cells: Vec<String> = row.cells.iter().map(Cell::show).collect();
+                let cells: Vec<String> = row.cells.iter().map(SheetCell::show).collect();
                 let (name, settings) = (&row.controller, row.settings.replace('|', "\\|"));
                 let cells = cells.join(" | ");
                 text += &format!("| {} | {name} | {settings} | {cells} |\n", variant.title());
@@ -268,12 +270,13 @@ mod tests {
     use super::*;
 
     fn sheet() -> Sheet {
-        let cells = vec![Cell::Number(0.004_992), Cell::Spread(1.25, 0.033), Cell::None];
+        let cells =
+            vec![SheetCell::Number(0.004_992), SheetCell::Spread(1.25, 0.033), SheetCell::None];
         Sheet {
             name: "IV".to_owned(),
             title: "Table IV".to_owned(),
             columns: vec![("a", "∫|A|"), ("b", "B"), ("c", "C")],
-            rows: vec![Row::new(Variant::Ours, "oqtal", "q 256", cells)],
+            rows: vec![SheetRow::new(Variant::Ours, "oqtal", "q 256", cells)],
             ..Sheet::default()
         }
     }

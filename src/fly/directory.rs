@@ -16,11 +16,11 @@ const NUMBERS: u32 = 100_000;
 
 /// The directory of one flight.
 #[derive(Debug)]
-pub struct Output {
+pub struct FlightDirectory {
     directory: PathBuf,
 }
 
-impl Output {
+impl FlightDirectory {
     /// Makes the directory, `flights/INSTANCE-N` unless given, and writes the effective configuration into it.
     ///
     /// # Errors
