@@ -1,4 +1,4 @@
-//! `oqtal ctl`: speaks to a running daemon, and looks how the processes are.
+//! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
 mod status;
 
@@ -15,13 +15,13 @@ use serde::Serialize;
 
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 
-/// How long a running daemon may take to answer.
-const PATIENCE: Span = Span::from_millis(2000);
+/// Time within which a running daemon answers.
+const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
 
-/// What to ask.
+/// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
 pub struct CtlArgs {
-    /// What the daemon is asked
+    /// The command to the daemon
     #[arg(value_enum)]
     command: Request,
     /// Print the answer as JSON
@@ -31,18 +31,18 @@ pub struct CtlArgs {
     common: CommonArgs,
 }
 
-/// What an operator can ask.
+/// A command of the operator.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Request {
-    /// How it is, and how the processes are
+    /// Show the state of the daemon, the processes and the vehicle
     Status,
     /// Arm and fly the configured trajectory
     Arm,
-    /// Motors off, on the ground
+    /// Motors off, on the ground only
     Disarm,
-    /// Land where it is
+    /// Land at the present position
     Land,
-    /// Motors off now; latched until armed again
+    /// Motors off at once; latched until armed again
     Stop,
 }
 
@@ -58,7 +58,7 @@ impl Request {
     }
 }
 
-/// The answer, as it is printed.
+/// The answer of the daemon, as it is printed.
 #[derive(Debug, Serialize)]
 struct ControlReport {
     command: String,
@@ -66,25 +66,25 @@ struct ControlReport {
     mode: String,
     state: String,
     cause: String,
-    /// With `status` only, like all below.
+    /// Health of the processes; like the fields below, with `status` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessHealth>,
-    /// Whether all processes that are heard run with one configuration.
+    /// Whether all processes that were received run with one configuration.
     #[serde(skip_serializing_if = "Option::is_none")]
     config_agrees: Option<bool>,
-    /// If somebody speaks for it.
+    /// State of the vehicle; absent if no process publishes it.
     #[serde(skip_serializing_if = "Option::is_none")]
     vehicle: Option<VehicleStatus>,
-    /// Where the daemon believes the vehicle is \[m, world\].
+    /// Estimated position \[m, world\].
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
 }
 
 impl CtlArgs {
-    /// Asks, and prints the answer.
+    /// Sends the command and prints the answer.
     ///
     /// # Errors
-    /// No daemon answers (exit code 75), or it refuses (exit code 1).
+    /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let place = instance_paths(&config)?;
@@ -114,10 +114,10 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
-    /// What the daemon answers, `None` if there is none; with `status` also how processes and vehicle are.
+    /// The answer of the daemon, `None` if none answers, and the status of the instance if that was asked for.
     fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
         let request = ControlRequestV1 { command: self.command.command().code() };
-        let response = bus.control_client()?.ask(request, PATIENCE)?;
+        let response = bus.control_client()?.ask(request, ANSWER_TIMEOUT)?;
         let heard = match self.command {
             Request::Status => status::observe(bus)?,
             _ => InstanceStatus::default(),
@@ -147,7 +147,7 @@ impl ControlReport {
         serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
     }
 
-    /// The answer, and what else was heard.
+    /// The answer and the lines of the status as text.
     fn to_text(&self, lines: &[String]) -> String {
         let Self { command, answer, mode, state, cause, .. } = self;
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };

@@ -46,15 +46,15 @@ impl ThreadScheduling {
         threads.max_by_key(|thread| thread.priority)
     }
 
-    /// What `asked` asks for and the kernel does not grant.
+    /// Real-time settings that were requested but not granted by the kernel.
     #[must_use]
-    pub fn lacks(&self, asked: &config::Realtime) -> Vec<&'static str> {
+    pub fn missing(&self, requested: &config::Realtime) -> Vec<&'static str> {
         let wanted = [
-            ("SCHED_FIFO", asked.scheduling == Scheduling::Fifo, self.policy == "fifo"),
-            ("locked memory", asked.lock_memory, self.locked),
+            ("SCHED_FIFO", requested.scheduling == Scheduling::Fifo, self.policy == "fifo"),
+            ("locked memory", requested.lock_memory, self.locked),
         ];
-        let lacking = wanted.into_iter().filter(|(_, asked, granted)| *asked && !granted);
-        lacking.map(|(name, ..)| name).collect()
+        let missing = wanted.into_iter().filter(|(_, requested, granted)| *requested && !granted);
+        missing.map(|(name, ..)| name).collect()
     }
 
     /// From the `stat` and `status` of a thread, proc(5).
@@ -122,7 +122,7 @@ impl ProcessUsage {
     }
 
     /// Looks again; what is gone stays as it was.
-    pub fn look_again(&mut self, pid: u64) {
+    pub fn update(&mut self, pid: u64) {
         self.end = Footprint::of(pid).unwrap_or(self.end);
     }
 }
@@ -175,10 +175,13 @@ mod tests {
 
     #[test]
     fn what_is_asked_for_and_not_granted_is_named() {
-        let asked = config::Config::default().realtime;
+        let requested = config::Config::default().realtime;
         let granted = ThreadScheduling { policy: "fifo", priority: 50, cpu: None, locked: true };
-        assert!(granted.lacks(&asked).is_empty());
-        assert_eq!(ThreadScheduling::default().lacks(&asked), ["SCHED_FIFO", "locked memory"]);
+        assert!(granted.missing(&requested).is_empty());
+        assert_eq!(
+            ThreadScheduling::default().missing(&requested),
+            ["SCHED_FIFO", "locked memory"]
+        );
         let content = config::Realtime { lock_memory: false, ..asked };
         assert_eq!(ThreadScheduling::default().lacks(&content), ["SCHED_FIFO"]);
     }

@@ -102,9 +102,9 @@ impl Recorder {
         self.config.is_replay() || self.config.vehicle.shadow
     }
 
-    /// Whether a pose was heard.
+    /// Whether a pose was received.
     #[must_use]
-    pub fn sees(&self) -> bool {
+    pub fn has_poses(&self) -> bool {
         !self.arrivals.is_empty()
     }
 

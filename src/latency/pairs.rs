@@ -95,11 +95,11 @@ fn pair(directory: &Path, terms: &Terms) -> Result<Pair, Failure> {
     if !theirs.ends_within(terms.length + Span::from_millis(5000)) {
         return Err(Failure::new(Exit::System, "cyclictest did not end when its time was over"));
     }
-    if let Some(fallen) = ours.fallen() {
-        return Err(fallen);
+    if let Some(failure) = ours.failure() {
+        return Err(failure);
     }
     let to = Time::now();
-    ours.dismiss();
+    ours.shut_down();
     let ours = whole_micros(read(&directory.join(RECORD), from, to)?.quantile(QUANTILE));
     let text = std::fs::read_to_string(&report).unwrap_or_default();
     let theirs = p999_of(&text).ok_or_else(|| {
