@@ -1,4 +1,4 @@
-//! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for what is not known.
+//! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for an unknown value.
 
 use std::io::Write;
 
@@ -8,7 +8,7 @@ use oqtal_control::trajectory::Phase;
 
 use crate::flight::{Flight, FlightSample};
 
-/// A column of words; `None` leaves the cell empty.
+/// A column of words: name, and value of a tick; `None` leaves the cell empty.
 type WordColumn = (&'static str, fn(&TelemetryV1) -> Option<String>);
 
 const WORDS: [WordColumn; 4] = [
@@ -18,7 +18,7 @@ const WORDS: [WordColumn; 4] = [
     ("phase", |t| Phase::from_number(t.phase).map(|phase| phase.to_string())),
 ];
 
-/// Columns of numbers that come together: as many of the four as there are names.
+/// Adjacent columns of numbers: names, and values of a tick, of which as many are used as there are names.
 type NumberColumns = (&'static [&'static str], fn(&FlightSample) -> [f64; 4]);
 
 const NUMBERS: [NumberColumns; 20] = [
@@ -91,7 +91,7 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
     Ok(())
 }
 
-/// The shortest digits that are read back as the same number.
+/// The shortest decimal text that is read back as the same number; empty for NaN.
 fn number(value: f64) -> String {
     if value.is_nan() { String::new() } else { value.to_string() }
 }

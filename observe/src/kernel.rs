@@ -1,5 +1,4 @@
-//! What the kernel says of a process: how it is scheduled, what it holds. Read from `/proc`, so it is what is, not what was
-//! asked for.
+//! Scheduling and resource use of a process, read from `/proc`: what the kernel granted, not what was requested.
 
 use std::{fmt, fs};
 
@@ -7,16 +6,16 @@ use oqtal_config::{self as config, Scheduling};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity};
 use serde::Serialize;
 
-/// How the most urgent thread of a process is scheduled.
+/// Scheduling of the thread with the highest priority of a process.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ThreadScheduling {
     /// `other`, `fifo`, `rr`, `batch`, `idle` or `deadline`.
     pub policy: &'static str,
     /// Real-time priority; 0 under ordinary scheduling.
     pub priority: u32,
-    /// The one processor it may use; `None` if there are several.
+    /// The processor the thread is bound to; `None` if it may use several.
     pub cpu: Option<usize>,
-    /// Whether its memory cannot be paged out.
+    /// Whether the memory of the process is locked.
     pub locked: bool,
 }
 
@@ -35,7 +34,7 @@ impl fmt::Display for ThreadScheduling {
 }
 
 impl ThreadScheduling {
-    /// That of the process `pid`; `None` if there is none.
+    /// Reads the scheduling of the process `pid`; `None` if it does not exist.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let tasks = fs::read_dir(format!("/proc/{pid}/task")).ok()?;
@@ -57,9 +56,9 @@ impl ThreadScheduling {
         missing.map(|(name, ..)| name).collect()
     }
 
-    /// From the `stat` and `status` of a thread, proc(5).
+    /// Parses the files `stat` and `status` of a thread, proc(5).
     fn parse(stat: &str, status: &str) -> Option<Self> {
-        // The name may hold blanks and brackets; the fields behind it start with the third.
+        // The name may contain blanks and brackets; the first field behind it is the third.
         let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
         let field = |number: usize| fields.get(number - 3)?.parse::<usize>().ok();
         let line = |key: &str| {
@@ -75,22 +74,22 @@ impl ThreadScheduling {
     }
 }
 
-/// sched(7), as numbered in the kernel's `sched.h`.
+/// Name of a scheduling policy, sched(7), by its number in the kernel's `sched.h`.
 fn policy(number: usize) -> &'static str {
     ["other", "fifo", "rr", "batch", "iso", "idle", "deadline"].get(number).unwrap_or(&"unknown")
 }
 
-/// What a process holds.
+/// Resources held by a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Footprint {
-    /// Memory in RAM \[KiB\].
+    /// Resident memory \[KiB\].
     pub resident_kib: u64,
-    /// Open files, sockets included.
+    /// Open files, sockets included \[-\].
     pub open_files: usize,
 }
 
 impl Footprint {
-    /// That of the process `pid`; `None` if there is none, or it is another user's.
+    /// Reads the resources of the process `pid`; `None` if it does not exist or belongs to another user.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
@@ -102,39 +101,38 @@ impl Footprint {
     }
 }
 
-/// A process over the time it was looked at.
+/// Scheduling and resource use of a process over a flight.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ProcessUsage {
-    /// How it was scheduled.
+    /// Scheduling at the start.
     pub realtime: ThreadScheduling,
-    /// What it held when it was first looked at.
+    /// Resources at the start.
     pub start: Footprint,
-    /// What it held in the end.
+    /// Resources at the end.
     pub end: Footprint,
 }
 
 impl ProcessUsage {
-    /// The process `pid`, looked at for the first time.
+    /// Reads the process `pid` at the start; `None` if it does not exist.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let start = Footprint::of(pid)?;
         Some(Self { realtime: ThreadScheduling::of(pid)?, start, end: start })
     }
 
-    /// Looks again; what is gone stays as it was.
+    /// Reads the resources at the end; keeps the last ones if the process is gone.
     pub fn update(&mut self, pid: u64) {
         self.end = Footprint::of(pid).unwrap_or(self.end);
     }
 }
 
-/// Keeps the calling thread, and whatever it starts, on the processor it runs on; gives it back all it had when it goes out of
-/// scope. Processes that take turns, of which one at a time has anything to do, wake each other fastest so: no processor
-/// has to be woken first.
+/// Binds the calling thread, and the processes it starts, to the processor it runs on; restores the affinity when dropped.
+/// Processes that run in turns, as in lockstep, wake each other fastest on one processor: no other has to leave its idle state.
 #[derive(Debug)]
 pub struct OneProcessor(CpuSet);
 
 impl OneProcessor {
-    /// `None` where the kernel refuses.
+    /// Binds the thread; `None` if the kernel refuses.
     #[must_use]
     pub fn stay() -> Option<Self> {
         let before = sched_getaffinity(None).ok()?;
@@ -147,7 +145,7 @@ impl OneProcessor {
 
 impl Drop for OneProcessor {
     fn drop(&mut self) {
-        // A processor may have gone meanwhile; the thread then stays where it is.
+        // Fails if a processor went offline meanwhile; the thread then stays bound.
         let _ = sched_setaffinity(None, &self.0);
     }
 }
@@ -182,8 +180,8 @@ mod tests {
             ThreadScheduling::default().missing(&requested),
             ["SCHED_FIFO", "locked memory"]
         );
-        let content = config::Realtime { lock_memory: false, ..asked };
-        assert_eq!(ThreadScheduling::default().lacks(&content), ["SCHED_FIFO"]);
+        let content = config::Realtime { lock_memory: false, ..requested };
+        assert_eq!(ThreadScheduling::default().missing(&content), ["SCHED_FIFO"]);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Whatever listens: the observer of the bus, the recorder, latencies, and what is made of them.
+//! Observation of flights: the observer of the bus and its sinks (recorder, latency, status), and what is made of a recorded
+//! flight: summary, table, report, CSV.
 #![forbid(unsafe_code)]
 
 pub mod command_path;

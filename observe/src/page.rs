@@ -6,7 +6,7 @@ use crate::plot::palette;
 
 const STYLE: &str = include_str!("page.css");
 
-/// A complete HTML document in the style of the reports, with `style` added to it.
+/// A complete HTML document in the style of the reports, with the style sheet `style` appended.
 #[must_use]
 pub fn page(title: &str, style: &str, body: &Markup) -> String {
     let page = html! {
@@ -25,7 +25,7 @@ pub fn page(title: &str, style: &str, body: &Markup) -> String {
     page.into_string()
 }
 
-/// A section of the page: a heading over a grid.
+/// A section of a page: a heading above a grid.
 #[must_use]
 pub fn section(title: &str, content: Markup) -> Markup {
     html! { section { h2 { (title) } div.grid { (content) } } }

@@ -15,16 +15,17 @@ use crate::flight::{Flight, FlightSample, Outcome, PoseArrival};
 use crate::sink::{ObservedTopic, Reception, Sink};
 use crate::wire::WireRecord;
 
-/// Lower than this, in flight, is a crash \[m\]; at rest, landed.
+/// Height below which a vehicle at rest has landed \[m\].
 const ON_FLOOR_M: f64 = 0.05;
+/// Speed below which a vehicle is at rest \[m/s\].
 const AT_REST_M_S: f64 = 0.1;
-/// So long must it rest.
+/// Time at rest after which the flight is over.
 const REST: Span = Span::from_millis(500);
-/// Steeper than this is a crash: cosine of 80 degrees.
+/// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
 const TURNED_OVER: f64 = 0.17;
-/// Further from the origin than this is a crash \[m\].
+/// Distance from the origin beyond which the vehicle has left the room \[m\].
 const ROOM_M: f64 = 20.0;
-/// Samples of the truth that a late tick can still find its own among.
+/// Number of truth samples kept, among which a late tick finds the nearest.
 const TRUTHS_KEPT: usize = 64;
 
 /// Records one flight.
@@ -91,13 +92,13 @@ impl Recorder {
         }
     }
 
-    /// What the vehicle's side says, and the wire to it.
+    /// The newest vehicle message and the figures of the wire.
     #[must_use]
     pub fn wire(&self) -> &WireRecord {
         &self.wire
     }
 
-    /// In a recording, and where a shadow stands in for another vehicle, what is said of the truth is not about what flies.
+    /// Whether topic `truth` does not describe the vehicle: in a replay, and when the simulator is the shadow of another vehicle.
     fn has_no_truth(&self) -> bool {
         self.config.is_replay() || self.config.vehicle.shadow
     }
@@ -120,7 +121,7 @@ impl Recorder {
         &self.lost
     }
 
-    /// How the flight ended, once it has.
+    /// How the flight ended; `None` while it lasts.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
         self.outcome
@@ -132,10 +133,9 @@ impl Recorder {
         self.samples.last()
     }
 
-    /// Closes the record; a flight that has not ended by itself ended with `otherwise`.
+    /// Closes the record. The outcome is `otherwise` if the flight has not ended by itself.
     #[must_use]
     pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
-        // Ticks after the last sample of the truth belong to no flight.
         Flight {
             outcome: self.outcome.unwrap_or(otherwise),
             config: self.config,
@@ -155,8 +155,8 @@ impl Recorder {
         }
     }
 
-    /// Gives every tick that the truth has caught up with the sample nearest in time; in virtual time that is the very
-    /// instant.
+    /// Joins every waiting tick up to the newest truth sample with the sample nearest in time; in virtual time both have the
+    /// same instant.
     fn join(&mut self) {
         let Some(newest) = self.truths.back().map(|truth| truth.time) else { return };
         while let Some(telemetry) = self.waiting.front().copied().filter(|t| t.time <= newest) {
@@ -257,7 +257,7 @@ impl Sink for Recorder {
     }
 }
 
-/// An armed vehicle that lies on the floor, turned over or left the room.
+/// Whether an armed vehicle lies on the floor, has turned over or has left the room.
 fn has_crashed(sample: &FlightSample) -> bool {
     let airborne = [Phase::Settle, Phase::Trajectory]
         .map(|phase| phase as u8)

@@ -1,4 +1,4 @@
-//! The report of a flight: one HTML page that needs nothing else.
+//! The report of a flight: one self-contained HTML page.
 
 mod events;
 #[cfg(test)]
@@ -62,12 +62,12 @@ fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     }
 }
 
-/// What was flown.
+/// The trajectory, or `replay`.
 fn subject<'a>(flight: &Flight, summary: &'a Summary) -> &'a str {
     if flight.is_replay() { "replay" } else { &summary.trajectory }
 }
 
-/// On what, how and for how long.
+/// Vehicle, clock, seed and duration.
 fn circumstances(flight: &Flight, summary: &Summary) -> String {
     let Summary { vehicle, clock, seed, duration_s, scored_s, .. } = summary;
     if flight.is_replay() {
@@ -98,7 +98,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
     }
 }
 
-/// A figure that matters: its name, the figure, and what goes with it.
+/// A key figure: name, value and detail.
 type KeyFigure = (&'static str, String, String);
 
 fn cards(figures: &[KeyFigure]) -> Markup {
@@ -147,7 +147,7 @@ fn replay_figures(arrivals: &ArrivalIntervals, summary: &Summary) -> Vec<KeyFigu
     figures
 }
 
-/// What every flight has.
+/// The key figures of every flight.
 fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
     let ticks = format!("in {} ticks", summary.ticks);
     let lost = format!("{} poses, {} commands lost", summary.lost.pose, summary.lost.command);

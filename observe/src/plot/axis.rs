@@ -1,31 +1,31 @@
-//! Axes: a range that is safe to draw, and ticks where a person would put them.
+//! Axes: a range that can be drawn, with ticks at round numbers.
 
 use std::ops::Range;
 
-/// Largest magnitude that is drawn; larger numbers are faults, not measurements, and leave a gap.
-const GREATEST: f64 = 1e9;
+/// Largest magnitude that is drawn \[-\]; larger numbers are faults, not measurements, and leave a gap.
+const MAX_MAGNITUDE: f64 = 1e9;
 
 /// Whether a plot can show `value`.
 #[must_use]
 pub fn is_drawable(value: f64) -> bool {
-    value.abs() <= GREATEST
+    value.abs() <= MAX_MAGNITUDE
 }
 
 /// A tick of an axis, with its label.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AxisTick {
-    /// Where, in the axis's coordinate.
+    /// Position \[unit of the axis\].
     pub at: f64,
-    /// Its text.
+    /// Label.
     pub label: String,
 }
 
 /// One axis of a plot.
 #[derive(Clone, Debug)]
 pub struct Axis {
-    /// From its lower to its upper end; never empty.
+    /// Lower and upper end \[unit of the axis\]; never empty.
     pub range: Range<f64>,
-    /// In rising order.
+    /// Ticks in rising order.
     pub ticks: Vec<AxisTick>,
 }
 
@@ -90,14 +90,14 @@ fn drawable(range: Range<f64>) -> Range<f64> {
     middle - half..middle + half
 }
 
-/// The least of 1, 2, 5 times a power of ten that is not below `step`.
+/// The smallest of 1, 2 and 5 times a power of ten that is not below `step`.
 fn nice_step(step: f64) -> f64 {
     let decade = 10_f64.powf(step.log10().floor());
     let nice = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * decade);
     nice.into_iter().find(|nice| *nice >= 0.999 * step).unwrap_or(10.0 * decade)
 }
 
-/// `k` steps, with as many decimals as a step needs.
+/// The text of `k` steps, with as many decimals as a step needs.
 fn number(k: i64, step: f64) -> String {
     let value = k as f64 * step;
     let decimals = -step.log10().floor();

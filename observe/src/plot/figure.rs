@@ -1,4 +1,4 @@
-//! Figures: a plot with its title and legend, as HTML.
+//! Figures as HTML: a plot with title and legend.
 
 use std::ops::Range;
 
@@ -9,16 +9,16 @@ use super::chart::{Mark, Plot};
 use super::palette::Ink;
 use super::trace::Trace;
 
-/// Width of a plot that takes half of the page.
+/// Width of a plot over half of the page \[pixels\].
 pub const HALF: u32 = 1120;
-/// Width of a plot that takes all of it.
+/// Width of a plot over the whole page \[pixels\].
 pub const FULL: u32 = 2320;
 const HEIGHT: u32 = 420;
 const PATH_HEIGHT: u32 = 900;
 const LABEL_WIDTH: u32 = 92;
 const LINE_WIDTH: u32 = 3;
 
-/// A plot under a title, with a legend.
+/// A figure of `plot`, with a legend if it has more than one entry.
 pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
     html! {
         figure.plot {
@@ -37,7 +37,7 @@ pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
     }
 }
 
-/// Traces over a horizontal axis of seconds, with `shaded` stretch of it if there is one.
+/// A figure of traces over the time `span` \[s\], with the interval `shaded` \[s\] in the background.
 pub fn over_time(
     title: &str,
     traces: Vec<Trace>,
@@ -57,7 +57,7 @@ pub fn over_time(
     figure(title, &legend, &plot)
 }
 
-/// Paths in a plane, in equal scale, with points marked on top.
+/// A figure of paths in a plane in equal scale, with marked points on top.
 pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
     let points = || paths.iter().chain(&marks).flat_map(|trace| &trace.points);
     let x = Axis::fitting(points().map(|point| point.0));
@@ -76,7 +76,7 @@ fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Mark> {
     traces.into_iter().map(|trace| Mark::Line(trace.ink, LINE_WIDTH, trace.points))
 }
 
-/// How many of `values` fall into each of `bins` equal parts of `range`; those outside are left out.
+/// Number of `values` in each of `bins` equal parts of `range`; values outside are ignored.
 pub fn histogram(values: impl Iterator<Item = f64>, range: &Range<f64>, bins: usize) -> Vec<u64> {
     let mut counts = vec![0; bins];
     for value in values {

@@ -1,4 +1,4 @@
-//! What happened when: phases, safety states, losses.
+//! The section of events: phases, safety states, losses.
 
 use maud::{Markup, html};
 use oqtal_bus::code::{Cause, SafetyState};
@@ -15,7 +15,7 @@ use crate::plot::chart::{Mark, Plot};
 use crate::plot::figure::{FULL, figure};
 use crate::plot::palette::Ink;
 
-/// A list names so many events and counts the rest.
+/// Number of events that are listed; the others are counted.
 const MOST_LISTED: usize = 100;
 
 const STATES: [(SafetyState, &str, Ink); 3] = [
@@ -53,7 +53,7 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     )
 }
 
-/// What happened at which instants \[s\]; nothing if nothing happened.
+/// The list of events with their instants \[s\]; empty markup without events.
 pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
     let events: Vec<_> = events.collect();
     html! {
@@ -68,7 +68,7 @@ pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
     }
 }
 
-/// Phase and safety state as bands over time.
+/// Phases and safety states as bands over time.
 fn strip(timeline: &Timeline<'_>) -> Markup {
     let phase = |sample: &FlightSample| {
         PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2)
@@ -89,7 +89,7 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
     html! { div.wide { (figure("Phases and safety states", &legend, &plot)) } }
 }
 
-/// A block for every stretch of ticks of one ink, in the row above `floor`.
+/// A block for every run of ticks of one colour, in the row above `floor`.
 fn bands(
     timeline: &Timeline<'_>,
     ink: impl Fn(&FlightSample) -> Option<Ink>,
@@ -107,7 +107,7 @@ fn bands(
     bands
 }
 
-/// Changes of state and cause, losses, refusals and missed deadlines.
+/// Changes of state and cause, losses, refusals and missed deadlines between two ticks.
 fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let counted = [
         ("poses lost", before.poses_lost, now.poses_lost),
@@ -120,7 +120,7 @@ fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     state.then(|| describe(now)).into_iter().chain(counts).collect()
 }
 
-/// A state and its cause.
+/// Safety state and cause as text.
 fn describe(telemetry: &TelemetryV1) -> String {
     let state = SafetyState::from_code(telemetry.state);
     let state = state.map_or_else(|| "unknown state".to_owned(), |state| state.to_string());

@@ -15,7 +15,7 @@ use crate::plot::palette::Ink;
 const WORLD: [&str; 3] = ["x", "y", "z"];
 /// The 3-2-1 Euler angles.
 const ANGLES: [&str; 3] = ["Roll", "Pitch", "Yaw"];
-/// One ink for each component of a vector.
+/// Colours of the components of a vector.
 const COMPONENTS: [Ink; 3] = [Ink::Actual, Ink::Second, Ink::Third];
 
 /// Position by axis beside its reference, and the magnitude of the error.
@@ -75,16 +75,17 @@ pub fn velocity(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// What was asked of the vehicle, how fast it turned, and the voltage it had for it.
+/// Command, body rate and battery voltage.
 pub fn command(timeline: &Timeline<'_>) -> Markup {
     let thrust = timeline.trace("thrust", Ink::Actual, |s| s.telemetry.thrust);
-    let title = if timeline.flight.is_replay() { "Command, had it been sent" } else { "Command" };
+    let title =
+        if timeline.flight.is_replay() { "Command (computed, not sent)" } else { "Command" };
     section(
         title,
         html! {
             (rotation_command(timeline))
-            (over_time(timeline, "Collective thrust [of the greatest]", vec![thrust]))
-            // Both or none: the grid has two columns.
+            (over_time(timeline, "Collective thrust [fraction of maximum]", vec![thrust]))
+            // Two plots or none: the grid has two columns.
             @if let Some(voltage) = timeline.battery() {
                 (body_rate(timeline))
                 (over_time(timeline, "Battery voltage [V]", vec![voltage]))
@@ -93,7 +94,7 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Sticks or torque, whichever the vehicle takes.
+/// Sticks or torque, as the vehicle is commanded.
 fn rotation_command(timeline: &Timeline<'_>) -> Markup {
     let (title, vector): (_, fn(&FlightSample) -> [f64; 3]) =
         match timeline.flight.config.vehicle.kind {
@@ -103,7 +104,7 @@ fn rotation_command(timeline: &Timeline<'_>) -> Markup {
     by_component(timeline, title, ["roll", "pitch", "yaw"], vector)
 }
 
-/// The motion that the daemon estimated, and how old the poses were that it had.
+/// Estimated motion and pose age.
 pub fn estimate(timeline: &Timeline<'_>) -> Markup {
     let angle = |i: usize| {
         let angle = timeline.angle("estimate", Ink::Actual, |s| euler_angles(&s.attitude())[i]);
@@ -138,7 +139,7 @@ fn by_component(
     over_time(timeline, title, traces)
 }
 
-/// Roll, pitch, yaw, 3-2-1 \[rad\].
+/// Roll, pitch and yaw, 3-2-1 \[rad\].
 fn euler_angles(attitude: &Attitude) -> [f64; 3] {
     attitude.unit_quaternion().euler_angles().into()
 }

@@ -1,4 +1,4 @@
-//! What the flight was made of: enough to fly it again.
+//! The section of settings, sufficient to repeat the flight.
 
 use maud::{Markup, html};
 

@@ -41,7 +41,7 @@ fn every_colour_of_a_plot_has_a_dark_counterpart() {
 #[test]
 fn a_replay_shows_its_gaps_and_no_errors() {
     let page = page(&fixture::replay());
-    assert!(page.contains("PoseArrival of poses") && page.contains("Gaps over 50 ms: 2."));
+    assert!(page.contains("Arrival of poses") && page.contains("Gaps over 50 ms: 2."));
     // The settings at its end may well have keys with that word.
     let figures = page.split("Settings").next().unwrap();
     assert!(!figures.contains("error"));
@@ -78,7 +78,7 @@ fn an_empty_flight_has_a_page() {
     let mut flight = fixture::empty();
     assert!(page(&flight).contains("nothing was judged"));
     flight.config.mocap.replay = "recording.csv".to_owned();
-    assert!(page(&flight).contains("PoseArrival of poses"));
+    assert!(page(&flight).contains("Arrival of poses"));
 }
 
 fn any_sample() -> impl Strategy<Value = FlightSample> {

@@ -1,4 +1,4 @@
-//! The part of a flight that a report shows, as traces over time.
+//! The part of a flight that the report shows, as traces over time.
 
 use std::ops::Range;
 
@@ -12,12 +12,12 @@ use crate::plot::figure;
 use crate::plot::palette::Ink;
 use crate::plot::trace::{Point, Trace, thin, thin_path};
 
-/// The part of a flight that is shown, on an axis of seconds.
+/// The part of a flight that the report shows, on an axis of seconds.
 #[derive(Clone, Copy, Debug)]
 pub struct Timeline<'a> {
     /// The flight.
     pub flight: &'a Flight,
-    /// Its ticks from the origin on.
+    /// Ticks from the origin on.
     pub samples: &'a [FlightSample],
     origin: Time,
 }
@@ -35,7 +35,7 @@ impl<'a> Timeline<'a> {
         time.since(self.origin).seconds()
     }
 
-    /// When `sample` was \[s\].
+    /// Time of `sample` on the axis \[s\].
     pub fn at(&self, sample: &FlightSample) -> f64 {
         self.seconds(sample.telemetry.time)
     }
@@ -47,14 +47,14 @@ impl<'a> Timeline<'a> {
         )
     }
 
-    /// The judged window \[s\].
+    /// The scored window \[s\].
     pub fn scored(&self) -> Option<Range<f64>> {
         let mut scored = self.flight.scored().map(|sample| self.at(sample));
         let first = scored.next()?;
         Some(first..scored.last().unwrap_or(first))
     }
 
-    /// `value` of every tick over time.
+    /// The trace of `value` over time.
     pub fn trace(
         &self,
         name: &'static str,
@@ -65,7 +65,7 @@ impl<'a> Timeline<'a> {
         Trace { name, ink, points: thin(points.collect()) }
     }
 
-    /// What the vehicle's motion is known from.
+    /// The source of the vehicle's motion: `truth` or `estimate`.
     pub fn actual(&self) -> &'static str {
         let has_truth = self.samples.iter().any(|sample| sample.truth.is_some());
         if has_truth { "truth" } else { "estimate" }
@@ -86,7 +86,7 @@ impl<'a> Timeline<'a> {
         })
     }
 
-    /// An angle \[rad\] of every tick over time \[deg\], with a gap where it jumps from one end of its range to the other.
+    /// The trace of an angle \[rad\] over time, in degrees, with a gap where it wraps around.
     pub fn angle(
         &self,
         name: &'static str,
@@ -104,7 +104,7 @@ impl<'a> Timeline<'a> {
         Trace { name, ink, points: thin(points) }
     }
 
-    /// Two values of every tick against each other.
+    /// The path of a point, one for each tick.
     pub fn path(
         &self,
         name: &'static str,
@@ -115,7 +115,7 @@ impl<'a> Timeline<'a> {
     }
 }
 
-/// Traces over the time of the flight, the judged window shaded.
+/// A figure of traces over the time of the flight, with the scored window shaded.
 pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Markup {
     figure::over_time(title, traces, timeline.range(), timeline.scored())
 }
