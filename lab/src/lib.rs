@@ -1,4 +1,4 @@
-//! Studies in virtual time: flights in one process, campaigns, tuning, and the paper's experiments.
+//! Studies in virtual time: flights in one process, campaigns, tuning, and the experiments of the paper.
 #![forbid(unsafe_code)]
 
 pub mod campaign;

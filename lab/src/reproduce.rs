@@ -1,6 +1,6 @@
-//! `oqtal reproduce`: the paper's experiments, side by side with its print, and with what is ours.
+//! `oqtal reproduce`: the experiments of the paper, beside its printed figures and this project's own laws.
 //!
-//! Each experiment is a file: its settings, its runs, its rows. Tables ([`sheet`]) and figures ([`figures`]) are made from
+//! Each experiment is a file: its settings, its runs, its rows. Tables ([`crate::sheet`]) and figures ([`figures`]) are made from
 //! them by shared code.
 
 pub mod body;
@@ -33,7 +33,7 @@ use crate::sheet::Sheet;
 use chapter::{Chapter, ExperimentContext};
 use lander::Lander;
 
-/// One experiment: what it can be called, its figures, and how it is run.
+/// One experiment: its name, its figures, and the function that runs it.
 struct Experiment {
     name: &'static str,
     figures: &'static [&'static str],
@@ -79,19 +79,19 @@ const EXPERIMENTS: [Experiment; 7] = [
     },
 ];
 
-/// Everything.
+/// Name of all experiments together.
 const ALL: &str = "all";
 
-/// Which part of the paper.
+/// Arguments of `oqtal reproduce`.
 #[derive(Args, Debug)]
 pub struct ReproduceArgs {
-    /// Tables, experiments and figures
+    /// Tables, experiments and figures to reproduce
     #[arg(value_parser = PossibleValuesParser::new(targets()), default_value = ALL)]
     what: Vec<String>,
-    /// Tune the gains of Table V anew, in place of those that come with the program: minutes for each law
+    /// Tune the gains of Table V anew instead of using the shipped ones; takes minutes for each law
     #[arg(long)]
     retune: bool,
-    /// Where reproduction.html, reproduction.md and reproduction.json are written
+    /// Directory of reproduction.html, reproduction.md and reproduction.json
     #[arg(long, value_name = "DIR", default_value = "reproduction")]
     out: PathBuf,
     /// Print all rows as JSON instead of tables
@@ -110,7 +110,7 @@ impl ReproduceArgs {
     /// Runs the experiments, writes the page and prints the tables.
     ///
     /// # Errors
-    /// The directory cannot be written, or a setting in the environment has no meaning.
+    /// The directory cannot be written, or a setting in the environment is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let context = ExperimentContext {
             lander: Lander::new()?,
@@ -145,18 +145,18 @@ impl ReproduceArgs {
         self.what.iter().any(|name| named(&name))
     }
 
-    /// The command that does the same.
+    /// The command line of this run.
     fn command(&self) -> String {
         let retune = if self.retune { " --retune" } else { "" };
         format!("oqtal reproduce {}{retune}", self.what.join(" "))
     }
 }
 
-/// One table as an object, several as a list of such.
+/// One table as a JSON object, several as a list.
 fn to_json(chapters: &[Chapter]) -> Value {
     let mut sheets: Vec<Value> =
         chapters.iter().flat_map(|chapter| &chapter.sheets).map(Sheet::to_json).collect();
-    // A chapter's table of the paper comes first; what goes with it, behind.
+    // The paper's table of a chapter comes first, further tables behind it.
     match chapters {
         [_] if !sheets.is_empty() => {
             let mut first = sheets.remove(0);

@@ -1,4 +1,4 @@
-//! A body that only turns, under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
+//! A rotating body under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Setting, Vehicle};
@@ -15,29 +15,29 @@ use super::lander::{Lander, RATE_HZ, attitude_state, is_under_control};
 /// Steps of the integrator between two ticks.
 const STEPS: u32 = 4;
 
-/// A body and how it is commanded.
+/// A rotating body by its kind of command.
 #[derive(Clone, Debug)]
 pub enum RotatingBody {
-    /// Torque in; limited to what the vehicle can do, or not.
+    /// Commanded by torque, limited to the maximum of the vehicle if the flag is set.
     Spacecraft(Box<Lander>, bool),
-    /// Sticks in.
+    /// Commanded by sticks.
     Quadrotor(Box<Vehicle>),
 }
 
-/// One tick of a turn.
+/// One tick of a manoeuvre.
 #[derive(Clone, Copy, Debug)]
 pub struct ManoeuvreTick {
-    /// Since the start \[s\].
+    /// Time since the start \[s\].
     pub time_s: f64,
-    /// Attitude of the body.
+    /// Attitude \[body to world\].
     pub attitude: Attitude,
-    /// Its rate \[rad/s, body\].
+    /// Rate \[rad/s, body\].
     pub rate: Vector3<f64>,
-    /// What the law commands \[N m or -1..1, body\].
+    /// Command \[N m or -1..1, body\].
     pub input: Vector3<f64>,
 }
 
-/// A turn from a state to rest at a target.
+/// A manoeuvre from an initial state to rest at a target attitude.
 #[derive(Clone, Copy, Debug)]
 pub struct Manoeuvre {
     /// Attitude at the start.
@@ -46,20 +46,20 @@ pub struct Manoeuvre {
     pub rate: Vector3<f64>,
     /// Attitude to be held.
     pub target: Attitude,
-    /// How long \[s\].
+    /// Duration \[s\].
     pub duration_s: f64,
 }
 
-/// What came of a turn.
+/// The record of a manoeuvre.
 #[derive(Clone, Debug)]
 pub struct ManoeuvreRecord {
     /// Every tick, until control was lost.
     pub ticks: Vec<ManoeuvreTick>,
-    /// Whether every command was a number.
+    /// Whether every command was finite.
     pub commands_finite: bool,
     /// Riccati equations solved.
     pub riccati_solves: u32,
-    /// Of them, those without a solution.
+    /// Riccati equations without a solution, included in `riccati_solves`.
     pub failed_solves: u32,
 }
 
@@ -67,16 +67,16 @@ impl RotatingBody {
     /// The quadrotor of the shipped configuration.
     ///
     /// # Errors
-    /// The environment sets a vehicle that is none.
+    /// The environment sets an invalid vehicle.
     pub fn quadrotor() -> Result<Self, Failure> {
         let kind = Setting::flag("quadrotor", "vehicle.kind", "hummingbird");
         Ok(Self::Quadrotor(Box::new(Config::from_settings(&[kind])?.vehicle)))
     }
 
-    /// Turns the body under the law of `options`, 60 times a second.
+    /// Simulates the manoeuvre under the law of `options` at 60 Hz.
     ///
     /// # Errors
-    /// An option of the law has no meaning.
+    /// An option of the law is invalid.
     pub fn turn(
         &self,
         options: &ControllerOptions,
@@ -92,7 +92,7 @@ impl RotatingBody {
             }
             Self::Quadrotor(vehicle) => {
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?;
-                // As the daemon builds it: the paper's laws do not know of the lag.
+                // As in the daemon: only `oqtal-dt` models the lag of the rate loop.
                 let input = match options.controller {
                     ControllerName::OqtalDt => {
                         input.with_lag(vehicle.rate_lag_ms * 1e-3, 1.0 / RATE_HZ)?
@@ -111,7 +111,7 @@ impl RotatingBody {
     }
 }
 
-/// The state after `sticks` have been held for a tick.
+/// The state after holding `sticks` for one tick.
 fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
     let input = Input { sticks, ..Input::default() };
     let calm = Disturbance {
@@ -124,7 +124,7 @@ fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
     })
 }
 
-/// Turns a body from `start` under `law`; `obey` gives the numbers of a command, and the state after a tick of it.
+/// Simulates a manoeuvre from `start` under `law`; `obey` returns a command as a vector and the state after one tick of it.
 fn follow<L: AttitudeLaw>(
     mut law: L,
     start: State,

@@ -1,4 +1,4 @@
-//! Every option of `oqtal`, one at a time, and the term in the second derivative of `eps` that the paper drops.
+//! Every option of `oqtal`, one at a time, and the second derivative of `eps`, which the paper drops.
 
 use nalgebra::Vector3;
 use oqtal_control::controller::{EpsDdot, OqtalOptions};
@@ -17,7 +17,7 @@ use super::words::{about, figure, listed};
 use crate::progress::Progress;
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
-/// A turn that exercises the model: far off, and turning about another axis \[rad, rad/s\].
+/// Initial rotation \[rad, body\] and rate \[rad/s, body\] of a turn far from the target about another axis.
 const FAR: Vector3<f64> = Vector3::new(0.2, 1.2, -0.3);
 const TURNING: Vector3<f64> = Vector3::new(0.8, -0.2, 0.5);
 const DURATION_S: f64 = 20.0;
@@ -42,7 +42,7 @@ struct OptionCase {
 /// Flies every option.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let cases = cases();
     let bar = progress.start("options of oqtal", cases.len());
@@ -66,7 +66,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
 const NOTE: &str = "q 256, r 1, 60 Hz hold; \"turn\" is the gravity turn, \"far\" a body 72 degrees from rest that turns at 1 rad/s \
      about another axis, with cells of 0.05.";
 
-/// What the models of the body differ in.
+/// The differences between the error models, as text.
 fn models(sheet: &Sheet) -> String {
     let keys = ["position_error", "riccati_solves", "far_quaternion_error_norm"];
     let of = |name: &str| {
@@ -89,7 +89,7 @@ fn models(sheet: &Sheet) -> String {
     )
 }
 
-/// What the second derivative of eps does, with a filter and without.
+/// The effect of the second derivative of eps, with and without filter, as text.
 fn second_derivative(sheet: &Sheet) -> String {
     let far = |words: &str| {
         let keys = ["far_quaternion_error_norm", "far_effort_norm"];

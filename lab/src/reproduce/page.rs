@@ -1,4 +1,4 @@
-//! The chapters as one page, and as a document.
+//! The chapters as an HTML page and as Markdown.
 
 use maud::{Markup, html};
 
@@ -8,15 +8,15 @@ use super::chapter::Chapter;
 use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 const STYLE: &str = include_str!("page.css");
-/// A table with more columns is set closer, so that it fits the page.
+/// Number of columns above which a table is set in a smaller type.
 const WIDE: usize = 8;
-/// A table with more rows is folded.
+/// Number of rows above which a table is folded.
 const LONG: usize = 40;
 const LEAD: &str = "Each table has three blocks. Paper: the printed numbers. As printed: the paper's equations, with only the \
      corrections without which nothing flies, computed here, with all settings the paper leaves open named. Ours: with \
      something the paper does not have. Nothing is tuned to meet a printed number.";
 
-/// The page.
+/// The HTML page of `chapters`.
 #[must_use]
 pub fn html(chapters: &[Chapter]) -> String {
     let body = html! {
@@ -91,7 +91,7 @@ fn line(row: &SheetRow) -> Markup {
     }
 }
 
-/// The same tables as Markdown.
+/// The tables of `chapters` as Markdown; `command` is the command that makes them.
 #[must_use]
 pub fn markdown(chapters: &[Chapter], command: &str) -> String {
     let mut text = format!(

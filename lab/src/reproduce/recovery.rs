@@ -1,4 +1,4 @@
-//! Recovery from attitudes and rates that no flight should come to.
+//! Recovery from attitudes and rates far outside normal flight.
 
 use nalgebra::Vector3;
 use oqtal_control::controller::ControllerOptions;
@@ -14,15 +14,15 @@ use super::words::{either, listed};
 use crate::progress::Progress;
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 
-/// How far off at first \[rad\].
+/// Initial angle to the target \[rad\].
 const FAR_RAD: f64 = 175.0 * std::f64::consts::PI / 180.0;
-/// How fast it tumbles at first \[rad/s\].
+/// Initial rate of a tumbling body \[rad/s\].
 const TUMBLE_RAD_S: f64 = 20.0;
-/// So long may it take \[s\].
+/// Duration of a run \[s\].
 const DURATION_S: f64 = 60.0;
-/// Recovered means nearer than this, for good \[rad\].
+/// Angle below which the body stays once it has recovered \[rad\].
 const NEAR_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-/// No axis of the body is an axis of the turn.
+/// Axis of the rotation, which is no axis of the body \[-, body\].
 const AXIS: Vector3<f64> = Vector3::new(0.6, -0.48, 0.64);
 
 const COLUMNS: [Column; 6] = [
@@ -34,10 +34,10 @@ const COLUMNS: [Column; 6] = [
     ("failed_solves", "of them failed"),
 ];
 
-/// Lets every law recover both vehicles from both starts.
+/// Lets every law recover both vehicles from both initial states.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let spacecraft = RotatingBody::Spacecraft(Box::new(lander.clone()), true);
     let quadrotor = RotatingBody::quadrotor()?;
@@ -78,7 +78,7 @@ const NOTE: &str = "Not in the paper. On the spacecraft each law has the gains o
      shipped with, not the tuned ones; about an axis that is none of the body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's rate is held by its own loop, \
      not by these laws.";
 
-/// Who does not recover, and whether every command was a number.
+/// The laws that do not recover, and whether every command was finite, as text.
 fn verdict(rows: &[SheetRow]) -> String {
     let lost: Vec<String> = rows
         .iter()

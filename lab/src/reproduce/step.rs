@@ -16,9 +16,9 @@ use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 
 /// Sizes of the step \[deg\].
 const ANGLES_DEG: [f64; 7] = [5.0, 15.0, 30.0, 60.0, 90.0, 135.0, 170.0];
-/// Long enough for a pole at half a radian per second.
+/// Duration of a run \[s\], long enough for a pole at 0.5 rad/s.
 const DURATION_S: f64 = 30.0;
-/// Settled within this share of the step.
+/// Fraction of the step within which it has settled \[-\].
 const BAND: f64 = 0.05;
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 
@@ -35,7 +35,7 @@ const COLUMNS: [Column; 7] = [
 /// Steps every Euler angle under every law.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let entries = roster::each();
     let steps = || (0..3).flat_map(|axis| ANGLES_DEG.map(|angle| (axis, angle)));
@@ -69,7 +69,7 @@ const NOTE: &str = "The spacecraft, at rest and level, is told to roll, pitch or
      others. With equal weights on error and rate, the slow pole tends to 1 rad/s for lqr and to 0.5 rad/s for oqtal, whose \
      error is half an angle, as the weights grow.";
 
-/// How many steps each law settles, and how long it takes at most.
+/// Number of settled steps and longest settling time of each law, as text.
 fn settled(rows: &[SheetRow]) -> String {
     let said: Vec<String> = rows
         .chunk_by(|a, b| a.controller == b.controller)
@@ -123,7 +123,7 @@ fn stepped(
     Ok(SheetRow::new(entry.variant, entry.controller, entry.settings.clone(), cells))
 }
 
-/// How a body answered a step.
+/// The response to a step.
 struct Response {
     rise_s: Option<f64>,
     overshoot: f64,
@@ -147,10 +147,10 @@ impl Response {
     }
 }
 
-/// How far a body has turned about one of its axes, if about no other \[rad\].
+/// Angle of a rotation about one body axis \[rad\]; exact if the body turned about no other.
 fn turned_about(attitude: &Attitude, axis: usize) -> f64 {
     let numbers = attitude.xyzw();
     let angle = 2.0 * numbers[axis].atan2(numbers[3]);
-    // A little past half a turn is not almost a turn back.
+    // Angles beyond pi stay positive, so that an overshoot past half a turn does not wrap around.
     if angle < -std::f64::consts::FRAC_PI_2 { angle + std::f64::consts::TAU } else { angle }
 }

@@ -26,7 +26,7 @@ struct Law {
     variant: Variant,
 }
 
-/// The two laws that the paper compares, the classic one without the singularity at the start of the turn, and ours.
+/// The two laws that the paper compares, the classic one without the singular start of the turn, and `oqtal-dt`.
 const LAWS: [Law; 4] = [
     Law {
         name: "lqr",
@@ -61,7 +61,7 @@ const LAWS: [Law; 4] = [
 /// Flies the sweep.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let bar = progress.start("sweep", LAWS.len() * SIDE * SIDE);
     let fly = |index: usize| {
@@ -85,19 +85,19 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
 const INTRO: &str = "Both laws with Q = q I, R = r I, cells of 0.2 centred on zero, torque held at 60 Hz, for all 441 pairs \
      of q and r. Only q/r matters, so the surfaces are ridges along the diagonal.";
 
-/// The point of the sweep with this ratio, its exponent of two given, and the lesser weight 1.
+/// The point of the sweep with the ratio `2^ratio` and a smaller weight of 1.
 fn at_ratio(surface: &Surface, ratio: i32) -> Option<&TableTwo> {
     let (q, r) = (ratio.max(0) as usize, (-ratio).max(0) as usize);
     surface[q * SIDE + r].as_ref()
 }
 
-/// The least exponent of q/r at which a law loses the body, anywhere on the surface.
+/// The smallest exponent of q/r at which a law loses control; `None` if it never does.
 fn edge(surface: &Surface) -> Option<i32> {
     let lost = surface.iter().enumerate().filter(|(_, metrics)| metrics.is_none());
     lost.map(|(point, _)| (point / SIDE) as i32 - (point % SIDE) as i32).min()
 }
 
-/// At how many of all pairs of weights each law keeps the body under control.
+/// The table of the number of pairs of weights at which each law keeps control.
 fn kept(surfaces: &[Surface]) -> Sheet {
     let row = |(law, surface): (&Law, &Surface)| {
         let edge = edge(surface).map(|ratio| SheetCell::Text(format!("2^{ratio}")));
@@ -119,7 +119,7 @@ fn kept(surfaces: &[Surface]) -> Sheet {
 const STABILITY: [Column; 3] =
     [("stable", "stable"), ("pairs", "of pairs"), ("lost_from", "lost from q/r on")];
 
-/// From which ratio on a law loses the body.
+/// The ratios from which on the laws lose control, as text.
 fn stability(surfaces: &[Surface]) -> String {
     let said: Vec<String> = LAWS
         .iter()
@@ -139,7 +139,7 @@ fn stability(surfaces: &[Surface]) -> String {
     )
 }
 
-/// How often OQTAL is better than each form of the classic law, criterion by criterion.
+/// The table of pairs at which OQTAL is better than each form of the classic law, by criterion.
 fn verdict(surfaces: &[Surface]) -> Sheet {
     let rivals = [(&LAWS[0], &surfaces[0]), (&LAWS[2], &surfaces[2])];
     let judge = |(law, rival): (&Law, &Surface)| {
@@ -163,7 +163,7 @@ fn verdict(surfaces: &[Surface]) -> Sheet {
 const CLAIM: &str = "The claim, judged at every pair of weights where both laws keep the body under control (of 441), against the \
      classic LQR as printed and against one that is spared the singularity of its Euler angles.";
 
-/// Against which form of the classic law, and by what, the claim holds.
+/// The criteria by which the claim holds against each form of the classic law, as text.
 fn holds(surfaces: &[Surface]) -> String {
     let said = [0, 2].map(|index| {
         let (rival, oqtal) = (&surfaces[index], &surfaces[1]);
@@ -196,7 +196,7 @@ fn not_better(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<i32
     (-EXPONENTS.end()..=*EXPONENTS.end()).filter(worse).collect()
 }
 
-/// How often `oqtal` is better than `rival`, where, and whether that is everywhere.
+/// The cells of a comparison of `oqtal` with `rival`.
 fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<SheetCell> {
     let both: Vec<(&TableTwo, &TableTwo)> =
         rival.iter().zip(oqtal).filter_map(|(a, b)| a.as_ref().zip(b.as_ref())).collect();
@@ -216,7 +216,7 @@ const VERDICT: [Column; 5] = [
     ("claim", "claim"),
 ];
 
-/// The figures of the laws along q/r.
+/// The table of the criteria along q/r.
 fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
     let exponents = -EXPONENTS.end()..=*EXPONENTS.end();
     let rows = LAWS.iter().zip(surfaces).flat_map(|(law, surface)| {

@@ -15,7 +15,7 @@ use super::words::{about, either};
 use crate::progress::Progress;
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
-/// The gains `c`, `k` \[1/s^2\] and `T` \[s\] are searched within these. Not in the paper.
+/// Bounds of the search for the gains `c` \[1/s\], `k` \[1/s^2\] and `T` \[s\]. Not in the paper.
 const BOUNDS: [RangeInclusive<f64>; 3] = [0.1..=50.0, 0.1..=50.0, 0.1..=20.0];
 /// The colony: 10 sources for 100 cycles.
 const COLONY: BeeColony = BeeColony { sources: 10, cycles: 100, limit: 30, pull: 0.0, seed: 1 };
@@ -41,7 +41,7 @@ const PAPER: [[f64; 4]; 4] = [
     [49.1, 0.0754, 0.3955, 0.4709],
 ];
 
-/// A way to read "tuned PID".
+/// An interpretation of "tuned PID".
 struct Reading {
     variant: Variant,
     settings: &'static str,
@@ -73,7 +73,7 @@ const READINGS: [Reading; 3] = [
 /// Tunes the PID for every pair of weights.
 ///
 /// # Errors
-/// An option of the law has no meaning.
+/// An option of the law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let bar = progress.start("Table III", 12 * COLONY.most_evaluations());
     let cases: Vec<(&Reading, [f64; 2])> =
@@ -99,7 +99,7 @@ const NOTES: [&str; 2] = [
      weigh effort too: it is no optimum.",
 ];
 
-/// What the tuned PIDs come to beside the printed ones.
+/// The note that compares the tuned PIDs with the printed ones.
 fn verdict(sheet: &Sheet) -> String {
     // The rows of a reading, in the order of the weights: error, effort, fitness.
     let read = |reading: &Reading| -> Vec<[f64; 3]> {
@@ -108,7 +108,7 @@ fn verdict(sheet: &Sheet) -> String {
         rows.map(|row| keys.map(|key| row.number(&sheet.columns, key))).collect()
     };
     let (printed, omega_e) = (read(&READINGS[0]), read(&READINGS[2]));
-    // Of the printed figures, not the printed one: the latter is a misprint for [1, 0].
+    // Computed from the printed figures: the printed fitness is a misprint for [1, 0].
     let fitness = |[q, r]: [f64; 2], paper: [f64; 4]| q * paper[1] + r * paper[2];
     let times: Vec<f64> = printed
         .iter()

@@ -23,7 +23,7 @@ pub const COLUMNS: [Column; 7] = [
     ("cost", "cost, Eq. (60)"),
 ];
 
-/// What the paper prints: settings, position, quaternion error, effort, calculations.
+/// The printed rows: law, settings, position error, quaternion error, effort, calculations.
 const PAPER: [(&str, &str, [f64; 3], Option<u64>); 3] = [
     (
         "pid",
@@ -38,7 +38,7 @@ const PAPER: [(&str, &str, [f64; 3], Option<u64>); 3] = [
 /// Flies all laws through the gravity turn.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let entries = roster::table_4();
     let bar = progress.start("Table IV", entries.len());
@@ -79,7 +79,7 @@ const NOTES: [&str; 2] = [
      there is 0.8252.",
 ];
 
-/// What the figures say of the paper's.
+/// The notes that compare the computed figures with the printed ones.
 fn verdicts(sheet: &Sheet) -> [String; 3] {
     let printed = Variant::AsPrinted;
     let compared = |index: usize, words: &[&str]| {
@@ -104,11 +104,11 @@ fn verdicts(sheet: &Sheet) -> [String; 3] {
     [reproduces, singular(sheet), told_the_rate(sheet)]
 }
 
-/// The columns that the paper has, too.
+/// The columns that the paper prints.
 const MEASURED: [&str; 4] =
     ["position_error", "quaternion_error_norm", "effort_norm", "riccati_solves"];
 
-/// What the start of the turn does to the classic law.
+/// The effect of the singular start of the turn on the classic law.
 fn singular(sheet: &Sheet) -> String {
     let lqr = ("lqr", Variant::AsPrinted);
     let effort = |words: &[&str]| sheet.figures(lqr, words, MEASURED)[2];
@@ -122,7 +122,7 @@ fn singular(sheet: &Sheet) -> String {
     )
 }
 
-/// What OQTAL owes to the rate of the reference.
+/// The effect of the rate of the reference on OQTAL.
 fn told_the_rate(sheet: &Sheet) -> String {
     let oqtal = ("oqtal", Variant::AsPrinted);
     let with = sheet.figures(oqtal, &["60 Hz hold, centred cells"], MEASURED);
@@ -154,7 +154,7 @@ fn paper() -> impl Iterator<Item = SheetRow> {
     })
 }
 
-/// The cells of [`COLUMNS`] for a descent; none if it got out of control.
+/// The cells of [`COLUMNS`] for a descent; empty ones if the body got out of control.
 #[must_use]
 pub fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<SheetCell> {
     let Some(metrics) = metrics else { return vec![SheetCell::None; COLUMNS.len()] };

@@ -1,4 +1,4 @@
-//! Table V: the square on the simulated testbed, 25 runs of every law, and plants that are not what the laws expect.
+//! Table V: the square on the simulated testbed, 25 runs of every law, on the nominal plant and on mismatched ones.
 
 use oqtal_config::Setting;
 use oqtal_runtime::process::Failure;
@@ -18,7 +18,7 @@ use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 mod notes;
 
-/// What the paper prints: mean and deviation of position, velocity and attitude error, greatest q, calculations.
+/// A printed row: law, mean and deviation of position, velocity and attitude error, largest q, calculations.
 type Printed = (&'static str, [(f64, f64); 3], Option<f64>, u64);
 
 const PRINTED: [Printed; 3] = [
@@ -30,7 +30,7 @@ const PRINTED: [Printed; 3] = [
 /// Flies Table V, the mismatched plants, and the counts by cell rule.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     let entrants = entrants(context)?;
     let (nominal, others) = fly(&entrants, &PAPER, &context.progress)?;
@@ -55,7 +55,7 @@ pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     })
 }
 
-/// Flies every entrant on the nominal plant and on the mismatched ones, which have the nominal one's greatest weight.
+/// Flies every entrant on the nominal plant and on the mismatched ones, which take over the largest weight of the nominal one.
 fn fly(
     entrants: &[Entrant],
     scope: &Scope,
@@ -81,7 +81,7 @@ fn main(nominal: &Evidence<'_>, elsewhere: &[Evidence<'_>]) -> Sheet {
     Sheet { mismatched: mismatched.collect(), ..sheet("V", TITLE.to_owned(), rows) }
 }
 
-/// The laws, tuned anew if that is asked for.
+/// The entrants, tuned anew if that was requested.
 fn entrants(context: &ExperimentContext) -> Result<Vec<Entrant>, Failure> {
     let mut entrants = table::entrants();
     if context.retune {
@@ -147,7 +147,7 @@ const OUTER: &str = "As the paper's reference [27] does in flight: one loop afte
      ones first, each for its own error and a calm command; X and Y share their gains. The paper keeps the result for all \
      three attitude laws.";
 
-/// What tuning the loops one at a time changed, told apart or not.
+/// The metrics that tuning the loops one at a time changed, as text.
 fn changed(shipped: &Flown, tuned: &Flown) -> String {
     let (mut better, mut worse) = (Vec::new(), Vec::new());
     for (metric, Metric { title, .. }) in METRIC.iter().enumerate() {
@@ -166,7 +166,7 @@ const COUNTS: [Column; 3] = [
     ("riccati_solves", "Riccati solves in the square"),
 ];
 
-/// How often a Riccati equation is solved in a square, by the rule for cells and their width.
+/// Riccati solves in a square, by rule and width of the cells.
 fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
     const RULES: [&str; 4] = ["centred", "floor", "truncated", "deadband"];
     let widths = [("0.5 rad", 0.5), ("0.5°", 0.5_f64.to_radians())];
@@ -207,10 +207,10 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
     })
 }
 
-/// A count within this factor of a printed one fits.
+/// Factor within which a count fits a printed one \[-\].
 const FITS: f64 = 3.0;
 
-/// Which rules and widths fit the paper's 89 and 1 calculations.
+/// The rules and widths that fit the paper's 89 and 1 calculations, as text.
 fn fitting(rows: &[SheetRow]) -> String {
     let (lqr, oqtal) = rows.split_at(rows.len() / 2);
     let fits = |(lqr, oqtal): (&SheetRow, &SheetRow)| match (&lqr.cells[2], &oqtal.cells[2]) {
@@ -233,7 +233,7 @@ mod tests {
     use super::*;
     use serde_json::Value;
 
-    /// What has a number in every row but the paper's.
+    /// Columns with a number in every row except the paper's.
     const NUMBERS: [&str; 9] = [
         "chirp4_rms_deg",
         "doublet_settle_s",
@@ -245,7 +245,7 @@ mod tests {
         "runs",
         "best",
     ];
-    /// What has mean and deviation.
+    /// Columns with mean and deviation.
     const SPREADS: [&str; 3] = ["position_error_m", "velocity_error_m_s", "attitude_error_deg"];
 
     fn assert_numbers(rows: &Value) {

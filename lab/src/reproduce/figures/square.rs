@@ -17,9 +17,9 @@ use oqtal_observe::plot::trace::{Point, Trace, thin_path};
 use super::scene::{Point3, Scene, around};
 use super::{Figure, over};
 
-/// Repeated runs in one figure.
+/// Number of runs drawn in one figure.
 const REPEATED: usize = 5;
-/// Of so many runs, those with the least position error.
+/// Number of runs flown, of which those with the smallest position error are drawn.
 const RUNS: u64 = 25;
 const INKS: [Ink; REPEATED] = [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth];
 const RUN_NAMES: [&str; REPEATED] = ["best", "second", "third", "fourth", "fifth"];
@@ -34,7 +34,7 @@ struct Repeated {
 /// The six figures.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn all(entrants: &[Entrant]) -> Result<Vec<Figure>, Failure> {
     let laws: Result<Vec<Repeated>, Failure> = [("pid", 20), ("lqr", 21), ("oqtal", 22)]
         .into_iter()

@@ -14,7 +14,7 @@ use oqtal_observe::plot::trace::{Point, Trace};
 use super::scene::{Point3, Scene, around};
 use super::{Figure, over};
 
-/// One tick of a turn: time \[s\], place and velocity with x down range \[m, m/s\], pitch \[deg\].
+/// One tick of a turn: time \[s\], position \[m\] and velocity \[m/s\] with x down range, pitch \[deg\].
 #[derive(Clone, Copy, Debug)]
 struct TurnTick {
     time_s: f64,
@@ -32,7 +32,7 @@ struct TurnPath {
 /// The five figures.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn all(lander: &Lander) -> Result<Vec<Figure>, InvalidOption> {
     let laws: [(&'static str, Ink, ControllerOptions); 3] = [
         ("PID", Ink::Third, roster::pid([50.0, 5.95, 1.15], RateFeedback::Omega)),
@@ -50,7 +50,7 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, InvalidOption> {
         in_plane(title, traces(&paths, view), Vec::new())
     };
     let pitch = traces(&paths, |tick| (tick.place[2], tick.pitch_deg));
-    // From above, the paths differ by far less than they are long.
+    // Seen from above, the lateral differences are far smaller than the length of the paths.
     let above = traces(&paths, |tick| (tick.place[0], tick.place[1]));
     let position = html! {
         (seen("Fig. 11 B: side view, z over x [m]", |t| (t.place[0], t.place[2])))
@@ -58,7 +58,7 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, InvalidOption> {
         (over_time("Fig. 11 C: x [m]", |t| t.place[0]))
         (over_time("Fig. 11 D: z [m]", |t| t.place[2]))
     };
-    // Pairs of one height stand side by side.
+    // Figures of one height stand side by side.
     Ok([
         (10, in_space(&paths)),
         (11, position),
