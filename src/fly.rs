@@ -12,6 +12,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation;
@@ -33,8 +34,7 @@ const MAX_POSE_INTERVAL_PERIODS: f64 = 3.5;
 /// Arguments of `oqtal fly`.
 #[derive(Args, Clone, Debug)]
 pub struct FlyArgs {
-    /// Attitude law: pid, lqr, oqtal, oqtal-dt or geometric
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help = format!("Attitude law: {}", ControllerName::NAMES.join(", ")))]
     controller: Option<String>,
     /// Trajectory: hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet or waypoints
     #[arg(long, value_name = "NAME")]

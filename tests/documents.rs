@@ -67,7 +67,7 @@ fn links_and_paths_in_the_documents_lead_somewhere() {
         "docs/performance.md",
         "docs/operations.md",
     ];
-    let more = ["docs/paper.md", "docs/errata.md", "docs/oqtal-dt.md"];
+    let more = ["docs/paper.md", "docs/errata.md", "docs/oqtal-dt.md", "docs/your-own-law.md"];
     for document in documents.into_iter().chain(more) {
         let text = read(document);
         let folder = root().join(document).parent().unwrap().to_owned();

@@ -1,5 +1,6 @@
 //! `oqtal tune`: optimisation of gains on simulated flights.
 
+pub mod bee_colony;
 pub mod gains;
 pub mod optimiser;
 pub mod outer;

@@ -11,6 +11,7 @@ use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
+use crate::BODY;
 use oqtal_runtime::pose_source::Delivery;
 
 /// Random words set aside for each frame, so that a frame's noise does not depend on what befell the frames before.
@@ -99,6 +100,9 @@ impl Cameras {
         PoseV1 {
             position: position.into(),
             attitude: attitude.map_or([f64::NAN; 4], |attitude| attitude.xyzw()),
+            // The markers scatter about the fitted body as much as the fit about the truth.
+            residual_m: position_noise.norm(),
+            body: BODY,
             tracked: u8::from(attitude.is_some()),
         }
     }

@@ -24,6 +24,9 @@ pub use recording::Recording;
 pub use replay::Replay;
 pub use source::{EmulatedCameras, Playback, Start, is_frame};
 
+/// Number of the rigid body whose poses are emulated or replayed: there is one.
+const BODY: u32 = 1;
+
 /// Reads the recording that a configuration names.
 ///
 /// # Errors

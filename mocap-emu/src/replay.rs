@@ -10,6 +10,8 @@ use oqtal_bus::time::{Span, Time};
 use crate::recording::Recording;
 use oqtal_runtime::pose_source::Delivery;
 
+use crate::BODY;
+
 /// A recording being played. Pure: time comes in as an argument.
 #[derive(Clone, Debug)]
 pub struct Replay {
@@ -48,6 +50,9 @@ impl Replay {
             pose: PoseV1 {
                 position: pose.position.into(),
                 attitude: pose.attitude.xyzw(),
+                // Recordings do not contain it.
+                residual_m: f64::NAN,
+                body: BODY,
                 tracked: 1,
             },
         })

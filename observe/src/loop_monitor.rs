@@ -111,7 +111,7 @@ impl Sink for LoopMonitor {
         if telemetry.time < self.from {
             return;
         }
-        self.daemon_pid = Some(reception.header.source);
+        self.daemon_pid = Some(u64::from(reception.header.origin().process()));
         let first = *self.first.get_or_insert(*telemetry);
         self.last = *telemetry;
         self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));

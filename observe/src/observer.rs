@@ -167,12 +167,12 @@ mod tests {
         let mut listing = Listing::default();
         poses.send(0, Stamps::default(), PoseV1::default()).unwrap();
         observer.poll(Time::from_nanos(1), &mut listing).unwrap();
-        for _ in 0..POSE.buffer + 3 {
+        for _ in 0..POSE.quality.buffer + 3 {
             poses.send(0, Stamps::default(), PoseV1::default()).unwrap();
         }
         listing.0.clear();
         observer.poll(Time::from_nanos(2), &mut listing).unwrap();
-        assert_eq!(listing.0.len(), POSE.buffer + 1);
+        assert_eq!(listing.0.len(), POSE.quality.buffer + 1);
         assert_eq!(listing.0[..2], ["3 of pose lost", "pose 5 at 2: z 0"]);
     }
 }

@@ -209,7 +209,7 @@ impl Sink for Recorder {
     }
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
-        self.daemon_pid = Some(reception.header.source);
+        self.daemon_pid = Some(u64::from(reception.header.origin().process()));
         self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
         if let Some(last) = self.last_tick.replace(telemetry.time) {
             let period = Span::period_of(self.config.control.rate_hz);

@@ -54,7 +54,7 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         die_with(parent)?;
     }
     let config = load(args)?;
-    log::start(config.log.level, role);
+    let _log = log::start(config.log.level, role);
     let stop = stop_on_signals()?;
     stop_on_panics(&stop);
     let context = ProcessContext { config, stop, role, health: Health::default() };
@@ -65,10 +65,6 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         role.name()
     );
     let result = guarded(|| service::notified(&context, || job(&context)));
-    // The ports are closed; the last process to leave removes the shared files of the instance.
-    if let Ok(bus) = context.bus() {
-        bus.leave();
-    }
     tracing::info!("{} ends", role.name());
     result
 }
@@ -89,10 +85,11 @@ fn die_with(parent: i32) -> Result<(), Failure> {
 
 /// Sets `stop` on a panic of any thread: the process must not go on with a part of its threads.
 fn stop_on_panics(stop: &StopFlag) {
-    let (report, stop) = (std::panic::take_hook(), stop.clone());
+    let stop = stop.clone();
     std::panic::set_hook(Box::new(move |panic| {
         stop.set();
-        report(panic);
+        // Through the log thread: an output that does not drain must not keep a loop from leaving its outputs safe.
+        tracing::error!("{panic}");
     }));
 }
 

@@ -4,10 +4,15 @@ use std::any::Any;
 use std::io::{ErrorKind, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
+use std::sync::mpsc::channel;
+use std::time::Duration;
 
 use clap::Parser;
 
 use crate::exit::{Exit, Failure};
+
+/// A message waits at most this long for standard error to take it.
+const SAY_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// Parses the command line and runs `execute`. An invalid command line ends with [`Exit::Usage`], a panic with
 /// [`Exit::Internal`].
@@ -52,9 +57,16 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Prints a message on standard error. An error is ignored: no channel is left to report it on.
+/// Prints a message on standard error. Waits at most [`SAY_TIMEOUT`] for an output that does not drain. An error is ignored: no
+/// channel is left to report it on.
 pub fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let line = format!("{text}\n");
+    let (done, is_done) = channel();
+    std::thread::spawn(move || {
+        let _ = std::io::stderr().write_all(line.as_bytes());
+        let _ = done.send(());
+    });
+    let _ = is_done.recv_timeout(SAY_TIMEOUT);
 }
 
 /// Prints help, version or a usage error, and returns its exit code.

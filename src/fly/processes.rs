@@ -43,10 +43,8 @@ impl BusFlight<'_> {
     pub fn fly(&self) -> Result<Flight, Failure> {
         let paths = instance_paths(&self.mission.config)?;
         let result = self.fly_at(&paths);
-        // A killed process leaves its shared memory behind.
-        if let Ok(bus) = Bus::open(&paths) {
-            bus.leave();
-        }
+        // Leaving the instance as the last process removes what a killed process left in shared memory.
+        drop(Bus::open(&paths));
         result
     }
 

@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::wake::Events;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -18,25 +17,15 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 pub struct Testbed {
     directory: TempDir,
     instance: String,
-    events: Events,
 }
 
 impl Testbed {
     pub fn new(name: &str) -> Self {
-        Self::waking_by(Events::default(), name)
-    }
-
-    fn waking_by(events: Events, name: &str) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let directory = tempfile::tempdir().unwrap();
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let instance = format!("{name}-{}-{number}", std::process::id());
-        Self { directory, instance, events }
-    }
-
-    /// One for each way of waking a process.
-    pub fn by_events(name: &str) -> [Self; 2] {
-        [Events::Futex, Events::Socket].map(|events| Self::waking_by(events, name))
+        Self { directory, instance }
     }
 
     pub fn instance(&self) -> &str {
@@ -54,22 +43,11 @@ impl Testbed {
     }
 
     pub fn place(&self) -> InstancePaths {
-        let place = InstancePaths::new(&self.instance, Some(&self.path("run"))).unwrap();
-        InstancePaths { events: self.events, ..place }
+        InstancePaths::new(&self.instance, Some(&self.path("run"))).unwrap()
     }
 
     pub fn bus(&self) -> Bus {
         Bus::open(&self.place()).unwrap()
-    }
-
-    /// The bus of an instance whose processes are woken by `events`.
-    pub fn bus_with(&self, events: &str) -> Bus {
-        let events = match events {
-            "futex" => Events::Futex,
-            "socket" => Events::Socket,
-            other => panic!("no events are called {other}"),
-        };
-        Bus::open(&InstancePaths { events, ..self.place() }).unwrap()
     }
 
     /// `oqtal` with these words, on this testbed.
@@ -77,9 +55,6 @@ impl Testbed {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         command.args(words.iter().map(AsRef::as_ref));
         command.arg("--instance").arg(&self.instance).arg("--root").arg(self.path("run"));
-        if self.events == Events::Socket {
-            command.args(["--set", "realtime.events=socket"]);
-        }
         command.current_dir(self.directory.path()).stdin(Stdio::null());
         command
     }
@@ -113,7 +88,8 @@ impl Testbed {
 
 impl Drop for Testbed {
     fn drop(&mut self) {
-        self.bus().leave();
+        // Joins alone and removes what killed processes left.
+        drop(self.bus());
     }
 }
 
@@ -124,7 +100,11 @@ pub struct Running {
 
 impl Running {
     pub fn start(command: &mut Command) -> Self {
-        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        Self::start_with_stderr(command, Stdio::piped())
+    }
+
+    pub fn start_with_stderr(command: &mut Command, stderr: Stdio) -> Self {
+        let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
         Self { child: Some(child) }
     }
 

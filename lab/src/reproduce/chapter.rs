@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use oqtal_control::controller::InvalidOption;
+use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::progress::Progress;
@@ -55,6 +55,6 @@ impl ExperimentContext {
 }
 
 /// The failure for an invalid option of an experiment. The options are constants, so the fault is the program's.
-pub fn invalid(error: InvalidOption) -> Failure {
+pub fn invalid(error: OptionError) -> Failure {
     Failure::new(Exit::Internal, error.to_string())
 }
