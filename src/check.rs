@@ -7,18 +7,18 @@ use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure, describe};
 use oqtal_runtime::program::print;
 
-/// What to check.
+/// Arguments of `oqtal check`.
 #[derive(Args, Debug)]
 pub struct CheckArgs {
-    /// Configuration file (TOML); the built-in values without
+    /// Configuration file (TOML) [default: the built-in values]
     file: Option<PathBuf>,
 }
 
 impl CheckArgs {
-    /// Prints the configuration that a process would run with.
+    /// Checks the configuration as every process would, and prints it.
     ///
     /// # Errors
-    /// The file has an error: exit code 78, with its line. A file that it names is bad: exit code 65.
+    /// The file has an error (exit code 78, with its line), or a file that it names is bad (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.file.as_deref(), &[])?;
         oqtal_bridge::check_options(&config).map_err(|error| config.locate(&error))?;

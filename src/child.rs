@@ -1,4 +1,4 @@
-//! A process that the front door started by executing this very program: watched, and seen home.
+//! A child process: this program, executed again as one of its processes.
 
 use std::fs::File;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -10,12 +10,12 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// A process that was asked to end has so long before it is killed.
+/// Time between the request to end and the kill.
 const SHUTDOWN_TIMEOUT: Span = Span::from_millis(2000);
-/// Lines of a fallen process's log that are shown.
+/// Lines of the log shown when a process has ended unasked.
 const LOG_TAIL_LINES: usize = 5;
 
-/// A started process. It ends when this is dropped, and when the process that started it dies.
+/// A running child process. It is ended when this is dropped, and ends by itself when this process dies.
 #[derive(Debug)]
 pub struct Child {
     name: &'static str,
@@ -23,10 +23,10 @@ pub struct Child {
     log: PathBuf,
 }
 
-/// This program with the words of a process and its configuration file.
+/// The command that runs this program as a process, `words` naming it, with a configuration file.
 ///
 /// # Errors
-/// The program's own file is gone.
+/// The executable file of this program was removed.
 pub fn command(words: &[&str], config: &Path) -> Result<Command, Failure> {
     let program = std::env::current_exe()
         .map_err(|e| Failure::new(Exit::System, format!("finding this program failed: {e}")))?;
@@ -37,10 +37,10 @@ pub fn command(words: &[&str], config: &Path) -> Result<Command, Failure> {
 }
 
 impl Child {
-    /// Starts `command`; its log goes to `logs`.
+    /// Starts `command`, with its log in the directory `logs`.
     ///
     /// # Errors
-    /// It cannot be started.
+    /// The log cannot be created, or the process cannot be started.
     pub fn start(name: &'static str, mut command: Command, logs: &Path) -> Result<Self, Failure> {
         let failed = |what: &Path, error: &dyn std::fmt::Display| {
             let message = format!("starting {name} failed: {}: {error}", what.display());
@@ -48,50 +48,50 @@ impl Child {
         };
         let log = logs.join(format!("{name}.log"));
         let file = File::create(&log).map_err(|e| failed(&log, &e))?;
-        // The file holds what variables and flags came to: a variable must not win over a flag in the second round.
+        // The configuration file already contains variables and flags; a variable must not override a flag again.
         for (variable, _) in std::env::vars_os() {
             if variable.as_encoded_bytes().starts_with(b"OQTAL_") {
                 command.env_remove(variable);
             }
         }
-        // Ctrl-C in the terminal is for the front door alone.
+        // A group of its own: Ctrl-C in the terminal reaches this process only.
         command.stdout(Stdio::null()).stderr(file).process_group(0);
         let spawned = command.spawn();
         let process = spawned.map_err(|e| failed(Path::new(command.get_program()), &e))?;
         Ok(Self { name, process, log })
     }
 
-    /// Its process id.
+    /// Process id.
     #[must_use]
     pub fn id(&self) -> u32 {
         self.process.id()
     }
 
-    /// A failure if it has ended.
-    pub fn fallen(&mut self) -> Option<Failure> {
+    /// The failure if the process has ended; `None` while it runs.
+    pub fn failure(&mut self) -> Option<Failure> {
         let status = self.process.try_wait().ok().flatten()?;
         Some(self.exit_report(status))
     }
 
-    /// Asks it to end, and waits for it; a process that does not end is killed.
-    pub fn dismiss(&mut self) {
+    /// Asks the process to end and waits for it; kills it after the shutdown timeout.
+    pub fn shut_down(&mut self) {
         if let Ok(None) = self.process.try_wait() {
             if let Some(pid) = i32::try_from(self.id()).ok().and_then(Pid::from_raw) {
-                // It may have ended on its own meanwhile.
+                // The process may have ended meanwhile.
                 let _ = kill_process(pid, Signal::TERM);
             }
             let _ = self.ends_within(SHUTDOWN_TIMEOUT);
         }
-        // Neither matters once it has ended.
+        // Both fail if the process has ended, which is the purpose.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
 
-    /// Waits for it to end by itself; `false` if it has not after `patience`.
-    pub fn ends_within(&mut self, patience: Span) -> bool {
-        let give_up = Time::now() + patience;
+    /// Waits until the process ends by itself; `false` if it still runs after `timeout`.
+    pub fn ends_within(&mut self, timeout: Span) -> bool {
+        let deadline = Time::now() + timeout;
         while matches!(self.process.try_wait(), Ok(None)) {
-            if Time::now() >= give_up {
+            if Time::now() >= deadline {
                 return false;
             }
             std::thread::sleep(Duration::from_millis(5));
@@ -119,11 +119,11 @@ impl Child {
 
 impl Drop for Child {
     fn drop(&mut self) {
-        self.dismiss();
+        self.shut_down();
     }
 }
 
-/// The front door ends as its process did where that has a code of ours; a killed one means that the flight failed.
+/// The exit code for a process that ended with `status`: its own if it is one of [`Exit`], else that of a failed flight.
 fn exit_for(status: ExitStatus) -> Exit {
     let known = [
         Exit::Usage,

@@ -10,7 +10,7 @@ use oqtal_runtime::program::conclude;
 use crate::check::CheckArgs;
 use crate::ctl::CtlArgs;
 use crate::doctor::DoctorArgs;
-use crate::fly::{FlyArgs, Series};
+use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::latency::{LatencyArgs, Part};
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
@@ -18,7 +18,7 @@ use oqtal_lab::tune::TuneArgs;
 
 /// Real-time quaternion control for indoor flight laboratories
 ///
-/// Without a command: flies the square with `oqtal` through three processes, in real time.
+/// Without a command: flies the square with the law `oqtal` through three processes in real time.
 #[derive(Parser, Debug)]
 #[command(name = "oqtal", version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
@@ -30,48 +30,48 @@ pub struct Cli {
 
 #[derive(Subcommand, Debug)]
 enum Command {
-    /// Fly a trajectory: start the processes, fly, land, print errors and latencies, write a report
+    /// Fly a trajectory: start the processes, take off, fly, land, print errors and latencies, write a report
     Fly(Box<FlyArgs>),
-    /// Fly every attitude law many times, and compare
+    /// Compare the attitude laws over many simulated flights
     Campaign(CampaignArgs),
-    /// Repeat the paper's experiments: its tables and figures, as printed and ours
+    /// Repeat the experiments of the paper: its tables and figures, as printed and as computed here
     Reproduce(ReproduceArgs),
     /// Tune gains on simulated flights
     Tune(TuneArgs),
-    /// Speak to a running daemon
+    /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
-    /// Where the time goes, beside what the machine gives bare
+    /// Measure the latency of each hop of the loop beside that of the bare operating system
     Latency(LatencyArgs),
-    /// Whether this machine is fit to fly, and what would make it fitter
+    /// Check whether this machine is ready to fly, and what would improve it
     Doctor(DoctorArgs),
     /// Print the effective configuration of a file
     Check(CheckArgs),
-    /// The controller process
+    /// Run the controller process
     #[command(subcommand)]
     Daemon(ProcessCommand),
-    /// The plant process: a simulated vehicle
+    /// Run the plant process: a simulated vehicle
     #[command(subcommand)]
     PlantSim(oqtal_plant_sim::PlantCommand),
-    /// The motion-capture process: emulated cameras, or a recording
+    /// Run the motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
     MocapEmu(ProcessCommand),
-    /// The bridge process: a real vehicle over a radio
+    /// Run the bridge process: a real vehicle over a radio
     #[command(subcommand)]
     Bridge(oqtal_bridge::BridgeCommand),
-    /// A stand-in that `latency` starts
+    /// Run a measuring process of `latency`
     #[command(subcommand, hide = true)]
     LatencyPart(Part),
 }
 
 impl Cli {
-    /// Does what the command line says.
+    /// Executes the command and returns its exit code.
     #[must_use]
     pub fn execute(self) -> ExitCode {
         let result = match self.command {
             None => self.fly.execute(),
             Some(Command::Fly(args)) => args.execute(),
             Some(Command::Campaign(args)) => {
-                args.execute(&|directory| Ok(Box::new(Series::begin(directory)?)))
+                args.execute(&|directory| Ok(Box::new(BusFlightSeries::begin(directory)?)))
             }
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),

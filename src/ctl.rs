@@ -1,4 +1,4 @@
-//! `oqtal ctl`: speaks to a running daemon, and looks how the processes are.
+//! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
 mod status;
 
@@ -13,15 +13,15 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
-use status::{Overview, ProcessHealth, Vehicle};
+use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
 
-/// How long a running daemon may take to answer.
-const PATIENCE: Span = Span::from_millis(2000);
+/// Time within which a running daemon answers.
+const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
 
-/// What to ask.
+/// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
 pub struct CtlArgs {
-    /// What the daemon is asked
+    /// The command to the daemon
     #[arg(value_enum)]
     command: Request,
     /// Print the answer as JSON
@@ -31,18 +31,18 @@ pub struct CtlArgs {
     common: CommonArgs,
 }
 
-/// What an operator can ask.
+/// A command of the operator.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Request {
-    /// How it is, and how the processes are
+    /// Show the state of the daemon, the processes and the vehicle
     Status,
     /// Arm and fly the configured trajectory
     Arm,
-    /// Motors off, on the ground
+    /// Motors off, on the ground only
     Disarm,
-    /// Land where it is
+    /// Land at the present position
     Land,
-    /// Motors off now; latched until armed again
+    /// Motors off at once; latched until armed again
     Stop,
 }
 
@@ -58,33 +58,33 @@ impl Request {
     }
 }
 
-/// The answer, as it is printed.
+/// The answer of the daemon, as it is printed.
 #[derive(Debug, Serialize)]
-struct Report {
+struct ControlReport {
     command: String,
     answer: String,
     mode: String,
     state: String,
     cause: String,
-    /// With `status` only, like all below.
+    /// Health of the processes; like the fields below, with `status` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessHealth>,
-    /// Whether all processes that are heard run with one configuration.
+    /// Whether all processes that were received run with one configuration.
     #[serde(skip_serializing_if = "Option::is_none")]
     config_agrees: Option<bool>,
-    /// If somebody speaks for it.
+    /// State of the vehicle; absent if no process publishes it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    vehicle: Option<Vehicle>,
-    /// Where the daemon believes the vehicle is \[m, world\].
+    vehicle: Option<VehicleStatus>,
+    /// Estimated position \[m, world\].
     #[serde(skip_serializing_if = "Option::is_none")]
     position_m: Option<[f64; 3]>,
 }
 
 impl CtlArgs {
-    /// Asks, and prints the answer.
+    /// Sends the command and prints the answer.
     ///
     /// # Errors
-    /// No daemon answers (exit code 75), or it refuses (exit code 1).
+    /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let place = instance_paths(&config)?;
@@ -104,9 +104,9 @@ impl CtlArgs {
             return Err(Failure::new(Exit::Peer, message));
         };
         let lines = heard.lines();
-        let report = Report::new(self.command.command(), &response, heard);
+        let report = ControlReport::new(self.command.command(), &response, heard);
         if response.answer == Answer::Refused.code() {
-            let Report { command, cause, mode, .. } = report;
+            let ControlReport { command, cause, mode, .. } = report;
             let message = format!("{command} refused: {cause} (daemon is {mode})");
             return Err(Failure::new(Exit::Flight, message));
         }
@@ -114,22 +114,22 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
-    /// What the daemon answers, `None` if there is none; with `status` also how processes and vehicle are.
-    fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, Overview), BusError> {
+    /// The answer of the daemon, `None` if none answers, and the status of the instance if that was asked for.
+    fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
         let request = ControlRequestV1 { command: self.command.command().code() };
-        let response = bus.control_client()?.ask(request, PATIENCE)?;
+        let response = bus.control_client()?.ask(request, ANSWER_TIMEOUT)?;
         let heard = match self.command {
-            Request::Status => status::listen(bus)?,
-            _ => Overview::default(),
+            Request::Status => status::observe(bus)?,
+            _ => InstanceStatus::default(),
         };
         Ok((response, heard))
     }
 }
 
-impl Report {
-    fn new(command: OperatorCommand, response: &ControlResponseV1, heard: Overview) -> Self {
+impl ControlReport {
+    fn new(command: OperatorCommand, response: &ControlResponseV1, heard: InstanceStatus) -> Self {
         let config_agrees = heard.config_agrees();
-        let Overview { processes, vehicle, position_m } = heard;
+        let InstanceStatus { processes, vehicle, position_m } = heard;
         Self {
             command: command.to_string(),
             answer: word(Answer::from_code(response.answer)),
@@ -147,16 +147,11 @@ impl Report {
         serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
     }
 
-    /// The answer, and what else was heard.
+    /// The answer and the lines of the status as text.
     fn to_text(&self, lines: &[String]) -> String {
         let Self { command, answer, mode, state, cause, .. } = self;
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
         let first = format!("{command}: {answer}; {mode}, {state}{because}");
         [&[first], lines].concat().join("\n")
     }
-}
-
-/// A code in words; nothing for one that no version of ours sends.
-fn word(code: Option<impl ToString>) -> String {
-    code.map_or_else(String::new, |code| code.to_string())
 }

@@ -1,16 +1,16 @@
-//! `oqtal doctor`: is this machine fit to fly, and what would make it fitter.
+//! `oqtal doctor`: whether this machine is ready to fly, and what would improve it.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `system.rs` | what is looked at: files of the kernel, and a few answers of it |
-//! | `finding.rs` | what a check says |
-//! | `scheduling.rs` | rights, preemption, throttling |
-//! | `processor.rs` | number, clock, frequency and sleep of processors |
+//! | `system.rs` | the facts: files and answers of the kernel |
+//! | `finding.rs` | the result of a check |
+//! | `scheduling.rs` | permissions, preemption, throttling |
+//! | `processor.rs` | number, clock source, frequency and idle states of processors |
 //! | `memory.rs` | shared memory, locked memory, swap |
-//! | `place.rs` | files of instances, remains of dead ones, serial ports |
+//! | `place.rs` | files of instances, remains of killed processes, serial ports |
 //!
-//! Not looked at: timer slack, which every loop sets for itself; transparent huge pages, since locked memory is there before
-//! it is needed; the time of day, since all clocks are monotonic.
+//! Not checked: timer slack, which every loop sets for itself; transparent huge pages, since locked memory is resident before
+//! it is used; the time of day, since all clocks are monotonic.
 
 mod finding;
 mod memory;
@@ -27,11 +27,11 @@ use oqtal_runtime::program::print;
 use finding::{Finding, Level};
 use system::System;
 
-/// A check; `None` where there is nothing to check.
-type Check = fn(&System) -> Option<Finding>;
+/// A check of the machine; `None` where it does not apply.
+type MachineCheck = fn(&System) -> Option<Finding>;
 
-/// Those that can keep a vehicle on the ground first.
-const CHECKS: [Check; 14] = [
+/// Checks, blocking ones first.
+const CHECKS: [MachineCheck; 14] = [
     memory::shared,
     place::root,
     place::remains,
@@ -48,7 +48,7 @@ const CHECKS: [Check; 14] = [
     processor::hypervisor,
 ];
 
-/// What to look at.
+/// Arguments of `oqtal doctor`.
 #[derive(Args, Clone, Debug)]
 pub struct DoctorArgs {
     /// Print one JSON document instead of text
@@ -59,10 +59,10 @@ pub struct DoctorArgs {
 }
 
 impl DoctorArgs {
-    /// Looks, and prints what was found. The exit code is that of the first problem that prevents a flight.
+    /// Runs all checks and prints their findings. The exit code is that of the first problem that prevents a flight.
     ///
     /// # Errors
-    /// The configuration is wrong.
+    /// The configuration is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let findings = examine(&System::live(&instance_paths(&config)?.root));
@@ -82,14 +82,14 @@ fn json(findings: &[Finding]) -> String {
     serde_json::to_string_pretty(&document).expect("findings hold only what JSON can say")
 }
 
-/// A line for each check; below what could be better, why that matters and what mends it.
+/// One line for each check; below every advice or problem its reason and remedy.
 fn text(findings: &[Finding]) -> String {
     let mut lines = Vec::new();
     for finding in findings {
         lines.push(format!("{:8} {}: {}", finding.level.name(), finding.name, finding.found));
         if finding.level > Level::Ok {
             lines.push(format!("         why: {}", finding.why));
-            lines.extend(finding.remedy.iter().map(|remedy| format!("         mend: {remedy}")));
+            lines.extend(finding.remedy.iter().map(|remedy| format!("         remedy: {remedy}")));
         }
     }
     let count = |level| findings.iter().filter(|finding| finding.level == level).count();

@@ -1,10 +1,12 @@
 //! `oqtal fly`: one flight, from the command line to the report.
 
-mod output;
+mod directory;
 mod process_group;
 mod processes;
 mod progress;
+mod recording;
 mod vehicle;
+mod watch;
 
 use std::path::PathBuf;
 
@@ -19,37 +21,41 @@ use oqtal_runtime::program::print;
 
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
+use oqtal_observe::table;
 
-use vehicle::VehicleChoice;
+use directory::FlightDirectory;
+use processes::BusFlight;
+use progress::{FlightProgress, Interrupts};
+use vehicle::{VehicleChoice, VehicleLink};
 
-use progress::{Interrupts, Progress};
-use vehicle::VehicleLink;
+/// A pose interval of more loop periods than this is a gap to the daemon, so that its state never becomes `Nominal` \[-\].
+const MAX_POSE_INTERVAL_PERIODS: f64 = 3.5;
 
-/// What to fly, and how.
+/// Arguments of `oqtal fly`.
 #[derive(Args, Clone, Debug)]
 pub struct FlyArgs {
     #[arg(long, value_name = "NAME", help = format!("Attitude law: {}", ControllerName::NAMES.join(", ")))]
     controller: Option<String>,
-    /// hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet or waypoints
+    /// Trajectory: hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet or waypoints
     #[arg(long, value_name = "NAME")]
     trajectory: Option<String>,
-    /// Duration of the trajectory itself, without take-off and landing, in seconds
+    /// Duration of the trajectory without take-off and landing [s]
     #[arg(long, value_name = "S")]
     duration: Option<f64>,
-    /// Seed of all randomness
+    /// Seed of all random numbers
     #[arg(long, value_name = "N")]
     seed: Option<i64>,
-    /// What drives the flight
+    /// Clock of the flight: real time, or virtual time through processes or in this process
     #[arg(long, value_enum)]
     clock: Option<ClockKind>,
-    /// emulated, or replay:FILE to play a recording
+    /// Source of the poses: emulated, or replay:FILE for a recording
     #[arg(long, value_name = "SOURCE", value_parser = parse_mocap)]
     mocap: Option<MocapSource>,
-    /// What flies: `sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]`; `bridge:asctec[,baud=..][,xbee=..]`, the simulated one
-    /// through a bridge and a radio's bytes; `link:LINK`, whatever is at that link
+    /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its radio protocol,
+    /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
-    /// Where the flight is written; flights/INSTANCE-N without
+    /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the summary as JSON instead of a table
@@ -69,33 +75,34 @@ fn parse_mocap(text: &str) -> Result<MocapSource, String> {
     match text.split_once(':') {
         None if text == "emulated" => Ok(MocapSource::Emulated),
         Some(("replay", file)) if !file.is_empty() => Ok(MocapSource::Replay(file.to_owned())),
-        _ => Err("use `emulated` or `replay:FILE`".to_owned()),
+        _ => Err("expected `emulated` or `replay:FILE`".to_owned()),
     }
 }
 
-/// Flights through processes, one after another.
+/// A series of flights through processes, one after another.
 #[derive(Debug)]
-pub struct Series {
+pub struct BusFlightSeries {
     interrupts: Interrupts,
     directory: Option<PathBuf>,
 }
 
-impl Series {
+impl BusFlightSeries {
     /// A series whose flights are written into `directory`; each into `flights/INSTANCE-N` without.
     ///
     /// # Errors
-    /// The operating system refuses to hand on signals.
+    /// The operating system refuses the signal handler.
     pub fn begin(directory: Option<PathBuf>) -> Result<Self, Failure> {
         Ok(Self { interrupts: Interrupts::listen()?, directory })
     }
 }
 
-impl FlightSeries for Series {
+impl FlightSeries for BusFlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
         let directory = self.directory.as_ref().map(|directory| directory.join(name));
-        let output = output::Output::create(directory.as_deref(), &mission.config)?;
-        let flight = processes::fly(mission, &VehicleLink::Bus, (&output, &self.interrupts))?;
-        if self.interrupts.came() {
+        let directory = FlightDirectory::create(directory.as_deref(), &mission.config)?;
+        let (link, interrupts) = (&VehicleLink::Bus, &self.interrupts);
+        let flight = BusFlight { mission, link, directory: &directory, interrupts }.fly()?;
+        if interrupts.any() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
         }
         Ok(flight)
@@ -103,31 +110,34 @@ impl FlightSeries for Series {
 }
 
 impl FlyArgs {
-    /// Flies.
+    /// Flies, prints the figures and writes the results.
     ///
     /// # Errors
-    /// The flight could not be flown; a flight that ended badly is a result.
+    /// The flight could not be flown or its results not be written. A flight that ended badly is no error but an exit code.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         let link = VehicleLink::open(self.vehicle.as_ref(), &mut config)?;
         let mission = Mission::new(config)?;
-        let output = output::Output::create(self.out.as_deref(), &mission.config)?;
+        check_pose_rate(&mission)?;
+        let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
+        let interrupts = &Interrupts::listen()?;
         let flight = match mission.config.clock.kind {
-            ClockKind::InProcess => fly_in_process(&mission)?,
+            ClockKind::InProcess => fly_in_process(&mission, interrupts)?,
             ClockKind::Real | ClockKind::Lockstep => {
-                processes::fly(&mission, &link, (&output, &Interrupts::listen()?))?
+                BusFlight { mission: &mission, link: &link, directory: &directory, interrupts }
+                    .fly()?
             }
         };
-        self.conclude(&flight, &output)
+        self.conclude(&flight, &directory)
     }
 
-    fn conclude(&self, flight: &Flight, output: &output::Output) -> Result<Exit, Failure> {
+    /// Prints the figures before it writes the files, so that a full disk does not take them away.
+    fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
-        output.write(flight, &summary)?;
-        if self.json {
-            print(&summary.to_json())?;
-        } else {
-            output.print(&summary)?;
+        print(&if self.json { summary.to_json() } else { table::closing(&summary) })?;
+        directory.write(flight, &summary)?;
+        if !self.json {
+            print(&format!("report: {}", directory.report().display()))?;
         }
         match flight.outcome {
             Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),
@@ -135,7 +145,7 @@ impl FlyArgs {
         }
     }
 
-    /// The flags as settings.
+    /// The flags as settings of the configuration.
     fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = self.common.settings()?;
         let mut set = |flag: &str, key: &str, value: Option<toml::Value>| {
@@ -160,10 +170,25 @@ impl FlyArgs {
     }
 }
 
-/// Flies in this process, with progress in the terminal and Ctrl-C.
-fn fly_in_process(mission: &Mission) -> Result<Flight, Failure> {
-    let progress = Progress::new(mission.expected());
-    let interrupts = Interrupts::listen()?;
+/// Fails if the poses of a recording come so seldom that the loop would not make one tick with them.
+fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
+    let Some(recording) = &mission.recording else { return Ok(()) };
+    let (poses_hz, loop_hz) = (recording.nominal_rate_hz(), mission.config.control.rate_hz);
+    if loop_hz <= MAX_POSE_INTERVAL_PERIODS * poses_hz {
+        return Ok(());
+    }
+    let message = format!(
+        "{}: its poses come at {poses_hz:.1} Hz, too seldom for a loop at {loop_hz} Hz, which would not make one tick; \
+         play it with --set control.rate-hz={}",
+        mission.config.mocap.replay,
+        poses_hz.round().max(1.0)
+    );
+    Err(Failure::new(Exit::Config, message))
+}
+
+/// Flies in this process, with progress and interrupts in the terminal.
+fn fly_in_process(mission: &Mission, interrupts: &Interrupts) -> Result<Flight, Failure> {
+    let progress = FlightProgress::new(mission.expected());
     let flight = simulation::fly_watched(mission, |recorder| {
         progress.show(recorder);
         interrupts.next()

@@ -5,13 +5,11 @@
 //! | `rig.rs` | the processes of a measurement |
 //! | `camera.rs`, `vehicle.rs` | stand-ins at the two ends of the chain |
 //! | `bare.rs`, `bare/` | other ways to hand a message over |
-//! | `ears.rs` | what an instance says of itself |
 //! | `pairs.rs`, `sleep.rs` | periodic wake-up against cyclictest |
 //! | `figures.rs`, `show.rs` | JSON and tables |
 
 mod bare;
 mod camera;
-mod ears;
 mod figures;
 mod pairs;
 mod part;
@@ -26,6 +24,7 @@ use std::time::Duration;
 use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
@@ -33,9 +32,10 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
-use ears::Ears;
 use figures::Figures;
-use oqtal_observe::kernel::Realtime;
+use oqtal_observe::kernel::ThreadScheduling;
+use oqtal_observe::loop_monitor::LoopMonitor;
+use oqtal_observe::observer::BusObserver;
 use rig::Rig;
 
 pub use part::Part;
@@ -93,12 +93,12 @@ impl LatencyArgs {
     fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<Figures, Failure> {
         let mut rig = Rig::new(config)?;
         let bus = Bus::open(rig.place())?;
-        let mut ears = Ears::open(&bus, Time::now())?;
+        let mut observation = Observation::open(&bus)?;
         rig.start_chain()?;
         rig.start_bare()?;
         say(&format!("the chain at rest, and bare: {} s", self.seconds));
-        take_off(&bus, &mut ears, &mut rig)?;
-        let figures = self.listen(&mut ears, Some(&mut rig), stop)?;
+        take_off(&bus, &mut observation, &mut rig)?;
+        let figures = self.listen(&mut observation, Some(&mut rig), stop)?;
         rig.stop_chain();
         if !pairs::is_installed() {
             say("cyclictest is not installed (package rt-tests): periodic wake-up is not compared");
@@ -123,58 +123,76 @@ impl LatencyArgs {
     }
 
     fn attach_to(&self, bus: &Bus, config: &Config, stop: &StopFlag) -> Result<Figures, Failure> {
-        let mut ears = Ears::open(bus, Time::now())?;
+        let mut observation = Observation::open(bus)?;
         let give_up = Time::now() + SILENCE;
-        while ears.latest().is_none() {
+        while observation.monitor.latest().is_none() {
             if Time::now() >= give_up {
                 return Err(nobody(&config.instance.name));
             }
             std::thread::sleep(Duration::from_millis(10));
-            ears.listen()?;
+            observation.poll()?;
         }
         let mut rig = if self.bare { Some(Rig::new(config)?) } else { None };
         if let Some(rig) = &mut rig {
             rig.start_bare()?;
         }
         say(&format!("instance `{}`: {} s", config.instance.name, self.seconds));
-        self.listen(&mut ears, rig.as_mut(), stop)
+        self.listen(&mut observation, rig.as_mut(), stop)
     }
 
     /// Listens for the time asked for, or until interrupted.
     fn listen(
         &self,
-        ears: &mut Ears,
+        observation: &mut Observation,
         mut rig: Option<&mut Rig>,
         stop: &StopFlag,
     ) -> Result<Figures, Failure> {
         let from = Time::now() + WARM_UP;
         let end = from + self.span();
-        ears.restart(from);
+        observation.monitor.restart(from);
         while Time::now() < end && !stop.is_set() {
             std::thread::sleep(LISTEN);
-            ears.listen()?;
+            observation.poll()?;
             rig.as_mut().map_or(Ok(()), |rig| rig.check())?;
         }
-        let realtime = ears.daemon().and_then(Realtime::of).unwrap_or_default();
+        let realtime =
+            observation.monitor.daemon_pid().and_then(ThreadScheduling::of).unwrap_or_default();
         let bare = rig.map(|rig| rig.finish(from, Time::now())).transpose()?;
-        Ok(Figures::new(ears, bare.as_ref(), realtime))
+        Ok(Figures::new(&observation.monitor, bare.as_ref(), realtime))
+    }
+}
+
+/// The observer of the measured instance, and the monitor that it feeds.
+struct Observation {
+    observer: BusObserver<Bus>,
+    monitor: LoopMonitor,
+}
+
+impl Observation {
+    fn open(bus: &Bus) -> Result<Self, BusError> {
+        let monitor = LoopMonitor::new(Time::now());
+        Ok(Self { observer: BusObserver::open(bus, &LoopMonitor::TOPICS)?, monitor })
+    }
+
+    fn poll(&mut self) -> Result<(), BusError> {
+        self.observer.poll(Time::now(), &mut self.monitor)
     }
 }
 
 /// Asks the daemon to fly, and waits until the vehicle is told to.
-fn take_off(bus: &Bus, ears: &mut Ears, rig: &mut Rig) -> Result<(), Failure> {
+fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(), Failure> {
     let client = bus.control_client()?;
     let request = ControlRequestV1 { command: OperatorCommand::Fly.code() };
     let give_up = Time::now() + PATIENCE;
     let mut asked = false;
-    while !ears.is_armed() {
+    while !observation.monitor.is_armed() {
         rig.check()?;
         if Time::now() >= give_up {
             return Err(Failure::new(Exit::Peer, "the chain at rest never came to fly"));
         }
         asked = asked || client.ask(request, Span::from_millis(200))?.is_some();
         std::thread::sleep(Duration::from_millis(10));
-        ears.listen()?;
+        observation.poll()?;
     }
     Ok(())
 }

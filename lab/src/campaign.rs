@@ -1,4 +1,4 @@
-//! `oqtal campaign`: many runs of every law, and their statistics.
+//! `oqtal campaign`: comparison of the attitude laws over many runs.
 
 pub mod flights;
 pub mod interval;
@@ -16,8 +16,8 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
 use crate::mission::Mission;
-use crate::reproduce::progress::Progress;
-use crate::reproduce::sheet::{Sheet, Variant};
+use crate::progress::Progress;
+use crate::sheet::{Sheet, Variant};
 use crate::tune::space;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::name_of;
@@ -28,17 +28,17 @@ use table::{Entrant, Flown, Scope};
 
 /// A series of flights through processes, one after another.
 pub trait FlightSeries {
-    /// Flies `mission` under `name`.
+    /// Flies `mission` under the name `name`.
     ///
     /// # Errors
     /// The flight could not be flown, or an operator ended the series.
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure>;
 }
 
-/// Begins a series whose flights are written into a directory, if one is given.
+/// Begins a series of flights, whose results are written into a directory if one is given.
 pub type BeginSeries = dyn Fn(Option<PathBuf>) -> Result<Box<dyn FlightSeries>, Failure>;
 
-/// Which laws fly, and how often.
+/// Arguments of `oqtal campaign`.
 #[derive(Args, Debug)]
 pub struct CampaignArgs {
     /// Laws to compare, with their tuned gains
@@ -47,25 +47,25 @@ pub struct CampaignArgs {
     /// Runs of each law, one for each seed from 200 on
     #[arg(long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..))]
     runs: u64,
-    /// Of them, how many with the least position error are averaged
+    /// Number of runs, those with the smallest position error, whose figures are averaged
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
     best: u64,
-    /// What drives the flights: in-process flies them in parallel, the others one after another through processes
+    /// Clock of the flights: in-process flies them in parallel, the others one after another through processes
     #[arg(long, value_enum, default_value = "in-process")]
     clock: ClockKind,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Where campaign.json is written, if anywhere, and what the processes of every flight said
+    /// Directory of campaign.json and of the logs of flights through processes [default: none]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
 impl CampaignArgs {
-    /// Flies all runs.
+    /// Flies all runs and prints the comparison.
     ///
     /// # Errors
-    /// The directory cannot be written, a setting in the environment has no meaning, or a flight could not be flown.
+    /// The directory cannot be written, a setting in the environment is invalid, or a flight could not be flown.
     pub fn execute(&self, begin: &BeginSeries) -> Result<Exit, Failure> {
         let sheet = self.fly(begin)?;
         let json = format!("{:#}\n", sheet.to_json());

@@ -1,8 +1,10 @@
-//! Studies in virtual time: flights in one process, campaigns, tuning, and the paper's experiments.
+//! Studies in virtual time: flights in one process, campaigns, tuning, and the experiments of the paper.
 #![forbid(unsafe_code)]
 
 pub mod campaign;
 pub mod mission;
+pub mod progress;
 pub mod reproduce;
+pub mod sheet;
 pub mod simulation;
 pub mod tune;

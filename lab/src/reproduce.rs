@@ -1,18 +1,18 @@
-//! `oqtal reproduce`: the paper's experiments, side by side with its print, and with what is ours.
+//! `oqtal reproduce`: the experiments of the paper, beside its printed figures and this project's own laws.
 //!
-//! Each experiment is a file: its settings, its runs, its rows. Tables ([`sheet`]) and figures ([`figures`]) are made from
+//! Each experiment is a file: its settings, its runs, its rows. Tables ([`crate::sheet`]) and figures ([`figures`]) are made from
 //! them by shared code.
 
 pub mod body;
+pub mod chapter;
+pub mod criteria;
 pub mod figures;
 pub mod judgement;
 pub mod lander;
 pub mod options;
 pub mod page;
-pub mod progress;
 pub mod recovery;
 pub mod roster;
-pub mod sheet;
 pub mod step;
 pub mod sweep;
 pub mod table_3;
@@ -20,25 +20,24 @@ pub mod table_4;
 pub mod table_5;
 pub mod words;
 
-use std::fs;
 use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
 
-use figures::Figure;
-use lander::Lander;
-use progress::Progress;
-use sheet::Sheet;
+use crate::progress::Progress;
+use crate::sheet::Sheet;
 
-/// One experiment: what it can be called, its figures, and how it is run.
+use chapter::{Chapter, ExperimentContext};
+use lander::Lander;
+
+/// One experiment: its name, its figures, and the function that runs it.
 struct Experiment {
     name: &'static str,
     figures: &'static [&'static str],
-    run: fn(&Context) -> Result<Chapter, Failure>,
+    run: fn(&ExperimentContext) -> Result<Chapter, Failure>,
 }
 
 /// The experiments, in the order of the page.
@@ -80,61 +79,19 @@ const EXPERIMENTS: [Experiment; 7] = [
     },
 ];
 
-/// Everything.
+/// Name of all experiments together.
 const ALL: &str = "all";
 
-/// What came of an experiment.
-#[derive(Clone, Debug, Default)]
-pub struct Chapter {
-    /// Its heading.
-    pub title: &'static str,
-    /// What a reader must know first, a paragraph each.
-    pub intro: Vec<String>,
-    /// Its tables.
-    pub sheets: Vec<Sheet>,
-    /// Its figures.
-    pub figures: Vec<Figure>,
-}
-
-/// What experiments share.
-#[derive(Debug)]
-pub struct Context {
-    /// The spacecraft.
-    pub lander: Lander,
-    /// Whether gains are tuned anew.
-    pub retune: bool,
-    /// Where results are written.
-    pub directory: PathBuf,
-    /// How far the work is.
-    pub progress: Progress,
-}
-
-impl Context {
-    /// Writes a file among the results.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
-        let file = self.directory.join(name);
-        let parent = file.parent().unwrap_or(&self.directory);
-        fs::create_dir_all(parent).and_then(|()| fs::write(&file, text)).map_err(|error| {
-            let name = file.display();
-            let message = format!("{name}: {error}; give another directory with --out");
-            Failure::new(Exit::System, message)
-        })
-    }
-}
-
-/// Which part of the paper.
+/// Arguments of `oqtal reproduce`.
 #[derive(Args, Debug)]
 pub struct ReproduceArgs {
-    /// Tables, experiments and figures
+    /// Tables, experiments and figures to reproduce
     #[arg(value_parser = PossibleValuesParser::new(targets()), default_value = ALL)]
     what: Vec<String>,
-    /// Tune the gains of Table V anew, in place of those that come with the program: minutes for each law
+    /// Tune the gains of Table V anew instead of using the shipped ones; takes minutes for each law
     #[arg(long)]
     retune: bool,
-    /// Where reproduction.html, reproduction.md and reproduction.json are written
+    /// Directory of reproduction.html, reproduction.md and reproduction.json
     #[arg(long, value_name = "DIR", default_value = "reproduction")]
     out: PathBuf,
     /// Print all rows as JSON instead of tables
@@ -153,9 +110,9 @@ impl ReproduceArgs {
     /// Runs the experiments, writes the page and prints the tables.
     ///
     /// # Errors
-    /// The directory cannot be written, or a setting in the environment has no meaning.
+    /// The directory cannot be written, or a setting in the environment is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let context = Context {
+        let context = ExperimentContext {
             lander: Lander::new()?,
             retune: self.retune,
             directory: self.out.clone(),
@@ -188,18 +145,18 @@ impl ReproduceArgs {
         self.what.iter().any(|name| named(&name))
     }
 
-    /// The command that does the same.
+    /// The command line of this run.
     fn command(&self) -> String {
         let retune = if self.retune { " --retune" } else { "" };
         format!("oqtal reproduce {}{retune}", self.what.join(" "))
     }
 }
 
-/// One table as an object, several as a list of such.
+/// One table as a JSON object, several as a list.
 fn to_json(chapters: &[Chapter]) -> Value {
     let mut sheets: Vec<Value> =
         chapters.iter().flat_map(|chapter| &chapter.sheets).map(Sheet::to_json).collect();
-    // A chapter's table of the paper comes first; what goes with it, behind.
+    // The paper's table of a chapter comes first, further tables behind it.
     match chapters {
         [_] if !sheets.is_empty() => {
             let mut first = sheets.remove(0);
@@ -210,9 +167,4 @@ fn to_json(chapters: &[Chapter]) -> Value {
         }
         _ => json!({ "tables": sheets }),
     }
-}
-
-/// The options of the experiments are constants: a wrong one is a fault of ours.
-fn invalid(error: OptionError) -> Failure {
-    Failure::new(Exit::Internal, error.to_string())
 }

@@ -8,7 +8,7 @@ use oqtal_bus::topic::Role;
 use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, loop_handoff};
 use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_observe::flight::Flight;
-use oqtal_observe::observer::Observer;
+use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
 use oqtal_runtime::pose_source::PoseTurn;
@@ -32,7 +32,7 @@ struct Simulation {
     plant: PlantTurn<MemoryBus>,
     poses: PoseProcess,
     daemon: DaemonTurn<MemoryBus>,
-    observer: Observer<MemoryBus>,
+    observer: BusObserver<MemoryBus>,
     recorder: Recorder,
 }
 
@@ -65,7 +65,7 @@ pub fn fly_watched(
     while let Some((role, at)) = virtual_clock.turn() {
         now = at;
         let result = if role == Role::Recorder {
-            let command = simulation.review(&mut watch)?;
+            let command = simulation.review(now, &mut watch)?;
             if command.is_some_and(|command| !simulation.obeys(now, command)) {
                 return Err(Failure::new(Exit::Flight, "interrupted"));
             }
@@ -99,7 +99,7 @@ impl Simulation {
                 warmup: CacheWarmup::never(),
                 handle,
             },
-            observer: Observer::new(&bus)?,
+            observer: BusObserver::open(&bus, &Recorder::TOPICS)?,
             recorder: Recorder::new(config),
         })
     }
@@ -120,9 +120,10 @@ impl Simulation {
     /// Records what was published, and shows the recorder to `watch`.
     fn review(
         &mut self,
+        now: Time,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
     ) -> Result<Option<OperatorCommand>, BusError> {
-        self.observer.listen(&mut self.recorder)?;
+        self.observer.poll(now, &mut self.recorder)?;
         Ok(watch(&self.recorder))
     }
 

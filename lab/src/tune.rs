@@ -1,4 +1,4 @@
-//! `oqtal tune`: tunes gains with an optimiser on simulated flights.
+//! `oqtal tune`: optimisation of gains on simulated flights.
 
 pub mod bee_colony;
 pub mod gains;
@@ -14,36 +14,36 @@ use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_runtime::process::{Exit, Failure};
 
-use crate::reproduce::progress::Progress;
+use crate::progress::Progress;
 
 use optimiser::Optimiser;
 use search::{Budget, Tuned};
 
-/// What to tune.
+/// Arguments of `oqtal tune`.
 #[derive(Args, Debug)]
 pub struct TuneArgs {
-    /// An attitude law with the position loops around it, or `outer`: the position loops alone, one after the other
+    /// Attitude law, tuned with the position loops around it; or `outer`, the position loops alone, one after the other
     #[arg(value_parser = PossibleValuesParser::new(space::NAMES))]
     what: String,
-    /// Points to look at
+    /// Number of points to evaluate
     #[arg(long, value_name = "N", default_value_t = Budget::default().points)]
     budget: usize,
-    /// Seed of the optimiser; the flights have seeds of their own
+    /// Seed of the optimiser; the seeds of the flights are fixed
     #[arg(long, value_name = "N", default_value_t = Budget::default().seed)]
     seed: u64,
-    /// How gains are looked for
+    /// Optimiser
     #[arg(long, value_enum, default_value_t)]
     optimiser: Optimiser,
-    /// Where the configuration is written
+    /// File of the tuned configuration
     #[arg(long, value_name = "FILE", default_value = "tuned.toml")]
     out: PathBuf,
 }
 
 impl TuneArgs {
-    /// Tunes, and writes a configuration with the gains found.
+    /// Tunes, and writes a configuration with the tuned gains.
     ///
     /// # Errors
-    /// The file cannot be written, or a setting in the environment has no meaning.
+    /// The file cannot be written, or a setting in the environment is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let budget = Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser };
         let tuned = tune(&self.what, budget, &Progress::default())?;
@@ -63,7 +63,7 @@ impl TuneArgs {
 /// Tunes a law of [`space::LAWS`], or the outer loops.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn tune(what: &str, budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
     match space::LAWS.iter().find(|law| law.controller == what) {
         Some(law) => search::law(law, budget, progress),

@@ -1,21 +1,21 @@
-//! How commands reached the vehicle in a flight.
+//! The path of a flight's commands to the vehicle.
 
 use std::fmt;
 
-/// How commands reach the vehicle.
+/// The path of commands to the vehicle.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum CommandPath {
     /// Over the bus to the simulated vehicle.
     #[default]
     Bus,
-    /// Through a bridge and this link to the simulated vehicle; `KIND[,OPTION=VALUE]…`, without the link's path.
+    /// By a bridge over a link of this kind to the simulated vehicle; `KIND[,OPTION=VALUE]…`, without the path of the link.
     Bridged(String),
-    /// Through a bridge to whatever is at this link, `KIND:PATH[,OPTION=VALUE]…`.
+    /// By a bridge to the vehicle at this link, `KIND:PATH[,OPTION=VALUE]…`.
     Linked(String),
 }
 
 impl fmt::Display for CommandPath {
-    /// As `oqtal fly --vehicle` takes it.
+    /// Writes the path in the form of `oqtal fly --vehicle`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Bus => f.write_str("sim"),

@@ -1,4 +1,4 @@
-//! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for what is not known.
+//! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for an unknown value.
 
 use std::io::Write;
 
@@ -6,22 +6,22 @@ use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_control::trajectory::Phase;
 
-use crate::flight::{Flight, Sample};
+use crate::flight::{Flight, FlightSample};
 
-/// A column of words; `None` leaves the cell empty.
-type Word = (&'static str, fn(&TelemetryV1) -> Option<String>);
+/// A column of words: name, and value of a tick; `None` leaves the cell empty.
+type WordColumn = (&'static str, fn(&TelemetryV1) -> Option<String>);
 
-const WORDS: [Word; 4] = [
+const WORDS: [WordColumn; 4] = [
     ("mode", |t| Mode::from_code(t.mode).map(|mode| mode.to_string())),
     ("state", |t| SafetyState::from_code(t.state).map(|state| state.to_string())),
     ("cause", |t| Cause::from_code(t.cause).map(|cause| cause.to_string())),
     ("phase", |t| Phase::from_number(t.phase).map(|phase| phase.to_string())),
 ];
 
-/// Columns of numbers that come together: as many of the four as there are names.
-type Group = (&'static [&'static str], fn(&Sample) -> [f64; 4]);
+/// Adjacent columns of numbers: names, and values of a tick, of which as many are used as there are names.
+type NumberColumns = (&'static [&'static str], fn(&FlightSample) -> [f64; 4]);
 
-const NUMBERS: [Group; 20] = [
+const NUMBERS: [NumberColumns; 20] = [
     (&["tick", "mission_s"], |s| two(s.telemetry.tick as f64, s.telemetry.mission_s)),
     (&["scored", "fresh", "saturated"], |s| {
         three([s.telemetry.scored, s.telemetry.fresh, s.telemetry.saturated].map(f64::from))
@@ -91,7 +91,7 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
     Ok(())
 }
 
-/// The shortest digits that are read back as the same number.
+/// The shortest decimal text that is read back as the same number; empty for NaN.
 fn number(value: f64) -> String {
     if value.is_nan() { String::new() } else { value.to_string() }
 }

@@ -1,4 +1,4 @@
-//! A recorded flight: what every process said, joined by time. The summary, the tables and the report are made from it.
+//! A recorded flight: the messages of all processes, joined by time. Summary, tables and report are made from it.
 
 use std::fmt;
 
@@ -12,7 +12,7 @@ use oqtal_control::quaternion::Attitude;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
-use crate::kernel::Observed;
+use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
 /// How a flight ended.
@@ -23,9 +23,9 @@ pub enum Outcome {
     Landed,
     /// The daemon stopped the motors, by itself or for an operator.
     Stopped,
-    /// It hit the floor, turned over or left the room.
+    /// The vehicle hit the floor, turned over or left the room.
     Crashed,
-    /// It did not end in the time that its plan takes.
+    /// The flight did not end within the time planned for it.
     Timeout,
     /// A recording was played to its end.
     Replayed,
@@ -43,88 +43,88 @@ impl fmt::Display for Outcome {
     }
 }
 
-/// One tick of the daemon, and where the vehicle really was.
+/// One tick of the daemon with the true state of the vehicle.
 #[derive(Clone, Copy, Debug)]
-pub struct Sample {
-    /// What the daemon knew and decided.
+pub struct FlightSample {
+    /// Telemetry of the tick.
     pub telemetry: TelemetryV1,
     /// The truth at the tick; `None` where there is none (a recording, a real vehicle).
     pub truth: Option<TruthV1>,
 }
 
-/// A pose as it arrived.
+/// A pose as it was received.
 #[derive(Clone, Copy, Debug)]
-pub struct Arrival {
-    /// When it was published.
+pub struct PoseArrival {
+    /// Instant of publication.
     pub at: Time,
-    /// Number of its camera frame: a gap is a lost frame.
+    /// Number of its camera frame \[-\]; a gap is a lost frame.
     pub frame: u64,
-    /// \[m, world\].
+    /// Measured position \[m, world\].
     pub position: [f64; 3],
 }
 
-/// Everything that was recorded of a flight.
+/// The record of a flight.
 #[derive(Clone, Debug)]
 pub struct Flight {
-    /// The configuration it flew with.
+    /// Effective configuration.
     pub config: Config,
-    /// How commands reached the vehicle.
+    /// Path of the commands to the vehicle.
     pub command_path: CommandPath,
-    /// How it ended.
+    /// How the flight ended.
     pub outcome: Outcome,
     /// Every tick, from the first to the last.
-    pub samples: Vec<Sample>,
-    /// Every pose.
-    pub arrivals: Vec<Arrival>,
+    pub samples: Vec<FlightSample>,
+    /// Every pose received.
+    pub arrivals: Vec<PoseArrival>,
     /// Latencies of the commands that reached the vehicle.
     pub hops: HopDistributions,
-    /// What went over the wire, if there was one.
+    /// Figures of the wire to the vehicle; empty without a wire.
     pub wire: WireRecord,
-    /// How late the daemon woke.
+    /// Wake-up lateness of the daemon.
     pub wakeup_lateness: Distribution,
-    /// How far the time between two turns of the loop was from a period.
+    /// Deviation of the time between two ticks from the loop period.
     pub period_jitter: Distribution,
     /// Commands that never reached the vehicle.
     pub commands_lost: u64,
-    /// Poses whose frame number had been there before.
+    /// Poses with the frame number of the pose before.
     pub poses_repeated: u64,
-    /// Commands that the vehicle got more than once.
+    /// Commands that the vehicle received more than once.
     pub commands_repeated: u64,
-    /// Battery voltage over time: (instant, \[V\]).
+    /// Battery voltage over time \[V\].
     pub battery: Vec<(Time, f64)>,
-    /// Simulated over wall time, from the first to the last tick.
+    /// Flight time over wall time, from the first to the last tick \[-\].
     pub speed_factor: f64,
-    /// The daemon as the kernel sees it; `None` if it was no process of its own.
-    pub daemon: Option<Observed>,
+    /// Resource use of the daemon; `None` if it was no process of its own.
+    pub daemon: Option<ProcessUsage>,
 }
 
-impl Sample {
+impl FlightSample {
     /// Whether the vehicle was armed in this tick.
     #[must_use]
     pub fn is_armed(&self) -> bool {
         [Mode::Flying.code(), Mode::Landing.code()].contains(&self.telemetry.mode)
     }
 
-    /// Where the vehicle was \[m, world\]: the truth, or the estimate where there is none.
+    /// Position of the vehicle \[m, world\]: the truth, or the estimate where there is none.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         Vector3::from(self.truth.map_or(self.telemetry.position, |truth| truth.position))
     }
 
-    /// How it moved \[m/s, world\].
+    /// Velocity of the vehicle \[m/s, world\]: the truth, or the estimate where there is none.
     #[must_use]
     pub fn velocity(&self) -> Vector3<f64> {
         Vector3::from(self.truth.map_or(self.telemetry.velocity, |truth| truth.velocity))
     }
 
-    /// How it was oriented \[body to world\].
+    /// Attitude of the vehicle \[body to world\]: the truth, or the estimate where there is none.
     #[must_use]
     pub fn attitude(&self) -> Attitude {
         let numbers = self.truth.map_or(self.telemetry.attitude, |truth| truth.attitude);
         Attitude::from_xyzw(numbers).unwrap_or_default()
     }
 
-    /// The attitude that the daemon commanded \[body to world\].
+    /// Commanded attitude \[body to world\].
     #[must_use]
     pub fn attitude_command(&self) -> Attitude {
         Attitude::from_xyzw(self.telemetry.attitude_command).unwrap_or_default()
@@ -151,12 +151,12 @@ impl Sample {
 
 impl Flight {
     /// The ticks from arming to disarming.
-    pub fn armed(&self) -> impl Iterator<Item = &Sample> {
+    pub fn armed(&self) -> impl Iterator<Item = &FlightSample> {
         self.samples.iter().filter(|sample| sample.is_armed())
     }
 
-    /// The ticks that are judged.
-    pub fn scored(&self) -> impl Iterator<Item = &Sample> {
+    /// The ticks of the scored window, by which the flight is judged.
+    pub fn scored(&self) -> impl Iterator<Item = &FlightSample> {
         self.armed().filter(|sample| sample.telemetry.scored != 0)
     }
 
@@ -166,7 +166,7 @@ impl Flight {
         self.config.is_replay()
     }
 
-    /// The instant of the first tick that is shown: the first armed one, or the first of all.
+    /// Instant of the first armed tick, or of the first tick if none was armed: zero of the time axis.
     #[must_use]
     pub fn origin(&self) -> Time {
         let first = self.armed().next().or(self.samples.first());

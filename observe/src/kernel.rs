@@ -1,5 +1,4 @@
-//! What the kernel says of a process: how it is scheduled, what it holds. Read from `/proc`, so it is what is, not what was
-//! asked for.
+//! Scheduling and resource use of a process, read from `/proc`: what the kernel granted, not what was requested.
 
 use std::{fmt, fs};
 
@@ -7,20 +6,20 @@ use oqtal_config::{self as config, Scheduling};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity};
 use serde::Serialize;
 
-/// How the most urgent thread of a process is scheduled.
+/// Scheduling of the thread with the highest priority of a process.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Realtime {
+pub struct ThreadScheduling {
     /// `other`, `fifo`, `rr`, `batch`, `idle` or `deadline`.
     pub policy: &'static str,
     /// Real-time priority; 0 under ordinary scheduling.
     pub priority: u32,
-    /// The one processor it may use; `None` if there are several.
+    /// The processor the thread is bound to; `None` if it may use several.
     pub cpu: Option<usize>,
-    /// Whether its memory cannot be paged out.
+    /// Whether the memory of the process is locked.
     pub locked: bool,
 }
 
-impl fmt::Display for Realtime {
+impl fmt::Display for ThreadScheduling {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "SCHED_{}", self.policy.to_uppercase())?;
         if self.priority > 0 {
@@ -34,8 +33,8 @@ impl fmt::Display for Realtime {
     }
 }
 
-impl Realtime {
-    /// That of the process `pid`; `None` if there is none.
+impl ThreadScheduling {
+    /// Reads the scheduling of the process `pid`; `None` if it does not exist.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let tasks = fs::read_dir(format!("/proc/{pid}/task")).ok()?;
@@ -46,20 +45,20 @@ impl Realtime {
         threads.max_by_key(|thread| thread.priority)
     }
 
-    /// What `asked` asks for and the kernel does not grant.
+    /// Real-time settings that were requested but not granted by the kernel.
     #[must_use]
-    pub fn lacks(&self, asked: &config::RealtimeOptions) -> Vec<&'static str> {
+    pub fn missing(&self, requested: &config::RealtimeOptions) -> Vec<&'static str> {
         let wanted = [
-            ("SCHED_FIFO", asked.scheduling == Scheduling::Fifo, self.policy == "fifo"),
-            ("locked memory", asked.lock_memory, self.locked),
+            ("SCHED_FIFO", requested.scheduling == Scheduling::Fifo, self.policy == "fifo"),
+            ("locked memory", requested.lock_memory, self.locked),
         ];
-        let lacking = wanted.into_iter().filter(|(_, asked, granted)| *asked && !granted);
-        lacking.map(|(name, ..)| name).collect()
+        let missing = wanted.into_iter().filter(|(_, requested, granted)| *requested && !granted);
+        missing.map(|(name, ..)| name).collect()
     }
 
-    /// From the `stat` and `status` of a thread, proc(5).
+    /// Parses the files `stat` and `status` of a thread, proc(5).
     fn parse(stat: &str, status: &str) -> Option<Self> {
-        // The name may hold blanks and brackets; the fields behind it start with the third.
+        // The name may contain blanks and brackets; the first field behind it is the third.
         let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
         let field = |number: usize| fields.get(number - 3)?.parse::<usize>().ok();
         let line = |key: &str| {
@@ -75,22 +74,22 @@ impl Realtime {
     }
 }
 
-/// sched(7), as numbered in the kernel's `sched.h`.
+/// Name of a scheduling policy, sched(7), by its number in the kernel's `sched.h`.
 fn policy(number: usize) -> &'static str {
     ["other", "fifo", "rr", "batch", "iso", "idle", "deadline"].get(number).unwrap_or(&"unknown")
 }
 
-/// What a process holds.
+/// Resources held by a process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Footprint {
-    /// Memory in RAM \[KiB\].
+    /// Resident memory \[KiB\].
     pub resident_kib: u64,
-    /// Open files, sockets included.
+    /// Open files, sockets included \[-\].
     pub open_files: usize,
 }
 
 impl Footprint {
-    /// That of the process `pid`; `None` if there is none, or it is another user's.
+    /// Reads the resources of the process `pid`; `None` if it does not exist or belongs to another user.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
@@ -102,39 +101,38 @@ impl Footprint {
     }
 }
 
-/// A process over the time it was looked at.
+/// Scheduling and resource use of a process over a flight.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Observed {
-    /// How it was scheduled.
-    pub realtime: Realtime,
-    /// What it held when it was first looked at.
+pub struct ProcessUsage {
+    /// Scheduling at the start.
+    pub realtime: ThreadScheduling,
+    /// Resources at the start.
     pub start: Footprint,
-    /// What it held in the end.
+    /// Resources at the end.
     pub end: Footprint,
 }
 
-impl Observed {
-    /// The process `pid`, looked at for the first time.
+impl ProcessUsage {
+    /// Reads the process `pid` at the start; `None` if it does not exist.
     #[must_use]
     pub fn of(pid: u64) -> Option<Self> {
         let start = Footprint::of(pid)?;
-        Some(Self { realtime: Realtime::of(pid)?, start, end: start })
+        Some(Self { realtime: ThreadScheduling::of(pid)?, start, end: start })
     }
 
-    /// Looks again; what is gone stays as it was.
-    pub fn look_again(&mut self, pid: u64) {
+    /// Reads the resources at the end; keeps the last ones if the process is gone.
+    pub fn update(&mut self, pid: u64) {
         self.end = Footprint::of(pid).unwrap_or(self.end);
     }
 }
 
-/// Keeps the calling thread, and whatever it starts, on the processor it runs on; gives it back all it had when it goes out of
-/// scope. Processes that take turns, of which one at a time has anything to do, wake each other fastest so: no processor
-/// has to be woken first.
+/// Binds the calling thread, and the processes it starts, to the processor it runs on; restores the affinity when dropped.
+/// Processes that run in turns, as in lockstep, wake each other fastest on one processor: no other has to leave its idle state.
 #[derive(Debug)]
 pub struct OneProcessor(CpuSet);
 
 impl OneProcessor {
-    /// `None` where the kernel refuses.
+    /// Binds the thread; `None` if the kernel refuses.
     #[must_use]
     pub fn stay() -> Option<Self> {
         let before = sched_getaffinity(None).ok()?;
@@ -147,7 +145,7 @@ impl OneProcessor {
 
 impl Drop for OneProcessor {
     fn drop(&mut self) {
-        // A processor may have gone meanwhile; the thread then stays where it is.
+        // Fails if a processor went offline meanwhile; the thread then stays bound.
         let _ = sched_setaffinity(None, &self.0);
     }
 }
@@ -163,20 +161,27 @@ mod tests {
         fields[41 - 3] = "1".to_owned();
         let stat = format!("17 (a) b (c) {}", fields.join(" "));
         let status = "Name:\tx\nVmLck:\t  5120 kB\nCpus_allowed_list:\t1\n";
-        let found = Realtime::parse(&stat, status).unwrap();
-        assert_eq!(found, Realtime { policy: "fifo", priority: 80, cpu: Some(1), locked: true });
-        let several = Realtime::parse(&stat, "VmLck:\t0 kB\nCpus_allowed_list:\t0-1\n").unwrap();
+        let found = ThreadScheduling::parse(&stat, status).unwrap();
+        assert_eq!(
+            found,
+            ThreadScheduling { policy: "fifo", priority: 80, cpu: Some(1), locked: true }
+        );
+        let several =
+            ThreadScheduling::parse(&stat, "VmLck:\t0 kB\nCpus_allowed_list:\t0-1\n").unwrap();
         assert_eq!((several.cpu, several.locked), (None, false));
     }
 
     #[test]
     fn what_is_asked_for_and_not_granted_is_named() {
-        let asked = config::Config::default().realtime;
-        let granted = Realtime { policy: "fifo", priority: 50, cpu: None, locked: true };
-        assert!(granted.lacks(&asked).is_empty());
-        assert_eq!(Realtime::default().lacks(&asked), ["SCHED_FIFO", "locked memory"]);
-        let content = config::RealtimeOptions { lock_memory: false, ..asked };
-        assert_eq!(Realtime::default().lacks(&content), ["SCHED_FIFO"]);
+        let requested = config::Config::default().realtime;
+        let granted = ThreadScheduling { policy: "fifo", priority: 50, cpu: None, locked: true };
+        assert!(granted.missing(&requested).is_empty());
+        assert_eq!(
+            ThreadScheduling::default().missing(&requested),
+            ["SCHED_FIFO", "locked memory"]
+        );
+        let content = config::RealtimeOptions { lock_memory: false, ..requested };
+        assert_eq!(ThreadScheduling::default().missing(&content), ["SCHED_FIFO"]);
     }
 
     #[test]
@@ -190,9 +195,9 @@ mod tests {
 
     #[test]
     fn this_process_is_scheduled_somehow() {
-        let own = Realtime::of(u64::from(std::process::id())).unwrap();
+        let own = ThreadScheduling::of(u64::from(std::process::id())).unwrap();
         assert_ne!(own.policy, "unknown");
-        assert_eq!(Realtime::of(u64::MAX), None);
+        assert_eq!(ThreadScheduling::of(u64::MAX), None);
         let held = Footprint::of(u64::from(std::process::id())).unwrap();
         assert!(held.resident_kib > 0 && held.open_files > 2, "{held:?}");
     }

@@ -1,10 +1,10 @@
-//! Where the time between a camera's shutter and its effect on the vehicle goes, hop by hop.
+//! Latency from the capture of a pose to its effect on the vehicle, by hops.
 //!
 //! ```text
 //!  captured ─▶ pose published ─▶ woken ─▶ command published ─▶ received ─▶ applied
 //! ```
-//! The hops partition the whole: for every sample their sum is `sensor_to_actuator`. Behind a bridge a command is applied when its
-//! last byte was handed to the wire, and what it takes on the wire is one hop more.
+//! For every sample the hops add up to `sensor_to_actuator`. Behind a bridge a command is applied when its last byte was handed to
+//! the wire; the time on the wire is a further hop.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
@@ -21,20 +21,20 @@ pub const HOPS: [&str; 5] = [
     "vehicle_to_applied",
 ];
 
-/// The name of the hop that follows them where there is a wire.
+/// Name of the hop over a wire, which follows the others.
 pub const WIRE: &str = "wire";
 
-/// The name of their sum.
+/// Name of the sum of all hops.
 pub const WHOLE: &str = "sensor_to_actuator";
 
-/// Every name that a distribution of hops may have, in the order of the way.
+/// Names of all distributions, in the order of the stations.
 pub const NAMES: [&str; HOPS.len() + 2] =
     [HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, WHOLE];
 
-/// Spans up to a minute are told apart, to three digits.
+/// Upper end of the histogram's range \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
 
-/// The hops of one sample; `None` unless it passed every station, each no earlier than the one before.
+/// The hops of one sample; `None` if a stamp is missing or earlier than the one before.
 #[must_use]
 pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
     let stations = [
@@ -50,17 +50,17 @@ pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
     (ordered && complete).then(|| std::array::from_fn(|i| stations[i + 1].since(stations[i])))
 }
 
-/// From the camera's shutter to the effect on the vehicle.
+/// Time from capture to effect.
 #[must_use]
 pub fn sensor_to_actuator(stamps: &Stamps) -> Span {
     stamps.applied_at.since(stamps.captured_at)
 }
 
-/// A distribution of spans in bounded memory: its ends are exact, what lies between them is known to three digits.
+/// A distribution of spans in bounded memory: minimum and maximum are exact, quantiles have three digits.
 #[derive(Clone, Debug)]
 pub struct Distribution {
     spans: Histogram<u64>,
-    /// Least and greatest span \[ns\].
+    /// Minimum and maximum \[ns\].
     ends: (u64, u64),
 }
 
@@ -73,14 +73,14 @@ impl Default for Distribution {
 }
 
 impl Distribution {
-    /// Adds a span; negative ones count as zero, and between the ends spans beyond a minute as a minute.
+    /// Adds a span. A negative span counts as zero; in quantiles a span above one minute counts as one minute.
     pub fn add(&mut self, span: Span) {
         let nanos = span.nanos().max(0).unsigned_abs();
         self.spans.saturating_record(nanos);
         self.ends = (self.ends.0.min(nanos), self.ends.1.max(nanos));
     }
 
-    /// The span that the share `quantile` of all spans does not exceed; zero if there are none.
+    /// The span that the fraction `quantile` of all spans does not exceed; zero for an empty distribution.
     #[must_use]
     pub fn quantile(&self, quantile: f64) -> Span {
         Span::from_nanos(self.quantile_ns(quantile).cast_signed())
@@ -88,7 +88,7 @@ impl Distribution {
 
     fn quantile_ns(&self, quantile: f64) -> u64 {
         let (least, greatest) = self.ends;
-        // The histogram knows the upper edge of a bucket, which may lie beyond every span in it.
+        // The histogram returns the upper edge of a bucket, which may exceed every span in it.
         if self.spans.is_empty() {
             0
         } else {
@@ -96,13 +96,13 @@ impl Distribution {
         }
     }
 
-    /// How many spans there are.
+    /// Number of spans \[-\].
     #[must_use]
     pub fn count(&self) -> u64 {
         self.spans.len()
     }
 
-    /// Its figures.
+    /// The figures of the distribution.
     #[must_use]
     pub fn summary(&self) -> DistributionSummary {
         let (least, greatest) = self.ends;
@@ -138,7 +138,7 @@ pub struct HopDistributions {
 }
 
 impl HopDistributions {
-    /// Adds a sample that reached the vehicle, over a `wire` if that took time; one that did not pass every station is left out.
+    /// Adds a sample that reached the vehicle after the time `wire` on the wire; a sample with a missing stamp is ignored.
     pub fn add(&mut self, stamps: &Stamps, wire: Span) {
         if let Some(spans) = hops(stamps) {
             for (distribution, span) in self.hops.iter_mut().zip(spans) {
@@ -151,7 +151,7 @@ impl HopDistributions {
         }
     }
 
-    /// Every hop, the wire if there was one, and then the whole, by name.
+    /// The distributions by name: every hop, the wire if there was one, the sum.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         let wire = (self.wire.count() > 0).then_some((WIRE, &self.wire));
         HOPS.into_iter().zip(&self.hops).chain(wire).chain([(WHOLE, &self.whole)])

@@ -1,4 +1,5 @@
-//! Whatever listens: the observer of the bus, the recorder, latencies, and what is made of them.
+//! Observation of flights: the observer of the bus and its sinks (recorder, latency, status), and what is made of a recorded
+//! flight: summary, table, report, CSV.
 #![forbid(unsafe_code)]
 
 pub mod command_path;
@@ -6,9 +7,14 @@ pub mod csv;
 pub mod flight;
 pub mod kernel;
 pub mod latency;
+pub mod loop_monitor;
 pub mod observer;
+pub mod page;
+pub mod plot;
 pub mod recorder;
 pub mod report;
+pub mod sink;
+pub mod status;
 pub mod summary;
 pub mod table;
 pub mod wire;

@@ -1,69 +1,178 @@
-//! The front door's ears on the bus: everything goes to the recorder, nothing comes back.
+//! The one observer of the bus: receives every sample of the chosen topics and hands it to a [`Sink`]. It publishes nothing.
 
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
-use oqtal_bus::topic::{POSE, TELEMETRY, TRUTH, VEHICLE};
+use oqtal_bus::message::{CommandV1, HealthV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::{COMMAND, POSE, Role, TELEMETRY, TRUTH, Topic, VEHICLE};
 use oqtal_bus::transport::{Subscribe, Transport};
 
-use crate::recorder::Recorder;
+use crate::sink::{ObservedTopic, Reception, Sink};
 
-/// Listens to all topics that a flight is judged by.
+/// Observes one instance over any transport: the processes' bus, or the in-memory bus of a flight in one process.
 #[derive(Debug)]
-pub struct Observer<T: Transport> {
-    truths: T::Reader<TruthV1>,
-    poses: T::Reader<PoseV1>,
-    vehicles: T::Reader<VehicleV1>,
-    telemetry: T::Reader<TelemetryV1>,
-    daemon: Option<u64>,
+pub struct BusObserver<T: Transport> {
+    telemetry: Option<Port<T, TelemetryV1>>,
+    truth: Option<Port<T, TruthV1>>,
+    pose: Option<Port<T, PoseV1>>,
+    command: Option<Port<T, CommandV1>>,
+    vehicle: Option<Port<T, VehicleV1>>,
+    health: Vec<(Role, Port<T, HealthV1>)>,
 }
 
-impl<T: Transport> Observer<T> {
-    /// Opens the ears.
+impl<T: Transport> BusObserver<T> {
+    /// Opens a reader for each of `topics`, with the longest buffer that the topic allows.
     ///
     /// # Errors
-    /// The bus refuses.
-    pub fn new(bus: &T) -> Result<Self, BusError> {
-        Ok(Self {
-            truths: bus.observer(&TRUTH)?,
-            poses: bus.observer(&POSE)?,
-            vehicles: bus.observer(&VEHICLE)?,
-            telemetry: bus.observer(&TELEMETRY)?,
-            daemon: None,
-        })
+    /// A topic speaks another version, or the transport failed.
+    pub fn open(bus: &T, topics: &[ObservedTopic]) -> Result<Self, BusError> {
+        let mut observer = Self {
+            telemetry: None,
+            truth: None,
+            pose: None,
+            command: None,
+            vehicle: None,
+            health: Vec::new(),
+        };
+        for &observed in topics {
+            match observed {
+                ObservedTopic::Truth => observer.truth = Some(Port::open(bus, &TRUTH, observed)?),
+                ObservedTopic::Pose => observer.pose = Some(Port::open(bus, &POSE, observed)?),
+                ObservedTopic::Command => {
+                    observer.command = Some(Port::open(bus, &COMMAND, observed)?);
+                }
+                ObservedTopic::Vehicle => {
+                    observer.vehicle = Some(Port::open(bus, &VEHICLE, observed)?);
+                }
+                ObservedTopic::Telemetry => {
+                    observer.telemetry = Some(Port::open(bus, &TELEMETRY, observed)?);
+                }
+                ObservedTopic::Health(role) => {
+                    observer.health.push((role, Port::open(bus, &role.health(), observed)?));
+                }
+            }
+        }
+        Ok(observer)
     }
 
-    /// Passes on all that was said since the last call; `true` if the daemon said something.
+    /// Hands every sample that arrived since the last call to `sink`, topic by topic and oldest first; `now` is the time of
+    /// their reception.
     ///
     /// # Errors
-    /// A topic speaks another version.
-    pub fn listen(&mut self, recorder: &mut Recorder) -> Result<bool, BusError> {
-        let mut heard = false;
-        while let Some((header, telemetry)) = self.telemetry.receive()? {
-            self.daemon = Some(u64::from(header.origin().process()));
-            recorder.telemetry(&telemetry);
-            heard = true;
+    /// A topic speaks another version, or the transport failed.
+    pub fn poll(&mut self, now: Time, sink: &mut impl Sink) -> Result<(), BusError> {
+        let Self { telemetry, truth, pose, command, vehicle, health } = self;
+        drain(telemetry, now, sink, Sink::telemetry)?;
+        drain(truth, now, sink, Sink::truth)?;
+        drain(pose, now, sink, Sink::pose)?;
+        drain(command, now, sink, Sink::command)?;
+        drain(vehicle, now, sink, Sink::vehicle)?;
+        for (role, port) in health {
+            port.drain(now, sink, |sink, reception, health| sink.health(reception, *role, health))?;
         }
-        while let Some((_, truth)) = self.truths.receive()? {
-            recorder.truth(&truth);
-        }
-        while let Some((header, pose)) = self.poses.receive()? {
-            recorder.pose(&header, &pose);
-        }
-        while let Some((header, vehicle)) = self.vehicles.receive()? {
-            recorder.vehicle(&header, &vehicle);
-        }
-        Ok(heard)
+        Ok(())
+    }
+}
+
+/// Drains a port if it is open.
+fn drain<T: Transport, M: Message, S: Sink>(
+    port: &mut Option<Port<T, M>>,
+    now: Time,
+    sink: &mut S,
+    callback: impl Fn(&mut S, &Reception, &M),
+) -> Result<(), BusError> {
+    port.as_mut().map_or(Ok(()), |port| port.drain(now, sink, callback))
+}
+
+/// The reader of one topic.
+#[derive(Debug)]
+struct Port<T: Transport, M: Message> {
+    reader: T::Reader<M>,
+    topic: ObservedTopic,
+    /// Losses that the sink knows of.
+    reported_lost: u64,
+}
+
+impl<T: Transport, M: Message> Port<T, M> {
+    fn open(bus: &T, topic: &Topic<M>, observed: ObservedTopic) -> Result<Self, BusError> {
+        Ok(Self { reader: bus.observer(topic)?, topic: observed, reported_lost: 0 })
     }
 
-    /// Process id of the daemon, once it was heard.
-    #[must_use]
-    pub fn daemon(&self) -> Option<u64> {
-        self.daemon
+    fn drain<S: Sink>(
+        &mut self,
+        received_at: Time,
+        sink: &mut S,
+        callback: impl Fn(&mut S, &Reception, &M),
+    ) -> Result<(), BusError> {
+        while let Some((header, body)) = self.reader.receive()? {
+            let lost = self.reader.lost();
+            if lost > self.reported_lost {
+                sink.lost(self.topic, lost - self.reported_lost);
+                self.reported_lost = lost;
+            }
+            callback(sink, &Reception { header, received_at }, &body);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::memory::MemoryBus;
+    use oqtal_bus::message::Stamps;
+    use oqtal_bus::transport::Publish;
+
+    /// Lists what it receives.
+    #[derive(Default)]
+    struct Listing(Vec<String>);
+
+    impl Sink for Listing {
+        fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+            let Reception { header, received_at } = reception;
+            let (sequence, at) = (header.sequence, received_at.nanos());
+            self.0.push(format!("pose {sequence} at {at}: z {}", pose.position[2]));
+        }
+
+        fn health(&mut self, _: &Reception, role: Role, _: &HealthV1) {
+            self.0.push(format!("health of {}", role.name()));
+        }
+
+        fn lost(&mut self, topic: ObservedTopic, count: u64) {
+            self.0.push(format!("{count} of {topic} lost"));
+        }
     }
 
-    /// Samples that nobody heard because this process was late.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
-        self.truths.lost() + self.poses.lost() + self.vehicles.lost() + self.telemetry.lost()
+    #[test]
+    fn a_sink_gets_the_samples_of_the_topics_that_are_open() {
+        let bus = MemoryBus::new();
+        let topics = [ObservedTopic::Pose, ObservedTopic::Health(Role::Daemon)];
+        let mut observer = BusObserver::open(&bus, &topics).unwrap();
+        let mut poses = bus.writer(&POSE).unwrap();
+        let mut commands = bus.writer(&COMMAND).unwrap();
+        let mut health = bus.writer(&Role::Daemon.health()).unwrap();
+        let pose = PoseV1 { position: [0.0, 0.0, 1.5], ..PoseV1::default() };
+        health.send(0, Stamps::default(), HealthV1::default()).unwrap();
+        commands.send(0, Stamps::default(), CommandV1::default()).unwrap();
+        poses.send(0, Stamps::default(), pose).unwrap();
+        let mut listing = Listing::default();
+        observer.poll(Time::from_nanos(7), &mut listing).unwrap();
+        assert_eq!(listing.0, ["pose 1 at 7: z 1.5", "health of daemon"]);
+    }
+
+    #[test]
+    fn losses_are_reported_by_topic_before_the_sample_that_follows_them() {
+        let bus = MemoryBus::new();
+        let mut observer = BusObserver::open(&bus, &[ObservedTopic::Pose]).unwrap();
+        let mut poses = bus.writer(&POSE).unwrap();
+        let mut listing = Listing::default();
+        poses.send(0, Stamps::default(), PoseV1::default()).unwrap();
+        observer.poll(Time::from_nanos(1), &mut listing).unwrap();
+        for _ in 0..POSE.quality.buffer + 3 {
+            poses.send(0, Stamps::default(), PoseV1::default()).unwrap();
+        }
+        listing.0.clear();
+        observer.poll(Time::from_nanos(2), &mut listing).unwrap();
+        assert_eq!(listing.0.len(), POSE.quality.buffer + 1);
+        assert_eq!(listing.0[..2], ["3 of pose lost", "pose 5 at 2: z 0"]);
     }
 }

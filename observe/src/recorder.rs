@@ -1,36 +1,43 @@
-//! Turns what the processes say into a [`Flight`]: joins ticks with the truth, and sees how the flight ends.
+//! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and makes a
+//! [`Flight`] of it.
 
 use std::collections::VecDeque;
 
 use crate::latency::{Distribution, HopDistributions};
 use oqtal_bus::code::{Mode, SafetyState};
-use oqtal_bus::message::{Header, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
-use crate::flight::{Arrival, Flight, Outcome, Sample};
+use crate::flight::{Flight, FlightSample, Outcome, PoseArrival};
+use crate::sink::{ObservedTopic, Reception, Sink};
 use crate::wire::WireRecord;
 
-/// Lower than this, in flight, is a crash \[m\]; at rest, landed.
+/// Height below which a vehicle at rest has landed \[m\].
 const ON_FLOOR_M: f64 = 0.05;
+/// Speed below which a vehicle is at rest \[m/s\].
 const AT_REST_M_S: f64 = 0.1;
-/// So long must it rest.
+/// Time at rest after which the flight is over.
 const REST: Span = Span::from_millis(500);
-/// Steeper than this is a crash: cosine of 80 degrees.
+/// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
 const TURNED_OVER: f64 = 0.17;
-/// Further from the origin than this is a crash \[m\].
+/// Distance from the origin beyond which the vehicle has left the room \[m\].
 const ROOM_M: f64 = 20.0;
-/// Samples of the truth that a late tick can still find its own among.
+/// Number of truth samples kept, among which a late tick finds the nearest.
 const TRUTHS_KEPT: usize = 64;
 
 /// Records one flight.
 #[derive(Debug)]
 pub struct Recorder {
     config: Config,
-    samples: Vec<Sample>,
-    arrivals: Vec<Arrival>,
+    /// Process id of the daemon; `None` before its first tick.
+    daemon_pid: Option<u64>,
+    /// Samples that were lost before the recorder received them, by topic.
+    lost: Vec<(ObservedTopic, u64)>,
+    samples: Vec<FlightSample>,
+    arrivals: Vec<PoseArrival>,
     hops: HopDistributions,
     wire: WireRecord,
     wakeup_lateness: Distribution,
@@ -50,11 +57,21 @@ pub struct Recorder {
 }
 
 impl Recorder {
+    /// The topics that a flight is judged by.
+    pub const TOPICS: [ObservedTopic; 4] = [
+        ObservedTopic::Telemetry,
+        ObservedTopic::Truth,
+        ObservedTopic::Pose,
+        ObservedTopic::Vehicle,
+    ];
+
     /// A recorder for a flight under `config`.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
             config: config.clone(),
+            daemon_pid: None,
+            lost: Vec::new(),
             samples: Vec::with_capacity(4096),
             arrivals: Vec::with_capacity(4096),
             hops: HopDistributions::default(),
@@ -75,74 +92,36 @@ impl Recorder {
         }
     }
 
-    /// Takes a sample of the truth. Ticks up to it now know where the vehicle was.
-    pub fn truth(&mut self, truth: &TruthV1) {
-        if self.truths.len() == TRUTHS_KEPT {
-            self.truths.pop_front();
-        }
-        self.truths.push_back(*truth);
-        self.join();
-    }
-
-    /// Takes a tick of the daemon.
-    pub fn telemetry(&mut self, telemetry: &TelemetryV1) {
-        self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
-        if let Some(last) = self.last_tick.replace(telemetry.time) {
-            let period = Span::period_of(self.config.control.rate_hz);
-            let deviation = telemetry.time.since(last) - period;
-            self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
-        }
-        if self.has_no_truth() {
-            self.push(Sample { telemetry: *telemetry, truth: None });
-            return;
-        }
-        self.waiting.push_back(*telemetry);
-        self.join();
-    }
-
-    /// Takes a pose.
-    pub fn pose(&mut self, header: &Header, pose: &PoseV1) {
-        let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
-        self.poses_repeated += u64::from(header.pose_sequence == last);
-        self.arrivals.push(Arrival {
-            at: header.stamps.pose_published_at,
-            frame: header.pose_sequence,
-            position: pose.position,
-        });
-    }
-
-    /// Takes the vehicle's answer to a command.
-    pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
-        self.commands_lost = vehicle.lost;
-        self.wire.vehicle(header, vehicle);
-        if !header.stamps.applied_at.is_set() {
-            // A bridge speaks in every period; this time there was no new command.
-            return;
-        }
-        self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
-        self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
-        self.last_command = vehicle.command_sequence;
-        self.battery.push((header.stamps.applied_at, vehicle.battery_v));
-    }
-
-    /// What the vehicle's side says, and the wire to it.
+    /// The newest vehicle message and the figures of the wire.
     #[must_use]
     pub fn wire(&self) -> &WireRecord {
         &self.wire
     }
 
-    /// In a recording, and where a shadow stands in for another vehicle, what is said of the truth is not about what flies.
+    /// Whether topic `truth` does not describe the vehicle: in a replay, and when the simulator is the shadow of another vehicle.
     fn has_no_truth(&self) -> bool {
         self.config.is_replay() || self.config.plant.shadow
     }
 
-    /// Whether a pose was heard.
+    /// Whether a pose was received.
     #[must_use]
-    pub fn sees(&self) -> bool {
+    pub fn has_poses(&self) -> bool {
         !self.arrivals.is_empty()
     }
 
-    /// How the flight ended, once it has.
+    /// Process id of the daemon; `None` before its first tick was received.
+    #[must_use]
+    pub fn daemon_pid(&self) -> Option<u64> {
+        self.daemon_pid
+    }
+
+    /// Samples that were lost before the recorder received them, by topic; empty if there were none.
+    #[must_use]
+    pub fn lost(&self) -> &[(ObservedTopic, u64)] {
+        &self.lost
+    }
+
+    /// How the flight ended; `None` while it lasts.
     #[must_use]
     pub fn outcome(&self) -> Option<Outcome> {
         self.outcome
@@ -150,14 +129,13 @@ impl Recorder {
 
     /// The newest tick.
     #[must_use]
-    pub fn latest(&self) -> Option<&Sample> {
+    pub fn latest(&self) -> Option<&FlightSample> {
         self.samples.last()
     }
 
-    /// Closes the record; a flight that has not ended by itself ended with `otherwise`.
+    /// Closes the record. The outcome is `otherwise` if the flight has not ended by itself.
     #[must_use]
     pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
-        // Ticks after the last sample of the truth belong to no flight.
         Flight {
             outcome: self.outcome.unwrap_or(otherwise),
             config: self.config,
@@ -177,26 +155,26 @@ impl Recorder {
         }
     }
 
-    /// Gives every tick that the truth has caught up with the sample nearest in time; in virtual time that is the very
-    /// instant.
+    /// Joins every waiting tick up to the newest truth sample with the sample nearest in time; in virtual time both have the
+    /// same instant.
     fn join(&mut self) {
         let Some(newest) = self.truths.back().map(|truth| truth.time) else { return };
         while let Some(telemetry) = self.waiting.front().copied().filter(|t| t.time <= newest) {
             self.waiting.pop_front();
             let distance = |truth: &&TruthV1| truth.time.since(telemetry.time).nanos().abs();
             let truth = self.truths.iter().min_by_key(distance).copied();
-            self.push(Sample { telemetry, truth });
+            self.push(FlightSample { telemetry, truth });
         }
     }
 
-    fn push(&mut self, sample: Sample) {
+    fn push(&mut self, sample: FlightSample) {
         self.samples.push(sample);
         if self.outcome.is_none() && !self.config.is_replay() {
             self.judge(&sample);
         }
     }
 
-    fn judge(&mut self, sample: &Sample) {
+    fn judge(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             self.flown = true;
             if has_crashed(sample) {
@@ -220,8 +198,67 @@ impl Recorder {
     }
 }
 
-/// An armed vehicle that lies on the floor, turned over or left the room.
-fn has_crashed(sample: &Sample) -> bool {
+impl Sink for Recorder {
+    /// Joins the waiting ticks up to this sample with the truth.
+    fn truth(&mut self, _: &Reception, truth: &TruthV1) {
+        if self.truths.len() == TRUTHS_KEPT {
+            self.truths.pop_front();
+        }
+        self.truths.push_back(*truth);
+        self.join();
+    }
+
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        self.daemon_pid = Some(u64::from(reception.header.origin().process()));
+        self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        if let Some(last) = self.last_tick.replace(telemetry.time) {
+            let period = Span::period_of(self.config.control.rate_hz);
+            let deviation = telemetry.time.since(last) - period;
+            self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
+        }
+        if self.has_no_truth() {
+            self.push(FlightSample { telemetry: *telemetry, truth: None });
+            return;
+        }
+        self.waiting.push_back(*telemetry);
+        self.join();
+    }
+
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        let header = &reception.header;
+        let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
+        self.poses_repeated += u64::from(header.pose_sequence == last);
+        self.arrivals.push(PoseArrival {
+            at: header.stamps.pose_published_at,
+            frame: header.pose_sequence,
+            position: pose.position,
+        });
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        let header = &reception.header;
+        self.commands_lost = vehicle.lost;
+        self.wire.vehicle(header, vehicle);
+        if !header.stamps.applied_at.is_set() {
+            // A bridge publishes in every period; in this one it had no new command.
+            return;
+        }
+        self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
+        self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
+        self.last_command = vehicle.command_sequence;
+        self.battery.push((header.stamps.applied_at, vehicle.battery_v));
+    }
+
+    fn lost(&mut self, topic: ObservedTopic, count: u64) {
+        match self.lost.iter_mut().find(|(other, _)| *other == topic) {
+            Some((_, total)) => *total += count,
+            None => self.lost.push((topic, count)),
+        }
+    }
+}
+
+/// Whether an armed vehicle lies on the floor, has turned over or has left the room.
+fn has_crashed(sample: &FlightSample) -> bool {
     let airborne = [Phase::Settle, Phase::Trajectory]
         .map(|phase| phase as u8)
         .contains(&sample.telemetry.phase)

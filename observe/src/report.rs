@@ -1,31 +1,25 @@
-//! The report of a flight: one HTML page that needs nothing else.
+//! The report of a flight: one self-contained HTML page.
 
-pub mod axis;
 mod events;
-pub mod figure;
 #[cfg(test)]
 pub mod fixture;
 mod latency;
 mod motion;
-pub mod palette;
 mod path;
-pub mod plot;
 mod replay;
-pub mod series;
 mod settings;
-pub mod unit;
+mod timeline;
 
 use crate::latency::WHOLE;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use crate::flight::{Flight, Outcome};
+use crate::page::page;
+use crate::plot::unit::{self, MISSING, significant, span};
 use crate::summary::Summary;
 
-use replay::Arrivals;
-use series::Timeline;
-use unit::{MISSING, significant, span};
-
-const STYLE: &str = include_str!("report/page.css");
+use replay::ArrivalIntervals;
+use timeline::Timeline;
 
 /// The report of `flight`, whose figures are `summary`: a complete HTML document.
 #[must_use]
@@ -42,24 +36,6 @@ pub fn html(flight: &Flight, summary: &Summary) -> String {
     page(&title, "", &html! { (heading(flight, summary)) main { (main) } })
 }
 
-/// A complete HTML document in the style of the reports, with `style` added to it.
-pub fn page(title: &str, style: &str, body: &Markup) -> String {
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                title { (title) }
-                style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) (PreEscaped(style)) }
-            }
-            body { (body) }
-        }
-    };
-    page.into_string()
-}
-
 fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     html! {
         (cards(&flight_figures(summary)))
@@ -74,7 +50,7 @@ fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
 }
 
 fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
-    let arrivals = Arrivals::of(timeline.flight);
+    let arrivals = ArrivalIntervals::of(timeline.flight);
     html! {
         (cards(&replay_figures(&arrivals, summary)))
         (path::recorded(timeline))
@@ -86,12 +62,12 @@ fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     }
 }
 
-/// What was flown.
+/// The trajectory, or `replay`.
 fn subject<'a>(flight: &Flight, summary: &'a Summary) -> &'a str {
     if flight.is_replay() { "replay" } else { &summary.trajectory }
 }
 
-/// On what, how and for how long.
+/// Vehicle, clock, seed and duration.
 fn circumstances(flight: &Flight, summary: &Summary) -> String {
     let Summary { vehicle, clock, seed, duration_s, scored_s, .. } = summary;
     if flight.is_replay() {
@@ -122,7 +98,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
     }
 }
 
-/// A figure that matters: its name, the figure, and what goes with it.
+/// A key figure: name, value and detail.
 type KeyFigure = (&'static str, String, String);
 
 fn cards(figures: &[KeyFigure]) -> Markup {
@@ -155,7 +131,7 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
     figures
 }
 
-fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
+fn replay_figures(arrivals: &ArrivalIntervals, summary: &Summary) -> Vec<KeyFigure> {
     let milliseconds = |value: f64| format!("{} ms", significant(value));
     let (median, longest) = (arrivals.median_ms(), arrivals.longest_ms());
     let mut figures = vec![
@@ -171,7 +147,7 @@ fn replay_figures(arrivals: &Arrivals, summary: &Summary) -> Vec<KeyFigure> {
     figures
 }
 
-/// What every flight has.
+/// The key figures of every flight.
 fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
     let ticks = format!("in {} ticks", summary.ticks);
     let lost = format!("{} poses, {} commands lost", summary.lost.pose, summary.lost.command);
@@ -181,11 +157,6 @@ fn loop_figures(summary: &Summary) -> [KeyFigure; 3] {
         ("Deadline misses", summary.deadline_misses.to_string(), lost),
         ("Speed", speed, "of real time".to_owned()),
     ]
-}
-
-/// A section of the page: a heading over a grid.
-fn section(title: &str, content: Markup) -> Markup {
-    html! { section { h2 { (title) } div.grid { (content) } } }
 }
 
 #[cfg(test)]

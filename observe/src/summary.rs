@@ -2,42 +2,45 @@
 
 use std::collections::BTreeMap;
 
-use crate::latency::DistributionSummary;
+use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
-use oqtal_config::{Config, Interface};
+use oqtal_config::{ClockKind, Interface};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
-use crate::flight::{Flight, Outcome, Sample};
-use crate::kernel::Observed;
+use crate::flight::{Flight, FlightSample, Outcome};
+use crate::kernel::ProcessUsage;
 use crate::wire::WireFigures;
 
-/// Mean, root mean square and greatest value of an error's magnitude, and the root mean square by axis.
+/// Safety states that are listed by name at most.
+const MOST_STATES: usize = 7;
+
+/// Statistics of an error, in the unit of the summary's field: \[m\], \[m/s\] or \[deg\].
 #[derive(Clone, Debug, Serialize)]
 pub struct ErrorFigures {
-    /// Mean magnitude.
+    /// Mean magnitude \[unit of the field\].
     pub mean: f64,
-    /// Root mean square of the magnitude.
+    /// Root mean square of the magnitude \[unit of the field\].
     pub rms: f64,
-    /// Greatest magnitude.
+    /// Maximum magnitude \[unit of the field\].
     pub max: f64,
-    /// Root mean square by axis: x, y, z of the world, or roll, pitch, yaw of the body.
+    /// Root mean square by axis \[unit of the field\]: x, y, z of the world, or roll, pitch, yaw of the body.
     pub rms_by_axis: [f64; 3],
 }
 
-/// Messages by topic that were missed, or came more than once.
+/// Number of lost or repeated messages by topic.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Counts {
-    /// Poses, by the gaps in their frame numbers; in a recording by the gaps in time.
+pub struct TopicCounts {
+    /// Poses \[-\]; lost ones by the gaps in frame numbers, in a recording by the gaps in time.
     pub pose: u64,
-    /// Commands, by the gaps in their sequence.
+    /// Commands \[-\]; lost ones by the gaps in their sequence.
     pub command: u64,
 }
 
-/// What happened in a flight, in figures. Errors are over the scored window; `None` where there is nothing to judge.
+/// The figures of a flight. Errors are over the scored window, `None` where it is empty.
 #[derive(Clone, Debug, Serialize)]
 #[allow(missing_docs)]
 pub struct Summary {
@@ -57,24 +60,32 @@ pub struct Summary {
     /// Integral of the norm of sticks \[s\] or torque \[N m s\] over the scored window, Table II.
     pub effort: Option<f64>,
     pub riccati_solves: u64,
+    /// Flight time over wall time \[-\].
     pub speed_factor: f64,
     pub deadline_misses: u64,
-    pub lost: Counts,
-    pub repeated: Counts,
-    /// Poses that a newer one overtook before the daemon looked: bursts, or a daemon that was late.
+    pub lost: TopicCounts,
+    pub repeated: TopicCounts,
+    /// Poses replaced by a newer one before the daemon read them \[-\]: bursts, or a late daemon.
     pub poses_superseded: u64,
     pub hops: BTreeMap<&'static str, DistributionSummary>,
     /// The wire to the vehicle; `None` without one.
     pub wire: Option<WireFigures>,
-    pub wakeup_lateness: DistributionSummary,
-    /// How far the time between two turns of the loop was from a period.
-    pub period_jitter: DistributionSummary,
-    /// The daemon as the kernel sees it; `None` if it was no process of its own.
-    pub daemon: Option<Observed>,
+    /// Wake-up lateness of the daemon; `None` in virtual time, where it has no meaning.
+    pub wakeup_lateness: Option<DistributionSummary>,
+    /// Deviation of the time between two ticks from the loop period; `None` in virtual time, where it has no meaning.
+    pub period_jitter: Option<DistributionSummary>,
+    /// Resource use of the daemon; `None` if it was no process of its own.
+    pub daemon: Option<ProcessUsage>,
     /// The safety states passed through, in order.
     pub state_sequence: Vec<String>,
     pub config_hash: String,
     pub trajectory_hash: Option<String>,
+}
+
+impl TopicCounts {
+    fn new(pose: u64, command: u64) -> Self {
+        Self { pose, command }
+    }
 }
 
 impl Summary {
@@ -86,15 +97,14 @@ impl Summary {
         let (ticks, duration_s) = extent(flight.armed());
         let (_, scored_s) = extent(flight.scored());
         let figures =
-            |error: fn(&Sample) -> Vector3<f64>| error_figures(flight.scored().map(error));
+            |error: fn(&FlightSample) -> Vector3<f64>| error_figures(flight.scored().map(error));
         let has_truth = flight.samples.iter().any(|sample| sample.truth.is_some());
+        let real =
+            |spans: &Distribution| (config.clock.kind == ClockKind::Real).then(|| spans.summary());
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
-            vehicle: match &flight.command_path {
-                CommandPath::Bus => simulated_vehicle(config),
-                way => way.to_string(),
-            },
+            vehicle: vehicle_name(flight),
             clock: name_of(&config.clock.kind),
             seed: config.clock.seed,
             ticks,
@@ -102,24 +112,36 @@ impl Summary {
             scored_s,
             outcome: flight.outcome,
             error_source: if has_truth { "truth" } else { "pose" },
-            position_error_m: figures(Sample::position_error),
-            velocity_error_m_s: figures(Sample::velocity_error),
+            position_error_m: figures(FlightSample::position_error),
+            velocity_error_m_s: figures(FlightSample::velocity_error),
             attitude_error_deg: figures(|sample| sample.attitude_error().map(f64::to_degrees)),
             effort: effort(flight),
             riccati_solves: last.riccati_solves,
             speed_factor: flight.speed_factor,
             deadline_misses: last.deadline_misses,
-            lost: Counts { pose: last.poses_lost, command: flight.commands_lost },
-            repeated: Counts { pose: flight.poses_repeated, command: flight.commands_repeated },
+            lost: TopicCounts::new(last.poses_lost, flight.commands_lost),
+            repeated: TopicCounts::new(flight.poses_repeated, flight.commands_repeated),
             poses_superseded: last.poses_superseded,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wire: flight.wire.figures(),
-            wakeup_lateness: flight.wakeup_lateness.summary(),
-            period_jitter: flight.period_jitter.summary(),
+            wakeup_lateness: real(&flight.wakeup_lateness),
+            period_jitter: real(&flight.period_jitter),
             daemon: flight.daemon.clone(),
             state_sequence: state_sequence(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
+        }
+    }
+
+    /// The safety states passed through, as text; the first few if there are many.
+    #[must_use]
+    pub fn states(&self) -> String {
+        let states = &self.state_sequence;
+        let shown = states[..states.len().min(MOST_STATES)].join(" → ");
+        if states.len() > MOST_STATES {
+            format!("{shown} … ({} changes)", states.len() - 1)
+        } else {
+            shown
         }
     }
 
@@ -130,8 +152,7 @@ impl Summary {
     }
 }
 
-/// How a value of the configuration is written.
-/// The name that serde gives to a plain enumeration's value.
+/// The name of an enumeration's value in the configuration.
 #[must_use]
 pub fn name_of(value: &impl Serialize) -> String {
     match serde_json::to_value(value) {
@@ -140,17 +161,20 @@ pub fn name_of(value: &impl Serialize) -> String {
     }
 }
 
-/// The simulated vehicle of `config`, as `--vehicle` names it.
-fn simulated_vehicle(config: &Config) -> String {
-    let preset = &config.vehicle.preset;
-    match config.plant.interface {
-        Interface::Torque => format!("sim:{preset}"),
-        Interface::Rate => format!("sim:{preset},fidelity={}", name_of(&config.plant.fidelity)),
+/// The vehicle in the form of `--vehicle`.
+fn vehicle_name(flight: &Flight) -> String {
+    let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
+    match (&flight.command_path, plant.interface) {
+        (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
+        (CommandPath::Bus, Interface::Rate) => {
+            format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
+        }
+        (path, _) => path.to_string(),
     }
 }
 
-/// How many samples there are, and the time from the first to the last \[s\].
-fn extent<'a>(mut samples: impl Iterator<Item = &'a Sample>) -> (usize, f64) {
+/// Number of samples, and the time from the first to the last \[s\].
+fn extent<'a>(mut samples: impl Iterator<Item = &'a FlightSample>) -> (usize, f64) {
     let Some(first) = samples.next() else { return (0, 0.0) };
     let (count, last) = samples.fold((1, first), |(count, _), sample| (count + 1, sample));
     (count, last.telemetry.time.since(first.telemetry.time).seconds())
@@ -171,7 +195,7 @@ fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigu
     })
 }
 
-/// Table II: the integral of the norm of the input.
+/// The effort of Table II: the integral of the norm of the input.
 fn effort(flight: &Flight) -> Option<f64> {
     let period_s = 1.0 / flight.config.control.rate_hz;
     let norms = flight.scored().map(|sample| {

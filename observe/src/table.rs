@@ -1,14 +1,14 @@
-//! What a person reads in the terminal after a flight.
+//! The closing table of a flight in the terminal.
 
 use crate::latency::{DistributionSummary, NAMES};
 use comfy_table::{CellAlignment, Table, presets};
 
-use crate::kernel::Observed;
-use crate::report::unit::{significant, span, states, unit_of_length, words};
+use crate::kernel::ProcessUsage;
+use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 use crate::wire::{CommandAge, WireFigures};
 
-/// The closing table of a flight: plain text of at most 100 columns.
+/// The closing table of a flight: plain text of at most 80 columns.
 #[must_use]
 pub fn closing(summary: &Summary) -> String {
     let mut text = format!("{}\n", headline(summary));
@@ -32,7 +32,7 @@ fn headline(summary: &Summary) -> String {
     )
 }
 
-/// The errors, if anything was judged.
+/// The table of errors; `None` if the scored window is empty.
 fn errors(summary: &Summary) -> Option<Table> {
     let position = summary.position_error_m.as_ref();
     let (unit, per_metre) = unit_of_length(position.map_or(0.0, |error| error.max));
@@ -61,31 +61,34 @@ fn latencies(summary: &Summary) -> Table {
             table.add_row(latency_row(&words(name), hop));
         }
     }
-    table.add_row(latency_row("wake-up lateness", &summary.wakeup_lateness));
-    table.add_row(latency_row("period jitter", &summary.period_jitter));
+    for (name, spans) in
+        [("wake-up lateness", &summary.wakeup_lateness), ("period jitter", &summary.period_jitter)]
+    {
+        table.add_rows(spans.iter().map(|spans| latency_row(name, spans)));
+    }
     align(&mut table);
     table
 }
 
-/// A distribution as a row of a table of latencies.
+/// The row of a distribution in a table of latencies.
 pub fn latency_row(name: &str, hop: &DistributionSummary) -> Vec<String> {
     let spans = [hop.p50_ns, hop.p99_ns, hop.p999_ns, hop.max_ns];
     let micros = spans.map(|nanos| significant(nanos as f64 * 1e-3));
     std::iter::once(name.to_owned()).chain(micros).collect()
 }
 
-/// The wire in two lines.
+/// The figures of the wire in two lines.
 fn wire(wire: &WireFigures) -> String {
     let age =
         |age: &DistributionSummary| format!("{} (p99 {})", span(age.p50_ns), span(age.p99_ns));
     let CommandAge { from_capture, from_publication } = &wire.command_age;
     let quality = wire.link_quality.as_ref().map_or_else(String::new, |quality| {
         let percent = |share: f64| significant(100.0 * share);
-        format!(", answered {} % (least {} %)", percent(quality.mean), percent(quality.min))
+        format!(", answered {} % (minimum {} %)", percent(quality.mean), percent(quality.min))
     });
     format!(
         "age at the last byte on the wire: {} since capture, {} since publication\n\
-         wire: commands take {} % of it{quality}\n",
+         wire: occupied by commands {} % of the time{quality}\n",
         age(from_capture),
         age(from_publication),
         significant(100.0 * wire.command_occupancy),
@@ -99,20 +102,20 @@ fn counts(summary: &Summary) -> String {
          poses lost {}, commands lost {}\nstates: {}",
         lost.pose,
         lost.command,
-        states(summary)
+        summary.states()
     )
 }
 
-/// How the daemon was run, and whether it grew.
-fn process(daemon: &Observed) -> String {
-    let Observed { realtime, start, end } = daemon;
+/// Scheduling and resource use of the daemon.
+fn process(daemon: &ProcessUsage) -> String {
+    let ProcessUsage { realtime, start, end } = daemon;
     format!(
-        "\ndaemon: {realtime}\n        resident {} KiB at first, {} at last; open files {}, {}",
+        "\ndaemon: {realtime}\n        resident {} KiB at the start, {} at the end; open files {}, {}",
         start.resident_kib, end.resident_kib, start.open_files, end.open_files
     )
 }
 
-/// An empty table.
+/// An empty table with a header.
 pub fn table(header: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
@@ -120,7 +123,7 @@ pub fn table(header: &[&str]) -> Table {
     table
 }
 
-/// Numbers to the right, below their headings.
+/// Aligns all columns but the first to the right.
 pub fn align(table: &mut Table) {
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
@@ -139,7 +142,7 @@ mod tests {
     #[test]
     fn it_fits_a_terminal_and_says_the_figures() {
         let text = closing_of(&fixture::square());
-        assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+        assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
         assert!(!text.contains('\u{1b}'));
         for word in [
             "landed",

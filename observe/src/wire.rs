@@ -1,4 +1,4 @@
-//! What the wire to a vehicle carried in a flight, as far as its bridge tells.
+//! Figures of the wire between bridge and vehicle in a flight.
 
 use crate::latency::{Distribution, DistributionSummary};
 use oqtal_bus::message::{Header, VehicleV1};
@@ -6,12 +6,12 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
-/// What was heard of the wire.
+/// Record of the vehicle messages of a bridge.
 #[derive(Clone, Debug, Default)]
 pub struct WireRecord {
     first: Option<Time>,
     last: Time,
-    /// What commands took on the wire between the first and the last one that is known in time.
+    /// Time that commands occupied the wire, from the first one applied up to the last.
     busy: Span,
     pending: Span,
     from_capture: Distribution,
@@ -22,37 +22,37 @@ pub struct WireRecord {
     answered: bool,
 }
 
-/// The wire in figures.
+/// Figures of the wire.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct WireFigures {
-    /// Share of the time that commands take on the wire \[0..1\].
+    /// Fraction of the time in which commands occupy the wire \[0..1\].
     pub command_occupancy: f64,
-    /// How old a command is when its last byte is on the wire.
+    /// Age of a command when its last byte is on the wire.
     pub command_age: CommandAge,
-    /// Share of the requests to the vehicle that were answered \[0..1\]; `None` if it was never asked.
-    pub link_quality: Option<Quality>,
+    /// Fraction of the requests to the vehicle that were answered \[0..1\]; `None` if there was no request.
+    pub link_quality: Option<LinkQuality>,
 }
 
 /// The age of a command at its last byte.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct CommandAge {
-    /// Since the capture of the pose that it is about.
+    /// Since the capture of the pose it was computed from.
     pub from_capture: DistributionSummary,
-    /// Since its publication.
+    /// Since the publication of the command.
     pub from_publication: DistributionSummary,
 }
 
-/// How much was answered.
+/// Fraction of answered requests.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Quality {
-    /// Mean.
+pub struct LinkQuality {
+    /// Mean \[0..1\].
     pub mean: f64,
-    /// Least within a second.
+    /// Minimum over the bridge's averaging window \[0..1\].
     pub min: f64,
 }
 
 impl WireRecord {
-    /// Takes what the vehicle's side says.
+    /// Adds a vehicle message.
     pub fn vehicle(&mut self, header: &Header, vehicle: &VehicleV1) {
         self.latest = Some(*vehicle);
         self.answered |= vehicle.link == 1;
@@ -60,7 +60,7 @@ impl WireRecord {
         if wire <= Span::ZERO {
             return;
         }
-        // Before its first answer a vehicle may not be there yet.
+        // Before its first answer the vehicle may not be switched on.
         if self.answered && vehicle.link_quality.is_finite() {
             self.quality.add(vehicle.link_quality);
             let least = self.least_quality.unwrap_or(1.0);
@@ -82,7 +82,7 @@ impl WireRecord {
         }
     }
 
-    /// What was said last.
+    /// The newest vehicle message.
     #[must_use]
     pub fn latest(&self) -> Option<&VehicleV1> {
         self.latest.as_ref()
@@ -94,7 +94,7 @@ impl WireRecord {
         self.answered
     }
 
-    /// The figures; `None` where nothing went over a wire.
+    /// The figures; `None` if no command went over a wire.
     #[must_use]
     pub fn figures(&self) -> Option<WireFigures> {
         let time = self.last.since(self.first?);
@@ -105,7 +105,7 @@ impl WireRecord {
                 from_capture: self.from_capture.summary(),
                 from_publication: self.from_publication.summary(),
             },
-            link_quality: self.least_quality.map(|min| Quality { mean, min }),
+            link_quality: self.least_quality.map(|min| LinkQuality { mean, min }),
         })
     }
 }

@@ -1,22 +1,22 @@
-//! What a check says.
+//! The result of a check.
 
 use oqtal_runtime::process::Exit;
 use serde::Serialize;
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Level {
-    /// As it should be.
+    /// No improvement possible or needed.
     Ok,
-    /// It flies, but later or less evenly than it could.
+    /// Flights are possible, with more latency or jitter than necessary.
     Advice,
-    /// It does not fly.
+    /// No flight is possible.
     Problem,
 }
 
 impl Level {
-    /// In a word.
+    /// Name of the level.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -27,44 +27,44 @@ impl Level {
     }
 }
 
-/// What was found, why it matters, and what mends it.
+/// The result of a check: fact, reason and remedy.
 #[derive(Clone, Debug, Serialize)]
 pub struct Finding {
-    /// What was looked at.
+    /// Name of the check.
     pub name: &'static str,
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
-    /// What was found.
+    /// Fact found.
     pub found: String,
-    /// Why it matters.
+    /// Reason why it matters.
     pub why: &'static str,
-    /// The command that mends it; `None` where nothing needs mending, or no command can.
+    /// Command that improves it; `None` if none is needed or none can.
     pub remedy: Option<String>,
-    /// How the command ends if this is a problem.
+    /// Exit code of `oqtal doctor` if this is a problem.
     #[serde(skip)]
     pub exit: Exit,
 }
 
 impl Finding {
-    /// All is well with `name`, so far; `why` it matters.
+    /// A finding of level [`Level::Ok`].
     #[must_use]
     pub fn ok(name: &'static str, why: &'static str, found: impl Into<String>) -> Self {
         Self { name, level: Level::Ok, found: found.into(), why, remedy: None, exit: Exit::System }
     }
 
-    /// It could be better, if this were done.
+    /// The finding as an advice with a remedy.
     #[must_use]
     pub fn advise(self, remedy: impl Into<String>) -> Self {
         Self { level: Level::Advice, remedy: Some(remedy.into()), ..self }
     }
 
-    /// It could be better, but no command makes it so.
+    /// The finding as an advice without a remedy.
     #[must_use]
     pub fn note(self) -> Self {
         Self { level: Level::Advice, ..self }
     }
 
-    /// It prevents a flight until this is done.
+    /// The finding as a problem that prevents a flight, with a remedy.
     #[must_use]
     pub fn forbid(self, exit: Exit, remedy: impl Into<String>) -> Self {
         Self { level: Level::Problem, remedy: Some(remedy.into()), exit, ..self }

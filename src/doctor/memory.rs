@@ -1,4 +1,4 @@
-//! Shared memory, locked memory, swap.
+//! Checks of shared memory, locked memory and swap.
 
 use oqtal_runtime::process::Exit;
 
@@ -7,12 +7,12 @@ use super::system::System;
 
 const CAP_IPC_LOCK: u32 = 14;
 const MIB: u64 = 1 << 20;
-/// A flight takes 11 MiB of shared memory, and no process starts with less than 6 MiB free.
+/// Free shared memory below which no flight is possible: a flight takes 11 MiB, a process needs 6 MiB to start.
 const LEAST_FREE: u64 = 20 * MIB;
-/// Room for a few instances side by side.
+/// Free shared memory for several instances.
 const ENOUGH_FREE: u64 = 128 * MIB;
 
-/// Room for the topics.
+/// Checks the free shared memory for the topics.
 pub fn shared(system: &System) -> Option<Finding> {
     let why = "topics live in /dev/shm; a process that finds it full is killed by SIGBUS, not told by an error";
     let remedy = "sudo mount -o remount,size=512M /dev/shm";
@@ -35,7 +35,7 @@ fn may_lock(system: &System) -> bool {
     system.has_capability(CAP_IPC_LOCK) || system.limit("Max locked memory").is_none()
 }
 
-/// Whether processes may lock their memory.
+/// Checks whether processes may lock their memory.
 pub fn locked(system: &System) -> Option<Finding> {
     let why = "a page that was taken from a process is missing when its loop needs it";
     let finding = |found: String| Finding::ok("locked memory", why, found);
@@ -49,7 +49,7 @@ pub fn locked(system: &System) -> Option<Finding> {
     })
 }
 
-/// Whether memory that is not locked can be paged out.
+/// Checks whether unlocked memory can be paged out.
 pub fn swap(system: &System) -> Option<Finding> {
     let swaps = system.read("proc/swaps")?;
     let why = "memory that is not locked can be paged out to disk while the vehicle flies";

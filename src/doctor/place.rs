@@ -1,4 +1,4 @@
-//! Files of instances, remains of dead ones, serial ports.
+//! Checks of the files of instances, remains of killed processes, and serial ports.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use oqtal_runtime::process::Exit;
 use super::finding::Finding;
 use super::system::System;
 
-/// Whether instances can be made.
+/// Checks whether instances can be created.
 pub fn root(system: &System) -> Option<Finding> {
     let directory = system.instances.display();
     let why = "processes find each other by files there, and all of them must run as one user";
@@ -21,7 +21,7 @@ pub fn root(system: &System) -> Option<Finding> {
     })
 }
 
-/// Instances in shared memory whose processes are all gone.
+/// Checks for instances in shared memory without a running process.
 pub fn remains(system: &System) -> Option<Finding> {
     let files = system.list("dev/shm");
     let held = mapped(system);
@@ -45,14 +45,14 @@ pub fn remains(system: &System) -> Option<Finding> {
     })
 }
 
-/// The instance, of those with the same root, that a file in shared memory belongs to.
+/// The instance with this root that a file in shared memory belongs to.
 fn instance_of<'a>(system: &System, file: &'a str) -> Option<&'a str> {
     let (instance, _) = file.strip_prefix("oqtal_")?.split_once('_')?;
     let place = InstancePaths::new(instance, Some(&system.instances)).ok()?;
     file.starts_with(&place.prefix()).then_some(instance)
 }
 
-/// Instances whose memory a process has mapped.
+/// Instances whose shared memory a process has mapped.
 fn mapped(system: &System) -> BTreeSet<String> {
     let mut held = BTreeSet::new();
     let processes = system.list("proc");
@@ -64,7 +64,7 @@ fn mapped(system: &System) -> BTreeSet<String> {
     held
 }
 
-/// Serial ports that a vehicle's radio may be on.
+/// Checks the permissions of serial ports.
 pub fn serial_ports(system: &System) -> Option<Finding> {
     let ports = system.list("dev");
     let mut ports =

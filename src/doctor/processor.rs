@@ -1,17 +1,17 @@
-//! Number, clock, frequency and sleep of processors.
+//! Checks of number, clock source, frequency and idle states of the processors.
 
 use super::finding::Finding;
 use super::system::System;
 
 const CPUS: &str = "sys/devices/system/cpu";
 const CLOCKS: &str = "sys/devices/system/clocksource/clocksource0";
-/// Clocks that are read without a system call.
+/// Clock sources that are read without a system call.
 const FAST_CLOCKS: [&str; 4] =
     ["tsc", "kvm-clock", "arch_sys_counter", "hyperv_clocksource_tsc_page"];
-/// Waking from a sleep state that takes longer is felt \[us\].
+/// Exit latency of an idle state above which the latency of the loop suffers \[us\].
 const SLOW_WAKE_US: u64 = 50;
 
-/// Processors of the kernel's list `0-3,8`.
+/// The processors of a kernel list such as `0-3,8`.
 fn count(list: &str) -> usize {
     let ranges = list.split(',').filter(|range| !range.is_empty());
     let lengths = ranges.map(|range| {
@@ -22,7 +22,7 @@ fn count(list: &str) -> usize {
     lengths.sum()
 }
 
-/// How many there are, and which are kept free.
+/// Checks the number of processors and which are isolated.
 pub fn number(system: &System) -> Option<Finding> {
     let online = count(&system.read(&format!("{CPUS}/online"))?);
     let isolated = system.read(&format!("{CPUS}/isolated")).filter(|list| !list.is_empty());
@@ -35,7 +35,7 @@ pub fn number(system: &System) -> Option<Finding> {
     Some(if online < 2 { finding.note() } else { finding })
 }
 
-/// Whether frequencies are lowered while a loop sleeps.
+/// Checks whether the governor lowers the frequency while a loop sleeps.
 pub fn governor(system: &System) -> Option<Finding> {
     let cpus = system.list(CPUS);
     let mut governors: Vec<String> = cpus
@@ -55,7 +55,7 @@ pub fn governor(system: &System) -> Option<Finding> {
     })
 }
 
-/// How long a sleeping processor takes to wake.
+/// Checks the exit latency of the deepest idle state.
 pub fn idle_states(system: &System) -> Option<Finding> {
     let states = format!("{CPUS}/cpu0/cpuidle");
     let enabled =
@@ -84,7 +84,7 @@ pub fn idle_states(system: &System) -> Option<Finding> {
     })
 }
 
-/// Whether the clock can be read without a system call.
+/// Checks whether the clock is read without a system call.
 pub fn clock_source(system: &System) -> Option<Finding> {
     let current = system.read(&format!("{CLOCKS}/current_clocksource"))?;
     let why = "every stamp reads the clock; with this source each read is a system call";
@@ -102,7 +102,7 @@ pub fn clock_source(system: &System) -> Option<Finding> {
     })
 }
 
-/// Whether there is a machine below this machine.
+/// Checks whether this is a virtual machine.
 pub fn hypervisor(system: &System) -> Option<Finding> {
     let flags = system.value("proc/cpuinfo", "flags")?;
     let why = "the host can stop all processors for milliseconds, unseen; latencies here are good for ratios in one run, not for limits";

@@ -1,15 +1,15 @@
-//! Rights, preemption, throttling.
+//! Checks of permissions, preemption and throttling of real-time threads.
 
 use super::finding::Finding;
 use super::system::System;
 
 const CAP_SYS_NICE: u32 = 23;
-/// The greatest priority a loop can be given.
+/// Highest priority of a loop.
 const PRIORITY: u64 = 80;
-/// Less of each second for real-time threads than this is felt \[us\].
+/// Time of each second for real-time threads below which the loop suffers \[us\].
 const LEAST_RUNTIME_US: i64 = 500_000;
 
-/// Whether loops may run under SCHED_FIFO.
+/// Checks whether loops may run under SCHED_FIFO.
 pub fn permission(system: &System) -> Option<Finding> {
     let why = "under ordinary scheduling any other program can delay the loop by milliseconds; it flies nevertheless";
     let finding = |found: String| Finding::ok("real-time priority", why, found);
@@ -24,7 +24,7 @@ pub fn permission(system: &System) -> Option<Finding> {
     })
 }
 
-/// Whether the kernel lets real-time threads run for most of a second.
+/// Checks whether the kernel throttles real-time threads.
 pub fn throttling(system: &System) -> Option<Finding> {
     let runtime: i64 = system.read("proc/sys/kernel/sched_rt_runtime_us")?.parse().ok()?;
     let why =
@@ -41,7 +41,7 @@ pub fn throttling(system: &System) -> Option<Finding> {
     })
 }
 
-/// Whether a woken loop may interrupt the kernel.
+/// Checks whether a woken loop may preempt the kernel.
 pub fn preemption(system: &System) -> Option<Finding> {
     let why =
         "while the kernel works for another program and cannot be preempted, a woken loop waits";
@@ -51,7 +51,7 @@ pub fn preemption(system: &System) -> Option<Finding> {
     }
     let version = system.read("proc/version")?;
     if version.contains("PREEMPT_DYNAMIC") {
-        // The mode in force is in brackets; only root may read it.
+        // The active mode is in brackets; only root may read it.
         let mode = system.read("sys/kernel/debug/sched/preempt");
         let chosen = mode.as_deref().and_then(|modes| modes.split(['(', ')']).nth(1));
         let asked = system.read("proc/cmdline").is_some_and(|line| line.contains("preempt=full"));

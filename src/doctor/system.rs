@@ -1,20 +1,20 @@
-//! What the checks look at.
+//! The facts that the checks use.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use rustix::fs::{Access, access, statvfs};
 
-/// A view of a machine: its files below some folder, so that a test can bring its own, and what no file says.
+/// A view of a machine: its files below a root folder, which tests replace, and facts that are in no file.
 #[derive(Clone, Debug)]
 pub struct System {
-    /// What stands for `/`.
+    /// Root folder of the files; `/` outside tests.
     pub root: PathBuf,
-    /// Shared memory: bytes in all and free; `None` if there is none.
+    /// Shared memory, total and free \[bytes\]; `None` if there is none.
     pub shared_memory: Option<(u64, u64)>,
-    /// Where the files of instances are.
+    /// Directory of the instances' files.
     pub instances: PathBuf,
-    /// Whether instances can be made there.
+    /// Whether that directory can be written.
     pub instances_writable: bool,
 }
 
@@ -23,7 +23,7 @@ impl System {
     #[must_use]
     pub fn live(instances: &Path) -> Self {
         let space = statvfs("/dev/shm").ok();
-        // Of a folder that is not there yet, its nearest ancestor decides.
+        // For a folder that does not exist yet, its nearest existing ancestor decides.
         let standing = instances.ancestors().find(|ancestor| ancestor.exists());
         Self {
             root: PathBuf::from("/"),
@@ -34,14 +34,14 @@ impl System {
         }
     }
 
-    /// A file, without its last line's end; `None` if it cannot be read.
+    /// The content of a file without trailing line end; `None` if it cannot be read.
     #[must_use]
     pub fn read(&self, path: &str) -> Option<String> {
         let text = fs::read_to_string(self.root.join(path)).ok()?;
         Some(text.trim_end().to_owned())
     }
 
-    /// The names in a folder, in order; none if it cannot be read.
+    /// The sorted names in a folder; empty if it cannot be read.
     #[must_use]
     pub fn list(&self, path: &str) -> Vec<String> {
         let entries = fs::read_dir(self.root.join(path)).into_iter().flatten().flatten();
@@ -57,7 +57,7 @@ impl System {
         access(self.root.join(path), Access::READ_OK | Access::WRITE_OK).is_ok()
     }
 
-    /// The value behind `key:` in a file of such lines.
+    /// The value of `key` in a file of lines `key: value`.
     #[must_use]
     pub fn value(&self, path: &str, key: &str) -> Option<String> {
         let text = self.read(path)?;
@@ -65,14 +65,14 @@ impl System {
         line.map(|value| value.trim().to_owned())
     }
 
-    /// Whether this process has a capability, by its number in capabilities(7)'s header.
+    /// Whether this process has a capability, by its number in `linux/capability.h`.
     #[must_use]
     pub fn has_capability(&self, number: u32) -> bool {
         let effective = self.value("proc/self/status", "CapEff").unwrap_or_default();
         u64::from_str_radix(&effective, 16).is_ok_and(|bits| bits >> number & 1 == 1)
     }
 
-    /// The soft limit of this process that getrlimit(2) would tell; `None` is unlimited.
+    /// A soft limit of this process, getrlimit(2); `None` for unlimited.
     #[must_use]
     pub fn limit(&self, name: &str) -> Option<u64> {
         let limits = self.read("proc/self/limits").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! The processes of a flight.
+//! The processes of one flight: started together, ended together.
 
 use std::fs::{self, Metadata};
 use std::path::Path;
@@ -10,28 +10,29 @@ use oqtal_runtime::process::{Exit, Failure};
 
 use oqtal_lab::mission::Mission;
 
+use super::directory::FlightDirectory;
 use super::vehicle::VehicleLink;
 use crate::child::{Child, command};
 
-/// A process has so long to come up.
-pub const PATIENCE: Span = Span::from_millis(10_000);
+/// Start-up time-out: a process that is not ready after this time counts as failed.
+pub const START_TIMEOUT: Span = Span::from_millis(10_000);
 
-/// The processes of a flight. None outlives it: they end when it is dropped, and when this process dies.
+/// The processes of a flight. They end when the group is dropped, and when this process dies.
 #[derive(Debug)]
 pub struct ProcessGroup {
     members: Vec<(Role, Child)>,
 }
 
 impl ProcessGroup {
-    /// Starts those whom `mission` takes, with the configuration file `config`; their logs go to `logs`.
+    /// Starts the processes that `mission` needs, with the configuration file in `directory`, where their logs go too.
     ///
     /// # Errors
-    /// A process cannot be started, or ends before the next one finds what it needs of it.
+    /// A process cannot be started, or ends before the link that the next one opens exists.
     pub fn start(
         (mission, link): (&Mission, &VehicleLink),
-        config: &Path,
-        logs: &Path,
+        directory: &FlightDirectory,
     ) -> Result<Self, Failure> {
+        let (config, logs) = (&directory.config(), directory.path());
         let mut processes = Self { members: Vec::new() };
         let roles = link.roles(&mission.config).iter();
         for &role in roles.filter(|&&role| role != Role::Recorder) {
@@ -44,17 +45,20 @@ impl ProcessGroup {
         Ok(processes)
     }
 
-    /// Waits until `link` was made, later than the file `config`: one that a killed plant left may lead anywhere by now.
+    /// Waits until the plant has created `link`. A link that is older than the file `config` was left behind by a killed plant.
     fn wait_for(&mut self, link: &Path, config: &Path) -> Result<(), Failure> {
-        let give_up = Time::now() + PATIENCE;
+        let deadline = Time::now() + START_TIMEOUT;
         let made = |file: std::io::Result<Metadata>| file.and_then(|file| file.modified()).ok();
         let begun = made(fs::metadata(config));
         while made(fs::symlink_metadata(link)).is_none_or(|at| Some(at) < begun) {
-            if let Some(failure) = self.fallen() {
+            if let Some(failure) = self.failure() {
                 return Err(failure);
             }
-            if Time::now() >= give_up {
-                let message = format!("plant-sim never made {}; see its log", link.display());
+            if Time::now() >= deadline {
+                let message = format!(
+                    "plant-sim did not create {}; see plant-sim.log beside the report",
+                    link.display()
+                );
                 return Err(Failure::new(Exit::Peer, message));
             }
             std::thread::sleep(Duration::from_millis(2));
@@ -62,16 +66,16 @@ impl ProcessGroup {
         Ok(())
     }
 
-    /// A failure if one of them has ended.
-    pub fn fallen(&mut self) -> Option<Failure> {
-        self.members.iter_mut().find_map(|(_, member)| member.fallen())
+    /// The failure of the first process found to have ended; `None` while all run.
+    pub fn failure(&mut self) -> Option<Failure> {
+        self.members.iter_mut().find_map(|(_, member)| member.failure())
     }
 
-    /// Asks all to end, the daemon first so that it disarms the vehicle, then the bridge, which sends zero set-points; waits for each.
-    pub fn dismiss(&mut self) {
+    /// Ends all processes and waits for each: the daemon first, which disarms the vehicle, then the bridge, which transmits that.
+    pub fn shut_down(&mut self) {
         for leaving in [Role::Daemon, Role::Bridge, Role::Mocap, Role::Plant] {
             for (_, member) in self.members.iter_mut().filter(|(role, _)| *role == leaving) {
-                member.dismiss();
+                member.shut_down();
             }
         }
         self.members.clear();
@@ -80,6 +84,6 @@ impl ProcessGroup {
 
 impl Drop for ProcessGroup {
     fn drop(&mut self) {
-        self.dismiss();
+        self.shut_down();
     }
 }

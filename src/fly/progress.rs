@@ -1,4 +1,4 @@
-//! What a person sees and can do while a flight is under way.
+//! Progress bar and interrupts of a flight under way.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -13,14 +13,14 @@ use oqtal_runtime::program::say;
 
 use oqtal_observe::recorder::Recorder;
 
-/// A bar on standard error; silent where that is no terminal.
+/// A progress bar on standard error, removed when dropped; invisible where standard error is no terminal.
 #[derive(Debug)]
-pub struct Progress {
+pub struct FlightProgress {
     bar: ProgressBar,
 }
 
-impl Progress {
-    /// A bar for a flight that takes `expected`.
+impl FlightProgress {
+    /// A bar for a flight of the duration `expected`.
     #[must_use]
     pub fn new(expected: Span) -> Self {
         let bar = ProgressBar::new(expected.seconds().ceil() as u64);
@@ -30,7 +30,7 @@ impl Progress {
         Self { bar }
     }
 
-    /// Shows how far the flight is.
+    /// Shows the newest tick of `recorder`.
     pub fn show(&self, recorder: &Recorder) {
         let Some(sample) = recorder.latest() else { return };
         let telemetry = &sample.telemetry;
@@ -54,28 +54,34 @@ impl Progress {
         ));
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
 }
 
-/// How a vehicle behind a bridge is; of a simulated one there is nothing to say.
+impl Drop for FlightProgress {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+/// State of a vehicle behind a bridge as text; empty for a simulated vehicle on the bus.
 fn vehicle(vehicle: &VehicleV1) -> String {
     if !vehicle.link_quality.is_finite() && vehicle.wire_ns == 0 {
         return String::new();
     }
     let state = match vehicle {
         VehicleV1 { link: 0, .. } => return ", vehicle silent".to_owned(),
-        VehicleV1 { starting: 1, .. } => "motors start",
-        VehicleV1 { armed: 1, .. } => "motors run",
+        VehicleV1 { starting: 1, .. } => "motors starting",
+        VehicleV1 { armed: 1, .. } => "motors running",
         _ => "motors off",
     };
     let VehicleV1 { battery_v, link_quality, .. } = vehicle;
     format!(", {state}, {battery_v:.1} V, link {:.0} %", 100.0 * link_quality)
 }
 
-/// Ctrl-C: once lands, twice stops.
+/// Interrupts by Ctrl-C: the first lands the vehicle, the second stops the motors.
 #[derive(Debug)]
 pub struct Interrupts {
     count: Arc<AtomicU32>,
@@ -83,10 +89,10 @@ pub struct Interrupts {
 }
 
 impl Interrupts {
-    /// Listens from now on; once in a process.
+    /// Installs the signal handler; possible once in a process.
     ///
     /// # Errors
-    /// The operating system refuses.
+    /// The operating system refuses the handler.
     pub fn listen() -> Result<Self, Failure> {
         let count = Arc::new(AtomicU32::new(0));
         let counter = Arc::clone(&count);
@@ -97,12 +103,12 @@ impl Interrupts {
         Ok(Self { count, seen: AtomicU32::new(0) })
     }
 
-    /// Whether an operator asked for anything.
-    pub fn came(&self) -> bool {
+    /// Whether there was an interrupt.
+    pub fn any(&self) -> bool {
         self.count.load(Ordering::Acquire) > 0
     }
 
-    /// What an operator asked for since the last call.
+    /// The operator's command since the last call; `None` without a new interrupt.
     pub fn next(&self) -> Option<OperatorCommand> {
         let count = self.count.load(Ordering::Acquire);
         if count == self.seen.swap(count, Ordering::AcqRel) {

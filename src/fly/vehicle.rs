@@ -1,4 +1,4 @@
-//! `--vehicle`: what flies, and how commands get there.
+//! The flag `--vehicle`: which vehicle flies, and the path of its commands.
 
 use std::path::Path;
 
@@ -12,45 +12,47 @@ use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
 use oqtal_wire::link::LinkSpec;
 
-/// What the flag can say, for messages.
-const FORMS: &str = "sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors], \
-                     bridge:asctec[,baud=57600][,xbee=transparent|api1|api2] or link:asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]";
-/// Whoever publishes the truth does so every millisecond.
-const TRUTH_WITHIN: Span = Span::from_millis(500);
-/// A vehicle at a link has so long to answer, unless a duration is given \[s\].
-const ANSWER_S: f64 = 20.0;
+/// Forms of the flag, for messages.
+const FORMS: &str = "expected one of
+  sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
+  bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
+  link:asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]";
+/// Time within which a running simulator publishes the truth, which it does every millisecond.
+const TRUTH_TIMEOUT: Span = Span::from_millis(500);
+/// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
+const ANSWER_TIMEOUT_S: f64 = 20.0;
 
-/// What the flag says.
+/// The value of the flag.
 #[derive(Clone, Debug)]
 pub enum VehicleChoice {
-    /// The simulated vehicle, with commands off the bus.
+    /// The simulated vehicle, commanded over the bus.
     Simulated {
-        /// Name of its preset.
+        /// Name of its preset, `vehicle.preset`.
         preset: Option<String>,
-        /// How closely modelled.
+        /// `plant.fidelity`.
         fidelity: Option<String>,
     },
-    /// The simulated vehicle at the other end of a wire; the link's path is yet to be found.
+    /// The simulated vehicle, commanded by a bridge over a pseudo-terminal; the path of the link is not final.
     Bridged(LinkSpec),
-    /// Whatever is at a link.
+    /// The vehicle at a link, commanded by a bridge.
     Linked(LinkSpec),
 }
 
-/// Reads the flag.
+/// Parses the flag.
 ///
 /// # Errors
-/// Says what can be written.
+/// The text has none of the forms; the message lists them.
 pub fn parse(text: &str) -> Result<VehicleChoice, String> {
     let link = |text: &str| text.parse::<LinkSpec>().map_err(|error| error.to_string());
     match text.split_once(':') {
         Some(("bridge", rest)) => {
             let (kind, options) =
                 rest.split_once(',').map_or((rest, ""), |(kind, _)| (kind, &rest[kind.len()..]));
-            let usage = |_| format!("`{text}` is none of {FORMS}");
+            let usage = |_| FORMS.to_owned();
             link(&format!("{kind}:/{options}")).map(VehicleChoice::Bridged).map_err(usage)
         }
         Some(("link", rest)) => link(rest).map(VehicleChoice::Linked),
-        _ => parse_simulated(text).ok_or_else(|| format!("`{text}` is none of {FORMS}")),
+        _ => parse_simulated(text).ok_or_else(|| FORMS.to_owned()),
     }
 }
 
@@ -73,7 +75,7 @@ fn parse_simulated(text: &str) -> Option<VehicleChoice> {
 }
 
 impl VehicleChoice {
-    /// What it sets before the configuration is made.
+    /// Appends the settings of the configuration that the flag implies.
     pub fn settings(&self, settings: &mut Vec<Setting>) {
         let Self::Simulated { preset, fidelity } = self else { return };
         let mut set = |key: &str, value: toml::Value| {
@@ -87,46 +89,46 @@ impl VehicleChoice {
     }
 }
 
-/// What a flight's commands go through, with the link itself.
+/// The path of a flight's commands, with the link.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum VehicleLink {
     /// Over the bus to the simulated vehicle.
     #[default]
     Bus,
-    /// By a bridge through this link to the simulated vehicle.
+    /// By a bridge over this link to the simulated vehicle.
     Bridged(LinkSpec),
-    /// By a bridge to whatever is at this link.
+    /// By a bridge to the vehicle at this link.
     Linked(LinkSpec),
 }
 
 impl VehicleLink {
-    /// The way that `choice`, or else the configuration, asks for; the configuration is completed for it.
+    /// The path that `choice`, or else the configuration, asks for. Completes the configuration accordingly.
     ///
     /// # Errors
-    /// The clock is virtual, or a recording is played (exit code 64); a link has no meaning (78); the bus refuses.
+    /// The clock is virtual, or a recording is played (exit code 64); a link is invalid (78); the bus failed.
     pub fn open(choice: Option<&VehicleChoice>, config: &mut Config) -> Result<Self, Failure> {
-        let way = match choice {
+        let path = match choice {
             Some(VehicleChoice::Simulated { .. }) => Self::Bus,
             Some(VehicleChoice::Bridged(link)) => Self::Bridged(at_instance(link, config)?),
             Some(VehicleChoice::Linked(link)) => Self::Linked(link.clone()),
             None => Self::configured(config)?,
         };
-        if way == Self::Bus {
-            return Ok(way);
+        if path == Self::Bus {
+            return Ok(path);
         }
         if config.clock.kind != ClockKind::Real || config.is_replay() {
             let message = format!(
-                "--vehicle {} flies by the machine's clock and emulated cameras alone: leave out --clock and --mocap",
-                way.command_path()
+                "--vehicle {} needs the real clock and emulated cameras: leave out --clock and --mocap",
+                path.command_path()
             );
             return Err(Failure::new(Exit::Usage, message));
         }
-        way.complete(config)?;
+        path.complete(config)?;
         config.check()?;
-        Ok(way)
+        Ok(path)
     }
 
-    /// As a flight before was flown, by the configuration that it left.
+    /// The path that a configuration names, as that of an earlier flight.
     fn configured(config: &Config) -> Result<Self, Failure> {
         let located = |error: OptionError| Failure::from(config.locate(&error));
         if let Some(link) = oqtal_plant_sim::wire::link(config).map_err(located)? {
@@ -147,13 +149,13 @@ impl VehicleLink {
             Self::Linked(link) => {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link.clear();
-                config.plant.shadow = !is_truth_told(config)?;
+                config.plant.shadow = !is_truth_published(config)?;
             }
         }
         Ok(())
     }
 
-    /// As a flight records it.
+    /// The path as the flight's record names it, without the path of a temporary link.
     #[must_use]
     pub fn command_path(&self) -> CommandPath {
         match self {
@@ -166,7 +168,7 @@ impl VehicleLink {
         }
     }
 
-    /// The processes of a flight this way, in the order in which they are started.
+    /// The processes of the flight, in the order in which they are started.
     #[must_use]
     pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
@@ -178,7 +180,7 @@ impl VehicleLink {
         }
     }
 
-    /// What the plant makes before a bridge can open it.
+    /// The link that the plant creates and the bridge then opens; `None` if the plant creates none.
     #[must_use]
     pub fn awaited(&self) -> Option<&Path> {
         match self {
@@ -187,26 +189,26 @@ impl VehicleLink {
         }
     }
 
-    /// How long a vehicle may stay silent before the flight is given up; for ever where there is none that could.
+    /// Time within which the vehicle must answer for the first time; `None` where no bridge asks one.
     #[must_use]
-    pub fn silence(&self, config: &Config) -> Option<Span> {
-        let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_S);
+    pub fn answer_timeout(&self, config: &Config) -> Option<Span> {
+        let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_TIMEOUT_S);
         (*self != Self::Bus).then(|| Span::from_seconds(seconds))
     }
 
-    /// A vehicle that never answered.
+    /// The failure for a vehicle that never answered.
     #[must_use]
     pub fn never_answered(&self) -> Failure {
         let message = format!(
-            "the vehicle at {} does not answer; see whether it is switched on and its remote control too, with channel 5 at \"serial\", \
-             whether speed and XBee mode are those of the link, and bridge.log beside the report",
+            "the vehicle at {} does not answer; check that vehicle and remote control are switched on, channel 5 at \"serial\", \
+             that baud rate and XBee mode are those of the link, and see bridge.log beside the report",
             self.command_path()
         );
         Failure::new(Exit::Peer, message)
     }
 }
 
-/// `link` at a path of this instance's own.
+/// `link` with a path that belongs to this instance.
 fn at_instance(link: &LinkSpec, config: &Config) -> Result<LinkSpec, Failure> {
     let place = instance_paths(config)?;
     let path = place.root.join(format!("{}.wire", place.instance));
@@ -216,23 +218,23 @@ fn at_instance(link: &LinkSpec, config: &Config) -> Result<LinkSpec, Failure> {
     })
 }
 
-/// Whether somebody on this instance tells the truth to the cameras.
-fn is_truth_told(config: &Config) -> Result<bool, Failure> {
+/// Whether a simulator on this instance publishes the truth, which the emulated cameras need.
+fn is_truth_published(config: &Config) -> Result<bool, Failure> {
     let bus = Bus::open(&instance_paths(config)?)?;
     let mut truths = bus.reader(&TRUTH)?;
-    let give_up = Time::now() + TRUTH_WITHIN;
-    let told = loop {
-        if truths.latest()?.is_some_and(|(_, truth)| truth.time + TRUTH_WITHIN > Time::now()) {
+    let deadline = Time::now() + TRUTH_TIMEOUT;
+    let published = loop {
+        if truths.latest()?.is_some_and(|(_, truth)| truth.time + TRUTH_TIMEOUT > Time::now()) {
             break true;
         }
-        if Time::now() >= give_up {
+        if Time::now() >= deadline {
             break false;
         }
         std::thread::sleep(std::time::Duration::from_millis(5));
     };
     drop(truths);
     drop(bus);
-    Ok(told)
+    Ok(published)
 }
 
 #[cfg(test)]

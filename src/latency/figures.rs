@@ -6,10 +6,10 @@ use oqtal_observe::latency::DistributionSummary;
 use serde::Serialize;
 
 use super::bare::Mechanism;
-use super::ears::{Counters, Ears};
 use super::pairs::Pair;
 use super::rig::Bare;
-use oqtal_observe::kernel::Realtime;
+use oqtal_observe::kernel::ThreadScheduling;
+use oqtal_observe::loop_monitor::{LoopCounters, LoopMonitor};
 
 /// The hops that only carry: what they take is the bus's, not a computation's.
 pub const TRANSPORT: [&str; 2] = ["publish_to_daemon", "command_to_vehicle"];
@@ -56,27 +56,27 @@ pub struct Figures {
     /// Wake-ups.
     pub wakeup: Wakeup,
     /// How the daemon is scheduled.
-    pub realtime: Realtime,
+    pub realtime: ThreadScheduling,
     /// What was counted.
-    pub counters: Counters,
+    pub counters: LoopCounters,
 }
 
 impl Figures {
     /// The figures of what was heard, beside what was measured bare.
     #[must_use]
-    pub fn new(ears: &Ears, bare: Option<&Bare>, realtime: Realtime) -> Self {
+    pub fn new(monitor: &LoopMonitor, bare: Option<&Bare>, realtime: ThreadScheduling) -> Self {
         let measured = bare.into_iter().flat_map(|bare| &bare.mechanisms);
         let mut figures = Self {
-            hops: ears.hops().iter().map(|(name, hop)| (name, hop.summary())).collect(),
+            hops: monitor.hops().iter().map(|(name, hop)| (name, hop.summary())).collect(),
             bare: measured.map(|(name, spans)| (*name, spans.summary())).collect(),
             ratio: BTreeMap::new(),
             wakeup: Wakeup {
-                daemon: ears.wakeup().summary(),
+                daemon: monitor.wakeup_lateness().summary(),
                 sleep: bare.map(|bare| bare.sleep.summary()),
                 ..Wakeup::default()
             },
             realtime,
-            counters: ears.counters(),
+            counters: monitor.counters(),
         };
         figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
         figures

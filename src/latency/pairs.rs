@@ -18,7 +18,7 @@ use super::part;
 use super::rig::{Rig, read};
 use super::sleep::RECORD;
 use crate::child::{Child, command};
-use oqtal_observe::kernel::Realtime;
+use oqtal_observe::kernel::ThreadScheduling;
 
 /// Pairs measured.
 pub const PAIRS: u32 = 5;
@@ -49,7 +49,7 @@ struct Terms {
 }
 
 impl Terms {
-    fn new(rig: &Rig, length: Span, realtime: &Realtime) -> Result<Self, Failure> {
+    fn new(rig: &Rig, length: Span, realtime: &ThreadScheduling) -> Result<Self, Failure> {
         let mut config = rig.config().clone();
         let cpu = config.realtime.cpus.last().copied().map_or_else(last_cpu, Ok)?;
         config.realtime.cpus = vec![cpu];
@@ -74,7 +74,7 @@ pub fn is_installed() -> bool {
 pub fn run(
     rig: &Rig,
     length: Span,
-    realtime: &Realtime,
+    realtime: &ThreadScheduling,
     stop: &StopFlag,
 ) -> Result<Vec<Pair>, Failure> {
     let terms = Terms::new(rig, length, realtime)?;
@@ -95,11 +95,11 @@ fn pair(directory: &Path, terms: &Terms) -> Result<Pair, Failure> {
     if !theirs.ends_within(terms.length + Span::from_millis(5000)) {
         return Err(Failure::new(Exit::System, "cyclictest did not end when its time was over"));
     }
-    if let Some(fallen) = ours.fallen() {
-        return Err(fallen);
+    if let Some(failure) = ours.failure() {
+        return Err(failure);
     }
     let to = Time::now();
-    ours.dismiss();
+    ours.shut_down();
     let ours = whole_micros(read(&directory.join(RECORD), from, to)?.quantile(QUANTILE));
     let text = std::fs::read_to_string(&report).unwrap_or_default();
     let theirs = p999_of(&text).ok_or_else(|| {

@@ -153,7 +153,7 @@ impl Rig {
     /// Ends the daemon, then the vehicle.
     pub fn stop_chain(&mut self) {
         while let Some(mut process) = self.chain.pop() {
-            process.dismiss();
+            process.shut_down();
         }
     }
 
@@ -162,7 +162,7 @@ impl Rig {
     pub fn check(&mut self) -> Result<(), Failure> {
         let takers = self.takers.iter_mut().map(|(_, taker)| taker);
         let all = self.camera.iter_mut().chain(&mut self.chain).chain(takers);
-        all.map(Child::fallen).find_map(|fallen| fallen).map_or(Ok(()), Err)
+        all.map(Child::failure).find_map(|fallen| fallen).map_or(Ok(()), Err)
     }
 
     /// Ends the camera and with it the takers, and reads what they measured between `from` and `to`.
@@ -171,7 +171,7 @@ impl Rig {
     /// One of them left no record.
     pub fn finish(&mut self, from: Time, to: Time) -> Result<Bare, Failure> {
         if let Some(mut camera) = self.camera.take() {
-            camera.dismiss();
+            camera.shut_down();
         }
         let mut bare = Bare::default();
         for (mechanism, mut taker) in self.takers.drain(..) {

@@ -5,7 +5,7 @@ use oqtal_observe::latency::NAMES;
 
 use super::bare::Mechanism;
 use super::figures::{Figures, TRANSPORT};
-use oqtal_observe::report::unit::{significant, words};
+use oqtal_observe::plot::unit::{significant, words};
 use oqtal_observe::table::{align, latency_row, table};
 
 /// The tables: hops beside bare mechanisms, and their ratios.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_control::metrics::Statistics;
 use oqtal_control::trajectory::Trajectory;
 
-use oqtal_observe::flight::{Flight, Sample};
+use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Position error below which a corner is settled \[m\].
 const SETTLED_M: f64 = 0.05;
@@ -72,7 +72,7 @@ pub type Figures = [f64; METRICS];
 /// Position, velocity and attitude error, settling and overshoot of a square; all infinite if it did not land.
 #[must_use]
 pub fn of_square(flight: &Flight) -> [f64; 5] {
-    let mean = |error: fn(&Sample) -> f64| {
+    let mean = |error: fn(&FlightSample) -> f64| {
         let mut statistics = Statistics::default();
         flight.scored().for_each(|sample| statistics.add(error(sample)));
         statistics.mean()
@@ -89,8 +89,8 @@ pub fn of_square(flight: &Flight) -> [f64; 5] {
 
 /// Mean time to settle \[s\] and mean overshoot \[m\] at the corners.
 fn corners(flight: &Flight) -> (f64, f64) {
-    let samples: Vec<&Sample> = flight.scored().collect();
-    let reference = |sample: &Sample| Vector3::from(sample.telemetry.reference_position);
+    let samples: Vec<&FlightSample> = flight.scored().collect();
+    let reference = |sample: &FlightSample| Vector3::from(sample.telemetry.reference_position);
     let before = flight.armed().take_while(|sample| sample.telemetry.scored == 0).last();
     let mut from = before.map_or_else(Vector3::zeros, reference);
     let (mut settle, mut overshoot) = (Statistics::default(), Statistics::default());
@@ -109,7 +109,7 @@ fn corners(flight: &Flight) -> (f64, f64) {
 }
 
 /// From the first sample to the last that is `outside` \[s\].
-fn settled(samples: &[&Sample], outside: impl Fn(&Sample) -> bool) -> f64 {
+fn settled(samples: &[&FlightSample], outside: impl Fn(&FlightSample) -> bool) -> f64 {
     let start = samples[0].telemetry.time;
     let last = samples.iter().rfind(|sample| outside(sample));
     last.map_or(0.0, |sample| sample.telemetry.time.since(start).seconds())
@@ -138,7 +138,7 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
 pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let options = &flight.config.trajectory;
     let start_s = options.take_off_s + options.settle_s;
-    let judged: Vec<(&Sample, f64, _)> = flight
+    let judged: Vec<(&FlightSample, f64, _)> = flight
         .scored()
         .filter_map(|sample| {
             let wanted = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?.attitude;

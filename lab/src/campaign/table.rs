@@ -4,8 +4,8 @@ use oqtal_config::Setting;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::reproduce::progress::Progress;
-use crate::reproduce::sheet::{Cell, Column, Row, Variant};
+use crate::progress::Progress;
+use crate::sheet::{Column, SheetCell, SheetRow, Variant};
 use crate::tune::{gains, search, space};
 
 use super::flights::{Contender, NOMINAL, PlantVariant, Prepared, Test};
@@ -169,7 +169,7 @@ pub fn fly(
 
 /// The rows of what was flown, with the `best` runs of each law averaged.
 #[must_use]
-pub fn rows(flown: &[Flown], best: usize) -> Vec<Row> {
+pub fn rows(flown: &[Flown], best: usize) -> Vec<SheetRow> {
     flown.iter().map(|flown| flown.row(best)).collect()
 }
 
@@ -209,25 +209,25 @@ impl Flown {
         self.max_q = nominal.max_q.map(|max_q| MaxQ::Nominal(max_q.weight()));
     }
 
-    fn row(&self, best: usize) -> Row {
+    fn row(&self, best: usize) -> SheetRow {
         let best = self.runs.best(best);
         let of_best = self.runs.spread(&best);
         let of_all = self.runs.mean();
         let cell = |index: usize| match index {
-            _ if index < SPREADS => Cell::Spread(of_best[index].0, of_best[index].1),
+            _ if index < SPREADS => SheetCell::Spread(of_best[index].0, of_best[index].1),
             // All runs: choosing some by their position error would choose the others' luck.
-            _ => Cell::Number(of_all[index]),
+            _ => SheetCell::Number(of_all[index]),
         };
         let counts = [
-            Cell::Count(self.runs.solves),
+            SheetCell::Count(self.runs.solves),
             self.max_q.map(MaxQ::weight).into(),
             self.max_q.map(MaxQ::is).into(),
-            Cell::Count(self.runs.figures.len() as u64),
-            Cell::Count(best.len() as u64),
+            SheetCell::Count(self.runs.figures.len() as u64),
+            SheetCell::Count(best.len() as u64),
         ];
         let cells = (0..METRICS).map(cell).chain(counts).collect();
         let Entrant { contender, variant, settings } = &self.entrant;
-        Row::new(*variant, contender.controller, settings.clone(), cells)
+        SheetRow::new(*variant, contender.controller, settings.clone(), cells)
     }
 }
 

@@ -1,4 +1,4 @@
-//! A body that only turns, under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
+//! A rotating body under an attitude law: the spacecraft of Table I, or the quadrotor with its rate loop.
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Setting};
@@ -15,29 +15,29 @@ use super::lander::{Lander, RATE_HZ, attitude_state, is_under_control};
 /// Steps of the integrator between two ticks.
 const STEPS: u32 = 4;
 
-/// A body and how it is commanded.
+/// A rotating body by its kind of command.
 #[derive(Clone, Debug)]
-pub enum Body {
-    /// Torque in; limited to what the vehicle can do, or not.
+pub enum RotatingBody {
+    /// Commanded by torque, limited to the maximum of the vehicle if the flag is set.
     Spacecraft(Box<Lander>, bool),
-    /// Sticks in.
+    /// Commanded by sticks.
     Quadrotor(Box<Config>),
 }
 
-/// One tick of a turn.
+/// One tick of a manoeuvre.
 #[derive(Clone, Copy, Debug)]
-pub struct Turn {
-    /// Since the start \[s\].
+pub struct ManoeuvreTick {
+    /// Time since the start \[s\].
     pub time_s: f64,
-    /// Attitude of the body.
+    /// Attitude \[body to world\].
     pub attitude: Attitude,
-    /// Its rate \[rad/s, body\].
+    /// Rate \[rad/s, body\].
     pub rate: Vector3<f64>,
-    /// What the law commands \[N m or -1..1, body\].
+    /// Command \[N m or -1..1, body\].
     pub input: Vector3<f64>,
 }
 
-/// A turn from a state to rest at a target.
+/// A manoeuvre from an initial state to rest at a target attitude.
 #[derive(Clone, Copy, Debug)]
 pub struct Manoeuvre {
     /// Attitude at the start.
@@ -46,42 +46,42 @@ pub struct Manoeuvre {
     pub rate: Vector3<f64>,
     /// Attitude to be held.
     pub target: Attitude,
-    /// How long \[s\].
+    /// Duration \[s\].
     pub duration_s: f64,
 }
 
-/// What came of a turn.
+/// The record of a manoeuvre.
 #[derive(Clone, Debug)]
-pub struct Turned {
+pub struct ManoeuvreRecord {
     /// Every tick, until control was lost.
-    pub ticks: Vec<Turn>,
-    /// Whether every command was a number.
+    pub ticks: Vec<ManoeuvreTick>,
+    /// Whether every command was finite.
     pub commands_finite: bool,
     /// Riccati equations solved.
     pub riccati_solves: u32,
-    /// Of them, those without a solution.
+    /// Riccati equations without a solution, included in `riccati_solves`.
     pub failed_solves: u32,
 }
 
-impl Body {
+impl RotatingBody {
     /// The quadrotor of the shipped configuration.
     ///
     /// # Errors
-    /// The environment sets a vehicle that is none.
+    /// The environment sets an invalid vehicle.
     pub fn quadrotor() -> Result<Self, Failure> {
         let kind = Setting::flag("quadrotor", "vehicle.preset", "hummingbird");
         Ok(Self::Quadrotor(Box::new(Config::from_settings(&[kind])?)))
     }
 
-    /// Turns the body under the law of `options`, 60 times a second.
+    /// Simulates the manoeuvre under the law of `options` at 60 Hz.
     ///
     /// # Errors
-    /// An option of the law has no meaning.
+    /// An option of the law is invalid.
     pub fn turn(
         &self,
         options: &ControllerOptions,
         manoeuvre: &Manoeuvre,
-    ) -> Result<Turned, OptionError> {
+    ) -> Result<ManoeuvreRecord, OptionError> {
         match self {
             Self::Spacecraft(lander, limited) => {
                 let law = Controller::new(options, lander.input(*limited))?;
@@ -93,7 +93,7 @@ impl Body {
             Self::Quadrotor(config) => {
                 let vehicle = &config.vehicle;
                 let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?;
-                // As the daemon builds it: the paper's laws do not know of the lag.
+                // As in the daemon: only `oqtal-dt` models the lag of the rate loop.
                 let input = match options.controller {
                     ControllerName::OqtalDt => {
                         input.with_lag(vehicle.rate_lag_ms * 1e-3, 1.0 / RATE_HZ)?
@@ -112,7 +112,7 @@ impl Body {
     }
 }
 
-/// The state after `sticks` have been held for a tick.
+/// The state after holding `sticks` for one tick.
 fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
     let input = PlantInput { sticks, ..PlantInput::default() };
     let calm = Disturbance {
@@ -125,13 +125,13 @@ fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
     })
 }
 
-/// Turns a body from `start` under `law`; `obey` gives the numbers of a command, and the state after a tick of it.
+/// Simulates a manoeuvre from `start` under `law`; `obey` returns a command as a vector and the state after one tick of it.
 fn follow<L: AttitudeLaw>(
     mut law: L,
     start: State,
     manoeuvre: &Manoeuvre,
     obey: impl Fn(&State, L::Command) -> (Vector3<f64>, State),
-) -> Turned {
+) -> ManoeuvreRecord {
     let mut state = start;
     let target = AttitudeReference { attitude: manoeuvre.target, ..Default::default() };
     let (mut ticks, mut commands_finite) = (Vec::new(), true);
@@ -140,13 +140,13 @@ fn follow<L: AttitudeLaw>(
         let (input, next) = obey(&state, law.update(&body, &target, 1.0 / RATE_HZ));
         commands_finite &= input.iter().all(|number| number.is_finite());
         let time_s = f64::from(tick) / RATE_HZ;
-        ticks.push(Turn { time_s, attitude: body.attitude, rate: state.rate, input });
+        ticks.push(ManoeuvreTick { time_s, attitude: body.attitude, rate: state.rate, input });
         state = next;
         if !is_under_control(&state) {
             break;
         }
     }
-    Turned {
+    ManoeuvreRecord {
         ticks,
         commands_finite,
         riccati_solves: law.riccati_solves(),

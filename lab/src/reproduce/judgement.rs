@@ -1,4 +1,4 @@
-//! What the runs of Table V say: which law is better at what, by how much, and whether that is more than luck.
+//! Statistical comparison of the laws of Table V: differences, ratios and their confidence intervals.
 
 use crate::campaign::interval::Interval;
 use crate::campaign::metric::{
@@ -6,22 +6,22 @@ use crate::campaign::metric::{
 };
 use crate::campaign::table::{COLUMNS, Flown};
 
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::{about, either, listed};
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
-/// The law that is judged.
+/// The law that is compared with the others.
 const OURS: &str = "oqtal-dt";
 
-/// What it is to come to.
+/// A goal of a metric.
 #[derive(Clone, Copy)]
 enum Goal {
-    /// The figure itself, at most.
+    /// Upper bound of the metric itself \[unit of the metric\].
     AtMost(f64),
-    /// The best rival's over ours, at least.
+    /// Lower bound of the ratio of the best rival's metric to ours \[-\].
     Times(f64),
 }
 
-/// No worse by more than 8 %: for what the limits on speed and tilt decide.
+/// No worse than 8 %: for metrics that the limits on speed and tilt decide.
 const PARITY: Goal = Goal::Times(1.0 / 1.08);
 
 const GOALS: [(usize, Goal); 9] = [
@@ -35,15 +35,15 @@ const GOALS: [(usize, Goal); 9] = [
     (CHIRP, Goal::Times(3.0)),
     (DOUBLET, Goal::Times(1.8)),
 ];
-/// On a plant that is not what the laws expect.
+/// The goal on mismatched plants.
 const MISMATCHED_GOAL: (usize, Goal) = (CHIRP, Goal::Times(2.0));
 
-/// The tuned laws on one plant.
+/// The flights of all laws on one plant.
 #[derive(Clone, Copy)]
 pub struct Evidence<'a> {
-    /// The plant, in words.
+    /// Description of the plant.
     pub plant: &'a str,
-    /// All that flew on it.
+    /// The flights of every law.
     pub flown: &'a [Flown],
 }
 
@@ -52,12 +52,12 @@ impl Evidence<'_> {
         self.flown.iter().filter(|flown| flown.is_tuned())
     }
 
-    /// Ours.
+    /// The flights of [`OURS`].
     fn ours(&self) -> Option<&Flown> {
         self.tuned().find(|flown| flown.name() == OURS)
     }
 
-    /// The tuned law besides ours that is best by a metric.
+    /// The best of the other tuned laws by a metric, with its interval.
     fn rival(&self, metric: usize) -> Option<(&'static str, Interval)> {
         let others = self.tuned().filter(|flown| flown.name() != OURS);
         let figures = others.map(|flown| (flown.name(), flown.interval(metric)));
@@ -65,7 +65,7 @@ impl Evidence<'_> {
     }
 }
 
-/// Ours beside the best rival, by one metric.
+/// [`OURS`] and the best rival by one metric.
 struct Duel {
     metric: usize,
     ours: Interval,
@@ -78,7 +78,7 @@ impl Duel {
         Some(Self { metric, ours, rival })
     }
 
-    /// The rival's figure over ours, with the interval that goes with those of the two.
+    /// Ratio of the rival's metric to ours, with its interval.
     fn times(&self) -> Interval {
         let (a, b) = (&self.ours, &self.rival.1);
         let mean = b.mean / a.mean;
@@ -89,7 +89,7 @@ impl Duel {
         self.ours.is_apart_from(&self.rival.1)
     }
 
-    /// Whether a goal is met by the whole interval.
+    /// Whether the whole interval meets a goal.
     fn meets(&self, goal: Goal) -> bool {
         match goal {
             Goal::AtMost(limit) => self.ours.high() <= limit,
@@ -101,8 +101,8 @@ impl Duel {
         METRIC[self.metric].title
     }
 
-    fn row(&self, plant: &str, goal: Option<Goal>) -> Row {
-        let spread = |interval: &Interval| Cell::Interval(interval.mean, interval.half);
+    fn row(&self, plant: &str, goal: Option<Goal>) -> SheetRow {
+        let spread = |interval: &Interval| SheetCell::Interval(interval.mean, interval.half);
         let cells = vec![
             plant.into(),
             self.title().into(),
@@ -122,7 +122,7 @@ impl Duel {
             .into(),
             goal.map(|goal| either(self.meets(goal), "yes", "no")).into(),
         ];
-        Row::new(Variant::Ours, OURS, "against the best of the other tuned laws", cells)
+        SheetRow::new(Variant::Ours, OURS, "against the best of the other tuned laws", cells)
     }
 }
 
@@ -139,7 +139,7 @@ const DUEL: [Column; 10] = [
     ("met", "met"),
 ];
 
-/// Ours against the best rival: each metric on the nominal plant, what no command of its own can improve on the others.
+/// The table of [`OURS`] against the best rival: every metric on the nominal plant, the chirp on the mismatched ones.
 #[must_use]
 pub fn duels(nominal: &Evidence<'_>, mismatched: &[Evidence<'_>]) -> Sheet {
     let goals = |metric| GOALS.iter().filter(move |(of, _)| *of == metric).map(|(_, goal)| *goal);
@@ -169,7 +169,7 @@ pub fn duels(nominal: &Evidence<'_>, mismatched: &[Evidence<'_>]) -> Sheet {
     }
 }
 
-/// By what ours is better, by what it is worse, and how many times.
+/// The metrics by which [`OURS`] is better or worse, with the ratios, as text.
 fn told_apart(nominal: &Evidence<'_>) -> String {
     let (mut better, mut open, mut worse) = (Vec::new(), Vec::new(), Vec::new());
     for duel in (0..METRICS).filter_map(|metric| Duel::of(nominal, metric)) {
@@ -216,10 +216,10 @@ pub fn intervals(nominal: &Evidence<'_>) -> Sheet {
     let row = |flown: &Flown| {
         let cell = |metric| {
             let Interval { mean, half } = flown.interval(metric);
-            Cell::Interval(mean, half)
+            SheetCell::Interval(mean, half)
         };
         let cells = (0..METRICS).map(cell).collect();
-        Row::new(Variant::Ours, flown.name(), "all runs", cells)
+        SheetRow::new(Variant::Ours, flown.name(), "all runs", cells)
     };
     Sheet {
         name: "V-intervals".to_owned(),
@@ -239,10 +239,11 @@ pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
     for [a, b] in PAIRS {
         let Some((one, other)) = find(a).zip(find(b)) else { continue };
         let differences = std::array::from_fn(|metric| difference(one, other, metric));
-        let order = Order::of([a, b], &differences);
-        let cells = differences.iter().map(|percent| Cell::Interval(percent.mean, percent.half));
-        let counts = [order.better, order.worse].map(|count| Cell::Count(count as u64));
-        rows.push(Row::new(
+        let order = PairRanking::of([a, b], &differences);
+        let cells =
+            differences.iter().map(|percent| SheetCell::Interval(percent.mean, percent.half));
+        let counts = [order.better, order.worse].map(|count| SheetCell::Count(count as u64));
+        rows.push(SheetRow::new(
             Variant::Ours,
             a,
             format!("against {b}"),
@@ -262,21 +263,21 @@ pub fn ranking(nominal: &Evidence<'_>) -> Sheet {
     }
 }
 
-/// By how many figures the first of two laws is better, and worse, beyond the interval.
-struct Order {
+/// Number of metrics by which the first of two laws is better or worse beyond the interval.
+struct PairRanking {
     laws: [&'static str; 2],
     better: usize,
     worse: usize,
 }
 
-impl Order {
+impl PairRanking {
     fn of(laws: [&'static str; 2], differences: &[Interval; METRICS]) -> Self {
         let better = differences.iter().filter(|percent| percent.high() < 0.0).count();
         let worse = differences.iter().filter(|percent| percent.low() > 0.0).count();
         Self { laws, better, worse }
     }
 
-    /// One law better by something and worse by nothing.
+    /// Whether one law is better by some metric and worse by none.
     fn is_a_ranking(&self) -> bool {
         (self.better == 0) != (self.worse == 0)
     }
@@ -292,9 +293,9 @@ impl Order {
     }
 }
 
-fn is_there_a_ranking(orders: &[Order]) -> String {
-    let said: Vec<String> = orders.iter().map(Order::said).collect();
-    let ranked = orders.iter().any(Order::is_a_ranking);
+fn is_there_a_ranking(orders: &[PairRanking]) -> String {
+    let said: Vec<String> = orders.iter().map(PairRanking::said).collect();
+    let ranked = orders.iter().any(PairRanking::is_a_ranking);
     format!(
         "Is there an honest ranking among the paper's laws? One law is ranked before another if it is better by some of the \
          {METRICS} figures and worse by none. {}. {}",
@@ -311,7 +312,7 @@ const PAIRED: &str = "Differences of runs with the same seed, in % of the second
      of a 95 % interval. At small angles pid, lqr and oqtal are one law with two gains; lqr and oqtal differ by nothing but \
      where the search ended, so a difference of that size between others says nothing either.";
 
-/// By how many per cent of the other's mean `one` is greater.
+/// Difference of `one` and `other`, seed by seed, in per cent of the other's mean.
 fn difference(one: &Flown, other: &Flown, metric: usize) -> Interval {
     let (a, b) = (one.runs.values(metric), other.runs.values(metric));
     let mean = b.iter().sum::<f64>() / b.len() as f64;
@@ -332,7 +333,7 @@ mod tests {
         let of = |first: f64, second: f64| {
             let mut differences = [interval(0.0); METRICS];
             (differences[0], differences[1]) = (interval(first), interval(second));
-            Order::of(["a", "b"], &differences)
+            PairRanking::of(["a", "b"], &differences)
         };
         assert!(of(-2.0, 0.5).is_a_ranking() && of(0.5, 2.0).is_a_ranking());
         assert!(!of(-2.0, 2.0).is_a_ranking() && !of(0.5, -0.5).is_a_ranking());

@@ -1,4 +1,4 @@
-//! The lander of Table I in its gravity turn, under an attitude law: the paper's simulation, without delays or noise.
+//! The lander of Table I in the gravity turn under an attitude law: the paper's simulation, without delay or noise.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Setting, VehicleOptions};
@@ -20,7 +20,7 @@ use oqtal_runtime::random::{RandomSource, normal3, stream};
 pub const DURATION_S: f64 = 23.0;
 /// Table I: rate of the loop \[Hz\].
 pub const RATE_HZ: f64 = 60.0;
-/// Table I: thrust over weight.
+/// Table I: thrust over weight \[-\].
 const THRUST_RATIO: f64 = 1.5;
 /// Table I: initial speed \[m/s\].
 const SPEED_M_S: f64 = 70.0;
@@ -28,26 +28,26 @@ const SPEED_M_S: f64 = 70.0;
 const ALTITUDE_M: f64 = 2000.0;
 /// The paper limits no torque \[N m\].
 const NO_LIMIT_NM: f64 = 1e9;
-/// The longest integration step \[s\].
+/// Maximum integration step \[s\].
 const LONGEST_STEP_S: f64 = 1.0 / 240.0;
-/// What a law is told of the attitude is so far off \[rad\], as by rounding. Without it the turn would stay in its plane to
-/// the last bit, and laws with a border or a singularity there would look better than they are.
+/// Standard deviation of the measured attitude \[rad\], the size of rounding errors. Without it the turn would stay exactly in its
+/// plane, and laws with a border or a singularity there would appear better than they are.
 const ROUNDING_RAD: f64 = 1e-15;
-/// Seed of that.
+/// Seed of the noise of the measured attitude.
 const NOISE_SEED: u64 = 1;
-/// A body that turns faster than this is out of control \[rad/s\].
+/// Rate above which a body is out of control \[rad/s\].
 const FASTEST_RAD_S: f64 = 1e4;
 
-/// How the gravity turn is flown, beside the law.
+/// Conditions of the gravity turn other than the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Descent {
-    /// Rate of the loop \[Hz\]; the torque is held in between.
+    /// Rate of the loop \[Hz\]; the torque is held between ticks.
     pub rate_hz: f64,
-    /// Whether `omega_d` is commanded, or an attitude alone.
+    /// Whether `omega_d` is commanded with the attitude.
     pub rates: bool,
-    /// Speed below which the command stands still \[m/s\].
+    /// Speed below which the commanded attitude is constant \[m/s\].
     pub least_speed_m_s: f64,
-    /// Standard deviation of the attitude that the law is told about its axes \[rad\].
+    /// Standard deviation of the measured attitude about each axis \[rad, body\].
     pub noise_rad: f64,
 }
 
@@ -60,13 +60,13 @@ impl Default for Descent {
 /// One tick of a descent.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment {
-    /// Since the start \[s\].
+    /// Time since the start \[s\].
     pub time_s: f64,
-    /// The vehicle.
+    /// State of the vehicle.
     pub state: State,
-    /// Where it should be.
+    /// Commanded attitude.
     pub desired: AttitudeReference,
-    /// What the law commands \[N m, body\].
+    /// Commanded torque \[N m, body\].
     pub torque: Vector3<f64>,
 }
 
@@ -82,7 +82,7 @@ impl Lander {
     /// The lander of the configuration's preset, which is Table I.
     ///
     /// # Errors
-    /// The environment sets a vehicle that is none.
+    /// The environment sets an invalid vehicle.
     pub fn new() -> Result<Self, Failure> {
         let preset = Setting::flag("spacecraft", "vehicle.preset", "spacecraft");
         let Config { vehicle, plant, .. } = Config::from_settings(&[preset])?;
@@ -98,7 +98,7 @@ impl Lander {
         &self.turn
     }
 
-    /// The vehicle's input, unlimited as in the paper or limited as it is configured.
+    /// The torque input of the vehicle, unlimited as in the paper or limited as configured.
     ///
     /// # Panics
     /// Never: the preset is a vehicle.
@@ -109,15 +109,15 @@ impl Lander {
         TorqueInput::new(inertia, most).expect("both limits are positive")
     }
 
-    /// Where the ideal turn is at `time_s` \[m, world\].
+    /// Position of the ideal turn at `time_s` \[m, world\].
     #[must_use]
     pub fn ideal(&self, time_s: f64) -> Vector3<f64> {
         let ideal = self.turn.at_time(time_s);
         Vector3::new(-ideal.down_range_m, 0.0, ALTITUDE_M - ideal.drop_m)
     }
 
-    /// The start, at rest in attitude. The turn goes towards -x: its pitch then begins at +90 degrees, as the paper's,
-    /// whose rule for cells is not the same for both signs.
+    /// The initial state, without rotation. The turn goes towards -x, so that its pitch begins at +90 degrees as in the paper,
+    /// whose rule for cells depends on the sign.
     fn start(&self) -> State {
         let velocity = Vector3::new(-SPEED_M_S, 0.0, 0.0);
         State {
@@ -129,17 +129,17 @@ impl Lander {
         }
     }
 
-    /// At rest but for its rate \[rad/s, body\], at full thrust.
+    /// A state with this rate \[rad/s, body\], no velocity and full thrust.
     #[must_use]
     pub fn turning(&self, attitude: &Attitude, rate: Vector3<f64>) -> State {
         let attitude = *attitude.unit_quaternion().quaternion();
         State { attitude, rate, velocity: Vector3::zeros(), ..self.start() }
     }
 
-    /// Flies the turn under the law of `options` and shows `watch` every tick. `None` if the body gets out of control.
+    /// Flies the turn under the law of `options` and passes every tick to `watch`. `None` if the body gets out of control.
     ///
     /// # Errors
-    /// An option of the law has no meaning.
+    /// An option of the law is invalid.
     pub fn fly(
         &self,
         options: &ControllerOptions,
@@ -190,7 +190,7 @@ impl Lander {
         Some(metrics)
     }
 
-    /// The state after `torque` \[N m, body\] has been held for `dt_s` \[s\], the thrust full.
+    /// The state after holding `torque` \[N m, body\] and full thrust for `dt_s` \[s\].
     #[must_use]
     pub fn hold(&self, state: &State, torque: Vector3<f64>, dt_s: f64) -> State {
         let input = PlantInput { torque, thrust: 1.0, ..PlantInput::default() };
@@ -208,7 +208,7 @@ impl Lander {
     }
 }
 
-/// What a law is told of a body.
+/// The attitude and rate of a body as a law receives them.
 #[must_use]
 pub fn attitude_state(state: &State) -> AttitudeState {
     let Quaternion { coords } = state.attitude;
@@ -216,7 +216,7 @@ pub fn attitude_state(state: &State) -> AttitudeState {
     AttitudeState { attitude, rate: BodyRate(state.rate) }
 }
 
-/// Whether a body can still be spoken of.
+/// Whether the state of a body is finite and its rate below the limit.
 #[must_use]
 pub fn is_under_control(state: &State) -> bool {
     let finite =

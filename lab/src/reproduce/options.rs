@@ -1,4 +1,4 @@
-//! Every option of `oqtal`, one at a time, and the term in the second derivative of `eps` that the paper drops.
+//! Every option of `oqtal`, one at a time, and the second derivative of `eps`, which the paper drops.
 
 use nalgebra::Vector3;
 use oqtal_control::controller::{EpsDdot, OqtalOptions};
@@ -9,15 +9,15 @@ use oqtal_control::tracking_error::AttitudeError;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::body::{Body, Manoeuvre};
+use super::body::{Manoeuvre, RotatingBody};
+use super::chapter::{Chapter, invalid};
 use super::lander::{Descent, Lander, RATE_HZ};
-use super::progress::Progress;
 use super::roster::{self, CELLS};
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::{about, figure, listed};
-use super::{Chapter, invalid};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
-/// A turn that exercises the model: far off, and turning about another axis \[rad, rad/s\].
+/// Initial rotation \[rad, body\] and rate \[rad/s, body\] of a turn far from the target about another axis.
 const FAR: Vector3<f64> = Vector3::new(0.2, 1.2, -0.3);
 const TURNING: Vector3<f64> = Vector3::new(0.8, -0.2, 0.5);
 const DURATION_S: f64 = 20.0;
@@ -34,7 +34,7 @@ const COLUMNS: [Column; 7] = [
     ("far_riccati_solves", "far: solves"),
 ];
 
-struct Case {
+struct OptionCase {
     settings: String,
     options: OqtalOptions,
 }
@@ -42,16 +42,16 @@ struct Case {
 /// Flies every option.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let cases = cases();
     let bar = progress.start("options of oqtal", cases.len());
-    let fly = |case: &Case| {
+    let fly = |case: &OptionCase| {
         let row = flown(lander, case)?;
         bar.inc();
         Ok(row)
     };
-    let rows: Result<Vec<Row>, Failure> = cases.par_iter().map(fly).collect();
+    let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(fly).collect();
     let mut sheet = Sheet {
         name: "options".to_owned(),
         title: "Every option".to_owned(),
@@ -66,7 +66,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
 const NOTE: &str = "q 256, r 1, 60 Hz hold; \"turn\" is the gravity turn, \"far\" a body 72 degrees from rest that turns at 1 rad/s \
      about another axis, with cells of 0.05.";
 
-/// What the models of the body differ in.
+/// The differences between the error models, as text.
 fn models(sheet: &Sheet) -> String {
     let keys = ["position_error", "riccati_solves", "far_quaternion_error_norm"];
     let of = |name: &str| {
@@ -89,7 +89,7 @@ fn models(sheet: &Sheet) -> String {
     )
 }
 
-/// What the second derivative of eps does, with a filter and without.
+/// The effect of the second derivative of eps, with and without filter, as text.
 fn second_derivative(sheet: &Sheet) -> String {
     let far = |words: &str| {
         let keys = ["far_quaternion_error_norm", "far_effort_norm"];
@@ -111,9 +111,9 @@ fn second_derivative(sheet: &Sheet) -> String {
     )
 }
 
-fn cases() -> Vec<Case> {
+fn cases() -> Vec<OptionCase> {
     let base = roster::oqtal([256.0, 1.0], Cells::Centred).oqtal;
-    let case = |settings: &str, options: OqtalOptions| Case {
+    let case = |settings: &str, options: OqtalOptions| OptionCase {
         settings: settings.to_owned(),
         options: OqtalOptions { delta_rad: DELTA, ..options },
     };
@@ -146,7 +146,7 @@ const JACOBIANS: [(Jacobian, &str); 5] = [
     (Jacobian::Exact, "exact, lambda of eps"),
 ];
 
-fn flown(lander: &Lander, case: &Case) -> Result<Row, Failure> {
+fn flown(lander: &Lander, case: &OptionCase) -> Result<SheetRow, Failure> {
     let manoeuvre = Manoeuvre {
         attitude: Attitude::from_rotation_vector(FAR),
         rate: TURNING,
@@ -156,7 +156,7 @@ fn flown(lander: &Lander, case: &Case) -> Result<Row, Failure> {
     let mut options = roster::oqtal([256.0, 1.0], Cells::Centred);
     options.oqtal = case.options;
     let turn = lander.fly(&options, &Descent::default(), |_| ()).map_err(invalid)?;
-    let body = Body::Spacecraft(Box::new(lander.clone()), false);
+    let body = RotatingBody::Spacecraft(Box::new(lander.clone()), false);
     let far = body.turn(&options, &manoeuvre).map_err(invalid)?;
     let eps = |attitude| AttitudeError::between(&Attitude::LEVEL, attitude).eps().norm();
     let far_error: f64 = far.ticks.iter().map(|tick| eps(&tick.attitude) / RATE_HZ).sum();
@@ -168,8 +168,8 @@ fn flown(lander: &Lander, case: &Case) -> Result<Row, Failure> {
         turn.map(|m| m.riccati_solves).into(),
         far_error.into(),
         far_effort.into(),
-        Cell::Count(far.riccati_solves.into()),
+        SheetCell::Count(far.riccati_solves.into()),
     ];
     let variant = if case.options.feed_forward { Variant::Ours } else { Variant::AsPrinted };
-    Ok(Row::new(variant, "oqtal", case.settings.clone(), cells))
+    Ok(SheetRow::new(variant, "oqtal", case.settings.clone(), cells))
 }

@@ -1,22 +1,22 @@
-//! The chapters as one page, and as a document.
+//! The chapters as an HTML page and as Markdown.
 
 use maud::{Markup, html};
 
-use oqtal_observe::report;
+use oqtal_observe::page::page;
 
-use super::Chapter;
-use super::sheet::{Cell, Row, Sheet, Variant};
+use super::chapter::Chapter;
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 const STYLE: &str = include_str!("page.css");
-/// A table with more columns is set closer, so that it fits the page.
+/// Number of columns above which a table is set in a smaller type.
 const WIDE: usize = 8;
-/// A table with more rows is folded.
+/// Number of rows above which a table is folded.
 const LONG: usize = 40;
 const LEAD: &str = "Each table has three blocks. Paper: the printed numbers. As printed: the paper's equations, with only the \
      corrections without which nothing flies, computed here, with all settings the paper leaves open named. Ours: with \
      something the paper does not have. Nothing is tuned to meet a printed number.";
 
-/// The page.
+/// The HTML page of `chapters`.
 #[must_use]
 pub fn html(chapters: &[Chapter]) -> String {
     let body = html! {
@@ -27,7 +27,7 @@ pub fn html(chapters: &[Chapter]) -> String {
         }
         main { @for chapter in chapters { (section(chapter)) } }
     };
-    report::page("oqtal: the paper, reproduced", STYLE, &body)
+    page("oqtal: the paper, reproduced", STYLE, &body)
 }
 
 fn section(chapter: &Chapter) -> Markup {
@@ -81,17 +81,17 @@ fn rows(sheet: &Sheet) -> Markup {
     }
 }
 
-fn line(row: &Row) -> Markup {
+fn line(row: &SheetRow) -> Markup {
     html! {
         tr {
             th { (row.controller) }
             td.settings { (row.settings) }
-            @for cell in &row.cells { td { (Cell::show(cell)) } }
+            @for cell in &row.cells { td { (SheetCell::show(cell)) } }
         }
     }
 }
 
-/// The same tables as Markdown.
+/// The tables of `chapters` as Markdown; `command` is the command that makes them.
 #[must_use]
 pub fn markdown(chapters: &[Chapter], command: &str) -> String {
     let mut text = format!(

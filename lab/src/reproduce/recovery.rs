@@ -1,4 +1,4 @@
-//! Recovery from attitudes and rates that no flight should come to.
+//! Recovery from attitudes and rates far outside normal flight.
 
 use nalgebra::Vector3;
 use oqtal_control::controller::ControllerOptions;
@@ -6,23 +6,23 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::body::{Body, Manoeuvre, Turned};
+use super::body::{Manoeuvre, ManoeuvreRecord, RotatingBody};
+use super::chapter::{Chapter, invalid};
 use super::lander::Lander;
-use super::progress::Progress;
 use super::roster::{self, Entry};
-use super::sheet::{Cell, Column, Row, Sheet};
 use super::words::{either, listed};
-use super::{Chapter, invalid};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 
-/// How far off at first \[rad\].
+/// Initial angle to the target \[rad\].
 const FAR_RAD: f64 = 175.0 * std::f64::consts::PI / 180.0;
-/// How fast it tumbles at first \[rad/s\].
+/// Initial rate of a tumbling body \[rad/s\].
 const TUMBLE_RAD_S: f64 = 20.0;
-/// So long may it take \[s\].
+/// Duration of a run \[s\].
 const DURATION_S: f64 = 60.0;
-/// Recovered means nearer than this, for good \[rad\].
+/// Angle below which the body stays once it has recovered \[rad\].
 const NEAR_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-/// No axis of the body is an axis of the turn.
+/// Axis of the rotation, which is no axis of the body \[-, body\].
 const AXIS: Vector3<f64> = Vector3::new(0.6, -0.48, 0.64);
 
 const COLUMNS: [Column; 6] = [
@@ -34,18 +34,18 @@ const COLUMNS: [Column; 6] = [
     ("failed_solves", "of them failed"),
 ];
 
-/// Lets every law recover both vehicles from both starts.
+/// Lets every law recover both vehicles from both initial states.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
-    let spacecraft = Body::Spacecraft(Box::new(lander.clone()), true);
-    let quadrotor = Body::quadrotor()?;
-    let mut cases: Vec<(&str, &Body, Entry)> =
+    let spacecraft = RotatingBody::Spacecraft(Box::new(lander.clone()), true);
+    let quadrotor = RotatingBody::quadrotor()?;
+    let mut cases: Vec<(&str, &RotatingBody, Entry)> =
         roster::each().into_iter().map(|entry| ("spacecraft, 5 N m", &spacecraft, entry)).collect();
     cases.extend(quadrotor_laws().into_iter().map(|entry| ("quadrotor", &quadrotor, entry)));
     let bar = progress.start("recovery", cases.len());
-    let recover = |(vehicle, body, entry): &(&str, &Body, Entry)| {
+    let recover = |(vehicle, body, entry): &(&str, &RotatingBody, Entry)| {
         let rows = [("175° off", FAR_RAD, 0.0), ("tumble of 20 rad/s", 0.0, TUMBLE_RAD_S)].map(
             |(start, angle, rate)| {
                 let manoeuvre = Manoeuvre {
@@ -61,7 +61,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         bar.inc();
         rows.into_iter().collect()
     };
-    let rows: Result<Vec<Vec<Row>>, Failure> = cases.par_iter().map(recover).collect();
+    let rows: Result<Vec<Vec<SheetRow>>, Failure> = cases.par_iter().map(recover).collect();
     let rows = rows?.concat();
     let sheet = Sheet {
         name: "recovery".to_owned(),
@@ -78,8 +78,8 @@ const NOTE: &str = "Not in the paper. On the spacecraft each law has the gains o
      shipped with, not the tuned ones; about an axis that is none of the body's, within 60 s. A dash stands where the body is not recovered by then. The quadrotor's rate is held by its own loop, \
      not by these laws.";
 
-/// Who does not recover, and whether every command was a number.
-fn verdict(rows: &[Row]) -> String {
+/// The laws that do not recover, and whether every command was finite, as text.
+fn verdict(rows: &[SheetRow]) -> String {
     let lost: Vec<String> = rows
         .iter()
         .filter(|row| !row.number(&COLUMNS, "recovered_s").is_finite())
@@ -104,7 +104,7 @@ fn quadrotor_laws() -> Vec<Entry> {
     roster::each().into_iter().map(shipped).collect()
 }
 
-fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &Turned) -> Row {
+fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &ManoeuvreRecord) -> SheetRow {
     let away =
         turned.ticks.iter().rfind(|tick| tick.attitude.angle_to(&Attitude::LEVEL) > NEAR_RAD);
     let since = away.map_or(0.0, |tick| tick.time_s);
@@ -116,8 +116,8 @@ fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &Turned) -> Row {
         start.into(),
         near.map(|_| since).into(),
         finite.into(),
-        Cell::Count(turned.riccati_solves.into()),
-        Cell::Count(turned.failed_solves.into()),
+        SheetCell::Count(turned.riccati_solves.into()),
+        SheetCell::Count(turned.failed_solves.into()),
     ];
-    Row::new(entry.variant, entry.controller, entry.settings.clone(), cells)
+    SheetRow::new(entry.variant, entry.controller, entry.settings.clone(), cells)
 }

@@ -1,4 +1,4 @@
-//! The attitude laws of the spacecraft's experiments, as data. A law that is registered in control is among them.
+//! The attitude laws in the experiments of the spacecraft, as data.
 
 use oqtal_control::controller::{
     ControllerName, ControllerOptions, LawOptions, LqrOptions, OqtalDtOptions, OqtalOptions,
@@ -7,29 +7,29 @@ use oqtal_control::controller::{
 use oqtal_control::schedule::Cells;
 
 use super::lander::{Descent, RATE_HZ};
-use super::sheet::Variant;
+use crate::sheet::Variant;
 
-/// A pitch beyond any: cells are linearised where the rule puts them, as printed.
+/// A limit beyond every pitch angle \[rad\], so that cells are linearised where the rule puts them, as printed.
 const NO_LIMIT_RAD: f64 = 10.0;
-/// What the paper does not limit is not limited.
+/// A limit of the integral that is never reached \[s\]: the paper has none.
 const NO_INTEGRAL_LIMIT: f64 = 1e6;
-/// A torque held for so short is as good as continuous control \[Hz\].
+/// Rate of a loop that is practically continuous \[Hz\].
 const CONTINUOUS_HZ: f64 = 64.0 * RATE_HZ;
 
 /// A law with its settings.
 #[derive(Clone, Debug)]
 pub struct Entry {
-    /// Its name in tables.
+    /// Name in tables.
     pub controller: &'static str,
-    /// Where it comes from.
+    /// Origin.
     pub variant: Variant,
-    /// What is to be known of its settings.
+    /// Description of its settings.
     pub settings: String,
-    /// Its options.
+    /// Options.
     pub options: ControllerOptions,
-    /// How the gravity turn is flown with it.
+    /// Conditions of the gravity turn.
     pub descent: Descent,
-    /// The weights `[q, r]` of its cost.
+    /// Weights `[q, r]` of its cost \[-\].
     pub weights: [f64; 2],
 }
 
@@ -115,7 +115,7 @@ fn entry(
     Entry { controller, variant, settings: settings.into(), options, descent, weights }
 }
 
-/// The rules for cells, by name.
+/// The rules for cells and their names.
 pub const CELLS: [(Cells, &str); 4] = [
     (Cells::Centred, "centred"),
     (Cells::Floor, "floor"),

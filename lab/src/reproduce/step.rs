@@ -6,19 +6,19 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use super::body::{Body, Manoeuvre, Turn};
+use super::body::{Manoeuvre, ManoeuvreTick, RotatingBody};
+use super::chapter::{Chapter, invalid};
 use super::lander::{Lander, RATE_HZ};
-use super::progress::Progress;
 use super::roster::{self, Entry};
-use super::sheet::{Cell, Column, Row, Sheet};
 use super::words::figure;
-use super::{Chapter, invalid};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow};
 
 /// Sizes of the step \[deg\].
 const ANGLES_DEG: [f64; 7] = [5.0, 15.0, 30.0, 60.0, 90.0, 135.0, 170.0];
-/// Long enough for a pole at half a radian per second.
+/// Duration of a run \[s\], long enough for a pole at 0.5 rad/s.
 const DURATION_S: f64 = 30.0;
-/// Settled within this share of the step.
+/// Fraction of the step within which it has settled \[-\].
 const BAND: f64 = 0.05;
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 
@@ -35,7 +35,7 @@ const COLUMNS: [Column; 7] = [
 /// Steps every Euler angle under every law.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let entries = roster::each();
     let steps = || (0..3).flat_map(|axis| ANGLES_DEG.map(|angle| (axis, angle)));
@@ -44,13 +44,13 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         .flat_map(|entry| steps().map(move |(axis, angle)| (entry, axis, angle)))
         .collect();
     let bar = progress.start("single step", cases.len());
-    let body = Body::Spacecraft(Box::new(lander.clone()), false);
+    let body = RotatingBody::Spacecraft(Box::new(lander.clone()), false);
     let step = |(entry, axis, angle): &(&Entry, usize, f64)| {
         let row = stepped(&body, entry, *axis, *angle)?;
         bar.inc();
         Ok(row)
     };
-    let rows: Result<Vec<Row>, Failure> = cases.par_iter().map(step).collect();
+    let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(step).collect();
     let rows = rows?;
     let sheet = Sheet {
         name: "step".to_owned(),
@@ -69,8 +69,8 @@ const NOTE: &str = "The spacecraft, at rest and level, is told to roll, pitch or
      others. With equal weights on error and rate, the slow pole tends to 1 rad/s for lqr and to 0.5 rad/s for oqtal, whose \
      error is half an angle, as the weights grow.";
 
-/// How many steps each law settles, and how long it takes at most.
-fn settled(rows: &[Row]) -> String {
+/// Number of settled steps and longest settling time of each law, as text.
+fn settled(rows: &[SheetRow]) -> String {
     let said: Vec<String> = rows
         .chunk_by(|a, b| a.controller == b.controller)
         .map(|of_law| {
@@ -94,7 +94,12 @@ fn target(axis: usize, angle: f64) -> Attitude {
     Attitude::from_xyzw(EulerAngles::from_vector(&theta).xyzw()).unwrap_or_default()
 }
 
-fn stepped(body: &Body, entry: &Entry, axis: usize, angle_deg: f64) -> Result<Row, Failure> {
+fn stepped(
+    body: &RotatingBody,
+    entry: &Entry,
+    axis: usize,
+    angle_deg: f64,
+) -> Result<SheetRow, Failure> {
     let target = target(axis, angle_deg.to_radians());
     let manoeuvre = Manoeuvre {
         attitude: Attitude::LEVEL,
@@ -113,12 +118,12 @@ fn stepped(body: &Body, entry: &Entry, axis: usize, angle_deg: f64) -> Result<Ro
         (100.0 * response.overshoot).into(),
         response.settle_s.into(),
         effort.into(),
-        Cell::Count(turned.riccati_solves.into()),
+        SheetCell::Count(turned.riccati_solves.into()),
     ];
-    Ok(Row::new(entry.variant, entry.controller, entry.settings.clone(), cells))
+    Ok(SheetRow::new(entry.variant, entry.controller, entry.settings.clone(), cells))
 }
 
-/// How a body answered a step.
+/// The response to a step.
 struct Response {
     rise_s: Option<f64>,
     overshoot: f64,
@@ -126,11 +131,11 @@ struct Response {
 }
 
 impl Response {
-    fn of(ticks: &[Turn], axis: usize, size: f64, target: &Attitude) -> Self {
-        let progress = |tick: &Turn| turned_about(&tick.attitude, axis) / size;
+    fn of(ticks: &[ManoeuvreTick], axis: usize, size: f64, target: &Attitude) -> Self {
+        let progress = |tick: &ManoeuvreTick| turned_about(&tick.attitude, axis) / size;
         let reached =
             |share: f64| ticks.iter().find(|tick| progress(tick) >= share).map(|tick| tick.time_s);
-        let outside = |tick: &&Turn| tick.attitude.angle_to(target) > BAND * size;
+        let outside = |tick: &&ManoeuvreTick| tick.attitude.angle_to(target) > BAND * size;
         let last_outside = ticks.iter().rfind(outside).map_or(0.0, |tick| tick.time_s);
         let settled = ticks.last().filter(|last| !outside(last)).map(|_| last_outside);
         let furthest = ticks.iter().map(progress).fold(0.0, f64::max);
@@ -142,10 +147,10 @@ impl Response {
     }
 }
 
-/// How far a body has turned about one of its axes, if about no other \[rad\].
+/// Angle of a rotation about one body axis \[rad\]; exact if the body turned about no other.
 fn turned_about(attitude: &Attitude, axis: usize) -> f64 {
     let numbers = attitude.xyzw();
     let angle = 2.0 * numbers[axis].atan2(numbers[3]);
-    // A little past half a turn is not almost a turn back.
+    // Angles beyond pi stay positive, so that an overshoot past half a turn does not wrap around.
     if angle < -std::f64::consts::FRAC_PI_2 { angle + std::f64::consts::TAU } else { angle }
 }

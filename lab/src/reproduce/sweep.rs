@@ -6,56 +6,15 @@ use oqtal_control::schedule::Cells;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use super::chapter::{Chapter, invalid};
+use super::criteria::{CRITERIA, Criterion, EXPONENTS, Surface};
 use super::lander::{Descent, Lander};
-use super::progress::Progress;
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::{listed, ranges};
-use super::{Chapter, figures, invalid, roster};
+use super::{figures, roster};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
-/// Exponents of two, of q and of r.
-pub const EXPONENTS: std::ops::RangeInclusive<i32> = 0..=20;
 const SIDE: usize = 21;
-
-/// A criterion of Table II, in the order of Figs. 6 to 9.
-#[derive(Clone, Copy, Debug)]
-pub struct Criterion {
-    /// Number of the figure.
-    pub figure: u8,
-    /// Its name.
-    pub name: &'static str,
-    /// What stands at its axis.
-    pub symbol: &'static str,
-    /// Its value.
-    pub value: fn(&TableTwo) -> f64,
-}
-
-/// The criteria.
-pub const CRITERIA: [Criterion; 4] = [
-    Criterion {
-        figure: 6,
-        name: "quaternion error ∫|ε| [s]",
-        symbol: "∫|ε| [s]",
-        value: |m| m.quaternion_error,
-    },
-    Criterion {
-        figure: 7,
-        name: "position error ∫|x̃| [m s]",
-        symbol: "∫|x̃| [m s]",
-        value: |m| m.position_error,
-    },
-    Criterion {
-        figure: 8,
-        name: "calculations",
-        symbol: "number",
-        value: |m| m.riccati_solves as f64,
-    },
-    Criterion {
-        figure: 9,
-        name: "effort ∫|τ| [N m s]",
-        symbol: "∫|τ| [N m s]",
-        value: |m| m.effort,
-    },
-];
 
 /// A law of the sweep.
 struct Law {
@@ -67,7 +26,7 @@ struct Law {
     variant: Variant,
 }
 
-/// The two laws that the paper compares, the classic one without the singularity at the start of the turn, and ours.
+/// The two laws that the paper compares, the classic one without the singular start of the turn, and `oqtal-dt`.
 const LAWS: [Law; 4] = [
     Law {
         name: "lqr",
@@ -99,13 +58,10 @@ const LAWS: [Law; 4] = [
     },
 ];
 
-/// What one law did at every pair of weights: index `q * 21 + r`; `None` where it lost the body.
-pub type Surface = Vec<Option<TableTwo>>;
-
 /// Flies the sweep.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let bar = progress.start("sweep", LAWS.len() * SIDE * SIDE);
     let fly = |index: usize| {
@@ -129,25 +85,26 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
 const INTRO: &str = "Both laws with Q = q I, R = r I, cells of 0.2 centred on zero, torque held at 60 Hz, for all 441 pairs \
      of q and r. Only q/r matters, so the surfaces are ridges along the diagonal.";
 
-/// The point of the sweep with this ratio, its exponent of two given, and the lesser weight 1.
+/// The point of the sweep with the ratio `2^ratio` and a smaller weight of 1.
 fn at_ratio(surface: &Surface, ratio: i32) -> Option<&TableTwo> {
     let (q, r) = (ratio.max(0) as usize, (-ratio).max(0) as usize);
     surface[q * SIDE + r].as_ref()
 }
 
-/// The least exponent of q/r at which a law loses the body, anywhere on the surface.
+/// The smallest exponent of q/r at which a law loses control; `None` if it never does.
 fn edge(surface: &Surface) -> Option<i32> {
     let lost = surface.iter().enumerate().filter(|(_, metrics)| metrics.is_none());
     lost.map(|(point, _)| (point / SIDE) as i32 - (point % SIDE) as i32).min()
 }
 
-/// At how many of all pairs of weights each law keeps the body under control.
+/// The table of the number of pairs of weights at which each law keeps control.
 fn kept(surfaces: &[Surface]) -> Sheet {
     let row = |(law, surface): (&Law, &Surface)| {
-        let edge = edge(surface).map(|ratio| Cell::Text(format!("2^{ratio}")));
-        let stable = Cell::Count(surface.iter().flatten().count() as u64);
-        let cells = vec![stable, Cell::Count(surface.len() as u64), edge.unwrap_or(Cell::None)];
-        Row::new(law.variant, law.name, law.settings, cells)
+        let edge = edge(surface).map(|ratio| SheetCell::Text(format!("2^{ratio}")));
+        let stable = SheetCell::Count(surface.iter().flatten().count() as u64);
+        let cells =
+            vec![stable, SheetCell::Count(surface.len() as u64), edge.unwrap_or(SheetCell::None)];
+        SheetRow::new(law.variant, law.name, law.settings, cells)
     };
     Sheet {
         name: "sweep-stability".to_owned(),
@@ -162,7 +119,7 @@ fn kept(surfaces: &[Surface]) -> Sheet {
 const STABILITY: [Column; 3] =
     [("stable", "stable"), ("pairs", "of pairs"), ("lost_from", "lost from q/r on")];
 
-/// From which ratio on a law loses the body.
+/// The ratios from which on the laws lose control, as text.
 fn stability(surfaces: &[Surface]) -> String {
     let said: Vec<String> = LAWS
         .iter()
@@ -182,14 +139,14 @@ fn stability(surfaces: &[Surface]) -> String {
     )
 }
 
-/// How often OQTAL is better than each form of the classic law, criterion by criterion.
+/// The table of pairs at which OQTAL is better than each form of the classic law, by criterion.
 fn verdict(surfaces: &[Surface]) -> Sheet {
     let rivals = [(&LAWS[0], &surfaces[0]), (&LAWS[2], &surfaces[2])];
     let judge = |(law, rival): (&Law, &Surface)| {
         CRITERIA.map(|criterion| {
             let against = format!("{}: against lqr, {}", criterion.name, law.settings);
             let cells = compared(criterion, rival, &surfaces[1]);
-            Row::new(Variant::AsPrinted, "oqtal", against, cells)
+            SheetRow::new(Variant::AsPrinted, "oqtal", against, cells)
         })
     };
     Sheet {
@@ -206,7 +163,7 @@ fn verdict(surfaces: &[Surface]) -> Sheet {
 const CLAIM: &str = "The claim, judged at every pair of weights where both laws keep the body under control (of 441), against the \
      classic LQR as printed and against one that is spared the singularity of its Euler angles.";
 
-/// Against which form of the classic law, and by what, the claim holds.
+/// The criteria by which the claim holds against each form of the classic law, as text.
 fn holds(surfaces: &[Surface]) -> String {
     let said = [0, 2].map(|index| {
         let (rival, oqtal) = (&surfaces[index], &surfaces[1]);
@@ -239,16 +196,16 @@ fn not_better(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<i32
     (-EXPONENTS.end()..=*EXPONENTS.end()).filter(worse).collect()
 }
 
-/// How often `oqtal` is better than `rival`, where, and whether that is everywhere.
-fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<Cell> {
+/// The cells of a comparison of `oqtal` with `rival`.
+fn compared(criterion: Criterion, rival: &Surface, oqtal: &Surface) -> Vec<SheetCell> {
     let both: Vec<(&TableTwo, &TableTwo)> =
         rival.iter().zip(oqtal).filter_map(|(a, b)| a.as_ref().zip(b.as_ref())).collect();
-    let stable = |surface: &Surface| Cell::Count(surface.iter().flatten().count() as u64);
+    let stable = |surface: &Surface| SheetCell::Count(surface.iter().flatten().count() as u64);
     let better = |(a, b): &&(&TableTwo, &TableTwo)| (criterion.value)(b) < (criterion.value)(a);
     let count = both.iter().filter(better).count();
     let holds = if count == both.len() { "true" } else { "false" };
-    let both = Cell::Count(both.len() as u64);
-    vec![Cell::Count(count as u64), both, stable(rival), stable(oqtal), holds.into()]
+    let both = SheetCell::Count(both.len() as u64);
+    vec![SheetCell::Count(count as u64), both, stable(rival), stable(oqtal), holds.into()]
 }
 
 const VERDICT: [Column; 5] = [
@@ -259,7 +216,7 @@ const VERDICT: [Column; 5] = [
     ("claim", "claim"),
 ];
 
-/// The figures of the laws along q/r.
+/// The table of the criteria along q/r.
 fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
     let exponents = -EXPONENTS.end()..=*EXPONENTS.end();
     let rows = LAWS.iter().zip(surfaces).flat_map(|(law, surface)| {
@@ -272,7 +229,7 @@ fn along_the_ratio(surfaces: &[Surface]) -> Sheet {
                 metrics.map(|m| m.effort).into(),
             ];
             let settings = format!("q/r = 2^{ratio}, {}", law.settings);
-            Row::new(law.variant, law.name, settings, cells)
+            SheetRow::new(law.variant, law.name, settings, cells)
         })
     });
     Sheet {

@@ -9,13 +9,14 @@ use oqtal_control::options::OptionError;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use super::chapter::{Chapter, invalid};
 use super::lander::{Descent, Lander};
-use super::progress::Progress;
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
+use super::roster;
 use super::words::{about, either};
-use super::{Chapter, invalid, roster};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
-/// The gains `c`, `k` \[1/s^2\] and `T` \[s\] are searched within these. Not in the paper.
+/// Bounds of the search for the gains `c` \[1/s\], `k` \[1/s^2\] and `T` \[s\]. Not in the paper.
 const BOUNDS: [RangeInclusive<f64>; 3] = [0.1..=50.0, 0.1..=50.0, 0.1..=20.0];
 /// The colony: 10 sources for 100 cycles.
 const COLONY: BeeColony = BeeColony { sources: 10, cycles: 100, limit: 30, pull: 0.0, seed: 1 };
@@ -41,7 +42,7 @@ const PAPER: [[f64; 4]; 4] = [
     [49.1, 0.0754, 0.3955, 0.4709],
 ];
 
-/// A way to read "tuned PID".
+/// An interpretation of "tuned PID".
 struct Reading {
     variant: Variant,
     settings: &'static str,
@@ -73,13 +74,13 @@ const READINGS: [Reading; 3] = [
 /// Tunes the PID for every pair of weights.
 ///
 /// # Errors
-/// An option of the law has no meaning.
+/// An option of the law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let bar = progress.start("Table III", 12 * COLONY.most_evaluations());
     let cases: Vec<(&Reading, [f64; 2])> =
         READINGS.iter().flat_map(|reading| WEIGHTS.map(|weights| (reading, weights))).collect();
     let tune = |(reading, weights): &(&Reading, [f64; 2])| tuned(lander, reading, *weights, &bar);
-    let rows: Result<Vec<Row>, OptionError> = cases.par_iter().map(tune).collect();
+    let rows: Result<Vec<SheetRow>, OptionError> = cases.par_iter().map(tune).collect();
     let mut sheet = Sheet {
         name: "III".to_owned(),
         title: "Table III: the PID tuned by an artificial bee colony".to_owned(),
@@ -99,7 +100,7 @@ const NOTES: [&str; 2] = [
      weigh effort too: it is no optimum.",
 ];
 
-/// What the tuned PIDs come to beside the printed ones.
+/// The note that compares the tuned PIDs with the printed ones.
 fn verdict(sheet: &Sheet) -> String {
     // The rows of a reading, in the order of the weights: error, effort, fitness.
     let read = |reading: &Reading| -> Vec<[f64; 3]> {
@@ -108,7 +109,7 @@ fn verdict(sheet: &Sheet) -> String {
         rows.map(|row| keys.map(|key| row.number(&sheet.columns, key))).collect()
     };
     let (printed, omega_e) = (read(&READINGS[0]), read(&READINGS[2]));
-    // Of the printed figures, not the printed one: the latter is a misprint for [1, 0].
+    // Computed from the printed figures: the printed fitness is a misprint for [1, 0].
     let fitness = |[q, r]: [f64; 2], paper: [f64; 4]| q * paper[1] + r * paper[2];
     let times: Vec<f64> = printed
         .iter()
@@ -132,25 +133,25 @@ fn verdict(sheet: &Sheet) -> String {
     )
 }
 
-fn paper() -> impl Iterator<Item = Row> {
+fn paper() -> impl Iterator<Item = SheetRow> {
     WEIGHTS.into_iter().zip(PAPER).map(|(weights, [position, error, effort, fitness])| {
-        let gains = [Cell::None, Cell::None, Cell::None];
-        let numbers = [position, error, effort, fitness].map(Cell::from);
-        Row::new(Variant::Paper, "pid", "", cells(weights, gains, numbers))
+        let gains = [SheetCell::None, SheetCell::None, SheetCell::None];
+        let numbers = [position, error, effort, fitness].map(SheetCell::from);
+        SheetRow::new(Variant::Paper, "pid", "", cells(weights, gains, numbers))
     })
 }
 
-fn cells(weights: [f64; 2], gains: [Cell; 3], numbers: [Cell; 4]) -> Vec<Cell> {
+fn cells(weights: [f64; 2], gains: [SheetCell; 3], numbers: [SheetCell; 4]) -> Vec<SheetCell> {
     let [q, r] = weights;
-    [Cell::Text(format!("[{q}, {r}]"))].into_iter().chain(gains).chain(numbers).collect()
+    [SheetCell::Text(format!("[{q}, {r}]"))].into_iter().chain(gains).chain(numbers).collect()
 }
 
 fn tuned(
     lander: &Lander,
     reading: &Reading,
     weights: [f64; 2],
-    bar: &super::progress::Bar,
-) -> Result<Row, OptionError> {
+    bar: &crate::progress::Bar,
+) -> Result<SheetRow, OptionError> {
     let [q, r] = weights;
     let fly = |point: &[f64]| {
         let options = roster::pid([point[0], point[1], point[2]], reading.rate);
@@ -167,8 +168,8 @@ fn tuned(
     };
     let best = COLONY.minimise(&BOUNDS, &[], evaluate);
     let metrics = fly(&best.point)?.unwrap_or_default();
-    let gains = [0, 1, 2].map(|axis| Cell::from(best.point[axis]));
+    let gains = [0, 1, 2].map(|axis| SheetCell::from(best.point[axis]));
     let numbers = [metrics.position_error, metrics.quaternion_error, metrics.effort, best.value]
-        .map(Cell::from);
-    Ok(Row::new(reading.variant, "pid", reading.settings, cells(weights, gains, numbers)))
+        .map(SheetCell::from);
+    Ok(SheetRow::new(reading.variant, "pid", reading.settings, cells(weights, gains, numbers)))
 }

@@ -4,12 +4,13 @@ use oqtal_control::metrics::{CostWeights, TableTwo};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
+use super::chapter::{Chapter, invalid};
+use super::figures;
 use super::lander::Lander;
-use super::progress::Progress;
 use super::roster::{self, Entry};
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::{about, either, reproduced};
-use super::{Chapter, figures, invalid};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 /// The columns of Table IV: both forms of every integral.
 pub const COLUMNS: [Column; 7] = [
@@ -22,7 +23,7 @@ pub const COLUMNS: [Column; 7] = [
     ("cost", "cost, Eq. (60)"),
 ];
 
-/// What the paper prints: settings, position, quaternion error, effort, calculations.
+/// The printed rows: law, settings, position error, quaternion error, effort, calculations.
 const PAPER: [(&str, &str, [f64; 3], Option<u64>); 3] = [
     (
         "pid",
@@ -37,7 +38,7 @@ const PAPER: [(&str, &str, [f64; 3], Option<u64>); 3] = [
 /// Flies all laws through the gravity turn.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure> {
     let entries = roster::table_4();
     let bar = progress.start("Table IV", entries.len());
@@ -45,9 +46,9 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
         let metrics = lander.fly(&entry.options, &entry.descent, |_| ()).map_err(invalid)?;
         bar.inc();
         let (name, settings) = (entry.controller, entry.settings.clone());
-        Ok(Row::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
+        Ok(SheetRow::new(entry.variant, name, settings, cells(metrics.as_ref(), entry.weights)))
     };
-    let flown: Result<Vec<Row>, Failure> = entries.par_iter().map(fly).collect();
+    let flown: Result<Vec<SheetRow>, Failure> = entries.par_iter().map(fly).collect();
     let mut sheet = Sheet {
         name: "IV".to_owned(),
         title: "Table IV: best-tuned controllers in the gravity turn".to_owned(),
@@ -78,7 +79,7 @@ const NOTES: [&str; 2] = [
      there is 0.8252.",
 ];
 
-/// What the figures say of the paper's.
+/// The notes that compare the computed figures with the printed ones.
 fn verdicts(sheet: &Sheet) -> [String; 3] {
     let printed = Variant::AsPrinted;
     let compared = |index: usize, words: &[&str]| {
@@ -103,11 +104,11 @@ fn verdicts(sheet: &Sheet) -> [String; 3] {
     [reproduces, singular(sheet), told_the_rate(sheet)]
 }
 
-/// The columns that the paper has, too.
+/// The columns that the paper prints.
 const MEASURED: [&str; 4] =
     ["position_error", "quaternion_error_norm", "effort_norm", "riccati_solves"];
 
-/// What the start of the turn does to the classic law.
+/// The effect of the singular start of the turn on the classic law.
 fn singular(sheet: &Sheet) -> String {
     let lqr = ("lqr", Variant::AsPrinted);
     let effort = |words: &[&str]| sheet.figures(lqr, words, MEASURED)[2];
@@ -121,7 +122,7 @@ fn singular(sheet: &Sheet) -> String {
     )
 }
 
-/// What OQTAL owes to the rate of the reference.
+/// The effect of the rate of the reference on OQTAL.
 fn told_the_rate(sheet: &Sheet) -> String {
     let oqtal = ("oqtal", Variant::AsPrinted);
     let with = sheet.figures(oqtal, &["60 Hz hold, centred cells"], MEASURED);
@@ -138,25 +139,25 @@ fn told_the_rate(sheet: &Sheet) -> String {
     )
 }
 
-fn paper() -> impl Iterator<Item = Row> {
+fn paper() -> impl Iterator<Item = SheetRow> {
     PAPER.into_iter().map(|(name, settings, [position, error, effort], solves)| {
         let cells = vec![
             position.into(),
             error.into(),
-            Cell::None,
+            SheetCell::None,
             effort.into(),
-            Cell::None,
+            SheetCell::None,
             solves.into(),
-            Cell::None,
+            SheetCell::None,
         ];
-        Row::new(Variant::Paper, name, settings, cells)
+        SheetRow::new(Variant::Paper, name, settings, cells)
     })
 }
 
-/// The cells of [`COLUMNS`] for a descent; none if it got out of control.
+/// The cells of [`COLUMNS`] for a descent; empty ones if the body got out of control.
 #[must_use]
-pub fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<Cell> {
-    let Some(metrics) = metrics else { return vec![Cell::None; COLUMNS.len()] };
+pub fn cells(metrics: Option<&TableTwo>, [q, r]: [f64; 2]) -> Vec<SheetCell> {
+    let Some(metrics) = metrics else { return vec![SheetCell::None; COLUMNS.len()] };
     vec![
         metrics.position_error.into(),
         metrics.quaternion_error.into(),

@@ -1,4 +1,4 @@
-//! Table V: the square on the simulated testbed, 25 runs of every law, and plants that are not what the laws expect.
+//! Table V: the square on the simulated testbed, 25 runs of every law, on the nominal plant and on mismatched ones.
 
 use oqtal_config::Setting;
 use oqtal_runtime::process::Failure;
@@ -9,15 +9,16 @@ use crate::campaign::metric::{METRIC, METRICS, Metric};
 use crate::campaign::table::{self, BEST, COLUMNS, Entrant, Flown, PAPER, Scope};
 use crate::tune;
 
+use super::chapter::{Chapter, ExperimentContext};
+use super::figures;
 use super::judgement::{self, Evidence};
-use super::progress::Progress;
-use super::sheet::{Cell, Column, Row, Sheet, Variant};
 use super::words::listed;
-use super::{Chapter, Context, figures};
+use crate::progress::Progress;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 
 mod notes;
 
-/// What the paper prints: mean and deviation of position, velocity and attitude error, greatest q, calculations.
+/// A printed row: law, mean and deviation of position, velocity and attitude error, largest q, calculations.
 type Printed = (&'static str, [(f64, f64); 3], Option<f64>, u64);
 
 const PRINTED: [Printed; 3] = [
@@ -29,8 +30,8 @@ const PRINTED: [Printed; 3] = [
 /// Flies Table V, the mismatched plants, and the counts by cell rule.
 ///
 /// # Errors
-/// A setting has no meaning.
-pub fn chapter(context: &Context) -> Result<Chapter, Failure> {
+/// A setting is invalid.
+pub fn chapter(context: &ExperimentContext) -> Result<Chapter, Failure> {
     let entrants = entrants(context)?;
     let (nominal, others) = fly(&entrants, &PAPER, &context.progress)?;
     let evidence = Evidence { plant: NOMINAL.name, flown: &nominal };
@@ -54,7 +55,7 @@ pub fn chapter(context: &Context) -> Result<Chapter, Failure> {
     })
 }
 
-/// Flies every entrant on the nominal plant and on the mismatched ones, which have the nominal one's greatest weight.
+/// Flies every entrant on the nominal plant and on the mismatched ones, which take over the largest weight of the nominal one.
 fn fly(
     entrants: &[Entrant],
     scope: &Scope,
@@ -80,8 +81,8 @@ fn main(nominal: &Evidence<'_>, elsewhere: &[Evidence<'_>]) -> Sheet {
     Sheet { mismatched: mismatched.collect(), ..sheet("V", TITLE.to_owned(), rows) }
 }
 
-/// The laws, tuned anew if that is asked for.
-fn entrants(context: &Context) -> Result<Vec<Entrant>, Failure> {
+/// The entrants, tuned anew if that was requested.
+fn entrants(context: &ExperimentContext) -> Result<Vec<Entrant>, Failure> {
     let mut entrants = table::entrants();
     if context.retune {
         for entrant in entrants.iter_mut().filter(|entrant| entrant.is_tuned()) {
@@ -97,26 +98,26 @@ fn entrants(context: &Context) -> Result<Vec<Entrant>, Failure> {
 
 const TITLE: &str = "Table V: repeated square";
 
-fn sheet(name: &str, title: String, rows: Vec<Row>) -> Sheet {
+fn sheet(name: &str, title: String, rows: Vec<SheetRow>) -> Sheet {
     Sheet { name: name.to_owned(), title, columns: COLUMNS.to_vec(), rows, ..Sheet::default() }
 }
 
-fn paper() -> impl Iterator<Item = Row> {
+fn paper() -> impl Iterator<Item = SheetRow> {
     PRINTED.into_iter().map(|(name, errors, max_q, solves)| {
-        let mut cells = vec![Cell::None; COLUMNS.len()];
+        let mut cells = vec![SheetCell::None; COLUMNS.len()];
         for (cell, (mean, sd)) in cells.iter_mut().zip(errors) {
-            *cell = Cell::Spread(mean, sd);
+            *cell = SheetCell::Spread(mean, sd);
         }
         cells[METRICS] = solves.into();
         cells[METRICS + 1] = max_q.into();
-        cells[METRICS + 3] = Cell::Count(25);
-        cells[METRICS + 4] = Cell::Count(5);
-        Row::new(Variant::Paper, name, "laboratory", cells)
+        cells[METRICS + 3] = SheetCell::Count(25);
+        cells[METRICS + 4] = SheetCell::Count(5);
+        SheetRow::new(Variant::Paper, name, "laboratory", cells)
     })
 }
 
 /// The shipped `oqtal` with the outer loops as shipped, and tuned one at a time.
-fn outer(context: &Context) -> Result<Sheet, Failure> {
+fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
     let tuned = match context.retune {
         true => {
             let tuned = tune::tune("outer", Default::default(), &context.progress)?;
@@ -146,7 +147,7 @@ const OUTER: &str = "As the paper's reference [27] does in flight: one loop afte
      ones first, each for its own error and a calm command; X and Y share their gains. The paper keeps the result for all \
      three attitude laws.";
 
-/// What tuning the loops one at a time changed, told apart or not.
+/// The metrics that tuning the loops one at a time changed, as text.
 fn changed(shipped: &Flown, tuned: &Flown) -> String {
     let (mut better, mut worse) = (Vec::new(), Vec::new());
     for (metric, Metric { title, .. }) in METRIC.iter().enumerate() {
@@ -165,8 +166,8 @@ const COUNTS: [Column; 3] = [
     ("riccati_solves", "Riccati solves in the square"),
 ];
 
-/// How often a Riccati equation is solved in a square, by the rule for cells and their width.
-fn counts(context: &Context) -> Result<Sheet, Failure> {
+/// Riccati solves in a square, by rule and width of the cells.
+fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
     const RULES: [&str; 4] = ["centred", "floor", "truncated", "deadband"];
     let widths = [("0.5 rad", 0.5), ("0.5°", 0.5_f64.to_radians())];
     let cases: Vec<_> = ["lqr", "oqtal"]
@@ -187,14 +188,14 @@ fn counts(context: &Context) -> Result<Sheet, Failure> {
             flight.samples.last().map(|sample| sample.telemetry.riccati_solves)
         });
         bar.inc();
-        Ok(Row::new(
+        Ok(SheetRow::new(
             Variant::AsPrinted,
             *law,
             "shipped gains, seed 200",
             vec![(*rule).into(), (*width).into(), solves.into()],
         ))
     };
-    let rows: Result<Vec<Row>, Failure> = cases.par_iter().map(fly).collect();
+    let rows: Result<Vec<SheetRow>, Failure> = cases.par_iter().map(fly).collect();
     let rows = rows?;
     Ok(Sheet {
         name: "cells".to_owned(),
@@ -206,14 +207,14 @@ fn counts(context: &Context) -> Result<Sheet, Failure> {
     })
 }
 
-/// A count within this factor of a printed one fits.
+/// Factor within which a count fits a printed one \[-\].
 const FITS: f64 = 3.0;
 
-/// Which rules and widths fit the paper's 89 and 1 calculations.
-fn fitting(rows: &[Row]) -> String {
+/// The rules and widths that fit the paper's 89 and 1 calculations, as text.
+fn fitting(rows: &[SheetRow]) -> String {
     let (lqr, oqtal) = rows.split_at(rows.len() / 2);
-    let fits = |(lqr, oqtal): (&Row, &Row)| match (&lqr.cells[2], &oqtal.cells[2]) {
-        (Cell::Count(many), Cell::Count(1)) => {
+    let fits = |(lqr, oqtal): (&SheetRow, &SheetRow)| match (&lqr.cells[2], &oqtal.cells[2]) {
+        (SheetCell::Count(many), SheetCell::Count(1)) => {
             let near = (*many as f64 / 89.0).max(89.0 / *many as f64) <= FITS;
             near.then(|| format!("{} cells of {}", lqr.cells[0].show(), lqr.cells[1].show()))
         }
@@ -232,7 +233,7 @@ mod tests {
     use super::*;
     use serde_json::Value;
 
-    /// What has a number in every row but the paper's.
+    /// Columns with a number in every row except the paper's.
     const NUMBERS: [&str; 9] = [
         "chirp4_rms_deg",
         "doublet_settle_s",
@@ -244,7 +245,7 @@ mod tests {
         "runs",
         "best",
     ];
-    /// What has mean and deviation.
+    /// Columns with mean and deviation.
     const SPREADS: [&str; 3] = ["position_error_m", "velocity_error_m_s", "attitude_error_deg"];
 
     fn assert_numbers(rows: &Value) {

@@ -1,14 +1,14 @@
-//! Words for figures: what the page says of a figure is made from it.
+//! Text made from figures, for the notes of tables.
 
-use oqtal_observe::report::unit::rounded;
+use oqtal_observe::plot::unit::rounded;
 
-/// One of two texts, by what holds.
+/// `yes` if `holds`, else `no`.
 #[must_use]
 pub fn either<'a>(holds: bool, yes: &'a str, no: &'a str) -> &'a str {
     if holds { yes } else { no }
 }
 
-/// "a, b and c"; "none" if there is nothing.
+/// A list as text: "a, b and c", or "none".
 #[must_use]
 pub fn listed<T: AsRef<str>>(items: &[T]) -> String {
     let items: Vec<&str> = items.iter().map(AsRef::as_ref).collect();
@@ -19,20 +19,20 @@ pub fn listed<T: AsRef<str>>(items: &[T]) -> String {
     }
 }
 
-/// Four significant digits, as the tables have them; a count as it is.
+/// A number with four significant digits, as in the tables; a count unchanged.
 #[must_use]
 pub fn figure(value: f64) -> String {
     let is_count = value.fract() == 0.0 && value.abs() < 1e4;
     if is_count { format!("{value}") } else { rounded(value, 4) }
 }
 
-/// Two significant digits, for how often or how much.
+/// A number with two significant digits.
 #[must_use]
 pub fn about(value: f64) -> String {
     rounded(value, 2)
 }
 
-/// Whole numbers in rising order as ranges, each end written by `name`: "1 to 3 and 7".
+/// Integers in rising order as ranges: "1 to 3 and 7", each end written by `name`.
 #[must_use]
 pub fn ranges(numbers: &[i32], name: impl Fn(i32) -> String) -> String {
     let parts = numbers.chunk_by(|a, b| b - a == 1).map(|part| match part {
@@ -43,10 +43,10 @@ pub fn ranges(numbers: &[i32], name: impl Fn(i32) -> String) -> String {
     listed(&parts.collect::<Vec<_>>())
 }
 
-/// Within this share of the printed figure it counts as reproduced.
+/// Relative deviation up to which a printed figure counts as reproduced \[-\].
 const NEAR: f64 = 0.1;
 
-/// Which of the printed figures come out within 10 %, and what the others come to: `(name, computed, printed)` each.
+/// The figures `(name, computed, printed)` that agree within 10 %, and those that do not, as text.
 #[must_use]
 pub fn reproduced(figures: &[(&str, f64, f64)]) -> String {
     let compared = |(name, ours, printed): &(&str, f64, f64)| {

@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use crate::campaign::flights::{Contender, NOMINAL, Prepared, Test};
 use crate::campaign::metric::of_hover;
 use crate::campaign::statistics::TRAINING_SEEDS;
-use crate::reproduce::progress::Progress;
-use oqtal_observe::flight::{Flight, Sample};
+use crate::progress::Progress;
+use oqtal_observe::flight::{Flight, FlightSample};
 
 use super::search::{Budget, Tuned, search, values};
 
@@ -22,8 +22,8 @@ const JITTER_WEIGHT: f64 = 1.0;
 /// One search: a pair of gains and its objective.
 struct Loop {
     parameters: [SearchRange; 2],
-    /// Error of the variable that the loop controls.
-    error: fn(&Sample) -> f64,
+    /// The error of the variable that the loop controls.
+    error: fn(&FlightSample) -> f64,
 }
 
 const LOOPS: [Loop; 4] = [
@@ -113,7 +113,7 @@ fn judged(tuned: &Loop, gains: &[(&'static str, f64)]) -> Result<[f64; 2], Failu
     Ok([share(0), share(1)])
 }
 
-fn mean(flight: &Flight, error: fn(&Sample) -> f64) -> f64 {
+fn mean(flight: &Flight, error: fn(&FlightSample) -> f64) -> f64 {
     let (count, sum) =
         flight.armed().fold((0.0, 0.0), |(count, sum), sample| (count + 1.0, sum + error(sample)));
     sum / f64::max(count, 1.0)

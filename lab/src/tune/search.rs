@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::campaign::flights::{Contender, PlantVariant, TRAINING, Trial};
 use crate::campaign::metric::Figures;
 use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
-use crate::reproduce::progress::Progress;
+use crate::progress::Progress;
 
 use super::optimiser::Optimiser;
 use super::space::LawSpace;

@@ -1,21 +1,21 @@
-//! What happened when: phases, safety states, losses.
+//! The section of events: phases, safety states, losses.
 
 use maud::{Markup, html};
 use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_control::trajectory::Phase;
 
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 use crate::summary::Summary;
 
-use super::axis::Axis;
-use super::figure::{FULL, figure};
-use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::section;
-use super::series::Timeline;
+use super::timeline::Timeline;
+use crate::page::section;
+use crate::plot::axis::Axis;
+use crate::plot::chart::{Mark, Plot};
+use crate::plot::figure::{FULL, figure};
+use crate::plot::palette::Ink;
 
-/// A list names so many events and counts the rest.
+/// Number of events that are listed; the others are counted.
 const MOST_LISTED: usize = 100;
 
 const STATES: [(SafetyState, &str, Ink); 3] = [
@@ -53,7 +53,7 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     )
 }
 
-/// What happened at which instants \[s\]; nothing if nothing happened.
+/// The list of events with their instants \[s\]; empty markup without events.
 pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
     let events: Vec<_> = events.collect();
     html! {
@@ -68,12 +68,14 @@ pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
     }
 }
 
-/// Phase and safety state as bands over time.
+/// Phases and safety states as bands over time.
 fn strip(timeline: &Timeline<'_>) -> Markup {
-    let phase =
-        |sample: &Sample| PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2);
-    let state =
-        |sample: &Sample| STATES.iter().find(|s| s.0.code() == sample.telemetry.state).map(|s| s.2);
+    let phase = |sample: &FlightSample| {
+        PHASES.iter().find(|p| p.0 as u8 == sample.telemetry.phase).map(|p| p.2)
+    };
+    let state = |sample: &FlightSample| {
+        STATES.iter().find(|s| s.0.code() == sample.telemetry.state).map(|s| s.2)
+    };
     let legend: Vec<_> =
         PHASES.map(|p| (p.1, p.2)).into_iter().chain(STATES.map(|s| (s.1, s.2))).collect();
     let phases = bands(timeline, |sample| phase(sample).filter(|_| sample.is_armed()), 1.0);
@@ -87,21 +89,25 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
     html! { div.wide { (figure("Phases and safety states", &legend, &plot)) } }
 }
 
-/// A block for every stretch of ticks of one ink, in the row above `floor`.
-fn bands(timeline: &Timeline<'_>, ink: impl Fn(&Sample) -> Option<Ink>, floor: f64) -> Vec<Shape> {
+/// A block for every run of ticks of one colour, in the row above `floor`.
+fn bands(
+    timeline: &Timeline<'_>,
+    ink: impl Fn(&FlightSample) -> Option<Ink>,
+    floor: f64,
+) -> Vec<Mark> {
     let mut bands = Vec::new();
     let stretches = timeline.samples.chunk_by(|a, b| ink(a) == ink(b));
     let ends = stretches.clone().skip(1).map(|next| &next[0]).chain(timeline.samples.last());
     for (stretch, end) in stretches.zip(ends) {
         if let Some(ink) = ink(&stretch[0]) {
             let from = (timeline.at(&stretch[0]), floor + 0.15);
-            bands.push(Shape::Block(ink, from, (timeline.at(end), floor + 0.85)));
+            bands.push(Mark::Block(ink, from, (timeline.at(end), floor + 0.85)));
         }
     }
     bands
 }
 
-/// Changes of state and cause, losses, refusals and missed deadlines.
+/// Changes of state and cause, losses, refusals and missed deadlines between two ticks.
 fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let counted = [
         ("poses lost", before.poses_lost, now.poses_lost),
@@ -114,7 +120,7 @@ fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     state.then(|| describe(now)).into_iter().chain(counts).collect()
 }
 
-/// A state and its cause.
+/// Safety state and cause as text.
 fn describe(telemetry: &TelemetryV1) -> String {
     let state = SafetyState::from_code(telemetry.state);
     let state = state.map_or_else(|| "unknown state".to_owned(), |state| state.to_string());

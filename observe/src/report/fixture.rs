@@ -10,7 +10,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
-use crate::flight::{Arrival, Flight, Outcome, Sample};
+use crate::flight::{Flight, FlightSample, Outcome, PoseArrival};
 use crate::wire::WireRecord;
 
 const RATE_HZ: f64 = 60.0;
@@ -65,7 +65,7 @@ pub fn square() -> Flight {
         flight.period_jitter.add(Span::from_nanos(noise.nanos(40_000)));
         flight.hops.add(&stamps(at, &mut noise), Span::ZERO);
         flight.battery.push((at, 12.4 - 0.01 * t + 0.01 * noise.next()));
-        flight.arrivals.push(Arrival { at, frame: tick + 1, position: position.into() });
+        flight.arrivals.push(PoseArrival { at, frame: tick + 1, position: position.into() });
     }
     flight
 }
@@ -129,7 +129,7 @@ fn reference(t: f64) -> Vector3<f64> {
     Vector3::new(CORNERS[corner][0], CORNERS[corner][1], z)
 }
 
-fn sample(tick: u64, motion: [Vector3<f64>; 5], noise: &mut Noise) -> Sample {
+fn sample(tick: u64, motion: [Vector3<f64>; 5], noise: &mut Noise) -> FlightSample {
     let [reference, position, velocity, command, acceleration] = motion;
     let t = tick as f64 / RATE_HZ;
     let tilt = Vector3::new(-acceleration.y, acceleration.x, 0.02 * (0.7 * t).sin()) / 9.81;
@@ -168,7 +168,7 @@ fn sample(tick: u64, motion: [Vector3<f64>; 5], noise: &mut Noise) -> Sample {
         attitude: attitude.xyzw(),
         ..TruthV1::default()
     };
-    Sample { telemetry, truth: Some(truth) }
+    FlightSample { telemetry, truth: Some(truth) }
 }
 
 fn stamps(captured_at: Time, noise: &mut Noise) -> Stamps {

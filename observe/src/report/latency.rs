@@ -1,4 +1,4 @@
-//! Where the time from the camera's shutter to the effect on the vehicle goes.
+//! The section of latencies, from capture to effect on the vehicle.
 
 use std::ops::Range;
 
@@ -10,24 +10,24 @@ use crate::flight::Flight;
 use crate::summary::Summary;
 use crate::wire::WireFigures;
 
-use super::axis::{Axis, extent};
-use super::figure::{HALF, figure, histogram};
-use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::section;
-use super::series::Point;
-use super::unit::{significant, span, words};
+use crate::page::section;
+use crate::plot::axis::{Axis, extent};
+use crate::plot::chart::{Mark, Plot};
+use crate::plot::figure::{HALF, figure, histogram};
+use crate::plot::palette::Ink;
+use crate::plot::trace::Point;
+use crate::plot::unit::{significant, span, words};
 
-/// One ink for each of [`NAMES`]: the hops, the wire, the whole.
+/// Colours of [`NAMES`].
 const INKS: [Ink; NAMES.len()] =
     [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Sixth, Ink::Reference];
-/// A distribution is drawn from this many of its quantiles.
+/// Number of quantiles from which a distribution is drawn.
 const QUANTILES: u32 = 400;
 /// Bars of a histogram in each decade.
 const BARS_PER_DECADE: usize = 30;
 const HEIGHT: u32 = 620;
 
-/// A distribution on its way into a plot.
+/// A distribution with its name and colour.
 struct Hop<'a> {
     name: String,
     ink: Ink,
@@ -46,7 +46,7 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
         "Latency",
         html! {
             @if flight.config.clock.kind != ClockKind::Real {
-                p.note.wide { "Virtual time: these are the latencies of the models. Computing and the bus take none." }
+                p.note.wide { "Virtual time: these are the latencies of the models; computation and bus take none, and wake-up lateness and period jitter have no meaning." }
             }
             @if any {
                 (budget(summary))
@@ -61,20 +61,20 @@ pub fn latency(flight: &Flight, summary: &Summary) -> Markup {
     )
 }
 
-/// The ink of a hop.
+/// The colour of a hop.
 fn ink(name: &str) -> Ink {
     let known = NAMES.iter().zip(INKS).find(|(known, _)| **known == name);
     known.map_or(Ink::Reference, |(_, ink)| ink)
 }
 
-/// What the wire carried.
+/// The figures of the wire.
 fn wire(figures: &WireFigures) -> Markup {
     let percent = |share: f64| significant(100.0 * share);
     html! {
         p.note.wide {
-            "The wire: commands take " (percent(figures.command_occupancy)) " % of it"
+            "The wire: occupied by commands " (percent(figures.command_occupancy)) " % of the time"
             @if let Some(quality) = &figures.link_quality {
-                "; the vehicle answered " (percent(quality.mean)) " % of what it was asked, in its worst second "
+                "; the vehicle answered " (percent(quality.mean)) " % of the requests, at least "
                 (percent(quality.min)) " %"
             }
             "."
@@ -82,7 +82,7 @@ fn wire(figures: &WireFigures) -> Markup {
     }
 }
 
-/// The medians of the hops, end to end.
+/// The medians of the hops as one bar.
 fn budget(summary: &Summary) -> Markup {
     let hops: Vec<&str> = NAMES
         .into_iter()
@@ -135,18 +135,18 @@ fn histograms(hops: &[Hop<'_>]) -> Markup {
     figure("How often each latency occurs", &[], &plot)
 }
 
-/// Bars that stand on `floor`, the highest almost as high as a row.
-fn bars(ink: Ink, counts: &[u64], range: &Range<f64>, floor: f64) -> Vec<Shape> {
+/// Bars on the line `floor`; the highest has 0.85 of a row's height.
+fn bars(ink: Ink, counts: &[u64], range: &Range<f64>, floor: f64) -> Vec<Mark> {
     let highest = counts.iter().copied().max().unwrap_or(0).max(1) as f64;
     let width = (range.end - range.start) / counts.len() as f64;
     let bar = |(i, count): (usize, &u64)| {
         let from = range.start + i as f64 * width;
-        Shape::Block(ink, (from, floor), (from + width, floor + 0.85 * *count as f64 / highest))
+        Mark::Block(ink, (from, floor), (from + width, floor + 0.85 * *count as f64 / highest))
     };
     counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect()
 }
 
-/// Latency over percentile, both logarithmic: each decade to the right is one in ten of what was left.
+/// Latency over percentile, both logarithmic: each decade to the right is a tenth of the remaining samples.
 fn percentiles(hops: &[Hop<'_>]) -> Markup {
     let count = hops.iter().map(|hop| hop.distribution.count()).max().unwrap_or(0);
     let x = Axis::decades(0.0..(count.max(10) as f64).log10(), percentile);
@@ -162,17 +162,13 @@ fn percentiles(hops: &[Hop<'_>]) -> Markup {
         size: (HALF, HEIGHT),
         label_width: 120,
         y: time_axis(extent(curves.iter().flatten().map(|point| point.1))),
-        shapes: hops
-            .iter()
-            .zip(curves)
-            .map(|(hop, curve)| Shape::Line(hop.ink, 4, curve))
-            .collect(),
+        shapes: hops.iter().zip(curves).map(|(hop, curve)| Mark::Line(hop.ink, 4, curve)).collect(),
         x,
     };
     figure("Latency by percentile, colours as above", &[], &plot)
 }
 
-/// Decimal logarithm of a quantile \[ns\]; negative infinity, which no plot shows, for zero.
+/// Decimal logarithm of a quantile in nanoseconds; negative infinity for zero, which no plot shows.
 fn decades_of(distribution: &Distribution, quantile: f64) -> f64 {
     (distribution.quantile(quantile).nanos() as f64).log10()
 }
@@ -181,7 +177,7 @@ fn time_axis(range: Range<f64>) -> Axis {
     Axis::decades(range, power_of_ten)
 }
 
-/// A span of a whole decade of nanoseconds, written out.
+/// The label of a power of ten in nanoseconds.
 fn power_of_ten(decade: i32) -> String {
     let unit = ["ns", "µs", "ms"].get((decade / 3).unsigned_abs() as usize);
     match unit {
@@ -190,7 +186,7 @@ fn power_of_ten(decade: i32) -> String {
     }
 }
 
-/// The share that `nines` decades stand for.
+/// The percentile of `nines` decades.
 fn percentile(nines: i32) -> String {
     match nines {
         ..=0 => "0 %".to_owned(),
@@ -202,10 +198,10 @@ fn percentile(nines: i32) -> String {
 fn table(summary: &Summary) -> Markup {
     let hops = NAMES.into_iter().filter_map(|name| Some((words(name), summary.hops.get(name)?)));
     let hops = hops.filter(|(_, hop)| hop.count > 0);
-    let of_loop = [
-        ("wake-up lateness".to_owned(), &summary.wakeup_lateness),
-        ("period jitter".to_owned(), &summary.period_jitter),
-    ];
+    let of_loop =
+        [("wake-up lateness", &summary.wakeup_lateness), ("period jitter", &summary.period_jitter)];
+    let of_loop =
+        of_loop.into_iter().filter_map(|(name, spans)| Some((name.to_owned(), spans.as_ref()?)));
     let at_last_byte = summary.wire.as_ref().map(|wire| &wire.command_age);
     let ages = at_last_byte.into_iter().flat_map(|age| {
         [("capture", &age.from_capture), ("publication", &age.from_publication)]

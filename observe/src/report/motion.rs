@@ -4,18 +4,18 @@ use maud::{Markup, html};
 use oqtal_config::Interface;
 use oqtal_control::quaternion::Attitude;
 
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 
-use super::figure::over_time;
-use super::palette::Ink;
-use super::section;
-use super::series::Timeline;
+use super::timeline::Timeline;
+use super::timeline::over_time;
+use crate::page::section;
+use crate::plot::palette::Ink;
 
 /// The axes of the world.
 const WORLD: [&str; 3] = ["x", "y", "z"];
 /// The 3-2-1 Euler angles.
 const ANGLES: [&str; 3] = ["Roll", "Pitch", "Yaw"];
-/// One ink for each component of a vector.
+/// Colours of the components of a vector.
 const COMPONENTS: [Ink; 3] = [Ink::Actual, Ink::Second, Ink::Third];
 
 /// Position by axis beside its reference, and the magnitude of the error.
@@ -75,16 +75,17 @@ pub fn velocity(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// What was asked of the vehicle, how fast it turned, and the voltage it had for it.
+/// Command, body rate and battery voltage.
 pub fn command(timeline: &Timeline<'_>) -> Markup {
     let thrust = timeline.trace("thrust", Ink::Actual, |s| s.telemetry.thrust);
-    let title = if timeline.flight.is_replay() { "Command, had it been sent" } else { "Command" };
+    let title =
+        if timeline.flight.is_replay() { "Command (computed, not sent)" } else { "Command" };
     section(
         title,
         html! {
             (rotation_command(timeline))
-            (over_time(timeline, "Collective thrust [of the greatest]", vec![thrust]))
-            // Both or none: the grid has two columns.
+            (over_time(timeline, "Collective thrust [fraction of maximum]", vec![thrust]))
+            // Two plots or none: the grid has two columns.
             @if let Some(voltage) = timeline.battery() {
                 (body_rate(timeline))
                 (over_time(timeline, "Battery voltage [V]", vec![voltage]))
@@ -93,9 +94,9 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Sticks or torque, whichever the vehicle takes.
+/// Sticks or torque, as the vehicle is commanded.
 fn rotation_command(timeline: &Timeline<'_>) -> Markup {
-    let (title, vector): (_, fn(&Sample) -> [f64; 3]) =
+    let (title, vector): (_, fn(&FlightSample) -> [f64; 3]) =
         match timeline.flight.config.vehicle.interface {
             Interface::Rate => ("Sticks [-1..1]", |s| s.telemetry.sticks),
             Interface::Torque => ("Torque [N m, body]", |s| s.telemetry.torque),
@@ -103,7 +104,7 @@ fn rotation_command(timeline: &Timeline<'_>) -> Markup {
     by_component(timeline, title, ["roll", "pitch", "yaw"], vector)
 }
 
-/// The motion that the daemon estimated, and how old the poses were that it had.
+/// Estimated motion and pose age.
 pub fn estimate(timeline: &Timeline<'_>) -> Markup {
     let angle = |i: usize| {
         let angle = timeline.angle("estimate", Ink::Actual, |s| euler_angles(&s.attitude())[i]);
@@ -122,7 +123,7 @@ pub fn estimate(timeline: &Timeline<'_>) -> Markup {
 }
 
 fn body_rate(timeline: &Timeline<'_>) -> Markup {
-    let rate = |s: &Sample| s.telemetry.rate.map(f64::to_degrees);
+    let rate = |s: &FlightSample| s.telemetry.rate.map(f64::to_degrees);
     by_component(timeline, "Estimated body rate [deg/s, body]", WORLD, rate)
 }
 
@@ -130,7 +131,7 @@ fn by_component(
     timeline: &Timeline<'_>,
     title: &str,
     names: [&'static str; 3],
-    vector: impl Fn(&Sample) -> [f64; 3],
+    vector: impl Fn(&FlightSample) -> [f64; 3],
 ) -> Markup {
     let traces = (0..3)
         .map(|i| timeline.trace(names[i], COMPONENTS[i], |sample| vector(sample)[i]))
@@ -138,7 +139,7 @@ fn by_component(
     over_time(timeline, title, traces)
 }
 
-/// Roll, pitch, yaw, 3-2-1 \[rad\].
+/// Roll, pitch and yaw, 3-2-1 \[rad\].
 fn euler_angles(attitude: &Attitude) -> [f64; 3] {
     attitude.unit_quaternion().euler_angles().into()
 }

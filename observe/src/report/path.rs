@@ -1,18 +1,19 @@
-//! Where the vehicle went.
+//! The section of the path of the vehicle.
 
 use maud::{Markup, html};
 
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 
-use super::figure::in_plane;
-use super::palette::Ink;
-use super::section;
-use super::series::{Point, Timeline, Trace, thin_path};
+use super::timeline::Timeline;
+use crate::page::section;
+use crate::plot::figure::in_plane;
+use crate::plot::palette::Ink;
+use crate::plot::trace::{Point, Trace, thin_path};
 
-/// A reference that moves further than this in one tick steps \[m\].
+/// Distance between two ticks above which the reference has stepped \[m\].
 const STEP_M: f64 = 0.1;
 
-/// A direction of view: horizontal and vertical component of a position.
+/// A projection: horizontal and vertical component of a position.
 type View = fn([f64; 3]) -> Point;
 
 const VIEWS: [(&str, View); 2] = [
@@ -20,7 +21,7 @@ const VIEWS: [(&str, View); 2] = [
     ("Side view: z over x [m]", |[x, _, z]| (x, z)),
 ];
 
-/// The section of the path flown, beside its reference.
+/// The path flown and its reference.
 pub fn flown(timeline: &Timeline<'_>) -> Markup {
     let seen = |(title, view): (&str, View)| {
         let reference = timeline
@@ -32,7 +33,7 @@ pub fn flown(timeline: &Timeline<'_>) -> Markup {
     section("Path", html! { @for view in VIEWS { (seen(view)) } })
 }
 
-/// The section of the path recorded, beside the estimate of it.
+/// The recorded poses and the estimated path.
 pub fn recorded(timeline: &Timeline<'_>) -> Markup {
     let seen = |(title, view): (&str, View)| {
         let poses = timeline.flight.arrivals.iter().map(|arrival| view(arrival.position));
@@ -47,14 +48,14 @@ fn actual(timeline: &Timeline<'_>, view: View) -> Trace {
     timeline.path(timeline.actual(), Ink::Actual, |sample| view(sample.position().into()))
 }
 
-/// Where it began and ended.
+/// The first and the last position.
 fn ends(timeline: &Timeline<'_>, view: View) -> [Trace; 2] {
-    let at = |sample: Option<&Sample>| sample.map(|sample| view(sample.position().into()));
+    let at = |sample: Option<&FlightSample>| sample.map(|sample| view(sample.position().into()));
     [("start", Ink::Good, timeline.samples.first()), ("end", Ink::Second, timeline.samples.last())]
         .map(|(name, ink, sample)| Trace { name, ink, points: at(sample).into_iter().collect() })
 }
 
-/// Where the reference stepped from and to.
+/// The start and end points of steps of the reference.
 fn corners(timeline: &Timeline<'_>, view: View) -> Vec<Point> {
     let references = timeline.samples.iter().map(|sample| sample.telemetry.reference_position);
     let mut corners = Vec::new();

@@ -1,43 +1,43 @@
-//! A recording that was played: when its poses arrived.
+//! The section of a replay: the arrival of its poses.
 
 use maud::{Markup, html};
 use oqtal_bus::time::Time;
 
 use crate::flight::Flight;
 
-use super::axis::Axis;
 use super::events::list;
-use super::figure::{FULL, figure, histogram};
-use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::section;
-use super::series::Timeline;
-use super::unit::significant;
+use super::timeline::Timeline;
+use crate::page::section;
+use crate::plot::axis::Axis;
+use crate::plot::chart::{Mark, Plot};
+use crate::plot::figure::{FULL, figure, histogram};
+use crate::plot::palette::Ink;
+use crate::plot::unit::significant;
 
-/// Poses further apart than this make a gap \[ms\].
+/// Interval between two poses above which it is a gap \[ms\].
 const GAP_MS: f64 = 50.0;
-/// Bars of the histogram.
+/// Number of bars of the histogram.
 const BARS: usize = 100;
 
-/// Two poses that arrived one after the other.
-struct Interval {
+/// The interval between two successive poses.
+struct PoseInterval {
     from: Time,
     length_ms: f64,
     frames_lost: u64,
 }
 
-/// How the poses of a recording arrived.
-pub struct Arrivals {
-    intervals: Vec<Interval>,
-    /// Poses in all.
+/// The intervals between the poses of a recording.
+pub struct ArrivalIntervals {
+    intervals: Vec<PoseInterval>,
+    /// Number of poses \[-\].
     pub poses: usize,
 }
 
-impl Arrivals {
-    /// Those of `flight`.
+impl ArrivalIntervals {
+    /// The intervals of `flight`.
     pub fn of(flight: &Flight) -> Self {
         let pairs = flight.arrivals.windows(2);
-        let intervals = pairs.map(|pair| Interval {
+        let intervals = pairs.map(|pair| PoseInterval {
             from: pair[0].at,
             length_ms: pair[1].at.since(pair[0].at).seconds() * 1e3,
             frames_lost: pair[1].frame.saturating_sub(pair[0].frame).saturating_sub(1),
@@ -45,19 +45,19 @@ impl Arrivals {
         Self { intervals: intervals.collect(), poses: flight.arrivals.len() }
     }
 
-    /// Frames that never arrived.
+    /// Number of frames without a pose.
     pub fn frames_lost(&self) -> u64 {
         self.intervals.iter().fold(0, |sum, interval| sum.saturating_add(interval.frames_lost))
     }
 
-    /// The interval that half of all do not exceed \[ms\]; NaN without any.
+    /// Median interval \[ms\]; NaN without intervals.
     pub fn median_ms(&self) -> f64 {
         let mut lengths: Vec<f64> = self.lengths_ms().collect();
         lengths.sort_by(f64::total_cmp);
         lengths.get(lengths.len() / 2).copied().unwrap_or(f64::NAN)
     }
 
-    /// Root mean square deviation of the intervals that are no gaps from their mean \[ms\]; NaN without any.
+    /// Standard deviation of the intervals that are no gaps \[ms\]; NaN without intervals.
     pub fn jitter_ms(&self) -> f64 {
         let regular: Vec<f64> = self.lengths_ms().filter(|length| *length <= GAP_MS).collect();
         let count = regular.len() as f64;
@@ -65,7 +65,7 @@ impl Arrivals {
         (regular.iter().map(|length| (length - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// The longest interval \[ms\]; NaN without any.
+    /// Maximum interval \[ms\]; NaN without intervals.
     pub fn longest_ms(&self) -> f64 {
         self.lengths_ms().fold(f64::NAN, f64::max)
     }
@@ -75,10 +75,10 @@ impl Arrivals {
     }
 }
 
-/// The section of the arrivals.
-pub fn replay(timeline: &Timeline<'_>, arrivals: &Arrivals) -> Markup {
+/// The section of arrivals.
+pub fn replay(timeline: &Timeline<'_>, arrivals: &ArrivalIntervals) -> Markup {
     let gaps = arrivals.intervals.iter().filter(|interval| interval.length_ms > GAP_MS);
-    let what = |gap: &Interval| {
+    let what = |gap: &PoseInterval| {
         format!("{} ms, frames lost: {}", significant(gap.length_ms), gap.frames_lost)
     };
     section(
@@ -93,8 +93,8 @@ pub fn replay(timeline: &Timeline<'_>, arrivals: &Arrivals) -> Markup {
     )
 }
 
-/// The times between poses, up to a gap or three times the usual.
-fn intervals(arrivals: &Arrivals) -> Markup {
+/// The histogram of the intervals, up to a gap or three times the median.
+fn intervals(arrivals: &ArrivalIntervals) -> Markup {
     let longest = GAP_MS.max(3.0 * arrivals.median_ms());
     let range = 0.0..longest;
     let counts = histogram(arrivals.lengths_ms(), &range, BARS);
@@ -102,9 +102,9 @@ fn intervals(arrivals: &Arrivals) -> Markup {
     let width = longest / BARS as f64;
     let bar = |(i, count): (usize, &u64)| {
         let from = i as f64 * width;
-        // A single one is still to be seen: bars stand on half a count.
+        // Bars stand on half a count, so that a single one is visible.
         let (floor, top) = (0.5_f64.log10(), (*count as f64).log10());
-        Shape::Block(Ink::Actual, (from, floor), (from + 0.85 * width, top))
+        Mark::Block(Ink::Actual, (from, floor), (from + 0.85 * width, top))
     };
     let mut y = Axis::decades(0.0..greatest.log10(), |decade| {
         10_u64.pow(decade.unsigned_abs()).to_string()
@@ -117,5 +117,5 @@ fn intervals(arrivals: &Arrivals) -> Markup {
         y,
         shapes: counts.iter().enumerate().filter(|(_, count)| **count > 0).map(bar).collect(),
     };
-    figure("How often each time between two poses occurs", &[], &plot)
+    figure("Number of intervals between two poses, by length", &[], &plot)
 }

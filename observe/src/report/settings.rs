@@ -1,12 +1,12 @@
-//! What the flight was made of: enough to fly it again.
+//! The section of settings, sufficient to repeat the flight.
 
 use maud::{Markup, html};
 
 use crate::flight::Flight;
 use crate::summary::Summary;
 
-use super::section;
-use super::unit::{MISSING, states};
+use crate::page::section;
+use crate::plot::unit::MISSING;
 
 /// The section of the settings.
 pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
@@ -14,7 +14,7 @@ pub fn settings(flight: &Flight, summary: &Summary) -> Markup {
         ("Clock", summary.clock.clone()),
         ("Seed", summary.seed.to_string()),
         ("Ticks", summary.ticks.to_string()),
-        ("States", states(summary)),
+        ("States", summary.states()),
         ("Configuration hash", summary.config_hash.clone()),
         ("Trajectory hash", summary.trajectory_hash.clone().unwrap_or_else(|| MISSING.to_owned())),
     ];

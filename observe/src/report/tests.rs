@@ -3,7 +3,7 @@ use oqtal_bus::time::Time;
 use proptest::prelude::*;
 
 use super::*;
-use crate::flight::Sample;
+use crate::flight::FlightSample;
 
 fn page(flight: &Flight) -> String {
     html(flight, &Summary::of(flight))
@@ -31,8 +31,8 @@ fn every_colour_of_a_plot_has_a_dark_counterpart() {
         for rest in page.split(&format!(" {property}=\"#")).skip(1) {
             let color = &rest[..6];
             // Text has its colour from the page.
-            let known =
-                color == "000000" || palette::css().contains(&format!("{property}=\"#{color}\""));
+            let known = color == "000000"
+                || crate::plot::palette::css().contains(&format!("{property}=\"#{color}\""));
             assert!(known, "{property} {color}");
         }
     }
@@ -81,7 +81,7 @@ fn an_empty_flight_has_a_page() {
     assert!(page(&flight).contains("Arrival of poses"));
 }
 
-fn any_sample() -> impl Strategy<Value = Sample> {
+fn any_sample() -> impl Strategy<Value = FlightSample> {
     let numbers = || prop_oneof![Just(f64::NAN), Just(f64::INFINITY), -2.0..2.0, any::<f64>()];
     let four = || prop::array::uniform4(numbers());
     let codes = prop::array::uniform5(0_u8..6);
@@ -105,7 +105,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
             ..TelemetryV1::default()
         };
         let truth = TruthV1 { position: [z, x, y], attitude: a, ..TruthV1::default() };
-        Sample { telemetry, truth: (scored > 2).then_some(truth) }
+        FlightSample { telemetry, truth: (scored > 2).then_some(truth) }
     })
 }
 

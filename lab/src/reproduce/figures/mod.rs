@@ -7,10 +7,10 @@ pub mod turn;
 
 use maud::Markup;
 
-use oqtal_observe::report::axis::Axis;
-use oqtal_observe::report::figure::{HALF, figure};
-use oqtal_observe::report::plot::{Plot, Shape};
-use oqtal_observe::report::series::{Trace, thin};
+use oqtal_observe::plot::axis::Axis;
+use oqtal_observe::plot::chart::{Mark, Plot};
+use oqtal_observe::plot::figure::{HALF, figure};
+use oqtal_observe::plot::trace::{Trace, thin};
 
 /// A figure of the paper.
 #[derive(Clone, Debug)]
@@ -34,7 +34,7 @@ pub fn over(title: &str, unit: &str, traces: Vec<Trace>) -> Markup {
     let y = Axis::fitting(points().map(|point| point.1));
     let legend: Vec<_> = traces.iter().map(|trace| (trace.name, trace.ink)).collect();
     let lines =
-        traces.iter().map(|trace| Shape::Line(trace.ink, LINE_WIDTH, thin(trace.points.clone())));
+        traces.iter().map(|trace| Mark::Line(trace.ink, LINE_WIDTH, thin(trace.points.clone())));
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,

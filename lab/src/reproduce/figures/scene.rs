@@ -1,19 +1,19 @@
-//! Drawings in three dimensions: lines and surfaces in a box, seen from above one corner.
+//! Drawings in three dimensions: lines and surfaces in a box, seen from above a corner.
 
 use std::fmt::Write;
 use std::ops::Range;
 
 use maud::{Markup, PreEscaped, html};
 
-use oqtal_observe::report::axis::extent;
-use oqtal_observe::report::palette::Ink;
+use oqtal_observe::plot::axis::extent;
+use oqtal_observe::plot::palette::Ink;
 
 /// A point in space.
 pub type Point3 = [f64; 3];
 
-/// Size of the drawing.
+/// Size of the drawing \[pixels\].
 const SIZE: (f64, f64) = (560.0, 380.0);
-/// Where the middle of the box is.
+/// Centre of the box in the drawing \[pixels\].
 const MIDDLE: (f64, f64) = (280.0, 190.0);
 /// Length of the edges along x, y and z in the drawing.
 const EDGES: Point3 = [245.0, 245.0, 200.0];
@@ -24,20 +24,20 @@ const RISE: (f64, f64) = (0.87, 0.49);
 /// An axis of the box.
 #[derive(Clone, Debug)]
 pub struct Edge {
-    /// What is along it.
+    /// Name of the axis.
     pub name: &'static str,
-    /// From end to end.
+    /// Range of the axis \[unit of the axis\].
     pub range: Range<f64>,
-    /// What is written at an end.
+    /// Label of a value.
     pub label: fn(f64) -> String,
 }
 
-/// A box with things in it.
+/// A box with lines and surfaces.
 #[derive(Clone, Debug)]
 pub struct Scene {
     edges: [Edge; 3],
     body: String,
-    /// In front of everything.
+    /// Marks in front of all others.
     labels: String,
     legend: Vec<(&'static str, Ink)>,
 }
@@ -64,8 +64,8 @@ impl Scene {
         );
     }
 
-    /// Draws surfaces over one square grid, `value(surface, column, row)` of each being a point, or none where it has a
-    /// hole; what is further away first.
+    /// Draws surfaces over one square grid, the more distant patches first. `value(surface, column, row)` is a point, or `None`
+    /// where the surface has a hole.
     pub fn surfaces(
         &mut self,
         names: &[(&'static str, Ink)],
@@ -96,7 +96,7 @@ impl Scene {
         }
     }
 
-    /// The drawing under a title, with a legend.
+    /// The figure of the drawing, with title and legend.
     #[must_use]
     pub fn figure(&self, title: &str) -> Markup {
         let (width, height) = SIZE;
@@ -117,7 +117,7 @@ impl Scene {
         }
     }
 
-    /// A point of the box, each coordinate from -1/2 to 1/2.
+    /// Coordinates of a point in the box, from -1/2 to 1/2.
     fn placed(&self, point: &Point3) -> Point3 {
         std::array::from_fn(|i| {
             let Range { start, end } = self.edges[i].range;
@@ -125,14 +125,14 @@ impl Scene {
         })
     }
 
-    /// Where a placed point is in the drawing.
+    /// Coordinates of a point of the box in the drawing \[pixels\].
     fn projected(place: Point3) -> (f64, f64) {
         let [x, y, z] = std::array::from_fn(|i| place[i] * EDGES[i]);
         let (right, away) = (x * TURN.0 - y * TURN.1, x * TURN.1 + y * TURN.0);
         (MIDDLE.0 + right, MIDDLE.1 - z * RISE.0 - away * RISE.1)
     }
 
-    /// How far away the middle of a patch is, in units that only order it.
+    /// Distance of the centre of a patch \[-\], for sorting only.
     fn distance(&self, corners: &[Point3; 4]) -> f64 {
         let middle = corners.iter().fold([0.0; 3], |sum, corner| {
             let place = self.placed(corner);
@@ -146,7 +146,7 @@ impl Scene {
         format!("{x:.1},{y:.1}")
     }
 
-    /// The edges of the floor and one upright, each with its name and the values at its ends.
+    /// Two edges of the floor and one vertical edge, each with its name and the values at its ends.
     fn draw_box(&mut self) {
         const FLOOR: [Point3; 5] = [
             [-0.5, -0.5, -0.5],
@@ -166,7 +166,7 @@ impl Scene {
             self.body += &edge(pair[0], pair[1]);
         }
         self.body += &edge([-0.5, 0.5, -0.5], [-0.5, 0.5, 0.5]);
-        // A little inside the corners, where two axes meet.
+        // Inset from the corners, where two axes meet.
         let ends: [([Point3; 2], &str); 3] = [
             ([[-0.45, -0.6, -0.5], [0.42, -0.6, -0.5]], "middle"),
             ([[0.6, -0.42, -0.5], [0.6, 0.45, -0.5]], "start"),
@@ -189,7 +189,7 @@ impl Scene {
     }
 }
 
-/// A box around `points`; no edge is shorter than a tenth of the longest.
+/// A box around `points` with no edge shorter than a tenth of the longest.
 #[must_use]
 pub fn around<'a>(
     names: [&'static str; 3],
@@ -201,7 +201,7 @@ pub fn around<'a>(
     std::array::from_fn(|i| {
         let Range { start, end } = ranges[i];
         let missing = (0.1 * longest - (end - start)).max(0.0);
-        let label = |value: f64| oqtal_observe::report::unit::rounded(value, 3);
+        let label = |value: f64| oqtal_observe::plot::unit::rounded(value, 3);
         Edge { name: names[i], range: start - missing / 2.0..end + missing / 2.0, label }
     })
 }

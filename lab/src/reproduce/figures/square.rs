@@ -8,18 +8,18 @@ use crate::campaign::flights::{NOMINAL, Prepared, Test};
 use crate::campaign::metric::of_square;
 use crate::campaign::statistics::EVALUATION_SEEDS;
 use crate::campaign::table::Entrant;
-use crate::reproduce::sheet::Variant;
-use oqtal_observe::flight::{Flight, Sample};
-use oqtal_observe::report::figure::in_plane;
-use oqtal_observe::report::palette::Ink;
-use oqtal_observe::report::series::{Point, Trace, thin_path};
+use crate::sheet::Variant;
+use oqtal_observe::flight::{Flight, FlightSample};
+use oqtal_observe::plot::figure::in_plane;
+use oqtal_observe::plot::palette::Ink;
+use oqtal_observe::plot::trace::{Point, Trace, thin_path};
 
 use super::scene::{Point3, Scene, around};
 use super::{Figure, over};
 
-/// Repeated runs in one figure.
+/// Number of runs drawn in one figure.
 const REPEATED: usize = 5;
-/// Of so many runs, those with the least position error.
+/// Number of runs flown, of which those with the smallest position error are drawn.
 const RUNS: u64 = 25;
 const INKS: [Ink; REPEATED] = [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth];
 const RUN_NAMES: [&str; REPEATED] = ["best", "second", "third", "fourth", "fifth"];
@@ -34,7 +34,7 @@ struct Repeated {
 /// The six figures.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn all(entrants: &[Entrant]) -> Result<Vec<Figure>, Failure> {
     let laws: Result<Vec<Repeated>, Failure> = [("pid", 20), ("lqr", 21), ("oqtal", 22)]
         .into_iter()
@@ -76,7 +76,7 @@ fn repeated(
 fn samples(
     laws: &[Repeated],
     with_reference: bool,
-    point: impl Fn(&Sample, bool) -> Point,
+    point: impl Fn(&FlightSample, bool) -> Point,
 ) -> Vec<Trace> {
     let trace = |name, ink, flight: &Flight, reference| Trace {
         name,
@@ -94,11 +94,11 @@ fn samples(
     reference.into_iter().chain(best).collect()
 }
 
-fn place(sample: &Sample, reference: bool) -> Point3 {
+fn place(sample: &FlightSample, reference: bool) -> Point3 {
     if reference { sample.telemetry.reference_position } else { sample.position().into() }
 }
 
-fn time(sample: &Sample) -> f64 {
+fn time(sample: &FlightSample) -> f64 {
     sample.telemetry.mission_s
 }
 
@@ -156,7 +156,7 @@ fn attitude(laws: &[Repeated]) -> Markup {
 }
 
 /// Roll, pitch, yaw \[deg\].
-fn euler_deg(sample: &Sample) -> [f64; 3] {
+fn euler_deg(sample: &FlightSample) -> [f64; 3] {
     let (roll, pitch, yaw) = sample.attitude().unit_quaternion().euler_angles();
     [roll, pitch, yaw].map(f64::to_degrees)
 }

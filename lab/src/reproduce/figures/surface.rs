@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use oqtal_control::metrics::TableTwo;
 
-use crate::reproduce::sweep::{CRITERIA, Criterion, EXPONENTS, Surface};
-use oqtal_observe::report::axis::extent;
-use oqtal_observe::report::palette::Ink;
+use crate::reproduce::criteria::{CRITERIA, Criterion, EXPONENTS, Surface};
+use oqtal_observe::plot::axis::extent;
+use oqtal_observe::plot::palette::Ink;
 
 use super::Figure;
 use super::scene::{Edge, Scene};

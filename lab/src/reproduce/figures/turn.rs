@@ -8,32 +8,32 @@ use oqtal_control::schedule::Cells;
 
 use crate::reproduce::lander::{DURATION_S, Descent, Lander, RATE_HZ, attitude_state};
 use crate::reproduce::roster;
-use oqtal_observe::report::figure::in_plane;
-use oqtal_observe::report::palette::Ink;
-use oqtal_observe::report::series::{Point, Trace};
+use oqtal_observe::plot::figure::in_plane;
+use oqtal_observe::plot::palette::Ink;
+use oqtal_observe::plot::trace::{Point, Trace};
 
 use super::scene::{Point3, Scene, around};
 use super::{Figure, over};
 
-/// One tick of a turn: time \[s\], place and velocity with x down range \[m, m/s\], pitch \[deg\].
+/// One tick of a turn: time \[s\], position \[m\] and velocity \[m/s\] with x down range, pitch \[deg\].
 #[derive(Clone, Copy, Debug)]
-struct Tick {
+struct TurnTick {
     time_s: f64,
     place: Point3,
     velocity: Point3,
     pitch_deg: f64,
 }
 
-struct Path {
+struct TurnPath {
     name: &'static str,
     ink: Ink,
-    ticks: Vec<Tick>,
+    ticks: Vec<TurnTick>,
 }
 
 /// The five figures.
 ///
 /// # Errors
-/// An option of a law has no meaning.
+/// An option of a law is invalid.
 pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
     let laws: [(&'static str, Ink, ControllerOptions); 3] = [
         ("PID", Ink::Third, roster::pid([50.0, 5.95, 1.15], RateFeedback::Omega)),
@@ -42,15 +42,16 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
     ];
     let mut paths = vec![ideal(lander)];
     for (name, ink, options) in laws {
-        paths.push(Path { name, ink, ticks: flown(lander, &options)? });
+        paths.push(TurnPath { name, ink, ticks: flown(lander, &options)? });
     }
-    let over_time = |title: &str, value: fn(&Tick) -> f64| {
+    let over_time = |title: &str, value: fn(&TurnTick) -> f64| {
         over(title, " s", traces(&paths, |tick| (tick.time_s, value(tick))))
     };
-    let seen =
-        |title: &str, view: fn(&Tick) -> Point| in_plane(title, traces(&paths, view), Vec::new());
+    let seen = |title: &str, view: fn(&TurnTick) -> Point| {
+        in_plane(title, traces(&paths, view), Vec::new())
+    };
     let pitch = traces(&paths, |tick| (tick.place[2], tick.pitch_deg));
-    // From above, the paths differ by far less than they are long.
+    // Seen from above, the lateral differences are far smaller than the length of the paths.
     let above = traces(&paths, |tick| (tick.place[0], tick.place[1]));
     let position = html! {
         (seen("Fig. 11 B: side view, z over x [m]", |t| (t.place[0], t.place[2])))
@@ -58,7 +59,7 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
         (over_time("Fig. 11 C: x [m]", |t| t.place[0]))
         (over_time("Fig. 11 D: z [m]", |t| t.place[2]))
     };
-    // Pairs of one height stand side by side.
+    // Figures of one height stand side by side.
     Ok([
         (10, in_space(&paths)),
         (11, position),
@@ -70,11 +71,11 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
     .into())
 }
 
-fn ideal(lander: &Lander) -> Path {
+fn ideal(lander: &Lander) -> TurnPath {
     let tick = |index: u32| {
         let time_s = f64::from(index) / RATE_HZ;
         let state = lander.turn().at_time(time_s);
-        Tick {
+        TurnTick {
             time_s,
             place: down_range(lander.ideal(time_s).into()),
             velocity: [state.forward_m_s, 0.0, -state.sink_m_s],
@@ -82,7 +83,7 @@ fn ideal(lander: &Lander) -> Path {
         }
     };
     let count = (DURATION_S * RATE_HZ) as u32;
-    Path { name: "ideal", ink: Ink::Reference, ticks: (0..count).map(tick).collect() }
+    TurnPath { name: "ideal", ink: Ink::Reference, ticks: (0..count).map(tick).collect() }
 }
 
 /// The turn is flown towards -x.
@@ -90,11 +91,11 @@ fn down_range([x, y, z]: Point3) -> Point3 {
     [-x, y, z]
 }
 
-fn flown(lander: &Lander, options: &ControllerOptions) -> Result<Vec<Tick>, OptionError> {
+fn flown(lander: &Lander, options: &ControllerOptions) -> Result<Vec<TurnTick>, OptionError> {
     let mut ticks = Vec::new();
     lander.fly(options, &Descent::default(), |moment| {
         let attitude = attitude_state(&moment.state).attitude;
-        ticks.push(Tick {
+        ticks.push(TurnTick {
             time_s: moment.time_s,
             place: down_range(moment.state.position.into()),
             velocity: down_range(moment.state.velocity.into()),
@@ -104,8 +105,8 @@ fn flown(lander: &Lander, options: &ControllerOptions) -> Result<Vec<Tick>, Opti
     Ok(ticks)
 }
 
-fn traces(paths: &[Path], point: impl Fn(&Tick) -> Point) -> Vec<Trace> {
-    let trace = |path: &Path| Trace {
+fn traces(paths: &[TurnPath], point: impl Fn(&TurnTick) -> Point) -> Vec<Trace> {
+    let trace = |path: &TurnPath| Trace {
         name: path.name,
         ink: path.ink,
         points: path.ticks.iter().map(&point).collect(),
@@ -113,7 +114,7 @@ fn traces(paths: &[Path], point: impl Fn(&Tick) -> Point) -> Vec<Trace> {
     paths.iter().map(trace).collect()
 }
 
-fn in_space(paths: &[Path]) -> Markup {
+fn in_space(paths: &[TurnPath]) -> Markup {
     let places = paths.iter().flat_map(|path| &path.ticks).map(|tick| &tick.place);
     let mut scene = Scene::new(around(["x [m]", "y [m]", "z [m]"], places));
     for path in paths {

@@ -29,7 +29,7 @@ pub fn intro() -> String {
 /// The notes above the table.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn all(entrants: &[Entrant], nominal: &[Flown]) -> Result<Vec<String>, Failure> {
     let start = start(entrants)?;
     let notes = [FIGURES.to_owned(), tests(), tuning(), start, WEIGHTS.to_owned()];

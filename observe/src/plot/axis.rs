@@ -1,25 +1,32 @@
-//! Axes: a range that is safe to draw, and ticks where a person would put them.
+//! Axes: a range that can be drawn, with ticks at round numbers.
 
 use std::ops::Range;
 
-use super::series::is_drawable;
+/// Largest magnitude that is drawn \[-\]; larger numbers are faults, not measurements, and leave a gap.
+const MAX_MAGNITUDE: f64 = 1e9;
 
-/// A tick and what is written at it.
+/// Whether a plot can show `value`.
+#[must_use]
+pub fn is_drawable(value: f64) -> bool {
+    value.abs() <= MAX_MAGNITUDE
+}
+
+/// A tick of an axis, with its label.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tick {
-    /// Where, in the axis's coordinate.
+pub struct AxisTick {
+    /// Position \[unit of the axis\].
     pub at: f64,
-    /// Its text.
+    /// Label.
     pub label: String,
 }
 
 /// One axis of a plot.
 #[derive(Clone, Debug)]
 pub struct Axis {
-    /// From its lower to its upper end; never empty.
+    /// Lower and upper end \[unit of the axis\]; never empty.
     pub range: Range<f64>,
-    /// In rising order.
-    pub ticks: Vec<Tick>,
+    /// Ticks in rising order.
+    pub ticks: Vec<AxisTick>,
 }
 
 impl Axis {
@@ -30,7 +37,7 @@ impl Axis {
         let first = (range.start / step).ceil() as i64;
         let last = (range.end / step).floor() as i64;
         let tick =
-            |k: i64| Tick { at: k as f64 * step, label: format!("{}{unit}", number(k, step)) };
+            |k: i64| AxisTick { at: k as f64 * step, label: format!("{}{unit}", number(k, step)) };
         Self { ticks: (first..=last).map(tick).collect(), range }
     }
 
@@ -48,18 +55,18 @@ impl Axis {
     pub fn decades(range: Range<f64>, label: impl Fn(i32) -> String) -> Self {
         let first = range.start.floor() as i32;
         let last = (range.end.ceil() as i32).max(first + 1);
-        let tick = |decade: i32| Tick { at: f64::from(decade), label: label(decade) };
+        let tick = |decade: i32| AxisTick { at: f64::from(decade), label: label(decade) };
         Self { range: f64::from(first)..f64::from(last), ticks: (first..=last).map(tick).collect() }
     }
 
     /// Rows of height 1, the first at the top, each with its name.
     pub fn rows<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> Self {
         let count = names.len().max(1);
-        let tick = |(row, name): (usize, &str)| Tick {
+        let tick = |(row, name): (usize, &str)| AxisTick {
             at: count as f64 - 0.5 - row as f64,
             label: name.to_owned(),
         };
-        let mut ticks: Vec<Tick> = names.enumerate().map(tick).collect();
+        let mut ticks: Vec<AxisTick> = names.enumerate().map(tick).collect();
         ticks.reverse();
         Self { range: 0.0..count as f64, ticks }
     }
@@ -83,14 +90,14 @@ fn drawable(range: Range<f64>) -> Range<f64> {
     middle - half..middle + half
 }
 
-/// The least of 1, 2, 5 times a power of ten that is not below `step`.
+/// The smallest of 1, 2 and 5 times a power of ten that is not below `step`.
 fn nice_step(step: f64) -> f64 {
     let decade = 10_f64.powf(step.log10().floor());
     let nice = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * decade);
     nice.into_iter().find(|nice| *nice >= 0.999 * step).unwrap_or(10.0 * decade)
 }
 
-/// `k` steps, with as many decimals as a step needs.
+/// The text of `k` steps, with as many decimals as a step needs.
 fn number(k: i64, step: f64) -> String {
     let value = k as f64 * step;
     let decimals = -step.log10().floor();

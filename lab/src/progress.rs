@@ -1,15 +1,15 @@
-//! How far the work is, on standard error; silent where that is no terminal.
+//! Progress bars of a study on standard error; invisible where standard error is no terminal.
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-/// The progress of a command.
+/// The progress bars of a command.
 #[derive(Debug, Default)]
 pub struct Progress {
     bars: MultiProgress,
 }
 
 impl Progress {
-    /// A bar for a piece of work of `steps` steps.
+    /// Adds a bar for a task of `steps` steps.
     #[must_use]
     pub fn start(&self, name: &str, steps: usize) -> Bar {
         let bar = self.bars.add(ProgressBar::new(steps as u64));
@@ -20,17 +20,17 @@ impl Progress {
     }
 }
 
-/// The progress of one piece of work; gone when it is dropped.
+/// The progress bar of one task, removed when dropped.
 #[derive(Debug)]
 pub struct Bar(ProgressBar);
 
 impl Bar {
-    /// One step is done.
+    /// Advances by one step.
     pub fn inc(&self) {
         self.0.inc(1);
     }
 
-    /// Another step was added to the work, or several.
+    /// Advances by `steps`.
     pub fn add(&self, steps: usize) {
         self.0.inc(steps as u64);
     }

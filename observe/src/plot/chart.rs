@@ -1,6 +1,6 @@
-//! One plot as SVG: axes, then shapes. The only place that knows plotters.
+//! One plot as SVG: axes and marks. The only module that uses plotters.
 //!
-//! The backend rounds to whole pixels, so plots are drawn at twice the size at which the page shows them.
+//! The backend rounds to whole pixels; plots are therefore drawn at twice the size at which the page shows them.
 
 use std::ops::Range;
 
@@ -10,49 +10,49 @@ use plotters::prelude::*;
 
 use super::axis::Axis;
 use super::palette::Ink;
-use super::series::{Point, is_drawable_point};
+use super::trace::{Point, is_drawable_point};
 
-/// Size of text; the backend divides by 1.24.
+/// Size of text \[pixels\]; the backend divides by 1.24.
 const FONT_SIZE: f64 = 24.0 * 1.24;
-/// Height of the labels of the horizontal axis.
+/// Height of the labels of the horizontal axis \[pixels\].
 const LABEL_HEIGHT: u32 = 44;
-/// Free space above the axes.
+/// Space above the axes \[pixels\].
 const TOP: u32 = 22;
-/// Free space to their right: half a label.
+/// Space to the right of the axes, for half a label \[pixels\].
 const RIGHT: u32 = 44;
-/// Divisions of an axis in equal scale are about this far apart.
+/// Approximate distance of the ticks of axes in equal scale \[pixels\].
 const DIVISION: f64 = 120.0;
 
 const NEVER_FAILS: &str = "drawing into a string cannot fail";
 
 type Plane = Cartesian2d<Axis, Axis>;
 
-/// Something drawn between the axes.
+/// A graphical element between the axes.
 #[derive(Clone, Debug)]
-pub enum Shape {
-    /// A line of that width through points; a point that cannot be drawn is a gap.
+pub enum Mark {
+    /// A line of a width \[pixels\] through points; a point that cannot be drawn is a gap.
     Line(Ink, u32, Vec<Point>),
-    /// A shaded stretch of the horizontal axis, behind the grid.
+    /// A shaded interval of the horizontal axis, behind the grid \[unit of the axis\].
     Band(Range<f64>),
     /// A filled rectangle between two corners.
     Block(Ink, Point, Point),
-    /// A disc; nothing if its centre cannot be drawn.
+    /// A disc; omitted if its centre cannot be drawn.
     Disc(Ink, Point),
 }
 
 /// A plot.
 #[derive(Clone, Debug)]
 pub struct Plot {
-    /// Width and height, twice as large as shown.
+    /// Width and height, twice as large as shown \[pixels\].
     pub size: (u32, u32),
-    /// Width of the labels of the vertical axis.
+    /// Width of the labels of the vertical axis \[pixels\].
     pub label_width: u32,
     /// The horizontal axis.
     pub x: Axis,
     /// The vertical axis.
     pub y: Axis,
-    /// From the back to the front.
-    pub shapes: Vec<Shape>,
+    /// Marks from back to front.
+    pub shapes: Vec<Mark>,
 }
 
 impl Plot {
@@ -62,7 +62,7 @@ impl Plot {
         (f64::from(width - self.label_width - RIGHT), f64::from(height - LABEL_HEIGHT - TOP))
     }
 
-    /// Widens one axis until a length is equally long on both.
+    /// Widens one axis so that both have the same scale.
     pub fn with_equal_scale(mut self) -> Self {
         let (width, height) = self.area();
         let span = |axis: &Axis| axis.range.end - axis.range.start;
@@ -77,7 +77,7 @@ impl Plot {
         self
     }
 
-    /// The drawing.
+    /// Draws the plot as SVG.
     pub fn to_svg(&self) -> String {
         let mut svg = String::new();
         {
@@ -89,7 +89,7 @@ impl Plot {
                 .y_label_area_size(self.label_width)
                 .build_cartesian_2d(self.x.clone(), self.y.clone())
                 .expect(NEVER_FAILS);
-            let is_behind = |shape: &&Shape| matches!(shape, Shape::Band(_));
+            let is_behind = |shape: &&Mark| matches!(shape, Mark::Band(_));
             for shape in self.shapes.iter().filter(is_behind) {
                 draw(chart.plotting_area(), shape);
             }
@@ -109,7 +109,7 @@ impl Ranged for Axis {
 
     fn map(&self, value: &f64, (low, high): (i32, i32)) -> i32 {
         let share = (value - self.range.start) / (self.range.end - self.range.start);
-        // A value far outside the plot, or none, must not leave the canvas' integers.
+        // A value far outside the plot, or NaN, must not overflow.
         low.saturating_add((share * f64::from(high - low)).round() as i32)
     }
 
@@ -140,9 +140,9 @@ fn draw_axes(chart: &mut ChartContext<'_, SVGBackend<'_>, Plane>) {
         .expect(NEVER_FAILS);
 }
 
-fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
+fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Mark) {
     match shape {
-        Shape::Line(ink, width, points) => {
+        Mark::Line(ink, width, points) => {
             let style = ink.color().stroke_width(*width);
             for run in points.split(|point| !is_drawable_point(point)) {
                 if run.len() > 1 {
@@ -150,16 +150,16 @@ fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Shape) {
                 }
             }
         }
-        Shape::Band(stretch) => {
+        Mark::Band(stretch) => {
             let y = plane.get_y_range();
             let corners = [(stretch.start, y.start), (stretch.end, y.end)];
             let band = Rectangle::new(corners, Ink::Shade.color().filled());
             plane.draw(&band).expect(NEVER_FAILS);
         }
-        Shape::Block(ink, from, to) => {
+        Mark::Block(ink, from, to) => {
             plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
         }
-        Shape::Disc(ink, center) => {
+        Mark::Disc(ink, center) => {
             if is_drawable_point(center) {
                 plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
             }

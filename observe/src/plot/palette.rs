@@ -1,11 +1,11 @@
-//! The colours of the report: one table for plots and page, light and dark.
+//! The colours of plots and pages, for light and dark colour schemes.
 //!
-//! The plots are drawn in the light colours. The style sheet then reads the colour of each shape as the name of an ink and
-//! paints it as the reader's colour scheme wants it.
+//! Plots are drawn in the light colours. The style sheet selects each shape by its light colour and replaces that colour
+//! in the dark scheme.
 
 use plotters::style::RGBColor;
 
-/// What a colour stands for; the numbered ones tell apart lines that have no better name.
+/// A colour by its purpose; the numbered ones distinguish lines without a purpose of their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Ink {
@@ -28,8 +28,8 @@ use Ink::{
     Actual, Axis, Bad, Fifth, Fourth, Good, Grid, Reference, Second, Shade, Sixth, Third, Warning,
 };
 
-/// An ink, its name in the style sheet, and how it looks on a light and on a dark page. Light colours are distinct: they
-/// are what the style sheet knows a shape by.
+/// Colour, name in the style sheet, and RGB values for light and dark pages. The light values are distinct, because the style
+/// sheet selects shapes by them.
 const INKS: [(Ink, &str, [u8; 3], [u8; 3]); 13] = [
     (Reference, "reference", [0x6B, 0x74, 0x83], [0x9A, 0xA5, 0xB5]),
     (Actual, "actual", [0x1F, 0x6F, 0xEB], [0x5C, 0xA2, 0xFF]),
@@ -47,13 +47,13 @@ const INKS: [(Ink, &str, [u8; 3], [u8; 3]); 13] = [
 ];
 
 impl Ink {
-    /// As a plot draws it.
+    /// The RGB value in a plot.
     pub fn color(self) -> RGBColor {
         let [r, g, b] = self.entry().2;
         RGBColor(r, g, b)
     }
 
-    /// As a style sheet names it.
+    /// The value in a style sheet.
     pub fn css(self) -> String {
         format!("var(--{})", self.entry().1)
     }
@@ -64,7 +64,7 @@ impl Ink {
     }
 }
 
-/// The style sheet's share of the palette.
+/// The style sheet of the palette.
 pub fn css() -> String {
     let hex = |[r, g, b]: [u8; 3]| format!("#{r:02X}{g:02X}{b:02X}");
     let light = INKS.map(|(_, name, light, _)| format!("--{name}:{};", hex(light))).concat();

@@ -1,25 +1,26 @@
-//! Sheets: rows of figures, each from the paper, as printed or ours. Every table, in every form, is made from one.
+//! Sheets: tables of figures, of which every row is the paper's, as printed or ours. JSON, text, Markdown and HTML are made from
+//! them.
 
 use serde_json::{Map, Value, json};
 
-use oqtal_observe::report::unit::{MISSING, rounded};
+use oqtal_observe::plot::unit::{MISSING, rounded};
 
-/// Where a row comes from.
+/// The origin of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Variant {
     /// Printed in the paper.
     Paper,
-    /// The paper's equations with only the corrections without which nothing flies, computed here.
+    /// Computed here from the paper's equations, with only the corrections without which nothing flies.
     AsPrinted,
-    /// With something the paper does not have.
+    /// Computed here with something that the paper does not have.
     Ours,
 }
 
 impl Variant {
-    /// All of them, in the order in which they are shown.
+    /// All variants in the order in which they are shown.
     pub const ALL: [Self; 3] = [Self::Paper, Self::AsPrinted, Self::Ours];
 
-    /// As JSON has it.
+    /// The name in JSON.
     #[must_use]
     pub fn key(self) -> &'static str {
         match self {
@@ -29,7 +30,7 @@ impl Variant {
         }
     }
 
-    /// As people read it.
+    /// The heading.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
@@ -40,24 +41,24 @@ impl Variant {
     }
 }
 
-/// One figure of a row.
+/// One cell of a row; numbers have the unit of their column.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Cell {
-    /// A number.
+pub enum SheetCell {
+    /// A number \[unit of the column\].
     Number(f64),
-    /// Mean and standard deviation.
+    /// Mean and standard deviation \[unit of the column\].
     Spread(f64, f64),
-    /// Mean and half the width of its confidence interval.
+    /// Mean and half the width of its confidence interval \[unit of the column\].
     Interval(f64, f64),
     /// A count.
     Count(u64),
-    /// A word.
+    /// A text.
     Text(String),
-    /// Nothing to say.
+    /// No value.
     None,
 }
 
-impl Cell {
+impl SheetCell {
     fn to_json(&self) -> Value {
         match self {
             Self::Number(number) => json!(number),
@@ -69,7 +70,7 @@ impl Cell {
         }
     }
 
-    /// As people read it, four significant digits.
+    /// The text of the cell, numbers with four significant digits.
     #[must_use]
     pub fn show(&self) -> String {
         match self {
@@ -84,68 +85,70 @@ impl Cell {
     }
 }
 
-impl From<f64> for Cell {
+impl From<f64> for SheetCell {
     fn from(number: f64) -> Self {
         Self::Number(number)
     }
 }
 
-impl From<u64> for Cell {
+impl From<u64> for SheetCell {
     fn from(count: u64) -> Self {
         Self::Count(count)
     }
 }
 
-impl From<&str> for Cell {
+impl From<&str> for SheetCell {
     fn from(text: &str) -> Self {
         Self::Text(text.to_owned())
     }
 }
 
-impl<T: Into<Cell>> From<Option<T>> for Cell {
+impl<T: Into<SheetCell>> From<Option<T>> for SheetCell {
     fn from(value: Option<T>) -> Self {
         value.map_or(Self::None, Into::into)
     }
 }
 
-/// A column: its name in JSON, and its heading.
+/// A column: name in JSON, and heading.
 pub type Column = (&'static str, &'static str);
 
 /// One row of a [`Sheet`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
-    /// Which attitude law.
+pub struct SheetRow {
+    /// Attitude law.
     pub controller: String,
-    /// Where it comes from.
+    /// Origin.
     pub variant: Variant,
-    /// With which settings.
+    /// Settings of the law.
     pub settings: String,
-    /// One for each column.
-    pub cells: Vec<Cell>,
+    /// Cells, one for each column.
+    pub cells: Vec<SheetCell>,
 }
 
-impl Row {
+impl SheetRow {
     /// A row of `variant`.
     #[must_use]
     pub fn new(
         variant: Variant,
         controller: impl Into<String>,
         settings: impl Into<String>,
-        cells: Vec<Cell>,
+        cells: Vec<SheetCell>,
     ) -> Self {
         Self { controller: controller.into(), variant, settings: settings.into(), cells }
     }
 
-    /// The number in a column, counts included; not a number where there is none.
+    /// The number in a column, counts included \[unit of the column\]; NaN if the cell has none.
     #[must_use]
     pub fn number(&self, columns: &[Column], key: &str) -> f64 {
         let cell = columns.iter().zip(&self.cells).find(|((name, _), _)| *name == key);
         match cell {
             Some((
                 _,
-                Cell::Number(number) | Cell::Spread(number, _) | Cell::Interval(number, _),
+                SheetCell::Number(number)
+                | SheetCell::Spread(number, _)
+                | SheetCell::Interval(number, _),
             )) => *number,
-            Some((_, Cell::Count(count))) => *count as f64,
+            Some((_, SheetCell::Count(count))) => *count as f64,
             _ => f64::NAN,
         }
     }
@@ -167,28 +170,28 @@ impl Row {
 /// A table of figures.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sheet {
-    /// Its name in JSON: the paper's number where it has one.
+    /// Name in JSON: the paper's number of the table, if it has one.
     pub name: String,
-    /// Its heading.
+    /// Heading.
     pub title: String,
-    /// What a reader must know, a paragraph each.
+    /// Notes, one item for each paragraph.
     pub notes: Vec<String>,
-    /// The columns behind controller and settings.
+    /// Columns after controller and settings.
     pub columns: Vec<Column>,
-    /// The rows, paper first.
-    pub rows: Vec<Row>,
-    /// The same under other conditions, which their names say.
+    /// Rows, those of the paper first.
+    pub rows: Vec<SheetRow>,
+    /// The same table for other plants, by their names.
     pub mismatched: Vec<Sheet>,
 }
 
 impl Sheet {
     /// The rows of one variant.
-    pub fn of(&self, variant: Variant) -> impl Iterator<Item = &Row> {
+    pub fn of(&self, variant: Variant) -> impl Iterator<Item = &SheetRow> {
         self.rows.iter().filter(move |row| row.variant == variant)
     }
 
-    /// The figures of the first row of a law and variant whose settings hold all of `words`; none of them is a number if there
-    /// is no such row.
+    /// The numbers in the columns `keys` of the first row of a law and variant whose settings contain all of `words`; NaN if
+    /// there is no such row.
     #[must_use]
     pub fn figures<const N: usize>(
         &self,
@@ -196,14 +199,14 @@ impl Sheet {
         words: &[&str],
         keys: [&str; N],
     ) -> [f64; N] {
-        let is_meant = |row: &&Row| {
+        let is_meant = |row: &&SheetRow| {
             row.controller == controller && words.iter().all(|word| row.settings.contains(word))
         };
         let row = self.of(variant).find(is_meant);
         keys.map(|key| row.map_or(f64::NAN, |row| row.number(&self.columns, key)))
     }
 
-    /// As JSON: `{"table", "rows"}`, and `"mismatched"` if there is any.
+    /// The sheet as JSON: `{"table", "rows"}`, and `"mismatched"` if there are such plants.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let mut object = json!({ "table": self.name, "rows": self.json_rows() });
@@ -224,7 +227,7 @@ impl Sheet {
         ["", "controller", "settings"].into_iter().chain(own).collect()
     }
 
-    /// As a plain table for a terminal.
+    /// The sheet as a table for the terminal.
     #[must_use]
     pub fn to_text(&self) -> String {
         let mut table = comfy_table::Table::new();
@@ -232,7 +235,7 @@ impl Sheet {
         table.set_header(self.headings());
         for row in &self.rows {
             let named = [row.variant.key(), &row.controller, &row.settings].map(str::to_owned);
-            table.add_row(named.into_iter().chain(row.cells.iter().map(Cell::show)));
+            table.add_row(named.into_iter().chain(row.cells.iter().map(SheetCell::show)));
         }
         for column in table.column_iter_mut().skip(3) {
             column.set_cell_alignment(comfy_table::CellAlignment::Right);
@@ -240,10 +243,10 @@ impl Sheet {
         format!("{}\n{table}", self.title)
     }
 
-    /// As Markdown, one block of rows for each variant.
+    /// The sheet as Markdown, one block of rows for each variant.
     #[must_use]
     pub fn to_markdown(&self) -> String {
-        // A bar in a cell would end it.
+        // An unescaped bar would end the cell.
         let headings: Vec<String> =
             self.headings().iter().map(|heading| heading.replace('|', "\\|")).collect();
         let mut text = format!("### {}\n\n", self.title);
@@ -253,7 +256,7 @@ impl Sheet {
         text += &format!("| {} |\n|{}\n", headings.join(" | "), "---|".repeat(headings.len()));
         for variant in Variant::ALL {
             for row in self.of(variant) {
-                let cells: Vec<String> = row.cells.iter().map(Cell::show).collect();
+                let cells: Vec<String> = row.cells.iter().map(SheetCell::show).collect();
                 let (name, settings) = (&row.controller, row.settings.replace('|', "\\|"));
                 let cells = cells.join(" | ");
                 text += &format!("| {} | {name} | {settings} | {cells} |\n", variant.title());
@@ -268,12 +271,13 @@ mod tests {
     use super::*;
 
     fn sheet() -> Sheet {
-        let cells = vec![Cell::Number(0.004_992), Cell::Spread(1.25, 0.033), Cell::None];
+        let cells =
+            vec![SheetCell::Number(0.004_992), SheetCell::Spread(1.25, 0.033), SheetCell::None];
         Sheet {
             name: "IV".to_owned(),
             title: "Table IV".to_owned(),
             columns: vec![("a", "∫|A|"), ("b", "B"), ("c", "C")],
-            rows: vec![Row::new(Variant::Ours, "oqtal", "q 256", cells)],
+            rows: vec![SheetRow::new(Variant::Ours, "oqtal", "q 256", cells)],
             ..Sheet::default()
         }
     }

@@ -1,18 +1,14 @@
-//! Numbers and names as people read them.
+//! Numbers, spans and names as text.
 
-use crate::summary::Summary;
-
-/// What stands for a number that is not there.
+/// Placeholder printed for a missing value.
 pub const MISSING: &str = "–";
-/// So many safety states are named.
-const MOST_STATES: usize = 7;
 
-/// Three significant digits, without an exponent from a millionth up.
+/// `value` with three significant digits; with an exponent only below a millionth and from a billion on.
 pub fn significant(value: f64) -> String {
     rounded(value, 3)
 }
 
-/// The same with that many significant digits.
+/// `value` with `digits` significant digits; with an exponent only below a millionth and from a billion on.
 pub fn rounded(value: f64, digits: i32) -> String {
     if !value.is_finite() {
         return MISSING.to_owned();
@@ -31,7 +27,7 @@ pub fn rounded(value: f64, digits: i32) -> String {
     }
 }
 
-/// A span in the unit that suits it.
+/// A span \[ns\] in a fitting unit.
 pub fn span(nanos: u64) -> String {
     let value = nanos as f64;
     match nanos {
@@ -43,29 +39,18 @@ pub fn span(nanos: u64) -> String {
     }
 }
 
-/// The unit, metres or millimetres, that suits a length \[m\], and how many there are in a metre.
+/// The fitting unit of a length \[m\], and its number in a metre.
 pub fn unit_of_length(metres: f64) -> (&'static str, f64) {
     if metres < 1.0 { ("mm", 1e3) } else { ("m", 1.0) }
 }
 
-/// A length in the unit that suits it.
+/// A length \[m\] in a fitting unit.
 pub fn length(metres: f64) -> String {
     let (unit, per_metre) = unit_of_length(metres);
     format!("{} {unit}", significant(metres * per_metre))
 }
 
-/// The safety states that a flight passed through; the first few if there are many.
-pub fn states(summary: &Summary) -> String {
-    let states = &summary.state_sequence;
-    let shown = states[..states.len().min(MOST_STATES)].join(" → ");
-    if states.len() > MOST_STATES {
-        format!("{shown} … ({} changes)", states.len() - 1)
-    } else {
-        shown
-    }
-}
-
-/// The name of a hop in words.
+/// An identifier with spaces in place of underscores.
 pub fn words(name: &str) -> String {
     name.replace('_', " ")
 }

@@ -1,24 +1,24 @@
-//! Figures: a plot with its title and legend, as HTML.
+//! Figures as HTML: a plot with title and legend.
 
 use std::ops::Range;
 
 use maud::{Markup, PreEscaped, html};
 
 use super::axis::Axis;
+use super::chart::{Mark, Plot};
 use super::palette::Ink;
-use super::plot::{Plot, Shape};
-use super::series::{Timeline, Trace};
+use super::trace::Trace;
 
-/// Width of a plot that takes half of the page.
+/// Width of a plot over half of the page \[pixels\].
 pub const HALF: u32 = 1120;
-/// Width of a plot that takes all of it.
+/// Width of a plot over the whole page \[pixels\].
 pub const FULL: u32 = 2320;
 const HEIGHT: u32 = 420;
 const PATH_HEIGHT: u32 = 900;
 const LABEL_WIDTH: u32 = 92;
 const LINE_WIDTH: u32 = 3;
 
-/// A plot under a title, with a legend.
+/// A figure of `plot`, with a legend if it has more than one entry.
 pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
     html! {
         figure.plot {
@@ -37,22 +37,27 @@ pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
     }
 }
 
-/// Traces over the time of the flight, the judged window shaded.
-pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Markup {
+/// A figure of traces over the time `span` \[s\], with the interval `shaded` \[s\] in the background.
+pub fn over_time(
+    title: &str,
+    traces: Vec<Trace>,
+    span: Range<f64>,
+    shaded: Option<Range<f64>>,
+) -> Markup {
     let values = traces.iter().flat_map(|trace| &trace.points).map(|point| point.1);
     let legend: Vec<_> = traces.iter().map(|trace| (trace.name, trace.ink)).collect();
-    let band = timeline.scored().map(Shape::Band);
+    let band = shaded.map(Mark::Band);
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,
-        x: Axis::linear(timeline.range(), 8.0, " s"),
+        x: Axis::linear(span, 8.0, " s"),
         y: Axis::fitting(values),
         shapes: band.into_iter().chain(lines(traces)).collect(),
     };
     figure(title, &legend, &plot)
 }
 
-/// Paths in a plane, in equal scale, with points marked on top.
+/// A figure of paths in a plane in equal scale, with marked points on top.
 pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
     let points = || paths.iter().chain(&marks).flat_map(|trace| &trace.points);
     let x = Axis::fitting(points().map(|point| point.0));
@@ -61,17 +66,17 @@ pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
     let legend: Vec<_> = shown.map(|trace| (trace.name, trace.ink)).collect();
     let discs = marks
         .into_iter()
-        .flat_map(|mark| mark.points.into_iter().map(move |at| Shape::Disc(mark.ink, at)));
+        .flat_map(|mark| mark.points.into_iter().map(move |at| Mark::Disc(mark.ink, at)));
     let shapes = lines(paths).chain(discs).collect();
     let plot = Plot { size: (HALF, PATH_HEIGHT), label_width: LABEL_WIDTH, x, y, shapes };
     figure(title, &legend, &plot.with_equal_scale())
 }
 
-fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Shape> {
-    traces.into_iter().map(|trace| Shape::Line(trace.ink, LINE_WIDTH, trace.points))
+fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Mark> {
+    traces.into_iter().map(|trace| Mark::Line(trace.ink, LINE_WIDTH, trace.points))
 }
 
-/// How many of `values` fall into each of `bins` equal parts of `range`; those outside are left out.
+/// Number of `values` in each of `bins` equal parts of `range`; values outside are ignored.
 pub fn histogram(values: impl Iterator<Item = f64>, range: &Range<f64>, bins: usize) -> Vec<u64> {
     let mut counts = vec![0; bins];
     for value in values {

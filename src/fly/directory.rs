@@ -1,30 +1,29 @@
-//! Where a flight is written.
+//! The directory that a flight is written to.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::print;
 
 use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::Summary;
-use oqtal_observe::{csv, report, table};
+use oqtal_observe::{csv, report};
 
-/// Flights kept by number; beyond, somebody should tidy up.
-const NUMBERS: u32 = 100_000;
+/// Highest number of a directory `flights/INSTANCE-N`.
+const MAX_NUMBER: u32 = 100_000;
 
-/// The directory of one flight.
+/// The directory of one flight: configuration, logs, summary, report, telemetry.
 #[derive(Debug)]
-pub struct Output {
+pub struct FlightDirectory {
     directory: PathBuf,
 }
 
-impl Output {
-    /// Makes the directory, `flights/INSTANCE-N` unless given, and writes the effective configuration into it.
+impl FlightDirectory {
+    /// Creates the directory, `flights/INSTANCE-N` unless given, and writes the effective configuration into it.
     ///
     /// # Errors
-    /// The directory cannot be made or written.
+    /// The directory cannot be created or written.
     pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
         let directory = match given {
             Some(directory) => {
@@ -33,24 +32,24 @@ impl Output {
             }
             None => next_free(&config.instance.name)?,
         };
-        let output = Self { directory };
-        output.save("config.toml", &config.to_toml())?;
-        Ok(output)
+        let created = Self { directory };
+        created.save("config.toml", &config.to_toml())?;
+        Ok(created)
     }
 
-    /// The directory.
+    /// The path of the directory.
     #[must_use]
-    pub fn directory(&self) -> &Path {
+    pub fn path(&self) -> &Path {
         &self.directory
     }
 
-    /// The effective configuration, for the processes.
+    /// The file with the effective configuration, for the processes.
     #[must_use]
     pub fn config(&self) -> PathBuf {
         self.directory.join("config.toml")
     }
 
-    /// Writes everything that is known of the flight.
+    /// Writes summary, report and telemetry of the flight.
     ///
     /// # Errors
     /// A file cannot be written.
@@ -62,13 +61,10 @@ impl Output {
         csv::write(flight, std::io::BufWriter::new(file)).map_err(|e| failed(&path, &e))
     }
 
-    /// Prints the closing table, and where the report is.
-    ///
-    /// # Errors
-    /// Standard output cannot be written.
-    pub fn print(&self, summary: &Summary) -> Result<(), Failure> {
-        let report = self.directory.join("report.html");
-        print(&format!("{}\nreport: {}", table::closing(summary), report.display()))
+    /// The file of the report.
+    #[must_use]
+    pub fn report(&self) -> PathBuf {
+        self.directory.join("report.html")
     }
 
     fn save(&self, name: &str, text: &str) -> Result<(), Failure> {
@@ -77,11 +73,11 @@ impl Output {
     }
 }
 
-/// The first `flights/INSTANCE-N` that nobody has; making it claims it.
+/// Creates the first `flights/INSTANCE-N` that does not exist.
 fn next_free(instance: &str) -> Result<PathBuf, Failure> {
     let flights = Path::new("flights");
     fs::create_dir_all(flights).map_err(|e| failed(flights, &e))?;
-    for number in 1..NUMBERS {
+    for number in 1..MAX_NUMBER {
         let directory = flights.join(format!("{instance}-{number}"));
         match fs::create_dir(&directory) {
             Ok(()) => return Ok(directory),
@@ -89,7 +85,10 @@ fn next_free(instance: &str) -> Result<PathBuf, Failure> {
             Err(error) => return Err(failed(&directory, &error)),
         }
     }
-    Err(Failure::new(Exit::System, "flights/ is full; remove old flights or give --out DIR"))
+    Err(Failure::new(
+        Exit::System,
+        "flights/ has no free number; remove old flights or give --out DIR",
+    ))
 }
 
 fn failed(path: &Path, error: &dyn std::fmt::Display) -> Failure {

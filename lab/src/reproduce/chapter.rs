@@ -1,0 +1,60 @@
+//! A chapter of the reproduction: the result of one experiment, and what all experiments share.
+
+use std::fs;
+use std::path::PathBuf;
+
+use oqtal_control::options::OptionError;
+use oqtal_runtime::process::{Exit, Failure};
+
+use crate::progress::Progress;
+use crate::sheet::Sheet;
+
+use super::figures::Figure;
+use super::lander::Lander;
+
+/// The result of one experiment: a chapter of the page.
+#[derive(Clone, Debug, Default)]
+pub struct Chapter {
+    /// Heading.
+    pub title: &'static str,
+    /// Introduction, one item for each paragraph.
+    pub intro: Vec<String>,
+    /// Tables.
+    pub sheets: Vec<Sheet>,
+    /// Figures.
+    pub figures: Vec<Figure>,
+}
+
+/// What the experiments of one run share.
+#[derive(Debug)]
+pub struct ExperimentContext {
+    /// The spacecraft.
+    pub lander: Lander,
+    /// Whether gains are tuned anew.
+    pub retune: bool,
+    /// Directory of the results.
+    pub directory: PathBuf,
+    /// Progress bars in the terminal.
+    pub progress: Progress,
+}
+
+impl ExperimentContext {
+    /// Writes a file into the directory of the results.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
+        let file = self.directory.join(name);
+        let parent = file.parent().unwrap_or(&self.directory);
+        fs::create_dir_all(parent).and_then(|()| fs::write(&file, text)).map_err(|error| {
+            let name = file.display();
+            let message = format!("{name}: {error}; give another directory with --out");
+            Failure::new(Exit::System, message)
+        })
+    }
+}
+
+/// The failure for an invalid option of an experiment. The options are constants, so the fault is the program's.
+pub fn invalid(error: OptionError) -> Failure {
+    Failure::new(Exit::Internal, error.to_string())
+}

@@ -1,0 +1,168 @@
+//! The loop monitor: a sink that collects the latencies and counters of a running instance.
+
+use oqtal_bus::message::{CommandV1, TelemetryV1, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use serde::Serialize;
+
+use crate::latency::{Distribution, HopDistributions};
+use crate::sink::{ObservedTopic, Reception, Sink};
+
+/// Counters of the control loop over the time observed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LoopCounters {
+    /// Ticks of the loop.
+    pub ticks: u64,
+    /// Ticks that used a new pose; the others acted on their deadline.
+    pub fresh_ticks: u64,
+    /// Commands published later than one period after their pose.
+    pub deadline_misses: u64,
+    /// Poses lost, by the gaps in their frame numbers.
+    pub poses_lost: u64,
+    /// Poses refused by the guard.
+    pub poses_refused: u64,
+    /// Commands published.
+    pub commands: u64,
+    /// Commands that the vehicle missed, by the gaps in their sequence.
+    pub commands_lost: u64,
+    /// Samples that the observer lost; the figures lack them.
+    pub unheard: u64,
+}
+
+/// Collects latencies and counters of one instance.
+#[derive(Debug)]
+pub struct LoopMonitor {
+    from: Time,
+    first: Option<TelemetryV1>,
+    last: TelemetryV1,
+    commands_lost_before: Option<u64>,
+    counters: LoopCounters,
+    armed: bool,
+    daemon_pid: Option<u64>,
+    hops: HopDistributions,
+    wakeup_lateness: Distribution,
+}
+
+impl LoopMonitor {
+    /// The topics that carry latencies and counters.
+    pub const TOPICS: [ObservedTopic; 3] =
+        [ObservedTopic::Telemetry, ObservedTopic::Vehicle, ObservedTopic::Command];
+
+    /// A monitor that ignores samples from before `from`.
+    #[must_use]
+    pub fn new(from: Time) -> Self {
+        Self {
+            from,
+            first: None,
+            last: TelemetryV1::default(),
+            commands_lost_before: None,
+            counters: LoopCounters::default(),
+            armed: false,
+            daemon_pid: None,
+            hops: HopDistributions::default(),
+            wakeup_lateness: Distribution::default(),
+        }
+    }
+
+    /// Discards all figures and ignores samples from before `from`; what is known of the daemon and the motors remains.
+    pub fn restart(&mut self, from: Time) {
+        *self = Self { armed: self.armed, daemon_pid: self.daemon_pid, ..Self::new(from) };
+    }
+
+    /// The newest tick of the loop; `None` if there was none.
+    #[must_use]
+    pub fn latest(&self) -> Option<&TelemetryV1> {
+        self.first.map(|_| &self.last)
+    }
+
+    /// Process id of the daemon; `None` before its first tick was received.
+    #[must_use]
+    pub fn daemon_pid(&self) -> Option<u64> {
+        self.daemon_pid
+    }
+
+    /// Whether the motors of the vehicle run.
+    #[must_use]
+    pub fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// The counters.
+    #[must_use]
+    pub fn counters(&self) -> LoopCounters {
+        self.counters
+    }
+
+    /// The hops of every command that was applied.
+    #[must_use]
+    pub fn hops(&self) -> &HopDistributions {
+        &self.hops
+    }
+
+    /// Wake-up lateness of the daemon.
+    #[must_use]
+    pub fn wakeup_lateness(&self) -> &Distribution {
+        &self.wakeup_lateness
+    }
+}
+
+impl Sink for LoopMonitor {
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        // A late joiner receives the last sample of the topic, however old.
+        if telemetry.time < self.from {
+            return;
+        }
+        self.daemon_pid = Some(u64::from(reception.header.origin().process()));
+        let first = *self.first.get_or_insert(*telemetry);
+        self.last = *telemetry;
+        self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        let counters = &mut self.counters;
+        counters.ticks += 1;
+        counters.fresh_ticks += u64::from(telemetry.fresh);
+        // A daemon that restarted counts from zero.
+        counters.deadline_misses = telemetry.deadline_misses.saturating_sub(first.deadline_misses);
+        counters.poses_lost = telemetry.poses_lost.saturating_sub(first.poses_lost);
+        counters.poses_refused = telemetry.poses_refused.saturating_sub(first.poses_refused);
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        let stamps = &reception.header.stamps;
+        if stamps.woken_at < self.from {
+            return;
+        }
+        self.armed = vehicle.armed == 1;
+        self.hops.add(stamps, Span::from_nanos(vehicle.wire_ns));
+        let before = *self.commands_lost_before.get_or_insert(vehicle.lost);
+        self.counters.commands_lost = vehicle.lost.saturating_sub(before);
+    }
+
+    fn command(&mut self, reception: &Reception, _: &CommandV1) {
+        self.counters.commands += u64::from(reception.header.stamps.woken_at >= self.from);
+    }
+
+    fn lost(&mut self, _: ObservedTopic, count: u64) {
+        self.counters.unheard += count;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counters_start_with_the_first_tick_observed() {
+        let mut monitor = LoopMonitor::new(Time::from_nanos(10));
+        let reception = Reception::default();
+        for (nanos, deadline_misses) in [(9, 3), (10, 4), (20, 6)] {
+            let time = Time::from_nanos(nanos);
+            let tick = TelemetryV1 { time, deadline_misses, fresh: 1, ..TelemetryV1::default() };
+            monitor.telemetry(&reception, &tick);
+        }
+        monitor.lost(ObservedTopic::Telemetry, 5);
+        let counted = monitor.counters();
+        assert_eq!((counted.ticks, counted.fresh_ticks, counted.deadline_misses), (2, 2, 2));
+        assert_eq!(counted.unheard, 5);
+        monitor.restart(Time::from_nanos(30));
+        assert_eq!((monitor.counters(), monitor.latest()), (LoopCounters::default(), None));
+        assert!(monitor.daemon_pid().is_some());
+    }
+}

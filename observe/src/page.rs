@@ -1,0 +1,32 @@
+//! HTML pages in the style of the flight report.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use crate::plot::palette;
+
+const STYLE: &str = include_str!("page.css");
+
+/// A complete HTML document in the style of the reports, with the style sheet `style` appended.
+#[must_use]
+pub fn page(title: &str, style: &str, body: &Markup) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                title { (title) }
+                style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) (PreEscaped(style)) }
+            }
+            body { (body) }
+        }
+    };
+    page.into_string()
+}
+
+/// A section of a page: a heading above a grid.
+#[must_use]
+pub fn section(title: &str, content: Markup) -> Markup {
+    html! { section { h2 { (title) } div.grid { (content) } } }
+}

@@ -1,0 +1,117 @@
+//! Points and traces of a plot, thinned to what it can show.
+
+use super::axis::{extent, is_drawable};
+use super::palette::Ink;
+
+/// Two coordinates, in the units of the axes.
+pub type Point = (f64, f64);
+
+/// Number of points that a trace is thinned to.
+const MOST_POINTS: usize = 2000;
+
+/// Whether a plot can show `point`.
+#[must_use]
+pub fn is_drawable_point(point: &Point) -> bool {
+    is_drawable(point.0) && is_drawable(point.1)
+}
+
+/// A line with its name.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// Name in the legend.
+    pub name: &'static str,
+    /// Colour.
+    pub ink: Ink,
+    /// Points in order; a point that cannot be drawn is a gap.
+    pub points: Vec<Point>,
+}
+
+/// Thins `points` to at most [`MOST_POINTS`]; minimum and maximum of every stretch are kept.
+pub fn thin(points: Vec<Point>) -> Vec<Point> {
+    if points.len() <= MOST_POINTS {
+        return points;
+    }
+    points.chunks(points.len().div_ceil(MOST_POINTS / 2)).flat_map(extremes).collect()
+}
+
+/// Minimum and maximum of a stretch, in their order; a gap if no point can be drawn.
+fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
+    let drawable = || stretch.iter().copied().enumerate().filter(|(_, (_, y))| is_drawable(*y));
+    let least = drawable().min_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
+    let greatest = drawable().max_by(|(_, a), (_, b)| a.1.total_cmp(&b.1));
+    let (first, second) = match (least, greatest) {
+        (Some(a), Some(b)) if a.0 < b.0 => (a.1, Some(b.1)),
+        (Some(a), Some(b)) if a.0 > b.0 => (b.1, Some(a.1)),
+        (Some(only), _) => (only.1, None),
+        (None, _) => ((stretch[0].0, f64::NAN), None),
+    };
+    std::iter::once(first).chain(second)
+}
+
+/// Thins the points of a path to at most [`MOST_POINTS`]: those at a distance from the last one kept. Outliers are kept.
+pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
+    let mut kept: Vec<Point> = points.into_iter().filter(is_drawable_point).collect();
+    let (x, y) = (extent(kept.iter().map(|p| p.0)), extent(kept.iter().map(|p| p.1)));
+    let mut spacing = 1e-3 * (x.end - x.start).max(y.end - y.start);
+    kept = spaced(&kept, spacing);
+    while kept.len() > MOST_POINTS {
+        spacing *= 1.5;
+        kept = spaced(&kept, spacing);
+    }
+    kept
+}
+
+fn spaced(points: &[Point], spacing: f64) -> Vec<Point> {
+    let mut kept: Vec<Point> = Vec::new();
+    for &(x, y) in points {
+        if kept.last().is_none_or(|last| (x - last.0).hypot(y - last.1) > spacing) {
+            kept.push((x, y));
+        }
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn thinning_keeps_a_single_spike_and_the_order() {
+        let mut points: Vec<Point> = (0..36_000).map(|i| (f64::from(i), 0.0)).collect();
+        points[12_345].1 = 7.0;
+        points[23_456].1 = -7.0;
+        let thinned = thin(points);
+        assert!(thinned.len() <= MOST_POINTS);
+        assert!(thinned.contains(&(12_345.0, 7.0)) && thinned.contains(&(23_456.0, -7.0)));
+        assert!(thinned.is_sorted_by(|a, b| a.0 < b.0));
+    }
+
+    #[test]
+    fn thinning_keeps_a_gap() {
+        let points =
+            (0..36_000).map(|i| (f64::from(i), if i / 1000 == 7 { f64::NAN } else { 1.0 }));
+        assert!(thin(points.collect()).iter().any(|(_, y)| y.is_nan()));
+    }
+
+    #[test]
+    fn a_thinned_path_keeps_an_outlier() {
+        let circle = (0..36_000).map(|i| (f64::from(i) * 0.01).sin_cos());
+        let mut points: Vec<Point> = circle.collect();
+        points[20_000] = (5.0, 5.0);
+        let thinned = thin_path(points);
+        assert!(thinned.len() <= MOST_POINTS && thinned.contains(&(5.0, 5.0)));
+    }
+
+    proptest! {
+        #[test]
+        fn any_points_can_be_thinned(
+            points in prop::collection::vec((any::<f64>(), any::<f64>()), 0..3),
+            copies in 1_usize..3000,
+        ) {
+            let many: Vec<Point> = points.iter().copied().cycle().take(points.len() * copies).collect();
+            prop_assert!(thin(many.clone()).len() <= MOST_POINTS);
+            prop_assert!(thin_path(many).len() <= MOST_POINTS);
+        }
+    }
+}

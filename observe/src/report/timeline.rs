@@ -1,0 +1,121 @@
+//! The part of a flight that the report shows, as traces over time.
+
+use std::ops::Range;
+
+use maud::Markup;
+
+use oqtal_bus::time::Time;
+
+use crate::flight::{Flight, FlightSample};
+use crate::plot::axis::{extent, is_drawable};
+use crate::plot::figure;
+use crate::plot::palette::Ink;
+use crate::plot::trace::{Point, Trace, thin, thin_path};
+
+/// The part of a flight that the report shows, on an axis of seconds.
+#[derive(Clone, Copy, Debug)]
+pub struct Timeline<'a> {
+    /// The flight.
+    pub flight: &'a Flight,
+    /// Ticks from the origin on.
+    pub samples: &'a [FlightSample],
+    origin: Time,
+}
+
+impl<'a> Timeline<'a> {
+    /// The timeline of `flight` from its origin on.
+    pub fn new(flight: &'a Flight) -> Self {
+        let origin = flight.origin();
+        let start = flight.samples.partition_point(|sample| sample.telemetry.time < origin);
+        Self { flight, samples: &flight.samples[start..], origin }
+    }
+
+    /// `time` on the axis \[s\].
+    pub fn seconds(&self, time: Time) -> f64 {
+        time.since(self.origin).seconds()
+    }
+
+    /// Time of `sample` on the axis \[s\].
+    pub fn at(&self, sample: &FlightSample) -> f64 {
+        self.seconds(sample.telemetry.time)
+    }
+
+    /// From the first to the last tick \[s\].
+    pub fn range(&self) -> Range<f64> {
+        extent(
+            [self.samples.first(), self.samples.last()].into_iter().flatten().map(|s| self.at(s)),
+        )
+    }
+
+    /// The scored window \[s\].
+    pub fn scored(&self) -> Option<Range<f64>> {
+        let mut scored = self.flight.scored().map(|sample| self.at(sample));
+        let first = scored.next()?;
+        Some(first..scored.last().unwrap_or(first))
+    }
+
+    /// The trace of `value` over time.
+    pub fn trace(
+        &self,
+        name: &'static str,
+        ink: Ink,
+        value: impl Fn(&FlightSample) -> f64,
+    ) -> Trace {
+        let points = self.samples.iter().map(|sample| (self.at(sample), value(sample)));
+        Trace { name, ink, points: thin(points.collect()) }
+    }
+
+    /// The source of the vehicle's motion: `truth` or `estimate`.
+    pub fn actual(&self) -> &'static str {
+        let has_truth = self.samples.iter().any(|sample| sample.truth.is_some());
+        if has_truth { "truth" } else { "estimate" }
+    }
+
+    /// The battery voltage over time, if it is known.
+    pub fn battery(&self) -> Option<Trace> {
+        let range = self.range();
+        let points =
+            self.flight.battery.iter().map(|(time, voltage)| (self.seconds(*time), *voltage));
+        let shown =
+            |(t, voltage): &Point| *t >= range.start && *t <= range.end && is_drawable(*voltage);
+        let points: Vec<Point> = points.filter(shown).collect();
+        (!points.is_empty()).then(|| Trace {
+            name: "voltage",
+            ink: Ink::Third,
+            points: thin(points),
+        })
+    }
+
+    /// The trace of an angle \[rad\] over time, in degrees, with a gap where it wraps around.
+    pub fn angle(
+        &self,
+        name: &'static str,
+        ink: Ink,
+        angle: impl Fn(&FlightSample) -> f64,
+    ) -> Trace {
+        let mut points: Vec<Point> = Vec::with_capacity(self.samples.len());
+        for sample in self.samples {
+            let degrees = angle(sample).to_degrees();
+            if points.last().is_some_and(|(_, last)| (degrees - last).abs() > 180.0) {
+                points.push((self.at(sample), f64::NAN));
+            }
+            points.push((self.at(sample), degrees));
+        }
+        Trace { name, ink, points: thin(points) }
+    }
+
+    /// The path of a point, one for each tick.
+    pub fn path(
+        &self,
+        name: &'static str,
+        ink: Ink,
+        point: impl Fn(&FlightSample) -> Point,
+    ) -> Trace {
+        Trace { name, ink, points: thin_path(self.samples.iter().map(point).collect()) }
+    }
+}
+
+/// A figure of traces over the time of the flight, with the scored window shaded.
+pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Markup {
+    figure::over_time(title, traces, timeline.range(), timeline.scored())
+}

@@ -1,0 +1,189 @@
+//! The recording of a flight through processes: requests the flight, polls the observer until the flight is over.
+
+use std::time::Duration;
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::{Answer, OperatorCommand};
+use oqtal_bus::control::ControlClient;
+use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
+use oqtal_config::ClockKind;
+use oqtal_lab::mission::Mission;
+use oqtal_lab::simulation::REVIEW;
+use oqtal_observe::flight::Flight;
+use oqtal_observe::kernel::ProcessUsage;
+use oqtal_observe::observer::BusObserver;
+use oqtal_observe::recorder::Recorder;
+use oqtal_runtime::loop_clock::LoopClock;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
+use oqtal_runtime::stop::StopFlag;
+
+use super::process_group::START_TIMEOUT;
+use super::progress::FlightProgress;
+use super::vehicle::VehicleLink;
+
+/// Period of polling in real time, short enough that the buffer of 1024 samples at 1 kHz does not overflow.
+const POLL_PERIOD: Duration = Duration::from_millis(20);
+
+/// What a recording needs.
+#[derive(Debug)]
+pub struct FlightRecording<'a> {
+    /// What is flown.
+    pub mission: &'a Mission,
+    /// How commands reach the vehicle.
+    pub link: &'a VehicleLink,
+    /// The instance of the flight.
+    pub bus: &'a Bus,
+    /// Ends the recording when set.
+    pub stop: &'a StopFlag,
+}
+
+/// The state of a recording.
+struct Progressing {
+    recorder: Recorder,
+    daemon: Option<ProcessUsage>,
+    /// Start of the recording in wall time.
+    wall: Time,
+    /// First review that counts, in the clock of the flight and in wall time.
+    first: Option<(Time, Time)>,
+    /// The latest review, in the clock of the flight.
+    now: Time,
+}
+
+impl FlightRecording<'_> {
+    /// Asks the daemon to fly and records until the flight is over, or `stop` is set.
+    ///
+    /// # Errors
+    /// The daemon refuses or never answers, the vehicle never answers, or the bus failed.
+    pub fn run(&self, mut observer: BusObserver<Bus>) -> Result<Flight, Failure> {
+        if self.mission.recording.is_none() {
+            request_flight(&self.bus.control_client()?, self.stop)?;
+        }
+        let progress = FlightProgress::new(self.mission.expected());
+        let mut clock = ReviewClock::new(self.mission, self.bus, self.stop)?;
+        let mut state = Progressing {
+            recorder: Recorder::new(&self.mission.config),
+            daemon: None,
+            wall: Time::now(),
+            first: None,
+            now: Time::UNSET,
+        };
+        while let Some(now) = clock.next_review()? {
+            state.now = now;
+            observer.poll(now, &mut state.recorder)?;
+            progress.show(&state.recorder);
+            if self.review(&mut state, clock.is_virtual())? {
+                break;
+            }
+        }
+        progress.finish();
+        Ok(self.conclude(state))
+    }
+
+    /// Reviews the flight after new samples were recorded; `true` if it is over.
+    fn review(&self, state: &mut Progressing, is_virtual: bool) -> Result<bool, Failure> {
+        let recorder = &state.recorder;
+        state.daemon = state.daemon.take().or_else(|| ProcessUsage::of(recorder.daemon_pid()?));
+        // A recording starts with its first pose, whenever the daemon started.
+        let started = match self.mission.recording {
+            Some(_) => recorder.has_poses(),
+            None => recorder.daemon_pid().is_some(),
+        };
+        if started || is_virtual {
+            state.first.get_or_insert((state.now, Time::now()));
+        } else if state.first.is_none() && Time::now().since(state.wall) > START_TIMEOUT {
+            return Err(never_started(&self.mission.config.instance.name));
+        }
+        let flown = state.first.map_or(Span::ZERO, |(began, _)| state.now.since(began));
+        let timeout = self.link.answer_timeout(&self.mission.config);
+        if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
+            return Err(self.link.never_answered());
+        }
+        Ok(recorder.outcome().is_some() || flown >= self.mission.patience())
+    }
+
+    /// Reports losses and closes the record.
+    fn conclude(&self, state: Progressing) -> Flight {
+        let Progressing { recorder, mut daemon, first, now, .. } = state;
+        for (topic, lost) in recorder.lost() {
+            say(&format!(
+                "oqtal: {lost} samples of `{topic}` were not recorded: this machine is overloaded"
+            ));
+        }
+        let speed_factor = first.map_or(0.0, |(began, wall)| {
+            now.since(began).seconds() / Time::now().since(wall).seconds().max(1e-9)
+        });
+        if let (Some(daemon), Some(pid)) = (&mut daemon, recorder.daemon_pid()) {
+            daemon.update(pid);
+        }
+        let command_path = self.link.command_path();
+        let flight = recorder.finish(self.mission.otherwise(), speed_factor);
+        Flight { daemon, command_path, ..flight }
+    }
+}
+
+/// The clock of the recorder: a review every few milliseconds, or a turn in virtual time.
+enum ReviewClock {
+    Real(StopFlag),
+    Virtual { clock: Box<LoopClock>, next: Option<Time>, end: Time },
+}
+
+impl ReviewClock {
+    fn new(mission: &Mission, bus: &Bus, stop: &StopFlag) -> Result<Self, Failure> {
+        Ok(match mission.config.clock.kind {
+            ClockKind::Real => Self::Real(stop.clone()),
+            ClockKind::Lockstep | ClockKind::InProcess => Self::Virtual {
+                clock: Box::new(LoopClock::follower(bus, Role::Recorder, stop.clone())?),
+                next: None,
+                end: Time::VIRTUAL_START + mission.patience(),
+            },
+        })
+    }
+
+    /// Waits until the next review; `None` once asked to stop.
+    fn next_review(&mut self) -> Result<Option<Time>, Failure> {
+        match self {
+            Self::Real(stop) => {
+                std::thread::sleep(POLL_PERIOD);
+                Ok((!stop.is_set()).then(Time::now))
+            }
+            Self::Virtual { clock, next, end } => {
+                let now = clock.wait(*next)?;
+                *next = now.map(|now| (now + REVIEW).min(*end));
+                Ok(now)
+            }
+        }
+    }
+
+    fn is_virtual(&self) -> bool {
+        matches!(self, Self::Virtual { .. })
+    }
+}
+
+/// Asks the daemon to fly until it answers.
+fn request_flight(client: &ControlClient, stop: &StopFlag) -> Result<(), Failure> {
+    let deadline = Time::now() + START_TIMEOUT;
+    let request = ControlRequestV1 { command: OperatorCommand::Fly.code() };
+    while Time::now() < deadline && !stop.is_set() {
+        match client.ask(request, Span::from_millis(200))? {
+            Some(response) if response.answer == Answer::Refused.code() => {
+                return Err(Failure::new(Exit::Flight, "the daemon refuses to fly"));
+            }
+            Some(_) => return Ok(()),
+            None => {}
+        }
+    }
+    if stop.is_set() {
+        // The watch that set it reports the reason.
+        return Ok(());
+    }
+    Err(Failure::new(Exit::Peer, "the daemon never answered; see daemon.log beside the report"))
+}
+
+fn never_started(instance: &str) -> Failure {
+    let message =
+        format!("no sample of the daemon arrived on instance `{instance}`; see its daemon.log");
+    Failure::new(Exit::Peer, message)
+}
