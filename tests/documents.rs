@@ -1,7 +1,9 @@
-//! What the documents say is so: paths, symbols, tests, equations, errata, defaults, commands; and a few rules of the code
-//! that only reading it can hold.
+//! Statements of the documents are checked against the code: paths, symbols, tests, equations, errata, defaults, commands.
+//! Rules of the code that concern its text are checked here too: where clocks are read, what the mathematics may import.
 
 mod common;
+#[path = "common/sources.rs"]
+mod sources;
 #[path = "documents/text.rs"]
 mod text;
 
@@ -17,14 +19,24 @@ use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
 use oqtal_runtime::process::Exit;
+use sources::{Source, assert_none, read, root, sources};
 use text::{
-    Source, Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers,
-    quoted, read, root, sources,
+    Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers, quoted,
 };
 
-/// What is wrong, one line each, instead of the first that is.
-fn none(what: &str, wrong: &[String]) {
-    assert!(wrong.is_empty(), "{what}:\n  {}", wrong.join("\n  "));
+/// Every Markdown file at the root and in `docs`, but the generated one.
+fn documents() -> Vec<String> {
+    let mut found = Vec::new();
+    for folder in ["", "docs/"] {
+        for entry in std::fs::read_dir(root().join(folder)).unwrap() {
+            let name = entry.unwrap().file_name().into_string().unwrap();
+            if name.ends_with(".md") && name != "reproduction.md" {
+                found.push(format!("{folder}{name}"));
+            }
+        }
+    }
+    assert!(found.len() > 8, "the documents are not where they were: {found:?}");
+    found
 }
 
 fn is_path(token: &str) -> bool {
@@ -58,17 +70,7 @@ fn index() -> Table {
 #[test]
 fn links_and_paths_in_the_documents_lead_somewhere() {
     let mut wrong = Vec::new();
-    let documents = [
-        "README.md",
-        "CONTRIBUTING.md",
-        "CHANGELOG.md",
-        "docs/conventions.md",
-        "docs/faults.md",
-        "docs/performance.md",
-        "docs/operations.md",
-    ];
-    let more = ["docs/paper.md", "docs/errata.md", "docs/oqtal-dt.md"];
-    for document in documents.into_iter().chain(more) {
+    for document in &documents() {
         let text = read(document);
         let folder = root().join(document).parent().unwrap().to_owned();
         for link in links(&text) {
@@ -87,7 +89,7 @@ fn links_and_paths_in_the_documents_lead_somewhere() {
             }
         }
     }
-    none("documents point at what is not there", &wrong);
+    assert_none("documents point at what is not there", &wrong);
 }
 
 #[test]
@@ -113,7 +115,7 @@ fn every_equation_of_the_index_is_implemented_cited_and_tested_where_it_says() {
             wrong.push(format!("{equation}: not cited in {}", row["implemented in"]));
         }
     }
-    none("docs/paper.md is out of step", &wrong);
+    assert_none("docs/paper.md is out of step", &wrong);
 }
 
 #[test]
@@ -127,7 +129,7 @@ fn every_equation_cited_in_the_mathematics_is_in_the_index() {
             wrong.push(format!("{path}: Eq. ({number})"));
         }
     }
-    none("cited, but not in docs/paper.md", &wrong);
+    assert_none("cited, but not in docs/paper.md", &wrong);
 }
 
 #[test]
@@ -155,7 +157,7 @@ fn errata_are_cited_in_the_code_and_known() {
             wrong.push(format!("docs/paper.md says that {id} is implemented; no code cites it"));
         }
     }
-    none("errata and code disagree", &wrong);
+    assert_none("errata and code disagree", &wrong);
 }
 
 #[test]
@@ -170,7 +172,7 @@ fn every_test_that_an_erratum_names_exists() {
             }
         }
     }
-    none("errata name tests that do not exist", &wrong);
+    assert_none("errata name tests that do not exist", &wrong);
 }
 
 #[test]
@@ -197,7 +199,7 @@ fn every_fault_has_a_response_and_a_test_and_every_test_of_a_fault_its_row() {
             wrong.push(format!("{path}: {name} is in no row"));
         }
     }
-    none("docs/faults.md is out of step", &wrong);
+    assert_none("docs/faults.md is out of step", &wrong);
 }
 
 /// The tests named after a fault, as in `f14_...`.
@@ -332,7 +334,7 @@ fn programs_are_thin() {
         .filter(|file| file.text.lines().count() >= 60)
         .map(|file| file.path)
         .collect();
-    none("60 lines or more", &wrong);
+    assert_none("60 lines or more", &wrong);
 }
 
 #[test]
@@ -343,7 +345,7 @@ fn clocks_are_read_in_one_place() {
         .filter(|file| ["Instant::now", "SystemTime"].iter().any(|clock| file.text.contains(clock)))
         .map(|file| file.path)
         .collect();
-    none("clocks read outside bus/src/time.rs", &wrong);
+    assert_none("clocks read outside bus/src/time.rs", &wrong);
 }
 
 #[test]
@@ -355,5 +357,5 @@ fn the_mathematics_touches_no_clock_file_network_thread_or_environment() {
         .filter(|file| outside.iter().any(|module| file.text.contains(module)))
         .map(|file| file.path)
         .collect();
-    none("the mathematics is not pure", &wrong);
+    assert_none("the mathematics is not pure", &wrong);
 }
