@@ -29,9 +29,9 @@ use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_runtime::loop_clock::StopFlag;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
+use oqtal_runtime::stop::StopFlag;
 
 use ears::Ears;
 use figures::Figures;

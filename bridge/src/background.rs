@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use oqtal_bus::time::{Span, Time};
-use oqtal_runtime::loop_clock::StopFlag;
+use oqtal_runtime::stop::StopFlag;
 
 use crate::link::Link;
 use crate::motors::Change;

@@ -11,10 +11,10 @@ use oqtal_bus::port::{Reader, Writer};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_runtime::health::Health;
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Failure, ProcessContext};
-use oqtal_runtime::service::Health;
 use oqtal_wire::link::LinkSpec;
 
 use crate::background::{Note, RtHandle, rt_handle};
@@ -43,7 +43,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let bus = context.bus()?;
     let ports = Ports::open(context, &bus)?;
-    let pace = context.pace(&bus, &COMMAND)?;
+    let pace = context.loop_clock(&bus, &COMMAND)?;
     let port = Port {
         path: spec.path().into(),
         baud: spec.baud(),
@@ -107,7 +107,7 @@ impl Pump {
             }
             self.listen();
             if let Some((header, command)) = self.ports.commands.latest()? {
-                self.health.heard();
+                self.health.count_input();
                 // After the command was taken: it must not look as if it had come before it was sent.
                 let (now, lost) = (self.pace.now(), self.ports.commands.lost());
                 self.bridge.receive(now, &header, command, lost);

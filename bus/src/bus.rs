@@ -48,9 +48,9 @@ impl Bus {
         Ok(Self { bells, node: join(&config, place)?, place: place.clone() })
     }
 
-    /// The place this bus lives at.
+    /// Paths and names of the instance.
     #[must_use]
-    pub fn place(&self) -> &InstancePaths {
+    pub fn paths(&self) -> &InstancePaths {
         &self.place
     }
 

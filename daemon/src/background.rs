@@ -1,25 +1,22 @@
-//! What must not happen on the real-time thread: logs, health, operators' requests. Fed through bounded queues that drop and
-//! count rather than block.
+//! The background thread of the daemon: logs, health, operator requests.
 
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
-use oqtal_bus::error::BusError;
+use oqtal_bus::control::ControlServer;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, TelemetryV1};
-use oqtal_runtime::health::Heartbeat;
-use oqtal_runtime::process::ProcessContext;
+use oqtal_runtime::background::BackgroundWorker;
+use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
+use oqtal_runtime::health::{Health, Heartbeat};
+use oqtal_runtime::process::{Failure, ProcessContext};
 
 use crate::cycle::AtStart;
 
-const QUEUE: usize = 64;
-/// How often requests are looked for.
-const POLL: Duration = Duration::from_millis(5);
-/// How long an operator's request may wait for the next tick before it is answered with "accepted".
-const PATIENCE: Duration = Duration::from_millis(60);
+/// An operator's request that the loop has not answered by then is answered with "accepted".
+const REPLY_TIMEOUT: Duration = Duration::from_millis(60);
 
-/// The condition of the loop, as it changes.
+/// The condition of the loop that operators see.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Condition {
     mode: u8,
@@ -45,118 +42,69 @@ impl Condition {
         changing(self) != changing(other)
     }
 
-    /// It in words, and the state; `None` for codes that no version of ours sends.
-    fn words(&self) -> Option<(String, SafetyState, Cause)> {
+    /// Text, state and cause; `None` for codes that this version does not know.
+    fn text(&self) -> Option<(String, SafetyState, Cause)> {
         let mode = Mode::from_code(self.mode)?;
         let (state, cause) = (SafetyState::from_code(self.state)?, Cause::from_code(self.cause)?);
-        let words = match cause {
+        let text = match cause {
             Cause::None => format!("{mode}, {state}"),
             cause => format!("{mode}, {state}: {cause}"),
         };
-        Some((words, state, cause))
+        Some((text, state, cause))
     }
 }
 
-/// The number by which a request and its answer find each other.
-type Number = u64;
+/// Number by which a request and its reply find each other.
+type RequestNumber = u64;
+type NumberedRequest = (RequestNumber, OperatorCommand);
+type NumberedReply = (RequestNumber, ControlResponseV1);
 
-/// The real-time thread's end: never blocks, never allocates.
+/// The real-time thread's end of the hand-off.
 #[derive(Debug)]
-pub struct RtHandle {
-    requests: Receiver<(Number, OperatorCommand)>,
-    answers: Sender<(Number, ControlResponseV1)>,
-    conditions: Sender<Condition>,
+pub struct LoopHandle {
+    queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
     last: Condition,
-    unlogged: u64,
 }
 
-impl RtHandle {
-    /// Answers an operator's request, if one waits, by `answer`; `false` if none does.
-    pub fn serve(&self, answer: impl FnOnce(OperatorCommand) -> ControlResponseV1) -> bool {
-        let Ok((number, command)) = self.requests.try_recv() else { return false };
-        // Nobody may be waiting for the answer any more.
-        let _ = self.answers.try_send((number, answer(command)));
-        true
-    }
-
-    /// Tells of a change; counts those that found the queue full, and tells with the next one how many.
-    pub fn note(&mut self, condition: Condition) {
-        if condition.differs_from(&self.last) {
-            self.last = Condition { unlogged: self.unlogged, ..condition };
-            if let Err(TrySendError::Full(_)) = self.conditions.try_send(self.last) {
-                self.unlogged += 1;
-            }
-        }
-    }
-}
-
-/// The background thread's end.
+/// The background thread's end of the hand-off.
 #[derive(Debug)]
-pub struct BackgroundWorker {
-    requests: Sender<(Number, OperatorCommand)>,
-    answers: Receiver<(Number, ControlResponseV1)>,
-    conditions: Receiver<Condition>,
-    asked: Number,
+pub struct OperatorRequests {
+    queues: BackgroundHandle<Condition, NumberedRequest, NumberedReply>,
+    count: RequestNumber,
     last: Condition,
 }
 
 /// Both ends.
 #[must_use]
-pub fn rt_handle() -> (RtHandle, BackgroundWorker) {
-    let (request_in, request_out) = bounded(QUEUE);
-    let (answer_in, answer_out) = bounded(QUEUE);
-    let (condition_in, condition_out) = bounded(QUEUE);
-    let rt_handle = RtHandle {
-        requests: request_out,
-        answers: answer_in,
-        conditions: condition_in,
-        last: Condition::default(),
-        unlogged: 0,
-    };
-    let background = BackgroundWorker {
-        requests: request_in,
-        answers: answer_out,
-        conditions: condition_out,
-        asked: 0,
-        last: Condition::default(),
-    };
-    (rt_handle, background)
+pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
+    let (realtime, background) = handoff();
+    (
+        LoopHandle { queues: realtime, last: Condition::default() },
+        OperatorRequests { queues: background, count: 0, last: Condition::default() },
+    )
 }
 
-impl BackgroundWorker {
-    /// Keeps house until asked to stop; says through `ready` whether the ports are open.
-    pub fn run(mut self, context: &ProcessContext, ready: &Sender<Result<(), BusError>>) {
-        let opened = context.bus().and_then(|bus: Bus| {
-            let server = bus.control_server()?;
-            let heartbeat = context.heartbeat(&bus)?;
-            Ok((bus, server, heartbeat))
-        });
-        let (_bus, server, mut heartbeat) = match opened {
-            Ok(ports) => {
-                let _ = ready.send(Ok(()));
-                ports
-            }
-            Err(error) => {
-                let _ = ready.send(Err(error));
-                return;
-            }
-        };
-        while !context.stop.is_set() {
-            self.hear();
-            if let Some((words, ..)) = self.last.words() {
-                context.health.say(words);
-            }
-            if let Err(error) = server.serve(|request| self.ask(request)) {
-                tracing::warn!("{error}");
-            }
-            self.tell(&mut heartbeat);
-            std::thread::sleep(POLL);
-        }
+impl LoopHandle {
+    /// Replies to the operator's request that waits, if any, with the result of `answer`; `false` if none waits.
+    pub fn poll_request(&self, answer: impl FnOnce(OperatorCommand) -> ControlResponseV1) -> bool {
+        let Some((number, command)) = self.queues.request() else { return false };
+        self.queues.reply((number, answer(command)));
+        true
     }
 
-    /// Takes in what changed, and logs it.
-    fn hear(&mut self) {
-        while let Ok(condition) = self.conditions.try_recv() {
+    /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
+    pub fn publish_status(&mut self, condition: Condition) {
+        if condition.differs_from(&self.last) {
+            self.last = Condition { unlogged: self.queues.dropped_notes(), ..condition };
+            self.queues.note(self.last);
+        }
+    }
+}
+
+impl OperatorRequests {
+    /// Takes in and logs the changes of the condition.
+    fn take_changes(&mut self) {
+        for condition in self.queues.notes() {
             log(&condition);
             if condition.at_start == AtStart::Refused && self.last.at_start != AtStart::Refused {
                 tracing::warn!(
@@ -167,7 +115,7 @@ impl BackgroundWorker {
         }
     }
 
-    /// Passes a request on to the loop and waits for its answer; the loop may be standing still.
+    /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still.
     fn ask(&mut self, request: ControlRequestV1) -> ControlResponseV1 {
         let Condition { mode, state, cause, .. } = self.last;
         let reply =
@@ -175,42 +123,73 @@ impl BackgroundWorker {
         let Some(command) = OperatorCommand::from_code(request.command) else {
             return reply(Answer::Refused);
         };
-        self.asked += 1;
-        if self.requests.try_send((self.asked, command)).is_err() {
+        self.count += 1;
+        if self.queues.send((self.count, command)).is_err() {
             return reply(Answer::Refused);
         }
-        let give_up = crossbeam_channel::after(PATIENCE);
+        let timeout = crossbeam_channel::after(REPLY_TIMEOUT);
         loop {
             crossbeam_channel::select! {
-                recv(self.answers) -> answer => match answer {
-                    Ok((number, response)) if number == self.asked => return response,
-                    // It came too late for its own request.
+                recv(self.queues.replies()) -> answer => match answer {
+                    Ok((number, response)) if number == self.count => return response,
+                    // The late reply to an earlier request.
                     Ok(_) => {}
                     Err(_) => return reply(Answer::Refused),
                 },
-                recv(give_up) -> _ => return reply(Answer::Accepted),
+                recv(timeout) -> _ => return reply(Answer::Accepted),
             }
         }
     }
+}
 
-    fn tell(&self, heartbeat: &mut Heartbeat) {
-        let Condition { mode, state, cause, unlogged, .. } = self.last;
-        if let Err(error) =
-            heartbeat.beat(HealthV1 { state, mode, cause, unlogged, ..HealthV1::default() })
-        {
+/// The background thread of the daemon: logs, health, operator requests.
+pub struct DaemonWorker {
+    requests: OperatorRequests,
+    server: ControlServer,
+    heartbeat: Heartbeat,
+    health: Health,
+    // The ports live as long as the bus they were opened on.
+    _bus: Bus,
+}
+
+impl DaemonWorker {
+    /// Opens the control service and the health topic.
+    ///
+    /// # Errors
+    /// Another daemon serves the instance, or the bus refuses.
+    pub fn open(context: &ProcessContext, requests: OperatorRequests) -> Result<Self, Failure> {
+        let bus = context.bus()?;
+        let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
+        Ok(Self { requests, server, heartbeat, health: context.health.clone(), _bus: bus })
+    }
+}
+
+impl BackgroundWorker for DaemonWorker {
+    fn poll(&mut self) {
+        let Self { requests, server, heartbeat, health, .. } = self;
+        requests.take_changes();
+        if let Some((text, ..)) = requests.last.text() {
+            health.set_status(text);
+        }
+        if let Err(error) = server.serve(|request| requests.ask(request)) {
+            tracing::warn!("{error}");
+        }
+        let Condition { mode, state, cause, unlogged, .. } = requests.last;
+        let health = HealthV1 { state, mode, cause, unlogged, ..HealthV1::default() };
+        if let Err(error) = heartbeat.beat(health) {
             tracing::warn!("{error}");
         }
     }
 }
 
 fn log(condition: &Condition) {
-    let Some((words, state, cause)) = condition.words() else { return };
+    let Some((text, state, cause)) = condition.text() else { return };
     let (state_name, cause_name) = (state.to_string(), cause.to_string());
     let sequence = condition.command_sequence;
     if state == SafetyState::Nominal {
-        tracing::info!(state = state_name, sequence, "{words}");
+        tracing::info!(state = state_name, sequence, "{text}");
     } else {
-        tracing::warn!(state = state_name, cause = cause_name, sequence, "{words}");
+        tracing::warn!(state = state_name, cause = cause_name, sequence, "{text}");
     }
 }
 
@@ -228,20 +207,19 @@ mod tests {
 
     #[test]
     fn nobody_gets_the_answer_to_the_request_of_another() {
-        let (rt_handle, mut background) = rt_handle();
+        let (handle, mut requests) = loop_handoff();
         // The loop stands still: the first operator goes without an answer of its own.
-        let first = background.ask(asks(OperatorCommand::Status));
+        let first = requests.ask(asks(OperatorCommand::Status));
         assert_eq!(first.answer, Answer::Accepted.code());
-        let second = std::thread::spawn(move || background.ask(asks(OperatorCommand::Land)));
+        let second = std::thread::spawn(move || requests.ask(asks(OperatorCommand::Land)));
+        assert!(handle.poll_request(|_| answers(Answer::Refused)));
         // The loop goes on once the second request is there, too.
-        while rt_handle.requests.len() < 2 {
-            std::thread::yield_now();
-        }
-        assert!(rt_handle.serve(|_| answers(Answer::Refused)));
-        assert!(rt_handle.serve(|command| {
+        while !handle.poll_request(|command| {
             assert_eq!(command, OperatorCommand::Land);
             answers(Answer::Done)
-        }));
+        }) {
+            std::thread::yield_now();
+        }
         let second = second.join().unwrap().answer;
         // Accepted: this machine took longer for the above than an operator waits.
         assert!([Answer::Done, Answer::Accepted].map(Answer::code).contains(&second));
@@ -249,15 +227,20 @@ mod tests {
 
     #[test]
     fn changes_that_found_the_queue_full_are_told_with_the_next_one() {
-        let (mut rt_handle, mut background) = rt_handle();
-        let condition = |mode| Condition { mode: u8::from(mode), ..Condition::default() };
-        for number in 1..=QUEUE + 3 {
-            rt_handle.note(condition(number % 2 == 1));
+        let (mut handle, mut requests) = loop_handoff();
+        let condition = |mode| Condition { mode, ..Condition::default() };
+        let mut mode = 0;
+        let mut publish = |handle: &mut LoopHandle| {
+            mode = 1 - mode;
+            handle.publish_status(condition(mode));
+        };
+        while handle.queues.dropped_notes() < 3 {
+            publish(&mut handle);
         }
-        background.hear();
-        assert_eq!(background.last.unlogged, 0);
-        rt_handle.note(condition(QUEUE % 2 == 1));
-        background.hear();
-        assert_eq!(background.last.unlogged, 3);
+        requests.take_changes();
+        assert_eq!(requests.last.unlogged, 0);
+        publish(&mut handle);
+        requests.take_changes();
+        assert_eq!(requests.last.unlogged, 3);
     }
 }

@@ -11,7 +11,8 @@
 //! | `mission.rs` | what is flown, and since when |
 //! | `pilot.rs` | outer loops and attitude law |
 //! | `warmup.rs` | keeping the loop warm |
-//! | `background.rs` | logs, health, operators |
+//! | `turn.rs` | one turn over the ports |
+//! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `marker.rs` | a daemon that did not end by itself does not take off by itself |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
@@ -24,69 +25,63 @@ mod guard;
 mod mission;
 mod pilot;
 mod supervisor;
+mod turn;
 mod vehicle;
 mod warmup;
 
-use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, Stamps, TelemetryV1, VehicleV1};
-use oqtal_bus::port::{Reader, Writer};
+use oqtal_bus::message::HealthV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{COMMAND, POSE, Role, TELEMETRY, VEHICLE};
-use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_bus::topic::{POSE, Role};
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
-use oqtal_runtime::loop_clock::LoopClock;
+use oqtal_runtime::background::with_background;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
+use oqtal_runtime::process_loop;
 
-pub use background::{Condition, RtHandle};
+use background::DaemonWorker;
+pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
 pub use cycle::{AtStart, Cycle, Tick};
 use flight_marker::FlightMarker;
 pub use guard::{Accepted, Guard};
 pub use mission::Mission;
 pub use pilot::{ControlOutput, Pilot};
 pub use supervisor::{Conditions, Supervisor};
+pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;
 
-/// Controls the vehicle until asked to stop; leaves it neutral.
+/// Controls the vehicle until asked to stop, and leaves its motors off.
 ///
 /// # Errors
-/// Another controller holds the command topic, the configuration has no meaning, or the bus refuses.
+/// Another controller holds the command topic, the configuration is invalid, or the bus refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = trajectory(&context.config)?;
     let bus = context.bus()?;
-    let ports = Ports::open(&bus)?;
-    let pace = context.pace(&bus, &POSE)?;
-    let mut cycle = Cycle::new(&context.config, trajectory, pace.now())
+    let ports = DaemonPorts::open(&bus).map_err(|error| name_holder(&bus, error))?;
+    let mut clock = context.loop_clock(&bus, &POSE)?;
+    let mut cycle = Cycle::new(&context.config, trajectory, clock.now())
         .map_err(|reason| Failure::new(Exit::Config, reason))?;
     let warmup =
-        if pace.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
-    let (rt_handle, background) = background::rt_handle();
-    std::thread::scope(|threads| {
-        let (ready, opened) = crossbeam_channel::bounded(1);
-        // The background thread ends with the loop, however that ends.
-        let _stop = context.stop.set_on_drop();
-        threads.spawn(move || background.run(context, &ready));
-        match opened.recv() {
-            Ok(Ok(())) => {
-                // The command topic is held: no other daemon of this instance has a marker. Whoever got no further than this
-                // has not run, and leaves none.
-                let marker = FlightMarker::of(bus.place());
-                if context.config.safety.arm_at_start && !marker.set() {
-                    cycle.stay_at_start();
-                }
-                context.enter_realtime();
-                Loop { ports, pace, cycle, warmup, rt_handle }.control()?;
-                marker.remove();
-                Ok(())
+        if clock.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
+    let (handle, requests) = loop_handoff();
+    with_background(
+        context,
+        || DaemonWorker::open(context, requests),
+        || {
+            // Set once the ports are held: a daemon that could not start leaves no marker.
+            let marker = FlightMarker::of(bus.paths());
+            if context.config.safety.arm_at_start && !marker.set() {
+                cycle.stay_at_start();
             }
-            Ok(Err(error)) => Err(error.into()),
-            Err(_) => Err(Failure::new(Exit::Internal, "the background thread did not start")),
-        }
-    })
+            context.enter_realtime();
+            process_loop::run(&mut DaemonTurn { ports, cycle, warmup, handle }, &mut clock, None)?;
+            marker.remove();
+            Ok(())
+        },
+    )
 }
 
 /// Whether the daemon could fly with `config`.
@@ -118,76 +113,6 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
         let reason = "`trajectory.waypoints-file` must name a CSV file with columns t, x, y, z and, if wanted, yaw";
         Failure::new(Exit::Config, reason)
     })
-}
-
-/// The real-time thread's all.
-struct Loop {
-    ports: Ports,
-    pace: LoopClock,
-    cycle: Cycle,
-    warmup: CacheWarmup,
-    rt_handle: RtHandle,
-}
-
-impl Loop {
-    /// Controls until asked to stop or the bus breaks, and leaves the vehicle neutral either way, even by a panic.
-    fn control(&mut self) -> Result<(), BusError> {
-        let result = catch_unwind(AssertUnwindSafe(|| self.turns()));
-        self.ports.commands.send(0, Stamps::default(), CommandV1::default())?;
-        self.ports.commands.notify()?;
-        result.unwrap_or_else(|panic| resume_unwind(panic))
-    }
-
-    /// Wait, compute, publish; telemetry and the rt_handle afterwards.
-    fn turns(&mut self) -> Result<(), BusError> {
-        let Self { ports, pace, cycle, warmup, rt_handle } = self;
-        while pace.wait(Some(warmup.or(cycle.next_event())))?.is_some() {
-            let arrival = ports.poses.latest()?;
-            // After the pose was taken: nothing that is stamped later may look earlier.
-            let now = pace.now();
-            if let Some((header, vehicle)) = ports.vehicles.latest()? {
-                cycle.hear(now, &header, &vehicle);
-            }
-            if let Some(tick) = cycle.step(now, arrival.as_ref()) {
-                let computed_at = pace.now();
-                let stamps =
-                    Stamps { computed_at, command_published_at: pace.now(), ..tick.stamps };
-                let sequence = ports.commands.send(tick.pose_sequence, stamps, tick.command)?;
-                pace.announce(&ports.commands)?;
-                let telemetry = cycle.report(&stamps, sequence);
-                ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
-                rt_handle.note(Condition::of(&telemetry, cycle.at_start()));
-            } else if warmup.perform(now, cycle) {
-                ports.commands.warm_up();
-            }
-            if let Some(arrival) = &arrival {
-                warmup.expect(now, arrival);
-            }
-            while rt_handle.serve(|command| cycle.request(now, command)) {}
-        }
-        Ok(())
-    }
-}
-
-/// The daemon's ports in the loop.
-struct Ports {
-    poses: Reader<PoseV1>,
-    vehicles: Reader<VehicleV1>,
-    commands: Writer<CommandV1>,
-    telemetry: Writer<TelemetryV1>,
-}
-
-impl Ports {
-    /// Opens them, the command topic first: it is the lock against a second controller.
-    fn open(bus: &Bus) -> Result<Self, Failure> {
-        let commands = bus.writer(&COMMAND).map_err(|error| name_holder(bus, error))?;
-        Ok(Self {
-            commands,
-            poses: bus.reader(&POSE)?,
-            vehicles: bus.reader(&VEHICLE)?,
-            telemetry: bus.writer(&TELEMETRY)?,
-        })
-    }
 }
 
 /// Says which process holds the command topic, if it tells in time: a daemon is heard twice a second.

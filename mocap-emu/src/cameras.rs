@@ -11,7 +11,7 @@ use oqtal_runtime::random::{Generator, Source, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
-use crate::Delivery;
+use oqtal_runtime::pose_source::Delivery;
 
 /// Random words set aside for each frame, so that a frame's noise does not depend on what befell the frames before.
 const WORDS_PER_FRAME: u128 = 256;

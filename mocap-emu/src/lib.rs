@@ -6,41 +6,23 @@
 mod cameras;
 pub mod recording;
 mod replay;
+mod source;
 
 use std::path::Path;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::message::{HealthV1, PoseV1, Stamps, TruthV1};
-use oqtal_bus::port::Writer;
-use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, POSE, TRUTH};
-use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_bus::topic::{COMMAND, TRUTH};
 use oqtal_config::Config;
 use oqtal_runtime::loop_clock::LoopClock;
+use oqtal_runtime::pose_source::{PoseSource, PoseTurn};
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
+use oqtal_runtime::process_loop;
 
 pub use cameras::Cameras;
+pub use oqtal_runtime::pose_source::Delivery;
 pub use recording::Recording;
 pub use replay::Replay;
-
-/// A pose on its way to the daemon.
-#[derive(Clone, Copy, Debug)]
-pub struct Delivery {
-    /// Number of its camera frame, from 1: a gap is a lost frame.
-    pub frame: u64,
-    /// Its capture.
-    pub stamps: Stamps,
-    /// What the cameras say.
-    pub pose: PoseV1,
-}
-
-impl Delivery {
-    /// The stamps with the instant of publication.
-    #[must_use]
-    pub fn stamps_at(&self, now: Time) -> Stamps {
-        Stamps { pose_published_at: now, ..self.stamps }
-    }
-}
+pub use source::{EmulatedCameras, Playback, Start, is_frame};
 
 /// Reads the recording that a configuration names.
 ///
@@ -58,74 +40,34 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     if config.is_replay() { read_recording(&config.mocap.replay).map(drop) } else { Ok(()) }
 }
 
-/// Sees the vehicle, or plays a recording, until asked to stop.
+/// Publishes poses until asked to stop: of emulated cameras, or of a recording.
 ///
 /// # Errors
 /// The bus refuses or breaks; the recording is bad.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    if context.config.is_replay() { play(context) } else { watch(context) }
-}
-
-fn watch(context: &ProcessContext) -> Result<(), Failure> {
     let bus = context.bus()?;
-    // Between two camera instants the truth comes every millisecond: none of the instants must fall out of the buffer.
-    let mut truths = bus.observer(&TRUTH)?;
-    let mut poses = bus.writer(&POSE)?;
-    let mut heartbeat = context.heartbeat(&bus)?;
-    let mut pace = context.pace(&bus, &TRUTH)?;
-    let mut cameras = Cameras::new(&context.config.mocap, context.config.clock.seed);
-    context.enter_realtime();
-    while let Some(now) = pace.wait(cameras.next_event())? {
-        heartbeat.beat(HealthV1::default())?;
-        while let Some((_, truth)) = truths.receive()? {
-            if is_frame(&truth) {
-                context.health.heard();
-                cameras.capture(&truth);
-            }
-        }
-        while let Some(delivery) = cameras.deliver(now) {
-            publish(&mut poses, &mut pace, &delivery)?;
-        }
+    if context.config.is_replay() {
+        let recording = read_recording(&context.config.mocap.replay)?;
+        let clock = context.loop_clock(&bus, &COMMAND)?;
+        // In virtual time nobody acts before everybody is there. In real time the first command shows that a daemon listens.
+        let start = if clock.is_virtual() { Start::At(clock.now()) } else { Start::FirstCommand };
+        context.health.set_status("playing a recording");
+        publish_from(context, &bus, (Playback::open(&bus, recording, start)?, clock))
+    } else {
+        let clock = context.loop_clock(&bus, &TRUTH)?;
+        let cameras = Cameras::new(&context.config.mocap, context.config.clock.seed);
+        let source = EmulatedCameras::open(&bus, cameras)?.counted_in(context.health.clone());
+        publish_from(context, &bus, (source, clock))
     }
-    Ok(())
 }
 
-fn play(context: &ProcessContext) -> Result<(), Failure> {
-    let recording = read_recording(&context.config.mocap.replay)?;
-    let bus: Bus = context.bus()?;
-    let mut poses = bus.writer(&POSE)?;
-    let mut heartbeat = context.heartbeat(&bus)?;
-    let mut commands = bus.reader(&COMMAND)?;
-    let mut pace = context.pace(&bus, &COMMAND)?;
-    // In virtual time nobody acts before everybody is there. In real time a daemon that commands is one that listens.
-    let mut listened_to = pace.is_virtual();
-    while !listened_to && pace.wait(None)?.is_some() {
-        heartbeat.beat(HealthV1::default())?;
-        listened_to = commands.latest()?.is_some();
-    }
-    let mut replay = Replay::new(recording, pace.now());
-    context.health.say("playing a recording");
-    context.enter_realtime();
-    while let Some(now) = pace.wait(replay.next_event())? {
-        heartbeat.beat(HealthV1::default())?;
-        while let Some(delivery) = replay.deliver(now) {
-            publish(&mut poses, &mut pace, &delivery)?;
-        }
-    }
-    Ok(())
-}
-
-/// Whether the cameras fire at this sample of the truth.
-#[must_use]
-pub fn is_frame(truth: &TruthV1) -> bool {
-    truth.capture > 0
-}
-
-fn publish(
-    poses: &mut Writer<PoseV1>,
-    pace: &mut LoopClock,
-    delivery: &Delivery,
+fn publish_from(
+    context: &ProcessContext,
+    bus: &Bus,
+    (source, mut clock): (impl PoseSource, LoopClock),
 ) -> Result<(), Failure> {
-    poses.send(delivery.frame, delivery.stamps_at(pace.now()), delivery.pose)?;
-    Ok(pace.announce(poses)?)
+    let mut heartbeat = context.heartbeat(bus)?;
+    let mut turn = PoseTurn::open(bus, source)?;
+    context.enter_realtime();
+    Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
 }

@@ -7,8 +7,8 @@
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 
-use crate::Delivery;
 use crate::recording::Recording;
+use oqtal_runtime::pose_source::Delivery;
 
 /// A recording being played. Pure: time comes in as an argument.
 #[derive(Clone, Debug)]

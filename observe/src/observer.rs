@@ -1,9 +1,7 @@
 //! The front door's ears on the bus: everything goes to the recorder, nothing comes back.
 
-use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
-use oqtal_bus::port::Reader;
 use oqtal_bus::topic::{POSE, TELEMETRY, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Subscribe, Transport};
 
@@ -11,20 +9,20 @@ use crate::recorder::Recorder;
 
 /// Listens to all topics that a flight is judged by.
 #[derive(Debug)]
-pub struct Observer {
-    truths: Reader<TruthV1>,
-    poses: Reader<PoseV1>,
-    vehicles: Reader<VehicleV1>,
-    telemetry: Reader<TelemetryV1>,
+pub struct Observer<T: Transport> {
+    truths: T::Reader<TruthV1>,
+    poses: T::Reader<PoseV1>,
+    vehicles: T::Reader<VehicleV1>,
+    telemetry: T::Reader<TelemetryV1>,
     daemon: Option<u64>,
 }
 
-impl Observer {
+impl<T: Transport> Observer<T> {
     /// Opens the ears.
     ///
     /// # Errors
     /// The bus refuses.
-    pub fn new(bus: &Bus) -> Result<Self, BusError> {
+    pub fn new(bus: &T) -> Result<Self, BusError> {
         Ok(Self {
             truths: bus.observer(&TRUTH)?,
             poses: bus.observer(&POSE)?,

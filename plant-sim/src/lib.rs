@@ -6,20 +6,21 @@
 mod dynamics;
 mod plant;
 mod state;
+mod turn;
 pub mod wire;
 mod world;
 
 use clap::{Args, Subcommand};
-use oqtal_bus::message::HealthV1;
-use oqtal_bus::topic::{COMMAND, Role, TRUTH, VEHICLE};
-use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_bus::topic::{COMMAND, Role};
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 
 pub use dynamics::{Disturbance, Dynamics, Input};
 pub use plant::{Output, Plant};
 pub use state::{Derivative, State};
+pub use turn::{PlantTurn, Stepping};
 
 /// What can be done with the plant.
 #[derive(Subcommand, Clone, Debug)]
@@ -88,46 +89,13 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// Flies by the commands on the bus.
 fn fly(context: &ProcessContext) -> Result<(), Failure> {
     let bus = context.bus()?;
-    let mut commands = bus.reader(&COMMAND)?;
-    let mut truths = bus.writer(&TRUTH)?;
-    // Of a vehicle behind the bridge it is the bridge that speaks.
-    let own = !context.config.vehicle.shadow;
-    let mut vehicles = own.then(|| bus.writer(&VEHICLE)).transpose()?;
     let mut heartbeat = context.heartbeat(&bus)?;
-    let mut pace = context.pace(&bus, &COMMAND)?;
-    let mut plant = Plant::new(&context.config, pace.now());
-    let mut outputs = Vec::with_capacity(64);
+    let mut clock = context.loop_clock(&bus, &COMMAND)?;
+    let stepping = if clock.is_virtual() { Stepping::Exact } else { Stepping::Sampled };
+    let plant = Plant::new(&context.config, clock.now());
+    let shadow = context.config.vehicle.shadow;
+    let mut turn =
+        PlantTurn::open(&bus, plant, stepping, shadow)?.counted_in(context.health.clone());
     context.enter_realtime();
-    loop {
-        let next = if pace.is_virtual() { plant.next_event() } else { plant.next_sample() };
-        if pace.wait(Some(next))?.is_none() {
-            return Ok(());
-        }
-        heartbeat.beat(HealthV1::default())?;
-        let arrival = commands.latest()?;
-        // After the command was taken: it must not look as if it had come before it was sent.
-        let now = pace.now();
-        plant.advance(now, |output| outputs.push(output));
-        if let Some((header, command)) = arrival {
-            context.health.heard();
-            plant.receive(now, header, command, commands.lost());
-            // The truth at the tick itself, for those who judge the flight.
-            outputs.push(Output::Truth(plant.truth()));
-        }
-        for output in outputs.drain(..) {
-            match output {
-                Output::Truth(truth) => {
-                    truths.send(truth.capture, Default::default(), truth)?;
-                    if truth.capture > 0 {
-                        pace.announce(&truths)?;
-                    }
-                }
-                Output::Applied(pose_sequence, stamps, vehicle) => {
-                    if let Some(vehicles) = &mut vehicles {
-                        vehicles.send(pose_sequence, stamps, vehicle)?;
-                    }
-                }
-            }
-        }
-    }
+    Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
 }

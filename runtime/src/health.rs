@@ -1,5 +1,8 @@
-//! Whether a process is well: it says so twice a second and on every change, from its own loop, so that a loop that stands
-//! still is silent.
+//! The health of a process: a record that its threads share, and the heartbeat on its health topic. The loop itself sends the
+//! heartbeat, so that a loop that stands still is silent.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
@@ -9,10 +12,57 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_bus::transport::{Publish, Transport};
 
-/// A process that is well is heard this often.
+/// The health record of a process, shared by its threads. Counting is wait-free.
+#[derive(Clone, Debug, Default)]
+pub struct Health(Arc<HealthRecord>);
+
+#[derive(Debug, Default)]
+struct HealthRecord {
+    turns: AtomicU64,
+    inputs: AtomicU64,
+    status: Mutex<String>,
+}
+
+/// The health record at one instant.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct HealthSample {
+    /// Turns of the loop so far \[-\].
+    pub turns: u64,
+    /// Inputs received so far \[-\].
+    pub inputs: u64,
+    /// The status text; empty if the process sets none.
+    pub status: String,
+}
+
+impl Health {
+    /// Counts a turn of the loop.
+    pub fn count_turn(&self) {
+        self.0.turns.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts an input: what the process waits for has arrived.
+    pub fn count_input(&self) {
+        self.0.inputs.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Sets the status text. Takes a lock: not for a real-time loop.
+    pub fn set_status(&self, status: impl Into<String>) {
+        *self.0.status.lock().unwrap_or_else(PoisonError::into_inner) = status.into();
+    }
+
+    pub(crate) fn sample(&self) -> HealthSample {
+        HealthSample {
+            turns: self.0.turns.load(Ordering::Relaxed),
+            inputs: self.0.inputs.load(Ordering::Relaxed),
+            status: self.0.status.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+        }
+    }
+}
+
+/// Time between two heartbeats without a change.
 pub const HEALTH_PERIOD: Span = Span::from_millis(500);
 
-/// Says that a process is well.
+/// Publishes the state of a process on its health topic.
 #[derive(Debug)]
 pub struct Heartbeat {
     writer: Writer<HealthV1>,
@@ -30,8 +80,8 @@ impl Heartbeat {
         Ok(Self { writer, config_hash, last: HealthV1::default() })
     }
 
-    /// Says `health` if it is time to, or if it changed; when and with which configuration is filled in. Reads the machine's
-    /// clock: a person waits in real time, whatever clock drives the flight.
+    /// Publishes `health` once per [`HEALTH_PERIOD`] and on every change; fills in time and configuration hash. Reads the
+    /// machine's clock also in virtual time, since observers of health wait in real time.
     ///
     /// # Errors
     /// The bus broke.

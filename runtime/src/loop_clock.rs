@@ -2,10 +2,9 @@
 //!
 //! A process is one loop under either: `while let Some(now) = pace.wait(next_event)? { act(now) }`.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-use crate::service::Health;
+use crate::health::Health;
+use crate::stop::StopFlag;
+use crate::turn::TurnClock;
 use crate::virtual_clock::{TurnResult, VirtualClock};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
@@ -20,39 +19,6 @@ use oqtal_bus::wake::Listener;
 const STOP_CHECK: Span = Span::from_millis(20);
 /// The roll is called this often until every role has answered.
 const START_POLL: Span = Span::from_millis(20);
-
-/// Set by a signal: the process ends its loop in good order.
-#[derive(Clone, Debug, Default)]
-pub struct StopFlag(Arc<AtomicBool>);
-
-impl StopFlag {
-    /// Asks the process to end.
-    pub fn set(&self) {
-        self.0.store(true, Ordering::Release);
-    }
-
-    /// Whether the process was asked to end.
-    #[must_use]
-    pub fn is_set(&self) -> bool {
-        self.0.load(Ordering::Acquire)
-    }
-
-    /// Asks the process to end when the returned guard goes out of scope, be it by a panic.
-    #[must_use]
-    pub fn set_on_drop(&self) -> SetOnDrop {
-        SetOnDrop(self.clone())
-    }
-}
-
-/// Sets a [`StopFlag`] when it goes out of scope.
-#[derive(Debug)]
-pub struct SetOnDrop(StopFlag);
-
-impl Drop for SetOnDrop {
-    fn drop(&mut self) {
-        self.0.set();
-    }
-}
 
 /// Waits for the next event of one process.
 #[derive(Debug)]
@@ -138,26 +104,13 @@ impl LoopClock {
         !matches!(self.clock, Clock::Real(_))
     }
 
-    /// Lets the reader of what was just published act on it.
-    ///
-    /// # Errors
-    /// The event's shared memory is gone.
-    pub fn announce<M: Message>(&mut self, writer: &Writer<M>) -> Result<(), BusError> {
-        if self.is_virtual() {
-            self.published = true;
-            Ok(())
-        } else {
-            writer.notify()
-        }
-    }
-
     /// Sleeps until `next`, or until there is something to look at; returns the instant, or `None` once asked to stop.
     /// May return early: whoever wakes looks for what is due.
     ///
     /// # Errors
     /// The bus broke.
     pub fn wait(&mut self, next: Option<Time>) -> Result<Option<Time>, BusError> {
-        self.health.turned();
+        self.health.count_turn();
         if self.stop.is_set() {
             return Ok(None);
         }
@@ -172,6 +125,21 @@ impl LoopClock {
         };
         self.now = woken.unwrap_or(self.now);
         Ok(woken.filter(|_| !self.stop.is_set()))
+    }
+}
+
+impl TurnClock for LoopClock {
+    fn now(&self) -> Time {
+        LoopClock::now(self)
+    }
+
+    fn announce<M: Message>(&mut self, writer: &impl Publish<M>) -> Result<(), BusError> {
+        if self.is_virtual() {
+            self.published = true;
+            Ok(())
+        } else {
+            writer.notify()
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-use crate::process::{Exit, Failure};
+use crate::exit::{Exit, Failure};
 
 /// Runs a program: reads its command line and does what it says by `execute`. A command line that is wrong ends with
 /// [`Exit::Usage`], a panic with [`Exit::Internal`].

@@ -11,9 +11,10 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
-use oqtal_runtime::loop_clock::{LoopClock, StopFlag};
+use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Exit, Failure, instance_paths};
 use oqtal_runtime::program::say;
+use oqtal_runtime::stop::StopFlag;
 
 use super::output::Output;
 use super::process_group::{PATIENCE, ProcessGroup};
@@ -113,7 +114,7 @@ fn refuse_company(bus: &Bus, instance: &str) -> Result<(), Failure> {
 fn record(
     (mission, link): (&Mission, &VehicleLink),
     bus: &Bus,
-    observer: &mut Observer,
+    observer: &mut Observer<Bus>,
     stop: &StopFlag,
 ) -> Result<Flight, Failure> {
     let client = bus.control_client()?;

@@ -129,7 +129,7 @@ impl Mechanism {
             Self::Futex => Box::new(futex::Futex::open(&file)?),
             Self::Eventfd => Box::new(eventfd::Eventfd::open(&file)?),
             Self::UnixDatagram => Box::new(unix_datagram::Giver::open(&file)?),
-            Self::Iceoryx2Listener => Box::new(iceoryx::Giver::open(&context.place()?)?),
+            Self::Iceoryx2Listener => Box::new(iceoryx::Giver::open(&context.paths()?)?),
         })
     }
 
@@ -139,7 +139,7 @@ impl Mechanism {
             Self::Futex => Box::new(futex::Futex::create(&file)?),
             Self::Eventfd => Box::new(eventfd::Eventfd::create(&file)?),
             Self::UnixDatagram => Box::new(unix_datagram::Taker::create(&file)?),
-            Self::Iceoryx2Listener => Box::new(iceoryx::Taker::create(&context.place()?)?),
+            Self::Iceoryx2Listener => Box::new(iceoryx::Taker::create(&context.paths()?)?),
         })
     }
 }

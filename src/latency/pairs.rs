@@ -9,8 +9,8 @@ use std::time::Duration;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_bus::time::{Span, Time};
 use oqtal_observe::latency::Distribution;
-use oqtal_runtime::loop_clock::StopFlag;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::stop::StopFlag;
 use rustix::thread::{CpuSet, sched_getaffinity};
 use serde::{Deserialize, Serialize};
 

@@ -14,7 +14,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut commands = bus.reader(&COMMAND)?;
     let mut vehicles = bus.writer(&VEHICLE)?;
-    let mut pace = context.pace(&bus, &COMMAND)?;
+    let mut pace = context.loop_clock(&bus, &COMMAND)?;
     context.enter_realtime();
     while pace.wait(None)?.is_some() {
         let Some((header, command)) = commands.latest()? else { continue };

@@ -53,13 +53,13 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     tracing::info!(link = link.path(), "an emulated vehicle waits for a host");
     context.enter_realtime();
     while !context.stop.is_set() {
-        context.health.turned();
+        context.health.count_turn();
         line.wait(vehicle.next_event(), vehicle.listens(Time::now()))?;
         heartbeat.beat(HealthV1::default())?;
         let now = Time::now();
         let read = if vehicle.listens(now) { line.read(&mut chunk)? } else { 0 };
         if read > 0 {
-            context.health.heard();
+            context.health.count_input();
         }
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));

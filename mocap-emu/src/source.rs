@@ -1,0 +1,114 @@
+//! The two sources of poses of this process over their ports: emulated cameras, and a recording.
+
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{CommandV1, TruthV1};
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::{COMMAND, TRUTH};
+use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_runtime::health::Health;
+use oqtal_runtime::pose_source::{Delivery, PoseSource};
+
+use crate::cameras::Cameras;
+use crate::recording::Recording;
+use crate::replay::Replay;
+
+/// Emulated cameras that observe the truth of the plant.
+#[derive(Debug)]
+pub struct EmulatedCameras<T: Transport> {
+    truths: T::Reader<TruthV1>,
+    cameras: Cameras,
+    health: Health,
+}
+
+impl<T: Transport> EmulatedCameras<T> {
+    /// Opens the reader of the truth.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn open(bus: &T, cameras: Cameras) -> Result<Self, BusError> {
+        // The truth is published every millisecond: none of the camera instants may fall out of the buffer.
+        Ok(Self { truths: bus.observer(&TRUTH)?, cameras, health: Health::default() })
+    }
+
+    /// Counts its inputs in `health`.
+    #[must_use]
+    pub fn counted_in(self, health: Health) -> Self {
+        Self { health, ..self }
+    }
+}
+
+impl<T: Transport> PoseSource for EmulatedCameras<T> {
+    fn next_event(&self) -> Option<Time> {
+        self.cameras.next_event()
+    }
+
+    fn gather(&mut self, _now: Time) -> Result<(), BusError> {
+        while let Some((_, truth)) = self.truths.receive()? {
+            if is_frame(&truth) {
+                self.health.count_input();
+                self.cameras.capture(&truth);
+            }
+        }
+        Ok(())
+    }
+
+    fn deliver(&mut self, now: Time) -> Option<Delivery> {
+        self.cameras.deliver(now)
+    }
+}
+
+/// Whether the cameras expose at this sample of the truth.
+#[must_use]
+pub fn is_frame(truth: &TruthV1) -> bool {
+    truth.capture > 0
+}
+
+/// The instant at which a recording starts to play.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// At this instant.
+    At(Time),
+    /// At the first command, which shows that a daemon listens.
+    FirstCommand,
+}
+
+/// A recording that is played.
+#[derive(Debug)]
+pub struct Playback<T: Transport> {
+    commands: T::Reader<CommandV1>,
+    recording: Option<Recording>,
+    replay: Option<Replay>,
+}
+
+impl<T: Transport> Playback<T> {
+    /// Opens the reader of commands; `recording` plays from `start` on.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn open(bus: &T, recording: Recording, start: Start) -> Result<Self, BusError> {
+        let commands = bus.reader(&COMMAND)?;
+        Ok(match start {
+            Start::At(start) => {
+                Self { commands, recording: None, replay: Some(Replay::new(recording, start)) }
+            }
+            Start::FirstCommand => Self { commands, recording: Some(recording), replay: None },
+        })
+    }
+}
+
+impl<T: Transport> PoseSource for Playback<T> {
+    fn next_event(&self) -> Option<Time> {
+        self.replay.as_ref().and_then(Replay::next_event)
+    }
+
+    fn gather(&mut self, now: Time) -> Result<(), BusError> {
+        if self.recording.is_some() && self.commands.latest()?.is_some() {
+            self.replay = self.recording.take().map(|recording| Replay::new(recording, now));
+        }
+        Ok(())
+    }
+
+    fn deliver(&mut self, now: Time) -> Option<Delivery> {
+        self.replay.as_mut()?.deliver(now)
+    }
+}

@@ -1,0 +1,106 @@
+//! One turn of the plant over its ports: integrate to the present instant, take the command, publish truth and vehicle.
+
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{CommandV1, TruthV1, VehicleV1};
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_runtime::health::Health;
+use oqtal_runtime::turn::{Turn, TurnClock};
+
+use crate::plant::{Output, Plant};
+
+/// The instants at which the plant acts without an arrival.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stepping {
+    /// At every event: truth samples, and commands that begin to act. For virtual time.
+    Exact,
+    /// At truth samples only; events between two samples are integrated at the next one. For real time.
+    Sampled,
+}
+
+/// The turn of the plant.
+#[derive(Debug)]
+pub struct PlantTurn<T: Transport> {
+    commands: T::Reader<CommandV1>,
+    truths: T::Writer<TruthV1>,
+    /// `None` for a shadow of a vehicle behind a bridge: there the bridge publishes the vehicle's state.
+    vehicles: Option<T::Writer<VehicleV1>>,
+    plant: Plant,
+    stepping: Stepping,
+    outputs: Vec<Output>,
+    health: Health,
+}
+
+impl<T: Transport> PlantTurn<T> {
+    /// Opens the ports of `plant`. A shadow of a vehicle behind a bridge does not publish the vehicle's state.
+    ///
+    /// # Errors
+    /// Another plant or bridge holds a topic, or the transport failed.
+    pub fn open(
+        bus: &T,
+        plant: Plant,
+        stepping: Stepping,
+        is_shadow: bool,
+    ) -> Result<Self, BusError> {
+        Ok(Self {
+            commands: bus.reader(&COMMAND)?,
+            truths: bus.writer(&TRUTH)?,
+            vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
+            plant,
+            stepping,
+            outputs: Vec::with_capacity(64),
+            health: Health::default(),
+        })
+    }
+
+    /// Counts its inputs in `health`.
+    #[must_use]
+    pub fn counted_in(self, health: Health) -> Self {
+        Self { health, ..self }
+    }
+
+    fn publish<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        let Self { truths, vehicles, outputs, .. } = self;
+        for output in outputs.drain(..) {
+            match output {
+                Output::Truth(truth) => {
+                    truths.send(truth.capture, Default::default(), truth)?;
+                    if truth.capture > 0 {
+                        clock.announce(truths)?;
+                    }
+                }
+                Output::Applied(pose_sequence, stamps, vehicle) => {
+                    if let Some(vehicles) = vehicles {
+                        vehicles.send(pose_sequence, stamps, vehicle)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<T: Transport> Turn for PlantTurn<T> {
+    fn next_event(&self, _now: Time) -> Option<Time> {
+        Some(match self.stepping {
+            Stepping::Exact => self.plant.next_event(),
+            Stepping::Sampled => self.plant.next_sample(),
+        })
+    }
+
+    fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        let arrival = self.commands.latest()?;
+        // Read after the command was taken, so that it is not received before it was sent.
+        let now = clock.now();
+        let Self { plant, outputs, .. } = self;
+        plant.advance(now, |output| outputs.push(output));
+        if let Some((header, command)) = arrival {
+            self.health.count_input();
+            plant.receive(now, header, command, self.commands.lost());
+            // The truth at the daemon's tick, for the evaluation of the flight.
+            outputs.push(Output::Truth(plant.truth()));
+        }
+        self.publish(clock)
+    }
+}

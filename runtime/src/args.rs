@@ -1,0 +1,56 @@
+//! The command line that all processes share.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use oqtal_config::{ConfigError, Setting};
+
+/// What every process can be told on its command line.
+#[derive(Args, Clone, Debug, Default)]
+pub struct CommonArgs {
+    /// Configuration file (TOML); see `oqtal check`
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Which testbed on this machine: 1 to 32 of a-z, 0-9 and -
+    #[arg(long, value_name = "NAME")]
+    pub instance: Option<String>,
+    /// Directory of the instance's files
+    #[arg(long, value_name = "DIR")]
+    pub root: Option<PathBuf>,
+    /// Any key of the configuration, as in --set vehicle.mass-kg=0.6; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+    /// End when the process that started this one dies
+    #[arg(long, hide = true, value_name = "PID")]
+    pub child: Option<i32>,
+}
+
+impl CommonArgs {
+    /// These flags as settings.
+    ///
+    /// # Errors
+    /// A `--set` without `=`.
+    pub fn settings(&self) -> Result<Vec<Setting>, ConfigError> {
+        let mut settings = Vec::new();
+        for text in &self.settings {
+            settings.push(Setting::parse("--set", text)?);
+        }
+        if let Some(name) = &self.instance {
+            settings.push(Setting::flag("--instance", "instance.name", name.clone()));
+        }
+        if let Some(root) = &self.root {
+            let root = root.display().to_string();
+            settings.push(Setting::flag("--root", "instance.root", root));
+        }
+        Ok(settings)
+    }
+}
+
+/// What can be done with a process.
+#[derive(Subcommand, Clone, Debug)]
+pub enum ProcessCommand {
+    /// Run the process until SIGINT or SIGTERM
+    Run(CommonArgs),
+    /// Check the configuration the process would run with, and print it
+    Check(CommonArgs),
+}

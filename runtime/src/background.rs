@@ -1,0 +1,51 @@
+//! The background thread of a process: logs, health messages, operator requests, opening and closing of ports. Everything
+//! that could block and therefore must not happen on the real-time thread.
+
+use std::time::Duration;
+
+use crate::context::ProcessContext;
+use crate::exit::{Exit, Failure};
+
+/// Time between two polls of the background thread.
+const POLL_PERIOD: Duration = Duration::from_millis(5);
+
+/// The work of a background thread.
+pub trait BackgroundWorker {
+    /// Handles whatever has arrived since the last call.
+    fn poll(&mut self);
+}
+
+/// Executes `realtime` on the calling thread beside a background thread, whose worker `open` makes on that thread: bus ports
+/// stay on the thread that opens them. `realtime` starts once the worker is open. The background thread ends after
+/// `realtime`, with a last poll.
+///
+/// # Errors
+/// The worker could not be opened, or the error of `realtime`.
+pub fn with_background<W: BackgroundWorker>(
+    context: &ProcessContext,
+    open: impl FnOnce() -> Result<W, Failure> + Send,
+    realtime: impl FnOnce() -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    std::thread::scope(|threads| {
+        let (opened, is_open) = crossbeam_channel::bounded(1);
+        // Set however the real-time loop ends, also by a panic.
+        let _stop = context.stop.set_on_drop();
+        threads.spawn(move || match open() {
+            Ok(mut worker) => {
+                let _ = opened.send(Ok(()));
+                while !context.stop.is_set() {
+                    worker.poll();
+                    std::thread::sleep(POLL_PERIOD);
+                }
+                worker.poll();
+            }
+            Err(failure) => {
+                let _ = opened.send(Err(failure));
+            }
+        });
+        match is_open.recv() {
+            Ok(opened) => opened.and_then(|()| realtime()),
+            Err(_) => Err(Failure::new(Exit::Internal, "the background thread did not start")),
+        }
+    })
+}

@@ -1,0 +1,107 @@
+//! The context of a running process: configuration, role, stop flag, health, and what is opened through them.
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::Message;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::topic::{Role, Topic};
+use oqtal_config::{ClockKind, Config};
+
+use crate::health::{Health, Heartbeat};
+use crate::loop_clock::LoopClock;
+use crate::realtime;
+use crate::stop::StopFlag;
+
+/// What a running process has of its surroundings.
+#[derive(Debug)]
+pub struct ProcessContext {
+    /// The effective configuration.
+    pub config: Config,
+    /// Set when the process is asked to end.
+    pub stop: StopFlag,
+    /// Which process this is.
+    pub role: Role,
+    /// What the service manager reads from this process.
+    pub health: Health,
+}
+
+impl ProcessContext {
+    /// Joins the instance.
+    ///
+    /// # Errors
+    /// As [`Bus::open`].
+    pub fn bus(&self) -> Result<Bus, BusError> {
+        Bus::open(&self.paths()?)
+    }
+
+    /// What says that this process is well.
+    ///
+    /// # Errors
+    /// The process runs already, or the bus refuses.
+    pub fn heartbeat(&self, bus: &Bus) -> Result<Heartbeat, BusError> {
+        Heartbeat::new(bus, self.role, self.config.hash())
+    }
+
+    /// The place that the configuration names.
+    ///
+    /// # Errors
+    /// A bad instance name.
+    pub fn paths(&self) -> Result<InstancePaths, BusError> {
+        instance_paths(&self.config)
+    }
+
+    /// Readies the calling thread for its loop; in virtual time there is nothing to be late for. Threads started before are
+    /// left as they are.
+    pub fn enter_realtime(&self) {
+        if self.config.clock.kind != ClockKind::Real {
+            return;
+        }
+        let granted = realtime::enter(&self.config.realtime);
+        for refusal in &granted.refused {
+            tracing::warn!("{refusal}");
+        }
+        let realtime::Granted { policy, priority, cpu, locked, .. } = granted;
+        tracing::debug!(policy, priority, ?cpu, locked, "loop is ready");
+    }
+
+    /// The pacer of this process: real time, woken by `wakes_on`, or virtual time. The plant leads virtual time; where a
+    /// recording is played there is no plant, and the cameras lead.
+    ///
+    /// # Errors
+    /// The bus refuses.
+    pub fn loop_clock<M: Message>(
+        &self,
+        bus: &Bus,
+        wakes_on: &Topic<M>,
+    ) -> Result<LoopClock, BusError> {
+        let (stop, roles) = (self.stop.clone(), roles(&self.config));
+        let clock = if self.config.clock.kind == ClockKind::Real {
+            LoopClock::real(bus, wakes_on, stop)
+        } else if self.role == roles[0] {
+            LoopClock::leader(bus, self.role, roles, stop)
+        } else {
+            LoopClock::follower(bus, self.role, stop)
+        };
+        Ok(clock?.counted_in(self.health.clone()))
+    }
+}
+
+/// Who takes part in the loop; the first leads virtual time.
+#[must_use]
+pub fn roles(config: &Config) -> &'static [Role] {
+    if config.is_replay() { &Role::ALL[1..] } else { &Role::ALL }
+}
+
+/// The place that a configuration names.
+///
+/// # Errors
+/// A bad instance name.
+pub fn instance_paths(config: &Config) -> Result<InstancePaths, BusError> {
+    let root = Some(&config.instance.root).filter(|root| !root.is_empty());
+    let place = InstancePaths::new(&config.instance.name, root.map(std::path::Path::new))?;
+    let events = match config.realtime.events {
+        oqtal_config::Events::Futex => oqtal_bus::wake::Events::Futex,
+        oqtal_config::Events::Socket => oqtal_bus::wake::Events::Socket,
+    };
+    Ok(InstancePaths { events, ..place })
+}

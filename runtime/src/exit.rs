@@ -1,0 +1,81 @@
+//! Exit codes, and the failures that lead to them.
+
+use std::process::ExitCode;
+
+use oqtal_bus::error::BusError;
+use oqtal_config::{ConfigError, Violation};
+
+/// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Exit {
+    /// As asked.
+    Ok = 0,
+    /// The flight did not end as asked.
+    Flight = 1,
+    /// The command line is wrong.
+    Usage = 64,
+    /// Input data is bad.
+    Data = 65,
+    /// A fault of ours.
+    Internal = 70,
+    /// The operating system refused.
+    System = 71,
+    /// Another controller holds the topic, or a peer never came.
+    Peer = 75,
+    /// The running processes speak another version.
+    Version = 76,
+    /// No permission.
+    Permission = 77,
+    /// The configuration is wrong.
+    Config = 78,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        Self::from(exit as u8)
+    }
+}
+
+/// Why a process cannot do its job: the message for a person, the code for a supervisor.
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
+pub struct Failure {
+    /// The exit code.
+    pub exit: Exit,
+    /// Object and remedy.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure with its code and message.
+    #[must_use]
+    pub fn new(exit: Exit, message: impl Into<String>) -> Self {
+        Self { exit, message: message.into() }
+    }
+}
+
+impl From<BusError> for Failure {
+    fn from(error: BusError) -> Self {
+        let exit = match &error {
+            BusError::Held { .. } => Exit::Peer,
+            BusError::Version { .. } => Exit::Version,
+            BusError::Permission { .. } => Exit::Permission,
+            BusError::Name { .. } => Exit::Usage,
+            BusError::Full { .. } | BusError::System { .. } => Exit::System,
+        };
+        Self::new(exit, error.to_string())
+    }
+}
+
+impl From<Violation> for Failure {
+    fn from(violation: Violation) -> Self {
+        Self::new(Exit::Config, violation.to_string())
+    }
+}
+
+impl From<ConfigError> for Failure {
+    fn from(error: ConfigError) -> Self {
+        Self::new(Exit::Config, error.to_string())
+    }
+}

@@ -1,0 +1,80 @@
+//! Where the poses of topic `pose` come from: emulated cameras, a recording, a receiver of a real camera system.
+
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{HealthV1, PoseV1, Stamps};
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::POSE;
+use oqtal_bus::transport::{Publish, Transport};
+
+use crate::turn::{Turn, TurnClock};
+
+/// A pose on its way to the daemon.
+#[derive(Clone, Copy, Debug)]
+pub struct Delivery {
+    /// Number of its camera frame, from 1 \[-\]; a gap is a lost frame.
+    pub frame: u64,
+    /// The stamps up to the capture.
+    pub stamps: Stamps,
+    /// The measured pose.
+    pub pose: PoseV1,
+}
+
+impl Delivery {
+    /// The stamps with the instant of publication.
+    #[must_use]
+    pub fn stamps_at(&self, now: Time) -> Stamps {
+        Stamps { pose_published_at: now, ..self.stamps }
+    }
+}
+
+/// A source of poses. Several poses of one camera frame are several deliveries of the same frame number.
+pub trait PoseSource {
+    /// The instant at which the next pose is due; `None` while only an arrival can bring one.
+    fn next_event(&self) -> Option<Time>;
+
+    /// Takes in what has arrived from the cameras, the plant or the network.
+    ///
+    /// # Errors
+    /// The transport failed.
+    fn gather(&mut self, now: Time) -> Result<(), BusError>;
+
+    /// The next pose that is due at `now`; one per call, `None` when there is none.
+    fn deliver(&mut self, now: Time) -> Option<Delivery>;
+}
+
+/// The turn of a process that publishes the poses of `S`.
+#[derive(Debug)]
+pub struct PoseTurn<T: Transport, S> {
+    source: S,
+    poses: T::Writer<PoseV1>,
+}
+
+impl<T: Transport, S: PoseSource> PoseTurn<T, S> {
+    /// Opens the writer of topic `pose`.
+    ///
+    /// # Errors
+    /// Another process publishes poses on this instance, or the transport failed.
+    pub fn open(bus: &T, source: S) -> Result<Self, BusError> {
+        Ok(Self { source, poses: bus.writer(&POSE)? })
+    }
+}
+
+impl<T: Transport, S: PoseSource> Turn for PoseTurn<T, S> {
+    fn next_event(&self, _now: Time) -> Option<Time> {
+        self.source.next_event()
+    }
+
+    fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        let now = clock.now();
+        self.source.gather(now)?;
+        while let Some(delivery) = self.source.deliver(now) {
+            self.poses.send(delivery.frame, delivery.stamps_at(clock.now()), delivery.pose)?;
+            clock.announce(&self.poses)?;
+        }
+        Ok(())
+    }
+
+    fn health(&self, _now: Time) -> HealthV1 {
+        HealthV1::default()
+    }
+}

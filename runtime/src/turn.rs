@@ -1,0 +1,107 @@
+//! One turn of a process, and the clock during it.
+//!
+//! A process implements [`Turn`], generic over its ports. [`crate::process_loop::run`] executes it behind the bus, in real
+//! time or in lockstep; [`step`] executes the same lines in a flight in one process.
+
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{HealthV1, Message};
+use oqtal_bus::time::Time;
+use oqtal_bus::transport::Publish;
+
+use crate::virtual_clock::TurnResult;
+
+/// The clock during a turn.
+pub trait TurnClock {
+    /// The present instant: in virtual time the instant of the turn, in real time read anew at every call.
+    fn now(&self) -> Time;
+
+    /// Lets the reader of what was just published act on it.
+    ///
+    /// # Errors
+    /// The transport failed.
+    fn announce<M: Message>(&mut self, writer: &impl Publish<M>) -> Result<(), BusError>;
+}
+
+/// What a process does between two waits.
+pub trait Turn {
+    /// The instant at which the process acts without an arrival; `None` for never.
+    fn next_event(&self, now: Time) -> Option<Time>;
+
+    /// Acts on what arrived and on what is due.
+    ///
+    /// # Errors
+    /// The transport failed.
+    fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError>;
+
+    /// Leaves every output safe. Called once after the last turn, also after an error or a panic.
+    ///
+    /// # Errors
+    /// The transport failed.
+    fn shut_down<C: TurnClock>(&mut self, _clock: &mut C) -> Result<(), BusError> {
+        Ok(())
+    }
+
+    /// The state that the process reports on its health topic.
+    fn health(&self, _now: Time) -> HealthV1 {
+        HealthV1::default()
+    }
+}
+
+/// Executes one turn at the virtual instant `now`, as [`crate::virtual_clock::VirtualClock`] asks for it.
+///
+/// # Errors
+/// The transport failed.
+pub fn step(turn: &mut impl Turn, now: Time) -> Result<TurnResult, BusError> {
+    let mut clock = StepClock { now, published: false };
+    turn.turn(&mut clock)?;
+    Ok(TurnResult { next: turn.next_event(now), published: clock.published })
+}
+
+/// The clock of one turn in virtual time.
+#[derive(Debug)]
+struct StepClock {
+    now: Time,
+    published: bool,
+}
+
+impl TurnClock for StepClock {
+    fn now(&self) -> Time {
+        self.now
+    }
+
+    fn announce<M: Message>(&mut self, _writer: &impl Publish<M>) -> Result<(), BusError> {
+        self.published = true;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use oqtal_bus::memory::{MemoryBus, MemoryWriter};
+    use oqtal_bus::message::{CommandV1, Stamps};
+    use oqtal_bus::topic::COMMAND;
+    use oqtal_bus::transport::Transport;
+
+    use super::*;
+
+    /// Publishes a command in each turn.
+    struct Commander(MemoryWriter<CommandV1>);
+
+    impl Turn for Commander {
+        fn next_event(&self, now: Time) -> Option<Time> {
+            Some(now)
+        }
+
+        fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+            self.0.send(0, Stamps::default(), CommandV1::default())?;
+            clock.announce(&self.0)
+        }
+    }
+
+    #[test]
+    fn a_step_reports_the_next_event_and_what_was_published() {
+        let mut turn = Commander(MemoryBus::new().writer(&COMMAND).unwrap());
+        let result = step(&mut turn, Time::VIRTUAL_START).unwrap();
+        assert_eq!(result, TurnResult { next: Some(Time::VIRTUAL_START), published: true });
+    }
+}
