@@ -91,7 +91,7 @@ impl Commander {
             if let Some(found) = done() {
                 return found;
             }
-            assert!(began.elapsed() < common::PATIENCE, "commanded in vain for {what}");
+            assert!(began.elapsed() < common::WAIT_TIMEOUT, "commanded in vain for {what}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What a turn of the daemon may cost: no allocation, and no system call but those that wait and wake.
+//! Limits on the cost of a daemon tick: no heap allocation, and no system calls except those that wait and wake.
 
 mod common;
 #[path = "budget/flight.rs"]
@@ -17,7 +17,7 @@ use oqtal_bus::topic::{POSE, TELEMETRY};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use rustix::process::Signal;
 
-/// Counts what each thread takes from the heap.
+/// Allocator that counts the allocations of each thread.
 struct Counting;
 
 thread_local! {
@@ -25,7 +25,7 @@ thread_local! {
 }
 
 fn count() {
-    // A thread that ends has no count any more.
+    // The counter of a thread that is ending no longer exists.
     let _ = TAKEN.try_with(|taken| taken.set(taken.get() + 1));
 }
 
@@ -53,7 +53,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static HEAP: Counting = Counting;
 
-/// How often `work` went to the heap, and its result.
+/// Number of heap allocations made by `work`, and its result.
 fn allocations<T>(work: impl FnOnce() -> T) -> (u64, T) {
     let before = TAKEN.get();
     let result = work();
@@ -86,16 +86,16 @@ fn the_bus_allocates_once_for_each_message_published_and_never_else() {
         let bus = testbed.bus_with(events);
         let mut writer = bus.writer(&POSE).unwrap();
         let mut reader = bus.reader(&POSE).unwrap();
-        let bell = bus.listener(&POSE).unwrap();
+        let listener = bus.listener(&POSE).unwrap();
         let (mut sending, mut waking, mut waiting, mut reading) = (0, 0, 0, 0);
         for message in 1..=MESSAGES + 10 {
             let pose = PoseV1::default();
             let sent = allocations(|| writer.send(message, Stamps::default(), pose).unwrap());
             let rung = allocations(|| writer.notify().unwrap());
-            let woken = allocations(|| bell.wait(None, Span::from_millis(1000)).unwrap());
+            let woken = allocations(|| listener.wait(None, Span::from_millis(1000)).unwrap());
             let read = allocations(|| reader.latest().unwrap());
             assert_eq!(read.1.unwrap().0.pose_sequence, message);
-            // The first messages meet connections that are still being made.
+            // Connections are still being established during the first messages.
             if message > 10 {
                 sending += sent.0;
                 waking += rung.0;
@@ -103,15 +103,15 @@ fn the_bus_allocates_once_for_each_message_published_and_never_else() {
                 reading += read.0;
             }
         }
-        // The one is iceoryx2's, in `loan`.
+        // The one allocation per message is made by iceoryx2, in `loan`.
         assert_eq!((sending, waking, waiting, reading), (MESSAGES, 0, 0, 0), "{events}");
     }
 }
 
-/// A system call, the most of it in a turn, and what for.
+/// A system call: its name, its greatest number per tick, and its purpose.
 type Call = (&'static str, u64, &'static str);
 
-/// The system calls of the daemon's loop in steady state.
+/// The system calls of the daemon's loop in steady state, by the mechanism of wake-up (`realtime.events`).
 const EXPECTED: [(&str, [Call; 3]); 2] = [
     (
         "futex",
@@ -119,17 +119,21 @@ const EXPECTED: [(&str, [Call; 3]); 2] = [
             (
                 "futex",
                 4,
-                "sleep until the warmup and until the pose; wake the vehicle; once more if woken for nothing",
+                "sleep until the warm-up and until the pose; wake the vehicle; one spurious wake-up",
             ),
-            ("restart_syscall", 1, "the sleep that strace interrupted as it came"),
+            ("restart_syscall", 1, "the sleep that strace interrupted when it attached"),
             ("sched_yield", 0, "never"),
         ],
     ),
     (
         "socket",
         [
-            ("ppoll", 3, "sleep until the warmup and until the pose, again where strace came"),
-            ("recvfrom", 3, "take the wake-up off the socket, after every sleep"),
+            (
+                "ppoll",
+                3,
+                "sleep until the warm-up and until the pose; once more where strace attached",
+            ),
+            ("recvfrom", 3, "read the wake-up from the socket, after every sleep"),
             ("sendto", 1, "wake the vehicle"),
         ],
     ),
@@ -157,7 +161,7 @@ fn may_trace() -> bool {
     strace.status().is_ok_and(|status| status.success())
 }
 
-/// The system calls of a flying daemon's loop by name, over at least `ticks` ticks, and the ticks that they are at most from.
+/// The system calls of a flying daemon's loop by name, and an upper bound of the ticks they belong to, which is at least `ticks`.
 fn trace(events: &str, ticks: u64) -> (BTreeMap<String, u64>, u64) {
     let testbed = Testbed::new("trace");
     let bus = testbed.bus_with(events);
@@ -182,7 +186,7 @@ fn trace(events: &str, ticks: u64) -> (BTreeMap<String, u64>, u64) {
     drop(flight);
     let mut calls = BTreeMap::new();
     for line in std::fs::read_to_string(&log).unwrap().lines() {
-        // Signals and the like have no bracket directly behind a name.
+        // Lines about signals have no bracket directly behind a name.
         if let Some((name, _)) = line.split_once('(')
             && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
         {

@@ -1,4 +1,4 @@
-//! A flight of the pure objects in one process, with every turn of the daemon handed to whoever counts.
+//! A flight in one process without a bus, in which each tick of the daemon is passed to a callback.
 
 use oqtal_bus::code::{Mode, OperatorCommand};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1, VehicleV1};
@@ -10,10 +10,10 @@ use oqtal_mocap_emu::{Cameras, is_frame};
 use oqtal_plant_sim::{Output, Plant};
 use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 
-/// Take-off, square and landing fit in.
+/// Longer than take-off, square and landing together.
 const LENGTH_S: f64 = 40.0;
 
-/// Flies the square under `law` and passes each turn of the daemon, report included, to `count`; returns the ticks flown.
+/// Flies the square under `law` and passes each tick of the daemon, telemetry included, to `count`; returns the armed ticks.
 pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) -> u64 {
     let mut settings = vec![Setting::flag("test", "control.controller", law)];
     if law != "pid" {
