@@ -1,6 +1,13 @@
-//! The motion-capture process: six cameras as noise, latency, dropouts and outliers, or a recording with its own timing.
+//! The motion-capture process: emulated cameras with noise, latency, dropouts and outliers, or playback of a recording.
 //!
-//! [`Cameras`] and [`Replay`] are pure; [`run`] wires one of them to the bus.
+//! | file | subject |
+//! |---|---|
+//! | `cameras.rs` | emulated cameras |
+//! | `recording.rs` | recordings: formats, parser, timing |
+//! | `replay.rs` | playback of a recording |
+//! | `source.rs` | both as pose sources over their ports |
+//!
+//! [`Cameras`] and [`Replay`] are pure; [`run`] connects one of them to the bus.
 #![forbid(unsafe_code)]
 
 mod cameras;
