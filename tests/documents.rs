@@ -183,7 +183,7 @@ fn every_fault_has_a_response_and_a_test_and_every_test_of_a_fault_its_row() {
         let id = &row["id"];
         let tests = places(&row["test"]);
         if tests.is_empty()
-            || ["fault", "noticed by", "response, bound"].iter().any(|cell| row[*cell].is_empty())
+            || ["fault", "detection", "response, bound"].iter().any(|cell| row[*cell].is_empty())
         {
             wrong.push(format!("{id}: something is missing"));
         }

@@ -277,21 +277,21 @@ message! {
 }
 
 message! {
-    /// Topics `clock/NAME/grant`: virtual time as granted to a process.
+    /// Topics `clock/NAME/advance`: the leader advances the virtual time of a process.
     TimeAdvanceV1 = "oqtal.TimeAdvance.v1" {
-        /// The instant to act at; [`Time::UNSET`] calls the roll before time starts.
+        /// The instant of the turn; [`Time::UNSET`] in the start barrier, before virtual time begins.
         now: Time,
     }
 }
 
 message! {
-    /// Topics `clock/NAME/done`: the process has acted.
+    /// Topics `clock/NAME/done`: the process has executed its turn.
     TurnDoneV1 = "oqtal.TurnDone.v1" {
-        /// Sequence of the grant that this answers.
-        grant: u64,
-        /// When it wants to act next of its own accord; [`Time::UNSET`] for never.
+        /// Sequence number of the time advance that this answers \[-\].
+        advance: u64,
+        /// The next event of the process; [`Time::UNSET`] for none.
         next: Time,
-        /// 1 if it published something that the next process in the loop has to look at now.
+        /// 1 if it published something that the next process in the loop has to read at once.
         published: u8,
     }
 }

@@ -88,22 +88,22 @@ impl Role {
         Topic::new(name, 1, 1, 8)
     }
 
-    /// Where this process is granted virtual time.
+    /// The topic on which the leader advances the virtual time of this process.
     #[must_use]
-    pub const fn grant(self) -> Topic<TimeAdvanceV1> {
+    pub const fn time_advance(self) -> Topic<TimeAdvanceV1> {
         let name = match self {
-            Self::Plant => "clock/plant-sim/grant",
-            Self::Mocap => "clock/mocap-emu/grant",
-            Self::Daemon => "clock/daemon/grant",
-            Self::Recorder => "clock/recorder/grant",
-            Self::Bridge => "clock/bridge/grant",
+            Self::Plant => "clock/plant-sim/advance",
+            Self::Mocap => "clock/mocap-emu/advance",
+            Self::Daemon => "clock/daemon/advance",
+            Self::Recorder => "clock/recorder/advance",
+            Self::Bridge => "clock/bridge/advance",
         };
         Topic::new(name, 1, 1, 1)
     }
 
-    /// Where this process answers a grant.
+    /// The topic on which this process reports the end of a turn.
     #[must_use]
-    pub const fn done(self) -> Topic<TurnDoneV1> {
+    pub const fn turn_done(self) -> Topic<TurnDoneV1> {
         let name = match self {
             Self::Plant => "clock/plant-sim/done",
             Self::Mocap => "clock/mocap-emu/done",

@@ -24,7 +24,7 @@ pub const REVIEW: Span = Span::from_millis(250);
 
 /// The process that publishes poses.
 enum PoseProcess {
-    Cameras(PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>),
+    Cameras(Box<PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>>),
     Playback(PoseTurn<MemoryBus, Playback<MemoryBus>>),
 }
 
@@ -111,7 +111,7 @@ impl Simulation {
         match role {
             Role::Plant => step(&mut self.plant, now),
             Role::Mocap => match &mut self.poses {
-                PoseProcess::Cameras(turn) => step(turn, now),
+                PoseProcess::Cameras(turn) => step(turn.as_mut(), now),
                 PoseProcess::Playback(turn) => step(turn, now),
             },
             Role::Daemon => step(&mut self.daemon, now),
@@ -146,7 +146,7 @@ impl PoseProcess {
                 let config = &mission.config;
                 let cameras = Cameras::new(&config.mocap, config.clock.seed);
                 let source = EmulatedCameras::open(bus, cameras)?;
-                Self::Cameras(PoseTurn::open(bus, source)?)
+                Self::Cameras(Box::new(PoseTurn::open(bus, source)?))
             }
         })
     }

@@ -8,7 +8,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::Mocap;
 use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::pose_source::Delivery;
-use oqtal_runtime::random::{Generator, Source, normal3, stream};
+use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
@@ -31,7 +31,7 @@ impl Cameras {
     pub fn new(mocap: &Mocap, seed: u64) -> Self {
         Self {
             mocap: mocap.clone(),
-            generator: stream(seed, Source::Cameras),
+            generator: stream(seed, RandomSource::Cameras),
             in_flight: VecDeque::with_capacity(64),
             gap: 0,
         }

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use oqtal_config::{Battery, Vehicle};
-use oqtal_runtime::random::{Generator, Source, normal3, stream};
+use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 
 use crate::state::State;
 
@@ -23,7 +23,7 @@ impl Gust {
         // The exact discretisation, begun with a draw from the distribution that it keeps.
         let keep = (-step_s / vehicle.gust_time_s).exp();
         let kick = vehicle.gust_sd_m_s2 * (1.0 - keep * keep).sqrt();
-        let mut generator = stream(seed, Source::Gust);
+        let mut generator = stream(seed, RandomSource::Gust);
         let acceleration = normal3(&mut generator) * vehicle.gust_sd_m_s2;
         Self { generator, keep, kick, acceleration }
     }
@@ -46,7 +46,7 @@ impl Gust {
 /// This vehicle's constant imperfections, drawn once per seed: (rate drift \[rad/s, body\], acceleration \[m/s^2, world\]).
 #[must_use]
 pub fn imperfections(vehicle: &Vehicle, seed: u64) -> (Vector3<f64>, Vector3<f64>) {
-    let mut generator = stream(seed, Source::Imperfection);
+    let mut generator = stream(seed, RandomSource::Imperfection);
     let mut spread = |nominal: [f64; 3]| {
         let factor = normal3(&mut generator) * vehicle.disturbance_spread + Vector3::repeat(1.0);
         Vector3::from(nominal).component_mul(&factor)

@@ -3,7 +3,7 @@
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_plant_sim::wire::{Radio, Way, WiredVehicle};
-use oqtal_runtime::random::{Source, stream};
+use oqtal_runtime::random::{RandomSource, stream};
 use oqtal_wire::asctec::{
     Command, ControlInput, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll, Scales,
     Sticks, VehicleDecoder, poll_frame,
@@ -206,7 +206,7 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
     config.vehicle.wire.latency_ms = 0.0;
     let mut radio = Radio::new(&config.vehicle.wire, 7, 57_600);
     let mut decoder = VehicleDecoder::new();
-    let mut generator = stream(7, Source::Gust);
+    let mut generator = stream(7, RandomSource::Gust);
     let scales = Scales::default();
     let (frames, mut read, mut wrong, mut now, mut bytes) = (200_000, 0, 0, START, Vec::new());
     for _ in 0..frames {

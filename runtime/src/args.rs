@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use oqtal_config::{ConfigError, Setting};
 
-/// What every process can be told on its command line.
+/// The arguments that all processes share.
 #[derive(Args, Clone, Debug, Default)]
 pub struct CommonArgs {
     /// Configuration file (TOML); see `oqtal check`
@@ -46,7 +46,7 @@ impl CommonArgs {
     }
 }
 
-/// What can be done with a process.
+/// The commands of a process.
 #[derive(Subcommand, Clone, Debug)]
 pub enum ProcessCommand {
     /// Run the process until SIGINT or SIGTERM

@@ -12,7 +12,7 @@ use crate::loop_clock::LoopClock;
 use crate::realtime;
 use crate::stop::StopFlag;
 
-/// What a running process has of its surroundings.
+/// The context of a running process.
 #[derive(Debug)]
 pub struct ProcessContext {
     /// The effective configuration.
@@ -21,7 +21,7 @@ pub struct ProcessContext {
     pub stop: StopFlag,
     /// Which process this is.
     pub role: Role,
-    /// What the service manager reads from this process.
+    /// The health record, which the service manager is informed from.
     pub health: Health,
 }
 
@@ -34,7 +34,7 @@ impl ProcessContext {
         Bus::open(&self.paths()?)
     }
 
-    /// What says that this process is well.
+    /// The heartbeat of this process.
     ///
     /// # Errors
     /// The process runs already, or the bus refuses.
@@ -42,7 +42,7 @@ impl ProcessContext {
         Heartbeat::new(bus, self.role, self.config.hash())
     }
 
-    /// The place that the configuration names.
+    /// Paths and names of the instance.
     ///
     /// # Errors
     /// A bad instance name.
@@ -50,8 +50,8 @@ impl ProcessContext {
         instance_paths(&self.config)
     }
 
-    /// Readies the calling thread for its loop; in virtual time there is nothing to be late for. Threads started before are
-    /// left as they are.
+    /// Applies `[realtime]` to the calling thread; does nothing in virtual time. What the operating system refuses is logged
+    /// with its remedy. Threads that run already keep their scheduling.
     pub fn enter_realtime(&self) {
         if self.config.clock.kind != ClockKind::Real {
             return;
@@ -60,12 +60,12 @@ impl ProcessContext {
         for refusal in &granted.refused {
             tracing::warn!("{refusal}");
         }
-        let realtime::Granted { policy, priority, cpu, locked, .. } = granted;
+        let realtime::GrantedSettings { policy, priority, cpu, locked, .. } = granted;
         tracing::debug!(policy, priority, ?cpu, locked, "loop is ready");
     }
 
-    /// The pacer of this process: real time, woken by `wakes_on`, or virtual time. The plant leads virtual time; where a
-    /// recording is played there is no plant, and the cameras lead.
+    /// The loop clock of this process: real time, woken by `wakes_on`, or virtual time. The plant leads virtual time; when a
+    /// recording is played there is no plant, and the motion capture leads.
     ///
     /// # Errors
     /// The bus refuses.
@@ -86,13 +86,13 @@ impl ProcessContext {
     }
 }
 
-/// Who takes part in the loop; the first leads virtual time.
+/// The roles that take part in the loop; the first leads virtual time.
 #[must_use]
 pub fn roles(config: &Config) -> &'static [Role] {
     if config.is_replay() { &Role::ALL[1..] } else { &Role::ALL }
 }
 
-/// The place that a configuration names.
+/// Paths and names of the instance of a configuration.
 ///
 /// # Errors
 /// A bad instance name.

@@ -5,11 +5,11 @@ use std::process::ExitCode;
 use oqtal_bus::error::BusError;
 use oqtal_config::{ConfigError, Violation};
 
-/// How a process ends (sysexits.h, and 1 for a flight that did not end as asked).
+/// Exit code of a process (sysexits.h, and 1 for a flight that did not end as asked).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {
-    /// As asked.
+    /// Success.
     Ok = 0,
     /// The flight did not end as asked.
     Flight = 1,
@@ -17,11 +17,11 @@ pub enum Exit {
     Usage = 64,
     /// Input data is bad.
     Data = 65,
-    /// A fault of ours.
+    /// Internal error.
     Internal = 70,
     /// The operating system refused.
     System = 71,
-    /// Another controller holds the topic, or a peer never came.
+    /// Another controller holds the topic, or a peer never answered.
     Peer = 75,
     /// The running processes speak another version.
     Version = 76,
@@ -37,13 +37,13 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// Why a process cannot do its job: the message for a person, the code for a supervisor.
+/// The reason why a process cannot do its job: a message for the operator and a code for the service manager.
 #[derive(Debug, thiserror::Error)]
 #[error("{message}")]
 pub struct Failure {
     /// The exit code.
     pub exit: Exit,
-    /// Object and remedy.
+    /// The message: object, what is wrong, remedy.
     pub message: String,
 }
 

@@ -7,6 +7,7 @@ mod context;
 mod exit;
 pub mod handoff;
 pub mod health;
+mod lockstep;
 mod log;
 pub mod loop_clock;
 pub mod pose_source;

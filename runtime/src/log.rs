@@ -1,20 +1,27 @@
-//! Where logs go: to the journal, field by field, if it started this process; else to standard error, one readable line each.
+//! The log of a process. Threads that must not block only queue their records; the log thread formats and writes them, to the
+//! journal if the service manager started the process, else to standard error.
 
-use std::io::IsTerminal;
+mod output;
+mod queue;
 
+use std::time::Duration;
+
+use oqtal_bus::topic::Role;
+use oqtal_config::LogLevel;
 use tracing::Level;
 use tracing_subscriber::filter::LevelFilter;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
-use oqtal_bus::topic::Role;
-use oqtal_config::LogLevel;
+use output::Output;
+use queue::{LogQueue, log_queue};
 
-/// In the journal our fields begin with this: `OQTAL_STATE`, `OQTAL_CAUSE`, `OQTAL_SEQUENCE`.
-const PREFIX: &str = "OQTAL";
+/// At its end a process waits at most this long for its log to be written.
+const FLUSH_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// Starts the log of `role`; what is less severe than `level` is not written.
-pub fn start(level: LogLevel, role: Role) {
+/// Starts the log of `role`; records below `level` are discarded. The log is flushed when the returned guard is dropped.
+#[must_use]
+pub fn start(level: LogLevel, role: Role) -> LogGuard {
     let level = match level {
         LogLevel::Error => Level::ERROR,
         LogLevel::Warn => Level::WARN,
@@ -22,48 +29,22 @@ pub fn start(level: LogLevel, role: Role) {
         LogLevel::Debug => Level::DEBUG,
         LogLevel::Trace => Level::TRACE,
     };
-    let filter = LevelFilter::from_level(level);
-    match journal(role) {
-        Some(journal) => tracing_subscriber::registry().with(filter).with(journal).init(),
-        None => tracing_subscriber::fmt()
-            .with_max_level(filter)
-            .with_writer(std::io::stderr)
-            .with_ansi(std::io::stderr().is_terminal())
-            .with_target(false)
-            // Standard error may be closed: the loop goes on without a log.
-            .log_internal_errors(false)
-            .init(),
-    }
+    let (queue, records) = log_queue();
+    // Never joined: an output that does not drain must not keep the process from ending.
+    std::thread::spawn(move || {
+        let mut output = Output::of_process(role);
+        records.drain_into(|record| output.write(record));
+    });
+    tracing_subscriber::registry().with(LevelFilter::from_level(level)).with(queue.clone()).init();
+    LogGuard(queue)
 }
 
-/// The journal, if standard error leads to it.
-fn journal(role: Role) -> Option<tracing_journald::Layer> {
-    let stream = std::env::var("JOURNAL_STREAM").ok()?;
-    let stderr = rustix::fs::fstat(std::io::stderr()).ok()?;
-    if !is_stream(&stream, stderr.st_dev, stderr.st_ino) {
-        return None;
-    }
-    let journal = tracing_journald::layer().ok()?;
-    let name = format!("oqtal-{}", role.name());
-    Some(journal.with_field_prefix(Some(PREFIX.to_owned())).with_syslog_identifier(name))
-}
+/// Flushes the log when it is dropped.
+#[derive(Debug)]
+pub struct LogGuard(LogQueue);
 
-/// Whether `JOURNAL_STREAM` names this file, by device and inode (systemd.exec(5)): the variable outlives a redirection.
-fn is_stream(text: &str, device: u64, inode: u64) -> bool {
-    let number = |text: &str| text.parse::<u64>().ok();
-    text.split_once(':')
-        .is_some_and(|(dev, ino)| number(dev) == Some(device) && number(ino) == Some(inode))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn only_the_stream_that_the_journal_opened_is_the_journal() {
-        assert!(is_stream("8:12345", 8, 12345));
-        for other in ["", "8", "8:", ":12345", "8:12346", "9:12345", "x:y", "8:12345:1"] {
-            assert!(!is_stream(other, 8, 12345), "{other}");
-        }
+impl Drop for LogGuard {
+    fn drop(&mut self) {
+        self.0.flush(FLUSH_TIMEOUT);
     }
 }

@@ -17,13 +17,13 @@ pub use crate::exit::{Exit, Failure};
 
 use crate::health::Health;
 
-/// The job of one process, inside the context.
+/// The work of a process.
 pub type Job = fn(&ProcessContext) -> Result<(), Failure>;
 
-/// Whether a process could do its job with a configuration that is valid by itself.
+/// Checks whether a process could run with a configuration that is valid by itself.
 pub type Check = fn(&Config) -> Result<(), Failure>;
 
-/// Does what the command line asks of `role`, whose job is `job`, and says how it ended.
+/// Executes the command for the process `role`, whose work is `job`, and returns the exit code.
 #[must_use]
 pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> ExitCode {
     let result = match command {
@@ -39,7 +39,7 @@ pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> 
     }
 }
 
-/// The effective configuration as a file, under a comment that says at which rate the loop will run.
+/// The effective configuration as a file, below a comment with the rate of the loop.
 #[must_use]
 pub fn describe(config: &Config) -> String {
     format!("# {}\n{}", config.pace(), config.to_toml().trim_end())
@@ -54,7 +54,7 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         die_with(parent)?;
     }
     let config = load(args)?;
-    log::start(config.log.level, role);
+    let _log = log::start(config.log.level, role);
     let stop = stop_on_signals()?;
     stop_on_panics(&stop);
     let context = ProcessContext { config, stop, role, health: Health::default() };
@@ -65,7 +65,7 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         role.name()
     );
     let result = guarded(|| service::notified(&context, || job(&context)));
-    // Its ports are closed; whoever leaves last tidies up.
+    // The ports are closed; the last process to leave removes the shared files of the instance.
     if let Ok(bus) = context.bus() {
         bus.leave();
     }
@@ -73,12 +73,12 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     result
 }
 
-/// Ends this process when `parent`, which started it, dies: a front door that is killed leaves no orphans.
+/// Arranges that this process ends when `parent`, which started it, dies, so that no orphan remains.
 fn die_with(parent: i32) -> Result<(), Failure> {
     rustix::process::set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| {
         Failure::new(Exit::System, format!("binding to the parent's life failed: {e}"))
     })?;
-    // It may have died before: then the signal never comes.
+    // If the parent died before, the signal never comes.
     if rustix::process::getppid() == Pid::from_raw(parent) {
         Ok(())
     } else {
@@ -87,16 +87,17 @@ fn die_with(parent: i32) -> Result<(), Failure> {
     }
 }
 
-/// A panic on any thread ends the whole process in good order: half of one must not go on.
+/// Sets `stop` on a panic of any thread: the process must not go on with a part of its threads.
 fn stop_on_panics(stop: &StopFlag) {
-    let (report, stop) = (std::panic::take_hook(), stop.clone());
+    let stop = stop.clone();
     std::panic::set_hook(Box::new(move |panic| {
         stop.set();
-        report(panic);
+        // Through the log thread: an output that does not drain must not keep a loop from leaving its outputs safe.
+        tracing::error!("{panic}");
     }));
 }
 
-/// Sets the flag on SIGINT or SIGTERM.
+/// A flag that SIGINT and SIGTERM set.
 fn stop_on_signals() -> Result<StopFlag, Failure> {
     let stop = StopFlag::default();
     let flag = stop.clone();

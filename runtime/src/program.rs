@@ -1,17 +1,21 @@
-//! What every program does around its work: reads its command line, makes a panic an exit code, and writes to a terminal or
-//! a pipe that may be gone.
+//! A program around its work: command line, panics as exit codes, output to a terminal or a pipe that may be closed.
 
 use std::any::Any;
 use std::io::{ErrorKind, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
+use std::sync::mpsc::channel;
+use std::time::Duration;
 
 use clap::Parser;
 
 use crate::exit::{Exit, Failure};
 
-/// Runs a program: reads its command line and does what it says by `execute`. A command line that is wrong ends with
-/// [`Exit::Usage`], a panic with [`Exit::Internal`].
+/// A message waits at most this long for standard error to take it.
+const SAY_TIMEOUT: Duration = Duration::from_millis(300);
+
+/// Parses the command line and runs `execute`. An invalid command line ends with [`Exit::Usage`], a panic with
+/// [`Exit::Internal`].
 #[must_use]
 pub fn run<C: Parser>(execute: impl FnOnce(C) -> ExitCode) -> ExitCode {
     match C::try_parse() {
@@ -20,29 +24,29 @@ pub fn run<C: Parser>(execute: impl FnOnce(C) -> ExitCode) -> ExitCode {
     }
 }
 
-/// Does `work`, and makes a panic in it a failure of ours; what it held is dropped on the way, as after an error.
+/// Executes `work` and turns a panic into a failure; its values are dropped as after an error.
 ///
 /// # Errors
-/// Those of `work`; [`Exit::Internal`] after a panic.
+/// The error of `work`; [`Exit::Internal`] after a panic.
 pub fn guarded<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<T, Failure> {
-    // Nothing that the work has left half done is looked at again.
+    // Nothing that the work left unfinished is used again.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let what = message(panic.as_ref());
         Err(Failure::new(Exit::Internal, format!("internal error: {what}; please report it")))
     })
 }
 
-/// Says on standard error why `program` failed, and gives the exit code that goes with it.
+/// Prints on standard error why `program` failed, and returns its exit code.
 #[must_use]
 pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
     say(&format!("{program}: {failure}"));
     failure.exit.into()
 }
 
-/// Writes a line of results to standard output. A reader that has gone away has read enough.
+/// Prints a line of results on standard output. A closed pipe is no error: its reader has read enough.
 ///
 /// # Errors
-/// The output cannot be written: a full disk.
+/// The output cannot be written, as on a full disk.
 pub fn print(text: &str) -> Result<(), Failure> {
     let mut output = std::io::stdout().lock();
     match writeln!(output, "{text}").and_then(|()| output.flush()) {
@@ -53,19 +57,26 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Writes a line to a person, on standard error; nobody is left to tell if that is closed.
+/// Prints a message on standard error. Waits at most [`SAY_TIMEOUT`] for an output that does not drain. An error is ignored: no
+/// channel is left to report it on.
 pub fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let line = format!("{text}\n");
+    let (done, is_done) = channel();
+    std::thread::spawn(move || {
+        let _ = std::io::stderr().write_all(line.as_bytes());
+        let _ = done.send(());
+    });
+    let _ = is_done.recv_timeout(SAY_TIMEOUT);
 }
 
-/// Prints help, version or what is wrong with the command line, with the exit code that goes with it.
+/// Prints help, version or a usage error, and returns its exit code.
 fn explain(error: &clap::Error) -> ExitCode {
-    // Nothing is left to tell if standard output and error are closed.
+    // Ignored: standard output and error may be closed.
     let _ = error.print();
     if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() }
 }
 
-/// What a panic says.
+/// The message of a panic.
 fn message(panic: &(dyn Any + Send)) -> &str {
     let text = panic.downcast_ref::<String>().map(String::as_str);
     text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message")

@@ -1,43 +1,43 @@
-//! Randomness that repeats: one stream per (seed, source), so that one source never shifts another, from a generator whose
-//! stream is the same on every platform and version (ChaCha, eight rounds).
+//! Repeatable random numbers: one stream per (seed, source), so that the draws of one source never shift those of another. The
+//! generator (ChaCha, eight rounds) yields the same stream on every platform and in every version.
 
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// The generator behind every source.
+/// The generator of every source.
 pub type Generator = ChaCha8Rng;
 
-/// The random sources of a testbed; a number is a stream and never changes its meaning.
+/// The random sources of a testbed. Each number identifies a stream for good.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
-pub enum Source {
+pub enum RandomSource {
     /// Gusts, one draw per millisecond.
     Gust = 1,
-    /// The vehicle's constant imperfections.
+    /// Constant disturbances of the vehicle.
     Imperfection = 2,
-    /// The cameras, by frame.
+    /// Camera noise, by frame.
     Cameras = 3,
-    /// Which frames to a vehicle are lost, one draw a frame.
+    /// Loss of frames to the vehicle, one draw per frame.
     UplinkLoss = 4,
-    /// Which bits to a vehicle are wrong.
+    /// Wrong bits to the vehicle.
     UplinkErrors = 5,
-    /// Which frames from a vehicle are lost, one draw a frame.
+    /// Loss of frames from the vehicle, one draw per frame.
     DownlinkLoss = 6,
-    /// Which bits from a vehicle are wrong.
+    /// Wrong bits from the vehicle.
     DownlinkErrors = 7,
 }
 
 /// The stream of `source` under `seed`.
 #[must_use]
-pub fn stream(seed: u64, source: Source) -> Generator {
+pub fn stream(seed: u64, source: RandomSource) -> Generator {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     generator.set_stream(source as u64);
     generator
 }
 
-/// Three standard normal numbers.
+/// Three independent standard normal numbers \[-\].
 pub fn normal3(generator: &mut Generator) -> Vector3<f64> {
     Vector3::from_fn(|_, _| StandardNormal.sample(generator))
 }
@@ -50,8 +50,8 @@ mod tests {
     #[test]
     fn streams_repeat_and_differ_by_seed_and_source() {
         let first = |seed, source| stream(seed, source).next_u64();
-        assert_eq!(first(7, Source::Gust), first(7, Source::Gust));
-        assert_ne!(first(7, Source::Gust), first(8, Source::Gust));
-        assert_ne!(first(7, Source::Gust), first(7, Source::Cameras));
+        assert_eq!(first(7, RandomSource::Gust), first(7, RandomSource::Gust));
+        assert_ne!(first(7, RandomSource::Gust), first(8, RandomSource::Gust));
+        assert_ne!(first(7, RandomSource::Gust), first(7, RandomSource::Cameras));
     }
 }

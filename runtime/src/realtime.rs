@@ -1,5 +1,5 @@
-//! What a loop asks of the operating system, so that it runs when it should. What is refused is said, with the remedy, and the
-//! loop runs on without it.
+//! Real-time settings of a loop: scheduling, processors, locked memory, timer slack. A setting that the operating system
+//! refuses is reported with its remedy, and the loop runs without it.
 
 use std::hint::black_box;
 
@@ -18,15 +18,15 @@ use thread_priority::{
 
 use oqtal_config::{Realtime, Scheduling};
 
-/// Stack that a loop may use without a page fault \[bytes\].
+/// Stack that is prefaulted \[bytes\].
 const STACK: usize = 256 * 1024;
-/// A loop under SCHED_FIFO that has not slept for so long is ended by the kernel (SIGXCPU), or it would take its CPU from
-/// everything else \[us\].
-const LONGEST_TURN_US: u64 = 500_000;
+/// RLIMIT_RTTIME of a loop under SCHED_FIFO \[us\]: the kernel ends a loop that has not slept for this time (SIGXCPU), so that
+/// it cannot take its processor from everything else.
+const MAX_TURN_US: u64 = 500_000;
 
-/// What the operating system granted to the calling thread.
+/// The real-time settings in force on the calling thread.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Granted {
+pub struct GrantedSettings {
     /// `fifo` or `other`.
     pub policy: &'static str,
     /// Priority under SCHED_FIFO; 0 without.
@@ -35,15 +35,15 @@ pub struct Granted {
     pub cpu: Option<usize>,
     /// Whether all memory stays in RAM.
     pub locked: bool,
-    /// What was asked for and refused, each with the remedy.
+    /// Settings that were requested and refused, each with its remedy.
     #[serde(skip)]
     pub refused: Vec<String>,
 }
 
-/// Asks for what `options` say, for the calling thread; its memory for the whole process.
+/// Applies `options` to the calling thread; memory is locked for the whole process.
 #[must_use]
-pub fn enter(options: &Realtime) -> Granted {
-    let mut granted = Granted { policy: "other", ..Granted::default() };
+pub fn enter(options: &Realtime) -> GrantedSettings {
+    let mut granted = GrantedSettings { policy: "other", ..GrantedSettings::default() };
     let mut note = |result: Result<(), String>| match result {
         Ok(()) => true,
         Err(refusal) => {
@@ -107,7 +107,7 @@ fn lock_memory() -> Result<(), String> {
     Ok(())
 }
 
-/// Touches the stack below, so that no page of it is missing later.
+/// Touches the stack below the present frame, so that its pages are mapped.
 #[inline(never)]
 fn prefault_stack() {
     black_box(&mut [0_u8; STACK]);
@@ -115,7 +115,7 @@ fn prefault_stack() {
 
 fn fifo(priority: u8) -> Result<(), String> {
     let allowed = getrlimit(Resource::Rttime).maximum.unwrap_or(u64::MAX);
-    let longest = Some(LONGEST_TURN_US.min(allowed));
+    let longest = Some(MAX_TURN_US.min(allowed));
     setrlimit(Resource::Rttime, Rlimit { current: longest, maximum: longest }).map_err(
         |error| {
             format!("no SCHED_FIFO, since its turns could not be limited (RLIMIT_RTTIME: {error})")
@@ -147,7 +147,7 @@ fn fifo(priority: u8) -> Result<(), String> {
     })
 }
 
-/// What the unit gave is not given back: it may not be, and nobody asked for less but the configuration.
+/// Ordinary scheduling. A real-time policy set by the unit is kept: giving it up may be forbidden.
 fn other() -> Result<(), String> {
     match fifo_priority() {
         None => Ok(()),
@@ -155,12 +155,13 @@ fn other() -> Result<(), String> {
     }
 }
 
-/// Priority of the calling thread, if it is under SCHED_FIFO.
+/// Priority of the calling thread under SCHED_FIFO; `None` under another policy.
 fn fifo_priority() -> Option<u8> {
     parse_fifo_priority(&std::fs::read_to_string("/proc/thread-self/stat").ok()?)
 }
 
-/// From the `stat` of a thread, proc(5): its name may hold blanks and brackets, the fields behind it start with the third.
+/// Parses the `stat` file of a thread, proc(5). The name may contain blanks and brackets; the fields after it start with the
+/// third.
 fn parse_fifo_priority(stat: &str) -> Option<u8> {
     let mut fields = stat.rsplit(')').next()?.split_whitespace().skip(40 - 3);
     let (priority, policy) = (fields.next()?, fields.next()?);

@@ -3,7 +3,12 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Set by a signal: the process ends its loop in good order.
+use oqtal_bus::time::Span;
+
+/// A waiting thread checks its stop flag at least this often.
+pub(crate) const STOP_CHECK: Span = Span::from_millis(20);
+
+/// Set by a signal; the process then ends its loop in good order.
 #[derive(Clone, Debug, Default)]
 pub struct StopFlag(Arc<AtomicBool>);
 
@@ -19,7 +24,7 @@ impl StopFlag {
         self.0.load(Ordering::Acquire)
     }
 
-    /// Asks the process to end when the returned guard goes out of scope, be it by a panic.
+    /// Asks the process to end when the returned guard goes out of scope, also by a panic.
     #[must_use]
     pub fn set_on_drop(&self) -> SetOnDrop {
         SetOnDrop(self.clone())

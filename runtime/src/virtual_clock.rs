@@ -1,29 +1,30 @@
-//! Virtual time: whose turn it is, and when. Pure; the same object orders processes in lockstep and an in-process flight.
+//! The scheduler of virtual time: which role acts next, and at which instant. Pure; the same object orders processes in
+//! lockstep and a flight in one process.
 //!
-//! Every role says when it wants to act next. The earliest acts; at equal times the fixed order of [`Role`] decides. A
-//! role that published wakes its reader at the same instant: truth wakes the cameras, a pose the daemon, a command the
-//! plant. Events that wait inside a role (poses in flight, commands on the radio) are its own first-in, first-out queue.
-//! So all events of a flight are ordered by (time, role, sequence), whichever clock drives it.
+//! Every role reports its next event. The earliest event is executed first; at equal times the fixed order of [`Role`]
+//! decides. A role that published wakes its reader at the same instant: truth wakes the cameras, a pose the daemon, a command
+//! the plant. Events inside a role (poses in flight, commands on the radio) wait in that role's own queue, first in, first
+//! out. All events of a flight are therefore ordered by (time, role, sequence), whichever clock drives it.
 
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::Role;
 
-/// What a role answers after its turn.
+/// The result of a turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TurnResult {
-    /// When it wants to act next of its own accord.
+    /// The next event of the role; `None` for none.
     pub next: Option<Time>,
-    /// Whether it published what the next role in the loop has to look at now.
+    /// Whether it published something that the next role in the loop has to read at the same instant.
     pub published: bool,
 }
 
-/// Grants turns in the order of virtual time.
+/// Orders turns by virtual time.
 #[derive(Clone, Debug)]
 pub struct VirtualClock {
     now: Time,
     roles: [bool; Role::ALL.len()],
     next: [Option<Time>; Role::ALL.len()],
-    mail: [bool; Role::ALL.len()],
+    unread: [bool; Role::ALL.len()],
 }
 
 impl VirtualClock {
@@ -38,36 +39,36 @@ impl VirtualClock {
             now: start,
             roles: next.map(|first| first.is_some()),
             next,
-            mail: Default::default(),
+            unread: Default::default(),
         }
     }
 
-    /// Who acts next, and at which instant. `None` when nobody ever wants to act again.
+    /// The role that acts next, and the instant; `None` when no role has another event.
     pub fn turn(&mut self) -> Option<(Role, Time)> {
         let due = |&role: &Role| {
             let i = role as usize;
-            let at = if self.mail[i] { Some(self.now) } else { self.next[i] };
+            let at = if self.unread[i] { Some(self.now) } else { self.next[i] };
             at.map(|at| (at.max(self.now), role))
         };
         let (at, role) = Role::ALL.iter().filter_map(due).min()?;
         self.now = at;
-        self.mail[role as usize] = false;
+        self.unread[role as usize] = false;
         self.next[role as usize] = None;
         Some((role, at))
     }
 
-    /// Takes the answer of the role that had the turn.
-    pub fn done(&mut self, role: Role, done: TurnResult) {
-        self.next[role as usize] = done.next;
-        if done.published
+    /// Takes the result of the turn of `role`.
+    pub fn done(&mut self, role: Role, result: TurnResult) {
+        self.next[role as usize] = result.next;
+        if result.published
             && let Some(reader) = reader_of(role).filter(|r| self.roles[*r as usize])
         {
-            self.mail[reader as usize] = true;
+            self.unread[reader as usize] = true;
         }
     }
 }
 
-/// Who has to look when `role` published.
+/// The role that reads what `role` publishes.
 const fn reader_of(role: Role) -> Option<Role> {
     match role {
         Role::Plant => Some(Role::Mocap),
@@ -92,48 +93,48 @@ mod tests {
         TurnResult { next, published: false }
     }
 
-    /// A virtual_clock behind its first round, with every role's next wish as given.
-    fn virtual_clock(wishes: [Option<Time>; 4]) -> VirtualClock {
-        let mut virtual_clock = VirtualClock::new(START, &Role::ALL);
-        for (role, wish) in Role::ALL.into_iter().zip(wishes) {
-            assert_eq!(virtual_clock.turn(), Some((role, START)));
-            virtual_clock.done(role, idle(wish));
+    /// A clock after its first round, with the next event of every role as given.
+    fn clock_after_start(events: [Option<Time>; 4]) -> VirtualClock {
+        let mut clock = VirtualClock::new(START, &Role::ALL);
+        for (role, event) in Role::ALL.into_iter().zip(events) {
+            assert_eq!(clock.turn(), Some((role, START)));
+            clock.done(role, idle(event));
         }
-        virtual_clock
+        clock
     }
 
     #[test]
     fn the_earliest_acts_first_and_ties_follow_the_fixed_order() {
-        let mut virtual_clock = virtual_clock([at(3), at(2), at(2), None]);
-        assert_eq!(virtual_clock.turn(), Some((Role::Mocap, at(2).unwrap())));
-        virtual_clock.done(Role::Mocap, idle(at(9)));
-        assert_eq!(virtual_clock.turn(), Some((Role::Daemon, at(2).unwrap())));
-        virtual_clock.done(Role::Daemon, idle(None));
-        assert_eq!(virtual_clock.turn(), Some((Role::Plant, at(3).unwrap())));
+        let mut clock = clock_after_start([at(3), at(2), at(2), None]);
+        assert_eq!(clock.turn(), Some((Role::Mocap, at(2).unwrap())));
+        clock.done(Role::Mocap, idle(at(9)));
+        assert_eq!(clock.turn(), Some((Role::Daemon, at(2).unwrap())));
+        clock.done(Role::Daemon, idle(None));
+        assert_eq!(clock.turn(), Some((Role::Plant, at(3).unwrap())));
     }
 
     #[test]
-    fn who_publishes_wakes_its_reader_at_the_same_instant() {
-        let mut virtual_clock = virtual_clock([at(10), at(5), at(25), None]);
-        assert_eq!(virtual_clock.turn(), Some((Role::Mocap, at(5).unwrap())));
-        virtual_clock.done(Role::Mocap, TurnResult { next: None, published: true });
-        assert_eq!(virtual_clock.turn(), Some((Role::Daemon, at(5).unwrap())));
-        virtual_clock.done(Role::Daemon, TurnResult { next: at(30), published: true });
-        assert_eq!(virtual_clock.turn(), Some((Role::Plant, at(5).unwrap())));
-        virtual_clock.done(Role::Plant, idle(at(10)));
-        assert_eq!(virtual_clock.turn(), Some((Role::Plant, at(10).unwrap())));
+    fn publishing_wakes_the_reader_at_the_same_instant() {
+        let mut clock = clock_after_start([at(10), at(5), at(25), None]);
+        assert_eq!(clock.turn(), Some((Role::Mocap, at(5).unwrap())));
+        clock.done(Role::Mocap, TurnResult { next: None, published: true });
+        assert_eq!(clock.turn(), Some((Role::Daemon, at(5).unwrap())));
+        clock.done(Role::Daemon, TurnResult { next: at(30), published: true });
+        assert_eq!(clock.turn(), Some((Role::Plant, at(5).unwrap())));
+        clock.done(Role::Plant, idle(at(10)));
+        assert_eq!(clock.turn(), Some((Role::Plant, at(10).unwrap())));
     }
 
     #[test]
-    fn time_never_runs_back_even_if_a_party_asks_for_the_past() {
-        let mut virtual_clock = virtual_clock([at(4), None, None, None]);
-        assert_eq!(virtual_clock.turn(), Some((Role::Plant, at(4).unwrap())));
-        virtual_clock.done(Role::Plant, idle(at(1)));
-        assert_eq!(virtual_clock.turn(), Some((Role::Plant, at(4).unwrap())));
+    fn time_never_runs_back_even_if_a_role_asks_for_the_past() {
+        let mut clock = clock_after_start([at(4), None, None, None]);
+        assert_eq!(clock.turn(), Some((Role::Plant, at(4).unwrap())));
+        clock.done(Role::Plant, idle(at(1)));
+        assert_eq!(clock.turn(), Some((Role::Plant, at(4).unwrap())));
     }
 
     #[test]
-    fn nobody_wants_to_act_again_ends_it() {
-        assert_eq!(virtual_clock([None; 4]).turn(), None);
+    fn it_ends_when_no_role_has_another_event() {
+        assert_eq!(clock_after_start([None; 4]).turn(), None);
     }
 }

@@ -14,7 +14,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::tracking_error::AttitudeError;
 use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
 use oqtal_runtime::process::Failure;
-use oqtal_runtime::random::{Source, normal3, stream};
+use oqtal_runtime::random::{RandomSource, normal3, stream};
 
 /// Table I: simulated time \[s\].
 pub const DURATION_S: f64 = 23.0;
@@ -163,7 +163,7 @@ impl Lander {
             least_speed_m_s: descent.least_speed_m_s,
             rates: descent.rates,
         });
-        let mut noise = stream(NOISE_SEED, Source::Cameras);
+        let mut noise = stream(NOISE_SEED, RandomSource::Cameras);
         let dt_s = 1.0 / descent.rate_hz;
         let (mut state, mut metrics) = (self.start(), TableTwo::default());
         for tick in 0..(DURATION_S * descent.rate_hz).round() as u32 {

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Wire;
-use oqtal_runtime::random::{Generator, Source, stream};
+use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
@@ -54,8 +54,8 @@ impl Radio {
             byte: Span::from_nanos(nanos.cast_signed()),
             latency: Span::from_seconds(options.latency_ms * 1e-3),
             half_duplex: options.half_duplex,
-            up: lane(Source::UplinkLoss, Source::UplinkErrors),
-            down: lane(Source::DownlinkLoss, Source::DownlinkErrors),
+            up: lane(RandomSource::UplinkLoss, RandomSource::UplinkErrors),
+            down: lane(RandomSource::DownlinkLoss, RandomSource::DownlinkErrors),
         }
     }
 

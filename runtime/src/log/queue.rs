@@ -1,0 +1,153 @@
+//! The bounded queue between the threads that log and the log thread. A record that finds it full is dropped and counted.
+
+use std::fmt::Debug;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+use tracing::field::{Field, Visit};
+use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
+use tracing_subscriber::layer::Context;
+
+/// Capacity of the queue \[records\].
+const CAPACITY: usize = 1024;
+
+/// A record of the log.
+#[derive(Clone, Debug)]
+pub(super) struct LogRecord {
+    /// Wall-clock time, RFC 3339.
+    pub time: String,
+    /// Severity.
+    pub level: Level,
+    /// The message.
+    pub message: String,
+    /// Fields beside the message: name and value.
+    pub fields: Vec<(&'static str, String)>,
+}
+
+impl LogRecord {
+    fn new(level: Level) -> Self {
+        let mut time = String::new();
+        // Fails only if the string cannot be written to.
+        let _ = SystemTime.format_time(&mut Writer::new(&mut time));
+        Self { time, level, message: String::new(), fields: Vec::new() }
+    }
+}
+
+impl Visit for LogRecord {
+    fn record_str(&mut self, field: &Field, value: &str) {
+        match field.name() {
+            "message" => value.clone_into(&mut self.message),
+            name => self.fields.push((name, value.to_owned())),
+        }
+    }
+
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        self.record_str(field, &format!("{value:?}"));
+    }
+}
+
+enum Entry {
+    Record(LogRecord),
+    /// Acknowledged once everything before it is written.
+    Flush(Sender<()>),
+}
+
+/// The end that threads log to. No call blocks, except [`LogQueue::flush`].
+#[derive(Clone)]
+pub(super) struct LogQueue {
+    entries: Sender<Entry>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// The log thread's end.
+pub(super) struct LogRecords {
+    entries: Receiver<Entry>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// Both ends.
+pub(super) fn log_queue() -> (LogQueue, LogRecords) {
+    let (sender, receiver) = bounded(CAPACITY);
+    let dropped = Arc::new(AtomicU64::new(0));
+    (
+        LogQueue { entries: sender, dropped: Arc::clone(&dropped) },
+        LogRecords { entries: receiver, dropped },
+    )
+}
+
+impl Debug for LogQueue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("LogQueue").field("waiting", &self.entries.len()).finish()
+    }
+}
+
+impl LogQueue {
+    /// Waits until what is queued is written, at most twice `timeout`.
+    pub fn flush(&self, timeout: Duration) {
+        let (done, is_done) = bounded(1);
+        if self.entries.send_timeout(Entry::Flush(done), timeout).is_ok() {
+            let _ = is_done.recv_timeout(timeout);
+        }
+    }
+}
+
+impl<S: Subscriber> Layer<S> for LogQueue {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let mut record = LogRecord::new(*event.metadata().level());
+        event.record(&mut record);
+        if self.entries.try_send(Entry::Record(record)).is_err() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+impl LogRecords {
+    /// Passes every record to `write` until the process ends, and a warning where records were dropped.
+    pub fn drain_into(&self, mut write: impl FnMut(&LogRecord)) {
+        for entry in &self.entries {
+            let dropped = self.dropped.swap(0, Ordering::Relaxed);
+            if dropped > 0 {
+                let mut warning = LogRecord::new(Level::WARN);
+                warning.message =
+                    format!("{dropped} log records were dropped: the output did not drain");
+                write(&warning);
+            }
+            match entry {
+                Entry::Record(record) => write(&record),
+                Entry::Flush(done) => {
+                    let _ = done.try_send(());
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tracing_subscriber::layer::SubscriberExt;
+
+    use super::*;
+
+    #[test]
+    fn an_output_that_does_not_drain_blocks_nobody_and_drops_are_reported() {
+        let (queue, records) = log_queue();
+        let subscriber = tracing_subscriber::registry().with(queue.clone());
+        tracing::subscriber::with_default(subscriber, || {
+            for number in 0..CAPACITY + 5 {
+                tracing::info!(number, "a record");
+            }
+        });
+        queue.flush(Duration::from_millis(1));
+        drop(queue);
+        let mut written = Vec::new();
+        records.drain_into(|record| written.push(record.clone()));
+        assert_eq!(written.len(), CAPACITY + 1);
+        assert!(written[0].message.starts_with("5 log records were dropped"), "{:?}", written[0]);
+        assert_eq!(written[1].fields, [("number", "0".to_owned())]);
+    }
+}
