@@ -147,8 +147,8 @@ fn errata_are_cited_in_the_code_and_known() {
         cited.extend(here);
     }
     wrong.extend(indexed.difference(&known).map(|id| format!("docs/paper.md: {id} is no erratum")));
-    // Where the paper is only unclear, code cannot depart from it.
-    let departs = |row: &text::Row| !["obvious", "notation"].contains(&row["how we know"].as_str());
+    // Code does not depart from the paper where the print is only unclear.
+    let departs = |row: &text::Row| !["obvious", "notation"].contains(&row["evidence"].as_str());
     let departures: BTreeSet<String> =
         rows().filter(departs).map(|row| row["id"].clone()).collect();
     for id in indexed.intersection(&departures).filter(|id| !cited.contains(*id)) {
