@@ -125,7 +125,11 @@ pub struct Running {
 
 impl Running {
     pub fn start(command: &mut Command) -> Self {
-        let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        Self::start_with_stderr(command, Stdio::piped())
+    }
+
+    pub fn start_with_stderr(command: &mut Command, stderr: Stdio) -> Self {
+        let child = command.stdout(Stdio::piped()).stderr(stderr).spawn().unwrap();
         Self { child: Some(child) }
     }
 
