@@ -43,14 +43,14 @@ fn is_path(token: &str) -> bool {
     token.contains('/') && !token.contains([' ', '<', '$', '*']) && !token.starts_with('/')
 }
 
-/// `fn name`, `struct Name` and the like occur in `text`.
+/// Whether `text` defines an item of this name.
 fn defines(text: &str, name: &str) -> bool {
     ["fn", "struct", "enum", "trait", "type", "const"]
         .iter()
         .any(|kind| has_word(text, &format!("{kind} {name}")))
 }
 
-/// The paths in a cell, each with the symbols that follow it.
+/// The paths in a table cell, each with the symbols that follow it.
 fn places(cell: &str) -> Vec<(String, Vec<String>)> {
     let mut places: Vec<(String, Vec<String>)> = Vec::new();
     for token in quoted(cell) {
@@ -80,8 +80,8 @@ fn links_and_paths_in_the_documents_lead_somewhere() {
             }
         }
         for token in quoted(&text).into_iter().filter(|token| is_path(token)) {
-            // What starts with the name of something here is a path; `m/s` and `pose/command` are not.
-            // What a build makes is not there in a clean clone.
+            // A token is a path if it begins with the name of a file or folder at the root: `m/s` does not.
+            // The folder of build results does not exist in a clean clone.
             let first = token.split('/').next().unwrap_or_default();
             let ours = first != "target" && root().join(first).exists();
             if ours && !root().join(token).exists() {
@@ -152,7 +152,7 @@ fn errata_are_cited_in_the_code_and_known() {
     let departures: BTreeSet<String> =
         rows().filter(departs).map(|row| row["id"].clone()).collect();
     for id in indexed.intersection(&departures).filter(|id| !cited.contains(*id)) {
-        // `E-T` and `E-S` are about tables and text: no equation to cite them at.
+        // `E-T` and `E-S` concern tables and text: there is no equation at which to cite them.
         if !id.starts_with("E-T") && !id.starts_with("E-S") {
             wrong.push(format!("docs/paper.md says that {id} is implemented; no code cites it"));
         }
@@ -202,7 +202,7 @@ fn every_fault_has_a_response_and_a_test_and_every_test_of_a_fault_its_row() {
     assert_none("docs/faults.md is out of step", &wrong);
 }
 
-/// The tests named after a fault, as in `f14_...`.
+/// Names of the tests of faults, as in `f14_...`.
 fn fault_tests(text: &str) -> impl Iterator<Item = &str> {
     let names = text.lines().filter_map(|line| line.trim().strip_prefix("fn ")?.split('(').next());
     names.filter(|name| {
@@ -274,14 +274,14 @@ fn exit_codes_are_listed_for_users_and_for_operators() {
         Exit::Config,
     ];
     for document in ["README.md", "docs/operations.md"] {
-        // Below the codes operations.md has signals.
+        // operations.md also lists signals.
         let mut listed = column(document, "exit code");
         listed.retain(|code| code.parse::<u8>().is_ok());
         assert_eq!(listed, codes.map(|code| (code as u8).to_string()), "{document}");
     }
 }
 
-/// The column of this name in the first table that has one, without its quotation marks.
+/// The cells of a column in the first table that has it, without backticks.
 fn column(document: &str, name: &str) -> Vec<String> {
     let tables = Table::all(&read(document));
     let table = tables.iter().find(|table| table.has(name));
