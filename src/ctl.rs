@@ -91,7 +91,7 @@ impl CtlArgs {
         place.become_owner()?;
         let bus = Bus::open(&place)?;
         let asked = self.ask(&bus);
-        bus.leave();
+        drop(bus);
         let (response, heard) = asked?;
         let Some(response) = response else {
             for line in heard.lines() {

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation;
@@ -27,8 +28,7 @@ use vehicle::VehicleLink;
 /// What to fly, and how.
 #[derive(Args, Clone, Debug)]
 pub struct FlyArgs {
-    /// pid, lqr, oqtal, oqtal-dt or geometric
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help = format!("Attitude law: {}", ControllerName::NAMES.join(", ")))]
     controller: Option<String>,
     /// hover, step, square, circle, lemniscate, attitude-chirp, attitude-doublet or waypoints
     #[arg(long, value_name = "NAME")]

@@ -118,7 +118,7 @@ impl LatencyArgs {
         place.become_owner()?;
         let bus = Bus::open(&place)?;
         let figures = self.attach_to(&bus, config, stop);
-        bus.leave();
+        drop(bus);
         figures
     }
 

@@ -1,6 +1,5 @@
 //! The front door of oqtal: one module a command.
-// Shared memory of a bare futex, in `latency/bare/shared.rs`.
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 
 pub mod check;
 mod child;

@@ -118,6 +118,19 @@ fn airborne(name: &str) -> (Flight, Commander) {
     (flight, commander)
 }
 
+#[test]
+fn a_flight_leaves_nothing_in_shared_memory_whatever_is_dropped_first() {
+    let (flight, commander) = airborne("remains");
+    let Flight { testbed, bus, said, bridge, vehicle } = flight;
+    bridge.signal(Signal::TERM);
+    assert!(bridge.wait().status.success());
+    drop((bus, commander));
+    assert!(!testbed.remains().is_empty());
+    drop(said);
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+    drop(vehicle);
+}
+
 /// The independent reader, told `words`: by the interpreter of `OQTAL_PEERS_PYTHON`, which must then be there, or by any.
 fn independent_reader(words: &[&str]) -> Option<Child> {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/asctec_reader.py");
@@ -278,7 +291,8 @@ fn show_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
         frame += 1;
         let now = Time::now();
         let position = [1e-6 * (frame % 7) as f64, 0.0, 0.0];
-        let pose = PoseV1 { position, attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1 };
+        let pose =
+            PoseV1 { position, attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1, ..PoseV1::default() };
         let stamps = Stamps { captured_at: now, pose_published_at: now, ..Stamps::default() };
         poses.send(frame, stamps, pose).unwrap();
         poses.notify().unwrap();

@@ -21,98 +21,95 @@ fn airborne(testbed: &Testbed) -> (Running, Bus, u32, u32) {
     let daemon = wait_for("take-off", || {
         let (header, telemetry) = telemetry.latest().unwrap()?;
         (telemetry.mode == Mode::Flying.code() && telemetry.position[2] > 0.3)
-            .then_some(header.source)
+            .then_some(header.origin().process())
     });
-    let plant = wait_for("the truth", || truth.latest().unwrap().map(|(header, _)| header.source));
-    (flight, bus, daemon.try_into().unwrap(), plant.try_into().unwrap())
+    let plant = wait_for("the truth", || {
+        truth.latest().unwrap().map(|(header, _)| header.origin().process())
+    });
+    (flight, bus, daemon, plant)
 }
 
 #[test]
 fn f14_a_killed_daemon_ends_the_flight_with_a_clear_message_and_no_remains() {
-    for testbed in Testbed::by_events("kill-daemon") {
-        let (flight, bus, daemon, plant) = airborne(&testbed);
-        drop(bus);
-        signal(daemon, Signal::KILL);
-        let output = flight.wait();
-        assert_eq!(output.status.code(), Some(1));
-        let message = stderr(&output);
-        assert!(message.contains("daemon was killed by signal 9"), "{message}");
-        assert!(!is_alive(plant), "an orphan");
-        assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
-    }
+    let testbed = Testbed::new("kill-daemon");
+    let (flight, bus, daemon, plant) = airborne(&testbed);
+    drop(bus);
+    signal(daemon, Signal::KILL);
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(1));
+    let message = stderr(&output);
+    assert!(message.contains("daemon was killed by signal 9"), "{message}");
+    assert!(!is_alive(plant), "an orphan");
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
 
 #[test]
 fn f17_a_killed_plant_ends_the_flight_too() {
-    for testbed in Testbed::by_events("kill-plant") {
-        let (flight, bus, daemon, plant) = airborne(&testbed);
-        drop(bus);
-        signal(plant, Signal::KILL);
-        let output = flight.wait();
-        assert_eq!(output.status.code(), Some(1));
-        let message = stderr(&output);
-        assert!(message.contains("plant-sim was killed by signal 9"), "{message}");
-        assert!(!is_alive(daemon), "an orphan");
-        assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
-    }
+    let testbed = Testbed::new("kill-plant");
+    let (flight, bus, daemon, plant) = airborne(&testbed);
+    drop(bus);
+    signal(plant, Signal::KILL);
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(1));
+    let message = stderr(&output);
+    assert!(message.contains("plant-sim was killed by signal 9"), "{message}");
+    assert!(!is_alive(daemon), "an orphan");
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
 
 #[test]
 fn a_killed_front_door_leaves_no_orphans() {
-    for testbed in Testbed::by_events("kill-door") {
-        let (flight, _bus, daemon, plant) = airborne(&testbed);
-        flight.signal(Signal::KILL);
-        wait_for("the processes to end", || (!is_alive(daemon) && !is_alive(plant)).then_some(()));
-    }
+    let testbed = Testbed::new("kill-door");
+    let (flight, _bus, daemon, plant) = airborne(&testbed);
+    flight.signal(Signal::KILL);
+    wait_for("the processes to end", || (!is_alive(daemon) && !is_alive(plant)).then_some(()));
 }
 
 #[test]
 fn killed_cameras_and_a_killed_daemon_are_replaced_under_running_peers() {
-    for testbed in Testbed::by_events("replace") {
-        let bus = testbed.bus();
-        let mut telemetry = bus.observer(&TELEMETRY).unwrap();
-        let mut tick = |what: &str, writer: u32, is_fresh: bool| {
-            wait_for(what, || {
-                let (header, tick) = telemetry.receive().unwrap()?;
-                let ours = header.source == u64::from(writer);
-                (ours && (tick.fresh != 0) == is_fresh).then_some(())
-            });
-        };
-        let _plant = testbed.start(&["plant-sim", "run"]);
-        let mut cameras = testbed.start(&["mocap-emu", "run"]);
-        let mut daemon = testbed.start(&["daemon", "run"]);
-        tick("poses", daemon.id(), true);
-        for _ in 0..2 {
-            cameras.signal(Signal::KILL);
-            cameras.wait();
-            // A pose of the killed cameras may still arrive; poses after a gap come from the new ones.
-            tick("a gap", daemon.id(), false);
-            cameras = testbed.start(&["mocap-emu", "run"]);
-            tick("poses of new cameras", daemon.id(), true);
-            daemon.signal(Signal::KILL);
-            daemon.wait();
-            daemon = testbed.start(&["daemon", "run"]);
-            tick("poses in a new daemon", daemon.id(), true);
-        }
+    let testbed = Testbed::new("replace");
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let mut tick = |what: &str, writer: u32, is_fresh: bool| {
+        wait_for(what, || {
+            let (header, tick) = telemetry.receive().unwrap()?;
+            let ours = header.origin().process() == writer;
+            (ours && (tick.fresh != 0) == is_fresh).then_some(())
+        });
+    };
+    let _plant = testbed.start(&["plant-sim", "run"]);
+    let mut cameras = testbed.start(&["mocap-emu", "run"]);
+    let mut daemon = testbed.start(&["daemon", "run"]);
+    tick("poses", daemon.id(), true);
+    for _ in 0..2 {
+        cameras.signal(Signal::KILL);
+        cameras.wait();
+        // A pose of the killed cameras may still arrive; poses after a gap come from the new ones.
+        tick("a gap", daemon.id(), false);
+        cameras = testbed.start(&["mocap-emu", "run"]);
+        tick("poses of new cameras", daemon.id(), true);
+        daemon.signal(Signal::KILL);
+        daemon.wait();
+        daemon = testbed.start(&["daemon", "run"]);
+        tick("poses in a new daemon", daemon.id(), true);
     }
 }
 
 #[test]
 fn a_daemon_that_was_stopped_for_some_periods_flies_on() {
-    for testbed in Testbed::by_events("pause") {
-        let (flight, bus, daemon, _) = airborne(&testbed);
-        let mut truth = bus.observer(&TRUTH).unwrap();
-        signal(daemon, Signal::STOP);
-        let stopped = wait_for("the truth", || truth.latest().unwrap()).1.time;
-        wait_for("six periods", || {
-            truth.latest().unwrap().filter(|(_, t)| t.time > stopped + Span::from_millis(100))
-        });
-        signal(daemon, Signal::CONT);
-        flight.signal(Signal::INT);
-        let output = flight.wait();
-        let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        assert_eq!(summary["outcome"], "landed", "{}", stderr(&output));
-    }
+    let testbed = Testbed::new("pause");
+    let (flight, bus, daemon, _) = airborne(&testbed);
+    let mut truth = bus.observer(&TRUTH).unwrap();
+    signal(daemon, Signal::STOP);
+    let stopped = wait_for("the truth", || truth.latest().unwrap()).1.time;
+    wait_for("six periods", || {
+        truth.latest().unwrap().filter(|(_, t)| t.time > stopped + Span::from_millis(100))
+    });
+    signal(daemon, Signal::CONT);
+    flight.signal(Signal::INT);
+    let output = flight.wait();
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "landed", "{}", stderr(&output));
 }
 
 #[test]

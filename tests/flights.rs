@@ -3,9 +3,10 @@
 mod common;
 
 use common::{Testbed, number};
+use oqtal_control::controller::ControllerName;
 use serde_json::Value;
 
-const LAWS: [&str; 5] = ["pid", "lqr", "oqtal", "oqtal-dt", "geometric"];
+const LAWS: [&str; ControllerName::NAMES.len()] = ControllerName::NAMES;
 
 fn fly(words: &[&str]) -> Value {
     Testbed::new("flights").summary(&[&["--clock", "in-process", "--seed", "7"], words].concat())

@@ -23,10 +23,11 @@ fn all_find_each_other(testbed: &Testbed, order: [usize; 3]) -> Vec<Running> {
     let started: Vec<Running> =
         order.iter().map(|&k| testbed.start(&[PROCESSES[k], "run"])).collect();
     let daemon = order.iter().position(|&k| PROCESSES[k] == "daemon").unwrap();
-    let daemon = u64::from(started[daemon].id());
+    let daemon = started[daemon].id();
     wait_for(&format!("poses with the order {order:?}"), || {
         let (header, tick) = telemetry.latest().unwrap()?;
-        (header.source == daemon && tick.state == SafetyState::Nominal.code()).then_some(())
+        (header.origin().process() == daemon && tick.state == SafetyState::Nominal.code())
+            .then_some(())
     });
     started
 }

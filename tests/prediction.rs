@@ -2,7 +2,7 @@
 
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Setting};
-use oqtal_control::predictive::{Bias, Input, Motion, Rotation, VehicleModel};
+use oqtal_control::predictive::{Bias, ModelInput, Motion, Rotation, VehicleModel};
 use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Disturbance, Dynamics, State};
 use proptest::prelude::*;
@@ -75,7 +75,7 @@ proptest! {
         let attitude = Attitude::from_rotation_vector(turn);
         let motion = Motion { position: Vector3::z(), velocity, attitude, rate, thrust_n };
         let authority = Vector3::from(config.vehicle.rate_authority_rad_s);
-        let input = Input {
+        let input = ModelInput {
             demand: sticks.component_mul(&authority),
             thrust_n: thrust * config.vehicle.max_thrust_n,
         };
@@ -96,7 +96,7 @@ proptest! {
         let model = model(&config, Rotation::RigidBody { inertia });
         let attitude = Attitude::from_rotation_vector(turn);
         let motion = Motion { position: Vector3::z(), velocity, attitude, rate, thrust_n: 1.6 };
-        let input = Input { demand: inertia.inverse() * torque, thrust_n: 1.6 };
+        let input = ModelInput { demand: inertia.inverse() * torque, thrust_n: 1.6 };
         let bias = Bias { demand: Vector3::zeros(), acceleration: push };
         let disturbance =
             Disturbance { acceleration: push, rate_drift: Vector3::zeros(), voltage_ratio: 1.0 };

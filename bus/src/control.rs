@@ -1,86 +1,92 @@
-//! The control service: operators ask, the daemon answers.
+//! The control service: requests of operators, answers of the daemon.
 
+use std::fmt;
 use std::time::Duration;
 
-use iceoryx2::port::client::Client;
-use iceoryx2::port::server::Server;
-use iceoryx2::prelude::ipc;
-
-use crate::error::{BusError, system};
-use crate::message::{ControlRequestV1, ControlResponseV1};
+use crate::error::BusError;
+use crate::message::{ControlRequestV1, ControlResponseV1, Message};
 use crate::time::{Span, Time};
 use crate::topic::CONTROL;
 
-/// The daemon's end of the control service.
-#[derive(Debug)]
-pub struct ControlServer {
-    server: Server<ipc::Service, ControlRequestV1, (), ControlResponseV1, ()>,
+/// Answers a request, both encoded: reads the first, fills the second.
+pub(crate) type Answerer<'a> = &'a mut dyn FnMut(&[u8], &mut [u8]);
+
+/// Serving end of a request-response service that carries bytes.
+pub(crate) trait RawServer: fmt::Debug {
+    /// Answers every waiting request by `answer`.
+    fn serve(&self, answer: Answerer<'_>) -> Result<(), BusError>;
 }
 
+/// Asking end of a request-response service that carries bytes.
+pub(crate) trait RawClient: fmt::Debug {
+    /// Sends `request`, and polls until an answer is there or nobody serves or `give_up` has come.
+    fn ask(&self, request: &[u8], response: &mut [u8], give_up: Time) -> Result<bool, BusError>;
+}
+
+/// Sizes and schema of the control service.
+pub(crate) const CONTROL_SIZES: (usize, usize) = (ControlRequestV1::SIZE, ControlResponseV1::SIZE);
+/// Hash of both message definitions of the control service.
+pub(crate) const CONTROL_SCHEMA: u64 =
+    ControlRequestV1::SCHEMA ^ ControlResponseV1::SCHEMA.rotate_left(1);
+
+/// The daemon's end of the control service.
+#[derive(Debug)]
+pub struct ControlServer(Box<dyn RawServer>);
+
 impl ControlServer {
-    pub(crate) fn new(
-        server: Server<ipc::Service, ControlRequestV1, (), ControlResponseV1, ()>,
-    ) -> Self {
-        Self { server }
+    pub(crate) fn new(raw: Box<dyn RawServer>) -> Self {
+        Self(raw)
     }
 
-    /// Answers every request that waits, by `answer`.
+    /// Answers every waiting request by `answer`.
     ///
     /// # Errors
-    /// The connection broke; an operator who went away before the answer is no error.
+    /// The connection broke; an operator who left before the answer is no error.
     pub fn serve(
         &self,
         mut answer: impl FnMut(ControlRequestV1) -> ControlResponseV1,
     ) -> Result<(), BusError> {
-        let failed = |e: &dyn std::fmt::Debug| system(format!("serving `{CONTROL}`"), e);
-        while let Some(request) = self.server.receive().map_err(|e| failed(&e))? {
-            let response = answer(*request.payload());
-            if let Ok(loan) = request.loan_uninit() {
-                // An error here means that the operator hung up: nobody is left to tell.
-                let _ = loan.write_payload(response).send();
-            }
-        }
-        Ok(())
+        self.0.serve(&mut |request, response| {
+            answer(ControlRequestV1::decode(request)).encode(response);
+        })
     }
 }
 
 /// An operator's end of the control service.
 #[derive(Debug)]
-pub struct ControlClient {
-    client: Client<ipc::Service, ControlRequestV1, (), ControlResponseV1, ()>,
-}
+pub struct ControlClient(Box<dyn RawClient>);
 
 impl ControlClient {
-    pub(crate) fn new(
-        client: Client<ipc::Service, ControlRequestV1, (), ControlResponseV1, ()>,
-    ) -> Self {
-        Self { client }
+    pub(crate) fn new(raw: Box<dyn RawClient>) -> Self {
+        Self(raw)
     }
 
-    /// Asks, and waits for the answer; `None` if nobody answers within `patience`.
+    /// Sends `request` and waits for the answer; `None` if no daemon answers within `timeout`.
     ///
     /// # Errors
-    /// The connection broke.
+    /// The connection broke; [`BusError::Version`] if `{CONTROL}` is served in another version.
     pub fn ask(
         &self,
         request: ControlRequestV1,
-        patience: Span,
+        timeout: Span,
     ) -> Result<Option<ControlResponseV1>, BusError> {
-        let failed = |e: &dyn std::fmt::Debug| system(format!("asking `{CONTROL}`"), e);
-        let give_up = Time::now() + patience;
+        let (mut sent, mut received) = ([0; CONTROL_SIZES.0], [0; CONTROL_SIZES.1]);
+        request.encode(&mut sent);
+        let give_up = Time::now() + timeout;
         loop {
-            let pending = self.client.send_copy(request).map_err(|e| failed(&e))?;
-            while pending.number_of_server_connections() > 0 && Time::now() < give_up {
-                if let Some(response) = pending.receive().map_err(|e| failed(&e))? {
-                    return Ok(Some(*response));
-                }
-                std::thread::sleep(Duration::from_millis(2));
+            if self.0.ask(&sent, &mut received, give_up)? {
+                return Ok(Some(ControlResponseV1::decode(&received)));
             }
             if Time::now() >= give_up {
                 return Ok(None);
             }
-            // No daemon was there to hear the request: ask again when one may be.
+            // No daemon received the request: one may be starting.
             std::thread::sleep(Duration::from_millis(10));
         }
     }
+}
+
+/// Error of a message of the control service that has another size than this version's.
+pub(crate) fn wrong_size() -> BusError {
+    BusError::Version { topic: CONTROL.to_owned() }
 }

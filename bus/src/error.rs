@@ -39,6 +39,16 @@ pub enum BusError {
         /// What a process may take \[KiB\].
         needed_kib: u64,
     },
+    /// A process keeps the lock of the instance.
+    #[error(
+        "{} is locked by a process that was stopped or hangs; find it with `fuser -v {}` and continue or end it",
+        path.display(),
+        path.display()
+    )]
+    Locked {
+        /// The directory of the instance.
+        path: PathBuf,
+    },
     /// A name that cannot be part of the file names behind an instance.
     #[error("{what} `{value}` cannot be used: {rule}")]
     Name {
@@ -61,4 +71,12 @@ pub enum BusError {
 
 pub(crate) fn system(action: impl Into<String>, reason: &dyn std::fmt::Debug) -> BusError {
     BusError::System { action: action.into(), reason: format!("{reason:?}") }
+}
+
+impl BusError {
+    /// Shared memory has too little room for a file of `needed_kib`.
+    pub(crate) fn full(needed_kib: u64) -> Self {
+        let free = rustix::fs::statvfs("/dev/shm").map_or(0, |s| s.f_bavail * s.f_frsize);
+        Self::Full { free_kib: free / 1024, needed_kib }
+    }
 }

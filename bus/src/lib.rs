@@ -1,16 +1,22 @@
-//! How the processes of oqtal meet: messages, topics, ports and wake-up, on iceoryx2.
-// Two borrows in `wake.rs`: of a file descriptor, and of a word in shared memory.
+//! Communication between the processes of oqtal: messages, topics, ports and wake-up, on iceoryx2.
+// Mapping of shared memory in `shared.rs`.
 #![deny(unsafe_code)]
 
 pub mod bus;
 pub mod code;
 pub mod control;
 pub mod error;
+mod membership;
 pub mod memory;
 pub mod message;
 mod mismatch;
+mod node;
+pub mod origin;
 pub mod paths;
 pub mod port;
+mod ports;
+mod remains;
+pub mod shared;
 pub mod time;
 pub mod topic;
 pub mod transport;

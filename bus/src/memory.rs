@@ -68,7 +68,7 @@ impl Transport for MemoryBus {
     }
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryReader<M>, BusError> {
-        Ok(self.open_reader(topic, topic.buffer))
+        Ok(self.open_reader(topic, topic.quality.buffer))
     }
 }
 

@@ -1,8 +1,5 @@
-//! Why a service of the bus could not be opened, as far as it matters: iceoryx2 has an error type for each pattern.
+//! Kinds of errors of opening a service: iceoryx2 has an error type for each messaging pattern.
 
-use std::path::Path;
-
-use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
@@ -11,32 +8,41 @@ use iceoryx2::service::builder::request_response::{
 };
 
 use crate::error::{BusError, system};
+use crate::paths::InstancePaths;
 
-/// What kind of trouble an error is.
+/// Kind of an error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Trouble {
-    /// Whoever made the service was built differently: other types, another quality, another iceoryx2.
+    /// The process that made the service was built from other sources: other types, another quality, another iceoryx2.
     Mismatch,
-    /// The service is another user's.
+    /// The description of the service cannot be read: half-made, or written by another iceoryx2.
+    Corrupted,
+    /// The service belongs to another user.
     Permission,
-    /// Anything else: the operating system refused.
+    /// Any other error: the service is half-made, or the operating system refused.
     System,
 }
 
 /// An error of opening a service.
 pub(crate) trait OpenError: std::fmt::Debug {
-    /// Its kind.
+    /// Kind of this error.
     fn trouble(&self) -> Trouble;
 
-    /// The error of opening `name`, a `what`, of the instance at `root`.
-    fn explain(&self, root: &Path, what: &str, name: &str) -> BusError
+    /// The error of opening the service `name` of the instance at `paths`.
+    fn explain(&self, paths: &InstancePaths, name: &str) -> BusError
     where
         Self: Sized,
     {
         match self.trouble() {
-            Trouble::Mismatch => BusError::Version { topic: name.to_owned() },
-            Trouble::Permission => BusError::Permission { path: root.to_path_buf() },
-            Trouble::System => system(format!("opening {what} `{name}`"), self),
+            Trouble::Mismatch | Trouble::Corrupted => BusError::Version { topic: name.to_owned() },
+            Trouble::Permission => BusError::Permission { path: paths.root.clone() },
+            Trouble::System => system(
+                format!(
+                    "opening `{name}` of instance `{}` (remedy: end all its processes)",
+                    paths.instance
+                ),
+                self,
+            ),
         }
     }
 }
@@ -56,32 +62,8 @@ impl OpenError for PublishSubscribeOpenOrCreateError {
             | E::DoesNotSupportRequestedAmountOfPublishers
             | E::DoesNotSupportRequestedAmountOfSubscribers
             | E::DoesNotSupportRequestedAmountOfNodes
-            | E::VersionMismatch
-            // A description that this iceoryx2 cannot read was written by another one.
-            | E::ServiceInCorruptedState => Trouble::Mismatch,
-            E::InsufficientPermissions => Trouble::Permission,
-            _ => Trouble::System,
-        }
-    }
-}
-
-impl OpenError for EventOpenOrCreateError {
-    fn trouble(&self) -> Trouble {
-        use EventOpenError as E;
-        let Self::EventOpenError(error) = self else { return Trouble::System };
-        match error {
-            E::IncompatibleMessagingPattern
-            | E::IncompatibleAttributes
-            | E::IncompatibleDeadline
-            | E::IncompatibleNotifierCreatedEvent
-            | E::IncompatibleNotifierDroppedEvent
-            | E::IncompatibleNotifierDeadEvent
-            | E::DoesNotSupportRequestedAmountOfNotifiers
-            | E::DoesNotSupportRequestedAmountOfListeners
-            | E::DoesNotSupportRequestedMaxEventId
-            | E::DoesNotSupportRequestedAmountOfNodes
-            | E::VersionMismatch
-            | E::ServiceInCorruptedState => Trouble::Mismatch,
+            | E::VersionMismatch => Trouble::Mismatch,
+            E::ServiceInCorruptedState => Trouble::Corrupted,
             E::InsufficientPermissions => Trouble::Permission,
             _ => Trouble::System,
         }
@@ -106,8 +88,8 @@ impl OpenError for RequestResponseOpenOrCreateError {
             | E::DoesNotSupportRequestedAmountOfClients
             | E::DoesNotSupportRequestedAmountOfNodes
             | E::DoesNotSupportRequestedAmountOfBorrowedResponsesPerPendingResponse
-            | E::VersionMismatch
-            | E::ServiceInCorruptedState => Trouble::Mismatch,
+            | E::VersionMismatch => Trouble::Mismatch,
+            E::ServiceInCorruptedState => Trouble::Corrupted,
             E::InsufficientPermissions => Trouble::Permission,
             _ => Trouble::System,
         }

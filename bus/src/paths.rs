@@ -1,4 +1,4 @@
-//! Where a bus lives on this machine.
+//! Places of an instance on this machine: directories, and the prefix of its names in shared memory.
 
 use std::path::{Path, PathBuf};
 
@@ -6,21 +6,18 @@ use iceoryx2::prelude::{Config, FileName, SemanticString};
 
 use crate::error::{BusError, system};
 use crate::message::{FNV_OFFSET, fnv1a};
-use crate::wake::Events;
 
-/// Where a bus lives: two buses with different places never hear each other.
+/// Name and root directory of an instance. Buses with different paths are separate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InstancePaths {
-    /// The instance, `[a-z0-9-]{1,32}`.
+    /// Name of the instance, `[a-z0-9-]{1,32}`.
     pub instance: String,
-    /// The directory of its service files.
+    /// Directory of all instances of this user.
     pub root: PathBuf,
-    /// What wakes the processes that meet here.
-    pub events: Events,
 }
 
 impl InstancePaths {
-    /// A place for `instance`; the root is `root` if given, else `/run/oqtal` if writable, else `$XDG_RUNTIME_DIR/oqtal`,
+    /// Paths of `instance`; the root is `root` if given, else `/run/oqtal` if writable, else `$XDG_RUNTIME_DIR/oqtal`,
     /// else `/tmp/oqtal-UID`.
     ///
     /// # Errors
@@ -35,12 +32,11 @@ impl InstancePaths {
             });
         }
         let root = root.map_or_else(default_root, Path::to_path_buf);
-        Ok(Self { instance: instance.to_owned(), root, events: Events::default() })
+        Ok(Self { instance: instance.to_owned(), root })
     }
 
-    /// What the names of everything in this instance's shared memory begin with. The same instance under another root is
-    /// another: its shared memory must not be taken for this one's. The root exists: by whichever path it is named, it counts
-    /// as the same.
+    /// Prefix of the names of this instance's files in shared memory. It contains a hash of the root, because shared memory is
+    /// common to all roots. An existing root has the same prefix by whichever path it is named.
     #[must_use]
     pub fn prefix(&self) -> String {
         let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
@@ -48,19 +44,23 @@ impl InstancePaths {
         format!("oqtal_{}_{root:016x}_", self.instance)
     }
 
-    /// Makes the root directory, and iceoryx2's configuration for this place.
+    /// Directory of the instance.
+    #[must_use]
+    pub fn directory(&self) -> PathBuf {
+        self.root.join(&self.instance)
+    }
+
+    /// Makes the root directory, and the configuration of iceoryx2 for this instance.
     ///
     /// # Errors
     /// The directory cannot be made, or its name is no absolute path of plain characters.
     pub fn prepare(&self) -> Result<Config, BusError> {
-        let mut root = self.root.to_string_lossy().into_owned();
-        if !root.ends_with('/') {
-            root.push('/');
-        }
+        let mut root = self.directory().to_string_lossy().into_owned();
+        root.push('/');
         let bad_root = || BusError::Name {
             what: "root",
             value: root.clone(),
-            rule: "use an absolute path of plain characters, at most 200 long",
+            rule: "use an absolute path of plain characters, with the instance at most 200 long",
         };
         let path = iceoryx2::prelude::Path::new(root.as_bytes()).map_err(|_| bad_root())?;
         if !self.root.is_absolute() || root.len() > 200 {
@@ -74,14 +74,14 @@ impl InstancePaths {
         })?;
         self.refuse_another_user()?;
         let mut config = Config::default();
-        // Shared memory ignores the root path and files ignore the prefix: an instance needs both.
+        // Names in shared memory do not contain the root path, and not all names of files the prefix: an instance needs both.
         config.global.set_root_path(&path);
         config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|_| bad_root())?;
         Ok(config)
     }
 
-    /// Root becomes the user whose place this is, so that an operator's command needs no `sudo -u`. For such commands alone, before
-    /// they start a thread: it is the calling thread that changes its user, and those that it starts.
+    /// Changes the user of a process of root to the owner of the root directory, so that an operator's command needs no `sudo -u`.
+    /// To be called before the process starts threads: only the calling thread changes its user, and those that it starts.
     ///
     /// # Errors
     /// The operating system refuses.
@@ -99,8 +99,8 @@ impl InstancePaths {
         rustix::thread::set_thread_uid(rustix::fs::Uid::from_raw(root.st_uid)).map_err(failed)
     }
 
-    /// Processes that meet here run as one user: another one, root included, would leave files that they cannot open. iceoryx2
-    /// would call another user's directory an internal error.
+    /// Refuses a root directory of another user: all processes of an instance run as one user, because another one, the
+    /// superuser included, would leave files that they cannot open. iceoryx2 would report an internal error.
     fn refuse_another_user(&self) -> Result<(), BusError> {
         let root = rustix::fs::stat(&self.root)
             .map_err(|error| system(format!("looking at {}", self.root.display()), &error))?;

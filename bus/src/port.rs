@@ -1,92 +1,113 @@
-//! Writers and readers: iceoryx2 behind the few operations that the processes use.
+//! Ports of topics between processes: typed writers and readers over untyped ones.
+//!
+//! A message type costs its encoding only: everything of iceoryx2 is behind [`RawWriter`] and [`RawReader`], compiled once.
 
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::ipc;
+use std::fmt;
+use std::marker::PhantomData;
 
-use crate::error::{BusError, system};
+use crate::error::BusError;
 use crate::message::{Header, Message, Stamps};
+use crate::origin::Origin;
 use crate::transport::{Publish, Subscribe};
 use crate::wake::Notifier;
+
+/// Writing end of a topic that carries bytes.
+pub(crate) trait RawWriter: fmt::Debug {
+    /// Publishes `header` and a body of `size` bytes, which `fill` writes in place.
+    fn send(
+        &self,
+        header: Header,
+        size: usize,
+        fill: &mut dyn FnMut(&mut [u8]),
+    ) -> Result<(), BusError>;
+
+    /// Executes the path of `send` up to the sending.
+    fn warm_up(&self, size: usize);
+}
+
+/// Reading end of a topic that carries bytes.
+pub(crate) trait RawReader: fmt::Debug {
+    /// Shows the next message to `take`; false if there is none.
+    fn receive(&self, take: &mut dyn FnMut(&Header, &[u8])) -> Result<bool, BusError>;
+}
 
 /// The writing end of a topic.
 #[derive(Debug)]
 pub struct Writer<M: Message> {
-    publisher: Publisher<ipc::Service, M, Header>,
-    bell: Notifier,
-    topic: &'static str,
+    raw: Box<dyn RawWriter>,
+    notifier: Notifier,
     source: u64,
     sequence: u64,
+    message: PhantomData<M>,
 }
 
 impl<M: Message> Writer<M> {
-    pub(crate) fn new(
-        publisher: Publisher<ipc::Service, M, Header>,
-        bell: Notifier,
-        topic: &'static str,
-    ) -> Self {
-        Self { publisher, bell, topic, source: u64::from(std::process::id()), sequence: 0 }
+    pub(crate) fn new(raw: Box<dyn RawWriter>, notifier: Notifier) -> Self {
+        let source = Origin::own().bits();
+        Self { raw, notifier, source, sequence: 0, message: PhantomData }
     }
 }
 
 impl<M: Message> Publish<M> for Writer<M> {
     fn send(&mut self, pose_sequence: u64, stamps: Stamps, body: M) -> Result<u64, BusError> {
-        let failed = |reason: &dyn std::fmt::Debug| {
-            system(format!("publishing on `{}`", self.topic), reason)
-        };
-        let mut sample = self.publisher.loan_uninit().map_err(|e| failed(&e))?;
         let sequence = self.sequence + 1;
-        *sample.user_header_mut() =
+        let header =
             Header { sequence, pose_sequence, schema: M::SCHEMA, source: self.source, stamps };
-        sample.write_payload(body).send().map_err(|e| failed(&e))?;
+        self.raw.send(header, M::SIZE, &mut |bytes| body.encode(bytes))?;
         self.sequence = sequence;
         Ok(sequence)
     }
 
     fn notify(&self) -> Result<(), BusError> {
-        self.bell.ring().map_err(|e| system(format!("notifying `{}`", self.topic), &e))
+        self.notifier.notify()
     }
 
     fn warm_up(&self) {
-        drop(self.publisher.loan_uninit());
+        self.raw.warm_up(M::SIZE);
     }
 }
 
 /// The reading end of a topic.
 #[derive(Debug)]
 pub struct Reader<M: Message> {
-    subscriber: Subscriber<ipc::Service, M, Header>,
+    raw: Box<dyn RawReader>,
     topic: &'static str,
     last_sequence: u64,
     lost: u64,
+    message: PhantomData<M>,
 }
 
 impl<M: Message> Reader<M> {
-    pub(crate) fn new(
-        subscriber: Subscriber<ipc::Service, M, Header>,
-        topic: &'static str,
-    ) -> Self {
-        Self { subscriber, topic, last_sequence: 0, lost: 0 }
+    pub(crate) fn new(raw: Box<dyn RawReader>, topic: &'static str) -> Self {
+        Self { raw, topic, last_sequence: 0, lost: 0, message: PhantomData }
+    }
+
+    fn count(&mut self, sequence: u64) {
+        // A writer that restarted counts from 1 again; that is not a loss.
+        if self.last_sequence > 0 && sequence > self.last_sequence {
+            self.lost += sequence - self.last_sequence - 1;
+        }
+        self.last_sequence = sequence;
     }
 }
 
 impl<M: Message> Subscribe<M> for Reader<M> {
     fn receive(&mut self) -> Result<Option<(Header, M)>, BusError> {
-        let sample = self.subscriber.receive();
-        let Some(sample) = sample.map_err(|e| system(format!("reading `{}`", self.topic), &e))?
-        else {
-            return Ok(None);
+        let mut received = None;
+        let is_there = self.raw.receive(&mut |header, bytes| {
+            if header.schema == M::SCHEMA && bytes.len() == M::SIZE {
+                received = Some((*header, M::decode(bytes)));
+            }
+        })?;
+        let Some((header, body)) = received else {
+            return if is_there {
+                Err(BusError::Version { topic: self.topic.to_owned() })
+            } else {
+                Ok(None)
+            };
         };
-        let header = *sample.user_header();
-        if header.schema != M::SCHEMA {
-            return Err(BusError::Version { topic: self.topic.to_owned() });
-        }
-        // A writer that restarted counts from 1 again; that is not a loss.
-        if self.last_sequence > 0 && header.sequence > self.last_sequence {
-            self.lost += header.sequence - self.last_sequence - 1;
-        }
-        self.last_sequence = header.sequence;
-        Ok(Some((header, *sample.payload())))
+        self.count(header.sequence);
+        Ok(Some((header, body)))
     }
 
     fn lost(&self) -> u64 {

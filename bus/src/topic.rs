@@ -7,44 +7,75 @@ use crate::message::{
     VehicleV1,
 };
 
-/// Samples an observer may fall behind before it loses the oldest.
+/// Samples that an observer may fall behind before it loses the oldest.
 pub const OBSERVER_BUFFER: usize = 1024;
 
-/// A publish-subscribe topic: its name, its type and its quality.
+/// Quality of a topic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Quality {
+    /// Samples that a late reader gets: 1, or 0 where an old sample must never act \[-\].
+    pub history: usize,
+    /// Longest buffer that a reader may ask for \[samples\].
+    pub buffer: usize,
+    /// Readers at most \[-\].
+    pub readers: usize,
+}
+
+/// Samples of a loop: readers of the loop keep the newest, observers miss none.
+const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8 };
+/// As [`STREAM`], but a command from before the reader came never acts.
+const COMMANDS: Quality = Quality { history: 0, ..STREAM };
+/// A state of which the newest sample says everything.
+const STATE: Quality = Quality { history: 1, buffer: 1, readers: 8 };
+/// A question or an answer between two processes.
+const EXCHANGE: Quality = Quality { history: 1, buffer: 1, readers: 1 };
+
+/// A publish-subscribe topic: name, message type and quality.
 #[derive(Debug)]
 pub struct Topic<M> {
     /// Name, unique within an instance.
     pub name: &'static str,
-    /// Samples a late joiner gets: 1, or 0 where an old sample must never act.
-    pub history: usize,
-    /// The longest buffer a reader may ask for.
-    pub buffer: usize,
-    /// Readers at most.
-    pub readers: usize,
+    /// Quality.
+    pub quality: Quality,
     message: PhantomData<M>,
 }
 
+/// Description of a topic without its message type.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TopicSpec {
+    pub(crate) name: &'static str,
+    pub(crate) quality: Quality,
+    /// [`Message::SCHEMA`].
+    pub(crate) schema: u64,
+    /// [`Message::SIZE`] \[bytes\].
+    pub(crate) size: usize,
+}
+
 impl<M: Message> Topic<M> {
-    const fn new(name: &'static str, history: usize, buffer: usize, readers: usize) -> Self {
-        Self { name, history, buffer, readers, message: PhantomData }
+    const fn new(name: &'static str, quality: Quality) -> Self {
+        Self { name, quality, message: PhantomData }
+    }
+
+    pub(crate) const fn spec(&self) -> TopicSpec {
+        TopicSpec { name: self.name, quality: self.quality, schema: M::SCHEMA, size: M::SIZE }
     }
 }
 
 /// Plant to mocap and observers: every integration millisecond; notifies at camera instants only.
-pub const TRUTH: Topic<TruthV1> = Topic::new("truth", 1, OBSERVER_BUFFER, 8);
+pub const TRUTH: Topic<TruthV1> = Topic::new("truth", STREAM);
 /// Mocap to daemon and observers, at the cameras' rate.
-pub const POSE: Topic<PoseV1> = Topic::new("pose", 1, OBSERVER_BUFFER, 8);
+pub const POSE: Topic<PoseV1> = Topic::new("pose", STREAM);
 /// Daemon to plant or bridge and observers, at the loop's rate. Its single writer is the lock against a second controller.
-pub const COMMAND: Topic<CommandV1> = Topic::new("command", 0, OBSERVER_BUFFER, 8);
+pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
 /// Plant or bridge to daemon and observers, once per command applied.
-pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", 1, OBSERVER_BUFFER, 8);
+pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", STREAM);
 /// Daemon to observers, once per tick.
-pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", 1, OBSERVER_BUFFER, 8);
+pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
 
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";
 
-/// The processes of the loop, in the order in which they act at equal virtual times; the last takes no part in virtual time.
+/// Processes of the loop, in the order in which they act at equal virtual times; the last takes no part in virtual time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
     /// The vehicle: plant-sim.
@@ -53,17 +84,17 @@ pub enum Role {
     Mocap,
     /// The controller: daemon.
     Daemon,
-    /// Whoever records the flight: the front door.
+    /// The recorder of the flight: the front door.
     Recorder,
-    /// The way to a real vehicle: bridge.
+    /// The link to a real vehicle: bridge.
     Bridge,
 }
 
 impl Role {
-    /// Those who take part in virtual time, in order.
+    /// Roles that take part in virtual time, in order.
     pub const ALL: [Self; 4] = [Self::Plant, Self::Mocap, Self::Daemon, Self::Recorder];
 
-    /// The name of the process.
+    /// Name of the process.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -75,7 +106,7 @@ impl Role {
         }
     }
 
-    /// Where this process says whether it is well.
+    /// Topic of this process's health.
     #[must_use]
     pub const fn health(self) -> Topic<HealthV1> {
         let name = match self {
@@ -85,7 +116,7 @@ impl Role {
             Self::Recorder => "health/recorder",
             Self::Bridge => "health/bridge",
         };
-        Topic::new(name, 1, 1, 8)
+        Topic::new(name, STATE)
     }
 
     /// The topic on which the leader advances the virtual time of this process.
@@ -98,7 +129,7 @@ impl Role {
             Self::Recorder => "clock/recorder/advance",
             Self::Bridge => "clock/bridge/advance",
         };
-        Topic::new(name, 1, 1, 1)
+        Topic::new(name, EXCHANGE)
     }
 
     /// The topic on which this process reports the end of a turn.
@@ -111,6 +142,6 @@ impl Role {
             Self::Recorder => "clock/recorder/done",
             Self::Bridge => "clock/bridge/done",
         };
-        Topic::new(name, 1, 1, 1)
+        Topic::new(name, EXCHANGE)
     }
 }

@@ -14,13 +14,8 @@ mod wire;
 use std::hash::Hasher;
 use std::path::Path;
 
-use oqtal_control::controller::{
-    ControllerName, ControllerOptions, GeometricOptions, InvalidOption, LqrOptions, OqtalDtOptions,
-    OqtalOptions, PidOptions,
-};
-use oqtal_control::estimator::EstimatorOptions;
+use oqtal_control::ControlOptions;
 use oqtal_control::position::PositionOptions;
-use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -28,7 +23,7 @@ use toml::Table;
 pub use bridge::Bridge;
 pub use layer::Setting;
 pub use mocap::Mocap;
-pub use realtime::{Events, Realtime, Scheduling};
+pub use realtime::{Realtime, Scheduling};
 pub use rule::Violation;
 pub use vehicle::{Battery, Fidelity, Rotors, Vehicle, VehicleKind};
 pub use wire::Wire;
@@ -99,53 +94,6 @@ pub struct Clock {
     pub seed: u64,
 }
 
-/// `[control]`: the loop, its law and its estimator.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Control {
-    /// Rate of the loop \[Hz\].
-    pub rate_hz: f64,
-    /// The law that flies.
-    pub controller: ControllerName,
-    /// `[control.pid]`.
-    pub pid: PidOptions,
-    /// `[control.lqr]`.
-    pub lqr: LqrOptions,
-    /// `[control.oqtal]`.
-    pub oqtal: OqtalOptions,
-    /// `[control.oqtal-dt]`.
-    pub oqtal_dt: OqtalDtOptions,
-    /// `[control.geometric]`.
-    pub geometric: GeometricOptions,
-    /// `[control.predictive]`: what `oqtal-dt` flies with instead of estimator and position loops.
-    pub predictive: PredictiveOptions,
-    /// `[control.estimator]`.
-    pub estimator: EstimatorOptions,
-}
-
-impl Control {
-    fn check(&self) -> Result<(), Violation> {
-        let invalid = |law: &str, error: InvalidOption| {
-            let rule = format!("is {}, it must be {}", error.value, error.expected);
-            Violation::new(format!("control.{law}.{}", error.key), rule)
-        };
-        self.pid.check().map_err(|error| invalid("pid", error))?;
-        self.lqr.check().map_err(|error| invalid("lqr", error))?;
-        self.oqtal.check().map_err(|error| invalid("oqtal", error))?;
-        self.oqtal_dt.check().map_err(|error| invalid("oqtal-dt", error))?;
-        self.geometric.check().map_err(|error| invalid("geometric", error))?;
-        self.predictive.check().map_err(|error| outside("control.predictive", error))?;
-        self.estimator.check().map_err(|error| outside("control.estimator", error))
-    }
-
-    /// The law that flies, and the options of all laws.
-    #[must_use]
-    pub fn controller_options(&self) -> ControllerOptions {
-        let Self { controller, rate_hz, pid, lqr, oqtal, oqtal_dt, geometric, .. } = *self;
-        ControllerOptions { controller, rate_hz, pid, lqr, oqtal, oqtal_dt, geometric }
-    }
-}
-
 /// `[safety]`: what the daemon believes, and when it flies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -198,8 +146,8 @@ pub struct Config {
     pub vehicle: Vehicle,
     /// `[mocap]`.
     pub mocap: Mocap,
-    /// `[control]`.
-    pub control: Control,
+    /// `[control]`: the loop, its law and its estimator.
+    pub control: ControlOptions,
     /// `[position]`: the outer loops.
     pub position: PositionOptions,
     /// `[trajectory]`: what is flown.
@@ -281,11 +229,8 @@ impl Config {
             return Err(Violation::new("vehicle.wire.link", "needs clock.kind = \"real\""));
         }
         self.mocap.check()?;
+        self.control.check().map_err(|error| outside("control", error))?;
         let rate = self.control.rate_hz;
-        if !(1.0..=1000.0).contains(&rate) {
-            let rule = format!("must lie between 1 and 1000, is {rate}");
-            return Err(Violation::new("control.rate-hz", rule));
-        }
         if self.mocap.rate_hz * 1.5 < rate {
             let rule = format!("is {}, too slow for a loop at {rate} Hz", self.mocap.rate_hz);
             return Err(Violation::new("mocap.rate-hz", rule));
@@ -293,7 +238,6 @@ impl Config {
         if self.safety.recovery_poses == 0 {
             return Err(Violation::new("safety.recovery-poses", "must be at least 1"));
         }
-        self.control.check()?;
         self.bridge.check()?;
         self.realtime.check()?;
         self.check_flight()?;

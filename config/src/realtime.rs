@@ -12,17 +12,6 @@ const MAX_CPU: usize = 1023;
 /// A warmup earlier than this is forgotten again when the pose comes \[us\].
 const LONGEST_LEAD_US: f64 = 5000.0;
 
-/// What wakes a sleeping process. All processes of an instance use the same.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Events {
-    /// A futex in shared memory.
-    #[default]
-    Futex,
-    /// iceoryx2's own: a Unix datagram socket.
-    Socket,
-}
-
 /// How a loop is scheduled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -50,8 +39,6 @@ pub struct Realtime {
     /// So long before the next pose is expected the daemon runs a turn on a copy of itself, to have it in the caches; 0 for
     /// never \[us\].
     pub rehearsal_us: f64,
-    /// What wakes a loop.
-    pub events: Events,
 }
 
 impl Realtime {

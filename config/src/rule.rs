@@ -1,6 +1,6 @@
 //! The rules that values of the configuration keep, and how a broken one is told.
 
-use oqtal_control::range::OutOfRange;
+use oqtal_control::options::OptionError;
 use oqtal_wire::link::LinkSpec;
 
 /// A rule that a value breaks.
@@ -21,11 +21,10 @@ impl Violation {
     }
 }
 
-/// An option of `section` outside its range.
-pub(crate) fn outside(section: &str, error: OutOfRange) -> Violation {
-    let (low, high) = (error.range.start(), error.range.end());
-    let rule = format!("is {}, it must lie between {low} and {high}", error.value);
-    Violation::new(format!("{section}.{}", error.key), rule)
+/// An option of `section` whose value is not allowed.
+pub(crate) fn outside(section: &str, error: OptionError) -> Violation {
+    let OptionError { key, value, allowed } = error.within(section);
+    Violation::new(key, format!("is {value}, it must be {allowed}"))
 }
 
 /// The link that `text`, the value of `key`, names; `None` if it is empty.

@@ -7,9 +7,9 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::options::{OptionError, Rule, check_options};
 use crate::quantity::BodyRate;
 use crate::quaternion::Attitude;
-use crate::range::{OutOfRange, check_range};
 use crate::scalar_pid::low_pass_weight;
 
 /// Options of the [`Estimator`].
@@ -34,10 +34,12 @@ impl Default for EstimatorOptions {
 impl EstimatorOptions {
     /// # Errors
     /// The first option outside its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        check_range("velocity-cutoff-hz", self.velocity_cutoff_hz, 0.1..=1000.0)?;
-        check_range("rate-cutoff-hz", self.rate_cutoff_hz, 0.1..=1000.0)?;
-        check_range("gap-ms", self.gap_ms, 1.0..=1000.0)
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("velocity-cutoff-hz", self.velocity_cutoff_hz, Rule::Between(0.1, 1000.0)),
+            ("rate-cutoff-hz", self.rate_cutoff_hz, Rule::Between(0.1, 1000.0)),
+            ("gap-ms", self.gap_ms, Rule::Between(1.0, 1000.0)),
+        ])
     }
 }
 

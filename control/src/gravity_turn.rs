@@ -7,10 +7,10 @@
 
 use nalgebra::Vector3;
 
+use crate::options::{OptionError, Rule, check_options};
 use crate::position::attitude_along;
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;
-use crate::range::{OutOfRange, check_range};
 use crate::tracking_error::AttitudeReference;
 
 /// Newton's method for the angle at a time converges in fewer steps than this.
@@ -57,11 +57,13 @@ impl GravityTurn {
         gravity: f64,
         speed: f64,
         angle_rad: f64,
-    ) -> Result<Self, OutOfRange> {
-        check_range("thrust-ratio", thrust_ratio, 1.01..=100.0)?;
-        check_range("gravity-m-s2", gravity, 0.01..=1000.0)?;
-        check_range("speed-m-s", speed, 0.01..=1e5)?;
-        check_range("angle-rad", angle_rad, 1e-3..=3.0)?;
+    ) -> Result<Self, OptionError> {
+        check_options([
+            ("thrust-ratio", thrust_ratio, Rule::Between(1.01, 100.0)),
+            ("gravity-m-s2", gravity, Rule::Between(0.01, 1000.0)),
+            ("speed-m-s", speed, Rule::Between(0.01, 1e5)),
+            ("angle-rad", angle_rad, Rule::Between(1e-3, 3.0)),
+        ])?;
         let start = (angle_rad / 2.0).tan();
         let constant = speed / (start.powf(thrust_ratio - 1.0) * (1.0 + start * start));
         Ok(Self { thrust_ratio, gravity, constant, start })

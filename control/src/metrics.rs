@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 
 /// One moment of a flight, as the metrics see it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sample {
+pub struct MetricSample {
     /// Reference minus position \[m, world\].
     pub position_error: Vector3<f64>,
     /// Vector part of the quaternion error `q_e = q_d^-1 (x) q`, shorter way round \[-\].
@@ -28,7 +28,7 @@ pub struct CostWeights {
     pub r: f64,
 }
 
-/// The metrics of Table II over a flight. `U` stands for the unit of [`Sample::input`].
+/// The metrics of Table II over a flight. `U` stands for the unit of [`MetricSample::input`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TableTwo {
     /// Integral of the norm of the position error \[m s\].
@@ -47,7 +47,7 @@ pub struct TableTwo {
 
 impl TableTwo {
     /// Adds a sample that holds for `dt_s` \[s\].
-    pub fn add(&mut self, sample: &Sample, dt_s: f64) {
+    pub fn add(&mut self, sample: &MetricSample, dt_s: f64) {
         // Table II, erratum E-60: the quaternion error is that of epsilon; the norm of `Q_d q` is always one.
         self.position_error += sample.position_error.norm() * dt_s;
         self.quaternion_error += sample.quaternion_error.norm() * dt_s;
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn integrals_of_a_constant_sample_are_value_times_time() {
-        let sample = Sample {
+        let sample = MetricSample {
             position_error: Vector3::new(3.0, 0.0, 4.0),
             quaternion_error: Vector3::new(0.0, 0.1, 0.0),
             input: Vector3::new(0.0, 0.0, -0.2),

@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::estimator::Estimate;
+use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
-use crate::range::{OutOfRange, check_range};
 use crate::scalar_pid::{Pid, PidGains, PidLimits};
 use crate::tracking_error::AttitudeReference;
 use crate::trajectory::Reference;
@@ -74,27 +74,41 @@ impl Default for PositionOptions {
 impl PositionOptions {
     /// # Errors
     /// The first option outside its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        self.horizontal_position.check("horizontal-position")?;
-        self.vertical_position.check("vertical-position")?;
-        self.horizontal_velocity.check("horizontal-velocity")?;
-        self.vertical_velocity.check("vertical-velocity")?;
-        check_range("position-integral-limit-m-s", self.position_integral_limit_m_s, 0.0..=1.0)?;
-        check_range("velocity-integral-limit-m-s2", self.velocity_integral_limit_m_s2, 0.0..=5.0)?;
-        check_range("derivative-cutoff-hz", self.derivative_cutoff_hz, 0.1..=1000.0)?;
-        check_range(
-            "horizontal-velocity-limit-m-s",
-            self.horizontal_velocity_limit_m_s,
-            0.05..=20.0,
-        )?;
-        check_range("vertical-velocity-limit-m-s", self.vertical_velocity_limit_m_s, 0.05..=20.0)?;
-        // Well below gravity, so that the lift is never zero.
-        check_range(
-            "vertical-acceleration-limit-m-s2",
-            self.vertical_acceleration_limit_m_s2,
-            0.1..=9.0,
-        )?;
-        check_range("tilt-limit-deg", self.tilt_limit_deg, 1.0..=GREATEST_TILT_DEG)
+    pub fn check(&self) -> Result<(), OptionError> {
+        self.horizontal_position.check().map_err(|error| error.within("horizontal-position"))?;
+        self.vertical_position.check().map_err(|error| error.within("vertical-position"))?;
+        self.horizontal_velocity.check().map_err(|error| error.within("horizontal-velocity"))?;
+        self.vertical_velocity.check().map_err(|error| error.within("vertical-velocity"))?;
+        check_options([
+            (
+                "position-integral-limit-m-s",
+                self.position_integral_limit_m_s,
+                Rule::Between(0.0, 1.0),
+            ),
+            (
+                "velocity-integral-limit-m-s2",
+                self.velocity_integral_limit_m_s2,
+                Rule::Between(0.0, 5.0),
+            ),
+            ("derivative-cutoff-hz", self.derivative_cutoff_hz, Rule::Between(0.1, 1000.0)),
+            (
+                "horizontal-velocity-limit-m-s",
+                self.horizontal_velocity_limit_m_s,
+                Rule::Between(0.05, 20.0),
+            ),
+            (
+                "vertical-velocity-limit-m-s",
+                self.vertical_velocity_limit_m_s,
+                Rule::Between(0.05, 20.0),
+            ),
+            // Well below gravity, so that the lift is never zero.
+            (
+                "vertical-acceleration-limit-m-s2",
+                self.vertical_acceleration_limit_m_s2,
+                Rule::Between(0.1, 9.0),
+            ),
+            ("tilt-limit-deg", self.tilt_limit_deg, Rule::Between(1.0, GREATEST_TILT_DEG)),
+        ])
     }
 }
 

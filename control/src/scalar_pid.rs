@@ -4,7 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::range::{OutOfRange, check_range};
+use crate::options::{OptionError, Rule, check_options};
 
 /// Gains of a PID, in output per unit of error, of its integral over time, and of its rate of change.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -20,11 +20,10 @@ pub struct PidGains {
 
 impl PidGains {
     /// # Errors
-    /// A gain that is negative or out of all proportion, under the key of the whole set.
-    pub fn check(&self, key: &'static str) -> Result<(), OutOfRange> {
-        [self.kp, self.ki, self.kd]
-            .into_iter()
-            .try_for_each(|gain| check_range(key, gain, 0.0..=1000.0))
+    /// The first gain outside 0 to 1000.
+    pub fn check(&self) -> Result<(), OptionError> {
+        let rule = Rule::Between(0.0, 1000.0);
+        check_options([("kp", self.kp, rule), ("ki", self.ki, rule), ("kd", self.kd, rule)])
     }
 }
 
@@ -176,9 +175,9 @@ mod tests {
     #[test]
     fn negative_and_non_finite_gains_fail_the_check() {
         let gains = PidGains { kp: 1.0, ki: 0.0, kd: 0.0 };
-        assert_eq!(gains.check("x"), Ok(()));
-        assert!(PidGains { kp: -1.0, ..gains }.check("x").is_err());
-        assert!(PidGains { kd: f64::NAN, ..gains }.check("x").is_err());
+        assert_eq!(gains.check(), Ok(()));
+        assert!(PidGains { kp: -1.0, ..gains }.check().is_err());
+        assert!(PidGains { kd: f64::NAN, ..gains }.check().is_err());
     }
 
     proptest! {

@@ -39,7 +39,7 @@ pub enum Resolve {
 
 /// The cells of an operating space and when to compute a gain in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Grid {
+pub struct CellGrid {
     /// How the space is divided.
     pub cells: Cells,
     /// `delta`, the width of a cell \[the unit of the vector\], positive.
@@ -48,7 +48,7 @@ pub struct Grid {
     pub resolve: Resolve,
 }
 
-impl Grid {
+impl CellGrid {
     /// The operating point that `x` calls for, if it is not `current`.
     #[inline]
     fn next<const D: usize>(
@@ -77,7 +77,7 @@ impl Grid {
 /// dimensions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSchedule<const D: usize, G> {
-    grid: Grid,
+    grid: CellGrid,
     operating_point: Option<SVector<f64, D>>,
     gain: G,
     solves: u32,
@@ -87,7 +87,7 @@ pub struct GainSchedule<const D: usize, G> {
 impl<const D: usize, G: Default> GainSchedule<D, G> {
     /// A schedule that has not computed a gain; until it has, the gain is the default of its type.
     #[must_use]
-    pub fn new(grid: Grid) -> Self {
+    pub fn new(grid: CellGrid) -> Self {
         Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
 
@@ -138,7 +138,7 @@ mod tests {
 
     /// A schedule whose gain is the operating point it was computed at.
     fn schedule(cells: Cells, resolve: Resolve) -> GainSchedule<1, f64> {
-        GainSchedule::new(Grid { cells, delta: 0.5, resolve })
+        GainSchedule::new(CellGrid { cells, delta: 0.5, resolve })
     }
 
     fn gain(schedule: &mut GainSchedule<1, f64>, x: f64) -> f64 {

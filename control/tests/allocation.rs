@@ -50,8 +50,7 @@ fn allocations(act: impl FnOnce()) -> u64 {
 }
 
 fn check_laws<I: InputForm>(options: &ControllerOptions, input: impl Fn() -> I) {
-    use ControllerName::{Geometric, Lqr, Oqtal, OqtalDt, Pid};
-    for controller in [Pid, Lqr, Oqtal, OqtalDt, Geometric] {
+    for controller in ControllerName::ALL {
         let options = ControllerOptions { controller, ..*options };
         let mut law = Controller::new(&options, input()).unwrap();
         let count = allocations(|| {

@@ -19,7 +19,7 @@ mod solves;
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
     AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerName, ControllerOptions,
-    InputForm, RateFeedback, RateInput, TorqueInput,
+    InputForm, LawOptions, RateFeedback, RateInput, TorqueInput,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate, StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
@@ -29,12 +29,13 @@ use proptest::prelude::*;
 
 const DT_S: f64 = 1.0 / 60.0;
 const MAX_TORQUE: f64 = 20.0;
+/// Every registered law: what is tested of these holds for a new law at once.
+const ALL: [ControllerName; ControllerName::ALL.len()] = ControllerName::ALL;
 /// The laws with integral action.
-const LAWS: [ControllerName; 4] =
+const INTEGRATING: [ControllerName; 4] =
     [ControllerName::Pid, ControllerName::Lqr, ControllerName::Oqtal, ControllerName::Geometric];
-/// Those whose gain a Riccati equation gives, at an operating point.
+/// The laws whose gain is the solution of a Riccati equation at an operating point.
 const SCHEDULED: [ControllerName; 2] = [ControllerName::Lqr, ControllerName::Oqtal];
-const ALL: [ControllerName; 5] = [LAWS[0], LAWS[1], LAWS[2], LAWS[3], ControllerName::OqtalDt];
 
 /// A command as numbers, so that one test can speak of both forms.
 trait Numbers {

@@ -36,8 +36,12 @@ impl Hover {
         self.frame += 1;
         self.now = self.now + Span::period_of(60.0);
         let noise = if self.frame.is_multiple_of(2) { 1e-4 } else { -1e-4 };
-        let pose =
-            PoseV1 { position: [noise, 0.0, 1.0], attitude: [noise, 0.0, 0.0, 1.0], tracked: 1 };
+        let pose = PoseV1 {
+            position: [noise, 0.0, 1.0],
+            attitude: [noise, 0.0, 0.0, 1.0],
+            tracked: 1,
+            ..PoseV1::default()
+        };
         let stamps = Stamps {
             captured_at: self.now - Span::from_millis(15),
             pose_published_at: self.now,

@@ -264,7 +264,12 @@ mod tests {
     }
 
     fn pose_at(x: f64) -> PoseV1 {
-        PoseV1 { position: [x, 0.0, 1.0], attitude: [0.0, 0.0, 0.0, 1.0], tracked: 1 }
+        PoseV1 {
+            position: [x, 0.0, 1.0],
+            attitude: [0.0, 0.0, 0.0, 1.0],
+            tracked: 1,
+            ..PoseV1::default()
+        }
     }
 
     #[test]

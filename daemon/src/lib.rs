@@ -123,7 +123,7 @@ fn name_holder(bus: &Bus, error: BusError) -> Failure {
         let give_up = Time::now() + Span::from_millis(1200);
         while Time::now() < give_up {
             if let Ok(Some((header, _))) = health.latest() {
-                failure.message += &format!(" (held by process {})", header.source);
+                failure.message += &format!(" (held by {})", header.origin());
                 break;
             }
             std::thread::sleep(std::time::Duration::from_millis(20));

@@ -11,7 +11,7 @@ use oqtal_control::controller::{
 };
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::{PositionCommand, PositionLoops};
-use oqtal_control::predictive::{self, Autopilot, Design, Rotation, VehicleModel};
+use oqtal_control::predictive::{Autopilot, Design, PredictiveOutput, Rotation, VehicleModel};
 use oqtal_control::trajectory::Reference;
 
 /// Sticks this close to their end, or a torque this close to its limit, count as saturated.
@@ -156,7 +156,7 @@ impl Pilot {
         reference: &Reference,
     ) -> Option<ControlOutput> {
         let now_s = seconds(now);
-        let (predictive::Decision { setpoint, u }, actuation, limit) = match &mut self.form {
+        let (PredictiveOutput { setpoint, u }, actuation, limit) = match &mut self.form {
             Form::Sticks(loops) => {
                 (loops.decide((now_s, dt_s), estimate, reference)?, Actuation::Sticks, 1.0)
             }
@@ -249,13 +249,13 @@ impl<I: InputForm + Copy> Loops<I> {
         (now_s, dt_s): (f64, f64),
         estimate: &Estimate,
         reference: &Reference,
-    ) -> Option<predictive::Decision> {
+    ) -> Option<PredictiveOutput> {
         match self {
             Self::Paper(loops) => {
                 let setpoint = loops.position.update(estimate, reference, dt_s);
                 let state = AttitudeState { attitude: estimate.attitude, rate: estimate.rate };
                 let u = I::u_from(loops.law.update(&state, &setpoint.attitude, dt_s));
-                Some(predictive::Decision { setpoint, u })
+                Some(PredictiveOutput { setpoint, u })
             }
             Self::Predictive(autopilot) => autopilot.decide(now_s, reference),
         }

@@ -31,6 +31,7 @@ fn any_pose() -> impl Strategy<Value = PoseV1> {
         position,
         attitude,
         tracked,
+        ..PoseV1::default()
     })
 }
 

@@ -25,7 +25,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use oqtal_control::controller::InvalidOption;
+use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
 
@@ -213,6 +213,6 @@ fn to_json(chapters: &[Chapter]) -> Value {
 }
 
 /// The options of the experiments are constants: a wrong one is a fault of ours.
-fn invalid(error: InvalidOption) -> Failure {
+fn invalid(error: OptionError) -> Failure {
     Failure::new(Exit::Internal, error.to_string())
 }

@@ -1,5 +1,6 @@
 //! `oqtal tune`: gains by an optimiser, on simulated flights.
 
+pub mod bee_colony;
 pub mod gains;
 pub mod optimiser;
 pub mod outer;

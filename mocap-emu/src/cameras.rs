@@ -7,10 +7,12 @@ use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Mocap;
 use oqtal_control::quaternion::Attitude;
-use oqtal_runtime::pose_source::Delivery;
 use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
+
+use crate::body::BODY;
+use oqtal_runtime::pose_source::Delivery;
 
 /// Random words reserved for each frame: the noise of a frame does not depend on earlier frames.
 const WORDS_PER_FRAME: u128 = 256;
@@ -98,6 +100,9 @@ impl Cameras {
         PoseV1 {
             position: position.into(),
             attitude: attitude.map_or([f64::NAN; 4], |attitude| attitude.xyzw()),
+            // The markers scatter about the fitted body as much as the fit about the truth.
+            residual_m: position_noise.norm(),
+            body: BODY,
             tracked: u8::from(attitude.is_some()),
         }
     }

@@ -10,6 +10,7 @@
 //! [`Cameras`] and [`Replay`] are pure; [`run`] connects one of them to the bus.
 #![forbid(unsafe_code)]
 
+mod body;
 mod cameras;
 pub mod recording;
 mod replay;

@@ -8,6 +8,7 @@ use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::pose_source::Delivery;
 
+use crate::body::BODY;
 use crate::recording::Recording;
 
 /// A recording during playback. Pure: time is an argument.
@@ -48,6 +49,9 @@ impl Replay {
             pose: PoseV1 {
                 position: pose.position.into(),
                 attitude: pose.attitude.xyzw(),
+                // Recordings do not contain it.
+                residual_m: f64::NAN,
+                body: BODY,
                 tracked: 1,
             },
         })

@@ -39,7 +39,7 @@ impl<T: Transport> Observer<T> {
     pub fn listen(&mut self, recorder: &mut Recorder) -> Result<bool, BusError> {
         let mut heard = false;
         while let Some((header, telemetry)) = self.telemetry.receive()? {
-            self.daemon = Some(header.source);
+            self.daemon = Some(u64::from(header.origin().process()));
             recorder.telemetry(&telemetry);
             heard = true;
         }

@@ -98,10 +98,5 @@ pub fn roles(config: &Config) -> &'static [Role] {
 /// A bad instance name.
 pub fn instance_paths(config: &Config) -> Result<InstancePaths, BusError> {
     let root = Some(&config.instance.root).filter(|root| !root.is_empty());
-    let place = InstancePaths::new(&config.instance.name, root.map(std::path::Path::new))?;
-    let events = match config.realtime.events {
-        oqtal_config::Events::Futex => oqtal_bus::wake::Events::Futex,
-        oqtal_config::Events::Socket => oqtal_bus::wake::Events::Socket,
-    };
-    Ok(InstancePaths { events, ..place })
+    InstancePaths::new(&config.instance.name, root.map(std::path::Path::new))
 }

@@ -62,7 +62,9 @@ impl From<BusError> for Failure {
             BusError::Version { .. } => Exit::Version,
             BusError::Permission { .. } => Exit::Permission,
             BusError::Name { .. } => Exit::Usage,
-            BusError::Full { .. } | BusError::System { .. } => Exit::System,
+            BusError::Full { .. } | BusError::Locked { .. } | BusError::System { .. } => {
+                Exit::System
+            }
         };
         Self::new(exit, error.to_string())
     }

@@ -65,10 +65,6 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
         role.name()
     );
     let result = guarded(|| service::notified(&context, || job(&context)));
-    // The ports are closed; the last process to leave removes the shared files of the instance.
-    if let Ok(bus) = context.bus() {
-        bus.leave();
-    }
     tracing::info!("{} ends", role.name());
     result
 }

@@ -211,7 +211,7 @@ impl Heard {
             unlogged: health.unlogged,
         });
         Self {
-            pid: header.source,
+            pid: u64::from(header.origin().process()),
             age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
             config_hash: format!("{:016x}", health.config_hash),
             daemon,

@@ -45,7 +45,7 @@ pub fn fly(
     let result = fly_at((mission, link), output, (&place, interrupts));
     // A killed process cleans up nothing.
     if let Ok(bus) = Bus::open(&place) {
-        bus.leave();
+        drop(bus);
     }
     result
 }

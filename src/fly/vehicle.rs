@@ -229,7 +229,7 @@ fn is_truth_told(config: &Config) -> Result<bool, Failure> {
         std::thread::sleep(std::time::Duration::from_millis(5));
     };
     drop(truths);
-    bus.leave();
+    drop(bus);
     Ok(told)
 }
 

@@ -14,7 +14,7 @@ use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::ZeroCopySend;
-use oqtal_bus::message::{Header, PoseV1};
+use oqtal_bus::message::{Header, Message, PoseV1};
 use oqtal_bus::time::Time;
 use oqtal_runtime::process::{Exit, Failure, Job, ProcessContext};
 use rustix::event::EventfdFlags;
@@ -25,7 +25,7 @@ use super::record::Record;
 pub use iceoryx::beside;
 
 /// Words of a message: as many as a pose and its header have.
-const WORDS: usize = (size_of::<Header>() + size_of::<PoseV1>()) / 8;
+const WORDS: usize = (size_of::<Header>() + PoseV1::SIZE).div_ceil(8);
 
 /// A message of the size of a pose with its header.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]

@@ -55,6 +55,7 @@ fn publish(poses: &mut Writer<PoseV1>, round: u64, captured_at: Time) -> Result<
         position: [noise, -noise, 1.0 + noise],
         attitude: [noise, -noise, noise, 1.0],
         tracked: 1,
+        ..PoseV1::default()
     };
     let stamps = Stamps { captured_at, pose_published_at: Time::now(), ..Stamps::default() };
     poses.send(round + 1, stamps, pose)?;

@@ -91,7 +91,7 @@ impl Ears {
         while let Some((header, telemetry)) = self.telemetry.receive()? {
             // Whoever joins late is told the last word, however old it is.
             if telemetry.time >= self.from {
-                self.daemon = Some(header.source);
+                self.daemon = Some(u64::from(header.origin().process()));
                 self.hear(&telemetry);
             }
         }

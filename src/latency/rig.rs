@@ -191,9 +191,8 @@ impl Drop for Rig {
         self.stop_chain();
         self.takers.clear();
         for place in [&self.place, &beside(&self.place)] {
-            if let Ok(bus) = Bus::open(place) {
-                bus.leave();
-            }
+            // The last to leave removes what killed processes left.
+            drop(Bus::open(place));
         }
         // Nothing is lost if it stays but a few kilobytes.
         let _ = fs::remove_dir_all(&self.directory);

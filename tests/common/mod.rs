@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::wake::Events;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -19,25 +18,15 @@ pub const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 pub struct Testbed {
     directory: TempDir,
     instance: String,
-    events: Events,
 }
 
 impl Testbed {
     pub fn new(name: &str) -> Self {
-        Self::waking_by(Events::default(), name)
-    }
-
-    fn waking_by(events: Events, name: &str) -> Self {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let directory = tempfile::tempdir().unwrap();
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let instance = format!("{name}-{}-{number}", std::process::id());
-        Self { directory, instance, events }
-    }
-
-    /// One testbed for each mechanism of wake-up.
-    pub fn by_events(name: &str) -> [Self; 2] {
-        [Events::Futex, Events::Socket].map(|events| Self::waking_by(events, name))
+        Self { directory, instance }
     }
 
     pub fn instance(&self) -> &str {
@@ -55,22 +44,11 @@ impl Testbed {
     }
 
     pub fn paths(&self) -> InstancePaths {
-        let paths = InstancePaths::new(&self.instance, Some(&self.path("run"))).unwrap();
-        InstancePaths { events: self.events, ..paths }
+        InstancePaths::new(&self.instance, Some(&self.path("run"))).unwrap()
     }
 
     pub fn bus(&self) -> Bus {
         Bus::open(&self.paths()).unwrap()
-    }
-
-    /// The bus of an instance with this `realtime.events`.
-    pub fn bus_with(&self, events: &str) -> Bus {
-        let events = match events {
-            "futex" => Events::Futex,
-            "socket" => Events::Socket,
-            other => panic!("unknown events: {other}"),
-        };
-        Bus::open(&InstancePaths { events, ..self.paths() }).unwrap()
     }
 
     /// The command `oqtal` with the given arguments, on this testbed.
@@ -78,9 +56,6 @@ impl Testbed {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         command.args(words.iter().map(AsRef::as_ref));
         command.arg("--instance").arg(&self.instance).arg("--root").arg(self.path("run"));
-        if self.events == Events::Socket {
-            command.args(["--set", "realtime.events=socket"]);
-        }
         command.current_dir(self.directory.path()).stdin(Stdio::null());
         command
     }
@@ -114,7 +89,8 @@ impl Testbed {
 
 impl Drop for Testbed {
     fn drop(&mut self) {
-        self.bus().leave();
+        // Joins alone and removes what killed processes left.
+        drop(self.bus());
     }
 }
 

@@ -14,10 +14,10 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::options::InvalidOption;
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use crate::integral::Integral;
-use crate::tracking_error::AttitudeError;
+use crate::options::{OptionError, Rule, check_options};
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`Geometric`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,10 +51,16 @@ impl Default for GeometricOptions {
     }
 }
 
-impl GeometricOptions {
+impl LawOptions for GeometricOptions {
+    type Law<I: InputForm> = Geometric<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.geometric.attitude-gain", 1.0, 40.0),
+        SearchRange::new("control.geometric.integral-gain-per-s", 0.01, 5.0),
+    ];
+
     /// For the paper's spacecraft in torque form.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         Self {
             attitude_gain: 256.0,
             rate_gain_per_s: 32.0,
@@ -63,17 +69,18 @@ impl GeometricOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-gain", self.attitude_gain)?;
-        InvalidOption::unless_not_negative("rate-gain-per-s", self.rate_gain_per_s)?;
-        InvalidOption::unless_not_negative("integral-gain-per-s", self.integral_gain_per_s)?;
-        let c = self.integral_attitude_gain_per_s;
-        InvalidOption::unless_not_negative("integral-attitude-gain-per-s", c)?;
-        InvalidOption::unless_not_negative("integral-limit", self.integral_limit)
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-gain", self.attitude_gain, Rule::Positive),
+            ("rate-gain-per-s", self.rate_gain_per_s, Rule::NotNegative),
+            ("integral-gain-per-s", self.integral_gain_per_s, Rule::NotNegative),
+            ("integral-attitude-gain-per-s", self.integral_attitude_gain_per_s, Rule::NotNegative),
+            ("integral-limit", self.integral_limit, Rule::NotNegative),
+        ])
+    }
+
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Geometric<I>, OptionError> {
+        Self::Law::new(self, input)
     }
 }
 
@@ -90,7 +97,7 @@ impl<I: InputForm> Geometric<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: GeometricOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: GeometricOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         Ok(Self { options, input, e_i: Integral::new(options.integral_limit) })
     }

@@ -5,7 +5,7 @@ use std::fmt;
 
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, Vector3};
 
-use super::options::InvalidOption;
+use crate::options::{OptionError, Rule, check_options};
 use crate::quantity::{BodyRate, StickCommand, Torque};
 use crate::rigid_body::Inertia;
 use crate::tracking_error::{AttitudeError, AttitudeReference};
@@ -74,8 +74,8 @@ impl TorqueInput {
     ///
     /// # Errors
     /// If `max_torque` is not positive and finite.
-    pub fn new(inertia: Inertia, max_torque: f64) -> Result<Self, InvalidOption> {
-        InvalidOption::unless_positive("max-torque-n-m", max_torque)?;
+    pub fn new(inertia: Inertia, max_torque: f64) -> Result<Self, OptionError> {
+        check_options([("max-torque-n-m", max_torque, Rule::Positive)])?;
         Ok(Self { inertia, max_torque })
     }
 }
@@ -156,9 +156,9 @@ impl RateInput {
     ///
     /// # Errors
     /// If one of them is not positive and finite.
-    pub fn new(rate_authority: Vector3<f64>) -> Result<Self, InvalidOption> {
+    pub fn new(rate_authority: Vector3<f64>) -> Result<Self, OptionError> {
         for authority in &rate_authority {
-            InvalidOption::unless_positive("rate-authority-rad-s", *authority)?;
+            check_options([("rate-authority-rad-s", *authority, Rule::Positive)])?;
         }
         Ok(Self { rate_authority, lag_s: 0.0, lead_s: 0.0 })
     }
@@ -168,9 +168,11 @@ impl RateInput {
     ///
     /// # Errors
     /// If one of them is not positive and finite.
-    pub fn with_lag(self, lag_s: f64, period_s: f64) -> Result<Self, InvalidOption> {
-        InvalidOption::unless_positive("rate-lag-s", lag_s)?;
-        InvalidOption::unless_positive("period-s", period_s)?;
+    pub fn with_lag(self, lag_s: f64, period_s: f64) -> Result<Self, OptionError> {
+        check_options([
+            ("rate-lag-s", lag_s, Rule::Positive),
+            ("period-s", period_s, Rule::Positive),
+        ])?;
         // A held command moves the rate by (1 - e^(-T/lag)) (u - omega): for omega_d to grow by T
         // omega_d_dot it must be ahead by T / (1 - e^(-T/lag)), which is the lag and half a period.
         let lead_s = period_s / -(-period_s / lag_s).exp_m1();

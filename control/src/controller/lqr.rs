@@ -10,15 +10,16 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix6, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::feedback::RateFeedback;
 use super::input::InputForm;
-use super::options::{InvalidOption, RateFeedback};
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::euler::EulerAngles;
 use crate::integral::Integral;
+use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
-use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
-use crate::tracking_error::AttitudeError;
+use crate::schedule::{CellGrid, Cells, GainSchedule, Resolve};
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`ClassicLqr`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -76,11 +77,17 @@ impl Default for LqrOptions {
     }
 }
 
-impl LqrOptions {
+impl LawOptions for LqrOptions {
+    type Law<I: InputForm> = ClassicLqr<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.lqr.attitude-weight", 1.0, 400.0),
+        SearchRange::new("control.lqr.integral-weight", 1e-4, 1.0),
+    ];
+
     /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
     /// VI.B.2.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         Self {
             attitude_weight: 128.0,
             rate_weight: 128.0,
@@ -90,20 +97,24 @@ impl LqrOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
-        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
-        InvalidOption::unless_not_negative("integral-weight", self.integral_weight)?;
-        InvalidOption::unless_positive("input-weight", self.input_weight)?;
-        InvalidOption::unless_not_negative("integral-limit-rad-s", self.integral_limit_rad_s)?;
-        InvalidOption::unless_positive("delta-rad", self.delta_rad)?;
-        InvalidOption::unless_positive("operating-pitch-limit-rad", self.operating_pitch_limit_rad)
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-weight", self.attitude_weight, Rule::Positive),
+            ("rate-weight", self.rate_weight, Rule::NotNegative),
+            ("integral-weight", self.integral_weight, Rule::NotNegative),
+            ("input-weight", self.input_weight, Rule::Positive),
+            ("integral-limit-rad-s", self.integral_limit_rad_s, Rule::NotNegative),
+            ("delta-rad", self.delta_rad, Rule::Positive),
+            ("operating-pitch-limit-rad", self.operating_pitch_limit_rad, Rule::Positive),
+        ])
     }
 
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<ClassicLqr<I>, OptionError> {
+        Self::Law::new(self, input)
+    }
+}
+
+impl LqrOptions {
     fn weights(&self) -> Weights {
         Weights {
             rate: self.rate_weight,
@@ -128,10 +139,10 @@ impl<I: InputForm> ClassicLqr<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: LqrOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: LqrOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
-            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
+            CellGrid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let theta_i = Integral::new(options.integral_limit_rad_s);
         Ok(Self { options, input, schedule: GainSchedule::new(grid), theta_i })
     }

@@ -12,15 +12,15 @@ use nalgebra::{SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::options::InvalidOption;
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
 use crate::error_model::{ErrorModel, Jacobian, OperatingPoint};
 use crate::integral::Integral;
+use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::RiccatiError;
 use crate::scalar_pid::low_pass_weight;
-use crate::schedule::{Cells, GainSchedule, Grid, Resolve};
-use crate::tracking_error::AttitudeError;
+use crate::schedule::{CellGrid, Cells, GainSchedule, Resolve};
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// What the model makes of the second time derivative of `eps`, Section VII.C. It is the difference
 /// of Eq. (38) between two steps.
@@ -96,11 +96,17 @@ impl Default for OqtalOptions {
     }
 }
 
-impl OqtalOptions {
+impl LawOptions for OqtalOptions {
+    type Law<I: InputForm> = Oqtal<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.oqtal.attitude-weight", 4.0, 1600.0),
+        SearchRange::new("control.oqtal.integral-weight", 1e-4, 1.0),
+    ];
+
     /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
     /// VI.B.2.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         Self {
             attitude_weight: 256.0,
             rate_weight: 256.0,
@@ -110,20 +116,24 @@ impl OqtalOptions {
         }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
-        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
-        InvalidOption::unless_not_negative("integral-weight", self.integral_weight)?;
-        InvalidOption::unless_positive("input-weight", self.input_weight)?;
-        InvalidOption::unless_not_negative("integral-limit-s", self.integral_limit_s)?;
-        InvalidOption::unless_positive("eps-ddot-cutoff-hz", self.eps_ddot_cutoff_hz)?;
-        InvalidOption::unless_positive("delta-rad", self.delta_rad)
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-weight", self.attitude_weight, Rule::Positive),
+            ("rate-weight", self.rate_weight, Rule::NotNegative),
+            ("integral-weight", self.integral_weight, Rule::NotNegative),
+            ("input-weight", self.input_weight, Rule::Positive),
+            ("integral-limit-s", self.integral_limit_s, Rule::NotNegative),
+            ("eps-ddot-cutoff-hz", self.eps_ddot_cutoff_hz, Rule::Positive),
+            ("delta-rad", self.delta_rad, Rule::Positive),
+        ])
     }
 
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Oqtal<I>, OptionError> {
+        Self::Law::new(self, input)
+    }
+}
+
+impl OqtalOptions {
     fn weights(&self) -> Weights {
         Weights {
             rate: self.rate_weight,
@@ -151,10 +161,10 @@ impl<I: InputForm> Oqtal<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: OqtalOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: OqtalOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
-            Grid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
+            CellGrid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
         let eps_i = Integral::new(options.integral_limit_s);
         let schedule = GainSchedule::new(grid);
         Ok(Self { options, input, schedule, eps_i, eps_dot: None, eps_ddot: Vector3::zeros() })

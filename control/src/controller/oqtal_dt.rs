@@ -24,11 +24,11 @@ use nalgebra::{Matrix3, Matrix6, Matrix6x3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::options::InvalidOption;
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use crate::linear::discretise;
+use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::{RiccatiError, dare};
-use crate::tracking_error::AttitudeError;
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// `K` of `u = -K [omega_e; eps]`.
 pub type DiscreteGain = SMatrix<f64, 3, 6>;
@@ -52,22 +52,30 @@ impl Default for OqtalDtOptions {
     }
 }
 
-impl OqtalDtOptions {
+impl LawOptions for OqtalDtOptions {
+    type Law<I: InputForm> = OqtalDt<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.oqtal-dt.attitude-weight", 100.0, 1e5),
+        SearchRange::new("control.oqtal-dt.rate-weight", 1e-3, 10.0),
+    ];
+
     /// For the paper's spacecraft in torque form.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         // 2^20 and 2^6 over 1
         Self { attitude_weight: 1_048_576.0, rate_weight: 64.0, input_weight: 1.0 }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("attitude-weight", self.attitude_weight)?;
-        InvalidOption::unless_not_negative("rate-weight", self.rate_weight)?;
-        InvalidOption::unless_positive("input-weight", self.input_weight)
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-weight", self.attitude_weight, Rule::Positive),
+            ("rate-weight", self.rate_weight, Rule::NotNegative),
+            ("input-weight", self.input_weight, Rule::Positive),
+        ])
+    }
+
+    fn build<I: InputForm>(self, input: I, period_s: f64) -> Result<OqtalDt<I>, OptionError> {
+        Self::Law::new(self, input, period_s)
     }
 }
 
@@ -88,13 +96,13 @@ impl<I: InputForm> OqtalDt<I> {
     ///
     /// # Errors
     /// An option whose value has no meaning, or weights so far apart that there is no gain.
-    pub fn new(options: OqtalDtOptions, input: I, period_s: f64) -> Result<Self, InvalidOption> {
+    pub fn new(options: OqtalDtOptions, input: I, period_s: f64) -> Result<Self, OptionError> {
         options.check()?;
-        InvalidOption::unless_positive("period-s", period_s)?;
-        let gain = Self::gain_for(&options, &input, period_s).map_err(|_| InvalidOption {
-            key: "attitude-weight",
-            value: options.attitude_weight,
-            expected: "nearer to the other weights: the Riccati equation has no usable solution",
+        check_options([("period-s", period_s, Rule::Positive)])?;
+        let gain = Self::gain_for(&options, &input, period_s).map_err(|_| {
+            let allowed =
+                "nearer to the other weights: the Riccati equation has no usable solution";
+            OptionError::new("attitude-weight", options.attitude_weight, allowed)
         })?;
         let part = |column| gain.fixed_view::<3, 3>(0, column).into_owned();
         let turn = part(0).try_inverse().map_or_else(Matrix3::zeros, |inverse| inverse * part(3));

@@ -7,11 +7,12 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::feedback::RateFeedback;
 use super::input::InputForm;
-use super::options::{InvalidOption, RateFeedback};
-use super::{AttitudeLaw, AttitudeReference, AttitudeState};
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use crate::integral::Integral;
-use crate::tracking_error::AttitudeError;
+use crate::options::{OptionError, Rule, check_options};
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
 /// Options of [`QuaternionPid`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,27 +57,32 @@ impl Default for PidOptions {
     }
 }
 
-impl PidOptions {
+impl LawOptions for PidOptions {
+    type Law<I: InputForm> = QuaternionPid<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.pid.gain", 1.0, 40.0),
+        SearchRange::new("control.pid.integral-time-s", 0.2, 50.0),
+    ];
+
     /// For the paper's spacecraft in torque form: Table IV.
-    #[must_use]
-    pub fn spacecraft() -> Self {
+    fn spacecraft() -> Self {
         Self { gain: 5.95, integral_time_s: 1.15, rate_gain_per_s: 50.0, ..Self::default() }
     }
 
-    /// Whether a law can be built with these options.
-    ///
-    /// # Errors
-    /// The first option whose value has no meaning.
-    pub fn check(&self) -> Result<(), InvalidOption> {
-        InvalidOption::unless_positive("gain", self.gain)?;
-        InvalidOption::unless_positive_or_infinite("integral-time-s", self.integral_time_s)?;
-        InvalidOption::unless_positive("rate-gain-per-s", self.rate_gain_per_s)?;
-        InvalidOption::unless_positive_or_infinite("max-rate-rad-s", self.max_rate_rad_s)?;
-        InvalidOption::unless_positive_or_infinite(
-            "max-acceleration-rad-s2",
-            self.max_acceleration_rad_s2,
-        )?;
-        InvalidOption::unless_not_negative("integral-limit-s", self.integral_limit_s)
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("gain", self.gain, Rule::Positive),
+            ("integral-time-s", self.integral_time_s, Rule::PositiveOrInfinite),
+            ("rate-gain-per-s", self.rate_gain_per_s, Rule::Positive),
+            ("max-rate-rad-s", self.max_rate_rad_s, Rule::PositiveOrInfinite),
+            ("max-acceleration-rad-s2", self.max_acceleration_rad_s2, Rule::PositiveOrInfinite),
+            ("integral-limit-s", self.integral_limit_s, Rule::NotNegative),
+        ])
+    }
+
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<QuaternionPid<I>, OptionError> {
+        Self::Law::new(self, input)
     }
 }
 
@@ -93,7 +99,7 @@ impl<I: InputForm> QuaternionPid<I> {
     ///
     /// # Errors
     /// The first option whose value has no meaning.
-    pub fn new(options: PidOptions, input: I) -> Result<Self, InvalidOption> {
+    pub fn new(options: PidOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
     }

@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::kalman::{Covariance, Transition};
+use super::kalman::{Covariance, StateTransition};
 use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
 use crate::quaternion::Attitude;
@@ -57,7 +57,7 @@ impl AttitudeFilter {
 
     /// How the error goes on over `dt_s` \[s\].
     #[must_use]
-    pub fn transition(&self, rotation: &Rotation, dt_s: f64) -> Transition {
+    pub fn transition(&self, rotation: &Rotation, dt_s: f64) -> StateTransition {
         let h = dt_s;
         #[rustfmt::skip]
         let f = match rotation {
@@ -76,7 +76,7 @@ impl AttitudeFilter {
                 0.0, 0.0, 1.0,
             ),
         };
-        Transition::new(f, self.rate_walk, self.bias_walk, h)
+        StateTransition::new(f, self.rate_walk, self.bias_walk, h)
     }
 
     /// Becomes less certain over `dt_s` \[s\] without a pose.

@@ -1,7 +1,7 @@
 //! The commands already sent: what acts on the vehicle now, and what will until a command sent now
 //! arrives.
 
-use super::model::{Bias, Input, Motion, VehicleModel};
+use super::model::{Bias, ModelInput, Motion, VehicleModel};
 use super::ring::Ring;
 
 /// Share of a newly measured delay that enters the delay expected: at 60 Hz a time constant of a
@@ -17,7 +17,7 @@ struct Sent {
     sequence: u64,
     sent_s: f64,
     acts_s: f64,
-    input: Input,
+    input: ModelInput,
 }
 
 /// The newest commands, with the instants at which they act, and the delay in between as measured.
@@ -41,7 +41,7 @@ impl CommandHistory {
     }
 
     /// Takes a command sent at `sent_s` \[s\]. One that does not follow the last is ignored.
-    pub fn push(&mut self, sequence: u64, sent_s: f64, input: Input) {
+    pub fn push(&mut self, sequence: u64, sent_s: f64, input: ModelInput) {
         let newest = self.sent.newest_first().next();
         let follows = newest.is_none_or(|last| last.sent_s <= sent_s);
         if follows && sent_s.is_finite() {
@@ -83,7 +83,7 @@ impl CommandHistory {
     }
 
     /// The input that acts at `t_s` \[s\], and until when; neutral before the first command.
-    fn at(&self, t_s: f64) -> (Input, f64) {
+    fn at(&self, t_s: f64) -> (ModelInput, f64) {
         let mut until_s = f64::INFINITY;
         for sent in self.sent.newest_first() {
             if sent.acts_s <= t_s {
@@ -91,6 +91,6 @@ impl CommandHistory {
             }
             until_s = until_s.min(sent.acts_s);
         }
-        (Input::default(), until_s)
+        (ModelInput::default(), until_s)
     }
 }

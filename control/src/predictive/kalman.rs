@@ -5,14 +5,14 @@ use nalgebra::{Matrix3, Vector3};
 
 /// How the states of an axis go on, and how uncertain they become meanwhile.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Transition {
+pub struct StateTransition {
     /// `F`: the states after, from the states before.
     pub f: Matrix3<f64>,
     /// `Q`: the covariance that is added.
     pub q: Matrix3<f64>,
 }
 
-impl Transition {
+impl StateTransition {
     /// `F` with the covariance that white noise of density `second` in the derivative of the
     /// second state and `third` in that of the third leave after `dt_s` \[s\], each in its unit per
     /// root second. The third state is as good as constant for what it does to the others.
@@ -42,8 +42,8 @@ impl Covariance {
     }
 
     /// Goes on by a transition.
-    pub fn predict(&mut self, transition: &Transition) {
-        let Transition { f, q } = transition;
+    pub fn predict(&mut self, transition: &StateTransition) {
+        let StateTransition { f, q } = transition;
         self.0 = f * self.0 * f.transpose() + q;
     }
 

@@ -44,10 +44,10 @@ mod setpoint_buffer;
 use nalgebra::Vector3;
 
 use crate::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, InputForm, InvalidOption, OqtalDt,
-    OqtalDtOptions,
+    AttitudeLaw, AttitudeReference, AttitudeState, InputForm, OqtalDt, OqtalDtOptions,
 };
 use crate::estimator::Estimate;
+use crate::options::OptionError;
 use crate::position::{PositionCommand, PositionOptions};
 use crate::quantity::BodyRate;
 use crate::trajectory::Reference;
@@ -55,14 +55,14 @@ pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
 pub use flatness::Force;
 pub use history::CommandHistory;
-pub use kalman::{Covariance, Transition};
+pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
-pub use model::{Bias, Input, Motion, Rotation, VehicleModel};
-pub use observer::Observer;
+pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
+pub use observer::MotionObserver;
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
-pub use reference_model::{Course, Limits, ReferenceModel, ReferenceModelOptions};
+pub use reference_model::{Course, MotionLimits, ReferenceModel, ReferenceModelOptions};
 use setpoint_buffer::SetpointBuffer;
 
 /// Time without a decision beyond this does not count \[s\]: the reference waits.
@@ -86,7 +86,7 @@ pub struct Design<I> {
 
 /// What the autopilot decides.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Decision {
+pub struct PredictiveOutput {
     /// What the vehicle should do now, as decided a delay ago, and the thrust that it is told.
     pub setpoint: PositionCommand,
     /// The input to the rotation, within the vehicle's range.
@@ -97,7 +97,7 @@ pub struct Decision {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Autopilot<I> {
     design: Design<I>,
-    observer: Observer,
+    observer: MotionObserver,
     history: CommandHistory,
     position: PositionLaw,
     attitude: OqtalDt<I>,
@@ -117,9 +117,9 @@ impl<I: InputForm + Copy> Autopilot<I> {
         law: OqtalDtOptions,
         options: &PredictiveOptions,
         loops: &PositionOptions,
-    ) -> Result<Self, InvalidOption> {
+    ) -> Result<Self, OptionError> {
         Ok(Self {
-            observer: Observer::new(design.model, options.filter),
+            observer: MotionObserver::new(design.model, options.filter),
             history: CommandHistory::new(design.delay_s),
             position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
             attitude: OqtalDt::new(law, design.input, design.period_s)?,
@@ -149,7 +149,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
     pub fn sent(&mut self, sequence: u64, t_s: f64, (u, thrust_n): (&Vector3<f64>, f64)) {
         let demand = self.design.input.demand_of(&self.design.input.saturate(u));
         let thrust_n = if thrust_n.is_finite() { thrust_n.max(0.0) } else { 0.0 };
-        self.history.push(sequence, t_s, Input { demand, thrust_n });
+        self.history.push(sequence, t_s, ModelInput { demand, thrust_n });
     }
 
     /// Learns that a command began to act at `t_s` \[s\].
@@ -166,7 +166,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
     /// The command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the
     /// first pose, if no time has passed, and if a number is not finite or so great that one becomes
     /// it; nothing of that is remembered.
-    pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<Decision> {
+    pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<PredictiveOutput> {
         let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
         let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.delay_s());
         let motion = self.observer.predict(now_s + delay_s, &self.history)?;
@@ -180,7 +180,10 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.last_s = Some(now_s);
         let mut now = self.setpoint_buffer.at(now_s)?;
         now.attitude = reference.attitude.unwrap_or(now.attitude);
-        Some(Decision { setpoint: PositionCommand { thrust_n: setpoint.thrust_n, ..now }, u })
+        Some(PredictiveOutput {
+            setpoint: PositionCommand { thrust_n: setpoint.thrust_n, ..now },
+            u,
+        })
     }
 
     /// What the vehicle should do when it will be at `motion`.

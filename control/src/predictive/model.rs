@@ -55,7 +55,7 @@ pub struct VehicleModel {
 
 /// What the vehicle is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Input {
+pub struct ModelInput {
     /// The demand: a rate \[rad/s, body axes\] or an angular acceleration \[rad/s^2, body axes\].
     pub demand: Vector3<f64>,
     /// Thrust along body z \[N\].
@@ -125,14 +125,14 @@ impl Motion {
 impl VehicleModel {
     /// The motion `dt_s` seconds after `motion` if `input` and `bias` act in between.
     #[must_use]
-    pub fn advance(&self, motion: &Motion, input: &Input, bias: &Bias, dt_s: f64) -> Motion {
+    pub fn advance(&self, motion: &Motion, input: &ModelInput, bias: &Bias, dt_s: f64) -> Motion {
         let steps = (dt_s / LONGEST_STEP_S).ceil().clamp(1.0, 1000.0);
         let h = dt_s / steps;
         (0..steps as u32).fold(*motion, |motion, _| self.step(&motion, input, bias, h))
     }
 
     /// One Runge-Kutta step of fourth order; the thrust, which nothing else acts on, is exact.
-    fn step(&self, motion: &Motion, input: &Input, bias: &Bias, h: f64) -> Motion {
+    fn step(&self, motion: &Motion, input: &ModelInput, bias: &Bias, h: f64) -> Motion {
         let thrust = |t: f64| {
             let keep = (-t / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp();
             input.thrust_n + (motion.thrust_n - input.thrust_n) * keep
@@ -147,7 +147,7 @@ impl VehicleModel {
         Motion::from_vector(&(x + (k1 + 2.0 * k2 + 2.0 * k3 + k4) * (h / 6.0)), thrust(h))
     }
 
-    fn derivative(&self, motion: &Motion, input: &Input, bias: &Bias) -> Vector13 {
+    fn derivative(&self, motion: &Motion, input: &ModelInput, bias: &Bias) -> Vector13 {
         let demand = input.demand + bias.demand;
         let rate_dot = match &self.rotation {
             // Eq. (61), erratum E-61, with the lag of the on-board loop

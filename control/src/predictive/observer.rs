@@ -18,7 +18,7 @@ const LOST_M: f64 = 1.0;
 /// On the floor the model does not hold: the floor pushes, too. Until the vehicle lifts, its motion
 /// is what the poses say, differenced.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Observer {
+pub struct MotionObserver {
     model: VehicleModel,
     options: FilterOptions,
     attitude: AttitudeFilter,
@@ -28,7 +28,7 @@ pub struct Observer {
     airborne: bool,
 }
 
-impl Observer {
+impl MotionObserver {
     /// An observer that has seen nothing.
     #[must_use]
     pub fn new(model: VehicleModel, options: FilterOptions) -> Self {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::reference_model::ReferenceModelOptions;
-use crate::range::{OutOfRange, check_range};
+use crate::options::{OptionError, Rule, check_options};
 
 /// Options of the Kalman filters: how much is believed of what.
 ///
@@ -42,13 +42,15 @@ impl Default for FilterOptions {
 impl FilterOptions {
     /// # Errors
     /// The first option outside its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        check_range("filter.attitude-noise-deg", self.attitude_noise_deg, 1e-4..=45.0)?;
-        check_range("filter.position-noise-mm", self.position_noise_mm, 1e-4..=1000.0)?;
-        check_range("filter.rate-walk-rad-s", self.rate_walk_rad_s, 1e-6..=1000.0)?;
-        check_range("filter.demand-bias-walk", self.demand_bias_walk, 0.0..=1000.0)?;
-        check_range("filter.velocity-walk-m-s", self.velocity_walk_m_s, 1e-6..=1000.0)?;
-        check_range("filter.acceleration-walk-m-s2", self.acceleration_walk_m_s2, 0.0..=1000.0)
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-noise-deg", self.attitude_noise_deg, Rule::Between(1e-4, 45.0)),
+            ("position-noise-mm", self.position_noise_mm, Rule::Between(1e-4, 1000.0)),
+            ("rate-walk-rad-s", self.rate_walk_rad_s, Rule::Between(1e-6, 1000.0)),
+            ("demand-bias-walk", self.demand_bias_walk, Rule::Between(0.0, 1000.0)),
+            ("velocity-walk-m-s", self.velocity_walk_m_s, Rule::Between(1e-6, 1000.0)),
+            ("acceleration-walk-m-s2", self.acceleration_walk_m_s2, Rule::Between(0.0, 1000.0)),
+        ])
     }
 }
 
@@ -90,16 +92,18 @@ impl Default for PredictiveOptions {
 impl PredictiveOptions {
     /// # Errors
     /// The first option outside its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        check_range("position-gain-per-s", self.position_gain_per_s, 0.0..=100.0)?;
-        check_range(
-            "vertical-position-gain-per-s",
-            self.vertical_position_gain_per_s,
-            0.0..=100.0,
-        )?;
-        check_range("velocity-gain-per-s", self.velocity_gain_per_s, 0.0..=100.0)?;
-        check_range("command-bandwidth-rad-s", self.command_bandwidth_rad_s, 0.1..=1000.0)?;
-        self.filter.check()?;
-        self.reference.check()
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("position-gain-per-s", self.position_gain_per_s, Rule::Between(0.0, 100.0)),
+            (
+                "vertical-position-gain-per-s",
+                self.vertical_position_gain_per_s,
+                Rule::Between(0.0, 100.0),
+            ),
+            ("velocity-gain-per-s", self.velocity_gain_per_s, Rule::Between(0.0, 100.0)),
+            ("command-bandwidth-rad-s", self.command_bandwidth_rad_s, Rule::Between(0.1, 1000.0)),
+        ])?;
+        self.filter.check().map_err(|error| error.within("filter"))?;
+        self.reference.check().map_err(|error| error.within("reference"))
     }
 }

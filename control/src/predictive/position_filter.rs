@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::kalman::{Covariance, Transition};
+use super::kalman::{Covariance, StateTransition};
 use super::model::Motion;
 use super::options::FilterOptions;
 
@@ -52,7 +52,7 @@ impl PositionFilter {
 
     /// How the error goes on over `dt_s` \[s\] under `drag_per_s` \[1/s\].
     #[must_use]
-    pub fn transition(&self, drag_per_s: f64, dt_s: f64) -> Transition {
+    pub fn transition(&self, drag_per_s: f64, dt_s: f64) -> StateTransition {
         let h = dt_s;
         #[rustfmt::skip]
         let f = Matrix3::new(
@@ -60,7 +60,7 @@ impl PositionFilter {
             0.0, (-drag_per_s * h).exp(), h,
             0.0, 0.0, 1.0,
         );
-        Transition::new(f, self.velocity_walk, self.bias_walk, h)
+        StateTransition::new(f, self.velocity_walk, self.bias_walk, h)
     }
 
     /// Becomes less certain over `dt_s` \[s\] without a pose.

@@ -15,7 +15,7 @@ use super::command_filter::{CommandFilter, Smooth};
 use super::flatness::Force;
 use super::model::{Bias, Motion};
 use super::options::PredictiveOptions;
-use super::reference_model::{Course, Limits, ReferenceModel};
+use super::reference_model::{Course, MotionLimits, ReferenceModel};
 use crate::position::PositionOptions;
 use crate::trajectory::Reference;
 
@@ -55,7 +55,7 @@ impl PositionLaw {
     pub fn new(options: &PredictiveOptions, loops: &PositionOptions, gravity_m_s2: f64) -> Self {
         let tilt_tangent = loops.tilt_limit_deg.to_radians().tan();
         let model = |speed, acceleration| {
-            ReferenceModel::new(options.reference, Limits { speed, acceleration })
+            ReferenceModel::new(options.reference, MotionLimits { speed, acceleration })
         };
         Self {
             options: *options,

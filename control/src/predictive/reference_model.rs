@@ -18,7 +18,7 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::range::{OutOfRange, check_range};
+use crate::options::{OptionError, Rule, check_options};
 
 /// The model is integrated in steps of this share of a tick: short against its lags.
 const STEPS: u32 = 4;
@@ -53,16 +53,18 @@ impl Default for ReferenceModelOptions {
 impl ReferenceModelOptions {
     /// # Errors
     /// The first option outside its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        check_range("reference.position-gain-per-s", self.position_gain_per_s, 0.1..=50.0)?;
-        check_range("reference.braking-m-s2", self.braking_m_s2, 0.05..=20.0)?;
-        check_range("reference.jerk-limit-m-s3", self.jerk_limit_m_s3, 0.1..=1000.0)
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("position-gain-per-s", self.position_gain_per_s, Rule::Between(0.1, 50.0)),
+            ("braking-m-s2", self.braking_m_s2, Rule::Between(0.05, 20.0)),
+            ("jerk-limit-m-s3", self.jerk_limit_m_s3, Rule::Between(0.1, 1000.0)),
+        ])
     }
 }
 
 /// The limits that the vehicle sets, along the axes that a model is for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
+pub struct MotionLimits {
     /// Greatest speed \[m/s\].
     pub speed: f64,
     /// Greatest acceleration \[m/s^2\].
@@ -107,7 +109,7 @@ impl Course {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceModel {
     options: ReferenceModelOptions,
-    limits: Limits,
+    limits: MotionLimits,
     leader: Course,
     /// The leader behind one lag.
     between: Course,
@@ -117,7 +119,7 @@ pub struct ReferenceModel {
 impl ReferenceModel {
     /// At rest at the origin.
     #[must_use]
-    pub fn new(options: ReferenceModelOptions, limits: Limits) -> Self {
+    pub fn new(options: ReferenceModelOptions, limits: MotionLimits) -> Self {
         let [leader, between, course] = [Course::default(); 3];
         Self { options, limits, leader, between, course }
     }

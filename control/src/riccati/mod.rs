@@ -26,101 +26,12 @@
 
 mod balance;
 mod doubling;
+mod error;
 mod inverse;
 mod newton;
 mod problem;
+mod solvers;
 mod twofold;
 
-use std::fmt;
-
-use nalgebra::SMatrix;
-
-use doubling::Doubling;
-use newton::Time;
-use problem::Problem;
-
-/// The stabilising solution of a Riccati equation with `N` states and `M` inputs.
-///
-/// Units: those of the data. `x'Px` has the unit of the cost, `Kx` that of the input.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Solution<const N: usize, const M: usize> {
-    /// Symmetric positive semidefinite `P`: the cost from `x` onwards is `x'Px`.
-    pub p: SMatrix<f64, N, N>,
-    /// The gain of `u = -Kx`.
-    pub k: SMatrix<f64, M, N>,
-}
-
-/// Solves the continuous-time equation `A'P + PA - PBR^-1B'P + Q = 0`; the gain is `K = R^-1B'P`.
-///
-/// Under `u = -Kx` the loop `dx/dt = Ax + Bu` is stable and minimises the integral of `x'Qx +
-/// u'Ru`.
-///
-/// # Errors
-/// [`RiccatiError`] says which condition fails. `Q` must be symmetric positive semidefinite, `R`
-/// symmetric positive definite, `(A, B)` stabilisable and `(Q, A)` detectable.
-pub fn care<const N: usize, const M: usize>(
-    a: &SMatrix<f64, N, N>,
-    b: &SMatrix<f64, N, M>,
-    q: &SMatrix<f64, N, N>,
-    r: &SMatrix<f64, M, M>,
-) -> Result<Solution<N, M>, RiccatiError> {
-    let problem = Problem::new(a, b, q, r)?;
-    let (start, centre) =
-        Doubling::of_continuous(&problem).ok_or(RiccatiError::NoStabilisingSolution)?;
-    problem.solve(start, Time::Continuous { centre })
-}
-
-/// Solves the discrete-time equation `P = A'PA - A'PB (R + B'PB)^-1 B'PA + Q`; the gain is `K = (R
-/// + B'PB)^-1 B'PA`.
-///
-/// Under `u = -Kx` the loop `x+ = Ax + Bu` is stable and minimises the sum of `x'Qx + u'Ru`.
-///
-/// # Errors
-/// As for [`care`].
-pub fn dare<const N: usize, const M: usize>(
-    a: &SMatrix<f64, N, N>,
-    b: &SMatrix<f64, N, M>,
-    q: &SMatrix<f64, N, N>,
-    r: &SMatrix<f64, M, M>,
-) -> Result<Solution<N, M>, RiccatiError> {
-    let problem = Problem::new(a, b, q, r)?;
-    problem.solve(Doubling::of_discrete(&problem), Time::Discrete)
-}
-
-/// Why there is no gain.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RiccatiError {
-    /// An element of the data is NaN or infinite.
-    NotFinite,
-    /// `Q` is not symmetric.
-    QNotSymmetric,
-    /// `Q` is not positive semidefinite.
-    QNotPositiveSemidefinite,
-    /// `R` is not symmetric.
-    RNotSymmetric,
-    /// `R` is not positive definite.
-    RNotPositiveDefinite,
-    /// A mode that does not decay by itself is out of reach of the input, or `Q` does not see it.
-    NoStabilisingSolution,
-    /// The data determine the solution to fewer than ten digits, or put a closed-loop pole on the
-    /// stability boundary to within rounding.
-    IllConditioned,
-}
-
-impl fmt::Display for RiccatiError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::NotFinite => "Riccati equation: the data hold a number that is not finite",
-            Self::QNotSymmetric => "Riccati equation: the state weight Q is not symmetric",
-            Self::QNotPositiveSemidefinite => "Riccati equation: the state weight Q is not positive semidefinite",
-            Self::RNotSymmetric => "Riccati equation: the input weight R is not symmetric",
-            Self::RNotPositiveDefinite => "Riccati equation: the input weight R is not positive definite",
-            Self::NoStabilisingSolution => {
-                "Riccati equation: a mode that does not decay is out of reach of the input or unseen by Q"
-            }
-            Self::IllConditioned => "Riccati equation: too ill-conditioned for double precision",
-        })
-    }
-}
-
-impl std::error::Error for RiccatiError {}
+pub use error::RiccatiError;
+pub use solvers::{Solution, care, dare};

@@ -8,8 +8,8 @@
 
 use nalgebra::{Cholesky, Const, SMatrix};
 
-use super::RiccatiError;
 use super::doubling::MAX_DOUBLINGS;
+use super::error::RiccatiError;
 use super::inverse::inverse;
 use super::problem::{Problem, is_finite, symmetrised};
 use super::twofold::Twofold;
@@ -28,7 +28,7 @@ const MAX_STEPS: usize = 6;
 const AT_REST: f64 = 1e-4;
 
 /// Which of the two equations.
-pub(super) enum Time {
+pub(super) enum TimeDomain {
     /// Continuous time, with the centre of the Cayley transform.
     Continuous {
         /// Maps the left half plane into the unit disc.
@@ -39,19 +39,19 @@ pub(super) enum Time {
 }
 
 /// A Riccati equation in terms of a rate of change.
-pub(super) struct Equation<'a, const N: usize, const M: usize> {
+pub(super) struct RiccatiEquation<'a, const N: usize, const M: usize> {
     problem: &'a Problem<N, M>,
     /// `A`, or `A - I` in discrete time.
     rate: SMatrix<f64, N, N>,
-    time: Time,
+    time: TimeDomain,
 }
 
-impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
+impl<'a, const N: usize, const M: usize> RiccatiEquation<'a, N, M> {
     /// The equation of `problem`.
-    pub(super) fn new(problem: &'a Problem<N, M>, time: Time) -> Self {
+    pub(super) fn new(problem: &'a Problem<N, M>, time: TimeDomain) -> Self {
         let rate = match time {
-            Time::Continuous { .. } => problem.a,
-            Time::Discrete => problem.a - SMatrix::identity(),
+            TimeDomain::Continuous { .. } => problem.a,
+            TimeDomain::Discrete => problem.a - SMatrix::identity(),
         };
         Self { problem, rate, time }
     }
@@ -87,10 +87,10 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
         let residual =
             if precise { self.precise_residual(p, &k) } else { self.residual(p, &k, &d) };
         match self.time {
-            Time::Discrete => stein(SMatrix::identity() + d, residual),
+            TimeDomain::Discrete => stein(SMatrix::identity() + d, residual),
             // X = S'XS + W, with the Cayley transform S of D, has the solution of D'X + XD +
             // residual = 0.
-            Time::Continuous { centre } => {
+            TimeDomain::Continuous { centre } => {
                 let inverse = inverse(d - SMatrix::identity() * centre)?;
                 let s = SMatrix::identity() + inverse * (2.0 * centre);
                 let w = inverse.transpose() * (residual * inverse) * (2.0 * centre);
@@ -102,16 +102,16 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     /// The weight of the input that the gain divides by: `R`, or `R + B'PB` in discrete time.
     fn input_weight(&self, bp: &SMatrix<f64, M, N>) -> Option<Cholesky<f64, Const<M>>> {
         match self.time {
-            Time::Continuous { .. } => Cholesky::new(self.problem.r),
-            Time::Discrete => Cholesky::new(self.problem.r + bp * self.problem.b),
+            TimeDomain::Continuous { .. } => Cholesky::new(self.problem.r),
+            TimeDomain::Discrete => Cholesky::new(self.problem.r + bp * self.problem.b),
         }
     }
 
     fn gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
         let bp = self.problem.b.transpose() * p;
         let right = match self.time {
-            Time::Continuous { .. } => bp,
-            Time::Discrete => bp + bp * self.rate,
+            TimeDomain::Continuous { .. } => bp,
+            TimeDomain::Discrete => bp + bp * self.rate,
         };
         Some(self.input_weight(&bp)?.solve(&right))
     }
@@ -124,7 +124,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     ) -> SMatrix<f64, N, N> {
         let pd = p * d;
         let mut sum = pd * 2.0 + k.transpose() * (self.problem.r * k);
-        if let Time::Discrete = self.time {
+        if let TimeDomain::Discrete = self.time {
             sum += d.transpose() * pd;
         }
         self.problem.q + symmetrised(&sum)
@@ -153,7 +153,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
             .plus(&pd)
             .plus(&pd.transpose())
             .plus_product(&k.transpose(), &rk);
-        if let Time::Discrete = self.time {
+        if let TimeDomain::Discrete = self.time {
             sum = sum.plus_product(&d.transpose(), &pd);
         }
         symmetrised(&sum.rounded())
@@ -163,7 +163,7 @@ impl<'a, const N: usize, const M: usize> Equation<'a, N, M> {
     /// worse conditioned than `P`.
     fn precise_gain(&self, p: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, M, N>> {
         let k = self.gain(p)?;
-        if let Time::Continuous { .. } = self.time {
+        if let TimeDomain::Continuous { .. } = self.time {
             return Some(k);
         }
         let b = self.problem.b.transpose();

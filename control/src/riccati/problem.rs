@@ -3,9 +3,7 @@
 use nalgebra::{Cholesky, SMatrix};
 
 use super::balance::Balance;
-use super::doubling::Doubling;
-use super::newton::{Equation, Time};
-use super::{RiccatiError, Solution};
+use super::error::RiccatiError;
 
 /// How far from symmetric, and how far below zero, a weight may be, relative to its size.
 const TOLERANCE: f64 = 1e-10;
@@ -18,7 +16,7 @@ pub(super) struct Problem<const N: usize, const M: usize> {
     pub(super) g: SMatrix<f64, N, N>,
     pub(super) q: SMatrix<f64, N, N>,
     pub(super) r: SMatrix<f64, M, M>,
-    balance: Balance<N>,
+    pub(super) balance: Balance<N>,
 }
 
 impl<const N: usize, const M: usize> Problem<N, M> {
@@ -48,22 +46,6 @@ impl<const N: usize, const M: usize> Problem<N, M> {
             r,
             balance,
         })
-    }
-
-    /// Doubles `start`, refines the outcome, and returns to the units of the caller.
-    pub(super) fn solve(
-        &self,
-        start: Doubling<N>,
-        time: Time,
-    ) -> Result<Solution<N, M>, RiccatiError> {
-        let start = start.cost_to_go().ok_or(RiccatiError::NoStabilisingSolution)?;
-        let (p, k) = Equation::new(self, time).refine(start)?;
-        let (p, k) = (self.balance.input_form(&p), self.balance.gain(&k));
-        if is_finite(&p) && is_finite(&k) {
-            Ok(Solution { p, k })
-        } else {
-            Err(RiccatiError::IllConditioned)
-        }
     }
 }
 

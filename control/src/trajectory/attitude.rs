@@ -9,10 +9,10 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Reference};
+use super::reference::{Phase, Reference};
+use crate::options::{OptionError, Rule, check_options};
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;
-use crate::range::{OutOfRange, check_range};
 use crate::tracking_error::AttitudeReference;
 
 /// The greatest angle that may be prescribed \[deg\].
@@ -41,13 +41,14 @@ impl Default for AttitudeChirp {
 }
 
 impl AttitudeChirp {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        let amplitudes = -GREATEST_DEG..=GREATEST_DEG;
-        check_range("attitude-chirp.amplitude-deg", self.amplitude_deg, amplitudes)?;
-        check_range("attitude-chirp.from-hz", self.from_hz, 0.01..=30.0)?;
-        check_range("attitude-chirp.to-hz", self.to_hz, 0.01..=30.0)?;
-        check_range("attitude-chirp.sweep-s", self.sweep_s, 0.1..=60.0)?;
-        check_range("attitude-chirp.recovery-s", self.recovery_s, 0.0..=60.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("amplitude-deg", self.amplitude_deg, Rule::Between(-GREATEST_DEG, GREATEST_DEG)),
+            ("from-hz", self.from_hz, Rule::Between(0.01, 30.0)),
+            ("to-hz", self.to_hz, Rule::Between(0.01, 30.0)),
+            ("sweep-s", self.sweep_s, Rule::Between(0.1, 60.0)),
+            ("recovery-s", self.recovery_s, Rule::Between(0.0, 60.0)),
+        ])
     }
 
     pub(super) fn duration_s(&self) -> f64 {
@@ -85,10 +86,12 @@ impl Default for AttitudeDoublet {
 }
 
 impl AttitudeDoublet {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("attitude-doublet.angle-deg", self.angle_deg, -GREATEST_DEG..=GREATEST_DEG)?;
-        check_range("attitude-doublet.hold-s", self.hold_s, 0.1..=60.0)?;
-        check_range("attitude-doublet.recovery-s", self.recovery_s, 0.0..=60.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("angle-deg", self.angle_deg, Rule::Between(-GREATEST_DEG, GREATEST_DEG)),
+            ("hold-s", self.hold_s, Rule::Between(0.1, 60.0)),
+            ("recovery-s", self.recovery_s, Rule::Between(0.0, 60.0)),
+        ])
     }
 
     pub(super) fn duration_s(&self) -> f64 {

@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::attitude::{AttitudeChirp, AttitudeDoublet};
+use super::path::{Trajectory, TrajectoryShape};
 use super::shape::{Circle, Hover, Lemniscate, Square, Step};
-use super::{AttitudeChirp, AttitudeDoublet, Shape, Trajectory, Waypoints};
-use crate::range::{OutOfRange, check_range};
+use super::waypoints::Waypoints;
+use crate::options::{OptionError, Rule, check_options};
 
 /// The trajectories there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -91,19 +93,21 @@ impl Default for TrajectoryOptions {
 impl TrajectoryOptions {
     /// # Errors
     /// The first option outside its range.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        check_range("duration-s", self.duration_s.unwrap_or(0.0), 0.0..=3600.0)?;
-        check_range("height-m", self.height_m, 0.1..=100.0)?;
-        check_range("take-off-s", self.take_off_s, 0.5..=60.0)?;
-        check_range("settle-s", self.settle_s, 0.0..=3600.0)?;
-        check_range("descent-m-s", self.descent_m_s, 0.05..=2.0)?;
-        self.hover.check()?;
-        self.step.check()?;
-        self.square.check()?;
-        self.circle.check()?;
-        self.lemniscate.check()?;
-        self.attitude_chirp.check()?;
-        self.attitude_doublet.check()
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, 3600.0)),
+            ("height-m", self.height_m, Rule::Between(0.1, 100.0)),
+            ("take-off-s", self.take_off_s, Rule::Between(0.5, 60.0)),
+            ("settle-s", self.settle_s, Rule::Between(0.0, 3600.0)),
+            ("descent-m-s", self.descent_m_s, Rule::Between(0.05, 2.0)),
+        ])?;
+        self.hover.check().map_err(|error| error.within("hover"))?;
+        self.step.check().map_err(|error| error.within("step"))?;
+        self.square.check().map_err(|error| error.within("square"))?;
+        self.circle.check().map_err(|error| error.within("circle"))?;
+        self.lemniscate.check().map_err(|error| error.within("lemniscate"))?;
+        self.attitude_chirp.check().map_err(|error| error.within("attitude-chirp"))?;
+        self.attitude_doublet.check().map_err(|error| error.within("attitude-doublet"))
     }
 
     /// The trajectory that these options name. `waypoints` is what the file holds if it is to be
@@ -111,14 +115,16 @@ impl TrajectoryOptions {
     #[must_use]
     pub fn trajectory(&self, waypoints: Option<Waypoints>) -> Option<Trajectory> {
         let shape = match self.kind {
-            TrajectoryKind::Hover => Shape::Hover(self.hover),
-            TrajectoryKind::Step => Shape::Step(self.step),
-            TrajectoryKind::Square => Shape::Square(self.square),
-            TrajectoryKind::Circle => Shape::Circle(self.circle),
-            TrajectoryKind::Lemniscate => Shape::Lemniscate(self.lemniscate),
-            TrajectoryKind::AttitudeChirp => Shape::AttitudeChirp(self.attitude_chirp),
-            TrajectoryKind::AttitudeDoublet => Shape::AttitudeDoublet(self.attitude_doublet),
-            TrajectoryKind::Waypoints => Shape::Waypoints(waypoints?),
+            TrajectoryKind::Hover => TrajectoryShape::Hover(self.hover),
+            TrajectoryKind::Step => TrajectoryShape::Step(self.step),
+            TrajectoryKind::Square => TrajectoryShape::Square(self.square),
+            TrajectoryKind::Circle => TrajectoryShape::Circle(self.circle),
+            TrajectoryKind::Lemniscate => TrajectoryShape::Lemniscate(self.lemniscate),
+            TrajectoryKind::AttitudeChirp => TrajectoryShape::AttitudeChirp(self.attitude_chirp),
+            TrajectoryKind::AttitudeDoublet => {
+                TrajectoryShape::AttitudeDoublet(self.attitude_doublet)
+            }
+            TrajectoryKind::Waypoints => TrajectoryShape::Waypoints(waypoints?),
         };
         Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })
     }

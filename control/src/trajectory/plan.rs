@@ -2,7 +2,9 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::{Phase, Reference, Shape, Trajectory, TrajectoryOptions};
+use super::options::TrajectoryOptions;
+use super::path::{Trajectory, TrajectoryShape};
+use super::reference::{Phase, Reference};
 use crate::quaternion::Attitude;
 use crate::tracking_error::AttitudeReference;
 
@@ -95,7 +97,7 @@ impl FlightPlan {
     #[must_use]
     pub fn scored(&self, t_s: f64) -> bool {
         let (from_s, to_s) = match self.trajectory.shape {
-            Shape::Hover(_) => {
+            TrajectoryShape::Hover(_) => {
                 (self.trajectory_start_s.max(self.take_off_s + HOVER_TRANSIENT_S), f64::INFINITY)
             }
             _ => (self.trajectory_start_s, self.trajectory_start_s + self.trajectory.duration_s()),

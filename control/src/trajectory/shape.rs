@@ -7,9 +7,9 @@ use std::f64::consts::TAU;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Reference};
+use super::reference::{Phase, Reference};
+use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
-use crate::range::{OutOfRange, check_range};
 use crate::tracking_error::AttitudeReference;
 
 /// Rest at the hover point.
@@ -27,8 +27,8 @@ impl Default for Hover {
 }
 
 impl Hover {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("hover.duration-s", self.duration_s, 0.0..=3600.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([("duration-s", self.duration_s, Rule::Between(0.0, 3600.0))])
     }
 }
 
@@ -67,11 +67,13 @@ impl Default for Step {
 }
 
 impl Step {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
+    pub(super) fn check(&self) -> Result<(), OptionError> {
         let greatest = if self.axis == StepAxis::Yaw { 180.0 } else { 30.0 };
-        check_range("step.angle-deg", self.angle_deg, -greatest..=greatest)?;
-        check_range("step.duration-s", self.duration_s, 0.0..=3600.0)?;
-        check_range("step.hold-s", self.hold_s, 0.0..=self.duration_s)
+        check_options([
+            ("angle-deg", self.angle_deg, Rule::Between(-greatest, greatest)),
+            ("duration-s", self.duration_s, Rule::Between(0.0, 3600.0)),
+            ("hold-s", self.hold_s, Rule::Between(0.0, self.duration_s)),
+        ])
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
@@ -112,10 +114,12 @@ impl Default for Square {
 }
 
 impl Square {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("square.side-m", self.side_m, 0.0..=100.0)?;
-        check_range("square.dwell-s", self.dwell_s, 0.1..=3600.0)?;
-        check_range("square.duration-s", self.duration_s, 0.0..=3600.0)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("side-m", self.side_m, Rule::Between(0.0, 100.0)),
+            ("dwell-s", self.dwell_s, Rule::Between(0.1, 3600.0)),
+            ("duration-s", self.duration_s, Rule::Between(0.0, 3600.0)),
+        ])
     }
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
@@ -147,11 +151,13 @@ impl Default for Circle {
 }
 
 impl Circle {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("circle.radius-m", self.radius_m, 0.0..=100.0)?;
-        check_range("circle.period-s", self.period_s, 0.1..=3600.0)?;
-        check_range("circle.laps", f64::from(self.laps), 1.0..=1000.0)?;
-        check_range("circle.ramp-s", self.ramp_s, 0.0..=self.period_s)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("radius-m", self.radius_m, Rule::Between(0.0, 100.0)),
+            ("period-s", self.period_s, Rule::Between(0.1, 3600.0)),
+            ("laps", f64::from(self.laps), Rule::Between(1.0, 1000.0)),
+            ("ramp-s", self.ramp_s, Rule::Between(0.0, self.period_s)),
+        ])
     }
 
     pub(super) fn sweep(&self) -> Sweep {
@@ -188,11 +194,13 @@ impl Default for Lemniscate {
 }
 
 impl Lemniscate {
-    pub(super) fn check(&self) -> Result<(), OutOfRange> {
-        check_range("lemniscate.half-length-m", self.half_length_m, 0.0..=100.0)?;
-        check_range("lemniscate.period-s", self.period_s, 0.1..=3600.0)?;
-        check_range("lemniscate.laps", f64::from(self.laps), 1.0..=1000.0)?;
-        check_range("lemniscate.ramp-s", self.ramp_s, 0.0..=self.period_s)
+    pub(super) fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("half-length-m", self.half_length_m, Rule::Between(0.0, 100.0)),
+            ("period-s", self.period_s, Rule::Between(0.1, 3600.0)),
+            ("laps", f64::from(self.laps), Rule::Between(1.0, 1000.0)),
+            ("ramp-s", self.ramp_s, Rule::Between(0.0, self.period_s)),
+        ])
     }
 
     pub(super) fn sweep(&self) -> Sweep {

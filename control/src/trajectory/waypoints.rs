@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector4;
 
-use super::{Phase, Reference};
+use super::reference::{Phase, Reference};
 
 /// Columns of the table; the last may be absent.
 const COLUMNS: [&str; 5] = ["t", "x", "y", "z", "yaw"];

@@ -161,7 +161,7 @@ proptest! {
         target in attitude(),
         turn in far_turn(),
     ) {
-        for name in LAWS {
+        for name in ALL {
             let (reference, attitude) = far_from(name, target, turn);
             let state = at_rest(attitude);
             let law = law(name, &ControllerOptions::default(), sticks());
@@ -220,7 +220,7 @@ proptest! {
         (options.pid.gain, options.pid.rate_gain_per_s) = (4.0, 6.0);
         options.pid.integral_time_s = 4.0;
         let input = TorqueInput::new(uneven_inertia(), MAX_TORQUE).unwrap();
-        for name in LAWS {
+        for name in ALL {
             let (reference, attitude) = far_from(name, target, turn);
             let mut state = AttitudeState {
                 attitude,
@@ -248,7 +248,7 @@ proptest! {
             attitude: reference.attitude,
             rate: reference.rate,
         };
-        for name in LAWS {
+        for name in INTEGRATING {
             let command = first_command(
                 law(
                     name,
@@ -299,7 +299,7 @@ proptest! {
             rate: BodyRate(0.5 * reference.rate.0),
             ..reference
         };
-        for name in LAWS {
+        for name in INTEGRATING {
             let mut options = options;
             (options.pid.feed_forward, options.lqr.feed_forward) = (true, true);
             let command = first_command(
@@ -319,7 +319,7 @@ proptest! {
 #[test]
 fn integral_action_removes_a_steady_disturbance() {
     let drift = Vector3::new(0.035, -0.026, 0.017);
-    for name in LAWS {
+    for name in INTEGRATING {
         let left = |options: &ControllerOptions| {
             let mut law = law(name, options, sticks());
             let mut state = AttitudeState::default();

@@ -238,8 +238,8 @@ fn as_printed_the_rivals_brake_a_body_that_turns_with_its_reference() {
     let state = AttitudeState { rate: omega, ..AttitudeState::default() };
     let reference = AttitudeReference { rate: omega, ..AttitudeReference::default() };
     let options = ControllerOptions::spacecraft();
-    let [pid, lqr, oqtal, _] =
-        LAWS.map(|name| first_command(law(name, &options, spacecraft()), &state, &reference).x);
+    let [pid, lqr, oqtal, _] = INTEGRATING
+        .map(|name| first_command(law(name, &options, spacecraft()), &state, &reference).x);
     assert!((pid + 0.5 * options.pid.rate_gain_per_s * 0.1).abs() < 1e-12);
     let gain = ClassicLqr::gain_at(&options.lqr, &spacecraft(), &Point::zeros()).unwrap();
     assert!((lqr + block(&gain, 0)[(0, 0)] * 0.1).abs() < 1e-12);

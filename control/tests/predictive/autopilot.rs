@@ -2,7 +2,7 @@
 
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::estimator::Estimate;
-use oqtal_control::predictive::{Bias, CommandHistory, Input, Motion};
+use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{Phase, Reference};
 
@@ -50,7 +50,7 @@ impl Bench {
             decision.map_or((Vector3::zeros(), 0.5 * 9.81), |d| (d.u, d.setpoint.thrust_n));
         self.tick += 1;
         self.autopilot.sent(self.tick, sent_s, (&u, thrust_n));
-        self.history.push(self.tick, sent_s, Input { demand: u * AUTHORITY, thrust_n });
+        self.history.push(self.tick, sent_s, ModelInput { demand: u * AUTHORITY, thrust_n });
         let span = (captured_s, self.now_s());
         self.motion = self.history.propagate(&quadrotor(), (&self.motion, &self.bias), span);
         decision.map(|decision| decision.u)

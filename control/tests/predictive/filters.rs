@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix1, Matrix3};
 use oqtal_control::predictive::{
-    AttitudeFilter, Covariance, FilterOptions, Motion, PositionFilter, Transition,
+    AttitudeFilter, Covariance, FilterOptions, Motion, PositionFilter, StateTransition,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::riccati::dare;
@@ -35,7 +35,7 @@ fn options() -> FilterOptions {
 }
 
 /// The covariance before a measurement, after many of them.
-fn settled(transition: &Transition, sd: f64) -> Matrix3<f64> {
+fn settled(transition: &StateTransition, sd: f64) -> Matrix3<f64> {
     let mut covariance = Covariance::of([sd, 1.0, 1.0]);
     for _ in 0..20_000 {
         covariance.correct(sd);
@@ -46,8 +46,8 @@ fn settled(transition: &Transition, sd: f64) -> Matrix3<f64> {
 
 /// Estimation is the dual of control: the filter's covariance settles at the solution of the Riccati
 /// equation of the transposed system.
-fn check_dual(transition: &Transition, sd: f64) {
-    let Transition { f, q } = transition;
+fn check_dual(transition: &StateTransition, sd: f64) {
+    let StateTransition { f, q } = transition;
     let r = Matrix1::new(sd * sd);
     // In units in which the noise of the measurement is one, for the sake of conditioning.
     let dual = dare(&f.transpose(), &Vector3::x(), &(q / r[0]), &Matrix1::new(1.0)).unwrap();

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::predictive::{
-    CommandFilter, Course, Force, Limits, LookAhead, ReferenceModel, ReferenceModelOptions,
+    CommandFilter, Course, Force, LookAhead, MotionLimits, ReferenceModel, ReferenceModelOptions,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate};
 use oqtal_control::quaternion::Attitude;
@@ -13,12 +13,12 @@ use super::*;
 /// How far the reference may go past a target at rest \[m\].
 const MOST_PAST_M: f64 = 1e-6;
 
-const LIMITS: Limits = Limits { speed: 0.8, acceleration: 2.3 };
+const LIMITS: MotionLimits = MotionLimits { speed: 0.8, acceleration: 2.3 };
 
 /// The way to a target at rest, from rest at the origin: where the reference is after every tick.
 fn towards(
     target: Vector3<f64>,
-    (options, limits): (ReferenceModelOptions, Limits),
+    (options, limits): (ReferenceModelOptions, MotionLimits),
     seconds: f64,
 ) -> Vec<Course> {
     let mut model = ReferenceModel::new(options, limits);
@@ -35,7 +35,7 @@ fn towards(
 /// Whether these courses keep all limits; what is wrong otherwise.
 fn within(
     courses: &[Course],
-    (options, limits): (ReferenceModelOptions, Limits),
+    (options, limits): (ReferenceModelOptions, MotionLimits),
 ) -> Result<(), TestCaseError> {
     for course in courses {
         prop_assert!(course.velocity.norm() <= limits.speed * (1.0 + 1e-9));
@@ -47,9 +47,9 @@ fn within(
 
 /// Options and limits of a vehicle from wide ranges, though not all that a configuration may hold; the greatest jerk such
 /// that the acceleration is there in two seconds.
-fn any_options() -> impl Strategy<Value = (ReferenceModelOptions, Limits)> {
-    let limits =
-        (0.05..5.0_f64, 0.1..15.0_f64).prop_map(|(speed, a)| Limits { speed, acceleration: a });
+fn any_options() -> impl Strategy<Value = (ReferenceModelOptions, MotionLimits)> {
+    let limits = (0.05..5.0_f64, 0.1..15.0_f64)
+        .prop_map(|(speed, a)| MotionLimits { speed, acceleration: a });
     (0.1..50.0_f64, 0.05..20.0_f64, 0.5..1000.0_f64, limits).prop_map(|(k_p, a_b, jerk, limits)| {
         let options = ReferenceModelOptions {
             position_gain_per_s: k_p,

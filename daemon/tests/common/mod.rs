@@ -5,13 +5,14 @@ use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
+use oqtal_control::controller::ControllerName;
 use oqtal_daemon::{Cycle, Tick, trajectory};
 
 pub const FRAME: Span = Span::from_nanos(16_666_667);
 pub const LATENCY: Span = Span::from_millis(15);
 pub const RADIO: Span = Span::from_millis(20);
 
-pub const LAWS: [&str; 5] = ["pid", "lqr", "oqtal", "oqtal-dt", "geometric"];
+pub const LAWS: [&str; ControllerName::NAMES.len()] = ControllerName::NAMES;
 
 /// A controller and the clock of its cameras.
 pub struct Bench {
@@ -112,5 +113,10 @@ impl Bench {
 /// A vehicle at rest on the floor, with the noise that every real pose has.
 pub fn still(frame: u64) -> PoseV1 {
     let noise = 1e-5 * (frame % 11) as f64;
-    PoseV1 { position: [noise, 0.0, 0.0], attitude: [noise, 0.0, 0.0, 1.0], tracked: 1 }
+    PoseV1 {
+        position: [noise, 0.0, 0.0],
+        attitude: [noise, 0.0, 0.0, 1.0],
+        tracked: 1,
+        ..PoseV1::default()
+    }
 }

@@ -125,7 +125,10 @@ pub fn entrants() -> Vec<Entrant> {
     let tuned = space::LAWS.iter().map(|law| Entrant {
         contender: Contender { controller: law.controller, settings: gains::tuned(law.controller) },
         variant: Variant::Ours,
-        settings: "tuned alike, deploy/tuned".to_owned(),
+        settings: match gains::tuned(law.controller).is_empty() {
+            false => "tuned alike, deploy/tuned".to_owned(),
+            true => "shipped gains, not tuned".to_owned(),
+        },
     });
     printed.chain(tuned).collect()
 }

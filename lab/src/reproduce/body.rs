@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 use oqtal_config::{Config, Setting, Vehicle};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, Controller, ControllerName, ControllerOptions, InvalidOption,
-    RateInput,
+    AttitudeLaw, AttitudeReference, Controller, ControllerName, ControllerOptions, RateInput,
 };
+use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Disturbance, Dynamics, Input, State};
 use oqtal_runtime::process::Failure;
@@ -81,7 +81,7 @@ impl Body {
         &self,
         options: &ControllerOptions,
         manoeuvre: &Manoeuvre,
-    ) -> Result<Turned, InvalidOption> {
+    ) -> Result<Turned, OptionError> {
         match self {
             Self::Spacecraft(lander, limited) => {
                 let law = Controller::new(options, lander.input(*limited))?;

@@ -3,11 +3,11 @@
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Setting, Vehicle};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, InvalidOption,
-    TorqueInput,
+    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, TorqueInput,
 };
 use oqtal_control::gravity_turn::{GravityTurn, Guidance, GuidanceOptions};
-use oqtal_control::metrics::{Sample, TableTwo};
+use oqtal_control::metrics::{MetricSample, TableTwo};
+use oqtal_control::options::OptionError;
 use oqtal_control::position::attitude_along;
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::quaternion::Attitude;
@@ -145,7 +145,7 @@ impl Lander {
         options: &ControllerOptions,
         descent: &Descent,
         watch: impl FnMut(&Moment),
-    ) -> Result<Option<TableTwo>, InvalidOption> {
+    ) -> Result<Option<TableTwo>, OptionError> {
         let options = ControllerOptions { rate_hz: descent.rate_hz, ..*options };
         let law = Controller::new(&options, self.input(false))?;
         Ok(self.descend(law, descent, watch))
@@ -175,7 +175,7 @@ impl Lander {
             let torque = law.update(&told, &desired, dt_s).0;
             watch(&Moment { time_s, state, desired, torque });
             let error = AttitudeError::between(&desired.attitude, &body.attitude);
-            let sample = Sample {
+            let sample = MetricSample {
                 position_error: self.ideal(time_s) - state.position,
                 quaternion_error: *error.eps(),
                 input: torque,

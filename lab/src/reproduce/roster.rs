@@ -1,8 +1,8 @@
-//! The attitude laws of the spacecraft's experiments, as data. A further law is a further entry.
+//! The attitude laws of the spacecraft's experiments, as data. A law that is registered in control is among them.
 
 use oqtal_control::controller::{
-    ControllerName, ControllerOptions, LqrOptions, OqtalDtOptions, OqtalOptions, PidOptions,
-    RateFeedback,
+    ControllerName, ControllerOptions, LawOptions, LqrOptions, OqtalDtOptions, OqtalOptions,
+    PidOptions, RateFeedback,
 };
 use oqtal_control::schedule::Cells;
 
@@ -109,9 +109,7 @@ fn entry(
         ControllerName::OqtalDt => {
             [options.oqtal_dt.attitude_weight, options.oqtal_dt.input_weight]
         }
-        ControllerName::Oqtal | ControllerName::Geometric => {
-            [options.oqtal.attitude_weight, options.oqtal.input_weight]
-        }
+        _ => [options.oqtal.attitude_weight, options.oqtal.input_weight],
     };
     let descent = Descent::default();
     Entry { controller, variant, settings: settings.into(), options, descent, weights }
@@ -179,18 +177,24 @@ fn ours() -> Vec<Entry> {
     entries
 }
 
-/// The laws that are not in the paper, at the gains they come with.
-fn new_laws() -> [Entry; 2] {
-    let geometric = ControllerOptions {
-        controller: ControllerName::Geometric,
-        ..ControllerOptions::spacecraft()
+/// Every registered law that is not in the paper, at its gains for the spacecraft; `oqtal-dt` last.
+fn new_laws() -> Vec<Entry> {
+    use ControllerName::{Geometric, Lqr, Oqtal, OqtalDt, Pid};
+    let others =
+        ControllerName::ALL.into_iter().filter(|law| !matches!(law, Pid | Lqr | Oqtal | OqtalDt));
+    let other = |controller: ControllerName| {
+        let options = ControllerOptions { controller, ..ControllerOptions::spacecraft() };
+        let text = if controller == Geometric {
+            "k_R 256, k_Omega 32"
+        } else {
+            "its gains for the spacecraft"
+        };
+        entry(controller.name(), Variant::Ours, text, options)
     };
     // 2^20 and 2^6
     let text = "split weights 2^20 and 2^6, r 1";
-    [
-        entry("geometric", Variant::Ours, "k_R 256, k_Omega 32", geometric),
-        entry("oqtal-dt", Variant::Ours, text, oqtal_dt([1_048_576.0, 64.0, 1.0])),
-    ]
+    let ours = entry("oqtal-dt", Variant::Ours, text, oqtal_dt([1_048_576.0, 64.0, 1.0]));
+    others.map(other).chain([ours]).collect()
 }
 
 /// One setting of each law, for experiments other than the gravity turn.

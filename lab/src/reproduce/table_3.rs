@@ -2,9 +2,10 @@
 
 use std::ops::RangeInclusive;
 
-use oqtal_control::controller::{InvalidOption, RateFeedback};
+use crate::tune::bee_colony::BeeColony;
+use oqtal_control::controller::RateFeedback;
 use oqtal_control::metrics::{CostWeights, TableTwo};
-use oqtal_control::tuning::BeeColony;
+use oqtal_control::options::OptionError;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
@@ -78,7 +79,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     let cases: Vec<(&Reading, [f64; 2])> =
         READINGS.iter().flat_map(|reading| WEIGHTS.map(|weights| (reading, weights))).collect();
     let tune = |(reading, weights): &(&Reading, [f64; 2])| tuned(lander, reading, *weights, &bar);
-    let rows: Result<Vec<Row>, InvalidOption> = cases.par_iter().map(tune).collect();
+    let rows: Result<Vec<Row>, OptionError> = cases.par_iter().map(tune).collect();
     let mut sheet = Sheet {
         name: "III".to_owned(),
         title: "Table III: the PID tuned by an artificial bee colony".to_owned(),
@@ -149,7 +150,7 @@ fn tuned(
     reading: &Reading,
     weights: [f64; 2],
     bar: &super::progress::Bar,
-) -> Result<Row, InvalidOption> {
+) -> Result<Row, OptionError> {
     let [q, r] = weights;
     let fly = |point: &[f64]| {
         let options = roster::pid([point[0], point[1], point[2]], reading.rate);

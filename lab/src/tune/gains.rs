@@ -1,27 +1,21 @@
-//! The gains that come with the program: output of `oqtal tune`, one file for each law.
+//! The tuned gains that come with the program: output of `oqtal tune`, one file for each law, found by its name.
 
 use oqtal_config::Setting;
 use toml::{Table, Value};
 
-/// The files of `deploy/tuned`.
-const FILES: [(&str, &str); 6] = [
-    ("pid", include_str!("../../../deploy/tuned/pid.toml")),
-    ("lqr", include_str!("../../../deploy/tuned/lqr.toml")),
-    ("oqtal", include_str!("../../../deploy/tuned/oqtal.toml")),
-    ("geometric", include_str!("../../../deploy/tuned/geometric.toml")),
-    ("oqtal-dt", include_str!("../../../deploy/tuned/oqtal-dt.toml")),
-    ("outer", include_str!("../../../deploy/tuned/outer.toml")),
-];
+/// Name and text of every file in `deploy/tuned`.
+const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/tuned.rs"));
 
-/// The tuned settings of a law, or of the outer loops.
+/// The settings in `deploy/tuned/WHAT.toml`, for a law or for the outer loops; none if there is no such file.
 ///
 /// # Panics
-/// If there are none: a test holds that every law has its file.
+/// If the file is not TOML: a test holds that every file is.
 #[must_use]
 pub fn tuned(what: &str) -> Vec<Setting> {
-    let (name, text) =
-        FILES.iter().find(|(name, _)| *name == what).expect("every law has its file");
-    let table: Table = text.parse().expect("written by us");
+    let Some((name, text)) = FILES.iter().find(|(name, _)| *name == what) else {
+        return Vec::new();
+    };
+    let table: Table = text.parse().expect("the files of deploy/tuned are TOML");
     let mut settings = Vec::new();
     collect(name, "", &table, &mut settings);
     settings
@@ -43,12 +37,26 @@ fn collect(file: &str, prefix: &str, table: &Table, settings: &mut Vec<Setting>)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tune::space::LAWS;
+    use crate::tune::space::{LAWS, NAMES};
+
+    #[test]
+    fn every_file_is_that_of_a_law_or_of_the_outer_loops() {
+        for (name, _) in FILES {
+            assert!(NAMES.contains(name), "deploy/tuned/{name}.toml");
+            assert!(!tuned(name).is_empty(), "deploy/tuned/{name}.toml");
+        }
+        for name in ["pid", "lqr", "oqtal", "geometric", "oqtal-dt", "outer"] {
+            assert!(FILES.iter().any(|(file, _)| *file == name), "no deploy/tuned/{name}.toml");
+        }
+    }
 
     #[test]
     fn every_law_has_gains_for_all_that_is_tuned() {
         for law in LAWS {
             let settings = tuned(law.controller);
+            if settings.is_empty() {
+                continue;
+            }
             for parameter in law.parameters() {
                 let found = settings.iter().find(|setting| setting.key == parameter.key);
                 let value = found.and_then(|setting| setting.value.as_float());

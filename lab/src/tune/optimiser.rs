@@ -3,9 +3,9 @@
 
 use std::ops::RangeInclusive;
 
+use super::bee_colony::{BeeColony, Best};
 use clap::ValueEnum;
 use fcmaes_core::{Cmaes, CmaesParams, Fitness};
-use oqtal_control::tuning::{BeeColony, Best};
 
 /// The first standard deviation of CMA-ES, as a share of half a range.
 const SPREAD: f64 = 0.3;

@@ -4,6 +4,7 @@
 //! the controlled variable is from what the loop is told, and how much the command shakes.
 
 use oqtal_config::Setting;
+use oqtal_control::controller::SearchRange;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
@@ -14,14 +15,13 @@ use crate::reproduce::progress::Progress;
 use oqtal_observe::flight::{Flight, Sample};
 
 use super::search::{Budget, Tuned, search, values};
-use super::space::Parameter;
 
 /// How much a shaking command counts against an error: a loop that follows closely at the price of the attitude is no gain.
 const JITTER_WEIGHT: f64 = 1.0;
 
 /// One of the loops.
 struct Loop {
-    parameters: [Parameter; 2],
+    parameters: [SearchRange; 2],
     /// The error of the variable that it controls.
     error: fn(&Sample) -> f64,
 }
@@ -29,29 +29,29 @@ struct Loop {
 const LOOPS: [Loop; 4] = [
     Loop {
         parameters: [
-            Parameter { key: "position.vertical-velocity.kp", low: 0.5, high: 12.0 },
-            Parameter { key: "position.vertical-velocity.ki", low: 0.05, high: 5.0 },
+            SearchRange::new("position.vertical-velocity.kp", 0.5, 12.0),
+            SearchRange::new("position.vertical-velocity.ki", 0.05, 5.0),
         ],
         error: |sample| sample.velocity_error().z.abs(),
     },
     Loop {
         parameters: [
-            Parameter { key: "position.horizontal-velocity.kp", low: 0.5, high: 12.0 },
-            Parameter { key: "position.horizontal-velocity.ki", low: 0.05, high: 5.0 },
+            SearchRange::new("position.horizontal-velocity.kp", 0.5, 12.0),
+            SearchRange::new("position.horizontal-velocity.ki", 0.05, 5.0),
         ],
         error: |sample| sample.velocity_error().xy().norm(),
     },
     Loop {
         parameters: [
-            Parameter { key: "position.vertical-position.kp", low: 0.3, high: 5.0 },
-            Parameter { key: "position.vertical-position.ki", low: 1e-3, high: 0.3 },
+            SearchRange::new("position.vertical-position.kp", 0.3, 5.0),
+            SearchRange::new("position.vertical-position.ki", 1e-3, 0.3),
         ],
         error: |sample| sample.position_error().z.abs(),
     },
     Loop {
         parameters: [
-            Parameter { key: "position.horizontal-position.kp", low: 0.3, high: 5.0 },
-            Parameter { key: "position.horizontal-position.ki", low: 1e-3, high: 0.3 },
+            SearchRange::new("position.horizontal-position.kp", 0.3, 5.0),
+            SearchRange::new("position.horizontal-position.ki", 1e-3, 0.3),
         ],
         error: |sample| sample.position_error().xy().norm(),
     },
@@ -89,7 +89,7 @@ pub fn tune(budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
 #[must_use]
 pub fn on_a_bound(settings: &[Setting]) -> Vec<&'static str> {
     let parameters = LOOPS.iter().flat_map(|tuned| tuned.parameters);
-    let lies = |parameter: &Parameter| {
+    let lies = |parameter: &SearchRange| {
         let set = settings.iter().find(|setting| setting.key == parameter.key);
         let value = set.and_then(|setting| setting.value.as_float());
         value.is_some_and(|v| v <= parameter.low * 1.001 || v >= parameter.high * 0.999)

@@ -1,7 +1,8 @@
 //! The search for gains: the same optimiser, budget and seeds for every law.
 
+use super::bee_colony::Best;
 use oqtal_config::{Config, Setting};
-use oqtal_control::tuning::Best;
+use oqtal_control::controller::SearchRange;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
@@ -11,7 +12,7 @@ use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::reproduce::progress::Progress;
 
 use super::optimiser::Optimiser;
-use super::space::{LawSpace, Parameter};
+use super::space::LawSpace;
 
 /// How far to search.
 #[derive(Clone, Copy, Debug)]
@@ -96,13 +97,13 @@ fn readable(value: f64) -> f64 {
 
 /// The values of `parameters` at a point of their logarithms.
 #[must_use]
-pub fn values(parameters: &[Parameter], point: &[f64]) -> Vec<(&'static str, f64)> {
+pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(&'static str, f64)> {
     parameters.iter().zip(point).map(|(p, log)| (p.key, readable(log.exp()))).collect()
 }
 
 /// Searches `parameters` in their logarithms, from their shipped values, for the least objective.
 pub fn search(
-    parameters: &[Parameter],
+    parameters: &[SearchRange],
     budget: Budget,
     evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
 ) -> Best {

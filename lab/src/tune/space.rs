@@ -1,82 +1,38 @@
-//! What is tuned, as data: a further law is a further entry.
+//! What is tuned, as data: every registered law, with the gains around it.
 
-/// A gain, by its key in the configuration, and where it is searched: evenly in its logarithm.
-#[derive(Clone, Copy, Debug)]
-pub struct Parameter {
-    /// The key, dotted.
-    pub key: &'static str,
-    /// The least value.
-    pub low: f64,
-    /// The greatest value.
-    pub high: f64,
-}
+use oqtal_control::controller::{ControllerName, SearchRange};
 
-/// An attitude law and its own gains. The gains of what surrounds it, [`SURROUNDINGS`], are tuned with them.
+/// An attitude law and its own gains. The gains around the law are tuned with them.
 #[derive(Clone, Copy, Debug)]
 pub struct LawSpace {
-    /// Its name in the configuration.
+    /// Name of the law in the configuration.
     pub controller: &'static str,
-    /// Its gains; the first is the one that `max_q` raises.
-    pub gains: &'static [Parameter],
-    /// Whether the estimator and the position loops of the paper surround it, or it has its own.
-    pub surrounded: bool,
+    /// Gains of the law itself; the first is the one that `max_q` raises.
+    pub gains: &'static [SearchRange],
+    /// Gains around the law: those of [`PREDICTOR`] for `oqtal-dt`, of [`SURROUNDINGS`] for every other law.
+    pub around: &'static [SearchRange],
 }
 
-const fn parameter(key: &'static str, low: f64, high: f64) -> Parameter {
-    Parameter { key, low, high }
-}
-
-/// The laws that are tuned and compared.
-pub const LAWS: [LawSpace; 5] = [
-    LawSpace {
-        controller: "pid",
-        gains: &[
-            parameter("control.pid.gain", 1.0, 40.0),
-            parameter("control.pid.integral-time-s", 0.2, 50.0),
-        ],
-        surrounded: true,
-    },
-    LawSpace {
-        controller: "lqr",
-        gains: &[
-            parameter("control.lqr.attitude-weight", 1.0, 400.0),
-            parameter("control.lqr.integral-weight", 1e-4, 1.0),
-        ],
-        surrounded: true,
-    },
-    LawSpace {
-        controller: "oqtal",
-        gains: &[
-            parameter("control.oqtal.attitude-weight", 4.0, 1600.0),
-            parameter("control.oqtal.integral-weight", 1e-4, 1.0),
-        ],
-        surrounded: true,
-    },
-    LawSpace {
-        controller: "geometric",
-        gains: &[
-            parameter("control.geometric.attitude-gain", 1.0, 40.0),
-            parameter("control.geometric.integral-gain-per-s", 0.01, 5.0),
-        ],
-        surrounded: true,
-    },
-    LawSpace {
-        controller: "oqtal-dt",
-        gains: &[
-            parameter("control.oqtal-dt.attitude-weight", 100.0, 1e5),
-            parameter("control.oqtal-dt.rate-weight", 1e-3, 10.0),
-            parameter("control.predictive.position-gain-per-s", 0.3, 4.0),
-            parameter("control.predictive.vertical-position-gain-per-s", 0.3, 6.0),
-            parameter("control.predictive.velocity-gain-per-s", 2.0, 20.0),
-            parameter("control.predictive.command-bandwidth-rad-s", 4.0, 40.0),
-            parameter("control.predictive.filter.rate-walk-rad-s", 0.05, 5.0),
-            parameter("control.predictive.filter.demand-bias-walk", 1e-3, 0.1),
-            parameter("control.predictive.filter.velocity-walk-m-s", 1e-3, 0.1),
-            parameter("control.predictive.filter.acceleration-walk-m-s2", 0.01, 1.0),
-        ],
-        surrounded: false,
-    },
-];
+/// The laws that are tuned and compared: every registered law, `oqtal-dt` last.
+pub const LAWS: [LawSpace; ControllerName::ALL.len()] = {
+    let ours = LawSpace {
+        controller: ControllerName::OqtalDt.name(),
+        gains: ControllerName::OqtalDt.tuned_gains(),
+        around: &PREDICTOR,
+    };
+    let mut laws = [ours; ControllerName::ALL.len()];
+    let (mut index, mut next) = (0, 0);
+    while index < laws.len() {
+        let law = ControllerName::ALL[index];
+        if !matches!(law, ControllerName::OqtalDt) {
+            let (controller, gains) = (law.name(), law.tuned_gains());
+            laws[next] = LawSpace { controller, gains, around: &SURROUNDINGS };
+            next += 1;
+        }
+        index += 1;
+    }
+    laws
+};
 
 /// The names of the laws.
 pub const LAW_NAMES: [&str; LAWS.len()] = {
@@ -100,24 +56,35 @@ pub const NAMES: [&str; LAWS.len() + 1] = {
     names
 };
 
+/// Estimation, prediction and the position law of `oqtal-dt`.
+pub const PREDICTOR: [SearchRange; 8] = [
+    SearchRange::new("control.predictive.position-gain-per-s", 0.3, 4.0),
+    SearchRange::new("control.predictive.vertical-position-gain-per-s", 0.3, 6.0),
+    SearchRange::new("control.predictive.velocity-gain-per-s", 2.0, 20.0),
+    SearchRange::new("control.predictive.command-bandwidth-rad-s", 4.0, 40.0),
+    SearchRange::new("control.predictive.filter.rate-walk-rad-s", 0.05, 5.0),
+    SearchRange::new("control.predictive.filter.demand-bias-walk", 1e-3, 0.1),
+    SearchRange::new("control.predictive.filter.velocity-walk-m-s", 1e-3, 0.1),
+    SearchRange::new("control.predictive.filter.acceleration-walk-m-s2", 0.01, 1.0),
+];
+
 /// The estimator and the position loops, the same for every law of the paper.
-pub const SURROUNDINGS: [Parameter; 8] = [
-    parameter("control.estimator.velocity-cutoff-hz", 2.0, 20.0),
-    parameter("position.horizontal-position.kp", 0.5, 4.0),
-    parameter("position.horizontal-position.ki", 1e-3, 0.3),
-    parameter("position.horizontal-velocity.kp", 1.0, 10.0),
-    parameter("position.horizontal-velocity.ki", 0.05, 5.0),
-    parameter("position.vertical-position.kp", 0.5, 6.0),
-    parameter("position.vertical-velocity.kp", 1.0, 15.0),
-    parameter("position.vertical-velocity.ki", 0.05, 10.0),
+pub const SURROUNDINGS: [SearchRange; 8] = [
+    SearchRange::new("control.estimator.velocity-cutoff-hz", 2.0, 20.0),
+    SearchRange::new("position.horizontal-position.kp", 0.5, 4.0),
+    SearchRange::new("position.horizontal-position.ki", 1e-3, 0.3),
+    SearchRange::new("position.horizontal-velocity.kp", 1.0, 10.0),
+    SearchRange::new("position.horizontal-velocity.ki", 0.05, 5.0),
+    SearchRange::new("position.vertical-position.kp", 0.5, 6.0),
+    SearchRange::new("position.vertical-velocity.kp", 1.0, 15.0),
+    SearchRange::new("position.vertical-velocity.ki", 0.05, 10.0),
 ];
 
 impl LawSpace {
-    /// All parameters that are tuned with this law.
+    /// Every gain that is tuned with this law, its own first.
     #[must_use]
-    pub fn parameters(&self) -> Vec<Parameter> {
-        let around: &[Parameter] = if self.surrounded { &SURROUNDINGS } else { &[] };
-        self.gains.iter().chain(around).copied().collect()
+    pub fn parameters(&self) -> Vec<SearchRange> {
+        self.gains.iter().chain(self.around).copied().collect()
     }
 }
 
@@ -127,11 +94,20 @@ mod tests {
     use crate::tune::search::shipped;
 
     #[test]
+    fn every_law_has_a_gain_of_its_own_to_tune() {
+        for law in LAWS {
+            let prefix = format!("control.{}.", law.controller);
+            assert!(!law.gains.is_empty(), "{}: LawOptions::TUNED is empty", law.controller);
+            assert!(law.gains.iter().all(|gain| gain.key.starts_with(&prefix)), "{prefix}");
+        }
+    }
+
+    #[test]
     fn every_parameter_is_a_key_whose_shipped_value_is_within_its_bounds() {
         for law in LAWS {
             for parameter in law.parameters() {
                 let value = shipped(parameter.key);
-                let Parameter { key, low, high } = parameter;
+                let SearchRange { key, low, high } = parameter;
                 assert!((low..=high).contains(&value), "{key} = {value}");
             }
         }

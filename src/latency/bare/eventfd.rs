@@ -12,7 +12,7 @@ use super::{Giver, Mechanism, Parcel, Taker, system};
 /// Either end. The eventfd is standard input.
 #[derive(Debug)]
 pub struct Eventfd {
-    slot: &'static Slot,
+    slot: Slot,
     seen: u32,
 }
 
@@ -22,7 +22,8 @@ impl Eventfd {
     /// # Errors
     /// The memory cannot be shared.
     pub fn create(path: &Path) -> Result<Self, Failure> {
-        let slot = Slot::map(path).map_err(|e| system(Mechanism::Eventfd, "sharing memory", &e))?;
+        let slot =
+            Slot::open(path).map_err(|e| system(Mechanism::Eventfd, "sharing memory", &e))?;
         Ok(Self { slot, seen: 0 })
     }
 

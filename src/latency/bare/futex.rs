@@ -12,7 +12,7 @@ use super::{Giver, Mechanism, Parcel, Taker, system};
 /// Either end.
 #[derive(Debug)]
 pub struct Futex {
-    slot: &'static Slot,
+    slot: Slot,
     seen: u32,
 }
 
@@ -22,7 +22,7 @@ impl Futex {
     /// # Errors
     /// The memory cannot be shared.
     pub fn create(path: &Path) -> Result<Self, Failure> {
-        let slot = Slot::map(path).map_err(|e| system(Mechanism::Futex, "sharing memory", &e))?;
+        let slot = Slot::open(path).map_err(|e| system(Mechanism::Futex, "sharing memory", &e))?;
         Ok(Self { slot, seen: 0 })
     }
 

@@ -8,7 +8,6 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{NodeBuilder, ServiceName, SignalHandlingMode, ipc};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::wake::Events;
 use oqtal_runtime::process::Failure;
 
 use super::{Mechanism, Parcel, system};
@@ -86,17 +85,19 @@ impl super::Taker for Taker {
 type Services =
     (publish_subscribe::PortFactory<ipc::Service, Parcel, ()>, event::PortFactory<ipc::Service>);
 
-/// Where it meets, beside the instance at `place`: nothing of the bus is shared with it, and events are the stock ones.
+/// Paths of the bare services, beside the instance `latency-PID` at `place`: nothing of the bus is shared with them. The name is
+/// short because iceoryx2 puts it twice into the path of a socket, which the kernel limits to 107 bytes.
 #[must_use]
 pub fn beside(place: &InstancePaths) -> InstancePaths {
-    let instance = format!("{}-bare", place.instance);
-    InstancePaths { instance, events: Events::Socket, ..place.clone() }
+    let instance = place.instance.replace("latency", "b");
+    InstancePaths { instance, ..place.clone() }
 }
 
 fn node(place: &InstancePaths) -> Result<Node<ipc::Service>, Failure> {
     let place = beside(place);
+    let config = place.prepare()?;
     let created = NodeBuilder::new()
-        .config(&place.prepare()?)
+        .config(&config)
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>();
     created.map_err(|error| failed("joining", &error))

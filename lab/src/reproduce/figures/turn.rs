@@ -1,8 +1,9 @@
 //! Figs. 10 to 14: the gravity turn under the best-tuned laws, beside the ideal.
 
 use maud::{Markup, html};
-use oqtal_control::controller::{ControllerOptions, InvalidOption, RateFeedback};
+use oqtal_control::controller::{ControllerOptions, RateFeedback};
 use oqtal_control::euler::EulerAngles;
+use oqtal_control::options::OptionError;
 use oqtal_control::schedule::Cells;
 
 use crate::reproduce::lander::{DURATION_S, Descent, Lander, RATE_HZ, attitude_state};
@@ -33,7 +34,7 @@ struct Path {
 ///
 /// # Errors
 /// An option of a law has no meaning.
-pub fn all(lander: &Lander) -> Result<Vec<Figure>, InvalidOption> {
+pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
     let laws: [(&'static str, Ink, ControllerOptions); 3] = [
         ("PID", Ink::Third, roster::pid([50.0, 5.95, 1.15], RateFeedback::Omega)),
         ("classic LQR", Ink::Second, roster::lqr([128.0, 1.0], Cells::Centred)),
@@ -89,7 +90,7 @@ fn down_range([x, y, z]: Point3) -> Point3 {
     [-x, y, z]
 }
 
-fn flown(lander: &Lander, options: &ControllerOptions) -> Result<Vec<Tick>, InvalidOption> {
+fn flown(lander: &Lander, options: &ControllerOptions) -> Result<Vec<Tick>, OptionError> {
     let mut ticks = Vec::new();
     lander.fly(options, &Descent::default(), |moment| {
         let attitude = attitude_state(&moment.state).attitude;

@@ -44,7 +44,7 @@ pub struct Best {
 
 /// A point under search.
 #[derive(Clone, Debug)]
-struct Source {
+struct FoodSource {
     point: Vec<f64>,
     value: f64,
     /// Bees that did not improve it.
@@ -81,7 +81,7 @@ impl BeeColony {
         starts: &[Vec<f64>],
         evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
     ) -> Best {
-        let mut search = Search::begin(self, bounds, starts, evaluate);
+        let mut search = ColonySearch::begin(self, bounds, starts, evaluate);
         for _ in 0..self.cycles {
             let everyone = (0..search.sources.len()).collect();
             search.send(everyone);
@@ -94,16 +94,16 @@ impl BeeColony {
 }
 
 /// A search under way.
-struct Search<'a, F> {
+struct ColonySearch<'a, F> {
     pull: f64,
     bounds: &'a [RangeInclusive<f64>],
     evaluate: F,
     random: SplitMix64,
-    sources: Vec<Source>,
+    sources: Vec<FoodSource>,
     best: Best,
 }
 
-impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> Search<'a, F> {
+impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
     fn begin(
         colony: &BeeColony,
         bounds: &'a [RangeInclusive<f64>],
@@ -120,7 +120,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> Search<'a, F> {
         let pull = colony.pull;
         let mut search = Self { pull, bounds, evaluate, random, sources: Vec::new(), best };
         let values = search.look(&points);
-        let source = |(point, value)| Source { point, value, trials: 0 };
+        let source = |(point, value)| FoodSource { point, value, trials: 0 };
         search.sources = points.into_iter().zip(values).map(source).collect();
         search
     }
@@ -149,7 +149,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> Search<'a, F> {
         for ((index, point), value) in from.into_iter().zip(points).zip(values) {
             let source = &mut self.sources[index];
             if value < source.value {
-                *source = Source { point, value, trials: 0 };
+                *source = FoodSource { point, value, trials: 0 };
             } else {
                 source.trials += 1;
             }
@@ -195,7 +195,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> Search<'a, F> {
         let Some(index) = tired.filter(|index| self.sources[*index].trials > limit) else { return };
         let point = anywhere(self.bounds, &mut self.random);
         let value = self.look(std::slice::from_ref(&point))[0];
-        self.sources[index] = Source { point, value, trials: 0 };
+        self.sources[index] = FoodSource { point, value, trials: 0 };
     }
 }
 

@@ -1,0 +1,148 @@
+//! Tests of joining, leaving and versions.
+
+use iceoryx2::node::Node;
+use iceoryx2::prelude::{AttributeSpecifier, NodeBuilder, ServiceName, ipc};
+
+use super::*;
+use crate::message::Header;
+use crate::topic::{COMMAND, CONTROL, POSE, Role, TRUTH};
+
+fn place(root: &std::path::Path) -> InstancePaths {
+    InstancePaths::new("test", Some(root)).unwrap()
+}
+
+fn counters(place: &InstancePaths) -> usize {
+    let prefix = place.prepare().unwrap().global.prefix.to_string();
+    let entries = std::fs::read_dir("/dev/shm").unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    names.filter(|name| name.starts_with(&prefix) && name.ends_with(".global_mgmt")).count()
+}
+
+#[test]
+fn the_last_to_leave_removes_the_counter_of_its_own_root_only() {
+    let (one, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (one, other) = (place(one.path()), place(other.path()));
+    let (first, second) = (Bus::open(&one).unwrap(), Bus::open(&other).unwrap());
+    drop(first);
+    assert_eq!((counters(&one), counters(&other)), (0, 1));
+    drop(second);
+    assert_eq!(counters(&other), 0);
+}
+
+#[test]
+fn a_root_is_the_same_by_whichever_path_it_is_named() {
+    let root = tempfile::tempdir().unwrap();
+    let link = root.path().join("link");
+    std::os::unix::fs::symlink(root.path(), &link).unwrap();
+    let prefix = |root: &std::path::Path| place(root).prepare().unwrap().global.prefix;
+    assert_eq!(prefix(root.path()), prefix(&link));
+}
+
+/// What the instance has in shared memory and in its root.
+fn files(place: &InstancePaths) -> Vec<std::path::PathBuf> {
+    let shared = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().path());
+    let named = |path: &std::path::PathBuf| {
+        path.file_name().unwrap().to_string_lossy().starts_with(&place.prefix())
+    };
+    let own = std::fs::read_dir(&place.root).unwrap().map(|entry| entry.unwrap().path());
+    shared.filter(named).chain(own).collect()
+}
+
+#[test]
+fn nothing_is_left_after_the_last_port_is_dropped() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let (writer, reader) = (bus.writer(&POSE).unwrap(), bus.reader(&POSE).unwrap());
+    let listener = bus.listener(&TRUTH).unwrap();
+    drop(bus);
+    assert!(!files(&place).is_empty());
+    drop((writer, reader));
+    assert!(!files(&place).is_empty());
+    drop(listener);
+    assert_eq!(files(&place), Vec::<std::path::PathBuf>::new());
+}
+
+/// The description of the service `name` in the instance's directory.
+fn description(place: &InstancePaths, name: &str) -> Option<std::path::PathBuf> {
+    let entries = std::fs::read_dir(place.directory().join("services")).unwrap();
+    let mut files = entries.map(|entry| entry.unwrap().path());
+    let line = format!("service_name = \"{name}\"");
+    files.find(|file| std::fs::read_to_string(file).unwrap().contains(&line))
+}
+
+#[test]
+fn f29_half_made_services_are_made_anew_and_whole_ones_kept() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let _pose = bus.writer(&POSE).unwrap();
+    let command = bus.writer(&COMMAND).unwrap();
+    let path = description(&place, "command").unwrap();
+    drop(command);
+    assert_eq!(description(&place, "command"), None);
+    // As if its maker had died: a description begun, then one without administration.
+    std::fs::write(&path, "service_ha").unwrap();
+    drop(Bus::open(&place).unwrap().writer(&COMMAND).unwrap());
+    let truth = bus.reader(&TRUTH).unwrap();
+    let before = files(&place);
+    let _more = bus.reader(&COMMAND).unwrap();
+    for file in files(&place).iter().filter(|file| !before.contains(file)) {
+        std::fs::remove_file(file).unwrap();
+    }
+    let other = Bus::open(&place).unwrap();
+    drop(other.writer(&COMMAND).unwrap());
+    assert!(description(&place, "pose").is_some() && description(&place, "truth").is_some());
+    assert!(matches!(other.writer(&POSE), Err(BusError::Held { .. })));
+    drop(truth);
+}
+
+#[test]
+fn files_of_an_instance_are_private() {
+    use std::os::unix::fs::MetadataExt;
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let _ports = (bus.writer(&POSE).unwrap(), bus.reader(&POSE).unwrap());
+    for file in files(&place) {
+        let mode = std::fs::metadata(&file).unwrap().mode();
+        assert_eq!(mode & 0o077, 0, "{} has mode {mode:o}", file.display());
+    }
+}
+
+#[test]
+fn f26_a_service_built_otherwise_is_another_version_not_a_fault_of_the_system() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let node: Node<ipc::Service> =
+        NodeBuilder::new().config(&place.prepare().unwrap()).create().unwrap();
+    let named = |name: &str| node.service_builder(&ServiceName::new(name).unwrap());
+    let _control = named(CONTROL).request_response::<u64, u64>().create().unwrap();
+    let _typed = named("health/daemon").publish_subscribe::<u64>().create().unwrap();
+    let other_schema = AttributeSpecifier::new()
+        .define(&"schema".try_into().unwrap(), &"0123456789abcdef".try_into().unwrap())
+        .unwrap();
+    let pose = named("pose").publish_subscribe::<[u8]>().user_header::<Header>();
+    let quality = POSE.quality;
+    let _pose = pose
+        .history_size(quality.history)
+        .subscriber_max_buffer_size(quality.buffer)
+        .max_publishers(1)
+        .max_subscribers(quality.readers)
+        .max_nodes(24)
+        .create_with_attributes(&other_schema)
+        .unwrap();
+    std::fs::write(bus.events.path(COMMAND.name), "an event of another size").unwrap();
+    let version = |error: BusError| matches!(error, BusError::Version { .. });
+    assert!(version(bus.listener(&COMMAND).unwrap_err()));
+    assert!(version(bus.control_client().unwrap_err()));
+    assert!(version(bus.reader(&Role::Daemon.health()).unwrap_err()));
+    assert!(version(bus.reader(&POSE).unwrap_err()));
+}
+
+#[test]
+fn a_root_that_cannot_be_made_is_a_fault_of_the_system() {
+    let error = Bus::open(&place(std::path::Path::new("/dev/null/oqtal"))).unwrap_err();
+    assert!(matches!(error, BusError::System { .. }), "{error}");
+}

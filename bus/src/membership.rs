@@ -1,0 +1,182 @@
+//! Membership of an instance: who is there, and who may change its files.
+//!
+//! Two locks of the kernel (`flock`), which end with the process that holds them, however it dies:
+//! - the directory of the instance, exclusive, for the short time in which a process joins, opens or closes ports, or leaves.
+//!   What the holder finds half-made was made by a process that died.
+//! - the file `members` in it, shared, as long as the process takes part. Whoever can have it exclusively is alone.
+
+use std::cell::Cell;
+use std::fs::{DirBuilder, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::Duration;
+
+use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::io::Errno;
+
+use crate::error::{BusError, system};
+use crate::paths::InstancePaths;
+use crate::remains;
+use crate::time::{Span, Time};
+
+/// The lock is held for milliseconds by processes that run: one that holds it longer was stopped or hangs.
+const LOCK_TIMEOUT: Span = Span::from_millis(3000);
+/// Closing waits less: what cannot be removed now is removed by the next process that joins.
+const CLOSE_TIMEOUT: Span = Span::from_millis(300);
+
+/// One participation in an instance, until it is dropped.
+#[derive(Debug)]
+pub(crate) struct Membership {
+    prefix: String,
+    directory: PathBuf,
+    lock: File,
+    members: File,
+    /// How many [`InstanceLock`]s of this membership exist.
+    depth: Cell<u32>,
+}
+
+/// Right to change the files of an instance, until it is dropped.
+#[derive(Debug)]
+pub(crate) struct InstanceLock<'a>(&'a Membership);
+
+impl Membership {
+    /// Joins the instance at `paths`. If nobody else is there, whatever dead processes left is removed.
+    ///
+    /// # Errors
+    /// The instance belongs to another user, or a stopped process holds its lock.
+    pub(crate) fn join(paths: &InstancePaths) -> Result<Rc<Self>, BusError> {
+        let directory = paths.directory();
+        let give_up = Time::now() + LOCK_TIMEOUT;
+        loop {
+            let lock = open_directory(&directory)?;
+            acquire(&lock, &directory, give_up)?;
+            // The last process may have removed the directory before the lock was free.
+            if !is_current(&lock, &directory) {
+                continue;
+            }
+            let members = open_members(&directory)?;
+            if flock(&members, FlockOperation::NonBlockingLockExclusive).is_ok() {
+                remains::remove_all(&paths.prefix(), &directory);
+            }
+            flock(&members, FlockOperation::NonBlockingLockShared)
+                .map_err(|e| system(format!("joining {}", directory.display()), &e))?;
+            let prefix = paths.prefix();
+            let joined = Self { prefix, directory, lock, members, depth: Cell::new(0) };
+            let _ = flock(&joined.lock, FlockOperation::Unlock);
+            return Ok(Rc::new(joined));
+        }
+    }
+
+    /// Locks the files of the instance. A lock that this membership holds already is shared.
+    ///
+    /// # Errors
+    /// A stopped process holds the lock.
+    pub(crate) fn lock(&self) -> Result<InstanceLock<'_>, BusError> {
+        self.lock_within(LOCK_TIMEOUT)
+    }
+
+    /// As [`Membership::lock`], for closing a port: does not wait long, `None` if the lock is not free.
+    pub(crate) fn lock_to_close(&self) -> Option<InstanceLock<'_>> {
+        self.lock_within(CLOSE_TIMEOUT).ok()
+    }
+
+    fn lock_within(&self, timeout: Span) -> Result<InstanceLock<'_>, BusError> {
+        if self.depth.get() == 0 {
+            acquire(&self.lock, &self.directory, Time::now() + timeout)?;
+        }
+        self.depth.set(self.depth.get() + 1);
+        Ok(InstanceLock(self))
+    }
+
+    /// Path of the file `name` of this instance in shared memory.
+    pub(crate) fn shared_file(&self, name: &str) -> PathBuf {
+        Path::new(remains::SHARED_MEMORY).join(format!("{}{name}", self.prefix))
+    }
+
+    /// Removes what dead processes left half-made; the lock is held.
+    pub(crate) fn remove_half_made(&self, _lock: &InstanceLock<'_>) {
+        remains::remove_half_made(&self.prefix, &self.directory);
+    }
+
+    /// Takes other users' rights to files in shared memory away; the lock is held.
+    pub(crate) fn make_private(&self, _lock: &InstanceLock<'_>) {
+        remains::make_private(&self.prefix);
+    }
+}
+
+impl Drop for InstanceLock<'_> {
+    fn drop(&mut self) {
+        self.0.depth.set(self.0.depth.get() - 1);
+        if self.0.depth.get() == 0 {
+            // Only a closed descriptor could refuse, and closing unlocks as well.
+            let _ = flock(&self.0.lock, FlockOperation::Unlock);
+        }
+    }
+}
+
+impl Drop for Membership {
+    fn drop(&mut self) {
+        let Some(_lock) = self.lock_to_close() else { return };
+        if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
+            remains::remove_all(&self.prefix, &self.directory);
+            // Only an empty directory goes; one who waits for its lock notices.
+            let _ = std::fs::remove_file(self.directory.join(MEMBERS));
+            let _ = std::fs::remove_dir(&self.directory);
+        }
+    }
+}
+
+/// The file whose lock says who takes part.
+const MEMBERS: &str = "members";
+
+fn open_directory(directory: &Path) -> Result<File, BusError> {
+    let failed = |e: &io::Error| system(format!("opening {}", directory.display()), e);
+    match DirBuilder::new().mode(0o700).create(directory) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(failed(&error)),
+        _ => {}
+    }
+    let flags = (OFlags::DIRECTORY | OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+    let opened = OpenOptions::new().read(true).custom_flags(flags).open(directory);
+    let file = match opened {
+        // Removed between the two steps: made again.
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return open_directory(directory),
+        other => other.map_err(|e| failed(&e))?,
+    };
+    let owner = file.metadata().map_err(|e| failed(&e))?.uid();
+    if owner != rustix::process::geteuid().as_raw() {
+        return Err(BusError::Permission { path: directory.to_path_buf() });
+    }
+    Ok(file)
+}
+
+fn open_members(directory: &Path) -> Result<File, BusError> {
+    let path = directory.join(MEMBERS);
+    let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false).mode(0o600).custom_flags(flags);
+    options.open(&path).map_err(|e| system(format!("opening {}", path.display()), &e))
+}
+
+fn acquire(lock: &File, directory: &Path, give_up: Time) -> Result<(), BusError> {
+    loop {
+        match flock(lock, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => return Ok(()),
+            Err(Errno::WOULDBLOCK | Errno::INTR) if Time::now() < give_up => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            Err(Errno::WOULDBLOCK | Errno::INTR) => {
+                return Err(BusError::Locked { path: directory.to_path_buf() });
+            }
+            Err(error) => return Err(system(format!("locking {}", directory.display()), &error)),
+        }
+    }
+}
+
+fn is_current(lock: &File, directory: &Path) -> bool {
+    match (lock.metadata(), std::fs::symlink_metadata(directory)) {
+        (Ok(ours), Ok(present)) => (ours.dev(), ours.ino()) == (present.dev(), present.ino()),
+        _ => false,
+    }
+}

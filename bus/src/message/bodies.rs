@@ -1,0 +1,187 @@
+//! Bodies of the topics.
+
+use super::definition::{message, structure};
+use super::field::{Field, Value, total_size};
+use super::header::HEADER_SCHEMA;
+use super::schema::{Message, schema};
+use crate::time::Time;
+
+message! {
+    /// Topic `truth`: true state of the vehicle. For cameras and observers, never for the daemon.
+    TruthV1 = "oqtal.Truth.v1" {
+        /// Instant of this sample.
+        time: Time ["ns"],
+        /// Index of the camera frame taken at this instant, from 1; 0 between frames.
+        capture: u64 ["-"],
+        /// Position of the centre of mass.
+        position: [f64; 3] ["m, world"],
+        /// Velocity.
+        velocity: [f64; 3] ["m/s, world"],
+        /// Attitude, scalar last.
+        attitude: [f64; 4] ["body to world"],
+        /// Body rate.
+        rate: [f64; 3] ["rad/s, body"],
+    }
+}
+
+message! {
+    /// Topic `pose`: a pose measured by motion capture.
+    PoseV1 = "oqtal.Pose.v1" {
+        /// Position.
+        position: [f64; 3] ["m, world"],
+        /// Attitude as measured, scalar last; not exactly of unit norm.
+        attitude: [f64; 4] ["body to world"],
+        /// Mean distance of the markers from the rigid body fitted to them; NaN if unknown.
+        residual_m: f64 ["m"],
+        /// Number of the rigid body, from 1, as the camera system counts.
+        body: u32 ["-"],
+        /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
+        tracked: u8 ["flag"],
+    }
+}
+
+message! {
+    /// Topic `command`: the daemon's command to the vehicle.
+    CommandV1 = "oqtal.Command.v1" {
+        /// [`crate::code::Actuation`]: meaning of the numbers.
+        actuation: u8 ["code"],
+        /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61); zero for other actuations.
+        sticks: [f64; 3] ["-1..1, body"],
+        /// Torque; zero for other actuations.
+        torque: [f64; 3] ["N m, body"],
+        /// Attitude that sticks or torque are to bring about, scalar last, for a vehicle that holds an attitude by itself;
+        /// zeros if motors are off.
+        attitude: [f64; 4] ["body to world"],
+        /// Collective thrust `delta_c` of Eq. (61), as a share of the vehicle's greatest thrust.
+        thrust: f64 ["0..1"],
+    }
+}
+
+message! {
+    /// Topic `vehicle`: state of the vehicle as the plant or the bridge knows it, once per command applied. A bridge publishes it
+    /// in every period, with or without a command.
+    VehicleV1 = "oqtal.Vehicle.v1" {
+        /// Sequence of the command that this is about.
+        command_sequence: u64 ["-"],
+        /// Commands missed between those that arrived, in total.
+        lost: u64 ["-"],
+        /// Battery voltage; NaN if unknown.
+        battery_v: f64 ["V"],
+        /// Share of the latest requests to the vehicle that were answered; NaN if none are made.
+        link_quality: f64 ["0..1"],
+        /// Transmission time of a command's bytes on the wire once the last one was handed to it; 0 without a wire.
+        wire_ns: i64 ["ns"],
+        /// Time from a command's last byte on the wire to its effect, as far as it is known; 0 if `applied_at` is the effect.
+        air_ns: i64 ["ns"],
+        /// 1 if the motors run.
+        armed: u8 ["flag"],
+        /// 1 while the motors are being started: a flight begins when they run.
+        starting: u8 ["flag"],
+        /// 1 if the vehicle answers.
+        link: u8 ["flag"],
+        /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
+        simulated: u8 ["flag"],
+    }
+}
+
+message! {
+    /// Topic `telemetry`: state, decisions and counters of the daemon in one tick.
+    TelemetryV1 = "oqtal.Telemetry.v1" {
+        /// Instant of the tick: when the daemon woke.
+        time: Time ["ns"],
+        /// Number of the tick, from 1.
+        tick: u64 ["-"],
+        /// Sequence of the command published in this tick.
+        command_sequence: u64 ["-"],
+        /// Time since the mission began; NaN before.
+        mission_s: f64 ["s"],
+        /// Estimated position.
+        position: [f64; 3] ["m, world"],
+        /// Estimated velocity.
+        velocity: [f64; 3] ["m/s, world"],
+        /// Estimated attitude, scalar last.
+        attitude: [f64; 4] ["body to world"],
+        /// Estimated body rate.
+        rate: [f64; 3] ["rad/s, body"],
+        /// Reference position.
+        reference_position: [f64; 3] ["m, world"],
+        /// Velocity commanded by the position loops; NaN when not flying.
+        velocity_command: [f64; 3] ["m/s, world"],
+        /// Commanded attitude, scalar last; NaN when not flying.
+        attitude_command: [f64; 4] ["body to world"],
+        /// Attitude sticks sent.
+        sticks: [f64; 3] ["-1..1, body"],
+        /// Torque sent.
+        torque: [f64; 3] ["N m, body"],
+        /// Collective thrust sent, as a share of the vehicle's greatest thrust.
+        thrust: f64 ["0..1"],
+        /// Age of the newest accepted pose at this tick; NaN if there was none yet.
+        pose_age_s: f64 ["s"],
+        /// Delay of the daemon's wake-up after the deadline it asked for, or after the pose's arrival.
+        wakeup_lateness_ns: i64 ["ns"],
+        /// Riccati equations solved so far, the first included.
+        riccati_solves: u64 ["-"],
+        /// Riccati equations that had no solution, so that the last gain was kept.
+        riccati_failures: u64 ["-"],
+        /// Ticks so far whose command came later than one period after its pose.
+        deadline_misses: u64 ["-"],
+        /// Camera frames that never became a pose, in total.
+        poses_lost: u64 ["-"],
+        /// Poses that a newer one overtook before the daemon looked, in total.
+        poses_superseded: u64 ["-"],
+        /// Poses refused by the guard, in total.
+        poses_refused: u64 ["-"],
+        /// [`crate::code::Mode`]: activity of the daemon.
+        mode: u8 ["code"],
+        /// [`crate::code::SafetyState`] of the daemon.
+        state: u8 ["code"],
+        /// [`crate::code::Cause`] of the state.
+        cause: u8 ["code"],
+        /// `oqtal_control::trajectory::Phase` of the mission as a number.
+        phase: u8 ["code"],
+        /// 1 if this tick belongs to the scored window of the flight.
+        scored: u8 ["flag"],
+        /// 1 if this tick used a new pose, 0 if it acted on its deadline.
+        fresh: u8 ["flag"],
+        /// 1 if the attitude command hit its limit.
+        saturated: u8 ["flag"],
+    }
+}
+
+message! {
+    /// Topics `health/NAME`: health of a process, twice a second and on every change.
+    HealthV1 = "oqtal.Health.v1" {
+        /// Instant of this message, by the monotonic clock of the machine, whatever clock drives the flight.
+        time: Time ["ns"],
+        /// Hash of the effective configuration: processes that disagree were started from different files.
+        config_hash: u64 ["-"],
+        /// [`crate::code::SafetyState`], for the daemon.
+        state: u8 ["code"],
+        /// [`crate::code::Mode`], for the daemon.
+        mode: u8 ["code"],
+        /// [`crate::code::Cause`] of the state, for the daemon.
+        cause: u8 ["code"],
+        /// Changes of the daemon's condition that are missing in its log.
+        unlogged: u64 ["-"],
+    }
+}
+
+message! {
+    /// Topics `clock/NAME/advance`: the leader advances the virtual time of a process.
+    TimeAdvanceV1 = "oqtal.TimeAdvance.v1" {
+        /// The instant of the turn; [`Time::UNSET`] in the start barrier, before virtual time begins.
+        now: Time ["ns"],
+    }
+}
+
+message! {
+    /// Topics `clock/NAME/done`: the process has executed its turn.
+    TurnDoneV1 = "oqtal.TurnDone.v1" {
+        /// Sequence number of the time advance that this answers.
+        advance: u64 ["-"],
+        /// The next event of the process; [`Time::UNSET`] for none.
+        next: Time ["ns"],
+        /// 1 if the process published something that the next process in the loop has to read at once.
+        published: u8 ["flag"],
+    }
+}

@@ -1,0 +1,194 @@
+//! A node of iceoryx2: opens services and their ports under the lock of the instance.
+
+use std::fmt;
+use std::rc::Rc;
+use std::time::Duration;
+
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::prelude::{
+    AttributeVerifier, Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc,
+};
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::service::port_factory::{publish_subscribe, request_response};
+
+use crate::control::{CONTROL_SCHEMA, CONTROL_SIZES, RawClient, RawServer};
+use crate::error::{BusError, system};
+use crate::membership::{InstanceLock, Membership};
+use crate::message::Header;
+use crate::mismatch::{OpenError, Trouble};
+use crate::paths::InstancePaths;
+use crate::port::{RawReader, RawWriter};
+use crate::ports::Port;
+use crate::topic::{CONTROL, TopicSpec};
+
+/// Processes (nodes of iceoryx2) in one instance at most.
+const MAX_NODES: usize = 24;
+/// Operators at once.
+const MAX_CLIENTS: usize = 8;
+/// Cleaning up after a dead process ends within this time, or is left to the next process that joins.
+const CLEANUP_TIMEOUT: Duration = Duration::from_millis(500);
+
+type TopicService = publish_subscribe::PortFactory<ipc::Service, [u8], Header>;
+type ControlService = request_response::PortFactory<ipc::Service, [u8], (), [u8], ()>;
+
+/// Opens the ports of an instance. Behind this trait everything of iceoryx2 is compiled once, dropping included.
+pub(crate) trait OpenPorts: fmt::Debug {
+    fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError>;
+    fn reader(&self, topic: &TopicSpec, buffer: usize) -> Result<Box<dyn RawReader>, BusError>;
+    fn server(&self) -> Result<Box<dyn RawServer>, BusError>;
+    fn client(&self) -> Result<Box<dyn RawClient>, BusError>;
+}
+
+/// A process's presence in an instance.
+#[derive(Debug)]
+pub(crate) struct InstanceNode {
+    /// `None` only while it is being dropped.
+    node: Option<Node<ipc::Service>>,
+    paths: InstancePaths,
+    membership: Rc<Membership>,
+}
+
+impl InstanceNode {
+    /// Adds a node to the instance; what dead ones left there is cleaned up.
+    ///
+    /// # Errors
+    /// The instance belongs to another user, or the operating system refuses.
+    pub(crate) fn join(
+        paths: &InstancePaths,
+        membership: &Rc<Membership>,
+    ) -> Result<Self, BusError> {
+        let mut config = paths.prepare()?;
+        config.global.node.cleanup_dead_nodes_on_creation = false;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        let lock = membership.lock()?;
+        let created = NodeBuilder::new()
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create();
+        let node = created.map_err(|error| match error {
+            NodeCreationFailure::InsufficientPermissions => {
+                BusError::Permission { path: paths.root.clone() }
+            }
+            other => system(format!("joining {}", paths.directory().display()), &other),
+        })?;
+        node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+        membership.remove_half_made(&lock);
+        membership.make_private(&lock);
+        Ok(Self { node: Some(node), paths: paths.clone(), membership: Rc::clone(membership) })
+    }
+
+    fn node(&self) -> &Node<ipc::Service> {
+        self.node.as_ref().expect("a node exists until it is dropped")
+    }
+
+    /// Opens the service `name` by `open`. What is half-made under the lock was left by a process that died: it is removed, and
+    /// `open` is tried again.
+    fn open<S, E: OpenError>(
+        &self,
+        lock: &InstanceLock<'_>,
+        name: &str,
+        open: impl Fn() -> Result<S, E>,
+    ) -> Result<S, BusError> {
+        match open() {
+            Err(error) if matches!(error.trouble(), Trouble::Corrupted | Trouble::System) => {
+                self.node().blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+                self.membership.remove_half_made(lock);
+                open().map_err(|error| error.explain(&self.paths, name))
+            }
+            other => other.map_err(|error| error.explain(&self.paths, name)),
+        }
+    }
+
+    fn topic(&self, lock: &InstanceLock<'_>, topic: &TopicSpec) -> Result<TopicService, BusError> {
+        let (name, verifier) = (service_name(topic.name)?, schema_attribute(topic.schema)?);
+        self.open(lock, topic.name, || {
+            self.node()
+                .service_builder(&name)
+                .publish_subscribe::<[u8]>()
+                .user_header::<Header>()
+                .history_size(topic.quality.history)
+                .subscriber_max_buffer_size(topic.quality.buffer)
+                .enable_safe_overflow(true)
+                .max_publishers(1)
+                .max_subscribers(topic.quality.readers)
+                .max_nodes(MAX_NODES)
+                .open_or_create_with_attributes(&verifier)
+        })
+    }
+
+    fn control(&self, lock: &InstanceLock<'_>) -> Result<ControlService, BusError> {
+        let (name, verifier) = (service_name(CONTROL)?, schema_attribute(CONTROL_SCHEMA)?);
+        self.open(lock, CONTROL, || {
+            self.node()
+                .service_builder(&name)
+                .request_response::<[u8], [u8]>()
+                .max_servers(1)
+                .max_clients(MAX_CLIENTS)
+                .max_nodes(MAX_NODES)
+                .open_or_create_with_attributes(&verifier)
+        })
+    }
+}
+
+impl OpenPorts for InstanceNode {
+    fn writer(&self, topic: &TopicSpec) -> Result<Box<dyn RawWriter>, BusError> {
+        let lock = self.membership.lock()?;
+        let builder = self.topic(&lock, topic)?;
+        let created = builder.publisher_builder().initial_max_slice_len(topic.size).create();
+        let publisher = created.map_err(|error| match error {
+            PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                BusError::Held { topic: topic.name, instance: self.paths.instance.clone() }
+            }
+            other => system(format!("writing topic `{}`", topic.name), &other),
+        })?;
+        Ok(Box::new(Port::new(publisher, topic.name, &self.membership)))
+    }
+
+    fn reader(&self, topic: &TopicSpec, buffer: usize) -> Result<Box<dyn RawReader>, BusError> {
+        let lock = self.membership.lock()?;
+        let created = self.topic(&lock, topic)?.subscriber_builder().buffer_size(buffer).create();
+        let subscriber =
+            created.map_err(|e| system(format!("reading topic `{}`", topic.name), &e))?;
+        Ok(Box::new(Port::new(subscriber, topic.name, &self.membership)))
+    }
+
+    fn server(&self) -> Result<Box<dyn RawServer>, BusError> {
+        let lock = self.membership.lock()?;
+        let builder = self.control(&lock)?;
+        let created = builder.server_builder().initial_max_slice_len(CONTROL_SIZES.1).create();
+        let server = created.map_err(|e| system(format!("serving `{CONTROL}`"), &e))?;
+        Ok(Box::new(Port::new(server, CONTROL, &self.membership)))
+    }
+
+    fn client(&self) -> Result<Box<dyn RawClient>, BusError> {
+        let lock = self.membership.lock()?;
+        let builder = self.control(&lock)?;
+        let created = builder.client_builder().initial_max_slice_len(CONTROL_SIZES.0).create();
+        let client = created.map_err(|e| system(format!("asking `{CONTROL}`"), &e))?;
+        Ok(Box::new(Port::new(client, CONTROL, &self.membership)))
+    }
+}
+
+impl Drop for InstanceNode {
+    fn drop(&mut self) {
+        let _lock = self.membership.lock_to_close();
+        if let Some(node) = self.node.take() {
+            node.blocking_cleanup_dead_nodes(CLEANUP_TIMEOUT);
+        }
+    }
+}
+
+fn service_name(name: &str) -> Result<ServiceName, BusError> {
+    ServiceName::new(name).map_err(|e| system(format!("naming `{name}`"), &e))
+}
+
+/// The attribute by which both ends of a service know that they were built from the same definitions.
+fn schema_attribute(schema: u64) -> Result<AttributeVerifier, BusError> {
+    let failed = |e: &dyn fmt::Debug| system("naming a schema", e);
+    let key = AttributeKey::try_from("schema").map_err(|e| failed(&e))?;
+    let value = AttributeValue::try_from(format!("{schema:016x}").as_str());
+    let value = value.map_err(|e| failed(&e))?;
+    AttributeVerifier::new().require(&key, &value).map_err(|e| failed(&e))
+}

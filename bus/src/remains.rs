@@ -1,0 +1,88 @@
+//! Files that processes of an instance left behind: in its directory and in shared memory.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+/// Where shared memory has its names.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Directories of iceoryx2 in an instance's directory.
+const DIRECTORIES: [&str; 2] = ["nodes", "services"];
+
+/// Removes everything that belongs to an instance in which no process takes part. What cannot be removed is left: whoever opens
+/// it says why.
+pub(crate) fn remove_all(prefix: &str, directory: &Path) {
+    for file in files(Path::new(SHARED_MEMORY), prefix) {
+        let _ = fs::remove_file(file);
+    }
+    for name in DIRECTORIES {
+        let _ = fs::remove_dir_all(directory.join(name));
+    }
+}
+
+/// Removes services that a process left half-made or half-removed: an unfinished description (static part), a description without
+/// administration (dynamic part), or an administration without description. The caller holds the lock under which services are
+/// made, so no service is being made now.
+pub(crate) fn remove_half_made(prefix: &str, directory: &Path) {
+    let descriptions = files(&directory.join("services"), prefix);
+    let administrations: Vec<_> = files(Path::new(SHARED_MEMORY), prefix)
+        .into_iter()
+        .filter(|file| file.extension().is_some_and(|extension| extension == "dynamic"))
+        .collect();
+    let mut described = Vec::new();
+    for description in descriptions {
+        let id = service_id(&description);
+        let is_whole = id.is_some_and(|id| {
+            administrations.iter().any(|file| is_of(file, id) && has_mode(file, 0o600))
+        });
+        if is_whole && has_mode(&description, 0o400) {
+            described.extend(id);
+        } else {
+            let _ = fs::remove_file(description);
+        }
+    }
+    for administration in administrations {
+        if !described.iter().any(|id| is_of(&administration, *id)) {
+            let _ = fs::remove_file(administration);
+        }
+    }
+}
+
+/// Whether the owner's permissions are `mode`. iceoryx2 marks by them that a file is finished: a description ends as readable only,
+/// an administration begins as writable only.
+fn has_mode(file: &Path, mode: u32) -> bool {
+    fs::metadata(file).is_ok_and(|metadata| metadata.permissions().mode() & 0o700 == mode)
+}
+
+/// Whether `administration` belongs to the service `id`, with which its name ends.
+fn is_of(administration: &Path, id: u128) -> bool {
+    let name = administration.file_stem().map(|stem| stem.to_string_lossy());
+    name.and_then(|name| name.rsplit_once('_')?.1.parse().ok()) == Some(id)
+}
+
+/// Number of the service that a description, a TOML file of iceoryx2 0.10, is about: two halves of 64 bits.
+fn service_id(description: &Path) -> Option<u128> {
+    let text = fs::read_to_string(description).ok()?;
+    let half = |key: &str| -> Option<u128> {
+        let mut lines = text.lines().filter_map(|line| line.split_once(" = "));
+        lines.find(|(name, _)| *name == key)?.1.parse().ok()
+    };
+    Some(half("unique_value")? << 64 | half("payload_value")?)
+}
+
+/// Takes the rights of other users away from iceoryx2's counter of nodes, which it makes writable for all.
+pub(crate) fn make_private(prefix: &str) {
+    for file in files(Path::new(SHARED_MEMORY), prefix) {
+        if file.extension().is_some_and(|extension| extension == "global_mgmt") {
+            // The file is ours; a file that has just gone needs no rights.
+            let _ = fs::set_permissions(file, fs::Permissions::from_mode(0o600));
+        }
+    }
+}
+
+fn files(directory: &Path, prefix: &str) -> Vec<PathBuf> {
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));
+    ours.map(|entry| entry.path()).collect()
+}

@@ -1,0 +1,110 @@
+//! Memory that several processes share: words in a file, mapped.
+#![allow(unsafe_code)]
+
+use std::ffi::c_void;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::ops::Deref;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::Path;
+use std::ptr::{self, NonNull};
+use std::sync::atomic::AtomicU32;
+
+use rustix::fs::{FallocateFlags, OFlags, fallocate};
+use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
+
+/// Words in a file of `/dev/shm`, shared with every process that opens the same file. Unmapped when dropped.
+#[derive(Debug)]
+pub struct SharedWords {
+    memory: NonNull<AtomicU32>,
+    count: usize,
+}
+
+impl SharedWords {
+    /// Opens the `count` words in the file at `path`. A new file is readable and writable by its owner only, and its words are
+    /// zero. Memory is allocated at once, so that a full `/dev/shm` is an error here and no signal later.
+    ///
+    /// # Errors
+    /// The file cannot be opened or is a link; [`io::ErrorKind::PermissionDenied`] if it belongs to another user;
+    /// [`io::ErrorKind::InvalidData`] if it has another size; [`io::ErrorKind::StorageFull`] if there is no memory.
+    pub fn open(path: &Path, count: usize) -> io::Result<Self> {
+        let file = open_private(path)?;
+        let size = count * size_of::<AtomicU32>();
+        match usize::try_from(file.metadata()?.len()) {
+            Ok(0) => fallocate(&file, FallocateFlags::empty(), 0, size as u64)?,
+            Ok(present) if present == size => {}
+            _ => return Err(io::ErrorKind::InvalidData.into()),
+        }
+        let access = ProtFlags::READ | ProtFlags::WRITE;
+        // SAFETY: no address is asked for, so the kernel maps where nothing is; no existing mapping is touched.
+        let memory = unsafe { mmap(ptr::null_mut(), size, access, MapFlags::SHARED, &file, 0)? };
+        let memory = NonNull::new(memory.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
+        Ok(Self { memory, count })
+    }
+
+    fn size(&self) -> usize {
+        self.count * size_of::<AtomicU32>()
+    }
+}
+
+impl Deref for SharedWords {
+    type Target = [AtomicU32];
+
+    fn deref(&self) -> &[AtomicU32] {
+        // SAFETY: the mapping begins at a page, is `count` words long, and is unmapped by `drop` alone, which no borrow of
+        // `self` outlives. Any bits are a valid `AtomicU32`, and other processes may write through theirs meanwhile, since
+        // every access is atomic. Nothing shortens the file: its owner's processes open it by `open` alone.
+        unsafe { std::slice::from_raw_parts(self.memory.as_ptr(), self.count) }
+    }
+}
+
+impl Drop for SharedWords {
+    fn drop(&mut self) {
+        // SAFETY: the address and the size are those of the mapping made by `open`, and no borrow of it outlives `self`.
+        let unmapped = unsafe { munmap(self.memory.as_ptr().cast::<c_void>(), self.size()) };
+        debug_assert!(unmapped.is_ok(), "{unmapped:?}");
+    }
+}
+
+/// Opens or creates a file that belongs to this user, without following a link.
+fn open_private(path: &Path) -> io::Result<File> {
+    let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create(true).truncate(false).mode(0o600).custom_flags(flags);
+    let file = options.open(path)?;
+    if file.metadata()?.uid() != rustix::process::geteuid().as_raw() {
+        return Err(io::ErrorKind::PermissionDenied.into());
+    }
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use super::*;
+
+    #[test]
+    fn words_are_shared_by_path_and_of_fixed_size() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("words");
+        let (one, other) =
+            (SharedWords::open(&path, 3).unwrap(), SharedWords::open(&path, 3).unwrap());
+        one[2].store(7, Ordering::Relaxed);
+        assert_eq!((other.len(), other[2].load(Ordering::Relaxed)), (3, 7));
+        assert_eq!(SharedWords::open(&path, 4).unwrap_err().kind(), io::ErrorKind::InvalidData);
+        assert_eq!(std::fs::metadata(&path).unwrap().mode() & 0o777, 0o600);
+        drop(one);
+        assert_eq!(other[2].load(Ordering::Relaxed), 7);
+    }
+
+    #[test]
+    fn a_link_is_not_followed() {
+        let directory = tempfile::tempdir().unwrap();
+        let (target, link) = (directory.path().join("target"), directory.path().join("link"));
+        std::fs::write(&target, "").unwrap();
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        assert!(SharedWords::open(&link, 1).is_err());
+        assert_eq!(std::fs::metadata(&target).unwrap().len(), 0);
+    }
+}

@@ -1,0 +1,53 @@
+//! A quadrotor, 20 ms from command to effect, flies one metre aside under the predictive autopilot.
+
+use std::error::Error;
+
+use nalgebra::Vector3;
+use oqtal_control::controller::{InputForm, OqtalDtOptions, RateInput};
+use oqtal_control::estimator::Estimate;
+use oqtal_control::position::PositionOptions;
+use oqtal_control::predictive::{
+    Autopilot, Bias, CommandHistory, Design, ModelInput, Motion, PredictiveOptions, Rotation,
+    VehicleModel,
+};
+use oqtal_control::quantity::BodyRate;
+use oqtal_control::trajectory::{Phase, Reference};
+
+const PERIOD_S: f64 = 1.0 / 60.0;
+const DELAY_S: f64 = 0.02;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let model = VehicleModel {
+        rotation: Rotation::RateLoop { lag_s: 0.05 },
+        mass_kg: 0.5,
+        gravity_m_s2: 9.81,
+        drag_per_s: 0.25,
+        thrust_lag_s: 0.05,
+    };
+    let input = RateInput::new(Vector3::repeat(2.0))?.with_lag(0.05, PERIOD_S)?;
+    let design = Design { model, input, delay_s: DELAY_S, period_s: PERIOD_S };
+    let (options, limits) = (PredictiveOptions::default(), PositionOptions::default());
+    let mut autopilot = Autopilot::new(design, OqtalDtOptions::default(), &options, &limits)?;
+
+    // The vehicle, with a wind that the model does not know of.
+    let wind = Bias { acceleration: Vector3::new(0.1, 0.0, 0.0), ..Bias::default() };
+    let mut motion = Motion { thrust_n: 0.5 * 9.81, ..Motion::default() };
+    let mut on_the_way = CommandHistory::new(DELAY_S);
+    let reference = Reference::rest(Vector3::new(1.0, 0.0, 0.0), Phase::Trajectory);
+    for tick in 0..=600 {
+        let now_s = 1.0 + tick as f64 * PERIOD_S;
+        let Motion { position, velocity, attitude, rate, .. } = motion;
+        if tick % 100 == 0 {
+            println!("{:5.2} s: x = {:.4} m", now_s - 1.0, position.x);
+        }
+        let pose = Estimate { position, velocity, attitude, rate: BodyRate(rate) };
+        autopilot.observe(now_s, &pose);
+        let output = autopilot.decide(now_s, &reference).ok_or("no command")?;
+        let thrust_n = output.setpoint.thrust_n;
+        autopilot.sent(tick, now_s, (&output.u, thrust_n));
+        on_the_way.push(tick, now_s, ModelInput { demand: input.demand_of(&output.u), thrust_n });
+        motion = on_the_way.propagate(&model, (&motion, &wind), (now_s, now_s + PERIOD_S));
+    }
+    let left_m = (motion.position - reference.position).norm();
+    if left_m < 0.01 { Ok(()) } else { Err(format!("still {left_m} m away").into()) }
+}

@@ -1,0 +1,73 @@
+//! The trajectory that is flown: one of the shapes, at the hover point.
+
+use nalgebra::Vector3;
+
+use super::attitude::{AttitudeChirp, AttitudeDoublet};
+use super::reference::{Phase, Reference};
+use super::shape::{Circle, Hover, Lemniscate, Square, Step};
+use super::waypoints::Waypoints;
+
+/// The part of a flight that is under test, in a frame with its origin on the floor below the hover point and the axes
+/// of the world. Made by [`TrajectoryOptions::trajectory`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    pub(super) shape: TrajectoryShape,
+    pub(super) hover_point: Vector3<f64>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum TrajectoryShape {
+    Hover(Hover),
+    Step(Step),
+    Square(Square),
+    Circle(Circle),
+    Lemniscate(Lemniscate),
+    AttitudeChirp(AttitudeChirp),
+    AttitudeDoublet(AttitudeDoublet),
+    Waypoints(Waypoints),
+}
+
+impl Trajectory {
+    /// The reference at `t_s` \[s\] after the start of the trajectory. Before the start it is that of the start, after the
+    /// end that of the end.
+    #[must_use]
+    pub fn sample(&self, t_s: f64) -> Reference {
+        let t_s = t_s.min(self.duration_s()).max(0.0);
+        let mut reference = match &self.shape {
+            TrajectoryShape::Hover(_) => Reference::rest(Vector3::zeros(), Phase::Trajectory),
+            TrajectoryShape::Step(step) => step.sample(t_s),
+            TrajectoryShape::Square(square) => square.sample(t_s),
+            TrajectoryShape::Circle(circle) => circle.sample(t_s),
+            TrajectoryShape::Lemniscate(lemniscate) => lemniscate.sample(t_s),
+            TrajectoryShape::AttitudeChirp(chirp) => chirp.sample(t_s),
+            TrajectoryShape::AttitudeDoublet(doublet) => doublet.sample(t_s),
+            // Waypoints are not relative to the hover point.
+            TrajectoryShape::Waypoints(waypoints) => return waypoints.sample(t_s),
+        };
+        reference.position += self.hover_point;
+        reference
+    }
+
+    /// How long the trajectory lasts \[s\].
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        match &self.shape {
+            TrajectoryShape::Hover(hover) => hover.duration_s,
+            TrajectoryShape::Step(step) => step.duration_s,
+            TrajectoryShape::Square(square) => square.duration_s,
+            TrajectoryShape::Circle(circle) => circle.sweep().duration_s(),
+            TrajectoryShape::Lemniscate(lemniscate) => lemniscate.sweep().duration_s(),
+            TrajectoryShape::AttitudeChirp(chirp) => chirp.duration_s(),
+            TrajectoryShape::AttitudeDoublet(doublet) => doublet.duration_s(),
+            TrajectoryShape::Waypoints(waypoints) => waypoints.duration_s(),
+        }
+    }
+
+    /// Whether this is about the attitude alone: then only what prescribes one counts.
+    pub(super) fn is_of_attitude(&self) -> bool {
+        matches!(
+            self.shape,
+            TrajectoryShape::AttitudeChirp(_) | TrajectoryShape::AttitudeDoublet(_)
+        )
+    }
+}

@@ -1,0 +1,74 @@
+//! The desired motion at one time of a flight.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+
+use crate::tracking_error::AttitudeReference;
+
+/// The desired motion at one time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reference {
+    /// Desired position \[m, world\].
+    pub position: Vector3<f64>,
+    /// Desired velocity \[m/s, world\]; zero where the position jumps.
+    pub velocity: Vector3<f64>,
+    /// Desired 3-2-1 yaw \[rad\].
+    pub yaw_rad: f64,
+    /// An attitude to fly instead of the horizontal position, with its rate and acceleration for
+    /// the laws that feed them forward.
+    pub attitude: Option<AttitudeReference>,
+    /// The part of the flight.
+    pub phase: Phase,
+}
+
+impl Reference {
+    /// Rest at `position` \[m, world\], body axes along the world's.
+    #[must_use]
+    pub fn rest(position: Vector3<f64>, phase: Phase) -> Self {
+        Self { position, velocity: Vector3::zeros(), yaw_rad: 0.0, attitude: None, phase }
+    }
+
+    /// Whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.position.iter().chain(&self.velocity).all(|number| number.is_finite())
+            && self.yaw_rad.is_finite()
+            && self.attitude.is_none_or(|attitude| attitude.is_finite())
+    }
+}
+
+/// The parts of a flight, in their order. The numbers are for messages and recordings and never change; 0 is not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Phase {
+    /// From the floor to the hover point.
+    TakeOff = 1,
+    /// At rest at the hover point.
+    Settle = 2,
+    /// The trajectory under test.
+    Trajectory = 3,
+    /// Down to the floor.
+    Landing = 4,
+}
+
+impl Phase {
+    /// The phase of that number.
+    #[must_use]
+    pub fn from_number(number: u8) -> Option<Self> {
+        [Self::TakeOff, Self::Settle, Self::Trajectory, Self::Landing]
+            .into_iter()
+            .find(|phase| *phase as u8 == number)
+    }
+}
+
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::TakeOff => "take-off",
+            Self::Settle => "settle",
+            Self::Trajectory => "trajectory",
+            Self::Landing => "landing",
+        })
+    }
+}
