@@ -23,7 +23,7 @@ fn landed(summary: &Value) {
     assert_eq!(summary["outcome"], "landed", "{summary:#}");
 }
 
-/// The square over the wire costs what it costs without one, and says where its time went.
+/// The square over the wire is as accurate as without one, and its hops are reported.
 #[test]
 fn the_square_through_real_frames_is_as_good_as_without_them() {
     let testbed = Testbed::new("square");
@@ -53,24 +53,24 @@ fn the_square_through_real_frames_is_as_good_as_without_them() {
     assert!(!testbed.path("run").join(format!("{}.wire", testbed.instance())).exists());
 }
 
-/// A quarter of the commands and a fifteenth of the answers to a poll survive. No poll keeps a command for more than a frame.
+/// A quarter of the commands and a fifteenth of the answers to a poll arrive intact. No poll delays a command by more than a frame.
 #[test]
 fn a_hover_goes_on_for_a_minute_through_one_wrong_bit_in_a_hundred() {
     let testbed = Testbed::new("noisy");
     let noise = ["--json", "--set", "vehicle.wire.bit-error-rate=0.01"];
     let bus = testbed.bus();
-    let mut said = bus.observer(&VEHICLE).unwrap();
+    let mut observer = bus.observer(&VEHICLE).unwrap();
     let flight = testbed.start(&[&["fly"], &WIRED[..], &hover("60"), &noise].concat());
-    let mut words = Vec::new();
+    let mut reports = Vec::new();
     let mut waits = 5;
-    // One wait is shorter than the flight.
+    // A wait times out before the flight ends.
     while is_alive(flight.id()) {
         let began = Instant::now();
         assert!(waits > 0, "the flight does not end");
         waits -= 1;
         wait_for("the end of the flight", || {
-            while let Some(word) = said.receive().unwrap() {
-                words.push(word);
+            while let Some(report) = observer.receive().unwrap() {
+                reports.push(report);
             }
             (!is_alive(flight.id()) || began.elapsed() > Duration::from_secs(40)).then_some(())
         });
@@ -79,15 +79,15 @@ fn a_hover_goes_on_for_a_minute_through_one_wrong_bit_in_a_hundred() {
     assert!(output.status.success(), "{}", stderr(&output));
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     landed(&summary);
-    // Full, it has 12.6 V; in hover and in half a minute it falls by little more than half a volt.
+    // A full battery has 12.6 V; half a minute of hover takes little more than half a volt.
     let voltages: Vec<f64> =
-        words.iter().map(|(_, v)| v.battery_v).filter(|voltage| voltage.is_finite()).collect();
+        reports.iter().map(|(_, v)| v.battery_v).filter(|voltage| voltage.is_finite()).collect();
     assert!(!voltages.is_empty());
-    // Motors that run are never taken for standing: once they do, they do until they are stopped.
-    let mut motors: Vec<u8> = words.iter().map(|(_, vehicle)| vehicle.armed).collect();
+    // Running motors are never reported as stopped: once running, they are until they are stopped.
+    let mut motors: Vec<u8> = reports.iter().map(|(_, vehicle)| vehicle.armed).collect();
     motors.dedup();
     assert!(matches!(motors[..], [0, 1] | [0, 1, 0]), "{motors:?}");
-    assert_commands_are_young(&words);
+    assert_commands_are_in_time(&reports);
     assert!(voltages.iter().all(|voltage| (11.8..=12.6).contains(voltage)), "{voltages:?}");
     let error = number(&summary, "/position_error_m/mean");
     assert!(error < 0.3, "{error} m");
@@ -95,19 +95,19 @@ fn a_hover_goes_on_for_a_minute_through_one_wrong_bit_in_a_hundred() {
     assert!((0.1..0.25).contains(&answered), "{answered}");
 }
 
-/// A command's last byte is out a period and a frame after it arrived, also where a poll was in its way.
-fn assert_commands_are_young(words: &[(Header, VehicleV1)]) {
+/// Checks that the last byte of a command has left a period and a frame after its arrival, also behind a poll.
+fn assert_commands_are_in_time(reports: &[(Header, VehicleV1)]) {
     let (period_ns, frame_ns) = (16_666_667, 2_951_389);
-    let applied: Vec<_> = words.iter().filter(|(h, _)| h.stamps.applied_at.is_set()).collect();
+    let applied: Vec<_> = reports.iter().filter(|(h, _)| h.stamps.applied_at.is_set()).collect();
     assert!(applied.len() > 2000, "{} commands", applied.len());
     let mut late = 0;
     for (header, vehicle) in &applied {
-        // What is ahead of a command on the line is reckoned, so it does not depend on how busy the machine is.
+        // Occupancy of the line is computed, so it does not depend on the load of the machine.
         assert!(vehicle.wire_ns <= 2 * frame_ns, "{vehicle:?}");
         let waited = header.stamps.applied_at.since(header.stamps.received_at).nanos();
         late += usize::from(waited + vehicle.wire_ns > period_ns + frame_ns);
     }
-    // A busy machine may leave the bridge waiting for a processor now and then; a poll could do so eight times a second.
+    // On a loaded machine the bridge may wait for a processor now and then; a poll could delay it eight times a second.
     assert!(late * 100 < applied.len(), "{late} of {} commands", applied.len());
 }
 
@@ -124,9 +124,9 @@ fn both_api_modes_of_the_xbee_fly() {
     }
 }
 
-/// An emulated vehicle that somebody started on this instance tells the truth to the cameras.
+/// An emulated vehicle that was started on this instance publishes the truth to the cameras.
 #[test]
-fn whatever_is_at_a_link_is_flown_with_its_own_truth_if_it_tells_it() {
+fn a_vehicle_at_a_link_is_flown_with_its_own_truth_if_it_publishes_it() {
     let testbed = Testbed::new("link");
     let (vehicle, link) = waiting_vehicle(&testbed);
     let summary =
@@ -139,7 +139,7 @@ fn whatever_is_at_a_link_is_flown_with_its_own_truth_if_it_tells_it() {
     assert!(!testbed.path("vehicle").exists(), "the link goes with its vehicle");
 }
 
-/// On the bench: the vehicle is elsewhere, a shadow shows the cameras what it might do.
+/// On the bench the vehicle is elsewhere, and a simulated shadow supplies the truth to the cameras.
 #[test]
 fn on_the_bench_a_shadow_stands_in_for_the_truth() {
     let (bench, elsewhere) = (Testbed::new("bench"), Testbed::new("elsewhere"));
@@ -152,9 +152,9 @@ fn on_the_bench_a_shadow_stands_in_for_the_truth() {
 }
 
 #[test]
-fn a_silent_vehicle_is_given_up_with_what_to_look_at() {
+fn a_silent_vehicle_ends_the_flight_with_a_remedy() {
     let testbed = Testbed::new("silent");
-    // A terminal that nobody reads at the other end.
+    // A terminal without a reader at the other end.
     let near =
         rustix::pty::openpt(rustix::pty::OpenptFlags::RDWR | rustix::pty::OpenptFlags::NOCTTY);
     let near = near.unwrap();
@@ -187,7 +187,7 @@ fn bad_use_of_a_wire_has_its_exit_code_and_message() {
     refused(&["--vehicle", "link:asctec:/dev/nowhere"], 71, "/dev/nowhere");
 }
 
-/// What is at the path of a link, and how the plant ends then.
+/// Exit codes of the plant for what exists at the path of a link.
 #[test]
 fn a_stale_link_is_replaced_and_anything_else_is_left_alone() {
     let testbed = Testbed::new("stale");
@@ -232,7 +232,7 @@ fn latency_of_a_running_bridge_has_the_hop_of_the_wire() {
     flight.wait();
 }
 
-/// Both ends of the wire believe the same delay, that of the direct simulation.
+/// Both ends of the wire are configured with the delay of the direct simulation.
 #[test]
 fn the_delay_over_the_wire_is_that_of_the_direct_simulation() {
     let config = Config::default();
@@ -243,7 +243,7 @@ fn the_delay_over_the_wire_is_that_of_the_direct_simulation() {
     }
 }
 
-/// An emulated vehicle on `testbed`, and its link.
+/// Starts an emulated vehicle on `testbed`; returns it and its link.
 fn waiting_vehicle(testbed: &Testbed) -> (Running, String) {
     let path = testbed.path("vehicle");
     let stale = std::fs::read_link(&path).ok();
@@ -251,7 +251,7 @@ fn waiting_vehicle(testbed: &Testbed) -> (Running, String) {
     let running = testbed.start(&["plant-sim", "run", "--wire", &link]);
     wait_for("the link", || {
         let fresh = path.exists() && std::fs::read_link(&path).ok() != stale;
-        // The number of the terminal may be the same again: then the process says that it is there.
+        // The number of the terminal may be reused: then the lock shows that the process is ready.
         let same = path.exists() && stale.is_some() && locked(&path);
         (fresh || same).then_some(())
     });

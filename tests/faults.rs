@@ -167,7 +167,7 @@ fn a_second_flight_leaves_the_first_alone() {
 }
 
 #[test]
-fn f33_a_daemon_asked_to_end_disarms_the_vehicle() {
+fn f33_a_daemon_asked_to_end_leaves_the_vehicle_disarmed() {
     let testbed = Testbed::new("term");
     let bus = testbed.bus();
     let mut commands = bus.observer(&oqtal_bus::topic::COMMAND).unwrap();

@@ -1,29 +1,34 @@
-//! AscTec's Hummingbird in terms of orders and answers. Bytes, checksums and scales are `oqtal-wire`'s.
+//! Protocol of AscTec's Hummingbird: set-points to frames, telemetry to replies. Bytes, checksums and scales are `oqtal-wire`'s.
 //!
-//! A neutral frame takes all four axes from here, centred and without thrust: the remote control then has no say in them, but
-//! its channel 5 takes the serial interface away (manual, p. 17), and so is the pilot's last line.
+//! The zero set-point commands all four axes, centred and without thrust: the remote control is then ignored, except that its
+//! channel 5 disables the serial interface (manual, p. 17), which is the pilot's last resort.
 //!
-//! | sticks mean | roll and pitch stick | yaw stick |
+//! The status request is the protocol's one periodic word, sent at `bridge.status-rate-hz`.
+//!
+//! | sticks command | roll and pitch stick | yaw stick |
 //! |---|---|---|
 //! | a body rate, Eq. (61) | the command's sticks | the command's stick |
-//! | an attitude | roll and pitch of the commanded attitude, by 3-2-1 angles | the rate that the command's stick asks for |
+//! | an attitude | roll and pitch of the commanded attitude, as 3-2-1 angles | the rate that the command's stick stands for |
 //!
-//! A vehicle that holds an attitude does so relative to its own heading, so the commanded attitude's roll and pitch are right
-//! as far as its yaw is held.
+//! A vehicle that holds an attitude does so relative to its own heading: the commanded roll and pitch are right as far as its yaw
+//! is held.
 
 use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
-    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll,
-    Scales, Status, Sticks, acknowledgement_frame, poll_frame,
+    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Poll, Scales,
+    Status, StickMeaning, Sticks, acknowledgement_frame, poll_frame,
 };
 
-use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
-use crate::safety::VehicleSetpoint;
+use crate::protocol::{
+    FrameSizes, PeriodicTimer, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply,
+};
+use crate::setpoint::VehicleSetpoint;
 
-/// Head, length, descriptor, checksum and tail around a telemetry payload \[bytes\].
+/// Length of head, length, descriptor, checksum and tail around a telemetry payload \[bytes\].
 const ENVELOPE: usize = 11;
 
 /// The protocol of AscTec's serial interface.
@@ -33,23 +38,29 @@ pub struct Asctec {
     /// Yaw rate at full stick \[rad/s\], `K_psi` of Eq. (61).
     yaw_authority: f64,
     decoder: HostDecoder,
+    status_timer: PeriodicTimer,
 }
 
 impl Asctec {
-    /// With counts that mean what `config` says.
+    /// Protocol with the scales and the status rate of `config`.
     #[must_use]
     pub fn new(config: &Config) -> Self {
         let [_, _, yaw_authority] = config.vehicle.rate_authority_rad_s;
-        let scales = config.bridge.asctec.clone();
-        Self { scales, yaw_authority, decoder: HostDecoder::new() }
+        let status_period = Span::period_of(config.bridge.status_rate_hz);
+        Self {
+            scales: scales(config),
+            yaw_authority,
+            decoder: HostDecoder::new(),
+            status_timer: PeriodicTimer::new(status_period),
+        }
     }
 
-    /// What a command asks for, in the vehicle's terms; `None` if it does not say.
+    /// Converts a command to sticks; `None` if the sticks command an attitude and the command has none.
     fn sticks(&self, command: &CommandV1) -> Option<Sticks> {
         let CommandV1 { sticks: [roll, pitch, yaw], thrust, .. } = *command;
         match self.scales.sticks {
-            Meaning::BodyRate => Some(Sticks { roll, pitch, yaw, thrust }),
-            Meaning::Attitude => {
+            StickMeaning::BodyRate => Some(Sticks { roll, pitch, yaw, thrust }),
+            StickMeaning::Attitude => {
                 let angles = EulerAngles::from_attitude(&Attitude::from_xyzw(command.attitude)?);
                 let (roll, pitch) = (angles.roll, angles.pitch);
                 Some(Sticks { roll, pitch, yaw: yaw * self.yaw_authority, thrust })
@@ -58,39 +69,46 @@ impl Asctec {
     }
 }
 
+/// The scales of `[bridge.asctec]`.
+fn scales(config: &Config) -> Scales {
+    config.bridge.asctec.clone()
+}
+
 impl VehicleProtocol for Asctec {
-    fn sizes(&self) -> Sizes {
-        Sizes {
+    fn sizes(&self) -> FrameSizes {
+        FrameSizes {
             setpoint: ControlInput::FRAME_LEN,
             acknowledgement: acknowledgement_frame(Descriptor::ControlInput).len(),
-            poll: poll_frame(Poll::LL_STATUS).len(),
-            status: Descriptor::LlStatus.payload_len() + ENVELOPE,
+            periodic: poll_frame(Poll::LL_STATUS).len(),
+            periodic_reply: Descriptor::LlStatus.payload_len() + ENVELOPE,
         }
     }
 
-    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> Frame {
+    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> VehicleFrame {
         let input = match setpoint {
-            VehicleSetpoint::Neutral => ControlInput::NEUTRAL,
+            VehicleSetpoint::Zero => ControlInput::ZERO_SETPOINT,
             VehicleSetpoint::Fly(command) => self
                 .sticks(command)
-                .map_or(ControlInput::NEUTRAL, |sticks| self.scales.encode(&sticks)),
-            // The same frame: a toggle.
+                .map_or(ControlInput::ZERO_SETPOINT, |sticks| self.scales.encode(&sticks)),
+            // One frame, a toggle, for both.
             VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => {
                 self.scales.motor_switch()
             }
         };
-        Frame::of(&input.frame())
+        VehicleFrame::of(&input.frame())
     }
 
-    fn poll(&mut self) -> Frame {
-        Frame::of(&poll_frame(Poll::LL_STATUS))
+    fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicWord> {
+        let request = || VehicleFrame::of(&poll_frame(Poll::LL_STATUS));
+        let is_due = self.status_timer.is_due(now, is_status_urgent);
+        is_due.then(|| PeriodicWord { frame: request(), is_answered: true })
     }
 
-    fn emergency_stop(&mut self) -> Frame {
-        Frame::of(&EMERGENCY_STOP)
+    fn emergency_stop(&mut self) -> VehicleFrame {
+        VehicleFrame::of(&EMERGENCY_STOP)
     }
 
-    fn hear(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
+    fn decode(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         for event in self.decoder.push(bytes) {
             reply(match event {
                 HostEvent::Acknowledged(Descriptor::ControlInput) => VehicleReply::Acknowledged,
@@ -104,8 +122,9 @@ impl VehicleProtocol for Asctec {
         self.decoder.counters().damaged
     }
 
-    fn forget(&mut self) {
+    fn reset(&mut self) {
         self.decoder.reset();
+        self.status_timer.restart();
     }
 }
 
@@ -117,39 +136,52 @@ fn status_of(status: LlStatus) -> VehicleReply {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_wire::asctec::{Command, VehicleDecoder, write_telemetry};
+    use oqtal_wire::asctec::{HostCommand, VehicleDecoder, write_telemetry};
 
     fn protocol() -> Asctec {
         Asctec::new(&Config::default())
     }
 
-    /// What the vehicle reads of `command`.
+    /// The control input that the vehicle decodes from the frame of `command`.
     fn read(protocol: &mut Asctec, command: CommandV1) -> ControlInput {
         let frame = protocol.setpoint(&VehicleSetpoint::Fly(command));
-        let reply: Vec<Command> = VehicleDecoder::new().push(frame.bytes()).collect();
-        let [Command::Control(input)] = reply[..] else { panic!("{reply:?}") };
+        let reply: Vec<HostCommand> = VehicleDecoder::new().push(frame.bytes()).collect();
+        let [HostCommand::Control(input)] = reply[..] else { panic!("{reply:?}") };
         input
     }
 
     #[test]
-    fn frames_are_as_long_as_they_say() {
+    fn frames_have_the_stated_lengths() {
         let mut protocol = protocol();
         let sizes = protocol.sizes();
         for setpoint in [
-            VehicleSetpoint::Neutral,
+            VehicleSetpoint::Zero,
             VehicleSetpoint::StartMotors,
             VehicleSetpoint::Fly(CommandV1::default()),
         ] {
             assert_eq!(protocol.setpoint(&setpoint).bytes().len(), sizes.setpoint);
         }
-        assert_eq!(protocol.poll().bytes().len(), sizes.poll);
+        let word = protocol.periodic(Time::VIRTUAL_START, false).unwrap();
+        assert_eq!(word.frame.bytes().len(), sizes.periodic);
         let mut answer = [0; 64];
         let length = write_telemetry(Descriptor::LlStatus, &[0; 16], &mut answer);
-        assert_eq!(length, Some(sizes.status));
+        assert_eq!(length, Some(sizes.periodic_reply));
     }
 
     #[test]
-    fn the_vehicle_reads_what_was_ordered() {
+    fn the_status_is_requested_at_its_rate_and_sooner_if_urgent() {
+        let mut protocol = protocol();
+        let mut requests = |step: i64, is_urgent: bool| {
+            let ticks = (0..60).map(|tick| Span::from_nanos(16_666_667 * (60 * step + tick)));
+            ticks
+                .filter(|t| protocol.periodic(Time::VIRTUAL_START + *t, is_urgent).is_some())
+                .count()
+        };
+        assert_eq!((requests(0, false), requests(1, true), requests(2, false)), (8, 60, 7));
+    }
+
+    #[test]
+    fn the_vehicle_decodes_what_was_commanded() {
         let mut protocol = protocol();
         let command = CommandV1 { sticks: [0.5, -0.25, 0.1], thrust: 0.25, ..CommandV1::default() };
         let input = read(&mut protocol, command);
@@ -164,7 +196,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
         let mut config = Config::default();
-        config.bridge.asctec.sticks = Meaning::Attitude;
+        config.bridge.asctec.sticks = StickMeaning::Attitude;
         let mut protocol = Asctec::new(&config);
         // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
         let half = 5.0_f64.to_radians();
@@ -176,6 +208,6 @@ mod tests {
         assert_eq!((input.roll, input.pitch), (400 * i16::from(signs.roll), 0));
         assert_eq!(input.yaw.abs(), 95);
         let nothing = read(&mut protocol, CommandV1 { attitude: [0.0; 4], ..command });
-        assert_eq!(nothing, ControlInput::NEUTRAL);
+        assert_eq!(nothing, ControlInput::ZERO_SETPOINT);
     }
 }

@@ -1,355 +1,325 @@
-//! One turn of the bridge: what is due, what it says, what it means that it was handed over. Pure: bytes and time are
-//! arguments.
-//!
-//! A frame that a port takes only in part is finished before another begins. One that stands for longer than a period is
-//! abandoned together with what the port still holds: else an old command could go out when the other end lets go. The vehicle
-//! then sees a frame cut short, whose checksum fails, and finds the next one by its head; it may take that one for the missing
-//! rest and lose it too. So the next one is neutral.
-//!
-//! A port may also take frame after frame and pass on none, while its far end asks for a pause. Then nothing is handed over behind
-//! what it holds, and what it holds for a period too long is dropped: commands cannot pile up and go out late.
+//! The bridge between commands on the bus and bytes on a port: which frame is due, what it contains, and what its replies show.
+//! Pure: bytes and time are arguments.
 
 use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
-use crate::background::Note;
-use crate::line::Line;
-use crate::motors::Change;
-use crate::protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
-use crate::safety::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
+use crate::line::LineOccupancy;
+use crate::monitor::VehicleMonitor;
+use crate::motors::MotorEvent;
+use crate::note::Note;
+use crate::outbox::{FrameKind, Outbox};
+use crate::protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
+use crate::safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
 use crate::schedule::{Schedule, spacing};
-use crate::vehicle::Vehicle;
+use crate::setpoint::VehicleSetpoint;
+use crate::transport::VehicleTransport;
 
-/// A status counts for a motor sequence for so many periods of asking.
+/// Age up to which a status counts for a motor sequence \[status periods\].
 const STATUS_PERIODS: f64 = 3.0;
-/// A port that took nothing, or a part of a frame, is looked at again so soon.
-const RETRY: Span = Span::from_millis(1);
-/// A port may be so much of an setpoint behind the reckoning before nothing more is handed to it.
-const LAG_FRAMES: f64 = 0.5;
+/// Time between rejected commands above which they are logged separately.
+const REJECTION_PAUSE: Span = Span::from_millis(1000);
 
-/// Refused commands that are further apart are two matters.
-const REFUSALS_APART: Span = Span::from_millis(1000);
+/// Report to the daemon and to observers: sequence of the pose, stamps, state of the vehicle.
+pub type VehicleReport = (u64, Stamps, VehicleV1);
 
-/// What is told to the daemon and to observers: the pose's sequence, the stations passed, the vehicle.
-pub type Report = (u64, Stamps, VehicleV1);
-
-/// What a frame is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
-    VehicleSetpoint(Option<About>),
-    Poll,
-    EmergencyStop,
-}
-
-/// A frame on its way out.
-#[derive(Clone, Copy, Debug)]
-struct Outgoing {
-    kind: Kind,
-    frame: Frame,
-    handed_over: usize,
-    begun: Time,
-}
-
-/// The bridge, from command to bytes and from bytes to what is known of the vehicle.
+/// The bridge from commands to bytes, and from bytes to the state of the vehicle.
 #[derive(Debug)]
 pub struct Bridge {
     protocol: Box<dyn VehicleProtocol>,
-    sizes: Sizes,
-    period: Span,
+    transport: Box<dyn VehicleTransport>,
+    /// Frame lengths on the port \[bytes\].
+    sizes: FrameSizes,
     air: Span,
-    emergency_stop: bool,
-    safety: Safety,
+    has_emergency_stop: bool,
+    gate: CommandGate,
     schedule: Schedule,
-    line: Line,
-    vehicle: Vehicle,
-    outgoing: Option<Outgoing>,
+    monitor: VehicleMonitor,
+    outbox: Outbox,
     is_open: bool,
-    /// Since when the port holds back what should have gone out.
-    held_since: Option<Time>,
-    /// Something was dropped, and no frame has gone since.
-    neutral_first: bool,
-    /// A command came that no frame has gone for.
+    /// The next frame is a zero set-point: bytes were discarded, and no frame has been sent since.
+    zero_first: bool,
+    /// A command has arrived that no set-point has been sent for.
     command_waits: bool,
-    emergency_waits: bool,
+    emergency_stop_waits: bool,
     last_command: u64,
     commands_lost: u64,
-    answers: bool,
-    refused: u64,
-    /// When a command was last found refused.
-    refused_at: Time,
+    was_answering: bool,
+    rejected: u64,
+    rejected_at: Time,
 }
 
-/// How far apart polls must be on `line`; `None` if there is no room for any.
-pub(crate) fn poll_spacing(line: &Line, period: Span, sizes: Sizes) -> Option<Span> {
-    let Sizes { setpoint, acknowledgement, poll, status } = sizes;
-    spacing(period, line.time_for(setpoint + acknowledgement), line.time_for(poll + status))
+/// Spacing of periodic words on `line`, for frames of `sizes` on the port; `None` if there is no room for any.
+pub(crate) fn word_spacing(line: &LineOccupancy, period: Span, sizes: FrameSizes) -> Option<Span> {
+    let FrameSizes { setpoint, acknowledgement, periodic, periodic_reply } = sizes;
+    let exchange = line.time_for(periodic + periodic_reply);
+    spacing(period, line.time_for(setpoint + acknowledgement), exchange)
 }
 
 impl Bridge {
-    /// A bridge of `config` at `baud` that has no port yet.
+    /// Bridge of `config` through `protocol` and `transport`, without a port yet.
     #[must_use]
-    pub fn new(config: &Config, protocol: Box<dyn VehicleProtocol>, baud: u32, now: Time) -> Self {
+    pub fn new(
+        config: &Config,
+        protocol: Box<dyn VehicleProtocol>,
+        transport: Box<dyn VehicleTransport>,
+        now: Time,
+    ) -> Self {
         let options = &config.bridge;
-        let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         let period = Span::period_of(config.control.rate_hz);
-        let (line, sizes) = (Line::new(baud), protocol.sizes());
-        // Without any room the configuration was refused.
-        let spacing = poll_spacing(&line, period, sizes).unwrap_or(period);
-        let status_period = Span::period_of(options.status_rate_hz).max(spacing);
-        let limits = Limits {
-            command_age: period.scaled(options.neutral_after_periods),
-            status_age: status_period.scaled(STATUS_PERIODS),
-            sequence: millis(options.motor_sequence_ms),
-            rest: millis(options.rest_ms),
-        };
+        let line = LineOccupancy::new(transport.byte_rate());
+        let sizes = protocol.sizes().with_overhead(transport.overhead());
+        // A configuration without room for any word was rejected at start.
+        let spacing = word_spacing(&line, period, sizes).unwrap_or(period);
         Self {
-            sizes,
+            gate: CommandGate::new(now, limits(config, spacing)),
+            schedule: Schedule::new(period, spacing),
+            monitor: VehicleMonitor::new(millis(options.silence_ms)),
+            outbox: Outbox::new(line, sizes.setpoint, period),
             protocol,
-            period,
+            transport,
+            sizes,
             air: millis(options.air_latency_ms),
-            emergency_stop: options.emergency_stop,
-            safety: Safety::new(now, limits),
-            schedule: Schedule::new(period, status_period, spacing),
-            line,
-            vehicle: Vehicle::new(millis(options.silence_ms)),
-            outgoing: None,
+            has_emergency_stop: options.emergency_stop,
             is_open: false,
-            held_since: None,
-            neutral_first: false,
+            zero_first: false,
             command_waits: false,
-            emergency_waits: false,
+            emergency_stop_waits: false,
             last_command: 0,
             commands_lost: 0,
-            answers: false,
-            refused: 0,
-            refused_at: Time::UNSET,
+            was_answering: false,
+            rejected: 0,
+            rejected_at: Time::UNSET,
         }
     }
 
-    /// The port is open: frames go from now on, neutral first.
+    /// Starts sending on a port that was opened; the first frame is a zero set-point.
     pub fn open(&mut self, now: Time) {
         self.is_open = true;
-        self.safety.forget(now);
-        self.vehicle.forget();
-        self.protocol.forget();
-        self.line.clear();
+        self.gate.reset(now);
+        self.monitor.reset();
+        self.protocol.reset();
+        self.transport.reset();
         self.schedule.restart();
-        (self.outgoing, self.emergency_waits) = (None, false);
-        (self.held_since, self.neutral_first) = (None, false);
+        self.outbox.clear();
+        (self.emergency_stop_waits, self.zero_first) = (false, false);
     }
 
-    /// The port is lost.
+    /// Stops sending: the port is lost.
     pub fn close(&mut self, now: Time) {
         self.open(now);
         self.is_open = false;
     }
 
-    /// When there is something to do of its own accord.
+    /// Instant at which something is due without a command.
     #[must_use]
     pub fn next_event(&self, now: Time) -> Time {
-        match self.outgoing {
-            Some(_) => now + RETRY,
-            None if self.held_since.is_some() => now + RETRY,
-            None if self.command_waits => self.clear_at(now),
-            None => self.schedule.next_frame().max(self.clear_at(now)),
-        }
+        let clear_at = self.outbox.clear_at(now);
+        self.outbox.retry_at(now).unwrap_or(if self.command_waits {
+            clear_at
+        } else {
+            self.schedule.next_setpoint().max(clear_at)
+        })
     }
 
-    /// Takes a command off the bus at `now`; `lost` never arrived, in total.
-    pub fn receive(&mut self, now: Time, header: &Header, command: CommandV1, lost: u64) {
+    /// Takes a command that arrived at `now`; `lost` is the number of commands lost on the bus so far.
+    pub fn receive_command(&mut self, now: Time, header: &Header, command: CommandV1, lost: u64) {
         self.commands_lost = lost;
-        self.command_waits |= self.safety.receive(now, header, command);
+        self.command_waits |= self.gate.receive(now, header, command);
     }
 
-    /// Takes bytes from the port.
-    pub fn hear(&mut self, now: Time, bytes: &[u8]) {
-        let (vehicle, safety) = (&mut self.vehicle, &mut self.safety);
-        self.protocol.hear(bytes, &mut |reply| {
-            vehicle.hear(now, reply);
+    /// Takes bytes, or one packet, that the port received.
+    pub fn receive_bytes(&mut self, now: Time, bytes: &[u8]) {
+        let Self { transport, protocol, monitor, gate, .. } = self;
+        let mut take = |reply| {
+            monitor.receive(now, reply);
             if let VehicleReply::Status { motors_run, .. } = reply {
-                safety.hear(MotorStatus { heard_at: now, run: motors_run });
+                gate.update_status(MotorStatus { received_at: now, running: motors_run });
             }
-        });
+        };
+        transport.unwrap(bytes, &mut |payload| protocol.decode(payload, &mut take));
     }
 
-    /// Begins the frame that is due, if one is and the line is clear. Without a port the report alone is due.
-    pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<Report> {
-        self.watch(now, note);
-        let due = self.command_waits || now >= self.schedule.next_frame();
-        let blocked = self.outgoing.is_some() || self.held_since.is_some();
-        if blocked || !due || now < self.clear_at(now) {
+    /// Begins the set-point that is due, if the port is free. Without a port, returns the report that is due.
+    pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<VehicleReport> {
+        self.note_changes(now, note);
+        let due = self.command_waits || now >= self.schedule.next_setpoint();
+        if self.outbox.is_blocked() || !due || now < self.outbox.clear_at(now) {
             return None;
         }
-        if std::mem::take(&mut self.neutral_first) {
-            // The command that waits goes right behind it.
-            self.schedule.frame(now, false);
-            self.say_neutral(now);
+        if std::mem::take(&mut self.zero_first) {
+            // A command that waits goes directly behind this frame.
+            self.schedule.add_setpoint(now, false);
+            self.begin_zero_setpoint(now);
             return None;
         }
-        let (setpoint, about, change) = self.safety.decide(now);
-        if let Some(change) = change {
-            note(Note::Motors(change));
-            self.emergency_waits |= change == Change::StopFailed && self.emergency_stop;
+        let (setpoint, forwarded, event) = self.gate.decide(now);
+        if let Some(event) = event {
+            note(Note::Motors(event));
+            self.emergency_stop_waits |= event == MotorEvent::StopFailed && self.has_emergency_stop;
         }
         let with_command = std::mem::take(&mut self.command_waits);
-        self.schedule.frame(now, with_command);
+        self.schedule.add_setpoint(now, with_command);
         if self.is_open {
             let frame = self.protocol.setpoint(&setpoint);
-            self.begin(now, Kind::VehicleSetpoint(about), frame);
+            self.begin(now, FrameKind::Setpoint(forwarded), &frame);
             None
         } else {
             Some(self.report(now, None, Span::ZERO))
         }
     }
 
-    /// Begins what goes right behind an setpoint: the emergency stop, or a poll if there is room for it.
+    /// Begins the frame that goes directly behind a set-point: the emergency stop, or a periodic word if there is room for it.
     pub fn follow_up(&mut self, now: Time) {
-        if !self.is_open || self.outgoing.is_some() {
+        if !self.is_open || !self.outbox.is_empty() {
             return;
         }
-        if std::mem::take(&mut self.emergency_waits) {
+        if std::mem::take(&mut self.emergency_stop_waits) {
             let frame = self.protocol.emergency_stop();
-            self.begin(now, Kind::EmergencyStop, frame);
+            self.begin(now, FrameKind::EmergencyStop, &frame);
             return;
         }
-        let asking = self.line.time_for(self.sizes.poll);
-        let urgent = self.safety.is_in_sequence();
-        if self.schedule.poll(now, self.line.ahead(now), asking, urgent) {
-            let frame = self.protocol.poll();
-            self.begin(now, Kind::Poll, frame);
+        let sending = self.outbox.time_for(self.sizes.periodic);
+        if !self.schedule.has_room(now, self.outbox.ahead(now), sending) {
+            return;
+        }
+        if let Some(word) = self.protocol.periodic(now, self.gate.is_in_sequence()) {
+            self.schedule.add_word(now);
+            let kind = FrameKind::Periodic { is_answered: word.is_answered };
+            self.begin(now, kind, &word.frame);
         }
     }
 
-    /// Bytes to hand to the port.
+    /// Bytes to write to the port: the rest of the frame on its way.
     #[must_use]
     pub fn outbox(&self) -> &[u8] {
-        self.outgoing
-            .as_ref()
-            .map_or(&[], |outgoing| &outgoing.frame.bytes()[outgoing.handed_over..])
+        self.outbox.bytes()
     }
 
-    /// So many of them were taken at `now`. With the last byte of an setpoint there is something to report.
-    pub fn handed_over(&mut self, now: Time, bytes: usize) -> Option<Report> {
-        let outgoing = self.outgoing.as_mut()?;
-        outgoing.handed_over += bytes;
-        if outgoing.handed_over < outgoing.frame.bytes().len() {
-            return None;
-        }
-        let Outgoing { kind, frame, .. } = *outgoing;
-        self.outgoing = None;
-        let on_wire = self.line.take(now, frame.bytes().len());
+    /// Records that the port took `bytes` at `now`. With the last byte of a set-point, returns the report that is due.
+    pub fn handed_over(&mut self, now: Time, bytes: usize) -> Option<VehicleReport> {
+        let (kind, on_wire) = self.outbox.handed_over(now, bytes)?;
         match kind {
-            Kind::VehicleSetpoint(about) => {
-                self.vehicle.asked(now);
-                Some(self.report(now, about, on_wire))
+            FrameKind::Setpoint(forwarded) => {
+                self.monitor.count_request(now);
+                Some(self.report(now, forwarded, on_wire))
             }
-            Kind::Poll => {
-                self.vehicle.asked(now);
+            FrameKind::Periodic { is_answered } => {
+                if is_answered {
+                    self.monitor.count_request(now);
+                }
                 None
             }
-            Kind::EmergencyStop => None,
+            FrameKind::EmergencyStop => None,
         }
     }
 
-    /// Looks at the port, which has `queued` bytes yet to send: nothing is handed over behind more than the line should have
-    /// ahead. Whether what was handed over is to be dropped: a frame stands, or the port holds back, for longer than a period.
+    /// Looks at the port, which has `queued` bytes yet to send; returns whether everything handed over is to be discarded, as
+    /// [`Outbox::is_stuck`].
     #[must_use]
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
-        let lag = self.line.time_for(self.sizes.setpoint).scaled(LAG_FRAMES);
-        let holds_back = self.line.time_for(queued) > self.line.ahead(now) + lag;
-        let free_at = self.line.free_at();
-        // Frames stop going at once, so this is about the last of them.
-        let since = if free_at.is_set() { free_at.min(now) } else { now };
-        self.held_since = holds_back.then(|| self.held_since.unwrap_or(since));
-        let outlasts = |since: Time| now.since(since) > self.period;
-        self.held_since.is_some_and(outlasts)
-            || self.outgoing.is_some_and(|out| outlasts(out.begun))
+        self.outbox.is_stuck(now, queued)
     }
 
-    /// What was handed over is dropped: neutral comes next.
-    pub fn drop_outgoing(&mut self) {
-        (self.outgoing, self.held_since, self.neutral_first) = (None, None, true);
-        self.line.clear();
+    /// Records that everything handed over was discarded: the next frame is a zero set-point.
+    pub fn discard_outgoing(&mut self) {
+        self.outbox.clear();
+        self.zero_first = true;
     }
 
-    /// The last words: neutral. To be called as often as it is to be said.
-    pub fn say_neutral(&mut self, now: Time) {
-        let frame = self.protocol.setpoint(&VehicleSetpoint::Neutral);
-        self.begin(now, Kind::VehicleSetpoint(None), frame);
+    /// Begins a zero set-point, whatever was commanded.
+    pub fn begin_zero_setpoint(&mut self, now: Time) {
+        let frame = self.protocol.setpoint(&VehicleSetpoint::Zero);
+        self.begin(now, FrameKind::Setpoint(None), &frame);
     }
 
-    /// The very last: the emergency stop, if the motors run because of this bridge. Nobody will be left to stop them.
-    pub fn say_emergency_stop(&mut self, now: Time) -> bool {
-        let needed = self.is_open && self.emergency_stop && self.safety.may_run();
+    /// Begins the emergency stop if the motors may run because of this bridge, which is about to end; returns whether it does.
+    pub fn begin_final_emergency_stop(&mut self, now: Time) -> bool {
+        let needed = self.is_open && self.has_emergency_stop && self.gate.may_run();
         if needed {
             let frame = self.protocol.emergency_stop();
-            self.begin(now, Kind::EmergencyStop, frame);
+            self.begin(now, FrameKind::EmergencyStop, &frame);
         }
         needed
     }
 
-    /// The time until all that was handed over is out.
+    /// Time until everything handed over has left.
     #[must_use]
     pub fn ahead(&self, now: Time) -> Span {
-        self.line.ahead(now)
+        self.outbox.ahead(now)
     }
 
-    /// How the vehicle is, as told without a frame.
-    pub fn report(&mut self, now: Time, about: Option<About>, on_wire: Span) -> Report {
-        if let Some(about) = &about {
-            self.last_command = about.command;
+    /// Report of the vehicle's state, with the command that a set-point forwarded and the time that the set-point needs until it
+    /// has left.
+    pub fn report(
+        &mut self,
+        now: Time,
+        forwarded: Option<ForwardedCommand>,
+        on_wire: Span,
+    ) -> VehicleReport {
+        if let Some(forwarded) = &forwarded {
+            self.last_command = forwarded.command;
         }
         let vehicle = VehicleV1 {
             command_sequence: self.last_command,
             lost: self.commands_lost,
-            battery_v: self.vehicle.battery_v(),
-            link_quality: self.vehicle.quality(now),
+            battery_v: self.monitor.battery_v(),
+            link_quality: self.monitor.quality(now),
             wire_ns: on_wire.nanos(),
             air_ns: self.air.nanos(),
-            armed: u8::from(self.answers(now) && self.safety.ran_last()),
-            starting: u8::from(self.safety.is_starting()),
-            link: u8::from(self.answers(now)),
+            armed: u8::from(self.is_answering(now) && self.gate.last_status_running()),
+            starting: u8::from(self.gate.is_starting()),
+            link: u8::from(self.is_answering(now)),
             simulated: 0,
         };
-        let stamps =
-            about.map_or_else(Stamps::default, |about| Stamps { applied_at: now, ..about.stamps });
-        (about.map_or(0, |about| about.pose), stamps, vehicle)
+        let stamps = forwarded
+            .map_or_else(Stamps::default, |command| Stamps { applied_at: now, ..command.stamps });
+        (forwarded.map_or(0, |command| command.pose), stamps, vehicle)
     }
 
-    /// Whether there is a port, and the vehicle was reply lately.
+    /// Whether a port is open and the vehicle has replied within the silence time.
     #[must_use]
-    pub fn answers(&self, now: Time) -> bool {
-        self.is_open && self.vehicle.answers(now)
+    pub fn is_answering(&self, now: Time) -> bool {
+        self.is_open && self.monitor.is_answering(now)
     }
 
-    /// Notes what changed by itself: silence, refused commands.
-    fn watch(&mut self, now: Time, note: &mut dyn FnMut(Note)) {
-        let answers = self.answers(now);
-        if std::mem::replace(&mut self.answers, answers) != answers && self.is_open {
-            note(if answers {
-                Note::Answers
-            } else {
-                Note::Silent { damaged: self.protocol.damaged() }
-            });
+    /// Notes a vehicle that falls silent or answers again, and rejected commands.
+    fn note_changes(&mut self, now: Time, note: &mut dyn FnMut(Note)) {
+        let is_answering = self.is_answering(now);
+        let was_answering = std::mem::replace(&mut self.was_answering, is_answering);
+        if was_answering != is_answering && self.is_open {
+            let damaged = self.protocol.damaged() + self.transport.damaged();
+            note(if is_answering { Note::Answering } else { Note::Silent { damaged } });
         }
-        let refused = self.safety.refused();
-        if refused > self.refused {
-            // The first of a run says enough.
-            if !self.refused_at.is_set() || now.since(self.refused_at) > REFUSALS_APART {
-                note(Note::RefusedOld);
+        let rejected = self.gate.rejected();
+        if rejected > self.rejected {
+            // Of a run of rejected commands the first is logged.
+            if !self.rejected_at.is_set() || now.since(self.rejected_at) > REJECTION_PAUSE {
+                note(Note::CommandRejected);
             }
-            (self.refused, self.refused_at) = (refused, now);
+            (self.rejected, self.rejected_at) = (rejected, now);
         }
     }
 
-    /// When the line has no more ahead than a frame: a command that comes later overtakes one that waits here, but none on the
-    /// line.
-    fn clear_at(&self, now: Time) -> Time {
-        now + (self.line.ahead(now) - self.line.time_for(self.sizes.setpoint)).max(Span::ZERO)
+    fn begin(&mut self, now: Time, kind: FrameKind, frame: &VehicleFrame) {
+        self.outbox.begin(now, kind, self.transport.wrap(frame));
     }
+}
 
-    fn begin(&mut self, now: Time, kind: Kind, frame: Frame) {
-        self.outgoing = Some(Outgoing { kind, frame, handed_over: 0, begun: now });
+fn millis(millis: f64) -> Span {
+    Span::from_seconds(millis * 1e-3)
+}
+
+/// Timeouts of `config`, where periodic words are `spacing` apart.
+fn limits(config: &Config, spacing: Span) -> SafetyLimits {
+    let options = &config.bridge;
+    let period = Span::period_of(config.control.rate_hz);
+    let status_period = Span::period_of(options.status_rate_hz).max(spacing);
+    SafetyLimits {
+        command_age: period.scaled(options.command_timeout_periods),
+        status_age: status_period.scaled(STATUS_PERIODS),
+        sequence: millis(options.motor_sequence_ms),
+        rest: millis(options.rest_ms),
     }
 }

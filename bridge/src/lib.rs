@@ -1,20 +1,22 @@
-//! The bridge process: a real vehicle over a radio, in the place of the simulated one.
+//! The bridge process: passes commands from the bus to a real vehicle over a serial port or a radio, in place of the plant.
 //!
-//! | file | subject | knows |
+//! | file | subject | independent of |
 //! |---|---|---|
-//! | `safety.rs` | what may be said: the newest command while it is young, else neutral | neither format nor link |
-//! | `motors.rs` | the table of motor states | neither format nor link |
-//! | `schedule.rs`, `line.rs` | when frames go, and how busy the line is | neither format nor link |
-//! | `vehicle.rs` | what is known of the vehicle | neither format nor link |
-//! | `protocol.rs` | what is needed of a vehicle's protocol | no format |
-//! | `asctec.rs`, `radio.rs` | the AscTec Hummingbird, XBee radios | one format each, in `oqtal-wire` |
-//! | `link.rs`, `serial.rs` | what carries bytes; serial ports | one link |
-//! | `bridge.rs` | one turn: all of these together, pure | |
-//! | `pump.rs` | the loop: bus, port and one turn after the other | |
-//! | `background.rs` | logs, opening and closing ports | |
+//! | `safety.rs` | selection of the set-point: the newest command within its timeout, else zero | format, transport |
+//! | `motors.rs` | state machine of the motors | format, transport |
+//! | `schedule.rs` | instants at which frames are sent | format, transport |
+//! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
+//! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
+//! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
+//! | `xbee.rs`, `serial.rs` | packets of an XBee; serial ports | format, safety |
+//! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
+//! | `monitor.rs` | state of the vehicle as its replies show it | format, transport |
+//! | `bridge.rs` | the bridge of all these, pure | |
+//! | `setup.rs` | protocol, transport and port that the configuration asks for | |
+//! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
-//! The bridge is the second of three lines of safety, and asks neither of the others: the daemon judges poses, the bridge
-//! judges the daemon's commands by its own clock, systemd restarts what died.
+//! The bridge is the second of three lines of safety, each independent of the others: the daemon checks poses, the bridge checks
+//! the age of the daemon's commands by its own clock, systemd restarts processes that ended.
 #![forbid(unsafe_code)]
 
 mod asctec;
@@ -22,40 +24,48 @@ mod background;
 mod bridge;
 mod line;
 mod link;
+mod monitor;
 mod motors;
+mod note;
+mod outbox;
 mod protocol;
-mod pump;
-mod radio;
 mod safety;
 mod schedule;
 mod serial;
-mod vehicle;
+mod setpoint;
+mod setup;
+mod transport;
+mod turn;
+mod xbee;
 
 use clap::{Args, Subcommand};
-use oqtal_bus::time::Span;
-use oqtal_bus::topic::Role;
-use oqtal_config::{ClockKind, Config, VehicleKind};
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
-use oqtal_wire::link::{Kind, LinkSpec};
-use oqtal_wire::xbee::{Address, Framing};
+use oqtal_bus::topic::{COMMAND, Role};
+use oqtal_config::Config;
+use oqtal_runtime::background::with_background;
+use oqtal_runtime::handoff::handoff;
+use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::process_loop;
 
 pub use asctec::Asctec;
-pub use background::{BackgroundWorker, Note, RtHandle, rt_handle};
-pub use bridge::{Bridge, Report};
-pub use line::Line;
-pub use link::Link;
-pub use motors::{Change, Conditions, Motors, State};
-pub use protocol::{Frame, Sizes, VehicleProtocol, VehicleReply};
-pub use radio::through;
-pub use safety::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
+pub use background::{BridgeHandle, PortKeeper};
+pub use bridge::{Bridge, VehicleReport};
+pub use line::LineOccupancy;
+pub use link::{PortOpenError, PortOptions, VehicleLink};
+pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
+pub use note::Note;
+pub use protocol::{
+    FrameSizes, MAX_FRAME, PeriodicTimer, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply,
+};
+pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
 pub use schedule::{Schedule, spacing};
-pub use serial::{OpenError, Port, Serial};
-pub use vehicle::Vehicle;
+pub use serial::{SerialLink, SerialPortOptions};
+pub use setpoint::VehicleSetpoint;
+pub use setup::{VehicleSetup, transport};
+pub use transport::{SerialStream, VehicleTransport};
+pub use turn::{BridgePorts, BridgeTurn};
+pub use xbee::XbeeTransport;
 
-/// Of the line's time, commands may take so much.
-const GREATEST_OCCUPANCY: f64 = 0.8;
-
-/// What can be done with the bridge.
+/// Commands of the bridge's command line.
 #[derive(Subcommand, Clone, Debug)]
 pub enum BridgeCommand {
     /// Run the process until SIGINT or SIGTERM
@@ -64,7 +74,7 @@ pub enum BridgeCommand {
     Check(BridgeArgs),
 }
 
-/// What the bridge can be told on its command line.
+/// Arguments of the bridge's command line.
 #[derive(Args, Clone, Debug)]
 pub struct BridgeArgs {
     /// Where the vehicle is: asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]
@@ -75,7 +85,7 @@ pub struct BridgeArgs {
 }
 
 impl BridgeCommand {
-    /// Does it, and says how it ended.
+    /// Executes the command; returns the exit code of the process.
     #[must_use]
     pub fn execute(self) -> std::process::ExitCode {
         let command = match self {
@@ -87,7 +97,7 @@ impl BridgeCommand {
 }
 
 impl BridgeArgs {
-    /// The same for any process: the link is a setting.
+    /// The arguments that every process has: the link becomes a setting.
     fn common(self) -> CommonArgs {
         let Self { link, mut common } = self;
         common.settings.extend(link.map(|link| format!("bridge.link={link}")));
@@ -95,71 +105,39 @@ impl BridgeArgs {
     }
 }
 
-/// Whether the bridge could fly with `config`.
+/// Checks whether the bridge could run with `config`.
 ///
 /// # Errors
-/// There is no link, or one that is too slow (exit code 78), or the clock is not the machine's (64).
+/// There is no link, or it is malformed or too slow (exit code 78), or the clock is virtual (64).
 pub fn check(config: &Config) -> Result<(), Failure> {
-    vehicle(config).map(drop)
+    VehicleSetup::of(config).map(drop)
 }
 
-/// Passes commands on to the vehicle until asked to stop; leaves it neutral.
+/// Passes commands to the vehicle until asked to stop; leaves it with a zero set-point.
 ///
 /// # Errors
-/// The configuration has no meaning, the port cannot be opened, or the bus refuses or breaks.
+/// As [`check`]; the port cannot be opened; the bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    let (spec, protocol) = vehicle(&context.config)?;
-    let every_radio = context.config.bridge.xbee_address().is_ok_and(Address::is_broadcast);
-    if every_radio && spec.xbee() != Framing::Transparent {
-        tracing::warn!(
-            "commands go to every radio in reach, and any of them is taken for the vehicle; set `bridge.xbee-address` to that of its radio"
-        );
-    }
-    pump::run(context, &spec, protocol)
-}
-
-/// The link of `config`, and the protocol that is spoken there.
-fn vehicle(config: &Config) -> Result<(LinkSpec, Box<dyn VehicleProtocol>), Failure> {
-    let wrong = |reason: String| Failure::new(Exit::Config, reason);
-    if config.clock.kind != ClockKind::Real {
-        let reason = "a bridge flies by the machine's clock alone; set `clock.kind = \"real\"`";
-        return Err(Failure::new(Exit::Usage, reason));
-    }
-    if config.vehicle.kind != VehicleKind::Hummingbird {
-        let reason = "a bridge passes on sticks, not torque; set `vehicle.kind = \"hummingbird\"`";
-        return Err(wrong(reason.to_owned()));
-    }
-    let spec = config.bridge.link()?;
-    let spec = spec.ok_or_else(|| {
-        wrong("`bridge.link` names no vehicle; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0".to_owned())
-    })?;
-    let protocol: Box<dyn VehicleProtocol> = match spec.kind() {
-        Kind::Asctec => Box::new(Asctec::new(config)),
-    };
-    let peer = config.bridge.xbee_address()?;
-    let protocol = radio::through(spec.xbee(), peer, protocol);
-    check_room(config, &spec, protocol.sizes()).map_err(wrong)?;
-    Ok((spec, protocol))
-}
-
-/// Commands, polls and answers must fit on the line.
-fn check_room(config: &Config, spec: &LinkSpec, sizes: Sizes) -> Result<(), String> {
-    let line = Line::new(spec.baud());
-    let (period, rate) = (Span::period_of(config.control.rate_hz), config.control.rate_hz);
-    let baud = spec.baud();
-    if line.time_for(sizes.setpoint) > period.scaled(GREATEST_OCCUPANCY) {
-        return Err(format!(
-            "`bridge.link`: {rate} commands of {} bytes a second take more than {} % of {baud} baud; lower `control.rate-hz`, or use a \
-             faster line",
-            sizes.setpoint,
-            GREATEST_OCCUPANCY * 100.0
-        ));
-    }
-    if bridge::poll_spacing(&line, period, sizes).is_some() {
-        return Ok(());
-    }
-    Err(format!(
-        "`bridge.link`: between two of {rate} commands a second there is no room at {baud} baud to ask the vehicle how it is; lower \
-         `control.rate-hz`, or use a faster line"
-    ))
+    let setup = VehicleSetup::of(&context.config)?;
+    setup.warn_of_broadcast(&context.config);
+    let VehicleSetup { spec, protocol, transport, port } = setup;
+    let bus = context.bus()?;
+    let ports = BridgePorts::open(&bus)?;
+    let mut heartbeat = context.heartbeat(&bus)?;
+    let mut clock = context.loop_clock(&bus, &COMMAND)?;
+    let link = port.open()?;
+    tracing::info!(link = spec.to_string(), "the port is open");
+    let mut bridge = Bridge::new(&context.config, protocol, transport, clock.now());
+    bridge.open(clock.now());
+    let (handle, background) = handoff();
+    with_background(
+        context,
+        || Ok(PortKeeper::new(background, port)),
+        || {
+            context.enter_realtime();
+            let health = context.health.clone();
+            let mut turn = BridgeTurn { ports, bridge, link: Some(link), handle, health };
+            Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
+        },
+    )
 }

@@ -1,49 +1,47 @@
-//! How busy the serial line is: bytes handed to a port go out one after the other, ten bit times each (8N1).
+//! Occupancy of the line: bytes that are handed to a port leave it one after another, at the rate of its transport.
 
 use oqtal_bus::time::{Span, Time};
 
-/// Bit times of a byte on a serial line: start bit, eight data bits, stop bit.
-const BITS_PER_BYTE: f64 = 10.0;
-
-/// A serial line, as it is reckoned from what was handed to it.
+/// Occupancy of a line, computed from the bytes that were handed to its port.
 #[derive(Clone, Copy, Debug)]
-pub struct Line {
-    baud: f64,
+pub struct LineOccupancy {
+    /// \[byte/s\]; `None` if bytes leave at once.
+    byte_rate: Option<f64>,
     free_at: Time,
 }
 
-impl Line {
-    /// A line at `baud` that is free.
+impl LineOccupancy {
+    /// Free line of `byte_rate` \[byte/s\]; `None` for a transport whose frames leave at once.
     #[must_use]
-    pub fn new(baud: u32) -> Self {
-        Self { baud: f64::from(baud), free_at: Time::UNSET }
+    pub fn new(byte_rate: Option<f64>) -> Self {
+        Self { byte_rate, free_at: Time::UNSET }
     }
 
-    /// What `bytes` take.
+    /// Time that `bytes` occupy the line.
     #[must_use]
     pub fn time_for(&self, bytes: usize) -> Span {
-        Span::from_seconds(bytes as f64 * BITS_PER_BYTE / self.baud)
+        self.byte_rate.map_or(Span::ZERO, |rate| Span::from_seconds(bytes as f64 / rate))
     }
 
-    /// Hands `bytes` over at `now`; the time until the last of them is out.
-    pub fn take(&mut self, now: Time, bytes: usize) -> Span {
+    /// Adds `bytes` that were handed over at `now`; returns the time until the last of them has left.
+    pub fn add(&mut self, now: Time, bytes: usize) -> Span {
         self.free_at = self.free_at.max(now) + self.time_for(bytes);
         self.free_at.since(now)
     }
 
-    /// The time until the line is free.
+    /// Time until the line is free; zero if it is.
     #[must_use]
     pub fn ahead(&self, now: Time) -> Span {
         self.free_at.since(now).max(Span::ZERO)
     }
 
-    /// When it is free, or was; unset if nothing was handed over.
+    /// Instant at which the line becomes, or became, free; unset if nothing was handed over.
     #[must_use]
     pub fn free_at(&self) -> Time {
         self.free_at
     }
 
-    /// What was handed over is gone.
+    /// Frees the line: what was handed over is discarded.
     pub fn clear(&mut self) {
         self.free_at = Time::UNSET;
     }
@@ -55,11 +53,17 @@ mod tests {
 
     #[test]
     fn bytes_queue_behind_those_before_them() {
-        let (mut line, now) = (Line::new(57_600), Time::VIRTUAL_START);
+        let (mut line, now) = (LineOccupancy::new(Some(5760.0)), Time::VIRTUAL_START);
         // 17 bytes of 10 bits at 57600 baud.
-        assert_eq!(line.take(now, 17), Span::from_nanos(2_951_389));
+        assert_eq!(line.add(now, 17), Span::from_nanos(2_951_389));
         let then = now + Span::from_millis(1);
-        assert_eq!(line.take(then, 6), Span::from_nanos(1_951_389 + 1_041_667));
+        assert_eq!(line.add(then, 6), Span::from_nanos(1_951_389 + 1_041_667));
         assert_eq!(line.ahead(then + Span::from_millis(3)), Span::ZERO);
+    }
+
+    #[test]
+    fn a_line_without_a_rate_is_always_free() {
+        let (mut line, now) = (LineOccupancy::new(None), Time::VIRTUAL_START);
+        assert_eq!((line.add(now, 280), line.ahead(now)), (Span::ZERO, Span::ZERO));
     }
 }

@@ -1,31 +1,99 @@
-//! What carries bytes to a vehicle. Knows neither formats nor safety; another carrier is one more implementation.
+//! Interface to the port that carries bytes to a vehicle: a stream such as a serial port, or packets such as datagrams. A link
+//! knows no format and no set-point; one implementation per kind of port.
 
 use std::fmt::Debug;
 use std::io;
 
-/// A way for bytes, both ways. No call waits.
-pub trait Link: Debug + Send {
-    /// Reads what is there; 0 if that is nothing.
+use oqtal_runtime::process::{Exit, Failure};
+
+/// Port that can be opened.
+pub trait PortOptions: Debug + Send {
+    /// Opens the port. May take long: not for the real-time thread.
+    ///
+    /// # Errors
+    /// There is no such port, it is in use, or the operating system refuses.
+    fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError>;
+}
+
+/// Open port, both ways. No method blocks.
+///
+/// On a stream, bytes have no boundaries: a read returns what is there, a write may take a part of a frame. On a packet link, a
+/// read returns one packet, and a write of one frame sends one packet or nothing.
+pub trait VehicleLink: Debug + Send {
+    /// Reads received bytes, or one packet, into `buffer`, which holds the longest frame; 0 if there is none.
     ///
     /// # Errors
     /// The link is lost.
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize>;
 
-    /// Hands over as many bytes as are taken now; 0 if that is none.
+    /// Writes the rest of one frame; returns the number of bytes taken, 0 if the port takes none now.
     ///
     /// # Errors
     /// The link is lost.
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize>;
 
-    /// Bytes that were handed over and have not gone out, as far as the link can tell.
+    /// Number of bytes written that have not left the machine, as far as the operating system tells; 0 for a port without a
+    /// queue.
     ///
     /// # Errors
     /// The link is lost.
     fn queued(&self) -> io::Result<usize>;
 
-    /// Drops them.
+    /// Discards the bytes that have not left the machine.
     ///
     /// # Errors
     /// The link is lost.
     fn discard(&mut self) -> io::Result<()>;
+}
+
+/// Failure to open a port.
+#[derive(Debug, thiserror::Error)]
+pub enum PortOpenError {
+    /// Nothing exists at the path.
+    #[error("no serial port at {path}; plug it in, or name another in `bridge.link` or --link")]
+    Missing {
+        /// Path of the port.
+        path: String,
+    },
+    /// The user may not open the port.
+    #[error("no permission for {path}; add the user to the group that owns it (often `dialout`)")]
+    Permission {
+        /// Path of the port.
+        path: String,
+    },
+    /// Another process has locked the port.
+    #[error("{path} is used by another process, perhaps a second bridge; stop that one first")]
+    Busy {
+        /// Path of the port.
+        path: String,
+    },
+    /// The path leads to something other than a serial port.
+    #[error("{path} is not a serial port; name one in `bridge.link` or --link")]
+    NotATerminal {
+        /// The path.
+        path: String,
+    },
+    /// The operating system refused for another reason.
+    #[error("opening {path} at {baud} baud failed: {reason}")]
+    System {
+        /// Path of the port.
+        path: String,
+        /// Requested speed \[baud\].
+        baud: u32,
+        /// Message of the operating system.
+        reason: String,
+    },
+}
+
+impl From<PortOpenError> for Failure {
+    fn from(error: PortOpenError) -> Self {
+        let exit = match error {
+            PortOpenError::Permission { .. } => Exit::Permission,
+            PortOpenError::Busy { .. } => Exit::Peer,
+            PortOpenError::Missing { .. }
+            | PortOpenError::NotATerminal { .. }
+            | PortOpenError::System { .. } => Exit::System,
+        };
+        Self::new(exit, error.to_string())
+    }
 }

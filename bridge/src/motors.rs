@@ -1,265 +1,269 @@
-//! Whether the motors run, and how they come to run and to stand: five states, and their transitions as one table.
+//! State machine of the vehicle's motors: five states, and the transitions between them as one table.
 //!
 //! ```text
-//!          calm        wanted, motors stand            motors run             rested, motors run
-//!   Held ───────▶ Off ─────────────────────▶ Starting ───────────▶ Running ─────────────────────▶ Stopping
-//!    ▲             ▲└────── wanted, motors run ──────────────────────▲ │                            │  │
-//!    │             └──────────────── motors stand ────────────────────┴────────────────────────────┘  │
-//!    └──────────── a sequence is overdue, the daemon fell silent, motors stand though wanted ───────────┘
+//!              idle       requested, stopped             running          rest over, running
+//!   Inhibited ──────▶ Off ───────────────────▶ Starting ─────────▶ Running ──────────────────▶ Stopping
+//!    ▲                 ▲└────── requested, running ────────────────▲ │                          │  │
+//!    │                 └──────────────── stopped ────────────────────┴──────────────────────────┘  │
+//!    └─────────── a sequence timed out, the daemon is silent, motors stopped in flight ─────────────┘
 //! ```
 //!
-//! What is from where:
+//! Sources of the rules:
 //!
-//! - Start and stop are the same frame, no thrust and full yaw, held until it takes effect: a *toggle*. `asctec_drivers` sends
-//!   it up to 15 times, 0.2 s apart, until `LL_STATUS` says that the motors run; `asctec_mav_framework` holds it for at most
-//!   1.5 s. So it is sent only while a fresh status says that it is needed, and for a bounded time.
-//! - Ours: what was lost is never resumed. After a port was opened, and after anything was given up, the bridge is *held*:
-//!   neutral until nobody has wanted to fly for a while. A bridge that restarts in flight must not start motors anew.
-//! - Ours: motors are stopped only after the daemon itself commanded neutral for a while. A daemon that died says nothing: then
-//!   the frames are neutral and stay so, and the vehicle's rotors idle until a daemon is back or the pilot stops them.
-//! - Ours: motors that were not flown from here are left alone: a pilot may fly by hand while the bridge listens.
-//! - The vehicle's emergency stop is in `asctec_drivers` alone, and no source says what it takes to fly again after it. It is
-//!   sent only where neutral cannot end the matter: a stop sequence that was given up, and a bridge that ends while motors run.
-//!   A Stop of the daemon in flight is neutral at once, and then the stop sequence like after a landing.
+//! - Start and stop are the same frame, no thrust and full yaw, sent until it takes effect: a *toggle*. `asctec_drivers` sends
+//!   it up to 15 times, 0.2 s apart, until `LL_STATUS` reports running motors; `asctec_mav_framework` holds it for at most 1.5 s.
+//!   Here it is sent only while a fresh status shows that it is needed, and for a bounded time.
+//! - Ours: flight is never resumed after a loss. After a port was opened, and after a sequence failed, the state is `Inhibited`:
+//!   the zero set-point is sent until no flight has been requested for a command timeout. A bridge that is restarted in flight
+//!   therefore does not start motors.
+//! - Ours: motors are stopped only after the daemon has commanded "disarmed" for `bridge.rest-ms`. A daemon that died commands
+//!   nothing: the zero set-point is sent, and the rotors idle until a daemon is back or the pilot stops them.
+//! - Ours: motors that the bridge did not start are left alone, so that a pilot can fly by hand while a bridge is connected.
+//! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where
+//!   the zero set-point is not enough: after a stop sequence that failed, and when the bridge ends while motors run. A Stop of
+//!   the daemon in flight is a zero set-point at once, and then the stop sequence as after a landing.
 
 use oqtal_bus::time::{Span, Time};
 
-/// After a toggle a status may still be on its way that was true before it.
-const SETTLE: Span = Span::from_millis(500);
+/// Time after a toggle during which a status may still be older than the toggle.
+const SETTLING_TIME: Span = Span::from_millis(500);
 
-/// How it is with the motors, as far as the bridge is concerned.
+/// State of the motors as the bridge controls them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum State {
-    /// Neutral, until nobody has wanted to fly for a while.
+pub enum MotorState {
+    /// Zero set-point; a flight request has no effect until there has been none for a command timeout.
     #[default]
-    Held,
-    /// Neutral; ready to start.
+    Inhibited,
+    /// Zero set-point; a flight request starts the motors.
     Off,
-    /// The start sequence is sent.
+    /// The start sequence is being sent.
     Starting,
-    /// Commands are passed on.
+    /// Commands are forwarded.
     Running,
-    /// The stop sequence is sent.
+    /// The stop sequence is being sent.
     Stopping,
 }
 
-/// What is true now.
+/// Inputs of the state machine. A condition that is unknown is false.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Conditions {
-    /// The daemon wants to fly: its newest command is young, and not neutral.
-    pub wanted: bool,
-    /// It has not wanted to for a while.
-    pub calm: bool,
-    /// Its last word was neutral.
+pub struct MotorConditions {
+    /// The newest command is a flight command within its timeout.
+    pub requested: bool,
+    /// No flight has been requested for longer than the command timeout.
+    pub idle: bool,
+    /// The newest command is "disarmed".
     pub disarmed: bool,
-    /// It has commanded neutral for so long that the vehicle stands.
-    pub rested: bool,
-    /// A fresh status says that the motors run.
-    pub run: bool,
-    /// A fresh status says that they stand.
-    pub stand: bool,
-    /// It has said nothing at all for so long that the vehicle lies where it fell.
-    pub abandoned: bool,
-    /// They were flown from here, and have not been seen to stand since.
-    pub flown: bool,
-    /// The present state has lasted long enough for a status to be about it.
+    /// "Disarmed" has been commanded for the rest time, so that the vehicle stands.
+    pub rest_over: bool,
+    /// A fresh status reports running motors.
+    pub running: bool,
+    /// A fresh status reports stopped motors.
+    pub stopped: bool,
+    /// No command has been received for the rest time, and the last was a flight command.
+    pub daemon_silent: bool,
+    /// The bridge started the motors, and no status has reported them stopped since.
+    pub started_here: bool,
+    /// The present state has lasted for the settling time.
     pub settled: bool,
-    /// The present state has lasted for as long as a sequence may.
-    pub overdue: bool,
+    /// The present state has lasted for the longest time of a sequence.
+    pub timed_out: bool,
 }
 
-/// One way from state to state: when `when` holds in `from`.
-struct Transition {
-    from: State,
-    to: State,
-    when: fn(&Conditions) -> bool,
+/// Transition from one state to another, taken when its condition holds.
+struct MotorTransition {
+    from: MotorState,
+    to: MotorState,
+    when: fn(&MotorConditions) -> bool,
 }
 
-/// All ways; the first that holds is taken.
-const TRANSITIONS: [Transition; 13] = {
-    use State::{Held, Off, Running, Starting, Stopping};
+/// All transitions; the first whose condition holds is taken.
+const TRANSITIONS: [MotorTransition; 13] = {
+    use MotorState::{Inhibited, Off, Running, Starting, Stopping};
+    use MotorTransition as T;
     [
-        // A daemon that fell silent in flight must come back and say so: it may only have been asleep.
-        Transition { from: Held, to: Off, when: |c| c.calm && (c.disarmed || !c.flown) },
-        // Left over from before it was held.
-        Transition { from: Off, to: Stopping, when: |c| c.flown && c.rested && c.run },
-        Transition { from: Off, to: Running, when: |c| c.wanted && c.run },
-        Transition { from: Off, to: Starting, when: |c| c.wanted && c.stand },
-        // Called off: the toggle may have taken effect already, and then must be taken back.
-        Transition { from: Starting, to: Stopping, when: |c| !c.wanted },
-        Transition { from: Starting, to: Running, when: |c| c.run },
-        Transition { from: Starting, to: Held, when: |c| c.overdue },
-        // Somebody else stopped them, the pilot perhaps: they are not started again behind his back.
-        Transition { from: Running, to: Held, when: |c| c.stand && c.wanted },
-        Transition { from: Running, to: Off, when: |c| c.stand },
-        Transition { from: Running, to: Held, when: |c| c.abandoned },
-        Transition { from: Running, to: Stopping, when: |c| c.rested && c.run },
-        Transition { from: Stopping, to: Off, when: |c| c.stand && c.settled },
-        Transition { from: Stopping, to: Held, when: |c| c.overdue },
+        // After silence in flight the daemon must first command "disarmed": it may only have been suspended.
+        T { from: Inhibited, to: Off, when: |c| c.idle && (c.disarmed || !c.started_here) },
+        // Motors that still run from before the state was `Inhibited`.
+        T { from: Off, to: Stopping, when: |c| c.started_here && c.rest_over && c.running },
+        T { from: Off, to: Running, when: |c| c.requested && c.running },
+        T { from: Off, to: Starting, when: |c| c.requested && c.stopped },
+        // The request was withdrawn: the toggle may have taken effect already, and then must be undone.
+        T { from: Starting, to: Stopping, when: |c| !c.requested },
+        T { from: Starting, to: Running, when: |c| c.running },
+        T { from: Starting, to: Inhibited, when: |c| c.timed_out },
+        // The pilot may have stopped the motors: they are not restarted without an operator's command.
+        T { from: Running, to: Inhibited, when: |c| c.stopped && c.requested },
+        T { from: Running, to: Off, when: |c| c.stopped },
+        T { from: Running, to: Inhibited, when: |c| c.daemon_silent },
+        T { from: Running, to: Stopping, when: |c| c.rest_over && c.running },
+        T { from: Stopping, to: Off, when: |c| c.stopped && c.settled },
+        T { from: Stopping, to: Inhibited, when: |c| c.timed_out },
     ]
 };
 
-/// What there is to say about a transition.
+/// Event of the state machine, for the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Change {
-    /// The motors are being started.
-    Starts,
-    /// They run.
-    Runs,
-    /// They are being stopped.
-    Stops,
-    /// They stand.
-    Stands,
+pub enum MotorEvent {
+    /// The start sequence begins.
+    Starting,
+    /// The motors run.
+    Running,
+    /// The stop sequence begins.
+    Stopping,
+    /// The motors have stopped.
+    Stopped,
     /// The start sequence had no effect.
     StartFailed,
     /// The stop sequence had no effect.
     StopFailed,
-    /// They stood still while a flight was wanted.
-    Stalled,
-    /// The daemon fell silent while they ran.
-    Abandoned,
+    /// The motors stopped while a flight was requested.
+    StoppedInFlight,
+    /// The daemon fell silent while the motors ran.
+    DaemonSilent,
 }
 
-/// The state, and since when.
+/// State machine of the motors.
 #[derive(Clone, Copy, Debug)]
-pub struct Motors {
-    state: State,
+pub struct MotorSequencer {
+    state: MotorState,
     since: Time,
     longest: Span,
-    flown: bool,
+    started_here: bool,
 }
 
-impl Motors {
-    /// Held at `now`; a sequence lasts `longest` at most.
+impl MotorSequencer {
+    /// State machine in state `Inhibited` at `now`, whose sequences last `longest` at most.
     #[must_use]
     pub fn new(now: Time, longest: Span) -> Self {
-        Self { state: State::Held, since: now, longest, flown: false }
+        Self { state: MotorState::Inhibited, since: now, longest, started_here: false }
     }
 
     /// The present state.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> MotorState {
         self.state
     }
 
-    /// Neutral until nobody has wanted to fly for a while.
-    pub fn hold(&mut self, now: Time) {
-        (self.state, self.since) = (State::Held, now);
+    /// Sets the state `Inhibited`.
+    pub fn inhibit(&mut self, now: Time) {
+        (self.state, self.since) = (MotorState::Inhibited, now);
     }
 
-    /// Whether the motors may run because of what was sent from here.
+    /// Whether the motors may run because of what the bridge sent.
     #[must_use]
     pub fn may_run(&self) -> bool {
-        self.flown || !matches!(self.state, State::Held | State::Off)
+        self.started_here || !matches!(self.state, MotorState::Inhibited | MotorState::Off)
     }
 
-    /// Goes on to `now`; what changed, if it is worth saying. The last three of `conditions` are filled in.
-    pub fn step(&mut self, now: Time, conditions: Conditions) -> Option<Change> {
+    /// Takes the transition whose condition holds at `now`, if any; returns what is to be logged. Sets the last three fields of
+    /// `conditions` itself.
+    pub fn step(&mut self, now: Time, conditions: MotorConditions) -> Option<MotorEvent> {
         let lasted = now.since(self.since);
-        self.flown &= !conditions.stand;
-        let conditions = Conditions {
-            flown: self.flown,
-            settled: lasted >= SETTLE,
-            overdue: lasted >= self.longest,
+        self.started_here &= !conditions.stopped;
+        let conditions = MotorConditions {
+            started_here: self.started_here,
+            settled: lasted >= SETTLING_TIME,
+            timed_out: lasted >= self.longest,
             ..conditions
         };
-        let way =
-            TRANSITIONS.iter().find(|way| way.from == self.state && (way.when)(&conditions))?;
-        (self.state, self.since) = (way.to, now);
-        let change = change(way, &conditions);
-        match change {
-            Some(Change::Runs) => self.flown = true,
-            // Tried, and told: not again.
-            Some(Change::StopFailed) => self.flown = false,
+        let holds = |t: &&MotorTransition| t.from == self.state && (t.when)(&conditions);
+        let transition = TRANSITIONS.iter().find(holds)?;
+        (self.state, self.since) = (transition.to, now);
+        let event = event(transition, &conditions);
+        match event {
+            Some(MotorEvent::Running) => self.started_here = true,
+            // One attempt, and one line in the log.
+            Some(MotorEvent::StopFailed) => self.started_here = false,
             _ => {}
         }
-        change
+        event
     }
 }
 
-/// What there is to say about a way that was taken.
-fn change(way: &Transition, conditions: &Conditions) -> Option<Change> {
-    match (way.from, way.to) {
-        (_, State::Starting) => Some(Change::Starts),
-        (_, State::Running) => Some(Change::Runs),
-        (_, State::Stopping) => Some(Change::Stops),
-        (State::Starting, State::Held) => Some(Change::StartFailed),
-        (State::Stopping, State::Held) => Some(Change::StopFailed),
-        (State::Running, State::Held) if conditions.abandoned => Some(Change::Abandoned),
-        (State::Running, State::Held) => Some(Change::Stalled),
-        (State::Held, _) => None,
-        _ => Some(Change::Stands),
+/// Event of a transition that was taken.
+fn event(transition: &MotorTransition, conditions: &MotorConditions) -> Option<MotorEvent> {
+    use MotorState::{Inhibited, Running, Starting, Stopping};
+    match (transition.from, transition.to) {
+        (_, Starting) => Some(MotorEvent::Starting),
+        (_, Running) => Some(MotorEvent::Running),
+        (_, Stopping) => Some(MotorEvent::Stopping),
+        (Starting, Inhibited) => Some(MotorEvent::StartFailed),
+        (Stopping, Inhibited) => Some(MotorEvent::StopFailed),
+        (Running, Inhibited) if conditions.daemon_silent => Some(MotorEvent::DaemonSilent),
+        (Running, Inhibited) => Some(MotorEvent::StoppedInFlight),
+        (Inhibited, _) => None,
+        _ => Some(MotorEvent::Stopped),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use State::{Held, Off, Running, Starting, Stopping};
+    use MotorState::{Inhibited, Off, Running, Starting, Stopping};
 
     const LONGEST: Span = Span::from_millis(3000);
-    const STATES: [State; 5] = [Held, Off, Starting, Running, Stopping];
-    const WANTED: Conditions = Conditions {
-        wanted: true,
-        calm: false,
+    const STATES: [MotorState; 5] = [Inhibited, Off, Starting, Running, Stopping];
+    const NONE: MotorConditions = MotorConditions {
+        requested: false,
+        idle: false,
         disarmed: false,
-        rested: false,
-        run: false,
-        stand: false,
-        abandoned: false,
-        flown: false,
+        rest_over: false,
+        running: false,
+        stopped: false,
+        daemon_silent: false,
+        started_here: false,
         settled: false,
-        overdue: false,
+        timed_out: false,
     };
+    const REQUESTED: MotorConditions = MotorConditions { requested: true, ..NONE };
 
-    fn after(state: State, millis: i64, conditions: Conditions) -> State {
-        let since = Time::VIRTUAL_START;
-        let mut motors = Motors { state, since, longest: LONGEST, flown: conditions.flown };
+    fn after(state: MotorState, millis: i64, conditions: MotorConditions) -> MotorState {
+        let (since, started_here) = (Time::VIRTUAL_START, conditions.started_here);
+        let mut motors = MotorSequencer { state, since, longest: LONGEST, started_here };
         motors.step(since + Span::from_millis(millis), conditions);
         motors.state
     }
 
-    fn all_conditions() -> impl Iterator<Item = Conditions> {
+    fn all_conditions() -> impl Iterator<Item = MotorConditions> {
         (0..32_u8).map(|bits| {
             let on = |bit: u8| bits & (1 << bit) != 0;
-            let (wanted, run, stand) = (on(0), on(3), on(4));
-            Conditions { wanted, calm: on(1), rested: on(2), run, stand, ..Conditions::default() }
+            let (requested, running, stopped) = (on(0), on(3), on(4));
+            MotorConditions { requested, idle: on(1), rest_over: on(2), running, stopped, ..NONE }
         })
     }
 
     #[test]
     fn a_flight_goes_round() {
-        let (run, stand) = (
-            Conditions { run: true, ..Conditions::default() },
-            Conditions { stand: true, ..Conditions::default() },
-        );
-        assert_eq!(after(Held, 1, Conditions { calm: true, ..stand }), Off);
-        assert_eq!(after(Off, 1, Conditions { wanted: true, ..stand }), Starting);
-        assert_eq!(after(Starting, 1, Conditions { wanted: true, ..run }), Running);
-        assert_eq!(after(Running, 1, run), Running, "neutral, but not for long");
-        assert_eq!(after(Running, 1, Conditions { rested: true, ..run }), Stopping);
-        assert_eq!(after(Stopping, 499, stand), Stopping, "that status may be old");
-        assert_eq!(after(Stopping, 500, stand), Off);
+        let running = MotorConditions { running: true, ..NONE };
+        let stopped = MotorConditions { stopped: true, ..NONE };
+        assert_eq!(after(Inhibited, 1, MotorConditions { idle: true, ..stopped }), Off);
+        assert_eq!(after(Off, 1, MotorConditions { requested: true, ..stopped }), Starting);
+        assert_eq!(after(Starting, 1, MotorConditions { requested: true, ..running }), Running);
+        assert_eq!(after(Running, 1, running), Running, "not requested, but not for long");
+        assert_eq!(after(Running, 1, MotorConditions { rest_over: true, ..running }), Stopping);
+        assert_eq!(after(Stopping, 499, stopped), Stopping, "that status may be old");
+        assert_eq!(after(Stopping, 500, stopped), Off);
     }
 
     #[test]
     fn a_sequence_is_given_up() {
-        assert_eq!(after(Starting, 2999, WANTED), Starting);
-        assert_eq!(after(Starting, 3000, WANTED), Held);
-        assert_eq!(after(Stopping, 3000, Conditions::default()), Held);
+        assert_eq!(after(Starting, 2999, REQUESTED), Starting);
+        assert_eq!(after(Starting, 3000, REQUESTED), Inhibited);
+        assert_eq!(after(Stopping, 3000, NONE), Inhibited);
     }
 
     #[test]
-    fn only_calm_ends_being_held() {
+    fn only_an_idle_daemon_ends_the_inhibition() {
         for conditions in all_conditions() {
-            assert_eq!(after(Held, 10_000, conditions) == Off, conditions.calm, "{conditions:?}");
+            let is_off = after(Inhibited, 10_000, conditions) == Off;
+            assert_eq!(is_off, conditions.idle, "{conditions:?}");
         }
     }
 
     #[test]
     fn no_sequence_begins_without_a_fresh_status_but_to_take_a_start_back() {
         for state in STATES {
-            for conditions in all_conditions().filter(|c| !c.run && !c.stand) {
+            for conditions in all_conditions().filter(|c| !c.running && !c.stopped) {
                 let next = after(state, 10, conditions);
                 let begun = next != state && matches!(next, Starting | Stopping);
                 assert!(!begun || state == Starting, "{state:?} {conditions:?}");
@@ -268,28 +272,29 @@ mod tests {
     }
 
     #[test]
-    fn motors_that_stood_still_in_flight_are_not_started_again() {
-        assert_eq!(after(Running, 10, Conditions { stand: true, ..WANTED }), Held);
-        assert_eq!(after(Held, 10, Conditions { stand: true, ..WANTED }), Held);
+    fn motors_that_stopped_in_flight_are_not_started_again() {
+        let stopped = MotorConditions { stopped: true, ..REQUESTED };
+        assert_eq!(after(Running, 10, stopped), Inhibited);
+        assert_eq!(after(Inhibited, 10, stopped), Inhibited);
     }
 
     #[test]
     fn a_daemon_that_fell_silent_must_be_disarmed_before_it_flies_on() {
-        let run = Conditions { run: true, flown: true, ..WANTED };
-        let silent = Conditions { abandoned: true, wanted: false, ..run };
-        assert_eq!(after(Running, 10, silent), Held);
-        assert_eq!(after(Held, 10, run), Held);
-        let calm = Conditions { calm: true, wanted: false, ..run };
-        assert_eq!(after(Held, 10, calm), Held);
-        let disarmed = Conditions { disarmed: true, rested: true, ..calm };
-        assert_eq!(after(Held, 10, disarmed), Off);
+        let run = MotorConditions { running: true, started_here: true, ..REQUESTED };
+        let silent = MotorConditions { daemon_silent: true, requested: false, ..run };
+        assert_eq!(after(Running, 10, silent), Inhibited);
+        assert_eq!(after(Inhibited, 10, run), Inhibited);
+        let idle = MotorConditions { idle: true, requested: false, ..run };
+        assert_eq!(after(Inhibited, 10, idle), Inhibited);
+        let disarmed = MotorConditions { disarmed: true, rest_over: true, ..idle };
+        assert_eq!(after(Inhibited, 10, disarmed), Off);
         assert_eq!(after(Off, 10, disarmed), Stopping);
     }
 
     #[test]
-    fn motors_that_nobody_here_flew_are_left_alone() {
-        let by_hand = Conditions { calm: true, rested: true, run: true, ..Conditions::default() };
-        assert_eq!(after(Held, 10, by_hand), Off);
+    fn motors_that_the_bridge_did_not_start_are_left_alone() {
+        let by_hand = MotorConditions { idle: true, rest_over: true, running: true, ..NONE };
+        assert_eq!(after(Inhibited, 10, by_hand), Off);
         assert_eq!(after(Off, 10_000, by_hand), Off);
     }
 }

@@ -1,229 +1,218 @@
-//! What may be said to the vehicle: the newest command while it is young, else neutral. Knows neither format nor link, asks
-//! nobody, and judges by the bridge's own clock.
+//! Selection of the set-point that is sent to the vehicle: the newest command within its timeout, else the zero set-point. Depends
+//! on the bridge's own clock alone, not on format, transport or daemon.
 //!
-//! A command's age is counted from its publication, which the daemon stamped by the same machine's clock, and from its arrival
-//! here: it must be young by both. A stamp that is missing or lies ahead is not believed. So a command that lay in a buffer
-//! while this process was stopped is never sent, however late it is found.
+//! The age of a command is counted from its publication, stamped by the daemon with the clock of the same machine, and from its
+//! arrival: both must be within the timeout. A stamp that is missing or lies in the future is rejected. A command that waited in a
+//! buffer while this process was suspended is therefore never sent.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 
-use crate::motors::{Change, Conditions, Motors, State};
+use crate::motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
+use crate::setpoint::VehicleSetpoint;
 
-/// What a frame tells the vehicle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum VehicleSetpoint {
-    /// Sticks centred, no thrust.
-    Neutral,
-    /// Fly like this: sticks and thrust.
-    Fly(CommandV1),
-    /// No thrust, and the stick that starts the motors.
-    StartMotors,
-    /// No thrust, and the stick that stops them.
-    StopMotors,
-}
-
-/// A command that an setpoint passes on for the first time.
+/// Command that a set-point forwards for the first time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct About {
-    /// Sequence of the command.
+pub struct ForwardedCommand {
+    /// Sequence of the command \[-\].
     pub command: u64,
-    /// Sequence of its pose.
+    /// Sequence of its pose \[-\].
     pub pose: u64,
-    /// Its stations, the arrival here included.
+    /// Its stamps, arrival at the bridge included.
     pub stamps: Stamps,
 }
 
-/// What the vehicle last said of its motors.
+/// Motor state that the vehicle last reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MotorStatus {
-    /// When it was reply.
-    pub heard_at: Time,
-    /// Whether they run.
-    pub run: bool,
+    /// Arrival of the report.
+    pub received_at: Time,
+    /// Whether the motors run.
+    pub running: bool,
 }
 
-/// How long is too long.
+/// Timeouts of the command gate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// A command published longer ago is never sent.
+pub struct SafetyLimits {
+    /// Command timeout: a command published longer ago is never sent.
     pub command_age: Span,
-    /// A status reply longer ago does not count for a motor sequence.
+    /// Status timeout: an older status does not count for a motor sequence.
     pub status_age: Span,
-    /// A motor sequence lasts no longer.
+    /// Longest duration of a motor sequence.
     pub sequence: Span,
-    /// Neutral is commanded for so long before motors are stopped.
+    /// Rest time: "disarmed" is commanded for this time before the motors are stopped.
     pub rest: Span,
 }
 
-/// A command as it arrived.
+/// Newest accepted command.
 #[derive(Clone, Copy, Debug)]
 struct Newest {
-    about: About,
+    forwarded: ForwardedCommand,
     command: CommandV1,
-    passed_on: bool,
+    is_forwarded: bool,
 }
 
-/// Decides what a frame says.
+/// Chooses the content of each set-point frame.
 #[derive(Clone, Debug)]
-pub struct Safety {
-    limits: Limits,
-    motors: Motors,
+pub struct CommandGate {
+    limits: SafetyLimits,
+    motors: MotorSequencer,
     newest: Option<Newest>,
     status: Option<MotorStatus>,
-    /// Since when nobody has wanted to fly.
-    unwanted_since: Time,
-    /// Since when neutral has been commanded.
-    neutral_since: Option<Time>,
-    refused: u64,
+    /// Instant of the last flight request.
+    last_request: Time,
+    /// Instant since which "disarmed" has been commanded.
+    disarmed_since: Option<Time>,
+    rejected: u64,
 }
 
-impl Safety {
-    /// A vehicle of which nothing is known.
+impl CommandGate {
+    /// Gate to a vehicle of unknown state.
     #[must_use]
-    pub fn new(now: Time, limits: Limits) -> Self {
+    pub fn new(now: Time, limits: SafetyLimits) -> Self {
         Self {
             limits,
-            motors: Motors::new(now, limits.sequence),
+            motors: MotorSequencer::new(now, limits.sequence),
             newest: None,
             status: None,
-            unwanted_since: now,
-            neutral_since: None,
-            refused: 0,
+            last_request: now,
+            disarmed_since: None,
+            rejected: 0,
         }
     }
 
-    /// A port was opened or lost: neutral first, and what was known of the vehicle is not known any more.
-    pub fn forget(&mut self, now: Time) {
-        self.motors.hold(now);
+    /// Forgets the state of the vehicle and inhibits flight: a port was opened or lost.
+    pub fn reset(&mut self, now: Time) {
+        self.motors.inhibit(now);
         self.status = None;
-        self.unwanted_since = now;
+        self.last_request = now;
     }
 
-    /// Takes a command off the bus at `now`; whether it is believed, young and newer than the last.
+    /// Takes a command that arrived at `now`; returns whether it is accepted: within its timeout and newer than the last.
     pub fn receive(&mut self, now: Time, header: &Header, command: CommandV1) -> bool {
         let published_at = header.stamps.command_published_at;
-        let newer =
-            self.newest.is_none_or(|last| published_at >= last.about.stamps.command_published_at);
-        // The last word of a daemon carries no stamps: neutral is always right.
-        let last_word = !is_flight(&command) && !published_at.is_set();
-        let believed = last_word || newer && is_young(now, published_at, self.limits.command_age);
-        if !believed {
-            self.refused += 1;
+        let newer = self
+            .newest
+            .is_none_or(|last| published_at >= last.forwarded.stamps.command_published_at);
+        // The final "disarmed" of a daemon carries no stamps; it is safe whatever its age.
+        let is_final = !is_flight(&command) && !published_at.is_set();
+        let accepted = is_final || newer && is_within(now, published_at, self.limits.command_age);
+        if !accepted {
+            self.rejected += 1;
             return false;
         }
         let stamps = Stamps { received_at: now, ..header.stamps };
-        let about = About { command: header.sequence, pose: header.pose_sequence, stamps };
-        self.newest = Some(Newest { about, command, passed_on: false });
+        let forwarded =
+            ForwardedCommand { command: header.sequence, pose: header.pose_sequence, stamps };
+        self.newest = Some(Newest { forwarded, command, is_forwarded: false });
         if is_flight(&command) {
-            self.neutral_since = None;
+            self.disarmed_since = None;
         } else {
-            self.neutral_since = self.neutral_since.or(Some(now));
+            self.disarmed_since = self.disarmed_since.or(Some(now));
         }
         true
     }
 
-    /// Takes what the vehicle says of its motors.
-    pub fn hear(&mut self, status: MotorStatus) {
+    /// Takes the motor state that the vehicle reports.
+    pub fn update_status(&mut self, status: MotorStatus) {
         self.status = Some(status);
     }
 
-    /// What a frame that begins `now` says, the command that it passes on for the first time, and what changed.
-    pub fn decide(&mut self, now: Time) -> (VehicleSetpoint, Option<About>, Option<Change>) {
+    /// Chooses the set-point of a frame that begins at `now`; returns it, the command that it forwards for the first time, and
+    /// the event of the motors.
+    pub fn decide(
+        &mut self,
+        now: Time,
+    ) -> (VehicleSetpoint, Option<ForwardedCommand>, Option<MotorEvent>) {
         let flight = self.flight(now);
         if flight.is_some() {
-            self.unwanted_since = now;
+            self.last_request = now;
         }
         let conditions = self.conditions(now, flight.is_some());
-        let change = self.motors.step(now, conditions);
+        let event = self.motors.step(now, conditions);
         let setpoint = match (self.motors.state(), flight) {
-            (State::Running, Some(command)) => VehicleSetpoint::Fly(command),
-            // A toggle, so only while it is known to be needed.
-            (State::Starting, Some(_)) if conditions.stand => VehicleSetpoint::StartMotors,
-            (State::Stopping, None) if conditions.run => VehicleSetpoint::StopMotors,
-            _ => VehicleSetpoint::Neutral,
+            (MotorState::Running, Some(command)) => VehicleSetpoint::Fly(command),
+            // Start and stop are one toggle: sent only while a status shows that it is needed.
+            (MotorState::Starting, Some(_)) if conditions.stopped => VehicleSetpoint::StartMotors,
+            (MotorState::Stopping, None) if conditions.running => VehicleSetpoint::StopMotors,
+            _ => VehicleSetpoint::Zero,
         };
-        (setpoint, self.pass_on(now, &setpoint), change)
+        (setpoint, self.forward(now, &setpoint), event)
     }
 
-    /// Whether the daemon waits for the motors.
+    /// Whether the start sequence is being sent.
     #[must_use]
     pub fn is_starting(&self) -> bool {
-        self.motors.state() == State::Starting
+        self.motors.state() == MotorState::Starting
     }
 
-    /// Whether a motor sequence is under way: then the vehicle's word is wanted often.
+    /// Whether a motor sequence is being sent: a fresh status is then urgent.
     #[must_use]
     pub fn is_in_sequence(&self) -> bool {
-        matches!(self.motors.state(), State::Starting | State::Stopping)
+        matches!(self.motors.state(), MotorState::Starting | MotorState::Stopping)
     }
 
-    /// Whether the motors may run because of what was sent here.
+    /// Whether the motors may run because of what the bridge sent.
     #[must_use]
     pub fn may_run(&self) -> bool {
         self.motors.may_run()
     }
 
-    /// Whether the last status, however old, says that the motors run: one that is missing does not say that they stand. For a
-    /// motor sequence it has to be fresh.
+    /// Whether the last status, of any age, reports running motors. Without a new status they are not assumed to have stopped; a
+    /// motor sequence requires a fresh one.
     #[must_use]
-    pub fn ran_last(&self) -> bool {
-        self.status.is_some_and(|status| status.run)
+    pub fn last_status_running(&self) -> bool {
+        self.status.is_some_and(|status| status.running)
     }
 
-    /// Commands refused: too old, from the future, or older than the one before.
+    /// Number of commands rejected: past their timeout, stamped in the future, or older than the one before.
     #[must_use]
-    pub fn refused(&self) -> u64 {
-        self.refused
+    pub fn rejected(&self) -> u64 {
+        self.rejected
     }
 
-    /// The newest command, if it is one to fly by and young enough to be sent `now`.
+    /// The newest command, if it is a flight command within its timeout at `now`.
     fn flight(&self, now: Time) -> Option<CommandV1> {
         let newest = self.newest.filter(|newest| is_flight(&newest.command))?;
-        let Stamps { command_published_at, received_at, .. } = newest.about.stamps;
-        let young = |since| is_young(now, since, self.limits.command_age);
-        (young(command_published_at) && young(received_at)).then_some(newest.command)
+        let Stamps { command_published_at, received_at, .. } = newest.forwarded.stamps;
+        let within = |since| is_within(now, since, self.limits.command_age);
+        (within(command_published_at) && within(received_at)).then_some(newest.command)
     }
 
-    fn fresh_status(&self, now: Time) -> Option<bool> {
-        let status = self.status.filter(|s| is_young(now, s.heard_at, self.limits.status_age))?;
-        Some(status.run)
-    }
-
-    fn conditions(&self, now: Time, wanted: bool) -> Conditions {
-        let status = self.fresh_status(now);
-        let unwanted = now.since(self.unwanted_since);
-        let rested = self.neutral_since.is_some_and(|since| now.since(since) >= self.limits.rest);
-        let silent = self.neutral_since.is_none() && unwanted >= self.limits.rest;
-        Conditions {
-            wanted,
-            calm: unwanted > self.limits.command_age,
-            disarmed: self.neutral_since.is_some(),
-            rested: rested && !wanted,
-            abandoned: silent && !wanted,
-            run: status == Some(true),
-            stand: status == Some(false),
-            ..Conditions::default()
+    fn conditions(&self, now: Time, requested: bool) -> MotorConditions {
+        let fresh = self.status.filter(|s| is_within(now, s.received_at, self.limits.status_age));
+        let without_request = now.since(self.last_request);
+        let rested = |since: Time| now.since(since) >= self.limits.rest;
+        let silent = self.disarmed_since.is_none() && without_request >= self.limits.rest;
+        MotorConditions {
+            requested,
+            idle: without_request > self.limits.command_age,
+            disarmed: self.disarmed_since.is_some(),
+            rest_over: self.disarmed_since.is_some_and(rested) && !requested,
+            daemon_silent: silent && !requested,
+            running: fresh.is_some_and(|status| status.running),
+            stopped: fresh.is_some_and(|status| !status.running),
+            ..MotorConditions::default()
         }
     }
 
-    /// The newest command, if `setpoint` is the first that does what it says.
-    fn pass_on(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<About> {
-        let newest = self.newest.as_mut().filter(|newest| !newest.passed_on)?;
-        let young =
-            is_young(now, newest.about.stamps.command_published_at, self.limits.command_age);
-        let says_so = match setpoint {
+    /// The newest command, if `setpoint` is the first that carries it out.
+    fn forward(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<ForwardedCommand> {
+        let newest = self.newest.as_mut().filter(|newest| !newest.is_forwarded)?;
+        let published_at = newest.forwarded.stamps.command_published_at;
+        let within = is_within(now, published_at, self.limits.command_age);
+        let carries_it_out = match setpoint {
             VehicleSetpoint::Fly(_) => true,
-            VehicleSetpoint::Neutral => !is_flight(&newest.command) && young,
+            VehicleSetpoint::Zero => !is_flight(&newest.command) && within,
             VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => false,
         };
-        newest.passed_on |= says_so;
-        says_so.then_some(newest.about)
+        newest.is_forwarded |= carries_it_out;
+        carries_it_out.then_some(newest.forwarded)
     }
 }
 
-/// Whether a command is one to fly by: sticks, all finite. Whatever else comes is neutral.
+/// Whether `command` is a flight command: sticks, all numbers finite. Every other command counts as "disarmed".
 fn is_flight(command: &CommandV1) -> bool {
     let CommandV1 { sticks, attitude, thrust, .. } = command;
     let numbers = sticks.iter().chain(attitude).chain([thrust]);
@@ -231,7 +220,7 @@ fn is_flight(command: &CommandV1) -> bool {
         && numbers.into_iter().all(|number| number.is_finite())
 }
 
-/// Whether `since` is a stamp that lies no further back than `age`, and not ahead.
-fn is_young(now: Time, since: Time, age: Span) -> bool {
+/// Whether the stamp `since` is set, not in the future, and no older than `age`.
+fn is_within(now: Time, since: Time, age: Span) -> bool {
     since.is_set() && since <= now && now.since(since) <= age
 }

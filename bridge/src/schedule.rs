@@ -1,95 +1,95 @@
-//! When frames go: with each command, by the bridge's own clock without one, and polls where the wire has room for them.
+//! Instants at which frames are sent: a set-point with each command, or by the bridge's own clock without one; periodic words
+//! where the line has room.
 //!
-//! Where a radio is in between, the vehicle's answers take the time that commands could take. So a poll goes right behind a
-//! command and only if it is out before the next one is due, and polls are so far apart that the whole exchange, every command
-//! and every answer, has its time on the line. An answer that is longer than what is left of its period may make the next command
-//! wait, for less than a frame, and the one after it does not.
+//! Behind a half-duplex radio, the vehicle's answers take the time that set-points could take. A periodic word is therefore sent
+//! directly behind a set-point, only if it has left before the next one is due, and words are spaced so that the whole exchange,
+//! every set-point and every answer, fits on the line. An answer that is longer than the rest of its period may delay the next
+//! set-point by less than a frame, and does not delay the one after.
 
 use oqtal_bus::time::{Span, Time};
 
-/// Without a command for so many periods a frame goes by the bridge's own clock.
+/// Time without a command after which a set-point is sent by the bridge's own clock \[control periods\].
 const OWN_CLOCK_PERIODS: f64 = 1.5;
-/// A vehicle that could be asked no more often than once in so many periods is not watched any more.
-const SPARSEST_POLLS: u32 = 12;
-/// After so many frames of its own the bridge reckons with no command: before, one is late, and would come upon a poll.
+/// Widest spacing of periodic words \[control periods\]: a vehicle asked less often is not supervised.
+const WIDEST_SPACING: u32 = 12;
+/// Number of set-points by the own clock after which no command is expected. Before, a command is late, and would wait for a word.
 const ALONE_AFTER: u32 = 3;
-/// What a radio, and the vehicle's own loop, may need to turn a poll into an answer.
+/// Time that a radio and the vehicle's own loop need to turn a request into an answer.
 const TURNAROUND: Span = Span::from_millis(2);
 
-/// When frames go.
+/// Schedule of frames.
 #[derive(Clone, Debug)]
 pub struct Schedule {
     period: Span,
-    status_period: Span,
+    /// Shortest time between two periodic words.
     spacing: Span,
-    last_frame: Time,
-    /// Frames by the own clock since the last that went with a command.
-    own_frames: u32,
-    last_poll: Time,
+    last_setpoint: Time,
+    /// Set-points by the own clock since the last that went with a command.
+    own_setpoints: u32,
+    last_word: Time,
 }
 
 impl Schedule {
-    /// Frames every `period` at least, and a status every `status_period`, or `spacing`, which is no longer, where it is wanted
-    /// urgently.
+    /// Schedule with a set-point at least every `period`, and periodic words `spacing` apart, as [`spacing`] computes it.
     #[must_use]
-    pub fn new(period: Span, status_period: Span, spacing: Span) -> Self {
+    pub fn new(period: Span, spacing: Span) -> Self {
         Self {
             period,
-            status_period,
-            // A frame may come a little early.
+            // A set-point may be half a period early.
             spacing: spacing - period.scaled(0.5),
-            last_frame: Time::UNSET,
-            own_frames: 0,
-            last_poll: Time::UNSET,
+            last_setpoint: Time::UNSET,
+            own_setpoints: 0,
+            last_word: Time::UNSET,
         }
     }
 
-    /// A port was opened: a frame goes at once.
+    /// Makes a set-point due at once: a port was opened.
     pub fn restart(&mut self) {
-        (self.last_frame, self.last_poll, self.own_frames) = (Time::UNSET, Time::UNSET, 0);
+        (self.last_setpoint, self.last_word, self.own_setpoints) = (Time::UNSET, Time::UNSET, 0);
     }
 
-    /// When a frame goes if no command comes.
+    /// Instant of the next set-point if no command arrives.
     #[must_use]
-    pub fn next_frame(&self) -> Time {
-        let periods = if self.own_frames == 0 { OWN_CLOCK_PERIODS } else { 1.0 };
-        self.last_frame + self.period.scaled(periods)
+    pub fn next_setpoint(&self) -> Time {
+        let periods = if self.own_setpoints == 0 { OWN_CLOCK_PERIODS } else { 1.0 };
+        self.last_setpoint + self.period.scaled(periods)
     }
 
-    /// A frame goes `now`, with a new command or without.
-    pub fn frame(&mut self, now: Time, with_command: bool) {
-        // The own clock keeps its grid, however late it was served, unless it fell behind by a whole frame.
-        let due = self.next_frame();
+    /// Records a set-point that begins at `now`, with a new command or without.
+    pub fn add_setpoint(&mut self, now: Time, with_command: bool) {
+        // The own clock keeps its grid, however late it is served, unless it is late by a whole period.
+        let due = self.next_setpoint();
         let on_grid = !with_command && now.since(due) < self.period;
-        self.last_frame = if on_grid { due } else { now };
-        self.own_frames = if with_command { 0 } else { self.own_frames.saturating_add(1) };
+        self.last_setpoint = if on_grid { due } else { now };
+        self.own_setpoints = if with_command { 0 } else { self.own_setpoints.saturating_add(1) };
     }
 
-    /// Whether a poll goes right behind the frame that went `now`: one is due (sooner if `urgent`), and it is out before the
-    /// next frame, behind what is `ahead` of it; itself it takes `asking`.
-    pub fn poll(&mut self, now: Time, ahead: Span, asking: Span, urgent: bool) -> bool {
-        let apart = if urgent { self.spacing } else { self.status_period };
-        // The next command comes a period after this frame, also where the own clock would wait longer.
-        let room = (self.last_frame + self.period).since(now);
-        let expected = (1..ALONE_AFTER).contains(&self.own_frames);
-        let due = now >= self.last_poll + apart;
-        let goes = due && !expected && ahead + asking + TURNAROUND <= room;
-        if goes {
-            self.last_poll = now;
-        }
-        goes
+    /// Whether a periodic word has room behind the set-point that went at `now`: no other word went too recently, and it leaves
+    /// before the next set-point, after `ahead` is off the line and `sending` for itself.
+    #[must_use]
+    pub fn has_room(&self, now: Time, ahead: Span, sending: Span) -> bool {
+        // The next command comes a period after this set-point, also where the own clock would wait longer.
+        let room = (self.last_setpoint + self.period).since(now);
+        let command_is_late = (1..ALONE_AFTER).contains(&self.own_setpoints);
+        let is_spaced = now >= self.last_word + self.spacing;
+        is_spaced && !command_is_late && ahead + sending + TURNAROUND <= room
+    }
+
+    /// Records a periodic word that begins at `now`.
+    pub fn add_word(&mut self, now: Time) {
+        self.last_word = now;
     }
 }
 
-/// How far polls must be apart at least, where a command and its acknowledgement take `setpoint` of every `period`, and a poll and
-/// its answer `exchange`; `None` if there is no room for any.
+/// Spacing of periodic words, where a set-point and its acknowledgement take `setpoint` of every `period`, and a word and its
+/// answer `exchange`; `None` if there is no room for any.
 #[must_use]
 pub fn spacing(period: Span, setpoint: Span, exchange: Span) -> Option<Span> {
     let has_room = |periods: &u32| {
         let periods = f64::from(*periods);
         setpoint.scaled(periods) + exchange + TURNAROUND <= period.scaled(periods)
     };
-    (1..=SPARSEST_POLLS).find(has_room).map(|periods| period.scaled(f64::from(periods)))
+    (1..=WIDEST_SPACING).find(has_room).map(|periods| period.scaled(f64::from(periods)))
 }
 
 #[cfg(test)]
@@ -97,83 +97,93 @@ mod tests {
     use super::*;
 
     const PERIOD: Span = Span::from_nanos(16_666_667);
-    const ASKING: Span = Span::from_millis(1);
+    const SENDING: Span = Span::from_millis(1);
 
     fn schedule() -> Schedule {
-        Schedule::new(PERIOD, Span::from_millis(125), PERIOD)
+        Schedule::new(PERIOD, PERIOD)
     }
 
     fn at(millis: i64) -> Time {
         Time::VIRTUAL_START + Span::from_millis(millis)
     }
 
+    /// Sends a word if there is room.
+    fn word(schedule: &mut Schedule, now: Time, ahead: Span) -> bool {
+        let goes = schedule.has_room(now, ahead, SENDING);
+        if goes {
+            schedule.add_word(now);
+        }
+        goes
+    }
+
     #[test]
-    fn own_frames_keep_sixty_hertz_however_late_they_are_served() {
+    fn own_setpoints_keep_sixty_hertz_however_late_they_are_served() {
         let mut schedule = schedule();
-        schedule.frame(at(0), true);
+        schedule.add_setpoint(at(0), true);
         let mut frames = 0;
-        while schedule.next_frame() <= at(10_000) {
+        while schedule.next_setpoint() <= at(10_000) {
             let late = Span::from_nanos((frames % 7) * 300_000);
-            schedule.frame(schedule.next_frame() + late, false);
+            schedule.add_setpoint(schedule.next_setpoint() + late, false);
             frames += 1;
         }
         assert!((599..=600).contains(&frames), "{frames}");
     }
 
     #[test]
-    fn after_a_long_sleep_nothing_is_caught_up() {
+    fn after_a_long_suspension_no_setpoint_is_made_up_for() {
         let mut schedule = schedule();
-        schedule.frame(at(0), true);
-        schedule.frame(at(5000), false);
-        assert_eq!(schedule.next_frame(), at(5000) + PERIOD);
+        schedule.add_setpoint(at(0), true);
+        schedule.add_setpoint(at(5000), false);
+        assert_eq!(schedule.next_setpoint(), at(5000) + PERIOD);
     }
 
     #[test]
     fn a_regular_command_is_waited_for() {
         let mut schedule = schedule();
-        schedule.frame(at(0), true);
-        assert_eq!(schedule.next_frame(), at(0) + PERIOD.scaled(1.5));
+        schedule.add_setpoint(at(0), true);
+        assert_eq!(schedule.next_setpoint(), at(0) + PERIOD.scaled(1.5));
     }
 
     #[test]
-    fn no_poll_stands_in_the_way_of_a_command_that_is_late() {
+    fn no_word_delays_a_command_that_is_late() {
         let mut schedule = schedule();
-        schedule.frame(at(0), true);
-        let polls = [25, 42, 58, 75].map(|millis| {
-            schedule.frame(at(millis), false);
-            schedule.poll(at(millis), Span::from_millis(3), ASKING, true)
+        schedule.add_setpoint(at(0), true);
+        let words = [25, 42, 58, 75].map(|millis| {
+            schedule.add_setpoint(at(millis), false);
+            word(&mut schedule, at(millis), Span::from_millis(3))
         });
-        assert_eq!(polls, [false, false, true, true]);
+        assert_eq!(words, [false, false, true, true]);
     }
 
     #[test]
-    fn polls_keep_their_rate_and_go_only_where_there_is_room() {
+    fn words_go_only_where_there_is_room() {
         let mut schedule = schedule();
         let ahead = Span::from_millis(3);
-        schedule.frame(at(0), true);
-        assert!(schedule.poll(at(0), ahead, ASKING, false));
-        schedule.frame(at(17), true);
-        assert!(!schedule.poll(at(17), ahead, ASKING, false), "not due");
-        assert!(schedule.poll(at(17), ahead, ASKING, true), "urgent");
-        schedule.frame(at(200), true);
-        assert!(!schedule.poll(at(211), ahead, ASKING, false), "would be in the way of the next");
-        assert!(!schedule.poll(at(200), Span::from_millis(14), ASKING, false), "busy wire");
-        assert!(schedule.poll(at(201), ahead, ASKING, false));
+        schedule.add_setpoint(at(0), true);
+        assert!(word(&mut schedule, at(0), ahead));
+        schedule.add_setpoint(at(8), true);
+        assert!(!word(&mut schedule, at(8), ahead), "too soon after the last");
+        schedule.add_setpoint(at(17), true);
+        assert!(word(&mut schedule, at(17), ahead));
+        schedule.add_setpoint(at(200), true);
+        assert!(!word(&mut schedule, at(211), ahead), "would delay the next set-point");
+        assert!(!word(&mut schedule, at(200), Span::from_millis(14)), "busy line");
+        assert!(word(&mut schedule, at(201), ahead));
     }
 
     #[test]
-    fn polls_are_so_far_apart_that_everything_has_its_time() {
+    fn words_are_so_far_apart_that_everything_has_its_time() {
         let period = Span::from_millis(16);
         let (setpoint, exchange) = (Span::from_millis(10), Span::from_millis(14));
         assert_eq!(spacing(period, Span::from_millis(4), Span::from_millis(8)), Some(period));
         assert_eq!(spacing(period, setpoint, exchange), Some(period.scaled(3.0)));
         assert_eq!(spacing(period, period, exchange), None);
-        let mut schedule = Schedule::new(period, period.scaled(9.0), period.scaled(3.0));
-        let polls = (0..30).filter(|frame| {
+        let mut schedule = Schedule::new(period, period.scaled(3.0));
+        let words = (0..30).filter(|frame| {
             let now = at(16 * frame);
-            schedule.frame(now, true);
-            schedule.poll(now, Span::ZERO, ASKING, true)
+            schedule.add_setpoint(now, true);
+            word(&mut schedule, now, Span::ZERO)
         });
-        assert_eq!(polls.count(), 10);
+        assert_eq!(words.count(), 10);
     }
 }

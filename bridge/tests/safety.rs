@@ -1,13 +1,15 @@
-//! What may be said to a vehicle, whatever the daemon, the vehicle and the clock do.
+//! Selection of set-points, whatever the daemon, the vehicle and the clock do.
 
-use oqtal_bridge::{About, Limits, MotorStatus, Safety, VehicleSetpoint};
+use std::collections::BTreeMap;
+
+use oqtal_bridge::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits, VehicleSetpoint};
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
 
 const PERIOD: Span = Span::from_nanos(16_666_667);
-const LIMITS: Limits = Limits {
+const LIMITS: SafetyLimits = SafetyLimits {
     command_age: Span::from_nanos(50_000_001),
     status_age: Span::from_millis(375),
     sequence: Span::from_millis(3000),
@@ -15,36 +17,35 @@ const LIMITS: Limits = Limits {
 };
 const START: Time = Time::VIRTUAL_START;
 
-/// Something that happens, and how long after the last thing.
+/// Input of the gate.
 #[derive(Clone, Debug)]
-enum Event {
-    /// A command that was published so long ago, or is said to come from the future.
-    Command {
-        kind: u8,
-        stick: f64,
-        age_us: i64,
-    },
-    Status {
-        run: bool,
-    },
+enum Stimulus {
+    /// A command of this actuation code, published `age_us` ago \[us\]; negative for the future.
+    Command { actuation: u8, stick: f64, age_us: i64 },
+    /// The vehicle reports its motors.
+    Status { running: bool },
+    /// The port is opened again.
     Reopened,
+    /// A set-point is due.
     Frame,
 }
 
-fn event() -> impl Strategy<Value = Event> {
+fn stimulus() -> impl Strategy<Value = Stimulus> {
     let stick = prop_oneof![-1.0..1.0, Just(f64::NAN), Just(f64::INFINITY)];
     let age = prop_oneof![4 => 0..2000_i64, 1 => 0..200_000_i64, 1 => -50_000..0_i64];
+    let command = (0..4_u8, stick, age);
     prop_oneof![
-        6 => (0..4_u8, stick, age).prop_map(|(kind, stick, age_us)| Event::Command { kind, stick, age_us }),
-        3 => any::<bool>().prop_map(|run| Event::Status { run }),
-        1 => Just(Event::Reopened),
-        8 => Just(Event::Frame),
+        6 => command.prop_map(|(actuation, stick, age_us)| Stimulus::Command { actuation, stick, age_us }),
+        3 => any::<bool>().prop_map(|running| Stimulus::Status { running }),
+        1 => Just(Stimulus::Reopened),
+        8 => Just(Stimulus::Frame),
     ]
 }
 
-fn events() -> impl Strategy<Value = Vec<(i64, Event)>> {
+/// Stimuli, each after a pause \[us\].
+fn stimuli() -> impl Strategy<Value = Vec<(i64, Stimulus)>> {
     let pause = prop_oneof![6 => 0..20_000_i64, 1 => 0..2_000_000_i64];
-    prop::collection::vec((pause, event()), 1..200)
+    prop::collection::vec((pause, stimulus()), 1..200)
 }
 
 fn flight(stick: f64) -> CommandV1 {
@@ -57,102 +58,112 @@ fn header(sequence: u64, published_at: Time) -> Header {
     Header { sequence, stamps, ..Header::default() }
 }
 
+/// Applies stimuli to a gate, and remembers what a test compares with.
+struct Player {
+    gate: CommandGate,
+    now: Time,
+    sequence: u64,
+    /// Publication of each command, by the bits of its first stick.
+    published: BTreeMap<u64, Time>,
+    status: Option<MotorStatus>,
+    /// No frame has been sent since the port was opened.
+    is_first: bool,
+}
+
+impl Player {
+    fn new() -> Self {
+        let (gate, published) = (CommandGate::new(START, LIMITS), BTreeMap::new());
+        Self { gate, now: START, sequence: 0, published, status: None, is_first: true }
+    }
+
+    /// Applies a stimulus; returns the set-point of a frame, and the command that it forwards.
+    fn play(
+        &mut self,
+        pause_us: i64,
+        stimulus: Stimulus,
+    ) -> Option<(VehicleSetpoint, Option<ForwardedCommand>)> {
+        self.now = self.now + Span::from_nanos(pause_us * 1000);
+        match stimulus {
+            Stimulus::Command { actuation, stick, age_us } => {
+                self.sequence += 1;
+                let at = self.now - Span::from_nanos(age_us * 1000);
+                // A stick of its own for every command.
+                let command = CommandV1 { actuation, ..flight(stick + self.sequence as f64) };
+                self.gate.receive(self.now, &header(self.sequence, at), command);
+                self.published.insert(command.sticks[0].to_bits(), at);
+            }
+            Stimulus::Status { running } => {
+                let status = MotorStatus { received_at: self.now, running };
+                self.status = Some(status);
+                self.gate.update_status(status);
+            }
+            Stimulus::Reopened => {
+                self.gate.reset(self.now);
+                (self.status, self.is_first) = (None, true);
+            }
+            Stimulus::Frame => {
+                let (setpoint, forwarded, _) = self.gate.decide(self.now);
+                return Some((setpoint, forwarded));
+            }
+        }
+        None
+    }
+}
+
 proptest! {
     #[test]
-    fn no_frame_carries_a_command_older_than_three_periods(events in events()) {
-        let mut safety = Safety::new(START, LIMITS);
-        let (mut now, mut sequence) = (START, 0);
-        let mut published = std::collections::BTreeMap::new();
-        let mut neutral_first = true;
-        for (pause_us, event) in events {
-            now = now + Span::from_nanos(pause_us * 1000);
-            match event {
-                Event::Command { kind, stick, age_us } => {
-                    sequence += 1;
-                    let at = now - Span::from_nanos(age_us * 1000);
-                    let command = CommandV1 { actuation: kind, ..flight(stick + sequence as f64) };
-                    safety.receive(now, &header(sequence, at), command);
-                    published.insert(command.sticks[0].to_bits(), at);
-                }
-                Event::Status { run } => safety.hear(MotorStatus { heard_at: now, run }),
-                Event::Reopened => {
-                    safety.forget(now);
-                    neutral_first = true;
-                }
-                Event::Frame => {
-                    let (setpoint, about, _) = safety.decide(now);
-                    if let VehicleSetpoint::Fly(command) = setpoint {
-                        let at = published[&command.sticks[0].to_bits()];
-                        prop_assert!(at <= now && now.since(at) <= LIMITS.command_age);
-                        prop_assert!(command.sticks.iter().all(|stick| stick.is_finite()));
-                        prop_assert_eq!(command.actuation, Actuation::Sticks.code());
-                    }
-                    if let Some(About { stamps, .. }) = about {
-                        prop_assert!(now.since(stamps.command_published_at) <= LIMITS.command_age);
-                    }
-                    prop_assert!(!neutral_first || setpoint == VehicleSetpoint::Neutral, "{:?}", setpoint);
-                    neutral_first = false;
-                }
+    fn no_frame_carries_a_command_older_than_three_periods(stimuli in stimuli()) {
+        let mut player = Player::new();
+        for (pause_us, stimulus) in stimuli {
+            let Some((setpoint, forwarded)) = player.play(pause_us, stimulus) else { continue };
+            let now = player.now;
+            if let VehicleSetpoint::Fly(command) = setpoint {
+                let at = player.published[&command.sticks[0].to_bits()];
+                prop_assert!(at <= now && now.since(at) <= LIMITS.command_age);
+                prop_assert!(command.sticks.iter().all(|stick| stick.is_finite()));
+                prop_assert_eq!(command.actuation, Actuation::Sticks.code());
             }
+            if let Some(ForwardedCommand { stamps, .. }) = forwarded {
+                prop_assert!(now.since(stamps.command_published_at) <= LIMITS.command_age);
+            }
+            prop_assert!(!player.is_first || setpoint == VehicleSetpoint::Zero, "{:?}", setpoint);
+            player.is_first = false;
         }
     }
 
     #[test]
-    fn a_toggle_is_sent_only_while_a_fresh_status_asks_for_it_and_not_for_ever(events in events()) {
-        let mut safety = Safety::new(START, LIMITS);
-        let (mut now, mut sequence) = (START, 0);
-        let mut status: Option<(Time, bool)> = None;
+    fn a_toggle_is_sent_only_while_a_fresh_status_asks_for_it_and_not_for_ever(stimuli in stimuli()) {
+        let mut player = Player::new();
         let mut toggling_since = None;
-        for (pause_us, event) in events {
-            now = now + Span::from_nanos(pause_us * 1000);
-            match event {
-                Event::Command { kind, stick, age_us } => {
-                    sequence += 1;
-                    let at = now - Span::from_nanos(age_us * 1000);
-                    safety.receive(now, &header(sequence, at), CommandV1 { actuation: kind, ..flight(stick) });
+        for (pause_us, stimulus) in stimuli {
+            let Some((setpoint, _)) = player.play(pause_us, stimulus) else { continue };
+            let running = match setpoint {
+                VehicleSetpoint::StartMotors => false,
+                VehicleSetpoint::StopMotors => true,
+                VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => {
+                    toggling_since = toggling_since.filter(|_| player.gate.is_in_sequence());
+                    continue;
                 }
-                Event::Status { run } => {
-                    status = Some((now, run));
-                    safety.hear(MotorStatus { heard_at: now, run });
-                }
-                Event::Reopened => {
-                    status = None;
-                    safety.forget(now);
-                }
-                Event::Frame => {
-                    let (setpoint, ..) = safety.decide(now);
-                    let wanted = match setpoint {
-                        VehicleSetpoint::StartMotors => Some(false),
-                        VehicleSetpoint::StopMotors => Some(true),
-                        VehicleSetpoint::Neutral | VehicleSetpoint::Fly(_) => None,
-                    };
-                    let Some(run) = wanted else {
-                        if !safety.is_in_sequence() {
-                            toggling_since = None;
-                        }
-                        continue;
-                    };
-                    let (heard_at, said) = status.expect("a toggle without any status");
-                    prop_assert_eq!(said, run);
-                    prop_assert!(now.since(heard_at) <= LIMITS.status_age);
-                    let since = *toggling_since.get_or_insert(now);
-                    prop_assert!(now.since(since) < LIMITS.sequence + LIMITS.sequence);
-                }
-            }
+            };
+            let status = player.status.expect("a toggle without any status");
+            prop_assert_eq!(status.running, running);
+            prop_assert!(player.now.since(status.received_at) <= LIMITS.status_age);
+            let since = *toggling_since.get_or_insert(player.now);
+            prop_assert!(player.now.since(since) < LIMITS.sequence + LIMITS.sequence);
         }
     }
 }
 
-/// A vehicle whose motors were started by commands, up to the first frame that passes one on.
+/// A flight: the motors were started by commands, and a first command was forwarded.
 struct Flying {
-    safety: Safety,
+    gate: CommandGate,
     now: Time,
     sequence: u64,
 }
 
 impl Flying {
     fn new() -> Self {
-        let mut flying = Self { safety: Safety::new(START, LIMITS), now: START, sequence: 0 };
+        let mut flying = Self { gate: CommandGate::new(START, LIMITS), now: START, sequence: 0 };
         for _ in 0..5 {
             flying.frame();
         }
@@ -163,20 +174,20 @@ impl Flying {
         flying
     }
 
-    /// The next frame, a period later.
+    /// Decides the next frame, a period later.
     fn frame(&mut self) -> VehicleSetpoint {
         self.now = self.now + PERIOD;
-        self.safety.decide(self.now).0
+        self.gate.decide(self.now).0
     }
 
     fn command(&mut self, command: CommandV1) -> VehicleSetpoint {
         self.sequence += 1;
-        self.safety.receive(self.now + PERIOD, &header(self.sequence, self.now + PERIOD), command);
+        self.gate.receive(self.now + PERIOD, &header(self.sequence, self.now + PERIOD), command);
         self.frame()
     }
 
-    fn status(&mut self, run: bool) {
-        self.safety.hear(MotorStatus { heard_at: self.now, run });
+    fn status(&mut self, running: bool) {
+        self.gate.update_status(MotorStatus { received_at: self.now, running });
     }
 
     fn frames(&mut self, count: usize) -> Vec<VehicleSetpoint> {
@@ -185,17 +196,17 @@ impl Flying {
 }
 
 #[test]
-fn f14_after_the_last_command_at_most_four_frames_are_not_neutral_however_long_nobody_speaks() {
+fn f14_after_the_last_command_at_most_four_frames_are_not_zero_however_long_the_silence() {
     let mut flying = Flying::new();
     let mut after = Vec::new();
     for _ in 0..600 {
         flying.status(true);
         after.push(flying.frame());
     }
-    let first = after.iter().position(|setpoint| *setpoint == VehicleSetpoint::Neutral).unwrap();
+    let first = after.iter().position(|setpoint| *setpoint == VehicleSetpoint::Zero).unwrap();
     assert!(first <= 4, "{first}");
     assert!(
-        after[first..].iter().all(|setpoint| *setpoint == VehicleSetpoint::Neutral),
+        after[first..].iter().all(|setpoint| *setpoint == VehicleSetpoint::Zero),
         "no toggle either"
     );
 }
@@ -203,25 +214,25 @@ fn f14_after_the_last_command_at_most_four_frames_are_not_neutral_however_long_n
 #[test]
 fn a_disarmed_vehicle_is_stopped_after_a_rest_and_not_before() {
     let mut flying = Flying::new();
-    let mut orders = Vec::new();
+    let mut setpoints = Vec::new();
     for _ in 0..100 {
         flying.status(true);
-        orders.push(flying.command(CommandV1::default()));
+        setpoints.push(flying.command(CommandV1::default()));
     }
-    let first = orders.iter().position(|setpoint| *setpoint != VehicleSetpoint::Neutral).unwrap();
+    let first = setpoints.iter().position(|setpoint| *setpoint != VehicleSetpoint::Zero).unwrap();
     assert!((89..=92).contains(&first), "1.5 s are 90 periods, not {first}");
-    assert_eq!(orders[first], VehicleSetpoint::StopMotors);
+    assert_eq!(setpoints[first], VehicleSetpoint::StopMotors);
     flying.status(false);
-    assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Neutral);
+    assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Zero);
 }
 
 #[test]
 fn a_daemon_that_never_stopped_wanting_to_fly_does_not_restart_the_motors_after_a_reopened_port() {
     let mut flying = Flying::new();
-    flying.safety.forget(flying.now);
+    flying.gate.reset(flying.now);
     for _ in 0..300 {
         flying.status(false);
-        assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Neutral);
+        assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Zero);
     }
     for _ in 0..5 {
         flying.command(CommandV1::default());
@@ -235,7 +246,7 @@ fn f15_a_daemon_that_comes_back_after_a_long_silence_must_be_disarmed_first() {
     let mut flying = Flying::new();
     flying.frames(120);
     flying.status(true);
-    assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Neutral);
+    assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Zero);
 }
 
 #[test]
@@ -247,18 +258,18 @@ fn f15_a_daemon_that_paused_for_some_periods_flies_on() {
 }
 
 #[test]
-fn a_command_that_waited_while_the_bridge_was_stopped_is_never_sent() {
+fn a_command_that_waited_while_the_bridge_was_suspended_is_never_sent() {
     let mut flying = Flying::new();
     let published = flying.now;
     flying.now = flying.now + Span::from_millis(200);
-    assert!(!flying.safety.receive(flying.now, &header(99, published), flight(0.7)));
-    assert_eq!(flying.frame(), VehicleSetpoint::Neutral);
-    assert_eq!(flying.safety.refused(), 1);
+    assert!(!flying.gate.receive(flying.now, &header(99, published), flight(0.7)));
+    assert_eq!(flying.frame(), VehicleSetpoint::Zero);
+    assert_eq!(flying.gate.rejected(), 1);
 }
 
 #[test]
-fn the_last_word_of_a_daemon_is_taken_though_it_has_no_stamps() {
+fn the_final_disarmed_command_of_a_daemon_is_accepted_without_stamps() {
     let mut flying = Flying::new();
-    flying.safety.receive(flying.now, &header(100, Time::UNSET), CommandV1::default());
-    assert_eq!(flying.frame(), VehicleSetpoint::Neutral);
+    flying.gate.receive(flying.now, &header(100, Time::UNSET), CommandV1::default());
+    assert_eq!(flying.frame(), VehicleSetpoint::Zero);
 }

@@ -1,12 +1,15 @@
-//! Whole turns of the bridge over a serial line that takes its time, and ports that take bytes as they like.
+//! Whole turns of the bridge before a line of finite speed, and before ports that take bytes in any pieces.
 
-use oqtal_bridge::{Asctec, Bridge, Line, Note, VehicleProtocol, through};
+use oqtal_bridge::{
+    Asctec, Bridge, FrameSizes, LineOccupancy, MAX_FRAME, Note, VehicleFrame, VehicleProtocol,
+    VehicleReport, VehicleTransport, transport,
+};
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, LlStatus, VehicleDecoder, acknowledgement_frame,
+    ControlInput, Descriptor, HostCommand, LlStatus, VehicleDecoder, acknowledgement_frame,
     write_telemetry,
 };
 use oqtal_wire::xbee::{Address, Framing};
@@ -14,19 +17,31 @@ use proptest::prelude::*;
 
 const BAUD: u32 = 57_600;
 const START: Time = Time::VIRTUAL_START;
-/// 17 bytes of ten bits at 57600 baud.
+const PERIOD: Span = Span::from_nanos(16_666_667);
+/// Duration of a set-point on the line: 17 bytes of ten bits at 57600 baud.
 const FRAME: Span = Span::from_nanos(2_951_389);
 
 fn bridge() -> Bridge {
     through_radio(Framing::Transparent)
 }
 
-fn protocol(framing: Framing) -> Box<dyn VehicleProtocol> {
-    through(framing, Address::BROADCAST, Box::new(Asctec::new(&Config::default())))
+fn serial(framing: Framing) -> Box<dyn VehicleTransport> {
+    let spec = format!("asctec:/dev/ttyS0,baud={BAUD},xbee={framing}").parse().unwrap();
+    transport(&spec, Address::BROADCAST)
+}
+
+/// Frame lengths on the port \[bytes\].
+fn sizes(framing: Framing) -> FrameSizes {
+    Asctec::new(&Config::default()).sizes().with_overhead(serial(framing).overhead())
 }
 
 fn through_radio(framing: Framing) -> Bridge {
-    let mut bridge = Bridge::new(&Config::default(), protocol(framing), BAUD, START);
+    over(serial(framing))
+}
+
+fn over(transport: Box<dyn VehicleTransport>) -> Bridge {
+    let config = Config::default();
+    let mut bridge = Bridge::new(&config, Box::new(Asctec::new(&config)), transport, START);
     bridge.open(START);
     bridge
 }
@@ -41,8 +56,8 @@ fn flight() -> CommandV1 {
     CommandV1 { actuation, sticks: [0.1; 3], thrust: 0.3, ..CommandV1::default() }
 }
 
-/// A turn with a port that takes everything; the bytes of setpoint and poll, and what was reported.
-fn turn(bridge: &mut Bridge, now: Time) -> (Vec<u8>, Option<oqtal_bridge::Report>) {
+/// One turn with a port that takes everything; returns the bytes written and the last report.
+fn turn(bridge: &mut Bridge, now: Time) -> (Vec<u8>, Option<VehicleReport>) {
     let (mut bytes, mut reported) = (Vec::new(), None);
     let mut all = |bridge: &mut Bridge| {
         let count = bridge.outbox().len();
@@ -68,48 +83,96 @@ fn status(motors_on: i8) -> Vec<u8> {
     frame[..length].to_vec()
 }
 
+/// Datagrams: frames as they are, each leaving at once.
+#[derive(Debug)]
+struct Datagrams;
+
+impl VehicleTransport for Datagrams {
+    fn max_frame(&self) -> usize {
+        MAX_FRAME
+    }
+
+    fn overhead(&self) -> usize {
+        0
+    }
+
+    fn byte_rate(&self) -> Option<f64> {
+        None
+    }
+
+    fn wrap(&mut self, frame: &VehicleFrame) -> VehicleFrame {
+        *frame
+    }
+
+    fn unwrap(&mut self, bytes: &[u8], payload: &mut dyn FnMut(&[u8])) {
+        payload(bytes);
+    }
+
+    fn damaged(&self) -> u64 {
+        0
+    }
+
+    fn reset(&mut self) {}
+}
+
+#[test]
+fn datagrams_leave_at_once_and_status_is_requested_at_its_rate() {
+    let mut bridge = over(Box::new(Datagrams));
+    let (mut now, mut requests) = (START, 0);
+    while now < START + Span::from_millis(10_000) {
+        let (bytes, reported) = turn(&mut bridge, now);
+        requests += usize::from(bytes.len() > 17);
+        if let Some((_, _, vehicle)) = reported {
+            assert_eq!((vehicle.wire_ns, bridge.ahead(now)), (0, Span::ZERO));
+        }
+        assert!(!bridge.is_stuck(now, 0));
+        now = bridge.next_event(now).max(now + Span::from_millis(1));
+    }
+    // 8 a second at most, on a grid of 60.
+    assert!((70..=80).contains(&requests), "{requests}");
+}
+
 proptest! {
     #[test]
-    fn polling_never_delays_a_command_by_more_than_a_frame(
+    fn status_requests_never_delay_a_command_by_more_than_a_frame(
         framing in prop::sample::select(vec![Framing::Transparent, Framing::Api1, Framing::Api2]),
         jitter_us in prop::collection::vec(-6000..6000_i64, 100..300),
     ) {
         let mut bridge = through_radio(framing);
-        // API 2 escapes a byte or two of a frame.
-        let escapes = if framing == Framing::Api2 { 4 } else { 0 };
-        let setpoint = protocol(framing).sizes().setpoint + escapes;
-        let frame = Line::new(BAUD).time_for(setpoint);
-        // Through a radio's frames, a poll that a command came upon early is ahead of it too.
-        let poll = Line::new(BAUD).time_for(protocol(framing).sizes().poll);
-        let ahead = if framing == Framing::Transparent { frame } else { frame + poll };
-        prop_assert!(ahead <= Span::from_nanos(16_666_667), "at most a period");
-        let (mut now, mut due) = (START, START);
-        let mut polls = 0;
+        // API mode 2 escapes a byte or two of a frame.
+        let setpoint = sizes(framing).setpoint + if framing == Framing::Api2 { 4 } else { 0 };
+        let line = LineOccupancy::new(serial(framing).byte_rate());
+        let frame = line.time_for(setpoint);
+        // In API mode, a status request that began just before an early command is ahead of it too.
+        let request = line.time_for(sizes(framing).periodic);
+        let ahead = if framing == Framing::Transparent { frame } else { frame + request };
+        let (mut now, mut due, mut requests) = (START, START, 0);
+        prop_assert!(ahead <= PERIOD, "at most a period");
         for (sequence, jitter_us) in (1..).zip(jitter_us) {
-            due = due + Span::from_nanos(16_666_667);
+            due = due + PERIOD;
             let arrives = due + Span::from_nanos(jitter_us * 1000);
-            // The bridge's own frames until then.
+            // Frames by the bridge's own clock until then.
             while bridge.next_event(now) < arrives {
                 now = bridge.next_event(now).max(now);
                 let (bytes, _) = turn(&mut bridge, now);
-                polls += usize::from(bytes.len() > setpoint);
-                bridge.hear(now, &acknowledgement_frame(Descriptor::ControlInput));
+                requests += usize::from(bytes.len() > setpoint);
+                bridge.receive_bytes(now, &acknowledgement_frame(Descriptor::ControlInput));
             }
             now = arrives;
-            bridge.receive(now, &header(sequence, now), CommandV1::default(), 0);
-            let mut applied = None;
-            while applied.is_none() {
+            bridge.receive_command(now, &header(sequence, now), CommandV1::default(), 0);
+            let (stamps, vehicle) = loop {
                 let (bytes, reported) = turn(&mut bridge, now);
-                polls += usize::from(bytes.len() > setpoint);
-                applied = reported.filter(|(_, stamps, _)| stamps.applied_at.is_set());
-                now = if applied.is_none() { bridge.next_event(now) } else { now };
-            }
-            let (_, stamps, vehicle) = applied.unwrap();
+                requests += usize::from(bytes.len() > setpoint);
+                match reported {
+                    Some((_, stamps, vehicle)) if stamps.applied_at.is_set() => break (stamps, vehicle),
+                    _ => now = bridge.next_event(now),
+                }
+            };
             let took = now.since(arrives) + Span::from_nanos(vehicle.wire_ns);
             prop_assert!(took <= ahead + frame, "{took:?}");
             prop_assert_eq!(stamps.received_at, arrives);
         }
-        prop_assert!(polls > 10, "{}", polls);
+        prop_assert!(requests > 10, "{}", requests);
     }
 
     #[test]
@@ -118,12 +181,12 @@ proptest! {
     ) {
         let (mut bridge, mut now) = (bridge(), START);
         let mut wire = Vec::new();
-        let mut dropped = false;
+        let mut discarded = false;
         for take in takes {
             now = bridge.next_event(now).max(now + Span::from_millis(1));
             if bridge.is_stuck(now, 0) {
-                bridge.drop_outgoing();
-                dropped = true;
+                bridge.discard_outgoing();
+                discarded = true;
             }
             bridge.turn(now, &mut |_| {});
             let count = take.min(bridge.outbox().len());
@@ -133,8 +196,8 @@ proptest! {
         }
         let mut decoder = VehicleDecoder::new();
         let reply = decoder.push(&wire).count();
-        prop_assert!(reply > 0 || dropped);
-        if !dropped {
+        prop_assert!(reply > 0 || discarded);
+        if !discarded {
             prop_assert_eq!((decoder.counters().damaged, decoder.counters().skipped), (0, 0));
         }
     }
@@ -142,14 +205,14 @@ proptest! {
     #[test]
     fn any_bytes_may_come(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
         let mut bridge = bridge();
-        bridge.hear(START, &bytes);
+        bridge.receive_bytes(START, &bytes);
         let (_, reported) = turn(&mut bridge, START);
         prop_assert!(reported.is_some());
     }
 }
 
 #[test]
-fn a_port_that_holds_bytes_back_is_found_out_and_what_it_holds_is_old() {
+fn a_port_that_holds_bytes_back_for_longer_than_a_period_is_stuck() {
     let mut bridge = bridge();
     turn(&mut bridge, START);
     let soon = START + Span::from_millis(15);
@@ -159,61 +222,61 @@ fn a_port_that_holds_bytes_back_is_found_out_and_what_it_holds_is_old() {
 }
 
 #[test]
-fn what_a_port_keeps_although_it_was_dropped_is_waited_for() {
+fn bytes_that_a_port_keeps_although_they_were_discarded_are_waited_for() {
     let mut bridge = bridge();
-    assert!(!bridge.is_stuck(START, 100), "left over from somebody else");
+    assert!(!bridge.is_stuck(START, 100), "left over from another process");
     assert!(turn(&mut bridge, START).0.is_empty());
     assert!(bridge.is_stuck(START + Span::from_millis(17), 100));
-    bridge.drop_outgoing();
+    bridge.discard_outgoing();
     assert!(!bridge.is_stuck(START + Span::from_millis(18), 100));
     assert!(turn(&mut bridge, START + Span::from_millis(18)).0.is_empty());
     assert!(!bridge.is_stuck(START + Span::from_millis(19), 0));
     assert_eq!(
         turn(&mut bridge, START + Span::from_millis(19)).0[..17],
-        ControlInput::NEUTRAL.frame()
+        ControlInput::ZERO_SETPOINT.frame()
     );
 }
 
 #[test]
-fn motors_of_which_no_word_survives_run_on_while_the_vehicle_answers_at_all() {
+fn motors_count_as_running_without_a_status_while_the_vehicle_answers() {
     let mut bridge = bridge();
-    bridge.hear(START, &status(1));
+    bridge.receive_bytes(START, &status(1));
     let mut armed = |millis: i64, acknowledged: bool| {
         let now = START + Span::from_millis(millis);
         if acknowledged {
-            bridge.hear(now, &acknowledgement_frame(Descriptor::ControlInput));
+            bridge.receive_bytes(now, &acknowledgement_frame(Descriptor::ControlInput));
         }
         bridge.report(now, None, Span::ZERO).2.armed
     };
     assert!((1..=60).all(|step| armed(500 * step, true) == 1));
     assert_eq!((armed(31_000, false), armed(31_001, false)), (1, 0), "silent for a second");
-    bridge.hear(START + Span::from_millis(32_000), &status(0));
+    bridge.receive_bytes(START + Span::from_millis(32_000), &status(0));
     assert_eq!(bridge.report(START + Span::from_millis(32_000), None, Span::ZERO).2.armed, 0);
 }
 
 #[test]
-fn of_refused_commands_the_first_of_each_run_is_noted() {
+fn the_first_of_each_run_of_rejected_commands_is_noted() {
     let mut bridge = bridge();
     let mut notes = 0;
     for run in [0, 10_000] {
         for frame in 0..100 {
             let now = START + Span::from_millis(run + 17 * frame);
             let old = now - Span::from_millis(60);
-            bridge.receive(now, &header(1, old), flight(), 0);
-            bridge.turn(now, &mut |note| notes += u32::from(note == Note::RefusedOld));
+            bridge.receive_command(now, &header(1, old), flight(), 0);
+            bridge.turn(now, &mut |note| notes += u32::from(note == Note::CommandRejected));
         }
     }
     assert_eq!(notes, 2);
 }
 
-/// A port whose far end now and then asks for a pause: what it has taken and not sent, by when it goes if nothing holds it up.
+/// Port whose far end pauses it by flow control: bytes that it has taken and not sent, and those sent, with their instants.
 #[derive(Default)]
-struct Port {
+struct PausingPort {
     queue: std::collections::VecDeque<u8>,
     sent: Vec<(Time, u8)>,
 }
 
-impl Port {
+impl PausingPort {
     fn send_until(&mut self, from: Time, until: Time) {
         let byte = FRAME.scaled(1.0 / 17.0);
         let mut at = from + byte;
@@ -224,32 +287,33 @@ impl Port {
     }
 }
 
-/// Flies with a command every period through a port that pauses from time to time: age of each flight setpoint on the wire.
+/// A command whose stick encodes its sequence; the first nine are "disarmed".
+fn numbered(sequence: usize) -> CommandV1 {
+    let stick = sequence as f64 / 2047.0;
+    let command = CommandV1 { sticks: [stick, 0.0, 0.0], ..flight() };
+    if sequence < 10 { CommandV1::default() } else { command }
+}
+
+/// Flies with a command every period through a port with `pauses` (begin, length) \[ms\]; returns the age on the wire of each
+/// flight command.
 fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
-    let (mut bridge, mut port) = (bridge(), Port::default());
-    let period = Span::from_nanos(16_666_667);
-    let mut published = Vec::new();
-    let mut now = START;
-    let mut due = START;
+    let (mut bridge, mut port) = (bridge(), PausingPort::default());
+    let (mut now, mut due, mut published) = (START, START, Vec::new());
     let paused = |now: Time| {
         let millis = now.since(START).nanos() / 1_000_000;
         pauses.iter().any(|(begin, length)| (*begin..begin + length).contains(&millis))
     };
     while now < START + Span::from_millis(4000) {
         if now >= due {
-            due = due + period;
+            due = due + PERIOD;
             published.push(now);
             let sequence = published.len();
-            // Its number is in its sticks.
-            let stick = sequence as f64 / 2047.0;
-            let command = CommandV1 { sticks: [stick, 0.0, 0.0], ..flight() };
-            let command = if sequence < 10 { CommandV1::default() } else { command };
-            bridge.hear(now, &status(1));
-            bridge.receive(now, &header(sequence as u64, now), command, 0);
+            bridge.receive_bytes(now, &status(1));
+            bridge.receive_command(now, &header(sequence as u64, now), numbered(sequence), 0);
         }
         if bridge.is_stuck(now, port.queue.len()) {
             port.queue.clear();
-            bridge.drop_outgoing();
+            bridge.discard_outgoing();
         }
         port.queue.extend(turn(&mut bridge, now).0);
         let next = now + Span::from_millis(1);
@@ -258,11 +322,16 @@ fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
         }
         now = next;
     }
+    ages(&port.sent, &published)
+}
+
+/// Age of each flight command among the bytes `sent`, by its instant of publication.
+fn ages(sent: &[(Time, u8)], published: &[Time]) -> Vec<Span> {
     let mut decoder = VehicleDecoder::new();
     let mut ages = Vec::new();
-    for (at, byte) in &port.sent {
+    for (at, byte) in sent {
         for command in decoder.push(&[*byte]) {
-            let Command::Control(input) = command else { continue };
+            let HostCommand::Control(input) = command else { continue };
             if input.thrust > 0 {
                 ages.push(at.since(published[usize::from(input.roll.unsigned_abs()) - 1]));
             }
@@ -278,8 +347,8 @@ proptest! {
     ) {
         let ages = ages_through(&pauses);
         prop_assert!(!ages.is_empty());
-        // Held back with less than half a frame to go, it is found out with the next one, and dropped a period after that.
-        let oldest = Span::from_nanos(2 * 16_666_667) + FRAME.scaled(3.0) + Span::from_millis(2);
+        // A frame held back with less than half of it to go is detected with the next one, and discarded a period later.
+        let oldest = PERIOD.scaled(2.0) + FRAME.scaled(3.0) + Span::from_millis(2);
         for age in ages {
             prop_assert!(age <= oldest, "{age:?}");
         }
@@ -291,13 +360,13 @@ fn a_vehicle_whose_motors_do_not_stop_gets_the_emergency_stop_once() {
     let mut bridge = bridge();
     let (mut now, mut sequence, mut stops) = (START, 0, 0);
     let mut step = |bridge: &mut Bridge, command: CommandV1, motors_on: i8| {
-        now = now + Span::from_nanos(16_666_667);
+        now = now + PERIOD;
         sequence += 1;
-        bridge.hear(now, &status(motors_on));
-        bridge.receive(now, &header(sequence, now), command, 0);
+        bridge.receive_bytes(now, &status(motors_on));
+        bridge.receive_command(now, &header(sequence, now), command, 0);
         let (bytes, _) = turn(bridge, now);
-        let reply: Vec<Command> = VehicleDecoder::new().push(&bytes).collect();
-        stops += reply.iter().filter(|command| **command == Command::EmergencyStop).count();
+        let reply: Vec<HostCommand> = VehicleDecoder::new().push(&bytes).collect();
+        stops += reply.iter().filter(|command| **command == HostCommand::EmergencyStop).count();
         reply
     };
     for _ in 0..10 {
@@ -309,6 +378,6 @@ fn a_vehicle_whose_motors_do_not_stop_gets_the_emergency_stop_once() {
         step(&mut bridge, CommandV1::default(), 1);
     }
     let last = step(&mut bridge, CommandV1::default(), 1);
-    assert_eq!(last[0], Command::Control(ControlInput::NEUTRAL));
+    assert_eq!(last[0], HostCommand::Control(ControlInput::ZERO_SETPOINT));
     assert_eq!(stops, 1);
 }

@@ -1,4 +1,4 @@
-//! Enumerations as they travel in messages: one byte each, decoded with doubt.
+//! Enumerations in messages: one byte each; a byte from another process may have no meaning.
 
 use std::fmt;
 
@@ -10,13 +10,13 @@ macro_rules! code {
         pub enum $name { $($(#[$variant_meta])* $variant = $number,)* }
 
         impl $name {
-            /// The byte that travels.
+            /// Representation in a message.
             #[must_use]
             pub const fn code(self) -> u8 {
                 self as u8
             }
 
-            /// The value behind a byte; `None` if no version of ours sends it.
+            /// The value of a byte; `None` for a byte that stands for no value.
             #[must_use]
             pub const fn from_code(code: u8) -> Option<Self> {
                 match code {
@@ -35,10 +35,10 @@ macro_rules! code {
 }
 
 code! {
-    /// What the numbers of a command mean.
+    /// Meaning of the numbers of a command.
     Actuation {
         /// Motors off, whatever the numbers.
-        Neutral = 0 => "neutral",
+        Disarmed = 0 => "disarmed",
         /// Attitude sticks and collective thrust, Eq. (61).
         Sticks = 1 => "sticks",
         /// Torque and collective thrust.
@@ -47,26 +47,26 @@ code! {
 }
 
 code! {
-    /// What the daemon is doing.
+    /// Activity of the daemon.
     Mode {
-        /// Motors off; waits for an operator.
+        /// Motors off; waits for an operator's request.
         Disarmed = 0 => "disarmed",
-        /// Asked to fly; waits until poses can be believed and the vehicle answers.
+        /// A flight is requested; waits until poses are accepted and the vehicle answers.
         Waiting = 1 => "waiting",
-        /// Flies its mission.
+        /// Flies the mission.
         Flying = 2 => "flying",
-        /// Descends where it is.
+        /// Descends at the present position.
         Landing = 3 => "landing",
     }
 }
 
 code! {
-    /// How far the daemon trusts what it flies on; ordered, the worst last.
+    /// Safety state, ordered by increasing severity.
     SafetyState {
         /// Poses are fresh and plausible, and the vehicle answers.
         Nominal = 0 => "Nominal",
-        /// In flight: flies on on the last command and waits for poses to come back. On the ground: waits for poses, or for
-        /// the vehicle, and does not take off.
+        /// In flight: the last command is held until poses come back. On the ground: no take-off until poses and the vehicle
+        /// are there.
         Coast = 1 => "Coast",
         /// Motors off until an operator arms again.
         Stop = 2 => "Stop",
@@ -74,9 +74,9 @@ code! {
 }
 
 code! {
-    /// Why the daemon does not trust what it flies on, or refuses a request.
+    /// Reason of a safety state, or of a refused request.
     Cause {
-        /// All is well.
+        /// No reason: nominal.
         None = 0 => "",
         /// No pose arrived in time.
         NoPose = 1 => "no pose",
@@ -94,26 +94,26 @@ code! {
         Jump = 7 => "pose jumped",
         /// The same pose came again under new sequence numbers.
         Frozen = 8 => "pose frozen",
-        /// An operator asked for it.
+        /// Requested by an operator.
         Operator = 9 => "operator",
         /// Not possible in the present mode.
         WrongMode = 10 => "not possible in this mode",
         /// Neither plant nor bridge answers, or the vehicle behind the bridge does not, or its motors stopped in flight or never
-        /// started, or another vehicle took its place.
+        /// started, or another process took its place.
         NoVehicle = 11 => "vehicle silent",
     }
 }
 
 code! {
-    /// What an operator can ask.
+    /// Request of an operator.
     OperatorCommand {
-        /// Say how you are.
+        /// Report mode and safety state.
         Status = 0 => "status",
-        /// Arm and fly the mission, now or not at all.
+        /// Arm and fly the mission at once, or refuse.
         Arm = 1 => "arm",
-        /// Arm and fly the mission as soon as poses can be believed and the vehicle answers.
+        /// Arm and fly the mission as soon as poses are accepted and the vehicle answers.
         Fly = 2 => "fly",
-        /// Land where you are.
+        /// Land at the present position.
         Land = 3 => "land",
         /// Motors off on the ground.
         Disarm = 4 => "disarm",
@@ -123,11 +123,11 @@ code! {
 }
 
 code! {
-    /// What the daemon answers.
+    /// Answer of the daemon.
     Answer {
         /// Done.
         Done = 0 => "done",
-        /// Taken; takes effect with the next tick.
+        /// Accepted; takes effect with the next tick.
         Accepted = 1 => "accepted",
         /// Refused, with a cause.
         Refused = 2 => "refused",
@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn codes_survive_the_journey_and_strangers_do_not() {
+    fn known_bytes_decode_to_their_codes_and_others_to_none() {
         for code in 0..=u8::MAX {
             if let Some(cause) = Cause::from_code(code) {
                 assert_eq!(cause.code(), code);

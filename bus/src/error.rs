@@ -1,11 +1,11 @@
-//! What can go wrong on the bus.
+//! Errors of the bus.
 
 use std::path::PathBuf;
 
-/// What can go wrong on the bus, each with the object and the remedy in its message.
+/// Error of the bus; the message names the object and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
-    /// The topic has its one writer already.
+    /// The topic already has its only writer.
     #[error(
         "topic `{topic}` of instance `{instance}` already has a writer; stop that process first, or use another --instance"
     )]
@@ -15,9 +15,9 @@ pub enum BusError {
         /// The instance.
         instance: String,
     },
-    /// The other side was built from another version of the messages.
+    /// A running process was built from other definitions of the messages.
     #[error(
-        "`{topic}` is spoken in another version by a running process; stop it and start all processes from one build"
+        "`{topic}` is used by a running process of another version; stop it and start all processes from one build"
     )]
     Version {
         /// The topic or service.
@@ -29,14 +29,14 @@ pub enum BusError {
         /// The root path of the instance.
         path: PathBuf,
     },
-    /// Topics would not fit: a process that touches shared memory which is not there is killed, not told.
+    /// Shared memory is full. A process that touched memory that cannot be allocated would be killed by a signal.
     #[error(
-        "/dev/shm has {free_kib} KiB free, a process takes up to {needed_kib}; `sudo mount -o remount,size=512M /dev/shm`, or end other instances"
+        "/dev/shm has {free_kib} KiB free, a process needs up to {needed_kib}; `sudo mount -o remount,size=512M /dev/shm`, or end other instances"
     )]
     Full {
         /// Shared memory free \[KiB\].
         free_kib: u64,
-        /// What a process may take \[KiB\].
+        /// Memory that is needed \[KiB\].
         needed_kib: u64,
     },
     /// A process keeps the lock of the instance.
@@ -49,22 +49,22 @@ pub enum BusError {
         /// The directory of the instance.
         path: PathBuf,
     },
-    /// A name that cannot be part of the file names behind an instance.
+    /// A name that cannot be part of a file name.
     #[error("{what} `{value}` cannot be used: {rule}")]
     Name {
-        /// What is named.
+        /// Kind of the name.
         what: &'static str,
         /// The name.
         value: String,
-        /// What a name may be.
+        /// Rule for such names.
         rule: &'static str,
     },
-    /// The operating system refused.
+    /// The operating system or iceoryx2 refused.
     #[error("{action} failed: {reason}")]
     System {
-        /// What was tried.
+        /// Action that failed.
         action: String,
-        /// What came back.
+        /// Reason as reported.
         reason: String,
     },
 }

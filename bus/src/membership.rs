@@ -100,6 +100,14 @@ impl Membership {
         remains::remove_half_made(&self.prefix, &self.directory);
     }
 
+    /// Allocates the memory of all shared files of the instance; the lock is held.
+    ///
+    /// # Errors
+    /// Shared memory is full.
+    pub(crate) fn reserve_memory(&self, _lock: &InstanceLock<'_>) -> Result<(), BusError> {
+        remains::reserve_memory(&self.prefix).map_err(|size| BusError::full(size.div_ceil(1024)))
+    }
+
     /// Takes other users' rights to files in shared memory away; the lock is held.
     pub(crate) fn make_private(&self, _lock: &InstanceLock<'_>) {
         remains::make_private(&self.prefix);

@@ -101,6 +101,18 @@ impl InstanceNode {
         }
     }
 
+    /// The port of a service that has just been opened, with memory behind it.
+    fn port<P>(
+        &self,
+        lock: &InstanceLock<'_>,
+        port: P,
+        name: &'static str,
+    ) -> Result<Box<Port<P>>, BusError> {
+        let port = Box::new(Port::new(port, name, &self.membership));
+        self.membership.reserve_memory(lock)?;
+        Ok(port)
+    }
+
     fn topic(&self, lock: &InstanceLock<'_>, topic: &TopicSpec) -> Result<TopicService, BusError> {
         let (name, verifier) = (service_name(topic.name)?, schema_attribute(topic.schema)?);
         self.open(lock, topic.name, || {
@@ -143,7 +155,7 @@ impl OpenPorts for InstanceNode {
             }
             other => system(format!("writing topic `{}`", topic.name), &other),
         })?;
-        Ok(Box::new(Port::new(publisher, topic.name, &self.membership)))
+        Ok(self.port(&lock, publisher, topic.name)?)
     }
 
     fn reader(&self, topic: &TopicSpec, buffer: usize) -> Result<Box<dyn RawReader>, BusError> {
@@ -151,7 +163,7 @@ impl OpenPorts for InstanceNode {
         let created = self.topic(&lock, topic)?.subscriber_builder().buffer_size(buffer).create();
         let subscriber =
             created.map_err(|e| system(format!("reading topic `{}`", topic.name), &e))?;
-        Ok(Box::new(Port::new(subscriber, topic.name, &self.membership)))
+        Ok(self.port(&lock, subscriber, topic.name)?)
     }
 
     fn server(&self) -> Result<Box<dyn RawServer>, BusError> {
@@ -159,7 +171,7 @@ impl OpenPorts for InstanceNode {
         let builder = self.control(&lock)?;
         let created = builder.server_builder().initial_max_slice_len(CONTROL_SIZES.1).create();
         let server = created.map_err(|e| system(format!("serving `{CONTROL}`"), &e))?;
-        Ok(Box::new(Port::new(server, CONTROL, &self.membership)))
+        Ok(self.port(&lock, server, CONTROL)?)
     }
 
     fn client(&self) -> Result<Box<dyn RawClient>, BusError> {
@@ -167,7 +179,7 @@ impl OpenPorts for InstanceNode {
         let builder = self.control(&lock)?;
         let created = builder.client_builder().initial_max_slice_len(CONTROL_SIZES.0).create();
         let client = created.map_err(|e| system(format!("asking `{CONTROL}`"), &e))?;
-        Ok(Box::new(Port::new(client, CONTROL, &self.membership)))
+        Ok(self.port(&lock, client, CONTROL)?)
     }
 }
 

@@ -4,6 +4,9 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
+use rustix::fs::{FallocateFlags, fallocate};
+use rustix::io::Errno;
+
 /// Where shared memory has its names.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 
@@ -79,6 +82,23 @@ pub(crate) fn make_private(prefix: &str) {
             let _ = fs::set_permissions(file, fs::Permissions::from_mode(0o600));
         }
     }
+}
+
+/// Allocates the memory of all files of the instance, which iceoryx2 makes without memory behind them: a process that touches such
+/// a file when there is no memory left is killed by SIGBUS.
+///
+/// # Errors
+/// There is no memory for a file of the returned size \[bytes\].
+pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
+    for path in files(Path::new(SHARED_MEMORY), prefix) {
+        // A connection may be gone again; one that cannot be opened yet is being made by its own process.
+        let Ok(file) = fs::OpenOptions::new().read(true).write(true).open(path) else { continue };
+        let size = file.metadata().map_or(0, |metadata| metadata.len());
+        if size > 0 && fallocate(&file, FallocateFlags::empty(), 0, size) == Err(Errno::NOSPC) {
+            return Err(size);
+        }
+    }
+    Ok(())
 }
 
 fn files(directory: &Path, prefix: &str) -> Vec<PathBuf> {

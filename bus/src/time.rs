@@ -1,4 +1,4 @@
-//! Time as every process of the system means it: nanoseconds of `CLOCK_MONOTONIC`, or of virtual time.
+//! Instants and spans of time in all processes: nanoseconds of `CLOCK_MONOTONIC`, or of virtual time.
 //!
 //! Only [`Time::now`] reads a clock, and only the process context and the pacers call it; everything below takes `now` as an
 //! argument. `dt` becomes an `f64` once, by [`Span::seconds`], on its way into a law.
@@ -77,7 +77,7 @@ impl Time {
 }
 
 impl Span {
-    /// No time at all.
+    /// A span of zero length.
     pub const ZERO: Self = Self(0);
 
     /// A span of `nanos` nanoseconds.
@@ -177,19 +177,19 @@ impl Grid {
         Self { start, rate_hz, index: 0, next: start }
     }
 
-    /// The index of the instant that comes next.
+    /// Index of the next instant \[-\].
     #[must_use]
     pub const fn index(&self) -> u64 {
         self.index
     }
 
-    /// The instant that comes next.
+    /// The next instant.
     #[must_use]
     pub const fn next(&self) -> Time {
         self.next
     }
 
-    /// Goes on to the instant after it.
+    /// Moves on by one instant.
     pub fn advance(&mut self) {
         self.index += 1;
         self.next = self.start + Span::from_seconds(self.index as f64 / self.rate_hz);

@@ -1,4 +1,4 @@
-//! What a process needs of the bus, whichever carries it: topics between processes ([`crate::bus::Bus`]) or inside one
+//! Interface of the ports of topics. Implementations: between processes ([`crate::bus::Bus`]) and inside one process
 //! ([`crate::memory::MemoryBus`]).
 
 use crate::error::BusError;

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Violation, link_at, not_negative, positive};
 
-/// An age of so many periods is the least that lets a command arrive at all, and the most that still means "at once".
-const NEUTRAL_AFTER_PERIODS: std::ops::RangeInclusive<f64> = 1.5..=15.0;
+/// Command timeouts allowed \[control periods\]: below, no command arrives in time; above, the vehicle flies on too long.
+const COMMAND_TIMEOUT_PERIODS: std::ops::RangeInclusive<f64> = 1.5..=15.0;
 
 /// `[bridge]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,17 +20,17 @@ pub struct Bridge {
     pub xbee_address: String,
     /// Whether RTS and CTS hold the other end back.
     pub hardware_flow_control: bool,
-    /// How often the vehicle is asked how it is \[Hz\].
+    /// Rate at which the vehicle's status is requested \[Hz\].
     pub status_rate_hz: f64,
     /// A vehicle that says nothing valid for so long is silent \[ms\].
     pub silence_ms: f64,
-    /// A command published so many periods ago is never sent: neutral instead.
-    pub neutral_after_periods: f64,
+    /// Command timeout \[control periods\]: a command published longer ago is not sent; a zero set-point is sent instead.
+    pub command_timeout_periods: f64,
     /// The sequence that starts or stops the motors is given up after so long \[ms\].
     pub motor_sequence_ms: f64,
-    /// Motors are stopped after neutral was commanded for so long \[ms\].
+    /// Time for which the daemon must command "disarmed" before the motors are stopped \[ms\].
     pub rest_ms: f64,
-    /// Whether the vehicle's emergency stop is sent where neutral cannot end the matter.
+    /// Whether the vehicle's emergency stop is sent when its motors cannot be stopped otherwise.
     pub emergency_stop: bool,
     /// From a command's last byte on the wire to its effect, as far as it is known \[ms\].
     pub air_latency_ms: f64,
@@ -67,11 +67,11 @@ impl Bridge {
         self.xbee_address()?;
         positive("bridge.status-rate-hz", self.status_rate_hz)?;
         positive("bridge.silence-ms", self.silence_ms)?;
-        if !NEUTRAL_AFTER_PERIODS.contains(&self.neutral_after_periods) {
-            let (least, most) = (NEUTRAL_AFTER_PERIODS.start(), NEUTRAL_AFTER_PERIODS.end());
+        if !COMMAND_TIMEOUT_PERIODS.contains(&self.command_timeout_periods) {
+            let (least, most) = (COMMAND_TIMEOUT_PERIODS.start(), COMMAND_TIMEOUT_PERIODS.end());
             let rule =
-                format!("must lie between {least} and {most}, is {}", self.neutral_after_periods);
-            return Err(Violation::new("bridge.neutral-after-periods", rule));
+                format!("must lie between {least} and {most}, is {}", self.command_timeout_periods);
+            return Err(Violation::new("bridge.command-timeout-periods", rule));
         }
         positive("bridge.motor-sequence-ms", self.motor_sequence_ms)?;
         positive("bridge.rest-ms", self.rest_ms)?;

@@ -1,5 +1,4 @@
-//! The linear model of the attitude error that the regulator is designed on: the matrix `A` of
-//! Eq. (41).
+//! Linear model of the attitude error for the design of the regulator: the matrix `A` of Eq. (41).
 //!
 //! About an operating point the error moves as
 //!
@@ -8,23 +7,22 @@
 //! dt[  eps  ] = [ A_eps_omega    A_eps_eps ] [  eps  ] + [ 0  ] tau
 //! ```
 //!
-//! The paper takes the upper blocks from Eq. (37), which is an identity between `eps` and `omega_e`
-//! and not the body, and prints two of them with slips. All versions are here, so that their effect
-//! can be flown: see [`Jacobian`].
+//! The paper takes the upper blocks from Eq. (37), which is a kinematic identity between `eps` and `omega_e` and not
+//! a model of the body, and prints two of the blocks with errors. All versions are available, so that their effect
+//! can be tested in flight: see [`Jacobian`].
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// `lambda` of an operating point is at least this: the models divide by it. An error of 169
-/// degrees.
+/// Least `lambda` of an operating point \[-\], since the models divide by `lambda`: an error of 169 degrees.
 pub const LAMBDA_MIN: f64 = 0.1;
 
-/// Which derivatives make up `A`.
+/// Version of the derivatives in `A`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Jacobian {
-    /// The body itself: the law cancels `omega x J omega`, so torque alone moves `omega_e` and the
-    /// upper blocks are zero. The lower ones are exact. Not in the paper.
+    /// Model of the body itself: the law cancels `omega x J omega`, so torque alone moves `omega_e` and the upper
+    /// blocks are zero. The lower ones are exact. Not in the paper.
     #[default]
     Decoupled,
     /// Eqs. (43) to (46) as printed.
@@ -33,10 +31,9 @@ pub enum Jacobian {
     /// The same with Eqs. (75) and (79) of the paper's appendix.
     #[serde(rename = "printed-75")]
     Printed75,
-    /// The derivatives of Eqs. (37) and (38) without slips, `lambda` held constant as the paper
-    /// does.
+    /// The correct derivatives of Eqs. (37) and (38), with `lambda` held constant as in the paper.
     ExactConstantLambda,
-    /// The derivatives of Eqs. (37) and (38) with `lambda` a function of `eps`.
+    /// The correct derivatives of Eqs. (37) and (38), with `lambda` as a function of `eps`.
     Exact,
 }
 
@@ -54,12 +51,11 @@ pub struct OperatingPoint {
 }
 
 impl OperatingPoint {
-    /// The operating point at `eps` and `omega_e` \[rad/s, body axes\], with `eps_ddot = 0`: the
-    /// paper drops it (Section VII.C) because measurement noise, differentiated twice, would be all
-    /// there is of it.
+    /// The operating point at `eps` and `omega_e` \[rad/s, body axes\], with `eps_ddot = 0`: the paper drops
+    /// `eps_ddot` (Section VII.C), because it would consist of twice differentiated measurement noise.
     ///
-    /// An `eps` with `lambda` below [`LAMBDA_MIN`] is shortened until `lambda` is just that. The
-    /// corner of a cell may even be longer than any error, which is never longer than one.
+    /// An `eps` with `lambda` below [`LAMBDA_MIN`] is shortened until `lambda` equals it. The corner of a cell may
+    /// have a norm above 1, the greatest possible norm of an error.
     #[must_use]
     pub fn new(eps: Vector3<f64>, omega_e: Vector3<f64>) -> Self {
         let longest = (1.0 - LAMBDA_MIN * LAMBDA_MIN).sqrt();
@@ -130,7 +126,7 @@ impl OperatingPoint {
         -self.omega_e.cross_matrix() / 2.0
     }
 
-    /// What `eps` does to Eq. (38) through `lambda`.
+    /// Derivative of Eq. (38) with respect to `eps` through `lambda`.
     fn eps_eps_through_lambda(&self) -> Matrix3<f64> {
         // Eq. (43), erratum E-43
         -self.omega_e * self.eps.transpose() / (2.0 * self.lambda)
@@ -142,7 +138,7 @@ impl OperatingPoint {
         (self.eps.cross_matrix() + scaled_identity(self.lambda)) / 2.0
     }
 
-    /// The part of the derivative of Eq. (37) that every version of it shares:
+    /// The part of the derivative of Eq. (37) common to all versions:
     /// `a^x + (e a' + e'a I) / l`.
     fn omega_eps_of_acceleration(&self) -> Matrix3<f64> {
         let Self { eps: e, lambda: l, eps_ddot: a, .. } = self;
@@ -178,7 +174,7 @@ impl OperatingPoint {
             + w.norm_squared() / 4.0 * (scaled_identity(*l) + (2.0 * ee + e_e_i) / *l))
     }
 
-    /// What `eps` does to Eq. (37) through `lambda`: `2 (-b e' / l + e (e'b) e' / l^3)` with
+    /// Derivative of Eq. (37) with respect to `eps` through `lambda`: `2 (-b e' / l + e (e'b) e' / l^3)` with
     /// `b = a + w'w e / 4`.
     fn omega_eps_through_lambda(&self) -> Matrix3<f64> {
         let Self { eps: e, lambda: l, omega_e: w, eps_ddot: a } = self;

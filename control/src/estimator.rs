@@ -20,20 +20,22 @@ pub struct EstimatorOptions {
     pub velocity_cutoff_hz: f64,
     /// Cut-off of the first-order low-pass on the body rate \[Hz\].
     pub rate_cutoff_hz: f64,
-    /// Time between two poses beyond which they are not differentiated \[ms\].
+    /// Longest time between two poses that are differentiated \[ms\].
     pub gap_ms: f64,
 }
 
 impl Default for EstimatorOptions {
     fn default() -> Self {
-        // At 60 Hz two lost frames in a row are bridged.
+        // At 60 Hz the gap spans two lost frames in a row.
         Self { velocity_cutoff_hz: 6.0, rate_cutoff_hz: 6.0, gap_ms: 60.0 }
     }
 }
 
 impl EstimatorOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("velocity-cutoff-hz", self.velocity_cutoff_hz, Rule::Between(0.1, 1000.0)),
@@ -43,14 +45,14 @@ impl EstimatorOptions {
     }
 }
 
-/// What is known of the vehicle's motion.
+/// Estimated motion of the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Estimate {
     /// Position of the body \[m, world\].
     pub position: Vector3<f64>,
     /// Velocity of the body \[m/s, world\].
     pub velocity: Vector3<f64>,
-    /// Attitude of the body.
+    /// Attitude, body to world.
     pub attitude: Attitude,
     /// Angular velocity of the body \[rad/s, body axes\].
     pub rate: BodyRate,
@@ -66,7 +68,7 @@ pub struct Estimator {
 }
 
 impl Estimator {
-    /// An estimator that has seen no pose.
+    /// An estimator without a pose yet.
     #[must_use]
     pub fn new(options: EstimatorOptions) -> Self {
         Self { options, last_t_s: None, estimate: Estimate::default() }
@@ -75,9 +77,9 @@ impl Estimator {
     /// Takes the pose captured at `t_s` \[s, any origin\]: `position` \[m, world\] and `attitude`, and returns the motion
     /// at that time.
     ///
-    /// A pose that is not later than the last one, or from which no finite estimate follows, is ignored. After a gap the
-    /// pose is taken and the rates are held until the next one: an average over the gap would be old, zero would be a
-    /// jump.
+    /// A pose that is not later than the last one, or from which no finite estimate follows, is ignored. After a gap
+    /// the pose is taken and the rates are held until the next one, because an average over the gap would be out of
+    /// date and zero would be a jump.
     pub fn update(&mut self, t_s: f64, position: Vector3<f64>, attitude: Attitude) -> Estimate {
         let dt_s = self.last_t_s.map(|last| t_s - last);
         let (velocity, rate) = match dt_s {
@@ -95,16 +97,16 @@ impl Estimator {
         self.estimate
     }
 
-    /// The motion at the last pose, for a tick that has no new one; all zero and level before the first.
+    /// The motion at the last pose, for a tick without a new pose; all zero and level before the first pose.
     #[must_use]
     pub fn latest(&self) -> Estimate {
         self.estimate
     }
 
-    /// Velocity and body rate after a pose `dt_s` after the last.
+    /// Velocity and body rate after a pose that follows the last one after `dt_s` \[s\].
     ///
-    /// The weight of the low-pass falls with `dt_s` as fast as the noise of the difference quotient grows, so poses that
-    /// come close together need no guard.
+    /// The weight of the low-pass falls with `dt_s` as fast as the noise of the difference quotient grows, so poses
+    /// close together need no special treatment.
     fn rates(
         &self,
         dt_s: f64,

@@ -1,12 +1,11 @@
-//! Euler angles, sequence 3-2-1 (yaw, pitch, roll), which the classic regulator is written in.
-//! Eqs. (1), (2), (6), (16).
+//! Euler angles in the sequence 3-2-1 (yaw, pitch, roll), used by the classic regulator. Eqs. (1), (2), (6), (16).
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::quantity::{BodyRate, EulerRates};
 use crate::quaternion::Attitude;
 
-/// Below this cosine of the pitch angle roll and yaw cannot be told apart in double precision.
+/// Cosine of the pitch below which roll and yaw cannot be distinguished in double precision \[-\].
 const GIMBAL_LOCK: f64 = 1e-9;
 
 /// `Theta = [phi, theta, psi]`: yaw about z, then pitch about the new y, then roll about the new x
@@ -22,8 +21,7 @@ pub struct EulerAngles {
 }
 
 impl EulerAngles {
-    /// The angles of an attitude. Pitched straight up or down, where only the sum of roll and yaw
-    /// is defined, all of it is yaw.
+    /// The angles of an attitude. At a pitch of 90 degrees, where only the sum of roll and yaw is defined, roll is 0.
     #[must_use]
     pub fn from_attitude(attitude: &Attitude) -> Self {
         // The world-to-body matrix of Eq. (16), solved for the angles.
@@ -49,7 +47,7 @@ impl EulerAngles {
         Vector3::new(self.roll, self.pitch, self.yaw)
     }
 
-    /// `[q1 q2 q3 eta]` of these angles, scalar last, body to world.
+    /// The quaternion `[q1 q2 q3 eta]` of these angles, scalar last, body to world \[-\].
     #[must_use]
     pub fn xyzw(&self) -> [f64; 4] {
         let ((s_phi, c_phi), (s_theta, c_theta)) =
@@ -64,7 +62,7 @@ impl EulerAngles {
         ]
     }
 
-    /// `R`: takes world components to body components.
+    /// `R`: takes world components to body components \[-\].
     #[must_use]
     pub fn rotation(&self) -> Matrix3<f64> {
         let ((s_phi, c_phi), (s_theta, c_theta)) = (self.roll.sin_cos(), self.pitch.sin_cos());
@@ -79,7 +77,7 @@ impl EulerAngles {
         r
     }
 
-    /// `H^-1`: takes the body rate to the rates of the angles. Grows without bound towards a pitch
+    /// `H^-1`: takes the body rate to the rates of the angles \[-\]. The matrix grows without bound towards a pitch
     /// of 90 degrees.
     #[must_use]
     pub fn rate_matrix(&self) -> Matrix3<f64> {

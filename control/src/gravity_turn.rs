@@ -1,6 +1,7 @@
-//! The gravity turn of a lander: constant thrust against its velocity turns level flight into a hover. Paper, Section V.B.
+//! The gravity turn of a lander: constant thrust opposite to the velocity leads from horizontal flight to a hover.
+//! Paper, Section V.B.
 //!
-//! [`GravityTurn`] is the ideal turn in closed form, [`Guidance`] the attitude that a lander must hold to fly it.
+//! [`GravityTurn`] is the ideal turn in closed form, [`Guidance`] commands the attitude of a lander that flies it.
 //!
 //! With `theta` the angle between the velocity and the vertical down, `n` the thrust over the weight and
 //! `u = tan(theta/2)`, Eqs. (58) and (59) give `v = C u^(n-1) (1 + u^2)`; time and place follow by integration over `u`.
@@ -13,13 +14,13 @@ use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;
 use crate::tracking_error::AttitudeReference;
 
-/// Newton's method for the angle at a time converges in fewer steps than this.
+/// Greatest number of Newton steps for the angle at a time \[-\]; convergence takes fewer.
 const NEWTON_STEPS: usize = 64;
 
 /// A gravity turn with constant thrust.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GravityTurn {
-    /// `n`: thrust over weight.
+    /// `n`: thrust over weight \[-\].
     thrust_ratio: f64,
     /// `g` \[m/s^2\].
     gravity: f64,
@@ -29,12 +30,12 @@ pub struct GravityTurn {
     start: f64,
 }
 
-/// A moment of a gravity turn.
+/// State of a gravity turn at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurnState {
-    /// Since the start \[s\].
+    /// Time since the start \[s\].
     pub time_s: f64,
-    /// `theta`: between velocity and vertical, 0 when falling straight down \[rad\].
+    /// `theta`: angle between velocity and vertical, 0 when falling straight down \[rad\].
     pub angle_rad: f64,
     /// Horizontal distance from the start \[m\].
     pub down_range_m: f64,
@@ -51,7 +52,7 @@ impl GravityTurn {
     /// `speed` \[m/s\] at `angle_rad` from the vertical \[rad\].
     ///
     /// # Errors
-    /// The first number with which there is no turn that ends in a hover.
+    /// The first argument for which no turn ends in a hover.
     pub fn new(
         thrust_ratio: f64,
         gravity: f64,
@@ -69,13 +70,13 @@ impl GravityTurn {
         Ok(Self { thrust_ratio, gravity, constant, start })
     }
 
-    /// When the lander hovers \[s\].
+    /// Time at which the lander hovers \[s\].
     #[must_use]
     pub fn hover_time_s(&self) -> f64 {
         self.at_angle(0.0).time_s
     }
 
-    /// The moment at which the velocity is `angle_rad` from the vertical, from the angle at the start down to 0.
+    /// The state at which the velocity is `angle_rad` from the vertical, from the angle at the start down to 0.
     #[must_use]
     pub fn at_angle(&self, angle_rad: f64) -> TurnState {
         let Self { thrust_ratio: n, gravity: g, constant: c, .. } = *self;
@@ -91,7 +92,7 @@ impl GravityTurn {
         TurnState { time_s, angle_rad, down_range_m, drop_m, forward_m_s, sink_m_s }
     }
 
-    /// The moment `time_s` \[s\] after the start. After the hover the thrust lifts the lander straight up.
+    /// The state at `time_s` \[s\] after the start. After the hover the thrust accelerates the lander straight up.
     #[must_use]
     pub fn at_time(&self, time_s: f64) -> TurnState {
         let hover = self.at_angle(0.0);
@@ -110,7 +111,8 @@ impl GravityTurn {
 
     /// The angle \[rad\] at a time before the hover \[s\].
     ///
-    /// In `s = u^(n-1)` the time falls and is concave, so Newton's method comes down to the root from the start.
+    /// As a function of `s = u^(n-1)` the time is decreasing and concave, so Newton's method converges to the root
+    /// from the start of the turn.
     fn angle_at(&self, time_s: f64) -> f64 {
         let n = self.thrust_ratio;
         let power = (n + 1.0) / (n - 1.0);
@@ -135,20 +137,20 @@ impl GravityTurn {
     }
 }
 
-/// How a lander is guided through a gravity turn.
+/// Options of the guidance through a gravity turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuidanceOptions {
-    /// `n`: thrust over weight.
+    /// `n`: thrust over weight \[-\].
     pub thrust_ratio: f64,
     /// `g` \[m/s^2\].
     pub gravity_m_s2: f64,
-    /// Below this speed \[m/s\] the command stands still: the direction of a vanishing velocity is no command.
+    /// Speed below which the command is held \[m/s\], because the direction of a vanishing velocity is undefined.
     pub least_speed_m_s: f64,
-    /// Whether `omega_d` and its derivative are commanded, or an attitude alone.
+    /// Whether `omega_d` and its derivative are commanded besides the attitude.
     pub rates: bool,
 }
 
-/// Commands the attitude with the thrust against the velocity, yaw 0.
+/// Guidance law: commands the attitude with the thrust opposite to the velocity, at zero yaw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guidance {
     options: GuidanceOptions,
@@ -157,7 +159,7 @@ pub struct Guidance {
 }
 
 impl Guidance {
-    /// A guidance that has commanded nothing yet.
+    /// A guidance without a command yet.
     #[must_use]
     pub fn new(options: GuidanceOptions) -> Self {
         Self { options, last: AttitudeReference::default(), is_frozen: false }
@@ -165,7 +167,7 @@ impl Guidance {
 
     /// The command for a lander that moves at `velocity` \[m/s, world\] and thrusts along body z of `attitude`.
     ///
-    /// Once the lander has been slower than the least speed, the last attitude is held for good.
+    /// Once the lander has been slower than `least_speed_m_s`, the last attitude is held permanently.
     pub fn command(&mut self, velocity: &Vector3<f64>, attitude: &Attitude) -> AttitudeReference {
         if self.is_frozen || velocity.norm() < self.options.least_speed_m_s {
             self.is_frozen = true;
@@ -183,8 +185,8 @@ impl Guidance {
         reference
     }
 
-    /// How the direction of the velocity turns \[rad/s, world\], and the derivative of that if the thrust stays against
-    /// the velocity \[rad/s^2, world\].
+    /// Rate of rotation of the direction of the velocity \[rad/s, world\], and its derivative under a thrust opposite
+    /// to the velocity \[rad/s^2, world\].
     fn turn_of(
         &self,
         velocity: &Vector3<f64>,

@@ -1,4 +1,4 @@
-//! Integral action that does not wind up.
+//! Integral action with anti-windup.
 
 use nalgebra::Vector3;
 
@@ -23,12 +23,11 @@ impl Integral {
         &self.value
     }
 
-    /// Adds `error` over `dt_s` seconds, unless the command is saturated and this would drive it
-    /// further out of range.
+    /// Adds `error` over `dt_s` \[s\], unless the command is saturated and the addition would drive it further out of
+    /// range.
     ///
-    /// `excess` is the command that was wanted less the one that was given, `push` the direction in
-    /// which this integral moves the wanted command. An `error` or a `dt_s` that is not finite adds
-    /// nothing.
+    /// `excess` is the unlimited command minus the limited one, `push` the direction in which `error` moves the
+    /// unlimited command. An `error` or a `dt_s` that is not finite adds nothing.
     #[inline]
     pub fn step(
         &mut self,
@@ -45,7 +44,7 @@ impl Integral {
         }
     }
 
-    /// Back to zero.
+    /// Sets the integral to zero.
     pub fn reset(&mut self) {
         self.value = Vector3::zeros();
     }

@@ -2,12 +2,12 @@
 
 use nalgebra::SMatrix;
 
-/// Terms of the series below: with the norm of its argument at most one half, the first term left
-/// out is under a quarter of the rounding unit.
+/// Number of terms of the series below \[-\]: with the norm of its argument at most one half, the first omitted term
+/// is below a quarter of the rounding unit.
 const TERMS: u32 = 14;
 
-/// The discrete-time system `x+ = Ad x + Bd u` that has the states of `dx/dt = Ax + Bu` at the
-/// instants `0, h, 2h, ..` \[s\] if `u` is held in between (a zero-order hold). Returns `(Ad, Bd)`.
+/// The discrete-time system `x+ = Ad x + Bd u` with the same states as `dx/dt = Ax + Bu` at the times `0, h, 2h, ..`
+/// \[s\] if `u` is held in between (zero-order hold). Returns `(Ad, Bd)`.
 ///
 /// Exact but for rounding: `Ad = exp(Ah)` and `Bd = Psi(Ah) B h` with `Psi(X) = I + X/2! + X^2/3! +
 /// ..`, by scaling and squaring (Moler and Van Loan, *SIAM Review* 45, 2003; C. Van Loan, *IEEE

@@ -1,30 +1,31 @@
-//! The figures by which flights are compared: Table II and running statistics.
+//! Figures of merit of a flight: the metrics of Table II, and running statistics.
 //!
 //! Table II defines quaternion error, position error and effort as integrals of norms, but its cost function, and
 //! Eq. (60), have squares. The printed results agree with norms (Table III: fitness = q times its quaternion error plus
 //! r times its effort), so both forms are kept (erratum E-60).
 //!
-//! A number that is not finite makes every figure it enters not finite: a flight that went wrong must not look good.
+//! A number that is not finite makes every figure that contains it not finite, so that a failed flight cannot look
+//! good.
 
 use nalgebra::Vector3;
 
-/// One moment of a flight, as the metrics see it.
+/// Input of the metrics at one time of a flight.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MetricSample {
     /// Reference minus position \[m, world\].
     pub position_error: Vector3<f64>,
     /// Vector part of the quaternion error `q_e = q_d^-1 (x) q`, shorter way round \[-\].
     pub quaternion_error: Vector3<f64>,
-    /// What the attitude law commands: torque \[N m, body axes\], or sticks \[-1..1, body axes\] in rate-input form.
+    /// Command of the attitude law: torque \[N m, body axes\], or sticks \[-1..1, body axes\] in rate-input form.
     pub input: Vector3<f64>,
 }
 
 /// Weights of the cost function, Table II and Eq. (60).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostWeights {
-    /// Weight of the quaternion error.
+    /// Weight of the quaternion error \[-\].
     pub q: f64,
-    /// Weight of the effort.
+    /// Weight of the effort \[1/U, with squares 1/U^2\].
     pub r: f64,
 }
 
@@ -41,7 +42,7 @@ pub struct TableTwo {
     pub effort: f64,
     /// Integral of the squared norm of the input \[U^2 s\].
     pub effort_squared: f64,
-    /// Riccati equations solved, the first included: the number of calculations. Counted by the controller.
+    /// Number of Riccati equations solved, the first one included; counted by the controller \[-\].
     pub riccati_solves: u64,
 }
 
@@ -56,14 +57,14 @@ impl TableTwo {
         self.effort_squared += sample.input.norm_squared() * dt_s;
     }
 
-    /// The cost as printed: the integral of `q eps'eps + r tau'tau`.
+    /// The cost as printed: the integral of `q eps'eps + r tau'tau` \[s\].
     #[must_use]
     pub fn cost(&self, weights: CostWeights) -> f64 {
         // Eq. (60)
         weights.q * self.quaternion_error_squared + weights.r * self.effort_squared
     }
 
-    /// The cost that the printed tables follow: the integral of `q |eps| + r |tau|`.
+    /// The cost that the printed tables follow: the integral of `q |eps| + r |tau|` \[s\].
     #[must_use]
     pub fn cost_of_norms(&self, weights: CostWeights) -> f64 {
         // Eq. (60), erratum E-60
@@ -71,7 +72,7 @@ impl TableTwo {
     }
 }
 
-/// Mean, root mean square and maximum of the magnitudes seen so far, in constant memory.
+/// Running mean, root mean square and maximum of magnitudes, in constant memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
     count: u64,
@@ -81,7 +82,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Takes one more magnitude, `value >= 0`.
+    /// Adds a magnitude, `value >= 0`.
     pub fn add(&mut self, value: f64) {
         self.count += 1;
         let weight = 1.0 / self.count as f64;
@@ -93,25 +94,25 @@ impl Statistics {
         }
     }
 
-    /// How many values were taken.
+    /// Number of values added \[-\].
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// Arithmetic mean; 0 before the first value.
+    /// Arithmetic mean \[unit of the values\]; 0 before the first value.
     #[must_use]
     pub fn mean(&self) -> f64 {
         self.mean
     }
 
-    /// Root of the mean square; 0 before the first value.
+    /// Root of the mean square \[unit of the values\]; 0 before the first value.
     #[must_use]
     pub fn rms(&self) -> f64 {
         self.mean_square.sqrt()
     }
 
-    /// Greatest value; 0 before the first.
+    /// Greatest value \[unit of the values\]; 0 before the first.
     #[must_use]
     pub fn max(&self) -> f64 {
         self.max

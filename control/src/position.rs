@@ -1,4 +1,4 @@
-//! The outer loops of Fig. 16: from position to the attitude and thrust that the attitude law is to hold.
+//! The outer loops of Fig. 16: from the position error to the attitude and thrust for the attitude law.
 //!
 //! One PID for each of X, Y and Z turns the position error into a commanded velocity, one for each of V_X, V_Y and V_Z
 //! turns the velocity error into a commanded acceleration, and the acceleration fixes attitude and thrust. The structure
@@ -14,21 +14,21 @@ use crate::scalar_pid::{Pid, PidGains, PidLimits};
 use crate::tracking_error::AttitudeReference;
 use crate::trajectory::Reference;
 
-/// Greatest tilt that the loops may be configured to command \[deg\].
+/// Greatest value allowed for the tilt limit \[deg\].
 const GREATEST_TILT_DEG: f64 = 60.0;
 
-/// Norm below which a vector is taken to have no direction.
+/// Norm below which the direction of a vector is undefined \[unit of the vector\].
 const SMALLEST_NORM: f64 = 1e-9;
 
-/// Options of the [`PositionLoops`]. No figure here is in the paper.
+/// Options of the [`PositionLoops`]. None of these values is in the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct PositionOptions {
-    /// X and Y: position error \[m\] to velocity \[m/s\].
+    /// PIDs of X and Y: position error \[m\] to velocity \[m/s\].
     pub horizontal_position: PidGains,
     /// Z: position error \[m\] to velocity \[m/s\].
     pub vertical_position: PidGains,
-    /// V_X and V_Y: velocity error \[m/s\] to acceleration \[m/s^2\].
+    /// PIDs of V_X and V_Y: velocity error \[m/s\] to acceleration \[m/s^2\].
     pub horizontal_velocity: PidGains,
     /// V_Z: velocity error \[m/s\] to acceleration \[m/s^2\].
     pub vertical_velocity: PidGains,
@@ -72,8 +72,10 @@ impl Default for PositionOptions {
 }
 
 impl PositionOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         self.horizontal_position.check().map_err(|error| error.within("horizontal-position"))?;
         self.vertical_position.check().map_err(|error| error.within("vertical-position"))?;
@@ -112,11 +114,11 @@ impl PositionOptions {
     }
 }
 
-/// What the outer loops ask for.
+/// Output of the outer loops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionCommand {
-    /// The attitude to be held by the attitude law. It is commanded without a rate of its own, as in
-    /// the paper's experiments, unless the reference prescribes both.
+    /// Attitude for the attitude law. The commanded rate is zero, as in the paper's experiments, unless the reference
+    /// prescribes attitude and rate.
     pub attitude: AttitudeReference,
     /// Thrust along body z \[N\].
     pub thrust_n: f64,
@@ -165,8 +167,9 @@ impl PositionLoops {
 
     /// The command for the present estimate and reference, `dt_s` \[s\] after the command before it.
     ///
-    /// A reference with an attitude opens the horizontal loops: that attitude is the command, their integrals are held,
-    /// and the velocity they would ask for is still reported. The vertical loop stays closed and makes up for the tilt.
+    /// A reference with an attitude opens the horizontal loops: that attitude is the command, the integrals are held,
+    /// and the velocity that the loops would command is still reported. The vertical loop stays closed and
+    /// compensates the tilt.
     pub fn update(
         &mut self,
         estimate: &Estimate,
@@ -194,7 +197,7 @@ impl PositionLoops {
         }
     }
 
-    /// Forgets every past error. Options stay.
+    /// Resets the state of all PIDs. Options are kept.
     pub fn reset(&mut self) {
         self.horizontal_position.reset();
         self.horizontal_velocity.reset();
@@ -212,8 +215,8 @@ impl PositionLoops {
         (climb, self.gravity_m_s2 + self.vertical_velocity.update(error, dt_s))
     }
 
-    /// The velocity \[m/s\] and the acceleration \[m/s^2\] commanded by the loops for X, Y, V_X and V_Y, the latter as
-    /// great as the tilt limit permits with the lift per mass `lift` \[m/s^2\].
+    /// The velocity \[m/s\] and the acceleration \[m/s^2\] commanded by the loops for X, Y, V_X and V_Y, the
+    /// acceleration limited as the tilt limit demands at the lift per mass `lift` \[m/s^2\].
     fn horizontal(
         &mut self,
         estimate: &Estimate,
@@ -233,12 +236,13 @@ impl PositionLoops {
     }
 }
 
-/// The PIDs of X and Y, or of V_X and V_Y. They are limited together, for a limit on each would turn the command.
+/// The PIDs of X and Y, or of V_X and V_Y. The two are limited together, because separate limits would change the
+/// direction of the command.
 #[derive(Clone, Copy, Debug)]
 struct HorizontalPids {
     x: Pid,
     y: Pid,
-    /// Whether the last command was at its limit. The integrals then stand still for a sample.
+    /// Whether the last command was at its limit. The integrals are then held for one sample.
     capped: bool,
 }
 

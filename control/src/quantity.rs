@@ -1,6 +1,7 @@
-//! Physical quantities whose mix-up would fly a vehicle into a wall, each as a type of its own.
+//! Physical quantities that are easily confused, each as a type of its own.
 //!
-//! Everything is SI, radians, `f64`. The vector inside is public: the types separate meanings, they do not hide numbers.
+//! All values are SI, radians, `f64`. The vector inside is public: the types separate meanings and do not hide
+//! numbers.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -21,7 +22,7 @@ pub struct EulerRates(pub Vector3<f64>);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Torque(pub Vector3<f64>);
 
-/// The attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61) \[-1..1, body axes\]: a fraction of the body rate that the
-/// vehicle's own inner loop can follow. The input of the quadrotor.
+/// The attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61) \[-1..1, body axes\]: fractions of the body rate at
+/// full stick. The input of the quadrotor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StickCommand(pub Vector3<f64>);

@@ -3,7 +3,8 @@
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// How far from 1 the norm of four numbers may be and still be an attitude. Single-precision poses are well inside.
+/// Greatest difference from 1 of the norm of a quaternion that is accepted as an attitude \[-\]. Poses in single
+/// precision are well within.
 pub const NORM_TOLERANCE: f64 = 1e-2;
 
 /// Orientation of the body in the world: the rotation that takes body components to world components.
@@ -23,9 +24,10 @@ impl Attitude {
     pub const LEVEL: Self =
         Self(UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)));
 
-    /// The attitude `[q1 q2 q3 eta]` of Eq. (5), scalar last, body to world: the one place where numbers become an attitude.
+    /// The attitude `[q1 q2 q3 eta]` of Eq. (5), scalar last, body to world: the only constructor from plain numbers.
     ///
-    /// The norm is brought to one. `None` unless all four are finite and the norm is within [`NORM_TOLERANCE`] of one.
+    /// The quaternion is normalised. `None` unless all four are finite and the norm is within [`NORM_TOLERANCE`] of
+    /// one.
     #[must_use]
     pub fn from_xyzw([x, y, z, w]: [f64; 4]) -> Option<Self> {
         let quaternion = Quaternion::new(w, x, y, z);
@@ -53,14 +55,14 @@ impl Attitude {
         Self(UnitQuaternion::from_rotation_matrix(matrix))
     }
 
-    /// `[q1 q2 q3 eta]`, scalar last, body to world.
+    /// `[q1 q2 q3 eta]`, scalar last, body to world \[-\].
     #[must_use]
     pub fn xyzw(&self) -> [f64; 4] {
         let q = self.0.quaternion();
         [q.i, q.j, q.k, q.w]
     }
 
-    /// Whether every number is finite. Made by [`from_xyzw`](Self::from_xyzw) they are; computed, they may not be.
+    /// Whether every number is finite. An attitude from [`from_xyzw`](Self::from_xyzw) is; a computed one may not be.
     #[inline]
     #[must_use]
     pub fn is_finite(&self) -> bool {

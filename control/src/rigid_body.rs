@@ -1,4 +1,4 @@
-//! A rigid body that turns: its inertia, Euler's equation (3) and the quaternion kinematics (7).
+//! Rotation of a rigid body: inertia, Euler's equation (3) and the quaternion kinematics (7).
 
 use std::fmt;
 
@@ -7,8 +7,7 @@ use nalgebra::{Matrix3, Matrix4, Vector4};
 use crate::quantity::{AngularAcceleration, BodyRate, Torque};
 use crate::quaternion::Attitude;
 
-/// How far a matrix may be from symmetric, and a body from the triangle inequality, relative to its
-/// trace.
+/// Tolerance for symmetry and for the triangle inequality of the principal moments, relative to the trace \[-\].
 const TOLERANCE: f64 = 1e-9;
 
 /// The inertia `J` of a body about its centre of mass \[kg m^2, body axes\], with its inverse.
@@ -18,7 +17,7 @@ pub struct Inertia {
     inverse: Matrix3<f64>,
 }
 
-/// Why a matrix is not the inertia of a body.
+/// Reason why a matrix is not the inertia of a body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InertiaError {
     /// An element is NaN or infinite.
@@ -76,15 +75,15 @@ impl Inertia {
         &self.inverse
     }
 
-    /// `omega x J omega`: the torque that keeps a turning body's rate constant.
+    /// `omega x J omega`: the torque that keeps the body rate constant \[N m, body axes\].
     #[inline]
     #[must_use]
     pub fn gyroscopic_torque(&self, omega: BodyRate) -> Torque {
         Torque(omega.0.cross(&(self.matrix * omega.0)))
     }
 
-    /// The angular acceleration of the body at rate `omega` under the torque `tau`: Euler's
-    /// equation.
+    /// The angular acceleration of the body at rate `omega` under the torque `tau`, by Euler's equation \[rad/s^2,
+    /// body axes\].
     #[must_use]
     pub fn acceleration(&self, omega: BodyRate, tau: Torque) -> AngularAcceleration {
         // Eq. (3), erratum E-03

@@ -1,6 +1,6 @@
-//! A scalar PID with a filtered derivative and a limited integral: the block of which Fig. 16 has six.
+//! A scalar PID with a filtered derivative and a limited integral. Fig. 16 has six of them.
 //!
-//! The paper gives no gains, limits or filters for it; everything here beyond the three terms is not in the paper.
+//! The paper gives no gains, limits or filters for it; only the three terms are in the paper.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +19,8 @@ pub struct PidGains {
 }
 
 impl PidGains {
+    /// Checks every gain.
+    ///
     /// # Errors
     /// The first gain outside 0 to 1000.
     pub fn check(&self) -> Result<(), OptionError> {
@@ -30,9 +32,9 @@ impl PidGains {
 /// Symmetric limits of a [`Pid`], in units of its output, not negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidLimits {
-    /// Greatest magnitude of the integral term.
+    /// Greatest magnitude of the integral term \[unit of the output\].
     pub integral: f64,
-    /// Greatest magnitude of the output; infinite if the caller limits it.
+    /// Greatest magnitude of the output \[unit of the output\]; infinite if the caller limits it.
     pub output: f64,
 }
 
@@ -43,7 +45,7 @@ pub struct Pid {
     limits: PidLimits,
     cutoff_hz: f64,
     frozen: bool,
-    /// The integral term, that is, with `ki` inside: a change of gains does not make the output jump.
+    /// The integral term, `ki` included, so that the output does not jump when the gains change.
     integral: f64,
     derivative: f64,
     previous_error: Option<f64>,
@@ -68,7 +70,8 @@ impl Pid {
 
     /// The output for the present error, `dt_s` \[s\] after the error before it.
     ///
-    /// Without a finite result or a positive, finite `dt_s` nothing changes and the last output (at first 0) stands.
+    /// If the result is not finite, or `dt_s` is not positive and finite, the state is unchanged and the last output
+    /// is returned, at first 0.
     pub fn update(&mut self, error: f64, dt_s: f64) -> f64 {
         let slope = self.previous_error.map_or(0.0, |previous| (error - previous) / dt_s);
         let derivative =
@@ -80,7 +83,7 @@ impl Pid {
         self.previous_error = Some(error);
         self.derivative = derivative;
         self.output = demand.clamp(-self.limits.output, self.limits.output);
-        // Anti-windup by conditional integration: the integral may lead out of the limit, never further into it.
+        // Anti-windup by conditional integration: the integral may change only away from the limit.
         let deeper_into_limit = demand != self.output && demand * error > 0.0;
         if !(self.frozen || deeper_into_limit) {
             let integral = self.integral + self.gains.ki * error * dt_s;
@@ -94,14 +97,14 @@ impl Pid {
         self.frozen = frozen;
     }
 
-    /// Forgets every past error. Gains, limits and [`Pid::freeze`] stay.
+    /// Resets the state. Gains, limits and [`Pid::freeze`] are kept.
     pub fn reset(&mut self) {
         *self = Self { frozen: self.frozen, ..Self::new(self.gains, self.limits, self.cutoff_hz) };
     }
 }
 
-/// The share of a new value that a first-order low-pass of `cutoff_hz` takes over in `dt_s`; exact for an input that is
-/// constant in between.
+/// Weight of a new value in a first-order low-pass of `cutoff_hz` \[Hz\] after `dt_s` \[s\] \[-\]; exact for a
+/// constant input.
 pub(crate) fn low_pass_weight(cutoff_hz: f64, dt_s: f64) -> f64 {
     -(-std::f64::consts::TAU * cutoff_hz * dt_s).exp_m1()
 }

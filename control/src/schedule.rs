@@ -1,28 +1,27 @@
 //! Gain scheduling by cells (paper, Section II.F.3): a gain is computed for the cell of the
 //! operating space the vehicle is in, and again only when it leaves that cell.
 //!
-//! The schedule knows nothing of the law: it is given the vector that selects the cell and a
-//! function from an operating point to a gain.
+//! The schedule is independent of the law: its arguments are the vector that selects the cell and a function from an
+//! operating point to a gain.
 
 use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
-/// How a value is assigned to a cell of width `delta`, and which value stands for the cell.
+/// Rule that assigns a value to a cell of width `delta`, and the value that represents the cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cells {
-    /// `[(n - 1/2) delta, (n + 1/2) delta)`, stood for by `n delta`.
+    /// `[(n - 1/2) delta, (n + 1/2) delta)`, represented by `n delta`.
     Centred,
-    /// `[n delta, (n + 1) delta)`, stood for by `n delta`: the rule the paper prints. Zero is on a
-    /// border, so noise alone changes the cell.
+    /// `[n delta, (n + 1) delta)`, represented by `n delta`: the rule printed in the paper. Zero is on a border, so
+    /// noise alone changes the cell.
     Floor,
     /// As [`Cells::Floor`] but mirrored for negative values, so zero is in the middle of a cell of
-    /// double width. It agrees with the number of solutions the paper reports.
+    /// double width. This rule gives the number of solutions that the paper reports.
     #[default]
     Truncated,
-    /// The cell reaches `delta` to either side of the vector at which the last gain was computed,
-    /// which stands for it. Being centred on that vector it has hysteresis: noise cannot take the
-    /// schedule back and forth.
+    /// The cell reaches `delta` to either side of the vector at which the last gain was computed, and that vector
+    /// represents it. This gives hysteresis: noise does not move the schedule back and forth.
     Deadband,
 }
 
@@ -33,14 +32,14 @@ pub enum Resolve {
     /// When the cell changes.
     #[default]
     OnCellChange,
-    /// In every step, at the vector itself and not at what stands for its cell. Not in the paper.
+    /// In every step, at the vector itself instead of the representative of its cell. Not in the paper.
     EveryTick,
 }
 
 /// The cells of an operating space and when to compute a gain in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellGrid {
-    /// How the space is divided.
+    /// Rule that divides the space.
     pub cells: Cells,
     /// `delta`, the width of a cell \[the unit of the vector\], positive.
     pub delta: f64,
@@ -49,7 +48,7 @@ pub struct CellGrid {
 }
 
 impl CellGrid {
-    /// The operating point that `x` calls for, if it is not `current`.
+    /// The operating point for `x`, if it differs from `current`.
     #[inline]
     fn next<const D: usize>(
         &self,
@@ -64,7 +63,7 @@ impl CellGrid {
             (Cells::Centred, _) => x.map(|xi| (xi / delta).round() * delta),
             // The unnumbered rule of Section II.F.3: n delta <= xi < (n + 1) delta.
             (Cells::Floor, _) => x.map(|xi| (xi / delta).floor() * delta),
-            // A cast truncates too, and saves the call that `trunc` is.
+            // A cast truncates as `trunc` does, without a function call.
             (Cells::Truncated, _) => x.map(|xi| (xi / delta) as i64 as f64 * delta),
             (Cells::Deadband, Some(centre)) if (x - centre).amax() <= delta => *centre,
             (Cells::Deadband, _) => *x,
@@ -85,15 +84,14 @@ pub struct GainSchedule<const D: usize, G> {
 }
 
 impl<const D: usize, G: Default> GainSchedule<D, G> {
-    /// A schedule that has not computed a gain; until it has, the gain is the default of its type.
+    /// A schedule without a gain yet; until one is computed, the gain is the default of its type.
     #[must_use]
     pub fn new(grid: CellGrid) -> Self {
         Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
 
-    /// The gain at `x`. Calls `solve` if the operating point changes; if that fails the last gain
-    /// stays, and the next attempt is at the next operating point. An `x` that is not finite
-    /// changes nothing.
+    /// Returns the gain at `x`. Calls `solve` if the operating point changes; if `solve` fails, the last gain is kept
+    /// and the next attempt is made at the next operating point. An `x` that is not finite changes nothing.
     #[inline]
     pub fn gain<E>(
         &mut self,
@@ -112,18 +110,18 @@ impl<const D: usize, G: Default> GainSchedule<D, G> {
         &self.gain
     }
 
-    /// Forgets the operating point, so that the next step computes a gain. The counts go on.
+    /// Discards the operating point, so that the next step computes a gain. Counters are kept.
     pub fn reset(&mut self) {
         self.operating_point = None;
     }
 
-    /// How often a gain was computed, the first time and failures included.
+    /// Number of gains computed, the first one and failures included \[-\].
     #[must_use]
     pub fn solves(&self) -> u32 {
         self.solves
     }
 
-    /// How often computing a gain failed.
+    /// Number of failed computations of a gain \[-\].
     #[must_use]
     pub fn failed_solves(&self) -> u32 {
         self.failed_solves

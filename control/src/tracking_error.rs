@@ -1,5 +1,4 @@
-//! The tracking error: how far a body is from where it should be, and how that changes. Eqs. (8) to
-//! (12), (36) to (40).
+//! The tracking error of attitude and rate, and its time derivatives. Eqs. (8) to (12), (36) to (40).
 //!
 //! Terms used here and in every law:
 //!
@@ -16,7 +15,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::quaternion::Attitude;
 
-/// Where the body is.
+/// Attitude and rate of the body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AttitudeState {
     /// Orientation, body to world.
@@ -34,7 +33,7 @@ impl AttitudeState {
     }
 }
 
-/// Where the body should be.
+/// Desired attitude, rate and acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AttitudeReference {
     /// Desired orientation, desired body to world.
@@ -46,7 +45,7 @@ pub struct AttitudeReference {
 }
 
 impl AttitudeReference {
-    /// An attitude that does not turn.
+    /// A reference at rest.
     #[must_use]
     pub fn at_rest(attitude: Attitude) -> Self {
         Self { attitude, ..Self::default() }
@@ -76,8 +75,8 @@ impl AttitudeError {
     /// The error of a body at `actual` that should be at `desired`.
     ///
     /// `q` and `-q` are one attitude, so of the two signs of `q_e` the one whose first non-zero
-    /// number of `[lambda, eps]` is positive is taken. Half a turn away, where `lambda = 0`, that
-    /// still is one of the two.
+    /// number of `[lambda, eps]` is positive is taken. This rule is unambiguous even at 180 degrees, where `lambda =
+    /// 0`.
     #[inline]
     #[must_use]
     pub fn between(desired: &Attitude, actual: &Attitude) -> Self {
@@ -98,13 +97,13 @@ impl AttitudeError {
         &self.eps
     }
 
-    /// `lambda`: the cosine of half the error angle, 0..1.
+    /// `lambda`: the cosine of half the error angle, 0..1 \[-\].
     #[must_use]
     pub fn lambda(&self) -> f64 {
         self.lambda
     }
 
-    /// `C`: takes desired-body components to body components.
+    /// `C`: takes desired-body components to body components \[-\].
     #[inline]
     #[must_use]
     pub fn rotation(&self) -> Matrix3<f64> {
@@ -139,8 +138,8 @@ impl AttitudeError {
     /// Time derivative of `omega_e` \[rad/s^2, body axes\] that goes with the second derivative of
     /// `eps` \[1/s^2\].
     ///
-    /// An identity that follows from Eqs. (38) and (39) alone: it holds for every motion and says
-    /// nothing about the body. Not defined half a turn away, where `lambda = 0`.
+    /// This identity follows from Eqs. (38) and (39) alone: it holds for every motion and contains no property of the
+    /// body. It is not defined at 180 degrees, where `lambda = 0`.
     #[must_use]
     pub fn omega_e_dot_of_eps(
         &self,
@@ -154,9 +153,8 @@ impl AttitudeError {
         2.0 * m * (eps_ddot + omega_e.norm_squared() / 4.0 * eps)
     }
 
-    /// The angular acceleration at which the body keeps its `omega_e`:
-    /// `C omega_d_dot - omega_e x C omega_d` \[rad/s^2, body axes\]. Times the inertia it is the
-    /// feed-forward torque of the reference.
+    /// The angular acceleration that keeps `omega_e` constant: `C omega_d_dot - omega_e x C omega_d` \[rad/s^2, body
+    /// axes\]. Multiplied by the inertia it is the feed-forward torque of the reference.
     #[must_use]
     pub fn reference_acceleration(
         &self,
@@ -181,8 +179,8 @@ impl AttitudeError {
         omega_dot.0 - self.reference_acceleration(omega_e, reference).0
     }
 
-    /// The Lyapunov function of the attitude error, 0 without error, 2 half a turn away. It falls
-    /// at the rate `eps'eps` under `omega_e = -eps`, Eqs. (49) to (52).
+    /// The Lyapunov function of the attitude error \[-\]: 0 without error, 2 at 180 degrees. Under `omega_e = -eps`
+    /// it decreases at the rate `eps'eps`, Eqs. (49) to (52).
     #[must_use]
     pub fn lyapunov(&self) -> f64 {
         // Eq. (52); lambda is not negative here

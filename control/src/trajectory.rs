@@ -1,4 +1,4 @@
-//! References: where the vehicle should be at each time of a flight.
+//! References: the desired motion at each time of a flight.
 //!
 //! A [`Trajectory`] is the part of a flight that is under test; a [`FlightPlan`] puts take-off, settling and landing
 //! around it. Both are pure functions of time.

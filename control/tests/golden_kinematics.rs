@@ -1,7 +1,7 @@
 //! Kinematics, dynamics and every linear model against an independent implementation (numpy and
 //! scipy), to 1e-12.
 //!
-//! The data are in `golden/kinematics.json`, made apart from this project.
+//! The data are in `golden/kinematics.json`; `golden/generate.py` computes them without code of this project.
 
 use nalgebra::{Matrix3, Quaternion, SMatrix, UnitQuaternion, Vector3, Vector4};
 use oqtal_control::error_model::{ErrorModel, Jacobian, OperatingPoint};
@@ -132,7 +132,7 @@ fn attitude([x, y, z, w]: [f64; 4]) -> Attitude {
     Attitude::from_unit_quaternion(UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
 }
 
-/// `q_e` of either sign is the same error; ours is the one with `lambda >= 0`.
+/// Both signs of `q_e` are the same error; this crate takes the one with `lambda >= 0`.
 fn assert_error_close(ours: &AttitudeError, golden: [f64; 4]) {
     let golden = Vector4::from(golden) * golden[3].signum();
     assert_close(&ours.eps().push(ours.lambda()), &golden, "Eq. (9)");

@@ -40,7 +40,7 @@ fn relative_error<const R: usize, const C: usize>(
 }
 
 /// Every golden eigenvalue is one of a matrix within the tolerance of `closed_loop`, and their sums
-/// agree. Comparing eigenvalues would ask too much of double ones.
+/// agree. A direct comparison would be ill-conditioned for double eigenvalues.
 fn has_golden_poles<const N: usize>(closed_loop: &SMatrix<f64, N, N>, case: &Value) {
     let name = &case["name"];
     let allowed = TOLERANCE * closed_loop.norm();

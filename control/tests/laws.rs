@@ -1,5 +1,4 @@
-//! What is true of the attitude laws: in every law and both input forms unless a test says
-//! otherwise.
+//! Properties of the attitude laws: of every law in both input forms unless a test says otherwise.
 
 #[path = "laws/closed_loop.rs"]
 mod closed_loop;
@@ -29,7 +28,7 @@ use proptest::prelude::*;
 
 const DT_S: f64 = 1.0 / 60.0;
 const MAX_TORQUE: f64 = 20.0;
-/// Every registered law: what is tested of these holds for a new law at once.
+/// Every registered law. A new law takes part in these tests at once.
 const ALL: [ControllerName; ControllerName::ALL.len()] = ControllerName::ALL;
 /// The laws with integral action.
 const INTEGRATING: [ControllerName; 4] =
@@ -37,7 +36,7 @@ const INTEGRATING: [ControllerName; 4] =
 /// The laws whose gain is the solution of a Riccati equation at an operating point.
 const SCHEDULED: [ControllerName; 2] = [ControllerName::Lqr, ControllerName::Oqtal];
 
-/// A command as numbers, so that one test can speak of both forms.
+/// A command as numbers, so that one test covers both input forms.
 trait Numbers {
     fn numbers(&self) -> Vector3<f64>;
 }

@@ -1,4 +1,4 @@
-//! Zero-order-hold discretisation against what defines it.
+//! Zero-order-hold discretisation against its defining properties.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use oqtal_control::linear::discretise;

@@ -1,4 +1,4 @@
-//! The outer loops alone, and around a point mass that follows its commanded acceleration late.
+//! The outer loops alone, and around a point mass whose acceleration lags behind its command.
 
 use std::collections::VecDeque;
 
@@ -210,7 +210,7 @@ struct PointMass {
     position: Vector3<f64>,
     velocity: Vector3<f64>,
     acceleration: Vector3<f64>,
-    /// Commanded accelerations on their way.
+    /// Commanded accelerations within the delay.
     queue: VecDeque<Vector3<f64>>,
 }
 

@@ -1,5 +1,4 @@
-//! What is true of the parts of the autopilot: model, filters, prediction, reference, and all of them
-//! together.
+//! Tests of the predictive autopilot: model, filters, prediction, reference model, and the whole.
 
 #[path = "predictive/autopilot.rs"]
 mod autopilot;

@@ -1,4 +1,4 @@
-//! What defines a solution of a Riccati equation, on systems that nobody chose, and what has none.
+//! Defining properties of Riccati solutions on random systems, and problems without a solution.
 
 use nalgebra::{
     Cholesky, Matrix1, Matrix2, Rotation2, RowVector2, SMatrix, SVector, Vector2, Vector6,
@@ -27,7 +27,7 @@ fn any_weight<const N: usize>() -> impl Strategy<Value = SMatrix<f64, N, N>> {
     any_matrix::<N, N>().prop_map(|c| c.transpose() * c + SMatrix::identity() * 0.1)
 }
 
-/// Any dynamics, stable or not.
+/// Random dynamics, stable or not.
 fn any_system<const N: usize, const M: usize>() -> impl Strategy<Value = System<N, M>> {
     (any_matrix(), any_matrix(), any_weight(), any_weight())
         .prop_map(|(a, b, q, r)| (a, b + SMatrix::identity(), q, r))
@@ -41,7 +41,7 @@ fn close<const R: usize, const C: usize>(
     (found - expected).norm() <= tolerance * expected.norm()
 }
 
-/// Whether the sum is zero beside its terms.
+/// Whether the sum is negligible beside its terms.
 fn cancel<const N: usize>(terms: &[SMatrix<f64, N, N>]) -> bool {
     let size: f64 = terms.iter().map(SMatrix::norm).sum();
     terms.iter().sum::<SMatrix<f64, N, N>>().norm() <= 1e-12 * size
@@ -209,7 +209,7 @@ proptest! {
         prop_assert!(coarse < 1e-2 && fine < 0.15 * coarse + 1e-9, "{coarse:e} {fine:e}");
     }
 
-    /// The mode is out of reach up to rounding only, as everything is that was measured.
+    /// The mode cannot be reached except through rounding, as with measured data.
     #[test]
     fn an_unreachable_unstable_mode_is_an_error_in_any_basis(
         system in any_system::<6, 3>(),
@@ -284,7 +284,7 @@ fn a_delay_of_the_input_is_no_obstacle() {
     assert!(close(&delayed.k, &RowVector2::new(direct, direct), 1e-12));
 }
 
-/// The data of a solvable problem, in either kind of time.
+/// The data of a solvable problem, in continuous or discrete time.
 fn sound() -> System<2, 1> {
     (
         Matrix2::new(0.5, 1.0, 0.0, 0.9),

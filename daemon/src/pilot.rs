@@ -203,7 +203,7 @@ pub(crate) fn finite_or_neutral(command: CommandV1) -> CommandV1 {
     if numbers.clone().all(|number| number.is_finite()) {
         command
     } else {
-        CommandV1 { actuation: Actuation::Neutral.code(), ..CommandV1::default() }
+        CommandV1 { actuation: Actuation::Disarmed.code(), ..CommandV1::default() }
     }
 }
 

@@ -78,7 +78,7 @@ fn it_is_neutral_until_asked_to_fly_and_sees() {
     let mut bench = Bench::new(&[]);
     for _ in 0..20 {
         let tick = bench.show(still(bench.frame)).expect("a tick on every pose");
-        assert_eq!(tick.command.actuation, Actuation::Neutral.code());
+        assert_eq!(tick.command.actuation, Actuation::Disarmed.code());
     }
     assert_eq!(
         bench.cycle.request(bench.now, OperatorCommand::Arm).answer,

@@ -12,7 +12,7 @@ mod world;
 
 use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
-use oqtal_config::Config;
+use oqtal_config::{Config, Violation};
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
@@ -70,9 +70,10 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     link(config).map(drop)
 }
 
-/// The link that the vehicle is to be found at, if its commands come over a wire.
+/// The link that `vehicle.wire.link` names; `None` if the key is empty and commands come over the bus.
 fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
-    Ok(config.vehicle.wire.link()?)
+    let invalid = |error| Violation::new("vehicle.wire.link", format!("is no link: {error}"));
+    Ok(LinkSpec::from_setting(&config.vehicle.wire.link).map_err(invalid)?)
 }
 
 /// Flies the simulated vehicle until asked to stop.

@@ -178,14 +178,14 @@ impl Plant {
     fn act_on(&mut self, command: &CommandV1) {
         let actuation = Actuation::from_code(command.actuation)
             .filter(|actuation| *actuation == self.understands)
-            .unwrap_or(Actuation::Neutral);
-        self.armed = actuation != Actuation::Neutral;
+            .unwrap_or(Actuation::Disarmed);
+        self.armed = actuation != Actuation::Disarmed;
         self.falls_silent_at = self.armed.then(|| self.time + COMMAND_TIME_OUT);
         let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
         self.input = match actuation {
-            Actuation::Neutral => Input::default(),
+            Actuation::Disarmed => Input::default(),
             Actuation::Sticks => Input {
                 sticks: Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0)),
                 thrust: clamp(command.thrust, 0.0),

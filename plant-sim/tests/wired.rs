@@ -1,22 +1,22 @@
-//! The vehicle at the other end of a wire: switched on, flown and asked through bytes.
+//! The emulated vehicle at the other end of a wire: switched on, flown and polled through bytes.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_plant_sim::wire::{Radio, Way, WiredVehicle};
+use oqtal_plant_sim::wire::{LinkDirection, RadioModel, WiredVehicle};
 use oqtal_runtime::random::{RandomSource, stream};
 use oqtal_wire::asctec::{
-    Command, ControlInput, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Meaning, Poll, Scales,
-    Sticks, VehicleDecoder, poll_frame,
+    ControlInput, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent, LlStatus, Poll, Scales,
+    StickMeaning, Sticks, VehicleDecoder, poll_frame,
 };
 use oqtal_wire::link::LinkSpec;
-use oqtal_wire::xbee::{Address, Arrival, Carrier, Side};
+use oqtal_wire::xbee::{Address, Carrier, RadioEvent, Side};
 use proptest::prelude::*;
 use rand::RngExt;
 
 const START: Time = Time::VIRTUAL_START;
 const PERIOD_US: i64 = 16_667;
 
-/// A host that speaks and listens at 60 Hz.
+/// A host that writes and reads at 60 Hz.
 struct Host {
     vehicle: WiredVehicle,
     scales: Scales,
@@ -37,7 +37,7 @@ impl Host {
         }
     }
 
-    /// Writes `bytes`, and lives on for a period.
+    /// Writes `bytes`, and advances by a period.
     fn write(&mut self, bytes: &[u8]) {
         self.vehicle.host_writes(self.now, bytes);
         self.now = self.now + Span::from_nanos(1000 * PERIOD_US);
@@ -95,10 +95,10 @@ fn commands_are_ignored_until_the_motors_run() {
 }
 
 #[test]
-fn every_command_is_acknowledged_and_the_status_tells_the_motors() {
+fn every_command_is_acknowledged_and_the_status_reports_the_motors() {
     let mut host = host();
-    host.command(&ControlInput::NEUTRAL, 30);
-    host.command(&ControlInput::NEUTRAL, 30);
+    host.command(&ControlInput::ZERO_SETPOINT, 30);
+    host.command(&ControlInput::ZERO_SETPOINT, 30);
     let acknowledged =
         host.heard.iter().filter(|event| matches!(event, HostEvent::Acknowledged(_))).count();
     assert!((57..=60).contains(&acknowledged), "{acknowledged}, the last ones are on their way");
@@ -128,13 +128,13 @@ fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
     assert!(!host.vehicle.motors_run(), "a second has passed since the last command arrived");
 }
 
-/// So figures of flights with and without a wire compare.
+/// Flights with and without a wire are then comparable.
 #[test]
 fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     let config = Config::default();
     let link = "asctec:/dev/null".parse().unwrap();
     let mut vehicle = WiredVehicle::new(&config, &link, START);
-    vehicle.host_writes(START, &ControlInput::NEUTRAL.frame());
+    vehicle.host_writes(START, &ControlInput::ZERO_SETPOINT.frame());
     let delay = |millis: f64| START + Span::from_seconds(1e-3 * millis);
     vehicle.advance(delay(config.vehicle.radio_delay_ms - 0.01), |_| {});
     assert_eq!(vehicle.counters().frames, 0);
@@ -142,7 +142,7 @@ fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     assert_eq!(vehicle.counters().frames, 1);
 }
 
-/// Frames of an XBee go in and come out; delivery is reported where it was asked for.
+/// API frames are unwrapped and wrapped; delivery is reported where requested.
 #[test]
 fn both_api_modes_carry_commands_and_answers() {
     for framing in ["api1", "api2"] {
@@ -156,9 +156,9 @@ fn both_api_modes_carry_commands_and_answers() {
         vehicle.advance(later, |_| {});
         let (mut bytes, mut decoder) = (Vec::new(), HostDecoder::new());
         vehicle.host_reads(later, &mut bytes);
-        let arrivals: Vec<Arrival> = host.push(&bytes).collect();
-        assert_eq!(arrivals[0], Arrival::Delivery { id: 1, delivered: true }, "{framing}");
-        let Arrival::Payload { payload, .. } = arrivals[1] else { panic!("{arrivals:?}") };
+        let arrivals: Vec<RadioEvent> = host.push(&bytes).collect();
+        assert_eq!(arrivals[0], RadioEvent::Delivery { id: 1, delivered: true }, "{framing}");
+        let RadioEvent::Payload { payload, .. } = arrivals[1] else { panic!("{arrivals:?}") };
         let events: Vec<HostEvent> = decoder.push(&payload).collect();
         assert!(matches!(events[..], [HostEvent::LlStatus(_)]), "{framing} {events:?}");
     }
@@ -167,7 +167,7 @@ fn both_api_modes_carry_commands_and_answers() {
 #[test]
 fn sticks_that_mean_an_attitude_are_followed_by_a_loop_on_board() {
     let mut config = Config::default();
-    config.bridge.asctec.sticks = Meaning::Attitude;
+    config.bridge.asctec.sticks = StickMeaning::Attitude;
     let mut host = Host::new(&config);
     host.start_motors();
     let tilt = 10.0_f64.to_radians();
@@ -193,7 +193,7 @@ fn the_inertial_measurements_are_those_of_the_flight() {
         _ => None,
     });
     let (imu, truth) = (imu.expect("an answer"), host.vehicle.plant().truth());
-    // It is a few periods old.
+    // The measurement is a few periods old.
     assert!((imu.rate[0] - truth.rate[0]).abs() < 0.02 && imu.rate[0] > 0.1, "{imu:?}");
     assert!(imu.height > 0.1 && imu.height < truth.position[2], "{imu:?}");
 }
@@ -204,7 +204,7 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
     let mut config = Config::default();
     config.vehicle.wire.bit_error_rate = 0.01;
     config.vehicle.wire.latency_ms = 0.0;
-    let mut radio = Radio::new(&config.vehicle.wire, 7, 57_600);
+    let mut radio = RadioModel::new(&config.vehicle.wire, 7, 57_600);
     let mut decoder = VehicleDecoder::new();
     let mut generator = stream(7, RandomSource::Gust);
     let scales = Scales::default();
@@ -219,13 +219,13 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
             thrust: 0.2 + 0.1 * thrust,
         };
         let input = scales.encode(&sticks);
-        radio.send(Way::Up, now, &input.frame());
+        radio.send(LinkDirection::Up, now, &input.frame());
         now = now + Span::from_millis(10);
         bytes.clear();
-        radio.receive(Way::Up, now, &mut bytes);
+        radio.receive(LinkDirection::Up, now, &mut bytes);
         for command in decoder.push(&bytes) {
             read += 1;
-            wrong += u32::from(command != Command::Control(input));
+            wrong += u32::from(command != HostCommand::Control(input));
         }
     }
     let (read, wrong) = (f64::from(read) / f64::from(frames), f64::from(wrong) / f64::from(read));
@@ -234,9 +234,9 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
 }
 
 proptest! {
-    /// Whatever a host writes: no panic, nothing that is not finite, and no motors that run without the switch.
+    /// For arbitrary bytes of a host: no panic, only finite values, and no running motors without the switch.
     #[test]
-    fn any_bytes_leave_a_vehicle_in_its_senses(
+    fn arbitrary_bytes_leave_the_vehicle_in_a_valid_state(
         writes in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..30),
     ) {
         let mut host = host();

@@ -67,7 +67,7 @@ impl ProcessGroup {
         self.members.iter_mut().find_map(|(_, member)| member.fallen())
     }
 
-    /// Asks all to end, the daemon first so that it leaves the vehicle neutral, then the bridge, which says so; waits for each.
+    /// Asks all to end, the daemon first so that it disarms the vehicle, then the bridge, which sends zero set-points; waits for each.
     pub fn dismiss(&mut self) {
         for leaving in [Role::Daemon, Role::Bridge, Role::Mocap, Role::Plant] {
             for (_, member) in self.members.iter_mut().filter(|(role, _)| *role == leaving) {

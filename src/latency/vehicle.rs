@@ -25,7 +25,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             lost: commands.lost(),
             battery_v: f64::NAN,
             link_quality: f64::NAN,
-            armed: u8::from(command.actuation != Actuation::Neutral.code()),
+            armed: u8::from(command.actuation != Actuation::Disarmed.code()),
             link: 1,
             ..VehicleV1::default()
         };

@@ -1,4 +1,4 @@
-//! A vehicle at the other end of a pseudo-terminal: it reads frames, answers polls, and its motors obey the motor switch.
+//! An emulated vehicle at the other end of a pseudo-terminal: reads frames, answers status requests, and has motors with a switch.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -9,33 +9,33 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, LlStatus, Scales, Status, VehicleDecoder,
+    ControlInput, Descriptor, HostCommand, LlStatus, Scales, Status, VehicleDecoder,
     acknowledgement_frame, write_telemetry,
 };
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Frames with the motor switch until the motors obey.
+/// Number of consecutive motor-switch frames after which the motors start or stop \[-\].
 const SWITCH_FRAMES: u32 = 10;
 
-/// What it says.
+/// Behaviour of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Manner {
-    /// Answers, as it should.
-    Answers,
-    /// Reads, and says nothing.
+    /// Answers every frame.
+    Answering,
+    /// Reads frames without an answer.
     Silent,
-    /// Answers with noise.
-    Babbles,
+    /// Sends noise in place of answers.
+    Noise,
 }
 
-/// What it heard so far.
+/// Frames that the vehicle has received.
 #[derive(Clone, Debug, Default)]
-pub struct Log {
-    /// Every order, and whether its motors ran then.
-    pub orders: Vec<ControlInput>,
-    /// Every byte.
+pub struct VehicleLog {
+    /// Every set-point.
+    pub setpoints: Vec<ControlInput>,
+    /// Every byte, in order.
     pub bytes: Vec<u8>,
     pub polls: usize,
     pub emergency_stops: usize,
@@ -44,30 +44,32 @@ pub struct Log {
     pub motors_run: bool,
 }
 
-pub struct Vehicle {
-    log: Arc<Mutex<Log>>,
+/// The vehicle, and the thread that runs it.
+pub struct PtyVehicle {
+    log: Arc<Mutex<VehicleLog>>,
     manner: Arc<AtomicU8>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     link: PathBuf,
 }
 
-impl Vehicle {
-    /// A vehicle whose port is found at `link`.
+impl PtyVehicle {
+    /// Starts a vehicle whose port is at `link`.
     pub fn new(link: &Path, manner: Manner) -> Self {
         let master =
             openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         grantpt(&master).unwrap();
         unlockpt(&master).unwrap();
         let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
-        // Held open, so that a bridge that closes the port does not end the line.
+        // Held open, so that the terminal outlasts a bridge that closes the port.
         let slave = File::options().read(true).write(true).open(&name).unwrap();
         raw(&slave);
         let _ = std::fs::remove_file(link);
         std::os::unix::fs::symlink(&name, link).unwrap();
-        let (log, stop) = (Arc::new(Mutex::new(Log::default())), Arc::new(AtomicBool::new(false)));
+        let (log, stop) =
+            (Arc::new(Mutex::new(VehicleLog::default())), Arc::new(AtomicBool::new(false)));
         let manner = Arc::new(AtomicU8::new(manner as u8));
-        let body = Body {
+        let body = VehicleThread {
             log: log.clone(),
             manner: manner.clone(),
             decoder: VehicleDecoder::new(),
@@ -76,20 +78,20 @@ impl Vehicle {
             noise: 1,
         };
         let ended = stop.clone();
-        let thread = std::thread::spawn(move || body.live(master, slave, &ended));
+        let thread = std::thread::spawn(move || body.run(master, slave, &ended));
         Self { log, manner, stop, thread: Some(thread), link: link.to_owned() }
     }
 
-    pub fn log(&self) -> Log {
+    pub fn log(&self) -> VehicleLog {
         self.log.lock().unwrap().clone()
     }
 
-    pub fn forget(&self) {
+    pub fn clear_log(&self) {
         let mut log = self.log.lock().unwrap();
-        *log = Log { motors_run: log.motors_run, ..Log::default() };
+        *log = VehicleLog { motors_run: log.motors_run, ..VehicleLog::default() };
     }
 
-    pub fn be(&self, manner: Manner) {
+    pub fn set_manner(&self, manner: Manner) {
         self.manner.store(manner as u8, Ordering::Release);
     }
 
@@ -97,8 +99,8 @@ impl Vehicle {
         format!("asctec:{}", self.link.display())
     }
 
-    /// Pulls the plug.
-    pub fn unplug(mut self) -> Log {
+    /// Closes the port, as if it were unplugged; returns the log.
+    pub fn unplug(mut self) -> VehicleLog {
         self.end();
         self.log()
     }
@@ -111,7 +113,7 @@ impl Vehicle {
     }
 }
 
-impl Drop for Vehicle {
+impl Drop for PtyVehicle {
     fn drop(&mut self) {
         self.end();
     }
@@ -123,8 +125,8 @@ fn raw(slave: &File) {
     rustix::termios::tcsetattr(slave, rustix::termios::OptionalActions::Now, &settings).unwrap();
 }
 
-struct Body {
-    log: Arc<Mutex<Log>>,
+struct VehicleThread {
+    log: Arc<Mutex<VehicleLog>>,
     manner: Arc<AtomicU8>,
     decoder: VehicleDecoder,
     scales: Scales,
@@ -132,8 +134,8 @@ struct Body {
     noise: u32,
 }
 
-impl Body {
-    fn live(mut self, master: OwnedFd, slave: File, stop: &AtomicBool) {
+impl VehicleThread {
+    fn run(mut self, master: OwnedFd, slave: File, stop: &AtomicBool) {
         let mut master = File::from(master);
         let mut buffer = [0; 4096];
         while !stop.load(Ordering::Acquire) {
@@ -144,7 +146,7 @@ impl Body {
             }
             match master.read(&mut buffer) {
                 Ok(count) => {
-                    let answer = self.hear(&buffer[..count]);
+                    let answer = self.receive(&buffer[..count]);
                     master.write_all(&answer).unwrap();
                 }
                 Err(error) => assert_eq!(error.kind(), ErrorKind::Interrupted, "{error}"),
@@ -153,29 +155,29 @@ impl Body {
         drop((master, slave));
     }
 
-    fn hear(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let commands: Vec<Command> = self.decoder.push(bytes).collect();
+    fn receive(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let commands: Vec<HostCommand> = self.decoder.push(bytes).collect();
         let mut log = self.log.lock().unwrap();
         log.bytes.extend_from_slice(bytes);
         let mut answer = Vec::new();
         for command in commands {
             match command {
-                Command::Control(input) => {
+                HostCommand::Control(input) => {
                     let switches = self.scales.is_motor_switch(&input);
                     self.switched = if switches { self.switched + 1 } else { 0 };
                     if self.switched == SWITCH_FRAMES {
                         log.motors_run = !log.motors_run;
                     }
-                    log.orders.push(input);
+                    log.setpoints.push(input);
                     answer.extend(acknowledgement_frame(Descriptor::ControlInput));
                 }
-                Command::Poll(_) => {
+                HostCommand::Poll(_) => {
                     log.polls += 1;
                     let status =
                         Status { battery_v: 11.1, motors_on: log.motors_run, flying: false };
                     answer.extend(status_frame(status));
                 }
-                Command::EmergencyStop => {
+                HostCommand::EmergencyStop => {
                     log.emergency_stops += 1;
                     log.motors_run = false;
                 }
@@ -185,7 +187,7 @@ impl Body {
             (self.decoder.counters().damaged, self.decoder.counters().skipped);
         drop(log);
         match self.manner.load(Ordering::Acquire) {
-            manner if manner == Manner::Answers as u8 => answer,
+            manner if manner == Manner::Answering as u8 => answer,
             manner if manner == Manner::Silent as u8 => Vec::new(),
             _ => (0..64).map(|_| self.noise()).collect(),
         }

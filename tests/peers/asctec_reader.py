@@ -47,7 +47,7 @@ def judge(head, frame, seen):
     if head == b">*>di":
         fields = command(frame)
         seen["invalid"] += fields is None
-        seen["neutral"] += fields is not None and fields[:4] == (0, 0, 0, 0)
+        seen["zero_setpoints"] += fields is not None and fields[:4] == (0, 0, 0, 0)
         seen["fields"].append(fields)
         seen["commands"] += 1
         seen["times"].append(time.monotonic())
@@ -60,7 +60,7 @@ def judge(head, frame, seen):
 
 
 def main():
-    seen = {"commands": 0, "neutral": 0, "polls": 0, "stops": 0, "invalid": 0, "strange_bytes": 0, "times": [], "fields": []}
+    seen = {"commands": 0, "zero_setpoints": 0, "polls": 0, "stops": 0, "invalid": 0, "strange_bytes": 0, "times": [], "fields": []}
     if sys.argv[1] == "-":
         buffer = bytearray(sys.stdin.buffer.read())
         while buffer and take(buffer, seen):

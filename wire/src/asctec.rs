@@ -3,7 +3,7 @@
 //! | bytes | host to vehicle |
 //! |---|---|
 //! | 17 | command: `>*>di`, then pitch, roll, yaw (i16, -2047..2047), thrust (i16, 0..4095), enabled axes (i16, bits 0..3), checksum (their sum + 0xAAAA) |
-//! | 6 | poll: `>*>p`, then the telemetry wanted (u16, bits of [`Poll`]) |
+//! | 6 | poll: `>*>p`, then the requested telemetry (u16, bits of [`Poll`]) |
 //! | 5 | emergency stop of the motors: `>*>me` |
 //!
 //! | bytes | vehicle to host |
@@ -12,13 +12,13 @@
 //! | length + 11 | telemetry: `>*>`, length (u16), descriptor (u8), payload, CRC of the payload (u16), `<#<` |
 //!
 //! Sources: AscTec, *Hummingbird with AutoPilot User's Manual*, pp. 15-17 and 24-26; CCNYRoboticsLab/asctec_drivers;
-//! nmichael/asctec_quadrotor; ethz-asl/asctec_mav_framework. The older *ResearchPilot* firmware of the X-3D-BL framed
-//! differently (length and CRC big endian, no end mark); it is not spoken here.
+//! nmichael/asctec_quadrotor; ethz-asl/asctec_mav_framework. The older *ResearchPilot* firmware of the X-3D-BL frames
+//! differently (length and CRC big endian, no end mark) and is not supported.
 //!
-//! What the vehicle demands besides bytes: channel 5 of its remote control releases the serial interface, and the remote
-//! control must stay on (manual, p. 17).
+//! The vehicle obeys the serial interface only while channel 5 of its remote control releases it and the remote control is on
+//! (manual, p. 17).
 //!
-//! The command's checksum finds every single wrong bit, but not every pair; the poll and the emergency stop have none.
+//! The command's checksum detects every single wrong bit, but not every pair; the poll and the emergency stop have no checksum.
 
 mod command;
 mod crc;
@@ -30,13 +30,15 @@ mod telemetry;
 mod thrust;
 
 pub use command::{
-    Command, CommandError, CommandPacket, ControlInput, EMERGENCY_STOP, FULL_STICK, FULL_THRUST,
-    PollPacket, poll_frame,
+    CommandError, CommandPacket, ControlInput, EMERGENCY_STOP, FULL_STICK, FULL_THRUST,
+    HostCommand, PollPacket, poll_frame,
 };
 pub use crc::crc16;
 pub use decoder::{HostDecoder, HostEvent, HostGrammar, VehicleDecoder, VehicleGrammar};
 pub use descriptor::{Descriptor, Poll};
-pub use meaning::{Imu, InvalidScale, Limits, Meaning, Scales, Signs, Status, Sticks};
+pub use meaning::{
+    AxisSigns, CountLimits, Imu, InvalidScale, Scales, Status, StickMeaning, Sticks,
+};
 pub use payload::{ImuCalc, LlStatus};
 pub use telemetry::{
     AcknowledgementPacket, MAX_TELEMETRY, TelemetryError, TelemetryPacket, acknowledgement_frame,

@@ -1,19 +1,19 @@
-//! The bytes between oqtal and a vehicle, for both ends of the wire: the bridge is the host's end, an emulated vehicle the other.
+//! Wire formats between oqtal and a vehicle, for both ends: the bridge is the host, an emulated vehicle the other end.
 //!
-//! Pure: no I/O, no clock, no thread, and no allocation in encoding and decoding. A format has two layers:
+//! Pure: no I/O, clock or thread, and no allocation in encoding and decoding. A format has two layers:
 //!
-//! - *packet*: checked views on bytes. Length, type and checksum are looked at once, in `new_checked`; after that accessors
-//!   give the fields as they are on the wire, in counts.
-//! - *meaning*: SI units and radians, body axes x forward, y left, z up; what sources disagree on is configuration.
+//! - *packet*: checked views of bytes. `new_checked` checks length, type and checksum once; accessors then return the fields as
+//!   they are on the wire, in counts.
+//! - *meaning*: SI units and radians, body axes x forward, y left, z up. Where sources disagree, the meaning is configured.
 //!
-//! A stream of bytes goes through a [`stream::Decoder`], which finds the frames in it whatever else it carries.
+//! A [`stream::Decoder`] finds the frames in a stream of bytes, whatever else the stream carries.
 //!
 //! | module | what |
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
-//! | [`link`] | how a link to a vehicle is written: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
-//! | [`stream`] | frames out of any bytes, with bounded work |
+//! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
+//! | [`stream`] | frames from arbitrary bytes, with bounded work |
 #![forbid(unsafe_code)]
 
 pub mod asctec;

@@ -1,4 +1,4 @@
-//! How a link to a vehicle is written: `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`.
+//! Text form of a link to a vehicle: `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -8,21 +8,21 @@ use serde::{Deserialize, Serialize};
 
 use crate::xbee::Framing;
 
-/// The form, for messages.
+/// Text form, for error messages.
 const FORM: &str = "asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]";
-/// Speeds that serial ports have \[baud\].
+/// Allowed speeds of a serial port \[baud\].
 const BAUD: RangeInclusive<u32> = 1200..=3_000_000;
-/// AscTec's speed \[baud\].
+/// Default speed, AscTec's \[baud\].
 const DEFAULT_BAUD: u32 = 57_600;
 
-/// Which bytes the vehicle speaks.
+/// Wire format of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum ProtocolKind {
     /// [`crate::asctec`].
     Asctec,
 }
 
-impl Kind {
+impl ProtocolKind {
     const ALL: [(&'static str, Self); 1] = [("asctec", Self::Asctec)];
 
     fn name(self) -> &'static str {
@@ -32,49 +32,57 @@ impl Kind {
     }
 }
 
-/// A link to a vehicle.
+/// Link to a vehicle: wire format, serial port, framing of the radio.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct LinkSpec {
-    kind: Kind,
+    kind: ProtocolKind,
     path: String,
     baud: u32,
     xbee: Framing,
 }
 
 impl LinkSpec {
-    /// What the vehicle speaks.
+    /// Parses a configuration value; `None` if it is empty.
+    ///
+    /// # Errors
+    /// The text is no link.
+    pub fn from_setting(text: &str) -> Result<Option<Self>, InvalidLink> {
+        if text.is_empty() { Ok(None) } else { text.parse().map(Some) }
+    }
+
+    /// Wire format of the vehicle.
     #[must_use]
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> ProtocolKind {
         self.kind
     }
 
-    /// The serial port.
+    /// Path of the serial port.
     #[must_use]
     pub fn path(&self) -> &str {
         &self.path
     }
 
-    /// Its speed \[baud\].
+    /// Speed of the serial port \[baud\].
     #[must_use]
     pub fn baud(&self) -> u32 {
         self.baud
     }
 
-    /// How the radio frames what it carries.
+    /// Framing of the radio.
     #[must_use]
     pub fn xbee(&self) -> Framing {
         self.xbee
     }
 }
 
-/// Text that is no link.
+/// Error in the text of a link.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("link `{text}`: {problem}; write {FORM}")]
 pub struct InvalidLink {
-    /// The text.
+    /// Text that is no link.
     pub text: String,
-    /// What is wrong with it.
+    /// Part of it that is wrong.
     pub problem: String,
 }
 
@@ -88,7 +96,8 @@ impl FromStr for LinkSpec {
 
 fn parse(text: &str) -> Result<LinkSpec, String> {
     let (name, rest) = text.split_once(':').ok_or("no kind before a colon")?;
-    let kind = Kind::ALL.into_iter().find_map(|(known, kind)| (known == name).then_some(kind));
+    let kind =
+        ProtocolKind::ALL.into_iter().find_map(|(known, kind)| (known == name).then_some(kind));
     let kind = kind.ok_or_else(|| format!("unknown kind `{name}`"))?;
     let mut parts = rest.split(',');
     let path = parts.next().unwrap_or_default();
@@ -158,7 +167,7 @@ mod tests {
     #[test]
     fn a_port_alone_is_57600_baud_and_transparent() {
         let link: LinkSpec = "asctec:/dev/ttyUSB0".parse().unwrap();
-        assert_eq!((link.kind(), link.path()), (Kind::Asctec, "/dev/ttyUSB0"));
+        assert_eq!((link.kind(), link.path()), (ProtocolKind::Asctec, "/dev/ttyUSB0"));
         assert_eq!((link.baud(), link.xbee()), (57_600, Framing::Transparent));
     }
 
@@ -194,7 +203,7 @@ mod tests {
         #[test]
         fn what_is_written_is_read_back(path in "[^,]+", baud in BAUD, xbee in 0..3_usize) {
             let xbee = [Framing::Transparent, Framing::Api1, Framing::Api2][xbee];
-            let link = LinkSpec { kind: Kind::Asctec, path, baud, xbee };
+            let link = LinkSpec { kind: ProtocolKind::Asctec, path, baud, xbee };
             prop_assert_eq!(link.to_string().parse::<LinkSpec>(), Ok(link));
         }
 

@@ -1,105 +1,104 @@
-//! Frames out of a stream of bytes that may hold anything: noise, halves of frames, several frames in one read.
+//! Decoder of frames in a stream of arbitrary bytes: noise, parts of frames, several frames in one read.
 //!
-//! A [`Grammar`] knows where a frame may begin and looks at what may be one; the [`Decoder`] keeps the bytes. When a frame
-//! turns out to be none, the search goes on at the next start byte *within* it, so that a good frame behind a damaged
-//! header is not lost.
+//! A [`Grammar`] defines the start byte of a frame and inspects candidates; the [`Decoder`] holds the bytes. When a candidate is
+//! rejected, the search continues at the next start byte *within* it, so that a good frame behind a damaged header is not lost.
 //!
-//! Work is bounded: a candidate is looked at when it has as many bytes as the grammar asked for, and no place begins more than
-//! one candidate. Nothing allocates, and no bytes can make it panic.
+//! Work is bounded: a candidate is inspected when it has as many bytes as the grammar asked for, and each position begins one
+//! candidate at most. Nothing allocates, and no bytes can cause a panic.
 
 use std::marker::PhantomData;
 
-/// The longest frame that any grammar may ask for \[bytes\].
-pub const MAX_FRAME: usize = 256;
+/// Greatest frame length that a grammar may ask for \[bytes\]: a signed MAVLink 2 packet of greatest length.
+pub const MAX_FRAME: usize = 280;
 
-/// Twice the longest frame: bytes move to the front once per frame at most.
+/// Capacity of the window \[bytes\]: twice the longest frame, so that bytes are moved to the front once per frame at most.
 const CAPACITY: usize = 2 * MAX_FRAME;
 
-/// What a grammar thinks of the bytes from a start byte on.
+/// Result of the inspection of the bytes from a start byte on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict<E> {
-    /// Could be a frame: look again when there are this many bytes. More than there are, at most [`MAX_FRAME`].
+    /// Possible frame: inspect again with this many bytes, more than there are and at most [`MAX_FRAME`].
     Wait(usize),
-    /// A frame of this many bytes, at least one; without an event if it is of no interest.
+    /// Frame of this many bytes, at least one; without an event if it is of no interest.
     Accept(usize, Option<E>),
-    /// Never was a frame.
+    /// Not a frame.
     Noise,
-    /// Was meant as a frame, but length, checksum or end are wrong.
+    /// Frame whose length, checksum or end is wrong.
     Damaged,
 }
 
-/// A format: where its frames begin, and what they are.
+/// Format of frames.
 pub trait Grammar {
-    /// What a frame says.
+    /// Content of a frame.
     type Event;
 
-    /// The byte that every frame begins with.
+    /// First byte of every frame.
     const START: u8;
 
-    /// Judges `bytes`, which begin with [`Grammar::START`].
+    /// Inspects `bytes`, which begin with [`Grammar::START`].
     fn inspect(bytes: &[u8]) -> Verdict<Self::Event>;
 }
 
-/// What a decoder has seen so far.
+/// Counters of a decoder since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Good frames, those without an event included.
+pub struct DecoderCounters {
+    /// Good frames, those without an event included \[-\].
     pub frames: u64,
-    /// Frames that were damaged.
+    /// Damaged frames \[-\].
     pub damaged: u64,
-    /// Bytes that belonged to no good frame.
+    /// Bytes outside good frames \[bytes\].
     pub skipped: u64,
 }
 
-/// Finds the frames of one format in a stream.
+/// Decoder of one format.
 #[derive(Clone, Debug)]
 pub struct Decoder<G> {
     window: [u8; CAPACITY],
     start: usize,
     end: usize,
     wanted: usize,
-    counters: Counters,
+    counters: DecoderCounters,
     grammar: PhantomData<G>,
 }
 
 impl<G> Default for Decoder<G> {
     fn default() -> Self {
         let window = [0; CAPACITY];
-        let counters = Counters::default();
+        let counters = DecoderCounters::default();
         Self { window, start: 0, end: 0, wanted: 1, counters, grammar: PhantomData }
     }
 }
 
 impl<G: Grammar> Decoder<G> {
-    /// A decoder that has seen nothing.
+    /// Decoder without any bytes.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes `bytes` as they came and yields what they complete. Bytes are taken as the iterator advances: run it to its end.
-    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> Events<'a, G> {
-        Events { decoder: self, bytes }
+    /// Takes received bytes and returns the events that they complete. Bytes are taken as the iterator advances: run it to its end.
+    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> DecodedEvents<'a, G> {
+        DecodedEvents { decoder: self, bytes }
     }
 
-    /// Frames and bytes so far.
+    /// Counters since the start.
     #[must_use]
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> DecoderCounters {
         self.counters
     }
 
-    /// Bytes held back because they may be the beginning of a frame.
+    /// Number of bytes held because they may begin a frame \[bytes\].
     #[must_use]
     pub fn pending(&self) -> usize {
         self.end - self.start
     }
 
-    /// Forgets the beginning of a frame, as after a reopened port; counts stay.
+    /// Discards the bytes held, as after a reopened port; counters stay.
     pub fn reset(&mut self) {
         self.skip(self.pending());
     }
 
-    /// The next event in the bytes held.
+    /// Returns the next event in the bytes held.
     fn take(&mut self) -> Option<G::Event> {
         while self.pending() >= self.wanted {
             let Some(offset) = self.held().iter().position(|byte| *byte == G::START) else {
@@ -118,7 +117,7 @@ impl<G: Grammar> Decoder<G> {
                         return event;
                     }
                 }
-                // A grammar that waits for what it has, or for more than fits, waits in vain.
+                // A wait for bytes that are there, or for more than fit, would never end.
                 Verdict::Wait(_) | Verdict::Noise => self.skip(1),
                 Verdict::Damaged => {
                     self.counters.damaged += 1;
@@ -154,15 +153,15 @@ impl<G: Grammar> Decoder<G> {
     }
 }
 
-/// The events in some bytes.
+/// Events that received bytes complete.
 #[must_use = "bytes are only taken as the iterator advances"]
 #[derive(Debug)]
-pub struct Events<'a, G> {
+pub struct DecodedEvents<'a, G> {
     decoder: &'a mut Decoder<G>,
     bytes: &'a [u8],
 }
 
-impl<G: Grammar> Iterator for Events<'_, G> {
+impl<G: Grammar> Iterator for DecodedEvents<'_, G> {
     type Item = G::Event;
 
     fn next(&mut self) -> Option<G::Event> {

@@ -1,8 +1,8 @@
-//! XBee radios between host and vehicle.
+//! Frames on the serial port of an XBee radio between host and vehicle.
 //!
 //! | framing | on the radio's serial port |
 //! |---|---|
-//! | transparent | the payload's bytes and nothing else: what AscTec's kits use |
+//! | transparent | the payload's bytes alone, as in AscTec's kits |
 //! | API mode 1 | `7E`, length (u16, big endian), frame, checksum (0xFF - sum of the frame) |
 //! | API mode 2 | the same, with `7E`, `7D`, `11`, `13` after the first byte written as `7D`, byte XOR 0x20 |
 //!
@@ -17,7 +17,7 @@
 //! | 0x8B TX status | radio to host | frame id, network address (u16), retries, delivery, discovery |
 //! | 0x8A modem status | radio to host | status |
 //!
-//! Sources: Digi, *XBee/XBee-PRO 802.15.4 OEM RF Modules* and *XBee-PRO ZB* manuals; digi-xbee 1.5.0 as the oracle of the tests.
+//! Sources: Digi, *XBee/XBee-PRO 802.15.4 OEM RF Modules* and *XBee-PRO ZB* manuals; digi-xbee 1.5.0 is the reference of the tests.
 
 mod carrier;
 mod decoder;
@@ -25,8 +25,8 @@ mod frame;
 mod framing;
 mod packet;
 
-pub use carrier::{Address, Arrival, Arrivals, Carrier, Side};
+pub use carrier::{Address, Carrier, InvalidAddress, RadioEvent, RadioEvents, Side};
 pub use decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
-pub use frame::{Frame, FrameError, Payload, TooLong, UNKNOWN_NETWORK};
+pub use frame::{ApiFrame, ApiFrameError, Payload, TooLong, UNKNOWN_NETWORK};
 pub use framing::{Framing, InvalidFraming};
-pub use packet::{ApiPacket, MAX_PAYLOAD, MAX_WIRE, PacketError, START, Wire};
+pub use packet::{ApiPacket, MAX_PAYLOAD, MAX_WIRE, PacketError, START, WireBytes};

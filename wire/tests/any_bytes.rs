@@ -1,14 +1,14 @@
-//! Any bytes into any decoder.
+//! Arbitrary bytes into every decoder.
 
 mod common;
 
 use common::any_bytes::{any_bytes, any_radio_bytes};
 use common::noise;
 use oqtal_wire::asctec::{HostGrammar, VehicleGrammar};
-use oqtal_wire::xbee::{Frame, Payload};
+use oqtal_wire::xbee::{ApiFrame, Payload};
 use proptest::prelude::*;
 
-/// A few bytes over and over: what a decoder that looks back too often would be slow on.
+/// A few bytes repeated: slow for a decoder that inspects them too often.
 fn repeated() -> impl Strategy<Value = Vec<u8>> {
     let telling = prop::sample::select(vec![
         b">".to_vec(),
@@ -16,13 +16,13 @@ fn repeated() -> impl Strategy<Value = Vec<u8>> {
         b">a".to_vec(),
         b">*>".to_vec(),
         b">*>di".to_vec(),
-        // Heads of the longest telemetry, close together, and with end marks where theirs might be.
+        // Heads of the longest telemetry frame, close together, with end marks where theirs would be.
         b">*>\x5c\x00\x03".to_vec(),
         b">*>\x5c\x00\x03<#<".to_vec(),
         b"\x7e".to_vec(),
         b"\x7e\x00".to_vec(),
         b"\x7e\x00\x72".to_vec(),
-        // A head of the longest frame, and nothing but escapes after it.
+        // A head of the longest frame, followed by escapes alone.
         [b"\x7e\x00\x72".to_vec(), b"\x7d\x5e".repeat(115)].concat(),
         [b"\x7e\x00\x72".to_vec(), b"\x7d".repeat(115)].concat(),
     ]);
@@ -56,7 +56,7 @@ proptest! {
     #[test]
     fn a_frame_cut_anywhere_in_a_stream_of_escapes_stays_sound(cut in 0..235_usize, times in 1..4_usize) {
         let payload = Payload::try_from(&[0x7D; 100][..]).unwrap();
-        let frame = Frame::RxPacket16 { from: 0x7E7E, rssi: 0x11, options: 0x13, payload };
+        let frame = ApiFrame::RxPacket16 { from: 0x7E7E, rssi: 0x11, options: 0x13, payload };
         let wire = frame.to_wire(true);
         let part = &wire.as_bytes()[..cut.min(wire.as_bytes().len())];
         any_radio_bytes(&[&part.repeat(times), wire.as_bytes()].concat());

@@ -1,4 +1,4 @@
-//! AscTec's frames against bytes that were not made here.
+//! AscTec's frames against bytes of independent origin.
 //!
 //! The telemetry frame was accepted by the parser of nmichael/asctec_quadrotor, and refused by it with one bit of the CRC
 //! changed; the command is worked out from the manual by hand.
@@ -7,8 +7,8 @@ mod common;
 
 use common::hex;
 use oqtal_wire::asctec::{
-    AcknowledgementPacket, Command, CommandError, CommandPacket, ControlInput, Descriptor,
-    EMERGENCY_STOP, HostDecoder, HostEvent, ImuCalc, LlStatus, MAX_TELEMETRY, Poll, PollPacket,
+    AcknowledgementPacket, CommandError, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP,
+    HostCommand, HostDecoder, HostEvent, ImuCalc, LlStatus, MAX_TELEMETRY, Poll, PollPacket,
     TelemetryError, TelemetryPacket, VehicleDecoder, acknowledgement_frame, poll_frame,
 };
 
@@ -16,7 +16,7 @@ const COMMAND: &str = "3e2a3e6469 0000 0000 0000 d007 0f00 89b2";
 const LL_STATUS: &str = "3e2a3e1000025c2b00000000e8030000010100000c0039773c233c";
 
 fn hover() -> ControlInput {
-    ControlInput { thrust: 2000, ..ControlInput::NEUTRAL }
+    ControlInput { thrust: 2000, ..ControlInput::ZERO_SETPOINT }
 }
 
 fn status() -> LlStatus {
@@ -35,7 +35,7 @@ fn command_is_the_reference() {
     assert_eq!(hover().frame().to_vec(), hex(COMMAND));
     assert_eq!(CommandPacket::new_checked(&hex(COMMAND)).unwrap().input(), hover());
     let heard: Vec<_> = VehicleDecoder::new().push(&hex(COMMAND)).collect();
-    assert_eq!(heard, [Command::Control(hover())]);
+    assert_eq!(heard, [HostCommand::Control(hover())]);
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn frames_have_the_lengths_that_the_wire_is_planned_with() {
 }
 
 #[test]
-fn imu_fields_lie_where_the_manual_has_them() {
+fn imu_fields_are_where_the_manual_has_them() {
     let imu = ImuCalc {
         angle_nick: 0x0403_0201,
         rate_yaw: 0x1413_1211,
@@ -114,7 +114,7 @@ fn imu_fields_lie_where_the_manual_has_them() {
 }
 
 #[test]
-fn a_refused_command_says_what_is_wrong() {
+fn a_rejected_command_has_a_reason() {
     let refused = |bytes: &[u8]| CommandPacket::new_checked(bytes).unwrap_err();
     let mut bytes = hex(COMMAND);
     assert_eq!(refused(&bytes[..16]), CommandError::Length { found: 16, wanted: 17 });
@@ -122,7 +122,7 @@ fn a_refused_command_says_what_is_wrong() {
     assert_eq!(refused(&bytes), CommandError::Checksum { found: 0x3289, wanted: 0xB289 });
     bytes[0] = b'<';
     assert_eq!(refused(&bytes), CommandError::Head);
-    let wild = ControlInput { thrust: 4096, ..ControlInput::NEUTRAL };
+    let wild = ControlInput { thrust: 4096, ..ControlInput::ZERO_SETPOINT };
     assert_eq!(refused(&wild.frame()), CommandError::Range);
     let refused = PollPacket::new_checked(&hex("3e2a3e70 2000")).unwrap_err();
     assert_eq!(refused, CommandError::Range);

@@ -4,7 +4,7 @@ mod common;
 
 use common::{decode, decode_in_pieces, in_order, noise};
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, EMERGENCY_STOP, FULL_STICK, FULL_THRUST, HostEvent,
+    ControlInput, Descriptor, EMERGENCY_STOP, FULL_STICK, FULL_THRUST, HostCommand, HostEvent,
     HostGrammar, ImuCalc, LlStatus, MAX_TELEMETRY, Poll, VehicleGrammar, acknowledgement_frame,
     poll_frame, write_telemetry,
 };
@@ -17,12 +17,12 @@ fn control_input() -> impl Strategy<Value = ControlInput> {
     )
 }
 
-fn command() -> impl Strategy<Value = (Vec<u8>, Command)> {
+fn command() -> impl Strategy<Value = (Vec<u8>, HostCommand)> {
     let poll = any::<u16>().prop_filter_map("a poll", Poll::from_wire);
     prop_oneof![
-        4 => control_input().prop_map(|input| (input.frame().to_vec(), Command::Control(input))),
-        2 => poll.prop_map(|poll| (poll_frame(poll).to_vec(), Command::Poll(poll))),
-        1 => Just((EMERGENCY_STOP.to_vec(), Command::EmergencyStop)),
+        4 => control_input().prop_map(|input| (input.frame().to_vec(), HostCommand::Control(input))),
+        2 => poll.prop_map(|poll| (poll_frame(poll).to_vec(), HostCommand::Poll(poll))),
+        1 => Just((EMERGENCY_STOP.to_vec(), HostCommand::EmergencyStop)),
     ]
 }
 
@@ -32,7 +32,7 @@ fn telemetry(descriptor: Descriptor, payload: &[u8]) -> Vec<u8> {
     frame[..length].to_vec()
 }
 
-fn heard() -> impl Strategy<Value = (Vec<u8>, HostEvent)> {
+fn vehicle_frame() -> impl Strategy<Value = (Vec<u8>, HostEvent)> {
     let payload = |length| prop::collection::vec(any::<u8>(), length);
     let other = Descriptor::ControllerOutput;
     let acknowledgement = Descriptor::ControlInput;
@@ -54,7 +54,7 @@ fn heard() -> impl Strategy<Value = (Vec<u8>, HostEvent)> {
     ]
 }
 
-/// Frames, each with noise before it; and what they say.
+/// Frames, each with noise before it, and their content.
 fn stream<E: std::fmt::Debug>(
     frame: impl Strategy<Value = (Vec<u8>, E)>,
 ) -> impl Strategy<Value = (Vec<u8>, Vec<E>)> {
@@ -65,7 +65,7 @@ fn stream<E: std::fmt::Debug>(
             bytes.extend(frame);
             events.push(event);
         }
-        // Silence: whatever still waits for more of a frame learns that there is none.
+        // Zeros at the end: a candidate that waits for more bytes is completed and rejected.
         bytes.extend([0; MAX_TELEMETRY]);
         (bytes, events)
     })
@@ -80,7 +80,7 @@ proptest! {
     }
 
     #[test]
-    fn telemetry_is_read_as_it_was_written((frame, event) in heard()) {
+    fn telemetry_is_read_as_it_was_written((frame, event) in vehicle_frame()) {
         let (events, counters) = decode::<HostGrammar>(&frame);
         prop_assert_eq!(events, [event]);
         prop_assert_eq!((counters.frames, counters.damaged, counters.skipped), (1, 0, 0));
@@ -98,7 +98,7 @@ proptest! {
 
     #[test]
     fn one_wrong_bit_is_never_accepted_in_telemetry(
-        (mut frame, _) in heard(),
+        (mut frame, _) in vehicle_frame(),
         bit in any::<prop::sample::Index>(),
     ) {
         let bit = bit.index(frame.len() * 8);
@@ -107,7 +107,7 @@ proptest! {
         prop_assert_eq!(decode::<HostGrammar>(&frame).0, []);
     }
 
-    /// The CRC's polynomial tells any three wrong bits in frames as short as these.
+    /// The CRC's polynomial detects any three wrong bits in frames as short as these.
     #[test]
     fn up_to_three_wrong_bits_under_the_crc_are_never_accepted(
         payload in prop::collection::vec(any::<u8>(), ImuCalc::LEN),
@@ -134,7 +134,7 @@ proptest! {
     }
 
     #[test]
-    fn good_telemetry_is_found_in_noise((bytes, wanted) in stream(heard())) {
+    fn good_telemetry_is_found_in_noise((bytes, wanted) in stream(vehicle_frame())) {
         let (found, _) = decode::<HostGrammar>(&bytes);
         prop_assert!(in_order(&wanted, &found), "{wanted:?}\n{found:?}");
     }
@@ -142,7 +142,7 @@ proptest! {
     #[test]
     fn it_does_not_matter_how_the_bytes_were_split(
         (commands, _) in stream(command()),
-        (telemetry, _) in stream(heard()),
+        (telemetry, _) in stream(vehicle_frame()),
         pieces in prop::collection::vec(0..40_usize, 0..60),
     ) {
         let whole = decode::<VehicleGrammar>(&commands);

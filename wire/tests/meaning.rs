@@ -1,21 +1,21 @@
-//! What counts mean: against figures of the sources, and there and back again.
+//! Conversion between counts and SI units: against figures of the sources, and there and back.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use oqtal_wire::asctec::{
-    ControlInput, FULL_STICK, FULL_THRUST, Imu, ImuCalc, Limits, LlStatus, Meaning, Scales, Signs,
-    Status, Sticks, ThrustTable,
+    AxisSigns, ControlInput, CountLimits, FULL_STICK, FULL_THRUST, Imu, ImuCalc, LlStatus, Scales,
+    Status, StickMeaning, Sticks, ThrustTable,
 };
 use proptest::prelude::*;
 
-const STRAIGHT: Signs = Signs { roll: 1, pitch: 1, yaw: 1 };
+const STRAIGHT: AxisSigns = AxisSigns { roll: 1, pitch: 1, yaw: 1 };
 
 fn rates() -> Scales {
     Scales { command_signs: STRAIGHT, telemetry_signs: STRAIGHT, ..Scales::default() }
 }
 
 fn attitude() -> Scales {
-    Scales { sticks: Meaning::Attitude, ..rates() }
+    Scales { sticks: StickMeaning::Attitude, ..rates() }
 }
 
 fn sign() -> impl Strategy<Value = i8> {
@@ -23,9 +23,9 @@ fn sign() -> impl Strategy<Value = i8> {
 }
 
 fn scales() -> impl Strategy<Value = Scales> {
-    let meaning = prop::sample::select(vec![Meaning::BodyRate, Meaning::Attitude]);
+    let meaning = prop::sample::select(vec![StickMeaning::BodyRate, StickMeaning::Attitude]);
     (meaning, sign(), sign(), sign()).prop_map(|(sticks, roll, pitch, yaw)| {
-        let signs = Signs { roll, pitch, yaw };
+        let signs = AxisSigns { roll, pitch, yaw };
         Scales { sticks, command_signs: signs, telemetry_signs: signs, ..Scales::default() }
     })
 }
@@ -53,7 +53,8 @@ fn an_attitude_is_40_counts_a_degree_and_its_yaw_rate_8_and_a_third() {
     let input = attitude().encode(&sticks);
     assert_eq!((input.roll, input.pitch, input.yaw), (400, -200, 750));
     // Full scale: 51.2 deg and 245.6 deg/s.
-    let full = attitude().decode(&ControlInput { roll: 2047, yaw: 2047, ..ControlInput::NEUTRAL });
+    let full =
+        attitude().decode(&ControlInput { roll: 2047, yaw: 2047, ..ControlInput::ZERO_SETPOINT });
     assert!((full.roll.to_degrees() - 51.2).abs() < 0.05);
     assert!((full.yaw.to_degrees() - 245.6).abs() < 0.05);
 }
@@ -67,14 +68,14 @@ fn signs_are_those_that_are_set() {
 
 #[test]
 fn limits_hold_on_every_axis_on_its_own() {
-    let limit_counts = Limits { roll: 300, pitch: 301, yaw: 600, thrust: 2200 };
+    let limit_counts = CountLimits { roll: 300, pitch: 301, yaw: 600, thrust: 2200 };
     let scales = Scales { limit_counts, ..rates() };
     let input = scales.encode(&Sticks { roll: 1.0, pitch: -1.0, yaw: 7.0, thrust: 1.0 });
     assert_eq!((input.roll, input.pitch, input.yaw, input.thrust), (300, -301, 600, 2200));
 }
 
 #[test]
-fn a_number_that_is_none_makes_the_command_neutral() {
+fn a_value_that_is_not_finite_gives_the_zero_set_point() {
     for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let good = Sticks { roll: 0.1, pitch: 0.2, yaw: 0.3, thrust: 0.4 };
         for sticks in [
@@ -83,13 +84,13 @@ fn a_number_that_is_none_makes_the_command_neutral() {
             Sticks { yaw: wrong, ..good },
             Sticks { thrust: wrong, ..good },
         ] {
-            assert_eq!(Scales::default().encode(&sticks), ControlInput::NEUTRAL);
+            assert_eq!(Scales::default().encode(&sticks), ControlInput::ZERO_SETPOINT);
         }
     }
 }
 
 #[test]
-fn the_motor_switch_is_that_of_asctec_drivers_and_knows_itself() {
+fn the_motor_switch_is_that_of_asctec_drivers_and_is_recognised() {
     let scales = Scales::default();
     let switch = scales.motor_switch();
     assert_eq!((switch.yaw, switch.thrust, switch.enabled), (-2047, 0, 0b1100));
@@ -97,7 +98,7 @@ fn the_motor_switch_is_that_of_asctec_drivers_and_knows_itself() {
     assert!(!scales.is_motor_switch(&ControlInput { yaw: 2047, ..switch }));
     assert!(!scales.is_motor_switch(&ControlInput { yaw: -2046, ..switch }));
     assert!(!scales.is_motor_switch(&ControlInput { thrust: 1, ..switch }));
-    assert!(!scales.is_motor_switch(&ControlInput::NEUTRAL));
+    assert!(!scales.is_motor_switch(&ControlInput::ZERO_SETPOINT));
 }
 
 #[test]
@@ -125,10 +126,19 @@ fn scales_that_cannot_be_used_are_named() {
     for (scales, named) in [
         (Scales { angle_per_count_mdeg: 0.0, ..rates() }, "angle-per-count-mdeg must lie"),
         (Scales { yaw_rate_per_count_mdeg_s: f64::NAN, ..rates() }, "yaw-rate-per-count-mdeg-s"),
-        (Scales { command_signs: Signs { roll: 0, ..STRAIGHT }, ..rates() }, "command-signs"),
-        (Scales { telemetry_signs: Signs { yaw: 2, ..STRAIGHT }, ..rates() }, "telemetry-signs"),
-        (Scales { limit_counts: Limits { yaw: 2048, ..Limits::default() }, ..rates() }, "limit-"),
-        (Scales { limit_counts: Limits { thrust: 0, ..Limits::default() }, ..rates() }, "limit-"),
+        (Scales { command_signs: AxisSigns { roll: 0, ..STRAIGHT }, ..rates() }, "command-signs"),
+        (
+            Scales { telemetry_signs: AxisSigns { yaw: 2, ..STRAIGHT }, ..rates() },
+            "telemetry-signs",
+        ),
+        (
+            Scales { limit_counts: CountLimits { yaw: 2048, ..CountLimits::default() }, ..rates() },
+            "limit-",
+        ),
+        (
+            Scales { limit_counts: CountLimits { thrust: 0, ..CountLimits::default() }, ..rates() },
+            "limit-",
+        ),
         (Scales { motor_yaw_counts: 0, ..rates() }, "motor-yaw-counts"),
         (Scales { motor_yaw_counts: -2048, ..rates() }, "motor-yaw-counts"),
         (table(&[[0.0, 0.0]]), "2 to 256 points"),
@@ -147,11 +157,11 @@ fn scales_are_read_from_kebab_case_and_unknown_keys_are_refused() {
     let text = "sticks = 'attitude'\nmotor-yaw-counts = 2047\nthrust-table = [[0, 0], [1, 4000]]\n\
                 command-signs = { roll = 1, pitch = -1, yaw = 1 }";
     let scales: Scales = toml::from_str(text).unwrap();
-    let command_signs = Signs { roll: 1, pitch: -1, yaw: 1 };
+    let command_signs = AxisSigns { roll: 1, pitch: -1, yaw: 1 };
     let thrust_table = ThrustTable(vec![[0.0, 0.0], [1.0, 4000.0]]);
     let motor_yaw_counts = 2047;
     let wanted = Scales { command_signs, thrust_table, motor_yaw_counts, ..attitude() };
-    assert_eq!(scales, Scales { telemetry_signs: Signs::default(), ..wanted });
+    assert_eq!(scales, Scales { telemetry_signs: AxisSigns::default(), ..wanted });
     let written = toml::to_string(&scales).unwrap();
     assert_eq!(toml::from_str::<Scales>(&written).unwrap(), scales);
     assert!(toml::from_str::<Scales>("k-stick = 25").is_err());
@@ -192,7 +202,7 @@ proptest! {
         let sent = Sticks { roll, pitch, yaw, thrust };
         let input = scales.encode(&sent);
         let heard = scales.decode(&input);
-        let count = scales.decode(&ControlInput { roll: 1, yaw: 1, ..ControlInput::NEUTRAL });
+        let count = scales.decode(&ControlInput { roll: 1, yaw: 1, ..ControlInput::ZERO_SETPOINT });
         let (angle, rate) = (0.5001 * count.roll.abs(), 0.5001 * count.yaw.abs());
         prop_assert!((heard.roll - roll).abs() <= angle && (heard.pitch - pitch).abs() <= angle);
         prop_assert!((heard.yaw - yaw).abs() <= rate);

@@ -1,7 +1,7 @@
 //! XBee's frames against digi-xbee, byte for byte, in both directions.
 //!
-//! Wants an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; `.ci/run` installs one.
-//! Without the variable the test says that it is skipped. With it, a peer that does not answer is a failure.
+//! Needs an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; `.ci/run` installs one.
+//! Without the variable the test is skipped with a message. With it, a peer that does not answer is a failure.
 
 mod common;
 
@@ -10,7 +10,7 @@ use std::path::Path;
 use std::process::Command;
 
 use common::{decode, hex};
-use oqtal_wire::xbee::{Api1Grammar, Api2Grammar, Frame, Payload};
+use oqtal_wire::xbee::{Api1Grammar, Api2Grammar, ApiFrame, Payload};
 use serde::Deserialize;
 
 const PYTHON: &str = "OQTAL_PEERS_PYTHON";
@@ -25,13 +25,13 @@ struct Example {
 }
 
 impl Example {
-    fn frame(&self) -> Frame {
+    fn frame(&self) -> ApiFrame {
         let payload = Payload::try_from(&hex(&self.payload)[..]).unwrap();
         let long = |index: usize| self.fields[index];
         let short = |index: usize| u16::try_from(self.fields[index]).unwrap();
         let byte = |index: usize| u8::try_from(self.fields[index]).unwrap();
         match self.kind {
-            0x10 => Frame::TxRequest {
+            0x10 => ApiFrame::TxRequest {
                 id: byte(0),
                 to: long(1),
                 network: short(2),
@@ -39,28 +39,34 @@ impl Example {
                 options: byte(4),
                 payload,
             },
-            0x01 => Frame::TxRequest16 { id: byte(0), to: short(1), options: byte(2), payload },
-            0x90 => Frame::RxPacket { from: long(0), network: short(1), options: byte(2), payload },
-            0x80 => Frame::RxPacket64 { from: long(0), rssi: byte(1), options: byte(2), payload },
-            0x81 => Frame::RxPacket16 { from: short(0), rssi: byte(1), options: byte(2), payload },
-            0x89 => Frame::TxStatus { id: byte(0), status: byte(1) },
-            0x8B => Frame::TxStatusExtended {
+            0x01 => ApiFrame::TxRequest16 { id: byte(0), to: short(1), options: byte(2), payload },
+            0x90 => {
+                ApiFrame::RxPacket { from: long(0), network: short(1), options: byte(2), payload }
+            }
+            0x80 => {
+                ApiFrame::RxPacket64 { from: long(0), rssi: byte(1), options: byte(2), payload }
+            }
+            0x81 => {
+                ApiFrame::RxPacket16 { from: short(0), rssi: byte(1), options: byte(2), payload }
+            }
+            0x89 => ApiFrame::TxStatus { id: byte(0), status: byte(1) },
+            0x8B => ApiFrame::TxStatusExtended {
                 id: byte(0),
                 network: short(1),
                 retries: byte(2),
                 delivery: byte(3),
                 discovery: byte(4),
             },
-            0x8A => Frame::ModemStatus(byte(0)),
+            0x8A => ApiFrame::ModemStatus(byte(0)),
             other => panic!("unknown kind {other:#04x}"),
         }
     }
 }
 
-/// What the script prints; none if there is no peer here.
+/// Output of the script; `None` if there is no peer.
 fn peer(script: &str) -> Option<String> {
     let Some(python) = std::env::var_os(PYTHON) else {
-        // Straight to standard error: what a passing test prints is not shown.
+        // Directly to standard error: the output of a passing test is not shown.
         let reason =
             format!("{script}: skipped, {PYTHON} names no interpreter; .ci/run installs one\n");
         std::io::stderr().write_all(reason.as_bytes()).unwrap();

@@ -4,15 +4,15 @@ mod common;
 
 use common::{decode, hex};
 use oqtal_wire::xbee::{
-    Api1Grammar, Api2Grammar, ApiPacket, Frame, MAX_PAYLOAD, MAX_WIRE, Payload, UNKNOWN_NETWORK,
+    Api1Grammar, Api2Grammar, ApiFrame, ApiPacket, MAX_PAYLOAD, MAX_WIRE, Payload, UNKNOWN_NETWORK,
 };
 
 fn payload(bytes: &[u8]) -> Payload {
     Payload::try_from(bytes).unwrap()
 }
 
-fn request() -> Frame {
-    Frame::TxRequest {
+fn request() -> ApiFrame {
+    ApiFrame::TxRequest {
         id: 1,
         to: 0x0013_A200_4011_1111,
         network: UNKNOWN_NETWORK,
@@ -22,14 +22,14 @@ fn request() -> Frame {
     }
 }
 
-/// Frame, plain and escaped.
-fn references() -> Vec<(Frame, &'static str, &'static str)> {
+/// A frame, plain and escaped.
+fn references() -> Vec<(ApiFrame, &'static str, &'static str)> {
     let plain = "7e 0017 10 01 0013a20040111111 fffe 00 00 3e2a3e64697e11137d 37";
     let escaped = "7e00171001007d33a200407d317d317d31fffe00003e2a3e64697d5e7d317d337d5d37";
-    let request_16 = Frame::TxRequest16 { id: 1, to: 2, options: 0, payload: payload(b"hi") };
+    let request_16 = ApiFrame::TxRequest16 { id: 1, to: 2, options: 0, payload: payload(b"hi") };
     let received =
-        Frame::RxPacket16 { from: 2, rssi: 0x28, options: 0, payload: payload(b"hello") };
-    let status = Frame::TxStatus { id: 1, status: 0 };
+        ApiFrame::RxPacket16 { from: 2, rssi: 0x28, options: 0, payload: payload(b"hello") };
+    let status = ApiFrame::TxStatus { id: 1, status: 0 };
     vec![
         (request(), plain, escaped),
         (request_16, "7e0007010100020068692a", "7e0007010100020068692a"),
@@ -44,7 +44,7 @@ fn frames_are_the_references() {
         assert_eq!(frame.to_wire(false).as_bytes(), hex(plain), "{frame:?}");
         assert_eq!(frame.to_wire(true).as_bytes(), hex(escaped), "{frame:?}");
         let bytes = hex(plain);
-        assert_eq!(Frame::parse(&ApiPacket::new_checked(&bytes).unwrap()), Ok(frame));
+        assert_eq!(ApiFrame::parse(&ApiPacket::new_checked(&bytes).unwrap()), Ok(frame));
         assert_eq!(decode::<Api1Grammar>(&bytes).0, [frame]);
         assert_eq!(decode::<Api2Grammar>(&hex(escaped)).0, [frame]);
     }
@@ -53,10 +53,12 @@ fn frames_are_the_references() {
 #[test]
 fn the_greatest_frame_fits() {
     let payload = payload(&[0x7E; MAX_PAYLOAD]);
-    let Frame::TxRequest { id, network, radius, options, .. } = request() else { unreachable!() };
-    // Address and payload made of bytes to escape.
+    let ApiFrame::TxRequest { id, network, radius, options, .. } = request() else {
+        unreachable!()
+    };
+    // Address and payload consist of bytes to escape.
     let to = 0x7E7D_1113_7E7D_1113;
-    let frame = Frame::TxRequest { id, to, network, radius, options, payload };
+    let frame = ApiFrame::TxRequest { id, to, network, radius, options, payload };
     let wire = frame.to_wire(true);
     assert!(wire.as_bytes().len() <= MAX_WIRE);
     assert_eq!(decode::<Api2Grammar>(wire.as_bytes()).0, [frame]);
@@ -64,8 +66,8 @@ fn the_greatest_frame_fits() {
 }
 
 #[test]
-fn a_sound_frame_of_another_kind_is_passed_over_whole() {
-    // An AT command response (0x88), in which a start byte occurs.
+fn a_good_frame_of_an_unsupported_kind_is_skipped_whole() {
+    // An AT command response (0x88) that contains a start byte.
     let stream = hex("7e 0005 88 01 4449 7e 6b");
     let (events, counters) = decode::<Api1Grammar>(&stream);
     assert_eq!(events, []);

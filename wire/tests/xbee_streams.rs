@@ -5,8 +5,8 @@ mod common;
 use common::{decode, decode_in_pieces, in_order, noise};
 use oqtal_wire::stream::Grammar;
 use oqtal_wire::xbee::{
-    Address, Api1Grammar, Api2Grammar, Arrival, Carrier, Frame, Framing, MAX_PAYLOAD, MAX_WIRE,
-    Payload, Side,
+    Address, Api1Grammar, Api2Grammar, ApiFrame, Carrier, Framing, MAX_PAYLOAD, MAX_WIRE, Payload,
+    RadioEvent, Side,
 };
 use proptest::prelude::*;
 
@@ -16,11 +16,11 @@ fn payload() -> impl Strategy<Value = Payload> {
         .prop_map(|bytes| Payload::try_from(&bytes[..]).unwrap())
 }
 
-fn with_payload() -> impl Strategy<Value = Frame> {
+fn with_payload() -> impl Strategy<Value = ApiFrame> {
     let (byte, short, long) = (any::<u8>, any::<u16>, any::<u64>);
     prop_oneof![
         (byte(), long(), short(), any::<[u8; 2]>(), payload()).prop_map(
-            |(id, to, network, [radius, options], payload)| Frame::TxRequest {
+            |(id, to, network, [radius, options], payload)| ApiFrame::TxRequest {
                 id,
                 to,
                 network,
@@ -30,26 +30,26 @@ fn with_payload() -> impl Strategy<Value = Frame> {
             }
         ),
         (byte(), short(), byte(), payload()).prop_map(|(id, to, options, payload)| {
-            Frame::TxRequest16 { id, to, options, payload }
+            ApiFrame::TxRequest16 { id, to, options, payload }
         }),
         (long(), short(), byte(), payload()).prop_map(|(from, network, options, payload)| {
-            Frame::RxPacket { from, network, options, payload }
+            ApiFrame::RxPacket { from, network, options, payload }
         }),
         (long(), byte(), byte(), payload()).prop_map(|(from, rssi, options, payload)| {
-            Frame::RxPacket64 { from, rssi, options, payload }
+            ApiFrame::RxPacket64 { from, rssi, options, payload }
         }),
         (short(), byte(), byte(), payload()).prop_map(|(from, rssi, options, payload)| {
-            Frame::RxPacket16 { from, rssi, options, payload }
+            ApiFrame::RxPacket16 { from, rssi, options, payload }
         }),
     ]
 }
 
-fn frame() -> impl Strategy<Value = Frame> {
+fn frame() -> impl Strategy<Value = ApiFrame> {
     prop_oneof![
         with_payload(),
-        any::<[u8; 2]>().prop_map(|[id, status]| Frame::TxStatus { id, status }),
+        any::<[u8; 2]>().prop_map(|[id, status]| ApiFrame::TxStatus { id, status }),
         (any::<u8>(), any::<u16>(), any::<[u8; 3]>()).prop_map(
-            |(id, network, [retries, delivery, discovery])| Frame::TxStatusExtended {
+            |(id, network, [retries, delivery, discovery])| ApiFrame::TxStatusExtended {
                 id,
                 network,
                 retries,
@@ -57,12 +57,12 @@ fn frame() -> impl Strategy<Value = Frame> {
                 discovery
             }
         ),
-        any::<u8>().prop_map(Frame::ModemStatus),
+        any::<u8>().prop_map(ApiFrame::ModemStatus),
     ]
 }
 
-/// Frames, each with noise before it, and silence at the end.
-fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<Frame>)> {
+/// Frames, each with noise before it, and zeros at the end.
+fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<ApiFrame>)> {
     prop::collection::vec((noise(), frame()), 0..6).prop_map(move |parts| {
         let (mut bytes, mut frames) = (Vec::new(), Vec::new());
         for (noise, frame) in parts {
@@ -75,8 +75,8 @@ fn stream(escaped: bool) -> impl Strategy<Value = (Vec<u8>, Vec<Frame>)> {
     })
 }
 
-/// Frames that go behind one another without noise.
-fn back_to_back<G: Grammar<Event = Frame>>(frames: &[Frame], escaped: bool) -> Vec<Frame> {
+/// Frames one after another without noise.
+fn back_to_back<G: Grammar<Event = ApiFrame>>(frames: &[ApiFrame], escaped: bool) -> Vec<ApiFrame> {
     let bytes: Vec<u8> =
         frames.iter().flat_map(|frame| frame.to_wire(escaped).as_bytes().to_vec()).collect();
     let (events, counters) = decode::<G>(&bytes);
@@ -91,11 +91,11 @@ fn carriers() -> impl Strategy<Value = (Framing, Address)> {
     (framing, address)
 }
 
-/// What arrives, put together again.
-fn bytes_of(arrivals: impl Iterator<Item = Arrival>) -> Vec<u8> {
+/// Payload of the events, concatenated.
+fn bytes_of(arrivals: impl Iterator<Item = RadioEvent>) -> Vec<u8> {
     arrivals
         .flat_map(|arrival| match arrival {
-            Arrival::Payload { payload, .. } => payload.to_vec(),
+            RadioEvent::Payload { payload, .. } => payload.to_vec(),
             other => panic!("{other:?}"),
         })
         .collect()
@@ -118,7 +118,7 @@ proptest! {
     #[test]
     fn one_wrong_bit_is_never_accepted(frame in frame(), bit in any::<prop::sample::Index>()) {
         let mut bytes = frame.to_wire(false).as_bytes().to_vec();
-        // Wrong bits in the length move the checksum to another place, where one sum in 256 is right.
+        // A wrong bit in the length moves the checksum to another place, where one sum in 256 is right.
         let bit = 24 + bit.index((bytes.len() - 3) * 8);
         bytes[bit / 8] ^= 1 << (bit % 8);
         bytes.extend([0; MAX_WIRE]);
@@ -157,7 +157,7 @@ proptest! {
                 .collect();
             let whole: Vec<u8> = sent.iter().flat_map(|payload| payload.to_vec()).collect();
             prop_assert_eq!(bytes_of(receiver.push(&wire)), whole);
-            // What this side sends is nothing to itself, except where there is no framing.
+            // A side ignores its own frames, except without framing.
             let mut echo = Carrier::new(framing, from, address);
             let echoed = bytes_of(echo.push(&wire));
             prop_assert!(framing == Framing::Transparent || echoed.is_empty());
@@ -176,38 +176,38 @@ proptest! {
     }
 
     #[test]
-    fn a_report_tells_the_host_what_became_of_its_request(
+    fn a_report_gives_the_host_the_delivery_of_its_request(
         (framing, address) in carriers(),
         id: u8,
         delivered: bool,
     ) {
         let radio = Carrier::new(framing, Side::Radio, address);
         let mut host = Carrier::new(framing, Side::Host, address);
-        let told: Vec<Arrival> = host.push(radio.report(id, delivered).as_bytes()).collect();
+        let told: Vec<RadioEvent> = host.push(radio.report(id, delivered).as_bytes()).collect();
         let silent = framing == Framing::Transparent || id == 0;
-        let wanted = (!silent).then_some(Arrival::Delivery { id, delivered });
+        let wanted = (!silent).then_some(RadioEvent::Delivery { id, delivered });
         prop_assert_eq!(told, Vec::from_iter(wanted));
     }
 }
 
 #[test]
-fn more_than_a_radio_packet_takes_is_refused() {
+fn more_than_a_radio_packet_holds_is_refused() {
     let carrier = Carrier::new(Framing::Api1, Side::Host, Address::BROADCAST);
     let error = carrier.wrap(0, &[0; MAX_PAYLOAD + 1]).unwrap_err();
-    assert_eq!(error.to_string(), "101 bytes of payload, a radio packet takes 100");
+    assert_eq!(error.to_string(), "101 bytes of payload, a radio packet holds 100");
 }
 
 #[test]
-fn the_request_a_radio_hears_carries_its_number() {
+fn a_request_carries_its_number_to_the_radio() {
     let host = Carrier::new(Framing::Api2, Side::Host, Address::Short(1));
     let mut radio = Carrier::new(Framing::Api2, Side::Radio, Address::Short(2));
-    let heard: Vec<Arrival> = radio.push(host.wrap(17, b"up").unwrap().as_bytes()).collect();
+    let heard: Vec<RadioEvent> = radio.push(host.wrap(17, b"up").unwrap().as_bytes()).collect();
     let payload = Payload::try_from(&b"up"[..]).unwrap();
-    assert_eq!(heard, [Arrival::Payload { id: 17, payload }]);
+    assert_eq!(heard, [RadioEvent::Payload { id: 17, payload }]);
 }
 
 #[test]
-fn a_host_hears_its_peer_alone_unless_that_is_every_radio() {
+fn a_host_accepts_its_peer_alone_unless_that_is_the_broadcast_address() {
     let (one, other) = (Address::Long(0x0013_A200_4052_1234), Address::Long(0x0013_A200_4052_1235));
     let (short, every_short) = (Address::Short(0x1234), Address::Short(0xFFFF));
     for (peer, from, hears) in [

@@ -98,6 +98,21 @@ fn f29_half_made_services_are_made_anew_and_whole_ones_kept() {
 }
 
 #[test]
+fn f27_all_memory_of_a_port_is_there_when_it_is_opened() {
+    use std::os::unix::fs::MetadataExt;
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let _ports = (bus.writer(&POSE).unwrap(), bus.observer(&POSE).unwrap());
+    let shared = files(&place).into_iter().filter(|file| file.starts_with("/dev/shm"));
+    let shared: Vec<_> = shared.map(|file| (std::fs::metadata(&file).unwrap(), file)).collect();
+    assert!(shared.iter().any(|(metadata, _)| metadata.len() > 1_000_000));
+    for (metadata, file) in shared {
+        assert!(metadata.blocks() * 512 >= metadata.len(), "{}", file.display());
+    }
+}
+
+#[test]
 fn files_of_an_instance_are_private() {
     use std::os::unix::fs::MetadataExt;
     let root = tempfile::tempdir().unwrap();

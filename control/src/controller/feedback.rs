@@ -6,11 +6,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RateFeedback {
-    /// The body rate, as the paper prints the rivals of its law. They lag behind a turning
+    /// The body rate, as printed in the paper for the classic LQR and the PID. Such a law lags behind a turning
     /// reference.
     #[default]
     Omega,
-    /// The body rate relative to the desired rate. Not in the paper for the rivals; always so in
-    /// OQTAL.
+    /// The body rate relative to the desired rate, as always in OQTAL. Not in the paper for the other laws.
     OmegaE,
 }

@@ -1,4 +1,4 @@
-//! Geometric tracking on SO(3): what many users would pick instead. Not in the paper.
+//! Geometric tracking control on SO(3), a widely used alternative. Not in the paper.
 //!
 //! ```text
 //! u = -J (k_R e_R + k_Omega e_Omega + k_I e_I) + omega x J omega + J (C omega_d_dot - omega_e x C omega_d)
@@ -8,7 +8,7 @@
 //! CDC* 2010); `e_I`, the integral of `e_Omega + c e_R`, is that of F.
 //! Goodarzi, D. Lee and T. Lee, *ECC* 2013. With the error used here, `e_R = 2 lambda eps`: the sine
 //! of the error angle, where OQTAL has the sine of half of it. It therefore fades towards half a
-//! turn. Different from the source: gains are per inertia, so that one set serves bodies alike.
+//! turn. Unlike in the source, gains are per inertia, so that one set of gains suits bodies of different inertia.
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -59,7 +59,7 @@ impl LawOptions for GeometricOptions {
         SearchRange::new("control.geometric.integral-gain-per-s", 0.01, 5.0),
     ];
 
-    /// For the paper's spacecraft in torque form.
+    /// Gains for the paper's spacecraft in torque form.
     fn spacecraft() -> Self {
         Self {
             attitude_gain: 256.0,
@@ -96,7 +96,7 @@ impl<I: InputForm> Geometric<I> {
     /// The law with these options.
     ///
     /// # Errors
-    /// The first option whose value has no meaning.
+    /// The first option whose value is not allowed.
     pub fn new(options: GeometricOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         Ok(Self { options, input, e_i: Integral::new(options.integral_limit) })
@@ -116,7 +116,7 @@ impl<I: InputForm> AttitudeLaw for Geometric<I> {
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let e_omega = error.rate_error(state.rate, reference.rate);
         let e_r = 2.0 * error.lambda() * error.eps();
-        // In rate form the vehicle's own loop sees to the rate.
+        // In rate form the vehicle's own loop controls the rate.
         let (k_omega, e_i_dot) = match input.inertia() {
             Some(_) => {
                 (options.rate_gain_per_s, e_omega + options.integral_attitude_gain_per_s * e_r)

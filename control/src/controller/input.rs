@@ -1,5 +1,5 @@
-//! The two ways a vehicle is commanded. A law is the same for both; what differs is the input
-//! matrix `B`, whether the body rate is a state, and the range.
+//! The two input forms of a vehicle: torque and rate. A law is written once for both; the input matrix `B`, the range
+//! of the input, and whether the body rate is a state differ.
 
 use std::fmt;
 
@@ -10,36 +10,36 @@ use crate::quantity::{BodyRate, StickCommand, Torque};
 use crate::rigid_body::Inertia;
 use crate::tracking_error::{AttitudeError, AttitudeReference};
 
-/// What a law needs to know of the vehicle's input `u`.
+/// Properties of the vehicle's input `u` that a law needs.
 pub trait InputForm {
-    /// `u` as the vehicle takes it; the default is neutral.
+    /// The command message type that carries `u`; the default is zero torque or centred sticks.
     type Command: Copy + fmt::Debug + Default + PartialEq;
 
     /// The inertia of the body if `u` is a torque. `None` if the vehicle follows a commanded rate
     /// by itself: the rate is then no state of the law's model ("nullified", Section VII.C).
     fn inertia(&self) -> Option<&Inertia>;
 
-    /// `B` that goes with the `A` of a law whose state is `[rate; attitude]`.
+    /// The input matrix `B` for a model with the state `[rate; attitude]` and the state matrix `a`.
     fn input_matrix(&self, a: &Matrix6<f64>) -> Matrix6x3<f64>;
 
-    /// The `u` that brings about `demand`: an angular acceleration \[rad/s^2\] if `u` is a torque,
-    /// a rate \[rad/s\] if it commands one.
+    /// The `u` that produces `demand`: an angular acceleration \[rad/s^2\] if `u` is a torque, a rate \[rad/s\] if it
+    /// commands one.
     fn input_for(&self, demand: &Vector3<f64>) -> Vector3<f64>;
 
-    /// What `u` brings about: the inverse of [`input_for`](Self::input_for).
+    /// The demand that `u` produces: the inverse of [`input_for`](Self::input_for).
     fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64>;
 
     /// `(A, B)` of `omega_dot = A omega + B u` once the gyroscopic torque is cancelled. `None` if
     /// the rate follows `u` at once.
     fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)>;
 
-    /// The angular acceleration that is there about any axis to stop a turn with \[rad/s^2\];
-    /// infinite if the vehicle sees to that.
+    /// Angular deceleration available about any axis \[rad/s^2\]; infinite if the vehicle's own loop stops the
+    /// rotation.
     fn braking(&self) -> f64 {
         f64::INFINITY
     }
 
-    /// The `u` with which a body without error follows its reference.
+    /// The feed-forward `u`: with it a body without error follows its reference.
     fn feed_forward(
         &self,
         error: &AttitudeError,
@@ -47,22 +47,22 @@ pub trait InputForm {
         reference: &AttitudeReference,
     ) -> Vector3<f64>;
 
-    /// The `u` within the vehicle's range that stands for `u`; zero if `u` is not finite.
+    /// `u` limited to the vehicle's range; zero if `u` is not finite.
     fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64>;
 
-    /// `u` as a command.
+    /// Converts `u` to a command.
     fn command_from(u: Vector3<f64>) -> Self::Command;
 
-    /// A command as `u`.
+    /// Converts a command to `u`.
     fn u_from(command: Self::Command) -> Vector3<f64>;
 
-    /// `omega x J omega`, which a torque must cancel; zero if the vehicle does that by itself.
+    /// `omega x J omega`, the gyroscopic torque that `u` must cancel \[N m, body axes\]; zero in rate form.
     fn gyroscopic(&self, omega: BodyRate) -> Vector3<f64> {
         self.inertia().map_or_else(Vector3::zeros, |inertia| inertia.gyroscopic_torque(omega).0)
     }
 }
 
-/// `u` is the torque \[N m, body axes\]: the spacecraft, Eq. (3).
+/// Torque input \[N m, body axes\], as of the spacecraft, Eq. (3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TorqueInput {
     inertia: Inertia,
@@ -107,7 +107,7 @@ impl InputForm for TorqueInput {
     }
 
     fn braking(&self) -> f64 {
-        // About the axis of greatest inertia. Half is for what else the torque has to do.
+        // About the axis of greatest inertia. Half of the torque is left for other demands.
         0.5 * self.max_torque / self.inertia.matrix().symmetric_eigenvalues().max()
     }
 
@@ -140,13 +140,13 @@ impl InputForm for TorqueInput {
     }
 }
 
-/// `u` are the sticks \[-1..1\], to which the vehicle's own loop makes the body rate proportional:
-/// the Hummingbird, Eq. (61).
+/// Stick input \[-1..1\]: the vehicle's own loop makes the body rate proportional to the sticks, as of the
+/// Hummingbird, Eq. (61).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateInput {
     rate_authority: Vector3<f64>,
     lag_s: f64,
-    /// How much earlier than its effect a change of the rate must be commanded \[s\].
+    /// Time by which a change of the rate is commanded before it is to take effect \[s\].
     lead_s: f64,
 }
 
@@ -163,8 +163,8 @@ impl RateInput {
         Ok(Self { rate_authority, lag_s: 0.0, lead_s: 0.0 })
     }
 
-    /// The same for a law that knows that the rate follows with a time constant of `lag_s` \[s\] and
-    /// that a command is held for `period_s` \[s\]. The paper's laws do not.
+    /// The same input for a law whose model includes the lag of the rate, with time constant `lag_s` \[s\], and
+    /// commands held for `period_s` \[s\]. The models of the paper's laws do not.
     ///
     /// # Errors
     /// If one of them is not positive and finite.
@@ -218,14 +218,14 @@ impl InputForm for RateInput {
         omega_e: &Vector3<f64>,
         reference: &AttitudeReference,
     ) -> Vector3<f64> {
-        // What the inertia is to a torque, the lag is to a rate: it takes so much to accelerate.
+        // The lag takes the place of the inertia: acceleration times lag is the extra rate to command.
         let acceleration = error.reference_acceleration(omega_e, reference).0;
         self.input_for(&(error.rotation() * reference.rate.0 + acceleration * self.lead_s))
     }
 
     #[inline]
     fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64> {
-        // Each stick for itself: yaw at its stop takes nothing from roll and pitch.
+        // Each stick is limited separately: a saturated yaw does not reduce roll and pitch.
         if is_finite(u) { u.map(|stick| stick.clamp(-1.0, 1.0)) } else { Vector3::zeros() }
     }
 

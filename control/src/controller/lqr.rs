@@ -1,5 +1,4 @@
-//! The classic LQR: a linear-quadratic regulator on Euler angles that tracks a set-point. Paper,
-//! Sections II.F and II.G.
+//! Classic LQR: a linear-quadratic regulator on Euler angles that tracks a set-point. Paper, Sections II.F and II.G.
 //!
 //! ```text
 //! u = -K [omega; Theta - Theta_d; Theta_I],  Theta_I = integral of Theta_d - Theta        Eqs. (24), (34), corrected
@@ -29,24 +28,24 @@ pub struct LqrOptions {
     pub attitude_weight: f64,
     /// Weight on `omega` \[s^2/rad^2\]; without effect in rate form.
     pub rate_weight: f64,
-    /// Weight on `Theta_I` as a fraction of `attitude-weight` \[1/s^2\]; 0 is no integral action.
+    /// Weight on `Theta_I` as a fraction of `attitude-weight` \[1/s^2\]; 0 for no integral action.
     pub integral_weight: f64,
-    /// `r`: weight on the input.
+    /// `r`: weight on the input \[-\].
     pub input_weight: f64,
     /// Limit of each component of `Theta_I` \[rad s\].
     pub integral_limit_rad_s: f64,
-    /// Which cells of `[omega; Theta]` share a gain.
+    /// Rule that divides `[omega; Theta]` into cells, one gain for each.
     pub cells: Cells,
     /// `delta`: width of a cell \[rad/s for `omega`, rad for `Theta`\].
     pub delta_rad: f64,
-    /// When the gain is computed.
+    /// When the gain is computed again.
     pub resolve: Resolve,
-    /// The pitch of an operating point stays within this \[rad\]. Towards 90 degrees the model
-    /// grows without bound, and beyond it has the wrong sign.
+    /// Greatest pitch of an operating point \[rad\]. The model grows without bound towards 90 degrees, and has the
+    /// wrong sign beyond.
     pub operating_pitch_limit_rad: f64,
-    /// The rate in `x`; without effect in rate form.
+    /// Rate that is fed back; without effect in rate form.
     pub rate: RateFeedback,
-    /// Whether the reference's own motion is fed forward. Not in the paper.
+    /// Whether the motion of the reference is fed forward. Not in the paper.
     pub feed_forward: bool,
 }
 
@@ -63,8 +62,8 @@ impl Default for LqrOptions {
             input_weight: 1.0,
             // Not in the paper. The same angle as the limit of OQTAL, whose eps is half an angle.
             integral_limit_rad_s: 1.0,
-            // Not in the paper, which prints `floor` and reports a count that only this rule or a
-            // like one can give.
+            // Not in the paper, which prints `floor` but reports a number of solutions that only a rule like this one
+            // gives.
             cells: Cells::Truncated,
             // In the paper: Section VIII, without a unit.
             delta_rad: 0.5,
@@ -85,8 +84,7 @@ impl LawOptions for LqrOptions {
         SearchRange::new("control.lqr.integral-weight", 1e-4, 1.0),
     ];
 
-    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
-    /// VI.B.2.
+    /// Gains for the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
     fn spacecraft() -> Self {
         Self {
             attitude_weight: 128.0,
@@ -135,10 +133,10 @@ pub struct ClassicLqr<I> {
 }
 
 impl<I: InputForm> ClassicLqr<I> {
-    /// The law with these options. Solves nothing yet.
+    /// The law with these options. The first Riccati equation is solved in the first step.
     ///
     /// # Errors
-    /// The first option whose value has no meaning.
+    /// The first option whose value is not allowed.
     pub fn new(options: LqrOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =

@@ -1,8 +1,8 @@
 //! OQTAL, the paper's law: a linear-quadratic regulator on the attitude error.
 //!
 //! Terms: `eps`, `lambda` and `omega_e` are the tracking error ([`crate::tracking_error`]); `eps_I` is the
-//! integral of `-eps`; the model that `K` is optimal for is [`crate::error_model`]; when `K` is
-//! computed is up to [`crate::schedule`].
+//! integral of `-eps`; `K` is optimal for a model of [`crate::error_model`] and computed as [`crate::schedule`]
+//! decides.
 //!
 //! ```text
 //! u = -K [omega_e; eps; eps_I] + omega x J omega        Eq. (56), corrected
@@ -22,17 +22,17 @@ use crate::scalar_pid::low_pass_weight;
 use crate::schedule::{CellGrid, Cells, GainSchedule, Resolve};
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
-/// What the model makes of the second time derivative of `eps`, Section VII.C. It is the difference
-/// of Eq. (38) between two steps.
+/// Treatment of the second time derivative of `eps` in the model, Section VII.C: the difference of Eq. (38) between
+/// two steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EpsDdot {
-    /// Nothing: it is taken to be zero, the paper's choice for its quadrotor.
+    /// Taken to be zero: the paper's choice for its quadrotor.
     #[default]
     Dropped,
-    /// It as it is, noise and all.
+    /// Finite difference, unfiltered.
     Differenced,
-    /// It through a first-order low-pass: "some kind of noise cancellation".
+    /// Finite difference through a first-order low-pass: the paper's "some kind of noise cancellation".
     Filtered,
 }
 
@@ -40,30 +40,30 @@ pub enum EpsDdot {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct OqtalOptions {
-    /// `q`: weight on `eps`.
+    /// `q`: weight on `eps` \[-\].
     pub attitude_weight: f64,
     /// Weight on `omega_e` \[s^2/rad^2\]; without effect in rate form.
     pub rate_weight: f64,
-    /// Weight on `eps_I` as a fraction of `attitude-weight` \[1/s^2\]; 0 is no integral action.
+    /// Weight on `eps_I` as a fraction of `attitude-weight` \[1/s^2\]; 0 for no integral action.
     pub integral_weight: f64,
-    /// `r`: weight on the input.
+    /// `r`: weight on the input \[-\].
     pub input_weight: f64,
     /// Limit of each component of `eps_I` \[s\].
     pub integral_limit_s: f64,
-    /// Which linear model; without effect in rate form, where all are the same.
+    /// Linear model of the error; without effect in rate form, where all models are the same.
     pub jacobian: Jacobian,
-    /// The second derivative of `eps` in that model; without effect in rate form and in the
-    /// decoupled model, which do not have it.
+    /// Second derivative of `eps` in that model; without effect in rate form and in the decoupled model, which do not
+    /// contain it.
     pub eps_ddot: EpsDdot,
-    /// Cut-off of the low-pass on it \[Hz\].
+    /// Cut-off of the low-pass on the second derivative of `eps` \[Hz\].
     pub eps_ddot_cutoff_hz: f64,
-    /// Which cells of `[omega_e; eps; eps_ddot]`, in rate form of `eps`, share a gain.
+    /// Rule that divides `[omega_e; eps; eps_ddot]`, in rate form `eps`, into cells, one gain for each.
     pub cells: Cells,
-    /// `delta`: width of a cell \[rad/s for `omega_e`, none for `eps`, 1/s^2 for `eps_ddot`\].
+    /// `delta`: width of a cell \[rad/s for `omega_e`, - for `eps`, 1/s^2 for `eps_ddot`\].
     pub delta_rad: f64,
-    /// When the gain is computed.
+    /// When the gain is computed again.
     pub resolve: Resolve,
-    /// Whether the reference's own motion is fed forward. Not in the paper.
+    /// Whether the motion of the reference is fed forward. Not in the paper.
     pub feed_forward: bool,
 }
 
@@ -85,8 +85,8 @@ impl Default for OqtalOptions {
             eps_ddot: EpsDdot::Dropped,
             // Not in the paper.
             eps_ddot_cutoff_hz: 2.0,
-            // Not in the paper, which prints `floor` and reports a count that only this rule or a
-            // like one can give.
+            // Not in the paper, which prints `floor` but reports a number of solutions that only a rule like this one
+            // gives.
             cells: Cells::Truncated,
             // In the paper: Section VIII, without a unit.
             delta_rad: 0.5,
@@ -104,8 +104,7 @@ impl LawOptions for OqtalOptions {
         SearchRange::new("control.oqtal.integral-weight", 1e-4, 1.0),
     ];
 
-    /// For the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section
-    /// VI.B.2.
+    /// Gains for the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
     fn spacecraft() -> Self {
         Self {
             attitude_weight: 256.0,
@@ -157,10 +156,10 @@ pub struct Oqtal<I> {
 }
 
 impl<I: InputForm> Oqtal<I> {
-    /// The law with these options. Solves nothing yet.
+    /// The law with these options. The first Riccati equation is solved in the first step.
     ///
     /// # Errors
-    /// The first option whose value has no meaning.
+    /// The first option whose value is not allowed.
     pub fn new(options: OqtalOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         let grid =
@@ -195,7 +194,7 @@ impl<I: InputForm> Oqtal<I> {
         AugmentedModel::new(&model.state_matrix(), input).gain(&options.weights())
     }
 
-    /// The second derivative of `eps` as far as the model wants it \[1/s^2\].
+    /// The second derivative of `eps` as the options treat it \[1/s^2\].
     fn differentiate(&mut self, eps_dot: Vector3<f64>, dt_s: f64) -> Vector3<f64> {
         let weight = match self.options.eps_ddot {
             EpsDdot::Dropped => return Vector3::zeros(),
@@ -224,7 +223,7 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         let (eps, omega_e) = (error.eps(), error.rate_error(state.rate, reference.rate));
         let x = law_state(&omega_e, eps, self.eps_i.value());
 
-        // In rate form omega_e is no state of the model and has no say in its operating point.
+        // In rate form omega_e is no state of the model, so the operating point does not depend on it.
         let point = match self.input.inertia() {
             Some(_) => law_state(&omega_e, eps, &self.differentiate(error.eps_dot(&omega_e), dt_s)),
             None => law_state(&Vector3::zeros(), eps, &Vector3::zeros()),

@@ -1,24 +1,23 @@
-//! `oqtal-dt`: OQTAL designed for the loop as it is, sampled. Not in the paper.
+//! `oqtal-dt`: OQTAL designed in discrete time, for the sampled loop. Not in the paper.
 //!
 //! ```text
 //! u = -K [omega_e; eps] + J (C omega_d_dot - omega_e x C omega_d) + omega x J omega
 //! ```
 //!
 //! - `K` solves the discrete-time Riccati equation for the sampled plant under a held input, so
-//!   that no weight is too great for the rate of the loop; the paper's gains are unstable at 60 Hz
-//!   from `q/r = 2^12` on.
-//! - Attitude and rate are weighted apart. With equal weights, as in the paper, a pole stays at half
-//!   a radian per second however great the weights are.
+//!   that the loop is stable for any weights; the paper's gains are unstable at 60 Hz from
+//!   `q/r = 2^12` on.
+//! - Attitude and rate have separate weights. With equal weights, as in the paper, one pole stays
+//!   at 0.5 rad/s for any weights.
 //! - The reference's motion is fed forward. For a commanded rate the lag of the vehicle's own loop
 //!   takes the place of the inertia: see [`InputForm::feed_forward`].
-//!
-//! - Far from the reference the body turns no faster than it can stop: otherwise a great gain and a
-//!   limited torque turn it past its reference, round and round. `eps` is then shortened, as far as
-//!   `K_omega omega_e = -K_eps eps` stands for more than that.
+//! - Far from the reference the rate is limited to one that can still be stopped in time: otherwise
+//!   a high gain with a limited torque turns the body past its reference again and again. The limit
+//!   shortens `eps` in `K_omega omega_e = -K_eps eps`.
 //!
 //! There is one gain, that of the error zero: in every other cell the exact model differs only by a
-//! rotation and by `lambda`, which stays within 1 % of one below 15 degrees. There is no integral
-//! action: a steady disturbance is the estimator's to know ([`crate::predictive`]).
+//! rotation and by `lambda`, which stays within 1 % of one below 15 degrees. There is no integral action: steady
+//! disturbances are estimated by [`crate::predictive`].
 
 use nalgebra::{Matrix3, Matrix6, Matrix6x3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
@@ -37,17 +36,17 @@ pub type DiscreteGain = SMatrix<f64, 3, 6>;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct OqtalDtOptions {
-    /// Weight on `eps`.
+    /// Weight on `eps` \[-\].
     pub attitude_weight: f64,
     /// Weight on `omega_e` \[s^2/rad^2\].
     pub rate_weight: f64,
-    /// Weight on the input.
+    /// Weight on the input \[-\].
     pub input_weight: f64,
 }
 
 impl Default for OqtalDtOptions {
     fn default() -> Self {
-        // By an evolution strategy over flights of the nominal and of two mismatched vehicles.
+        // Found by an evolution strategy over flights of the nominal vehicle and of two mismatched ones.
         Self { attitude_weight: 1250.0, rate_weight: 0.0125, input_weight: 1.0 }
     }
 }
@@ -60,7 +59,7 @@ impl LawOptions for OqtalDtOptions {
         SearchRange::new("control.oqtal-dt.rate-weight", 1e-3, 10.0),
     ];
 
-    /// For the paper's spacecraft in torque form.
+    /// Gains for the paper's spacecraft in torque form.
     fn spacecraft() -> Self {
         // 2^20 and 2^6 over 1
         Self { attitude_weight: 1_048_576.0, rate_weight: 64.0, input_weight: 1.0 }
@@ -84,18 +83,17 @@ impl LawOptions for OqtalDtOptions {
 pub struct OqtalDt<I> {
     input: I,
     gain: DiscreteGain,
-    /// `K_omega^-1 K_eps`: the rate at which an error is turned back per its `eps` \[rad/s\]. Zero if
-    /// the rate is no state.
+    /// `K_omega^-1 K_eps`: the commanded rate per `eps` \[rad/s\]. Zero if the rate is no state.
     turn: Matrix3<f64>,
     braking: f64,
 }
 
 impl<I: InputForm> OqtalDt<I> {
-    /// The law with these options for a loop that runs every `period_s` \[s\]. Solves its one Riccati
-    /// equation here.
+    /// The law with these options for a loop that runs every `period_s` \[s\]. The one Riccati equation is solved
+    /// here.
     ///
     /// # Errors
-    /// An option whose value has no meaning, or weights so far apart that there is no gain.
+    /// An option whose value is not allowed, or weights so far apart that there is no gain.
     pub fn new(options: OqtalDtOptions, input: I, period_s: f64) -> Result<Self, OptionError> {
         options.check()?;
         check_options([("period-s", period_s, Rule::Positive)])?;
@@ -110,8 +108,8 @@ impl<I: InputForm> OqtalDt<I> {
         Ok(Self { input, gain, turn, braking })
     }
 
-    /// The sampled plant `(A, B)` for the state `[omega_e; eps]` about the error zero, without its
-    /// first three rows if the rate follows the input at once.
+    /// The sampled plant `(A, B)` for the state `[omega_e; eps]` at zero error. If the rate follows the input at
+    /// once, only the rows of `eps` have a meaning.
     #[must_use]
     pub fn plant(input: &I, period_s: f64) -> (Matrix6<f64>, Matrix6x3<f64>) {
         let (mut a, mut b) = (Matrix6::zeros(), Matrix6x3::zeros());
@@ -156,13 +154,13 @@ impl<I: InputForm> OqtalDt<I> {
         Ok(gain)
     }
 
-    /// `K`.
+    /// The gain `K` of `u = -K [omega_e; eps]`.
     #[must_use]
     pub fn gain(&self) -> &DiscreteGain {
         &self.gain
     }
 
-    /// `eps`, shortened until the rate that it stands for can be stopped within it.
+    /// `eps`, shortened until the rate it commands can be stopped within it.
     fn stoppable(&self, eps: &Vector3<f64>) -> Vector3<f64> {
         // omega^2 = 2 a angle, and the angle is at least twice eps.
         let fastest = (4.0 * self.braking * eps.norm()).sqrt();
@@ -170,7 +168,7 @@ impl<I: InputForm> OqtalDt<I> {
         if rate > fastest { eps * (fastest / rate) } else { *eps }
     }
 
-    /// `u` before the limits of the vehicle.
+    /// `u` before the vehicle's limits are applied \[N m, body axes, in rate form -1..1\].
     #[must_use]
     pub fn input(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let error = AttitudeError::between(&reference.attitude, &state.attitude);

@@ -20,21 +20,20 @@ use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 pub struct PidOptions {
     /// `k` \[1/s^2, in rate form 1/s\].
     pub gain: f64,
-    /// `T` \[s\]; infinite is no integral action.
+    /// `T` \[s\]; infinite for no integral action.
     pub integral_time_s: f64,
     /// `c` \[1/s\]; without effect in rate form.
     pub rate_gain_per_s: f64,
-    /// The rate that `c` multiplies; without effect in rate form.
+    /// Rate that `c` multiplies; without effect in rate form.
     pub rate: RateFeedback,
-    /// `omega_max`: the slew rate about each axis stays within this \[rad/s\]; infinite is no
-    /// limit.
+    /// `omega_max`: greatest slew rate about each axis \[rad/s\]; infinite for no limit.
     pub max_rate_rad_s: f64,
-    /// `a`: near the target the slew rate is low enough to stop with this \[rad/s^2\]; infinite is
-    /// no limit.
+    /// `a`: deceleration with which the slew rate is brought to zero at the target \[rad/s^2\]; infinite for no
+    /// limit.
     pub max_acceleration_rad_s2: f64,
     /// Limit of each component of the integral of `eps` \[s\].
     pub integral_limit_s: f64,
-    /// Whether the reference's own motion is fed forward. Not in the paper.
+    /// Whether the motion of the reference is fed forward. Not in the paper.
     pub feed_forward: bool,
 }
 
@@ -65,7 +64,7 @@ impl LawOptions for PidOptions {
         SearchRange::new("control.pid.integral-time-s", 0.2, 50.0),
     ];
 
-    /// For the paper's spacecraft in torque form: Table IV.
+    /// Gains for the paper's spacecraft in torque form: Table IV.
     fn spacecraft() -> Self {
         Self { gain: 5.95, integral_time_s: 1.15, rate_gain_per_s: 50.0, ..Self::default() }
     }
@@ -98,13 +97,13 @@ impl<I: InputForm> QuaternionPid<I> {
     /// The law with these options.
     ///
     /// # Errors
-    /// The first option whose value has no meaning.
+    /// The first option whose value is not allowed.
     pub fn new(options: PidOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
         Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
     }
 
-    /// `sat_L`: `pi` as far as the slew rate that it stands for is allowed at this `eps`.
+    /// `sat_L`: `pi` limited to the slew rate allowed at this `eps`.
     fn slew_limited(&self, pi: &Vector3<f64>, eps: &Vector3<f64>) -> Vector3<f64> {
         // In rate form the demand is itself the slew rate.
         let c = self.input.inertia().map_or(1.0, |_| self.options.rate_gain_per_s);

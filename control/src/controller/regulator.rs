@@ -1,22 +1,21 @@
-//! The linear-quadratic regulator that the classic law and OQTAL share: from a model and weights to
-//! a gain.
+//! The linear-quadratic regulator shared by the classic law and OQTAL: computes a gain from a model and weights.
 
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 use super::input::InputForm;
 use crate::riccati::{RiccatiError, care};
 
-/// `K` of `u = -K x`. Columns of states that the model does not have are zero.
+/// The gain `K` of `u = -K x`. Columns of states that the model does not have are zero.
 pub type Gain = SMatrix<f64, 3, 9>;
 
-/// `x`: rate, attitude and integral. `[omega_e; eps; eps_I]` in OQTAL, `[omega; Theta; Theta_I]` in
-/// the classic law.
+/// The state `x`: rate, attitude and integral. `[omega_e; eps; eps_I]` in OQTAL, `[omega; Theta; Theta_I]` in the
+/// classic law.
 pub type LawState = SVector<f64, 9>;
 
 /// The columns of a [`Gain`], and the rows of a [`LawState`], that hold the integral.
 pub(super) const INTEGRAL: usize = 6;
 
-/// `x` from its three parts.
+/// Joins the three parts of `x`.
 #[inline]
 pub(super) fn law_state(
     rate: &Vector3<f64>,
@@ -33,13 +32,13 @@ pub(super) fn law_state(
 /// The cost of Eq. (23): `Q = diag(rate, attitude, integral)`, each three times, and `R = input I`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights {
-    /// On the rate \[s^2/rad^2\], 0 or above; without effect if the input commands the rate.
+    /// Weight on the rate \[s^2/rad^2\], 0 or above; without effect if the input commands the rate.
     pub rate: f64,
-    /// On the attitude, above 0.
+    /// Weight on the attitude, above 0 \[-, in the classic law 1/rad^2\].
     pub attitude: f64,
-    /// On the integral of the attitude \[1/s^2\]; 0 is no integral action.
+    /// Weight on the integral of the attitude \[1/s^2\]; 0 for no integral action.
     pub integral: f64,
-    /// On the input, above 0.
+    /// Weight on the input, above 0 \[-\].
     pub input: f64,
 }
 
@@ -47,17 +46,16 @@ pub struct Weights {
 /// The output, Eqs. (21), (32) and (35), is the attitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AugmentedModel {
-    /// `A` for a [`LawState`].
+    /// `A` for a [`LawState`] \[units of the states per s\].
     pub a: SMatrix<f64, 9, 9>,
-    /// `B` for a [`LawState`].
+    /// `B` for a [`LawState`] \[units of the states per s and unit of the input\].
     pub b: SMatrix<f64, 9, 3>,
     /// The first state that the model has: 0, or 3 if the input commands the rate.
     first: usize,
 }
 
 impl AugmentedModel {
-    /// The model of a vehicle whose rate and attitude move by `a` and which is commanded through
-    /// `input`.
+    /// The model of a vehicle with the state matrix `a` for rate and attitude, commanded through `input`.
     #[must_use]
     pub fn new(a: &Matrix6<f64>, input: &impl InputForm) -> Self {
         let mut augmented = Self {

@@ -1,9 +1,9 @@
 //! A multiplicative Kalman filter for attitude, rate and the bias of the demand.
 //!
-//! The attitude itself is carried by the vehicle model; what the filter estimates is its error, a
-//! rotation vector, which a correction moves into the attitude (Lefferts, Markley and Shuster, *J.
-//! Guidance* 5, 1982). About one axis the error `[theta; omega; d]` moves as the model does; what
-//! one axis does to another, of the size of the angle turned between two poses, is left out.
+//! The vehicle model propagates the attitude; the filter estimates the error of that attitude, a rotation vector,
+//! which a correction moves into the attitude (Lefferts, Markley and Shuster, *J. Guidance* 5, 1982). About one axis
+//! the error `[theta; omega; d]` follows the model; the coupling of the axes, of the size of the angle turned between
+//! two poses, is neglected.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -16,10 +16,10 @@ use crate::quaternion::Attitude;
 const INITIAL_RATE: f64 = 0.1;
 const INITIAL_BIAS: f64 = 0.05;
 
-/// A bias component beyond this is no bias \[as the demand\].
+/// Limit of each bias component \[as the demand\].
 const BIAS_LIMIT: f64 = 1.0;
 
-/// The filter; the motion it corrects is its owner's.
+/// Kalman filter of the attitude error. The motion that it corrects is passed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttitudeFilter {
     noise: f64,
@@ -30,7 +30,7 @@ pub struct AttitudeFilter {
 }
 
 impl AttitudeFilter {
-    /// A filter that knows no bias.
+    /// A filter with zero bias.
     #[must_use]
     pub fn new(options: &FilterOptions) -> Self {
         let noise = options.attitude_noise_deg.to_radians();
@@ -55,7 +55,7 @@ impl AttitudeFilter {
         &self.covariance
     }
 
-    /// How the error goes on over `dt_s` \[s\].
+    /// Transition of the error over `dt_s` \[s\].
     #[must_use]
     pub fn transition(&self, rotation: &Rotation, dt_s: f64) -> StateTransition {
         let h = dt_s;
@@ -79,7 +79,7 @@ impl AttitudeFilter {
         StateTransition::new(f, self.rate_walk, self.bias_walk, h)
     }
 
-    /// Becomes less certain over `dt_s` \[s\] without a pose.
+    /// Propagates the covariance over `dt_s` \[s\].
     pub fn predict(&mut self, rotation: &Rotation, dt_s: f64) {
         let transition = self.transition(rotation, dt_s);
         self.covariance.predict(&transition);

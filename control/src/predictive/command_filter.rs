@@ -1,16 +1,16 @@
-//! A critically damped low-pass of second order on the acceleration that corrects: measurement
-//! noise must not shake the attitude, and the derivatives that the feed-forward takes come with it.
+//! A critically damped second-order low-pass on the corrective acceleration. It keeps measurement noise out of the
+//! attitude command and provides the derivatives for the feed-forward.
 
 use nalgebra::Vector2;
 
 /// The corrective acceleration with its first two derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Smooth {
-    /// \[m/s^2\].
+    /// Acceleration \[m/s^2, world\].
     pub value: Vector2<f64>,
-    /// \[m/s^3\].
+    /// First derivative of the acceleration \[m/s^3, world\].
     pub slope: Vector2<f64>,
-    /// \[m/s^4\].
+    /// Second derivative of the acceleration \[m/s^4, world\].
     pub curvature: Vector2<f64>,
 }
 
@@ -28,12 +28,12 @@ impl CommandFilter {
         Self { bandwidth, smooth: Smooth::default() }
     }
 
-    /// Back to rest.
+    /// Sets the filter to rest.
     pub fn reset(&mut self) {
         self.smooth = Smooth::default();
     }
 
-    /// Follows `x`, constant over the last `dt_s` \[s\]: exact.
+    /// Advances by `dt_s` \[s\] with the input `x` constant meanwhile; exact.
     pub fn update(&mut self, x: &Vector2<f64>, dt_s: f64) -> Smooth {
         let (w, Smooth { value, slope, .. }) = (self.bandwidth, self.smooth);
         // y - x = (c + d t) e^{-wt}

@@ -1,5 +1,5 @@
-//! From the force that the vehicle should give to the attitude it must have for that, and how that
-//! attitude turns: a quadrotor is differentially flat (Mellinger and Kumar, *ICRA* 2011).
+//! Attitude, rate and angular acceleration that produce a given force: a quadrotor is differentially flat (Mellinger
+//! and Kumar, *ICRA* 2011).
 
 use nalgebra::Vector3;
 
@@ -7,18 +7,18 @@ use crate::position::attitude_along;
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::tracking_error::AttitudeReference;
 
-/// The derivatives of the attitude are differences over this time \[s\]: short against a jerk's
-/// effect, long against rounding.
+/// Time over which the attitude is differenced for its derivatives \[s\]: short against the effect of jerk, long
+/// against rounding.
 const DIFFERENCE_S: f64 = 5e-3;
 
-/// A force over time, per mass.
+/// Force per mass with its first two time derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Force {
-    /// \[m/s^2, world\].
+    /// Force per mass \[m/s^2, world\].
     pub value: Vector3<f64>,
-    /// \[m/s^3, world\].
+    /// First derivative \[m/s^3, world\].
     pub slope: Vector3<f64>,
-    /// \[m/s^4, world\].
+    /// Second derivative \[m/s^4, world\].
     pub curvature: Vector3<f64>,
 }
 
@@ -27,8 +27,8 @@ impl Force {
         self.value + (self.slope + self.curvature * (t_s / 2.0)) * t_s
     }
 
-    /// The attitude whose body z axis points along the force, at 3-2-1 yaw `yaw_rad`, with the rate
-    /// and the acceleration at which it turns.
+    /// The attitude whose body z axis points along the force, at 3-2-1 yaw `yaw_rad`, with its rate and angular
+    /// acceleration.
     #[must_use]
     pub fn attitude(&self, yaw_rad: f64) -> AttitudeReference {
         let h = DIFFERENCE_S;

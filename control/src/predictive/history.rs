@@ -1,17 +1,15 @@
-//! The commands already sent: what acts on the vehicle now, and what will until a command sent now
-//! arrives.
+//! The commands already sent: those that act on the vehicle now and those still on the way.
 
 use super::model::{Bias, ModelInput, Motion, VehicleModel};
 use super::ring::Ring;
 
-/// Share of a newly measured delay that enters the delay expected: at 60 Hz a time constant of a
-/// sixth of a second.
+/// Weight of a new measurement in the low-pass on the delay \[-\]: at 60 Hz a time constant of 0.16 s.
 const DELAY_WEIGHT: f64 = 0.1;
 
-/// A measured delay longer than this is no delay but a mistake in a stamp \[s\].
+/// Greatest plausible delay \[s\]; a longer one is taken for a wrong stamp and ignored.
 const LONGEST_DELAY_S: f64 = 0.25;
 
-/// A command on its way, or arrived.
+/// A command that was sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sent {
     sequence: u64,
@@ -20,7 +18,7 @@ struct Sent {
     input: ModelInput,
 }
 
-/// The newest commands, with the instants at which they act, and the delay in between as measured.
+/// The newest commands with the times at which they take effect, and the measured delay from sending to effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommandHistory {
     sent: Ring<Sent>,
@@ -28,30 +26,30 @@ pub struct CommandHistory {
 }
 
 impl CommandHistory {
-    /// No command sent yet; one sent now would act after `delay_s` \[s\], until measured.
+    /// An empty history. `delay_s` is the delay from sending to effect until one is measured \[s\].
     #[must_use]
     pub fn new(delay_s: f64) -> Self {
         Self { sent: Ring::new(), delay_s }
     }
 
-    /// From a command sent to its effect \[s\], as measured so far.
+    /// Measured delay from sending a command to its effect \[s\].
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.delay_s
     }
 
-    /// Takes a command sent at `sent_s` \[s\]. One that does not follow the last is ignored.
+    /// Records a command sent at `sent_s` \[s\]. A command that does not follow the last one is ignored.
     pub fn push(&mut self, sequence: u64, sent_s: f64, input: ModelInput) {
         let newest = self.sent.newest_first().next();
         let follows = newest.is_none_or(|last| last.sent_s <= sent_s);
         if follows && sent_s.is_finite() {
-            // Commands travel on one connection: none overtakes another.
+            // Commands use one connection, so their order is kept.
             let acts_s = (sent_s + self.delay_s).max(newest.map_or(sent_s, |last| last.acts_s));
             self.sent.push(Sent { sequence, sent_s, acts_s, input });
         }
     }
 
-    /// Learns that a command began to act at `acts_s` \[s\].
+    /// Records that a command took effect at `acts_s` \[s\].
     pub fn applied(&mut self, sequence: u64, acts_s: f64) {
         let Some(sent) = self.sent.iter_mut().find(|sent| sent.sequence == sequence) else {
             return;
@@ -63,8 +61,7 @@ impl CommandHistory {
         }
     }
 
-    /// Carries `motion` from the instant `from_s` \[s\] to `to_s` \[s\] under the commands that act
-    /// in between.
+    /// Propagates `motion` from `from_s` \[s\] to `to_s` \[s\] under the commands that act in between.
     #[must_use]
     pub fn propagate(
         &self,
@@ -82,7 +79,7 @@ impl CommandHistory {
         motion
     }
 
-    /// The input that acts at `t_s` \[s\], and until when; neutral before the first command.
+    /// The input that acts at `t_s` \[s\] and the time until which it acts \[s\]; zero before the first command.
     fn at(&self, t_s: f64) -> (ModelInput, f64) {
         let mut until_s = f64::INFINITY;
         for sent in self.sent.newest_first() {

@@ -1,29 +1,30 @@
-//! A prescribed attitude, led on from now to the instant at which a command sent now acts.
+//! Look-ahead of a prescribed attitude: from now to the time at which a command sent now takes effect.
 
 use nalgebra::Vector3;
 
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::tracking_error::AttitudeReference;
 
-/// A reference further than this from where the last one led to is another reference \[rad\].
+/// Greatest angle between a reference and the extrapolation of the last one \[rad\]; beyond it the reference counts
+/// as a new one.
 const CONTINUES_RAD: f64 = 0.01;
 
-/// The last reference, from which the next tells how the acceleration changes.
+/// State of the look-ahead: the last reference, from which the change of the acceleration is computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LookAhead {
     last: Option<AttitudeReference>,
 }
 
 impl LookAhead {
-    /// There is no reference now.
+    /// Forgets the last reference.
     pub fn reset(&mut self) {
         self.last = None;
     }
 
-    /// `reference`, `dt_s` \[s\] after the last one, at `delay_s` \[s\] from now.
+    /// Extrapolates `reference`, which follows the last one after `dt_s` \[s\], by `delay_s` \[s\].
     ///
-    /// Its acceleration is that of another half of `dt_s` later: a command is held so long, and what
-    /// it must bring about on average is what is needed in the middle.
+    /// The acceleration is extrapolated by another half of `dt_s`: a command is held for `dt_s`, and its mean effect
+    /// is that of the middle.
     pub fn lead(
         &mut self,
         reference: &AttitudeReference,
@@ -45,7 +46,7 @@ impl LookAhead {
     }
 }
 
-/// Where a turning reference is after `t_s` \[s\] if its `jerk` \[rad/s^3\] stays.
+/// Extrapolates a turning reference by `t_s` \[s\] with constant `jerk` \[rad/s^3, desired-body axes\].
 fn ahead(reference: &AttitudeReference, jerk: &Vector3<f64>, t_s: f64) -> AttitudeReference {
     let AttitudeReference { attitude, rate: BodyRate(rate), acceleration } = reference;
     let acceleration = acceleration.0;

@@ -1,30 +1,30 @@
-//! Flying with what is known: estimation, prediction over the loop's delay and a reference that can
-//! be followed, around the law [`OqtalDt`]. Not in the paper.
+//! The predictive autopilot: estimation, prediction over the loop's delay and a reference model, around the law
+//! [`OqtalDt`]. Not in the paper.
 //!
 //! ```text
 //!  reference ─▶ reference model ─▶ position law ─▶ flatness ─▶ OqtalDt ─▶ command ─▶ vehicle
 //!                                      ▲                         ▲           │
-//!                     predicted motion ┴─────────────────────────┘           │ and when it acts
+//!                     predicted motion ┴─────────────────────────┘           │ time of effect
 //!                            ▲                                               ▼
 //!  poses ──▶ Kalman filters ─┴──────────────◀─────────────── commands already sent
 //! ```
 //!
 //! | file | subject |
 //! |---|---|
-//! | `model.rs` | the vehicle as it is known |
-//! | `history.rs` | commands sent, and the delay as measured |
+//! | `model.rs` | model of the vehicle |
+//! | `history.rs` | commands sent, measured delay |
 //! | `kalman.rs`, `attitude_filter.rs`, `position_filter.rs` | the filters |
-//! | `observer.rs` | both about one motion; on the floor, differences |
-//! | `reference_model.rs` | a reference within speed, acceleration and jerk |
-//! | `position_law.rs`, `command_filter.rs` | the acceleration to have |
-//! | `flatness.rs` | the attitude, rate and angular acceleration for it |
-//! | `lead.rs` | a prescribed attitude at the instant of effect |
-//! | `setpoint_buffer.rs` | what was decided for which instant |
-//! | `ring.rs` | the newest of something |
+//! | `observer.rs` | estimate of the motion from both filters; differences on the floor |
+//! | `reference_model.rs` | a reference with limited speed, acceleration and jerk |
+//! | `position_law.rs`, `command_filter.rs` | desired acceleration |
+//! | `flatness.rs` | attitude, rate and angular acceleration for a force |
+//! | `look_ahead.rs` | a prescribed attitude at the time of effect |
+//! | `setpoint_buffer.rs` | set-points by the time they are for |
+//! | `ring.rs` | ring buffer |
 //!
-//! Everything a law sees is for one instant, that at which a command sent now will act: the motion
-//! is predicted to it, and the reference is the one for it. What is reported as the setpoint for now was
-//! decided a delay ago.
+//! State and reference of the law are those of one instant: the time at which a command sent now takes effect. The
+//! motion is predicted to that time, and the reference is that of that time. The set-point reported for now was
+//! therefore decided one delay ago.
 
 mod attitude_filter;
 mod command_filter;
@@ -65,31 +65,31 @@ pub use position_law::{PositionLaw, Setpoint};
 pub use reference_model::{Course, MotionLimits, ReferenceModel, ReferenceModelOptions};
 use setpoint_buffer::SetpointBuffer;
 
-/// Time without a decision beyond this does not count \[s\]: the reference waits.
+/// Longest step of the reference model \[s\]; after a longer pause the reference model waits.
 const LONGEST_STEP_S: f64 = 0.1;
 
-/// The cosine of the tilt by which the thrust is divided is at least this: that of 60 degrees.
+/// Least cosine of the tilt that the thrust is divided by \[-\]: that of 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
 
-/// What the autopilot is made for.
+/// Vehicle and loop that an autopilot is designed for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Design<I> {
-    /// The vehicle.
+    /// Model of the vehicle.
     pub model: VehicleModel,
-    /// How it is commanded.
+    /// Input form of the vehicle.
     pub input: I,
-    /// From a command sent to its effect, until measured \[s\].
+    /// Delay from sending a command to its effect, until one is measured \[s\].
     pub delay_s: f64,
-    /// From step to step \[s\].
+    /// Period of the loop \[s\].
     pub period_s: f64,
 }
 
-/// What the autopilot decides.
+/// Output of the autopilot in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PredictiveOutput {
-    /// What the vehicle should do now, as decided a delay ago, and the thrust that it is told.
+    /// Set-point for now, decided one delay ago, with the thrust commanded now.
     pub setpoint: PositionCommand,
-    /// The input to the rotation, within the vehicle's range.
+    /// Input of the rotation, within the vehicle's range \[N m, body axes, in rate form -1..1\].
     pub u: Vector3<f64>,
 }
 
@@ -103,7 +103,7 @@ pub struct Autopilot<I> {
     attitude: OqtalDt<I>,
     setpoint_buffer: SetpointBuffer,
     lead: LookAhead,
-    /// When it last decided \[s\].
+    /// Time of the last step \[s\].
     last_s: Option<f64>,
 }
 
@@ -111,7 +111,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
     /// The autopilot of a vehicle, within the limits of `loops`.
     ///
     /// # Errors
-    /// An option of the attitude law whose value has no meaning.
+    /// An option of the attitude law whose value is not allowed.
     pub fn new(
         design: Design<I>,
         law: OqtalDtOptions,
@@ -130,7 +130,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         })
     }
 
-    /// Starts anew with a vehicle that stands; what was sent, and the delay measured, is kept.
+    /// Restarts with a vehicle on the floor; commands sent and the measured delay are kept.
     pub fn reset(&mut self) {
         self.observer.reset();
         self.position.reset();
@@ -139,33 +139,31 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.last_s = None;
     }
 
-    /// Takes the pose captured at `t_s` \[s\], with rates from differences.
+    /// Takes the pose captured at `t_s` \[s\], with velocity and body rate from differences.
     pub fn observe(&mut self, t_s: f64, measured: &Estimate) {
         self.observer.take(t_s, measured, &self.history);
     }
 
-    /// Remembers a command as it was sent at `t_s` \[s\]: `u`, and the thrust \[N\] of a vehicle that
-    /// only pushes.
+    /// Records a command sent at `t_s` \[s\]: `u` and the thrust \[N\]; a negative thrust counts as 0.
     pub fn sent(&mut self, sequence: u64, t_s: f64, (u, thrust_n): (&Vector3<f64>, f64)) {
         let demand = self.design.input.demand_of(&self.design.input.saturate(u));
         let thrust_n = if thrust_n.is_finite() { thrust_n.max(0.0) } else { 0.0 };
         self.history.push(sequence, t_s, ModelInput { demand, thrust_n });
     }
 
-    /// Learns that a command began to act at `t_s` \[s\].
+    /// Records that a command took effect at `t_s` \[s\].
     pub fn applied(&mut self, sequence: u64, t_s: f64) {
         self.history.applied(sequence, t_s);
     }
 
-    /// From a command sent to its effect \[s\], as measured.
+    /// Measured delay from sending a command to its effect \[s\].
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.history.delay_s()
     }
 
-    /// The command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the
-    /// first pose, if no time has passed, and if a number is not finite or so great that one becomes
-    /// it; nothing of that is remembered.
+    /// Returns the command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the first
+    /// pose, if no time has passed, and if a number is not finite or overflows; no part of such a step is stored.
     pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<PredictiveOutput> {
         let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
         let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.delay_s());
@@ -186,7 +184,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         })
     }
 
-    /// What the vehicle should do when it will be at `motion`.
+    /// The set-point for the predicted `motion`.
     fn setpoint(
         &mut self,
         motion: &Motion,
@@ -214,13 +212,13 @@ impl<I: InputForm + Copy> Autopilot<I> {
         None
     }
 
-    /// Riccati equations solved so far.
+    /// Number of Riccati equations solved so far \[-\].
     #[must_use]
     pub fn riccati_solves(&self) -> u32 {
         self.attitude.riccati_solves()
     }
 
-    /// The law's input, less the bias that the filters know of.
+    /// The law's input minus the estimated bias.
     fn rotate(&self, motion: &Motion, wanted: &AttitudeReference) -> Vector3<f64> {
         let bias = self.observer.bias();
         let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };

@@ -1,10 +1,9 @@
-//! The vehicle as the predictor knows it: a point mass under thrust, weight and drag, whose rate
-//! follows what it is commanded. Not in the paper.
+//! Model of the vehicle for prediction: a point mass under thrust, weight and drag, whose rate follows its command.
+//! Not in the paper.
 //!
-//! Both vehicles are one model. The *demand* is what an input asks of the rotation: the rate that
-//! the on-board loop is to follow, Eq. (61), or the angular acceleration that a torque brings
-//! about, Eq. (3). A constant error of the demand, and a constant acceleration from outside, are
-//! the [`Bias`].
+//! One model serves both input forms. The *demand* is the effect of an input on the rotation: the rate that the
+//! on-board loop follows, Eq. (61), or the angular acceleration produced by a torque, Eq. (3). The [`Bias`] is a
+//! constant error of the demand and a constant external acceleration.
 
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 
@@ -13,17 +12,17 @@ use crate::quantity::BodyRate;
 use crate::quaternion::Attitude;
 use crate::rigid_body::{Inertia, quaternion_rate};
 
-/// No step of the integration is longer \[s\]. Against a lag of 50 ms the error of a step is then
-/// below `1e-7` of what the lag does in it.
+/// Longest step of the integration \[s\]. With a lag of 50 ms the error of a step is then below `1e-7` of the change
+/// in that step.
 const LONGEST_STEP_S: f64 = 5e-3;
 
-/// Lags of the thrust shorter than this are taken to be this long \[s\]: of no effect on a flight.
+/// Shortest lag of the thrust \[s\]; shorter ones are replaced by it, without effect on a flight.
 const SHORTEST_LAG_S: f64 = 1e-3;
 
 /// `[position; velocity; attitude; rate]`.
 type Vector13 = SVector<f64, 13>;
 
-/// How the body answers a demand.
+/// Dynamics of the rotation under a demand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rotation {
     /// The rate follows the demanded rate with this lag \[s\].
@@ -31,17 +30,17 @@ pub enum Rotation {
         /// Time constant \[s\], positive.
         lag_s: f64,
     },
-    /// The rate accelerates by the demanded acceleration, less what the body's own rotation takes.
+    /// The angular acceleration is the demand minus the gyroscopic term.
     RigidBody {
         /// The inertia of the body.
         inertia: Inertia,
     },
 }
 
-/// What is known of the vehicle.
+/// Parameters of the vehicle that the predictor uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehicleModel {
-    /// How it turns.
+    /// Dynamics of the rotation.
     pub rotation: Rotation,
     /// Mass \[kg\].
     pub mass_kg: f64,
@@ -53,7 +52,7 @@ pub struct VehicleModel {
     pub thrust_lag_s: f64,
 }
 
-/// What the vehicle is told.
+/// Input of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ModelInput {
     /// The demand: a rate \[rad/s, body axes\] or an angular acceleration \[rad/s^2, body axes\].
@@ -62,16 +61,16 @@ pub struct ModelInput {
     pub thrust_n: f64,
 }
 
-/// What acts besides the input.
+/// Disturbances that act besides the input.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bias {
-    /// Added to every demand \[as the demand\].
+    /// Added to every demand \[rad/s or rad/s^2, body axes\].
     pub demand: Vector3<f64>,
     /// Added to the acceleration \[m/s^2, world\].
     pub acceleration: Vector3<f64>,
 }
 
-/// How the vehicle moves, and what its thrust is.
+/// State of the model: motion and thrust.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Position \[m, world\].
@@ -123,7 +122,7 @@ impl Motion {
 }
 
 impl VehicleModel {
-    /// The motion `dt_s` seconds after `motion` if `input` and `bias` act in between.
+    /// The motion `dt_s` \[s\] after `motion` under `input` and `bias`.
     #[must_use]
     pub fn advance(&self, motion: &Motion, input: &ModelInput, bias: &Bias, dt_s: f64) -> Motion {
         let steps = (dt_s / LONGEST_STEP_S).ceil().clamp(1.0, 1000.0);
@@ -131,7 +130,7 @@ impl VehicleModel {
         (0..steps as u32).fold(*motion, |motion, _| self.step(&motion, input, bias, h))
     }
 
-    /// One Runge-Kutta step of fourth order; the thrust, which nothing else acts on, is exact.
+    /// One Runge-Kutta step of fourth order; the thrust, a first-order lag by itself, is exact.
     fn step(&self, motion: &Motion, input: &ModelInput, bias: &Bias, h: f64) -> Motion {
         let thrust = |t: f64| {
             let keep = (-t / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp();

@@ -1,4 +1,4 @@
-//! What the poses and the commands already sent say together of the vehicle's motion.
+//! Estimate of the vehicle's motion from poses and from the commands already sent.
 
 use super::attitude_filter::AttitudeFilter;
 use super::history::CommandHistory;
@@ -7,29 +7,29 @@ use super::options::FilterOptions;
 use super::position_filter::PositionFilter;
 use crate::estimator::Estimate;
 
-/// With this share of its weight as thrust a vehicle is about to leave the floor.
+/// Share of the weight that the thrust reaches when the vehicle is about to leave the floor \[-\].
 const LIFTING: f64 = 0.9;
 
-/// A pose further than this from where the vehicle was expected starts the filters anew \[m\].
+/// Distance of a pose from the predicted position beyond which the filters restart \[m\].
 const LOST_M: f64 = 1.0;
 
-/// Both filters about one model of the vehicle.
+/// Attitude and position filter around one model of the vehicle.
 ///
-/// On the floor the model does not hold: the floor pushes, too. Until the vehicle lifts, its motion
-/// is what the poses say, differenced.
+/// On the floor the model does not hold, because the floor pushes too. Until lift-off, position and attitude are
+/// those of the poses, and the rates are their differences.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionObserver {
     model: VehicleModel,
     options: FilterOptions,
     attitude: AttitudeFilter,
     position: PositionFilter,
-    /// When the last pose was taken \[s\], and the motion then.
+    /// Time of the last pose \[s\] and the motion at that time.
     last: Option<(f64, Motion)>,
     airborne: bool,
 }
 
 impl MotionObserver {
-    /// An observer that has seen nothing.
+    /// An observer without a pose yet.
     #[must_use]
     pub fn new(model: VehicleModel, options: FilterOptions) -> Self {
         Self {
@@ -42,25 +42,25 @@ impl MotionObserver {
         }
     }
 
-    /// Starts anew with a vehicle that stands where it was last seen.
+    /// Restarts with a vehicle at rest at its last position.
     pub fn reset(&mut self) {
         *self = Self { last: self.last, ..Self::new(self.model, self.options) };
     }
 
-    /// The motion at the last pose, and when that was taken \[s\].
+    /// Time of the last pose \[s\] and the motion at that time.
     #[must_use]
     pub fn latest(&self) -> Option<(f64, &Motion)> {
         self.last.as_ref().map(|(t_s, motion)| (*t_s, motion))
     }
 
-    /// What acts besides the commands.
+    /// The estimated bias.
     #[must_use]
     pub fn bias(&self) -> Bias {
         Bias { demand: *self.attitude.bias(), acceleration: *self.position.bias() }
     }
 
-    /// Takes the pose captured at `t_s` \[s\]: `measured` with the rates that follow from differences.
-    /// One that is not finite, or not later than the last, is ignored.
+    /// Takes the pose captured at `t_s` \[s\]: `measured`, with rates from differences. A pose that is not finite, or
+    /// not later than the last one, is ignored.
     pub fn take(&mut self, t_s: f64, measured: &Estimate, history: &CommandHistory) {
         let Some((last_s, last)) = self.last else {
             if t_s.is_finite() && Motion::of(measured, 0.0).is_finite() {
@@ -98,7 +98,7 @@ impl MotionObserver {
         Motion::of(measured, carried.thrust_n)
     }
 
-    /// The motion at `t_s` \[s\], ahead of the last pose; `None` before the first.
+    /// Predicts the motion at `t_s` \[s\], later than the last pose; `None` before the first pose.
     #[must_use]
     pub fn predict(&self, t_s: f64, history: &CommandHistory) -> Option<Motion> {
         let (last_s, motion) = self.last?;

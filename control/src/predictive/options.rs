@@ -1,14 +1,13 @@
-//! What a configuration says of estimation, prediction and the position law around `oqtal-dt`.
+//! Options of estimation, prediction and the position law around `oqtal-dt`.
 
 use serde::{Deserialize, Serialize};
 
 use super::reference_model::ReferenceModelOptions;
 use crate::options::{OptionError, Rule, check_options};
 
-/// Options of the Kalman filters: how much is believed of what.
+/// Options of the Kalman filters: measurement and process noise.
 ///
-/// A *walk* is the standard deviation that a state gains in one second by what the model does not
-/// know.
+/// A *walk* is the standard deviation that a state gains in one second by unmodelled effects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct FilterOptions {
@@ -22,7 +21,7 @@ pub struct FilterOptions {
     pub demand_bias_walk: f64,
     /// Walk of the velocity \[m/s\].
     pub velocity_walk_m_s: f64,
-    /// Walk of the acceleration from outside \[m/s^2\].
+    /// Walk of the external acceleration \[m/s^2\].
     pub acceleration_walk_m_s2: f64,
 }
 
@@ -40,8 +39,10 @@ impl Default for FilterOptions {
 }
 
 impl FilterOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-noise-deg", self.attitude_noise_deg, Rule::Between(1e-4, 45.0)),
@@ -60,7 +61,7 @@ impl FilterOptions {
 pub struct PredictiveOptions {
     /// Corrective velocity per position error, horizontally \[1/s\].
     pub position_gain_per_s: f64,
-    /// The same vertically, where no attitude hangs on it \[1/s\].
+    /// Corrective velocity per position error, vertically, where the attitude is not affected \[1/s\].
     pub vertical_position_gain_per_s: f64,
     /// Corrective acceleration per velocity error \[1/s\].
     pub velocity_gain_per_s: f64,
@@ -74,10 +75,10 @@ pub struct PredictiveOptions {
 
 impl Default for PredictiveOptions {
     fn default() -> Self {
-        // This and the filters: by an evolution strategy over squares, hovers, chirps and doublets of
-        // the nominal vehicle, of one with a fifth less rate authority and of one with a lag of 80 ms,
-        // which are among the mismatched plants of Table V; then by hand, the walk of the
-        // acceleration for the hover. The search was with a reference model that has been replaced.
+        // These gains and the filters: found by an evolution strategy over squares, hovers, chirps and doublets of
+        // the nominal vehicle, of one with a fifth less rate authority and of one with a lag of 80 ms, which are
+        // among the mismatched plants of Table V; then by hand, the walk of the acceleration for the hover. The
+        // search used a reference model that has been replaced since.
         Self {
             position_gain_per_s: 1.45,
             vertical_position_gain_per_s: 2.5,
@@ -90,8 +91,10 @@ impl Default for PredictiveOptions {
 }
 
 impl PredictiveOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("position-gain-per-s", self.position_gain_per_s, Rule::Between(0.0, 100.0)),

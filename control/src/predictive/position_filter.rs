@@ -1,5 +1,4 @@
-//! A Kalman filter for position, velocity and the acceleration that the model does not know of:
-//! wind, a thrust or a mass other than configured.
+//! A Kalman filter for position, velocity and external acceleration: wind, or a thrust or mass other than configured.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -11,10 +10,10 @@ use super::options::FilterOptions;
 const INITIAL_VELOCITY: f64 = 0.05;
 const INITIAL_ACCELERATION: f64 = 0.3;
 
-/// An acceleration component beyond this is none that the wind could cause \[m/s^2\].
+/// Limit of each component of the external acceleration \[m/s^2\]: more than wind can cause.
 const BIAS_LIMIT: f64 = 3.0;
 
-/// The filter; the motion it corrects is its owner's.
+/// Kalman filter of the position error. The motion that it corrects is passed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionFilter {
     noise: f64,
@@ -25,7 +24,7 @@ pub struct PositionFilter {
 }
 
 impl PositionFilter {
-    /// A filter that knows of no acceleration from outside.
+    /// A filter with zero external acceleration.
     #[must_use]
     pub fn new(options: &FilterOptions) -> Self {
         let noise = options.position_noise_mm * 1e-3;
@@ -38,7 +37,7 @@ impl PositionFilter {
         }
     }
 
-    /// The acceleration from outside \[m/s^2, world\].
+    /// Estimated external acceleration \[m/s^2, world\].
     #[must_use]
     pub fn bias(&self) -> &Vector3<f64> {
         &self.bias
@@ -50,7 +49,7 @@ impl PositionFilter {
         &self.covariance
     }
 
-    /// How the error goes on over `dt_s` \[s\] under `drag_per_s` \[1/s\].
+    /// Transition of the error over `dt_s` \[s\] under `drag_per_s` \[1/s\].
     #[must_use]
     pub fn transition(&self, drag_per_s: f64, dt_s: f64) -> StateTransition {
         let h = dt_s;
@@ -63,7 +62,7 @@ impl PositionFilter {
         StateTransition::new(f, self.velocity_walk, self.bias_walk, h)
     }
 
-    /// Becomes less certain over `dt_s` \[s\] without a pose.
+    /// Propagates the covariance over `dt_s` \[s\].
     pub fn predict(&mut self, drag_per_s: f64, dt_s: f64) {
         let transition = self.transition(drag_per_s, dt_s);
         self.covariance.predict(&transition);

@@ -1,13 +1,11 @@
-//! The position law of `oqtal-dt`: a reference that the vehicle can follow is fed forward, and what
-//! is left is corrected on the predicted motion. No integral action: what it would learn is in the
-//! bias that the filters know.
+//! The position law of `oqtal-dt`: a reference that the vehicle can follow is fed forward, and the remaining error is
+//! corrected on the predicted motion. There is no integral action: the filters estimate the bias.
 //!
 //! ```text
 //! a = a_r + F{k_v (v_r + k_p (p_r - p) - v) - b}
 //! ```
 //!
-//! `F` is the command filter; the vertical axis needs none, for no attitude hangs on it, and has a `k_p`
-//! of its own.
+//! `F` is the command filter. The vertical axis does not affect the attitude: it has no filter, and its own `k_p`.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -19,23 +17,23 @@ use super::reference_model::{Course, MotionLimits, ReferenceModel};
 use crate::position::PositionOptions;
 use crate::trajectory::Reference;
 
-/// Share of the tilt that the reference may take; the rest is for corrections.
+/// Share of the tilt limit available to the reference \[-\]; the rest is left for corrections.
 const REFERENCE_SHARE: f64 = 0.9;
 
-/// A vehicle further than this from its reference was pushed away: the reference starts anew from
-/// where it is, so that the way back, too, keeps the limits \[m\].
+/// Distance from the reference beyond which the vehicle counts as pushed away \[m\]: the reference then restarts from
+/// the vehicle, so that the way back keeps the limits too.
 const LEASH_M: f64 = 0.3;
 
-/// What the law wants.
+/// Output of the position law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setpoint {
-    /// The velocity that is aimed at \[m/s, world\].
+    /// Desired velocity \[m/s, world\].
     pub velocity: Vector3<f64>,
-    /// The force per mass.
+    /// Desired force per mass.
     pub force: Force,
 }
 
-/// The law and its state.
+/// The position law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionLaw {
     options: PredictiveOptions,
@@ -75,14 +73,14 @@ impl PositionLaw {
         }
     }
 
-    /// Starts anew from wherever the vehicle is next.
+    /// Restarts from the vehicle's position in the next step.
     pub fn reset(&mut self) {
         self.following = None;
         self.filter.reset();
     }
 
-    /// What to do, `dt_s` \[s\] after the last step, when a command sent now acts: `delay_s` \[s\] from
-    /// now, the vehicle being at `motion` then. The reference is that of now.
+    /// Advances by `dt_s` \[s\] and returns the set-point for the time at which a command sent now takes effect,
+    /// `delay_s` \[s\] from now. `motion` is the motion predicted for that time, `reference` the reference for now.
     pub fn update(
         &mut self,
         (motion, bias): (&Motion, &Bias),
@@ -113,8 +111,8 @@ impl PositionLaw {
         Setpoint { velocity, force: within(force, limit) }
     }
 
-    /// Leads the reference on and returns it. While the position is not controlled, and when the
-    /// vehicle was pushed away, it starts from there.
+    /// Advances the reference model and returns its output. While the position is not controlled, and when the
+    /// vehicle was pushed away, the model restarts from the vehicle.
     fn follow(
         &mut self,
         motion: &Motion,
@@ -144,7 +142,7 @@ impl PositionLaw {
         sum(self.horizontal.course(), self.vertical.course())
     }
 
-    /// The acceleration of the reference, from its velocities; where those jump, it has none.
+    /// The acceleration of the reference, from the difference of its velocities; zero where the velocity jumps.
     fn acceleration(&self, velocity: &Vector3<f64>, dt_s: f64) -> Vector3<f64> {
         let last = self.following.unwrap_or(*velocity);
         let acceleration = (velocity - last) / dt_s;
@@ -156,7 +154,7 @@ impl PositionLaw {
 const HORIZONTAL: Vector3<f64> = Vector3::new(1.0, 1.0, 0.0);
 const VERTICAL: Vector3<f64> = Vector3::new(0.0, 0.0, 1.0);
 
-/// Whether the vehicle is not where a reference that it could follow would have it.
+/// Whether the vehicle is further from the model than [`LEASH_M`] along `axes`.
 fn strays(model: &ReferenceModel, motion: &Motion, axes: Vector3<f64>) -> bool {
     (motion.position.component_mul(&axes) - model.course().position).norm() > LEASH_M
 }
@@ -186,7 +184,7 @@ fn sum(a: &Course, b: &Course) -> Course {
     }
 }
 
-/// The same force with a horizontal part of at most `limit` \[m/s^2\]; at the limit it stands still.
+/// Limits the horizontal part of the force to `limit` \[m/s^2\]; at the limit its derivatives are zero.
 fn within(force: Force, limit: f64) -> Force {
     let horizontal: Vector2<f64> = force.value.xy();
     if horizontal.norm() <= limit {

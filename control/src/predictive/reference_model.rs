@@ -1,5 +1,5 @@
-//! A reference that the vehicle can follow: towards the one it is given at limited speed,
-//! acceleration and jerk, past no target that rests.
+//! Reference model: approaches the given reference with limited speed, acceleration and jerk, without overshoot of a
+//! target at rest.
 //!
 //! ```text
 //! leader    v = v_t + min(max(w, f(d - w T_c)), f(d)) e/|e|,   |v'| <= a_max
@@ -20,25 +20,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::options::{OptionError, Rule, check_options};
 
-/// The model is integrated in steps of this share of a tick: short against its lags.
+/// Steps of the integration per tick: short against the lags.
 const STEPS: u32 = 4;
 
-/// Below this the way left has no direction \[m\].
+/// Distance below which the direction to the target is undefined \[m\].
 const ARRIVED_M: f64 = 1e-9;
 
-/// `T_c` over `T`: so long after full acceleration the jerk allows full braking.
+/// `T_c` over `T` \[-\]: after this time the limit of jerk allows the change from full acceleration to full braking.
 const ROLL: f64 = 4.0;
 
-/// `a_b` is at most this share of the greatest acceleration: what is left holds the leader on `f`.
+/// Greatest `a_b` as a share of the greatest acceleration \[-\]; the rest keeps the leader on `f`.
 const BRAKING_SHARE: f64 = 0.9;
 
 /// Options of the [`ReferenceModel`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct ReferenceModelOptions {
-    /// `k_p`: speed per way left, near the target \[1/s\].
+    /// `k_p`: speed per distance near the target \[1/s\].
     pub position_gain_per_s: f64,
-    /// `a_b`: the deceleration that braking is planned with \[m/s^2\].
+    /// `a_b`: deceleration of planned braking \[m/s^2\].
     pub braking_m_s2: f64,
     /// `j_max`: greatest jerk \[m/s^3\].
     pub jerk_limit_m_s3: f64,
@@ -51,8 +51,10 @@ impl Default for ReferenceModelOptions {
 }
 
 impl ReferenceModelOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("position-gain-per-s", self.position_gain_per_s, Rule::Between(0.1, 50.0)),
@@ -62,7 +64,7 @@ impl ReferenceModelOptions {
     }
 }
 
-/// The limits that the vehicle sets, along the axes that a model is for.
+/// Limits of the vehicle along the axes of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionLimits {
     /// Greatest speed \[m/s\].
@@ -71,23 +73,23 @@ pub struct MotionLimits {
     pub acceleration: f64,
 }
 
-/// A point that moves: the reference given, or the one that is followed.
+/// Motion of a point: the given reference, or the output of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Course {
-    /// \[m, world\].
+    /// Position \[m, world\].
     pub position: Vector3<f64>,
-    /// \[m/s, world\].
+    /// Velocity \[m/s, world\].
     pub velocity: Vector3<f64>,
-    /// \[m/s^2, world\].
+    /// Acceleration \[m/s^2, world\].
     pub acceleration: Vector3<f64>,
-    /// \[m/s^3, world\].
+    /// Jerk \[m/s^3, world\].
     pub jerk: Vector3<f64>,
-    /// \[m/s^4, world\].
+    /// Snap \[m/s^4, world\].
     pub snap: Vector3<f64>,
 }
 
 impl Course {
-    /// Where this course leads within `dt_s` \[s\] if its acceleration stays.
+    /// Extrapolates the course by `dt_s` \[s\] with constant acceleration.
     #[must_use]
     pub fn after(&self, dt_s: f64) -> Self {
         Self {
@@ -97,7 +99,7 @@ impl Course {
         }
     }
 
-    /// Goes this share of the way to another course: what a lag does in a step.
+    /// Moves by `share` of the difference towards `other`: one step of a first-order lag.
     fn approach(&mut self, other: &Self, share: f64) {
         self.position += (other.position - self.position) * share;
         self.velocity += (other.velocity - self.velocity) * share;
@@ -105,19 +107,19 @@ impl Course {
     }
 }
 
-/// The reference that is followed, along the axes for which it is made; others stay zero.
+/// The reference model along its axes; the components along other axes stay zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceModel {
     options: ReferenceModelOptions,
     limits: MotionLimits,
     leader: Course,
-    /// The leader behind one lag.
+    /// The leader seen through one lag.
     between: Course,
     course: Course,
 }
 
 impl ReferenceModel {
-    /// At rest at the origin.
+    /// A model at rest at the origin.
     #[must_use]
     pub fn new(options: ReferenceModelOptions, limits: MotionLimits) -> Self {
         let [leader, between, course] = [Course::default(); 3];
@@ -130,7 +132,7 @@ impl ReferenceModel {
         &self.course
     }
 
-    /// Goes on from here.
+    /// Restarts from `position` \[m, world\] and `velocity` \[m/s, world\].
     pub fn restart(&mut self, position: Vector3<f64>, velocity: Vector3<f64>) {
         let velocity = velocity.cap_magnitude(self.limits.speed);
         self.course = Course { position, velocity, ..Course::default() };
@@ -138,7 +140,7 @@ impl ReferenceModel {
         self.leader = self.between.after(self.lag_s());
     }
 
-    /// Goes on by `dt_s` \[s\] towards `target`, as it is then; its jerk and snap are not used.
+    /// Advances by `dt_s` \[s\] towards `target`, given for the end of the step; its jerk and snap are not used.
     pub fn advance(&mut self, target: &Course, dt_s: f64) {
         let h = dt_s / f64::from(STEPS);
         for step in 1..=STEPS {
@@ -157,11 +159,11 @@ impl ReferenceModel {
         self.limits.acceleration / (2.0 * self.options.jerk_limit_m_s3)
     }
 
-    /// The leader goes on by `h` \[s\] towards `target`.
+    /// Advances the leader by `h` \[s\] towards `target`.
     fn lead(&mut self, target: &Course, h: f64) {
         let acceleration = (self.velocity(target, h) - self.leader.velocity) / h;
         let acceleration = acceleration.cap_magnitude(self.limits.acceleration);
-        // Both terms are within the limit of acceleration, so what is between them is, too.
+        // Both terms are within the limit of acceleration, and so is every value between them.
         let from = self.course.acceleration;
         let reach = self.limits.acceleration + self.options.jerk_limit_m_s3 * h;
         self.leader.acceleration = from + (acceleration - from).cap_magnitude(reach);
@@ -169,9 +171,9 @@ impl ReferenceModel {
         self.leader.position += self.leader.velocity * h;
     }
 
-    /// The velocity with which the leader should go on for `h` \[s\].
+    /// The velocity of the leader for the next `h` \[s\].
     fn velocity(&self, target: &Course, h: f64) -> Vector3<f64> {
-        // What the lags make of this is the target itself.
+        // Behind the lags this is the target itself.
         let lag_s = self.lag_s();
         let (position, velocity) = (target.position, target.velocity);
         let position = position + (velocity * 2.0 + target.acceleration * lag_s) * lag_s;
@@ -185,7 +187,7 @@ impl ReferenceModel {
         (velocity + direction * speed).cap_magnitude(self.limits.speed)
     }
 
-    /// `f` at this distance \[m\].
+    /// `f` at `distance` \[m\]: the speed of approach \[m/s\].
     fn approach(&self, distance: f64) -> f64 {
         let k_p = self.options.position_gain_per_s;
         let a_b = self.options.braking_m_s2.min(BRAKING_SHARE * self.limits.acceleration);

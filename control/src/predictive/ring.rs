@@ -1,35 +1,35 @@
-//! The newest of something, in a memory of fixed size.
+//! A ring buffer of fixed size.
 
-/// How many are kept. At 60 Hz that is a second, at 1 kHz still more than any delay flown with.
+/// Capacity \[-\]: one second at 60 Hz, and at 1 kHz still more than any delay in use.
 const KEPT: usize = 64;
 
-/// The newest items pushed.
+/// Ring buffer of the newest items.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ring<T> {
     items: [Option<T>; KEPT],
-    /// Where the next goes: the newest is before it.
+    /// Index of the next item; the newest is before it.
     next: usize,
 }
 
 impl<T: Copy> Ring<T> {
-    /// Nothing yet.
+    /// An empty buffer.
     #[must_use]
     pub fn new() -> Self {
         Self { items: [None; KEPT], next: 0 }
     }
 
-    /// Adds one; the oldest makes room.
+    /// Adds an item; the oldest one is dropped if the buffer is full.
     pub fn push(&mut self, item: T) {
         self.items[self.next] = Some(item);
         self.next = (self.next + 1) % KEPT;
     }
 
-    /// Those kept, the newest first.
+    /// The items, newest first.
     pub fn newest_first(&self) -> impl Iterator<Item = &T> {
         (1..=KEPT).map_while(|back| self.items[(self.next + KEPT - back) % KEPT].as_ref())
     }
 
-    /// Those kept, in no order.
+    /// The items, in no particular order.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut T> {
         self.items.iter_mut().flatten()
     }

@@ -1,29 +1,29 @@
-//! What was decided for which instant. A decision is for the instant at which its command acts, so
-//! what the vehicle should do now was decided a delay ago.
+//! Set-points by the time they are for. A set-point is for the time at which its command takes effect, so the
+//! set-point for now was decided one delay ago.
 
 use super::ring::Ring;
 use crate::position::PositionCommand;
 use crate::quantity::{AngularAcceleration, BodyRate};
 use crate::tracking_error::AttitudeReference;
 
-/// The newest decisions.
+/// Buffer of the newest set-points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetpointBuffer(Ring<(f64, PositionCommand)>);
 
 impl SetpointBuffer {
-    /// Nothing decided yet.
+    /// An empty buffer.
     #[must_use]
     pub fn new() -> Self {
         Self(Ring::new())
     }
 
-    /// Takes a decision for the instant `t_s` \[s\].
+    /// Adds a set-point for the time `t_s` \[s\].
     pub fn push(&mut self, t_s: f64, setpoint: PositionCommand) {
         self.0.push((t_s, setpoint));
     }
 
-    /// What was decided for `t_s` \[s\]: between two decisions in proportion, before the first that
-    /// one. `None` if nothing was.
+    /// The set-point for `t_s` \[s\], interpolated between two set-points; before the first one, the first. `None` if
+    /// the buffer is empty.
     #[must_use]
     pub fn at(&self, t_s: f64) -> Option<PositionCommand> {
         let mut later: Option<&(f64, PositionCommand)> = None;

@@ -1,9 +1,8 @@
-//! Units for the states in which the data of a Riccati problem are of one size.
+//! Balancing: scales the states so that the data of a Riccati problem are of similar size.
 
 use nalgebra::SMatrix;
 
-/// Sweeps over the states. Two or three settle most problems; an unsettled balance is only a less
-/// good one.
+/// Sweeps over the states. Two or three suffice for most problems; an unfinished balance costs only accuracy.
 const SWEEPS: usize = 8;
 /// Sums that agree to within this factor are left as they are.
 const AGREEMENT: f64 = 4.0;
@@ -40,7 +39,7 @@ impl<const N: usize> Balance<N> {
         balance
     }
 
-    /// How often `D_ii` is to be doubled.
+    /// Number of doublings of `D_ii`.
     fn doublings(
         &self,
         a: &SMatrix<f64, N, N>,
@@ -48,8 +47,8 @@ impl<const N: usize> Balance<N> {
         q: &SMatrix<f64, N, N>,
         i: usize,
     ) -> i32 {
-        // What is on the diagonal of Q grows with the square of D_ii, and of G shrinks with it; the
-        // rest grows and shrinks with D_ii itself.
+        // The diagonal element of Q grows with the square of D_ii, that of G shrinks with it; the other elements grow
+        // and shrink with D_ii itself.
         let (d, inverse) = (&self.d, &self.inverse);
         let (q_ii, g_ii) = (q[(i, i)].abs() * d[i], g[(i, i)].abs() * inverse[i]);
         let (mut column, mut row) = (q_ii, g_ii);

@@ -5,17 +5,17 @@ use nalgebra::SMatrix;
 use super::inverse::{inverse, log2_determinant};
 use super::problem::{Problem, symmetrised};
 
-/// A loop that 2^30 steps do not bring to rest counts as unstable: rounding alone moves a double
-/// pole about as far.
+/// Limit of doublings: a loop that has not decayed after 2^30 steps counts as unstable. Rounding alone moves a double
+/// pole by about as much.
 pub(super) const MAX_DOUBLINGS: usize = 30;
-/// The norm of the dynamics over 2^k steps at which the cost has converged; what is missing is
-/// smaller than its square.
+/// The norm of the dynamics over 2^k steps at which the cost has converged; the remainder is smaller than the square
+/// of this norm.
 const AT_REST: f64 = 1e-7;
-/// A mode that grows by this factor before the cost stops it is seen through rounding only.
+/// Growth of a mode beyond which the cost observes it through rounding only.
 const UNSEEN: f64 = 1e8;
-/// Places tried for the centre of the Cayley transform.
+/// Number of values tried for the centre of the Cayley transform.
 const MAX_CENTRES: usize = 8;
-/// The condition number of `A - centre I` above which the next place is tried.
+/// The condition number of `A - centre I` above which the next value is tried.
 const MAX_CONDITION: f64 = 1e8;
 
 /// A discrete-time problem over 2^k steps: dynamics `e`, reach of the input `g`, cost `h`.
@@ -26,7 +26,7 @@ pub(super) struct Doubling<const N: usize> {
 }
 
 impl<const N: usize> Doubling<N> {
-    /// A discrete-time problem is its own first step.
+    /// The first step of a discrete-time problem, which is the problem itself.
     pub(super) fn of_discrete<const M: usize>(problem: &Problem<N, M>) -> Self {
         Self { e: problem.a, g: problem.g, h: problem.q }
     }
@@ -65,7 +65,7 @@ impl<const N: usize> Doubling<N> {
         })
     }
 
-    /// The limit of the cost: the stabilising `P`. `None` if the loop does not come to rest.
+    /// The limit of the cost: the stabilising `P`. `None` if the loop does not decay.
     pub(super) fn cost_to_go(mut self) -> Option<SMatrix<f64, N, N>> {
         let limit = UNSEEN * self.e.norm_squared().max(1.0);
         for _ in 0..MAX_DOUBLINGS {

@@ -15,7 +15,7 @@ pub enum RiccatiError {
     RNotSymmetric,
     /// `R` is not positive definite.
     RNotPositiveDefinite,
-    /// A mode that does not decay by itself is out of reach of the input, or `Q` does not see it.
+    /// A mode that does not decay by itself cannot be reached by the input or is not observed by `Q`.
     NoStabilisingSolution,
     /// The data determine the solution to fewer than ten digits, or put a closed-loop pole on the
     /// stability boundary to within rounding.
@@ -31,7 +31,7 @@ impl fmt::Display for RiccatiError {
             Self::RNotSymmetric => "Riccati equation: the input weight R is not symmetric",
             Self::RNotPositiveDefinite => "Riccati equation: the input weight R is not positive definite",
             Self::NoStabilisingSolution => {
-                "Riccati equation: a mode that does not decay is out of reach of the input or unseen by Q"
+                "Riccati equation: a mode that does not decay cannot be reached by the input or is not observed by Q"
             }
             Self::IllConditioned => "Riccati equation: too ill-conditioned for double precision",
         })

@@ -1,10 +1,9 @@
-//! Newton's method on a Riccati equation: it removes the error of the start and proves the loop
-//! stable.
+//! Newton's method on a Riccati equation: it removes the error of the first guess and proves that the loop is stable.
 //!
 //! Both equations are written in terms of a rate of change: with `A` in continuous time and `A - I`
 //! in discrete time, and `D = A - BK`, the residual is `Q + K'RK + PD + D'P`, plus `D'PD` in
-//! discrete time. Sampled dynamics are close to the identity, and this form does not subtract it.
-//! It also sees an error of `K` only squared.
+//! discrete time. Sampled dynamics are close to the identity, and this form avoids its subtraction. An error of `K`
+//! enters the residual only squared.
 
 use nalgebra::{Cholesky, Const, SMatrix};
 
@@ -14,20 +13,21 @@ use super::inverse::inverse;
 use super::problem::{Problem, is_finite, symmetrised};
 use super::twofold::Twofold;
 
-/// A step this small, relative to `P`, is the last: the error after it is smaller still.
+/// Relative size of a step below which the iteration ends; the remaining error is smaller still.
 const SETTLED: f64 = 1e-10;
-/// The same for the first step. Its residual is rounded, and nothing tells what that did to the solution but the step itself.
+/// The same for the first step, whose residual is computed in working precision, so that its error is known from the
+/// step alone.
 const SETTLED_ROUNDED: f64 = 1e-13;
-/// Each step but the first two must be this much smaller than the one before. Convergence is
-/// quadratic, so a step that is not has met rounding, or a pole on the stability boundary.
+/// Greatest ratio of a step to the one before, from the third step on. Convergence is quadratic; a greater ratio
+/// means rounding, or a pole on the stability boundary.
 const CONTRACTION: f64 = 0.1;
-/// Steps; one is usual.
+/// Greatest number of steps; one is usual.
 const MAX_STEPS: usize = 6;
-/// The norm of a power of the closed loop at which the squaring ends; the step is then good to the
-/// square of this.
+/// Norm of a power of the closed loop at which the squaring ends; the relative error of the step is then the square
+/// of this norm.
 const AT_REST: f64 = 1e-4;
 
-/// Which of the two equations.
+/// Continuous or discrete time.
 pub(super) enum TimeDomain {
     /// Continuous time, with the centre of the Cayley transform.
     Continuous {
@@ -80,7 +80,7 @@ impl<'a, const N: usize, const M: usize> RiccatiEquation<'a, N, M> {
         Err(RiccatiError::IllConditioned)
     }
 
-    /// The Newton step at `p`. `None` if the loop that `p` closes is not stable.
+    /// The Newton step at `p`. `None` if the closed loop with the gain of `p` is not stable.
     fn correction(&self, p: &SMatrix<f64, N, N>, precise: bool) -> Option<SMatrix<f64, N, N>> {
         let k = self.gain(p)?;
         let d = self.rate - self.problem.b * k;

@@ -5,7 +5,7 @@ use nalgebra::{Cholesky, SMatrix};
 use super::balance::Balance;
 use super::error::RiccatiError;
 
-/// How far from symmetric, and how far below zero, a weight may be, relative to its size.
+/// Tolerance for the symmetry and the semidefiniteness of a weight, relative to its size \[-\].
 const TOLERANCE: f64 = 1e-10;
 
 /// The data of `care` or `dare`, in the units of `balance`.
@@ -59,8 +59,7 @@ pub(super) fn symmetrised<const N: usize>(matrix: &SMatrix<f64, N, N>) -> SMatri
     (matrix + matrix.transpose()) * 0.5
 }
 
-/// The matrix with rounding taken out of its symmetry; `None` if more than rounding is wrong with
-/// it.
+/// The symmetric part of the matrix; `None` if its asymmetry exceeds rounding.
 fn symmetric<const N: usize>(matrix: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     let asymmetry = (matrix - matrix.transpose()).amax();
     (asymmetry <= TOLERANCE * matrix.amax()).then(|| symmetrised(matrix))

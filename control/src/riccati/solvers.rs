@@ -12,9 +12,9 @@ use super::problem::{Problem, is_finite};
 /// Units: those of the data. `x'Px` has the unit of the cost, `Kx` that of the input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solution<const N: usize, const M: usize> {
-    /// Symmetric positive semidefinite `P`: the cost from `x` onwards is `x'Px`.
+    /// Symmetric positive semidefinite `P`: the cost from `x` onwards is `x'Px` \[cost per squared state\].
     pub p: SMatrix<f64, N, N>,
-    /// The gain of `u = -Kx`.
+    /// The gain of `u = -Kx` \[input per state\].
     pub k: SMatrix<f64, M, N>,
 }
 
@@ -55,7 +55,7 @@ pub fn dare<const N: usize, const M: usize>(
     solve(&problem, Doubling::of_discrete(&problem), TimeDomain::Discrete)
 }
 
-/// Doubles `start`, refines the outcome, and returns to the units of the caller.
+/// Doubles `start`, refines the result, and converts it to the units of the caller.
 fn solve<const N: usize, const M: usize>(
     problem: &Problem<N, M>,
     start: Doubling<N>,

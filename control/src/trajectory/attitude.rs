@@ -1,8 +1,7 @@
-//! Prescribed attitudes, about roll and then about pitch: what an attitude loop can follow, without
-//! any say of the position loops. Not in the paper.
+//! Prescribed attitudes, about roll and then about pitch: tests of the attitude loop without the position loops. Not
+//! in the paper.
 //!
-//! The position is not controlled meanwhile, only the height; between the two axes and after them
-//! the vehicle flies back to the hover point.
+//! Meanwhile only the height is controlled. After each axis the vehicle flies back to the hover point.
 
 use std::f64::consts::TAU;
 
@@ -18,7 +17,7 @@ use crate::tracking_error::AttitudeReference;
 /// The greatest angle that may be prescribed \[deg\].
 const GREATEST_DEG: f64 = 30.0;
 
-/// A sine of rising frequency: how far an attitude loop follows.
+/// A sine of rising frequency: shows up to which frequency an attitude loop follows.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct AttitudeChirp {
@@ -30,7 +29,7 @@ pub struct AttitudeChirp {
     pub to_hz: f64,
     /// Time of a sweep about one axis \[s\].
     pub sweep_s: f64,
-    /// Time to fly back after it \[s\].
+    /// Time for the flight back after each axis \[s\].
     pub recovery_s: f64,
 }
 
@@ -67,15 +66,15 @@ impl AttitudeChirp {
     }
 }
 
-/// A step up, one down to the other side, and one back to level: how fast an attitude loop settles.
+/// A step to one side, one to the other side, and one back to level: shows how fast an attitude loop settles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct AttitudeDoublet {
-    /// Size \[deg\].
+    /// Size of the steps \[deg\].
     pub angle_deg: f64,
     /// Time at either side, and at level \[s\].
     pub hold_s: f64,
-    /// Time to fly back after it \[s\].
+    /// Time for the flight back after each axis \[s\].
     pub recovery_s: f64,
 }
 
@@ -100,7 +99,7 @@ impl AttitudeDoublet {
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
         turn(t_s, 3.0 * self.hold_s, self.recovery_s, |t_s| {
-            // The conversion rounds down.
+            // The cast rounds down.
             let side = [1.0, -1.0, 0.0][((t_s / self.hold_s) as usize).min(2)];
             [side * self.angle_deg.to_radians(), 0.0, 0.0]
         })

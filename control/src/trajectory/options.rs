@@ -1,4 +1,4 @@
-//! What a configuration says of a flight.
+//! The section `[trajectory]` of a configuration.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use super::shape::{Circle, Hover, Lemniscate, Square, Step};
 use super::waypoints::Waypoints;
 use crate::options::{OptionError, Rule, check_options};
 
-/// The trajectories there are.
+/// Kind of trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrajectoryKind {
@@ -33,16 +33,16 @@ pub enum TrajectoryKind {
     Waypoints,
 }
 
-/// A flight: which trajectory, the parameters of each, and what comes before and after it.
+/// Options of a flight: the kind of trajectory, the parameters of each kind, take-off and landing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct TrajectoryOptions {
     /// The trajectory to fly.
     pub kind: TrajectoryKind,
-    /// How long to fly it, if not as long as it lasts by itself \[s\]: cut short, or held at its end.
+    /// Duration of the trajectory if not its own \[s\]: the trajectory is cut short, or held at its end.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duration_s: Option<f64>,
-    /// Where the waypoints are, for [`TrajectoryKind::Waypoints`]. The caller reads the file: see [`Waypoints::parse`].
+    /// File of the waypoints, for [`TrajectoryKind::Waypoints`]. The caller reads the file: see [`Waypoints::parse`].
     #[serde(skip_serializing_if = "Option::is_none")]
     pub waypoints_file: Option<PathBuf>,
     /// Height of the hover point over the floor \[m\].
@@ -91,8 +91,10 @@ impl Default for TrajectoryOptions {
 }
 
 impl TrajectoryOptions {
+    /// Checks every option.
+    ///
     /// # Errors
-    /// The first option outside its range.
+    /// The first option whose value is not allowed.
     pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("duration-s", self.duration_s.unwrap_or(0.0), Rule::Between(0.0, 3600.0)),
@@ -110,8 +112,8 @@ impl TrajectoryOptions {
         self.attitude_doublet.check().map_err(|error| error.within("attitude-doublet"))
     }
 
-    /// The trajectory that these options name. `waypoints` is what the file holds if it is to be
-    /// [`TrajectoryKind::Waypoints`], else not used; without them that kind is `None`.
+    /// The trajectory that these options name. `waypoints` is the content of the file, used by
+    /// [`TrajectoryKind::Waypoints`] only; that kind without waypoints gives `None`.
     #[must_use]
     pub fn trajectory(&self, waypoints: Option<Waypoints>) -> Option<Trajectory> {
         let shape = match self.kind {

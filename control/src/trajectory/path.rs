@@ -28,8 +28,8 @@ pub(super) enum TrajectoryShape {
 }
 
 impl Trajectory {
-    /// The reference at `t_s` \[s\] after the start of the trajectory. Before the start it is that of the start, after the
-    /// end that of the end.
+    /// The reference at `t_s` \[s\] after the start of the trajectory. Times before the start count as the start,
+    /// times after the end as the end.
     #[must_use]
     pub fn sample(&self, t_s: f64) -> Reference {
         let t_s = t_s.min(self.duration_s()).max(0.0);
@@ -48,7 +48,7 @@ impl Trajectory {
         reference
     }
 
-    /// How long the trajectory lasts \[s\].
+    /// Duration of the trajectory \[s\].
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         match &self.shape {
@@ -63,7 +63,7 @@ impl Trajectory {
         }
     }
 
-    /// Whether this is about the attitude alone: then only what prescribes one counts.
+    /// Whether the trajectory prescribes attitudes. Only the times with a prescribed attitude are then scored.
     pub(super) fn is_of_attitude(&self) -> bool {
         matches!(
             self.shape,

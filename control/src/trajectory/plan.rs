@@ -8,13 +8,14 @@ use super::reference::{Phase, Reference};
 use crate::quaternion::Attitude;
 use crate::tracking_error::AttitudeReference;
 
-/// How far below the floor the landing ends \[m\]: the loops press the vehicle down even if the floor is a bit lower.
+/// Depth below the floor at which the landing ends \[m\], so that the vehicle reaches the floor even if the floor is
+/// slightly lower.
 const LANDING_DEPTH_M: f64 = 0.1;
 
-/// Least time of a descent \[s\], for one that starts at its end.
+/// Least duration of a descent \[s\].
 const LEAST_DESCENT_S: f64 = 1.0;
 
-/// How long the vehicle must have been at height before a hover is scored \[s\].
+/// Time at height before a hover is scored \[s\].
 const HOVER_TRANSIENT_S: f64 = 10.0;
 
 /// Greatest slope of [`minimum_jerk`], half-way.
@@ -31,8 +32,8 @@ pub struct StartPoint {
 
 /// The references of a whole flight as a function of the time since its start.
 ///
-/// The flight is relative to where the vehicle stands at first: its position is the origin of the path, whose axes are
-/// those of the world, and its yaw is the zero of the yaw.
+/// The flight is relative to the pose of the vehicle at the start: its position is the origin of the path, whose axes
+/// are those of the world, and its yaw is the zero of the yaw.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlightPlan {
     trajectory: Trajectory,
@@ -45,7 +46,7 @@ pub struct FlightPlan {
 }
 
 impl FlightPlan {
-    /// The flight of `trajectory` by a vehicle that stands at `start`; `options` must pass their check.
+    /// The flight of `trajectory` from `start`; `options` must pass their check.
     #[must_use]
     pub fn new(options: &TrajectoryOptions, trajectory: Trajectory, start: StartPoint) -> Self {
         let trajectory_start_s = options.take_off_s + options.settle_s;
@@ -78,8 +79,8 @@ impl FlightPlan {
         reference
     }
 
-    /// Lands from `position` \[m, world\], the present reference or where the vehicle is, beginning at `t_s` \[s\] after the
-    /// start of the flight. Once a landing has begun it is not begun again.
+    /// Begins a landing from `position` \[m, world\] at `t_s` \[s\] after the start of the flight. A landing that has
+    /// begun is not begun again.
     pub fn land_from(&mut self, t_s: f64, position: Vector3<f64>) {
         if t_s <= self.landing.start_s {
             let depth_m = (position.z - self.start.position.z + LANDING_DEPTH_M).max(0.0);
@@ -92,8 +93,8 @@ impl FlightPlan {
         }
     }
 
-    /// Whether the errors at `t_s` \[s\] count: those of the trajectory, as long as it lasts by itself, do; those of a hover
-    /// from 10 s after the hover point is reached; those of a trajectory about the attitude alone while it prescribes one.
+    /// Whether the errors at `t_s` \[s\] are scored: during the trajectory's own duration; of a hover, from 10 s
+    /// after the hover point is reached; of a trajectory that prescribes attitudes, while one is prescribed.
     #[must_use]
     pub fn scored(&self, t_s: f64) -> bool {
         let (from_s, to_s) = match self.trajectory.shape {
@@ -106,7 +107,7 @@ impl FlightPlan {
             && (!self.trajectory.is_of_attitude() || self.sample(t_s).attitude.is_some())
     }
 
-    /// When the reference reaches the end of the landing, since the start of the flight \[s\].
+    /// Time from the start of the flight at which the reference reaches the end of the landing \[s\].
     #[must_use]
     pub fn end_s(&self) -> f64 {
         self.landing.start_s + self.landing.duration_s
@@ -130,7 +131,7 @@ impl FlightPlan {
 /// A minimum-jerk descent straight down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Landing {
-    /// Since the start of the flight \[s\].
+    /// Start of the descent, from the start of the flight \[s\].
     start_s: f64,
     duration_s: f64,
     from: StartPoint,

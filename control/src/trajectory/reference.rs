@@ -15,15 +15,15 @@ pub struct Reference {
     pub velocity: Vector3<f64>,
     /// Desired 3-2-1 yaw \[rad\].
     pub yaw_rad: f64,
-    /// An attitude to fly instead of the horizontal position, with its rate and acceleration for
-    /// the laws that feed them forward.
+    /// A prescribed attitude in place of the horizontal position, with rate and acceleration for the laws that feed
+    /// them forward.
     pub attitude: Option<AttitudeReference>,
-    /// The part of the flight.
+    /// Phase of the flight.
     pub phase: Phase,
 }
 
 impl Reference {
-    /// Rest at `position` \[m, world\], body axes along the world's.
+    /// A reference at rest at `position` \[m, world\], at zero yaw.
     #[must_use]
     pub fn rest(position: Vector3<f64>, phase: Phase) -> Self {
         Self { position, velocity: Vector3::zeros(), yaw_rad: 0.0, attitude: None, phase }
@@ -38,7 +38,8 @@ impl Reference {
     }
 }
 
-/// The parts of a flight, in their order. The numbers are for messages and recordings and never change; 0 is not used.
+/// Phase of a flight, in order of time. The numbers are used in messages and recordings and never change; 0 is not
+/// used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Phase {

@@ -1,4 +1,4 @@
-//! The shapes a trajectory can have, with their parameters as they stand in the configuration.
+//! The shapes of trajectories with their parameters in the configuration.
 //!
 //! Positions are relative to the hover point, times to the start of the trajectory.
 
@@ -16,7 +16,7 @@ use crate::tracking_error::AttitudeReference;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Hover {
-    /// How long \[s\].
+    /// Duration \[s\].
     pub duration_s: f64,
 }
 
@@ -44,9 +44,10 @@ pub enum StepAxis {
     Yaw,
 }
 
-/// One Euler angle is stepped up at the start and back to zero after a time; the rest is for the way back.
+/// A step of one Euler angle: up at the start, back to zero after `hold-s`; the remaining time is for the flight
+/// back.
 ///
-/// Roll and pitch are prescribed as an attitude, so the position is not controlled while they last.
+/// Roll and pitch are prescribed as an attitude, so the horizontal position is not controlled during the step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Step {
@@ -54,9 +55,9 @@ pub struct Step {
     pub axis: StepAxis,
     /// Size of the step \[deg\].
     pub angle_deg: f64,
-    /// How long the angle is held \[s\].
+    /// Time for which the angle is held \[s\].
     pub hold_s: f64,
-    /// How long the trajectory lasts \[s\].
+    /// Duration of the trajectory \[s\].
     pub duration_s: f64,
 }
 
@@ -103,7 +104,7 @@ pub struct Square {
     pub side_m: f64,
     /// Time between jumps; the first is at the start \[s\].
     pub dwell_s: f64,
-    /// How long the trajectory lasts \[s\].
+    /// Duration of the trajectory \[s\].
     pub duration_s: f64,
 }
 
@@ -124,7 +125,7 @@ impl Square {
 
     pub(super) fn sample(&self, t_s: f64) -> Reference {
         const CORNERS: [[f64; 2]; 4] = [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]];
-        // The conversion rounds down.
+        // The cast rounds down.
         let [x, y] = CORNERS[((t_s / self.dwell_s) as usize).min(CORNERS.len() - 1)];
         Reference::rest(Vector3::new(x, y, 0.0) * self.side_m, Phase::Trajectory)
     }
@@ -138,7 +139,7 @@ pub struct Circle {
     pub radius_m: f64,
     /// Time of one round at full speed \[s\].
     pub period_s: f64,
-    /// Rounds.
+    /// Number of rounds \[-\].
     pub laps: u32,
     /// Time from rest to full speed, and back \[s\].
     pub ramp_s: f64,
@@ -181,7 +182,7 @@ pub struct Lemniscate {
     pub half_length_m: f64,
     /// Time of one round at full speed \[s\].
     pub period_s: f64,
-    /// Rounds.
+    /// Number of rounds \[-\].
     pub laps: u32,
     /// Time from rest to full speed, and back \[s\].
     pub ramp_s: f64,
@@ -222,8 +223,8 @@ fn moving(position: Vector2<f64>, velocity: Vector2<f64>) -> Reference {
     }
 }
 
-/// The course of the angle on a closed curve that is entered and left at rest. The angular speed rises and falls by
-/// 3 x^2 - 2 x^3, so the acceleration is continuous too.
+/// Angle as a function of time on a closed curve that starts and ends at rest. The angular speed rises and falls by 3
+/// x^2 - 2 x^3, so the acceleration is continuous too.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sweep {
     period_s: f64,

@@ -30,11 +30,11 @@ const LEAST_SPACING_S: f64 = 1e-3;
 /// of the world, yaw in rad relative to that at the start. The column `yaw` may be absent. Yaw turns the short way.
 ///
 /// Between the points each coordinate follows the piecewise cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5
-/// (1984) 300), at rest at the first and the last: the velocity is continuous and no coordinate leaves the interval
-/// between two neighbouring points, so the path stays where its author put it.
+/// (1984) 300), at rest at the first and the last: the velocity is continuous and every coordinate stays in the
+/// interval between two neighbouring points, so the path does not overshoot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Waypoints {
-    /// At least two, the first at time 0. Shared, so that a flight under way can be copied without allocating.
+    /// At least two, the first at time 0. Reference-counted, so that a plan can be copied without allocation.
     knots: Arc<[Knot]>,
 }
 
@@ -47,21 +47,21 @@ struct Knot {
     slope: Vector4<f64>,
 }
 
-/// Why a text is not a table of waypoints.
+/// Error in a table of waypoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WaypointError {
-    /// The line at fault, from 1.
+    /// Line of the error, from 1 \[-\].
     pub line: usize,
-    /// What is wrong with it.
+    /// The problem in that line.
     pub problem: WaypointProblem,
 }
 
-/// What can be wrong with a table of waypoints.
+/// Problem in a table of waypoints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaypointProblem {
     /// The first line does not name the columns.
     Header,
-    /// A line has not as many fields as the header.
+    /// A line has another number of fields than the header.
     FieldCount {
         /// Fields of the header.
         expected: usize,
@@ -109,7 +109,7 @@ impl Waypoints {
     /// # Errors
     /// The first line at fault and what is wrong with it.
     pub fn parse(text: &str) -> Result<Self, WaypointError> {
-        // Spreadsheets put a byte order mark before the header.
+        // Spreadsheets write a byte order mark before the header.
         let text = text.trim_start_matches('\u{feff}');
         let mut lines = (1..).zip(text.lines()).filter(|(_, line)| !line.trim().is_empty());
         let (mut last_line, header) = lines.next().unwrap_or((1, ""));

@@ -1,4 +1,4 @@
-//! What the laws do to a body: Runge-Kutta of fourth order at 1 kHz.
+//! The laws in closed loop with a body, integrated by Runge-Kutta of fourth order at 1 kHz.
 
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector4};
 use oqtal_control::euler::EulerAngles;
@@ -44,7 +44,7 @@ pub(super) fn step(
     state_of(&(start + STEP_S / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)))
 }
 
-/// One step of a vehicle that turns as its sticks say, Eq. (61), and drifts.
+/// One step of a vehicle whose rate follows its sticks, Eq. (61), with a drift.
 fn step_of_sticks(
     state: &AttitudeState,
     sticks: Vector3<f64>,
@@ -58,8 +58,7 @@ fn error(state: &AttitudeState, reference: &AttitudeReference) -> AttitudeError 
     AttitudeError::between(&reference.attitude, &state.attitude)
 }
 
-/// Steps the vehicle from `state` for 6 seconds and returns what `measure` says of each state on
-/// the way.
+/// Steps the vehicle from `state` for 6 seconds and returns the value of `measure` for each state.
 fn fly_sticks(
     mut law: Controller<RateInput>,
     mut state: AttitudeState,
@@ -92,7 +91,7 @@ fn far_turn() -> impl Strategy<Value = Vector3<f64>> {
     vector(170.0_f64.to_radians())
 }
 
-/// A target and an attitude that `turn` away from it. Euler angles get there from less far.
+/// A target and an attitude `turn` away from it. The classic law converges from smaller turns only.
 fn far_from(
     name: ControllerName,
     target: Attitude,
@@ -126,8 +125,8 @@ proptest! {
         }
     }
 
-    /// The same of the classic law: what falls is the distance in Euler angles, and only if the
-    /// model is that of the present attitude and no stick is at its stop.
+    /// The same for the classic law: the distance in Euler angles decreases if the model is that of the present
+    /// attitude and no stick is saturated.
     #[test]
     fn the_distance_in_euler_angles_falls_under_the_classic_law(
         from in prop::array::uniform3(-1.0..1.0),
@@ -154,8 +153,8 @@ proptest! {
         }
     }
 
-    /// With its integral action, its cells and its limits each law ends where it should. Until the
-    /// integral has settled nothing falls all the way.
+    /// With integral action, cells and limits every law comes to its reference. The error need not decrease
+    /// monotonically until the integral has settled.
     #[test]
     fn every_law_comes_to_its_reference_in_rate_form(
         target in attitude(),
@@ -241,7 +240,7 @@ proptest! {
         }
     }
 
-    /// Without error there is nothing to command but what the motion itself takes.
+    /// Without error only the torque of the motion itself is commanded.
     #[test]
     fn without_error_only_the_gyroscopic_torque_is_commanded(reference in reference()) {
         let state = AttitudeState {

@@ -1,4 +1,4 @@
-//! `oqtal-dt`, with its command held between the steps of a loop at 60 Hz.
+//! `oqtal-dt` with commands held between the steps of a loop at 60 Hz.
 
 use nalgebra::DMatrix;
 use oqtal_control::controller::{OqtalDt, OqtalDtOptions};
@@ -40,7 +40,7 @@ proptest! {
     }
 }
 
-/// Weighted alike, attitude and rate leave a pole of half a radian per second at any weight.
+/// With equal weights on attitude and rate one pole stays at 0.5 rad/s for any weight.
 #[test]
 fn split_weights_have_no_slow_pole() {
     let alike = OqtalDtOptions {
@@ -67,7 +67,7 @@ fn weights_without_a_gain_are_refused() {
     assert_eq!(OqtalDt::new(OqtalDtOptions::default(), lagged(), 0.0).unwrap_err().key, "period-s");
 }
 
-/// How far a body is from its reference, as `2 (1 - lambda)`, after `seconds` under a held torque.
+/// The error `2 (1 - lambda)` of a body after `seconds` under held torques.
 fn left_after(mut state: AttitudeState, input: TorqueInput, inertia: Inertia, seconds: f64) -> f64 {
     let mut law = OqtalDt::new(OqtalDtOptions::spacecraft(), input, PERIOD_S).unwrap();
     let reference = AttitudeReference::default();

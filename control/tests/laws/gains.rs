@@ -1,4 +1,4 @@
-//! What the gains are.
+//! Values and properties of the gains.
 
 use nalgebra::{SMatrix, SVector};
 use oqtal_control::controller::{
@@ -88,7 +88,7 @@ fn check_lqr_stable<I: Form>(
 }
 
 proptest! {
-    /// The corners of cells included, which may be longer than any error.
+    /// Corners of cells are included; their norm may exceed that of any error.
     #[test]
     fn every_gain_of_oqtal_gives_a_stable_loop(
         rate in vector(3.0),
@@ -174,7 +174,7 @@ fn in_rate_form_the_rate_is_nullified_and_every_jacobian_the_same() {
     }
 }
 
-/// `eps` is half an angle, so four times the weight is the same weight.
+/// `eps` is half an angle, so four times the weight has the same effect.
 #[test]
 fn near_level_the_classic_law_is_oqtal_with_four_times_the_weight() {
     let classic = LqrOptions::default();
@@ -198,8 +198,7 @@ fn near_level_the_classic_law_is_oqtal_with_four_times_the_weight() {
 }
 
 proptest! {
-    /// Near its reference, without integral action, OQTAL is a PD law whose gains a Riccati
-    /// equation chose.
+    /// Near its reference, without integral action, OQTAL is a PD law with gains from a Riccati equation.
     #[test]
     fn near_its_reference_oqtal_is_the_pid_with_its_gains(
         state in state(),

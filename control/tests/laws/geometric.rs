@@ -35,7 +35,7 @@ proptest! {
         prop_assert!((command - expected).amax() < 1e-9 * (1.0 + expected.amax()));
     }
 
-    /// What is 2 lambda eps elsewhere in this crate.
+    /// The attitude error of the source, `2 lambda eps` elsewhere in this crate.
     #[test]
     fn it_fades_towards_half_a_turn(axis in vector(1.0)) {
         prop_assume!(axis.norm() > 1e-3);

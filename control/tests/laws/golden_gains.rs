@@ -88,7 +88,7 @@ impl Case {
     }
 }
 
-/// The operating points of the golden cases: none, "mid" and "large".
+/// The operating points of the golden cases: zero, "mid" and "large".
 fn operating_points() -> [OperatingPoint; 3] {
     let large = OperatingPoint::new(Vector3::new(0.5, 0.4, -0.3), Vector3::new(1.0, -0.8, 0.6));
     [

@@ -1,4 +1,4 @@
-//! No input, however wrong, becomes a wrong command.
+//! Robustness of the laws against invalid input.
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -11,7 +11,7 @@ fn negated(attitude: &Attitude) -> Attitude {
     ))
 }
 
-/// F08: the sign of a measured quaternion means nothing.
+/// F08: the sign of a measured quaternion has no effect.
 fn check_sign_of_quaternion<I: Form>(input: I, state: AttitudeState, reference: AttitudeReference) {
     for name in ALL {
         let law = law(name, &ControllerOptions::default(), input);
@@ -75,8 +75,7 @@ fn garbage() -> impl Strategy<Value = Garbage> {
     )
 }
 
-/// F06: whatever arrives, the command is finite and in range, and the next good input gives what it
-/// always gives.
+/// F06: for any input the command is finite and in range, and the next valid input gives its usual command.
 fn check_garbage<I: Form>(input: I, options: &ControllerOptions, range: f64, garbage: &[Garbage]) {
     let (state, reference) = (
         at_rest(Attitude::from_rotation_vector(Vector3::new(0.1, -0.2, 0.3))),
@@ -138,7 +137,7 @@ proptest! {
     }
 }
 
-/// A body that cannot move is held far from its reference, then let go at it: nothing has wound up.
+/// A body is held far from its reference, then released at the reference: the integral has not wound up.
 fn check_windup<I: Form>(input: I, options: &ControllerOptions) {
     let far = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, 2.0)));
     for name in ALL {

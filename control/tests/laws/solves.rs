@@ -1,4 +1,4 @@
-//! When a gain is computed.
+//! Number and times of gain computations.
 
 use oqtal_control::controller::EpsDdot;
 use oqtal_control::error_model::Jacobian;
@@ -6,7 +6,7 @@ use oqtal_control::schedule::Resolve;
 
 use super::*;
 
-/// A body that rocks about level by 0.2 rad while its measured attitude trembles.
+/// A body that swings about level by 0.2 rad with noise on its measured attitude.
 fn solves_while_rocking(name: ControllerName, cells: Cells) -> u32 {
     let mut law = law(name, &with_cells(ControllerOptions::default(), cells, 0.5), sticks());
     for tick in 0..600 {
@@ -63,7 +63,7 @@ fn in_rate_form_the_rate_has_no_say_in_when_oqtal_solves() {
     assert_eq!(law.riccati_solves(), 1);
 }
 
-/// Only so is the count of solutions in Table V near ours.
+/// With this rule the number of solutions is near that of Table V.
 #[test]
 fn the_rate_has_a_say_in_when_the_classic_law_solves() {
     let mut law = law(ControllerName::Lqr, &ControllerOptions::default(), sticks());
@@ -92,8 +92,7 @@ fn every_tick_is_a_solution_in_every_step() {
     }
 }
 
-/// Section VII.C: the noise of a second derivative is all there is of it, and takes the gain from
-/// cell to cell.
+/// Section VII.C: the second derivative consists of noise, which moves the gain from cell to cell.
 #[test]
 fn the_second_derivative_of_eps_makes_noise_solve_and_a_filter_less() {
     let solves = |jacobian, eps_ddot| {

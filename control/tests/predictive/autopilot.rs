@@ -1,4 +1,4 @@
-//! All parts together, about a vehicle that is exactly as modelled.
+//! The whole autopilot with a vehicle that matches the model exactly.
 
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::estimator::Estimate;
@@ -40,7 +40,7 @@ impl Bench {
         Estimate { position, velocity, attitude, rate: oqtal_control::quantity::BodyRate(rate) }
     }
 
-    /// A pose is taken, arrives, and is acted on; the vehicle flies on to the next.
+    /// One tick: a pose is captured and arrives, a command is sent, the vehicle moves on to the next pose.
     fn turn(&mut self, reference: &Reference) -> Option<Vector3<f64>> {
         let captured_s = self.now_s();
         let sent_s = captured_s + LATENCY_S;

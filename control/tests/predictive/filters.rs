@@ -1,4 +1,4 @@
-//! The filters are the optimal ones for the model they have.
+//! The filters are optimal for their model.
 
 use nalgebra::{Matrix1, Matrix3};
 use oqtal_control::predictive::{
@@ -29,7 +29,7 @@ impl Noise {
     }
 }
 
-/// With walks so short that no bias comes to its limit in a test.
+/// Options with walks so small that no bias reaches its limit in a test.
 fn options() -> FilterOptions {
     FilterOptions { acceleration_walk_m_s2: 0.1, ..FilterOptions::default() }
 }
@@ -66,7 +66,7 @@ fn the_covariances_settle_where_our_own_riccati_solver_says() {
 }
 
 /// Mean square of the innovations over their expected variance, and their correlation from one to
-/// the next: 1 and 0 if the filter knows all there is to know.
+/// the next: 1 and 0 for an optimal filter.
 fn statistics(innovations: &[Vector3<f64>], variance: f64) -> (f64, f64) {
     let n = 3.0 * innovations.len() as f64;
     let square = innovations.iter().map(Vector3::norm_squared).sum::<f64>() / n;
@@ -156,7 +156,7 @@ proptest! {
         }
     }
 
-    /// The sign with which a pose writes its attitude is not the vehicle's.
+    /// The sign of the measured quaternion has no effect.
     #[test]
     fn the_sign_of_a_measured_quaternion_does_not_matter(turn in vector(0.5), estimate in vector(3.0)) {
         let measured = Attitude::from_rotation_vector(turn);

@@ -1,4 +1,4 @@
-//! Commands on their way.
+//! The history of commands.
 
 use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion};
 
@@ -53,7 +53,7 @@ fn what_is_not_finite_or_older_than_the_last_is_not_remembered() {
 }
 
 proptest! {
-    /// Carrying in two parts is carrying at once.
+    /// Propagation in two parts equals propagation in one.
     #[test]
     fn prediction_is_a_flow(
         demands in prop::collection::vec(vector(2.0), 5),

@@ -1,4 +1,4 @@
-//! The reference that is followed, and the attitude that goes with it.
+//! The reference model, and the attitude for its acceleration.
 
 use nalgebra::Vector2;
 use oqtal_control::controller::AttitudeReference;
@@ -10,7 +10,7 @@ use oqtal_control::quaternion::Attitude;
 
 use super::*;
 
-/// How far the reference may go past a target at rest \[m\].
+/// Overshoot allowed past a target at rest \[m\].
 const MOST_PAST_M: f64 = 1e-6;
 
 const LIMITS: MotionLimits = MotionLimits { speed: 0.8, acceleration: 2.3 };
@@ -32,7 +32,7 @@ fn towards(
         .collect()
 }
 
-/// Whether these courses keep all limits; what is wrong otherwise.
+/// Whether these courses keep all limits; the violation otherwise.
 fn within(
     courses: &[Course],
     (options, limits): (ReferenceModelOptions, MotionLimits),
@@ -86,7 +86,7 @@ proptest! {
         }
     }
 
-    /// Wherever the target jumps meanwhile.
+    /// The limits hold for any jumps of the target.
     #[test]
     fn it_keeps_its_limits_when_the_target_jumps(
         targets in prop::collection::vec((vector(3.0), 1..90_usize), 1..8),
@@ -104,7 +104,7 @@ proptest! {
         within(&courses, options)?;
     }
 
-    /// Each derivative is what the one before it changed by, in the last part of a tick.
+    /// Each derivative is the rate of change of the previous one in the last part of a tick.
     #[test]
     fn its_derivatives_are_those_of_its_position(target in vector(3.0)) {
         let courses = towards(target, (ReferenceModelOptions::default(), LIMITS), 3.0);
@@ -118,7 +118,7 @@ proptest! {
         }
     }
 
-    /// What the attitude is said to turn at is what it turns at.
+    /// The stated rate is the rate of the attitude.
     #[test]
     fn rate_and_acceleration_are_the_derivatives_of_the_attitude(
         value in vector(2.0),

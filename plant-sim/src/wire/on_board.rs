@@ -1,10 +1,10 @@
-//! The on-board computer: what it makes of commands, and what it answers. Pure.
+//! Emulated on-board computer: commands to motors and set-points, answers. Pure.
 //!
-//! It flies by the newest command that it could read. The command's checksum is a sum of words, which a pair of wrong bits passes
-//! if one is turned on and the other off at the same place of two words: what is out of range is refused besides, the rest flies.
-//! At one wrong bit in a hundred a quarter of the commands can be read, and of these six in a thousand are not what was sent
+//! The computer flies by the newest command that it could decode. The command's checksum is a sum of words: a pair of wrong bits
+//! passes if one is set and the other cleared at the same place of two words. Values out of range are rejected as well; the others
+//! are flown. At one wrong bit in a hundred a quarter of the commands can be decoded, and of these six in a thousand are wrong
 //! (`six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred`): one every eleven seconds at 60 Hz, which acts until the
-//! next one can be read.
+//! next one is decoded.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
@@ -14,38 +14,38 @@ use oqtal_config::Vehicle;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
-    Command, ControlInput, Descriptor, Imu, LlStatus, MAX_TELEMETRY, Meaning, Poll, Scales, Status,
-    Sticks, acknowledgement_frame,
+    ControlInput, Descriptor, HostCommand, Imu, LlStatus, MAX_TELEMETRY, Poll, Scales, Status,
+    StickMeaning, Sticks, acknowledgement_frame,
 };
 
-use super::motors::Motors;
+use super::motors::MotorSwitch;
 
-/// Higher than this it flies, as far as it knows \[m\].
+/// Height above which the vehicle reports that it flies \[m\].
 const FLYING_M: f64 = 0.05;
 
-/// What the on-board computer measures.
+/// Measurements of the on-board computer.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
-    /// How the vehicle moves; on board, sensors are perfect.
+    /// Motion of the vehicle; its own sensors are perfect.
     pub truth: TruthV1,
     /// Battery voltage \[V\].
     pub battery_v: f64,
 }
 
-/// The on-board computer of a Hummingbird.
+/// On-board computer of a Hummingbird.
 #[derive(Clone, Debug)]
 pub struct OnBoard {
     scales: Scales,
     authority: Vector3<f64>,
     attitude_gain: f64,
-    time_out: Span,
-    motors: Motors,
+    timeout: Span,
+    motors: MotorSwitch,
     sticks: Sticks,
-    heard_at: Option<Time>,
+    received_at: Option<Time>,
 }
 
 impl OnBoard {
-    /// The computer of `vehicle`, whose counts mean what `scales` say.
+    /// Computer of `vehicle`, with `scales` of counts.
     #[must_use]
     pub fn new(vehicle: &Vehicle, scales: &Scales) -> Self {
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
@@ -53,49 +53,49 @@ impl OnBoard {
             scales: scales.clone(),
             authority: Vector3::from(vehicle.rate_authority_rad_s),
             attitude_gain: vehicle.wire.attitude_gain_per_s,
-            time_out: millis(vehicle.wire.time_out_ms),
-            motors: Motors::new(millis(vehicle.wire.motor_switch_ms)),
+            timeout: millis(vehicle.wire.time_out_ms),
+            motors: MotorSwitch::new(millis(vehicle.wire.motor_switch_ms)),
             sticks: Sticks::default(),
-            heard_at: None,
+            received_at: None,
         }
     }
 
-    /// When the motors stop if no command comes.
+    /// Instant at which the motors stop if no command arrives.
     #[must_use]
     pub fn next_event(&self) -> Option<Time> {
-        self.heard_at.map(|at| at + self.time_out)
+        self.received_at.map(|at| at + self.timeout)
     }
 
-    /// Looks at the time: without commands the motors stop.
+    /// Stops the motors if the command timeout has passed at `now`.
     pub fn tick(&mut self, now: Time) {
         if self.next_event().is_some_and(|at| at <= now) {
-            self.heard_at = None;
+            self.received_at = None;
             self.halt();
         }
     }
 
-    /// Does what a frame says, and appends what there is to answer to `answer`.
-    pub fn obey(
+    /// Executes a message, and appends the reply to `answer`.
+    pub fn execute(
         &mut self,
         now: Time,
-        command: &Command,
+        command: &HostCommand,
         measured: &Measured,
         answer: &mut Vec<u8>,
     ) {
         match command {
-            Command::Control(input) => {
+            HostCommand::Control(input) => {
                 self.control(now, input);
                 answer.extend(acknowledgement_frame(Descriptor::ControlInput));
             }
-            Command::Poll(poll) => self.report(now, *poll, measured, answer),
-            Command::EmergencyStop => self.halt(),
+            HostCommand::Poll(poll) => self.report(now, *poll, measured, answer),
+            HostCommand::EmergencyStop => self.halt(),
         }
     }
 
-    /// What the motors do now about the newest command.
+    /// Command that the vehicle follows in the state `truth`; "disarmed" while the motors are stopped.
     #[must_use]
     pub fn command(&self, truth: &TruthV1) -> CommandV1 {
-        if !self.motors.run() {
+        if !self.motors.is_running() {
             return CommandV1::default();
         }
         CommandV1 {
@@ -109,17 +109,17 @@ impl OnBoard {
     /// Whether the motors run.
     #[must_use]
     pub fn motors_run(&self) -> bool {
-        self.motors.run()
+        self.motors.is_running()
     }
 
     fn control(&mut self, now: Time, input: &ControlInput) {
-        self.heard_at = Some(now);
+        self.received_at = Some(now);
         let takes = |axis: i16| input.enabled & axis != 0;
         let switches = self.scales.is_motor_switch(input)
             && takes(ControlInput::ENABLE_YAW)
             && takes(ControlInput::ENABLE_THRUST);
         self.motors.command(now, switches);
-        // What the host does not command is in the pilot's hands, who leaves it alone.
+        // Axes that the host does not command are the pilot's, who keeps the sticks centred.
         let centred = |axis: i16, counts: i16| if takes(axis) { counts } else { 0 };
         self.sticks = self.scales.decode(&ControlInput {
             pitch: centred(ControlInput::ENABLE_PITCH, input.pitch),
@@ -135,10 +135,11 @@ impl OnBoard {
         self.sticks = Sticks::default();
     }
 
-    /// Body rates as parts of the authority: the sticks themselves, or what turns the vehicle to the attitude that they mean.
+    /// Body rates as fractions of the authority: the sticks themselves, or the rates that turn the vehicle to the attitude that the
+    /// sticks command.
     fn rates(&self, truth: &TruthV1) -> Vector3<f64> {
         let Sticks { roll, pitch, yaw, .. } = self.sticks;
-        if self.scales.sticks == Meaning::BodyRate {
+        if self.scales.sticks == StickMeaning::BodyRate {
             return Vector3::new(roll, pitch, yaw);
         }
         let is = angles(truth);
@@ -161,7 +162,7 @@ impl OnBoard {
     fn status(&self, now: Time, measured: &Measured) -> LlStatus {
         let status = Status {
             battery_v: measured.battery_v,
-            motors_on: self.motors.run(),
+            motors_on: self.motors.is_running(),
             flying: measured.truth.position[2] > FLYING_M,
         };
         let up_time = self.motors.up_time(now).seconds().min(f64::from(i16::MAX)) as i16;

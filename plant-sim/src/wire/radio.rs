@@ -1,13 +1,13 @@
-//! The radio between the host's serial port and the vehicle: pure and seeded, bytes in at one end, bytes out at the other, later,
-//! and not all of them, or not as they were.
+//! Model of the radio between the host's serial port and the vehicle: bytes in at one end come out at the other, delayed, some
+//! lost, some wrong. Pure and seeded.
 //!
-//! - A byte takes ten bits of the wire's rate; bytes that are handed over together are one frame, and frames queue.
-//! - Half duplex: while one end speaks, the other waits.
-//! - Every byte arrives by the same latency after its last bit.
-//! - A frame is lost as a whole, with one probability; each bit of the others is wrong with another, whatever its neighbours are.
+//! - A byte takes ten bits at the wire's rate; bytes handed over together form one frame, and frames queue.
+//! - Half duplex: while one end sends, the other waits.
+//! - Every byte arrives with the same latency after its last bit.
+//! - A frame is lost as a whole with one probability; each bit of the others is wrong with another, independently.
 //!
-//! Losses and wrong bits are drawn from streams of their own by (seed, way), one draw a frame and one a wrong bit: how bytes are
-//! cut into frames does not shift which bits are wrong.
+//! Losses and wrong bits are drawn from separate random streams by (seed, direction), one draw per frame and one per wrong bit:
+//! the division into frames does not change which bits are wrong.
 
 use std::collections::VecDeque;
 
@@ -17,25 +17,25 @@ use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
-/// Bits that a byte takes on the wire: start bit, eight bits, stop bit.
+/// Bits of one byte on the wire: start bit, eight data bits, stop bit.
 const BITS_PER_BYTE: u64 = 10;
-/// No more bytes go over the air in one frame: 802.15.4 has no room for more.
+/// Longest frame over the air \[bytes\], as 802.15.4 limits it.
 const LONGEST_FRAME: usize = 100;
-/// Who speaks is asked to wait once so much is queued.
+/// High-water mark of the send queue; above it the sender is paused.
 const BACKLOG: Span = Span::from_millis(50);
 
-/// Which way bytes go.
+/// Direction of bytes through the radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum LinkDirection {
     /// From the host to the vehicle.
     Up,
     /// From the vehicle to the host.
     Down,
 }
 
-/// The radio.
+/// Model of the radio.
 #[derive(Clone, Debug)]
-pub struct Radio {
+pub struct RadioModel {
     byte: Span,
     latency: Span,
     half_duplex: bool,
@@ -43,12 +43,12 @@ pub struct Radio {
     down: Lane,
 }
 
-impl Radio {
-    /// The radio that `options` describe on a wire of `baud`.
+impl RadioModel {
+    /// Radio of `options` on a wire at `baud`.
     #[must_use]
     pub fn new(options: &Wire, seed: u64, baud: u32) -> Self {
         let lane = |losses, errors| Lane::new(options, stream(seed, losses), stream(seed, errors));
-        // Rounded up: never faster than the wire.
+        // Rounded up, so that the model is never faster than the wire.
         let nanos = (BITS_PER_BYTE * 1_000_000_000).div_ceil(u64::from(baud.max(1)));
         Self {
             byte: Span::from_nanos(nanos.cast_signed()),
@@ -59,78 +59,78 @@ impl Radio {
         }
     }
 
-    /// Takes bytes that are handed to the wire together.
-    pub fn send(&mut self, way: Way, now: Time, bytes: &[u8]) {
+    /// Takes bytes that are handed over together.
+    pub fn send(&mut self, direction: LinkDirection, now: Time, bytes: &[u8]) {
         for frame in bytes.chunks(LONGEST_FRAME) {
-            let start = now.max(self.free_at(way));
+            let start = now.max(self.free_at(direction));
             let byte = self.byte;
-            self.lane_mut(way).send(start, byte, frame);
+            self.lane_mut(direction).send(start, byte, frame);
         }
     }
 
-    /// Appends the bytes to `out` that have arrived by `now`.
-    pub fn receive(&mut self, way: Way, now: Time, out: &mut Vec<u8>) {
+    /// Appends to `out` the bytes that have arrived by `now`.
+    pub fn receive(&mut self, direction: LinkDirection, now: Time, out: &mut Vec<u8>) {
         let (byte, sent_by) = (self.byte, now - self.latency);
-        self.lane_mut(way).receive(sent_by, byte, out);
+        self.lane_mut(direction).receive(sent_by, byte, out);
     }
 
-    /// When the next frame that way has arrived whole.
+    /// Instant at which the next frame in this direction has arrived completely.
     #[must_use]
-    pub fn next_arrival(&self, way: Way) -> Option<Time> {
-        self.lane(way).frames.front().map(|frame| frame.end + self.latency)
+    pub fn next_arrival(&self, direction: LinkDirection) -> Option<Time> {
+        self.lane(direction).frames.front().map(|frame| frame.end + self.latency)
     }
 
-    /// Whether the wire takes more; else whoever speaks should wait.
+    /// Whether the send queue is below its high-water mark; otherwise the sender should wait.
     #[must_use]
-    pub fn has_room(&self, way: Way, now: Time) -> bool {
-        self.free_at(way) <= now + BACKLOG
+    pub fn has_room(&self, direction: LinkDirection, now: Time) -> bool {
+        self.free_at(direction) <= now + BACKLOG
     }
 
-    /// What went that way so far.
+    /// Traffic in this direction since the start.
     #[must_use]
-    pub fn traffic(&self, way: Way) -> Traffic {
-        self.lane(way).traffic
+    pub fn traffic(&self, direction: LinkDirection) -> Traffic {
+        self.lane(direction).traffic
     }
 
-    /// When what is queued has gone; half duplex, whichever way.
-    fn free_at(&self, way: Way) -> Time {
+    /// Instant at which the queue is empty; in half duplex, of both directions.
+    fn free_at(&self, direction: LinkDirection) -> Time {
         match self.half_duplex {
             true => self.up.free_at.max(self.down.free_at),
-            false => self.lane(way).free_at,
+            false => self.lane(direction).free_at,
         }
     }
 
-    fn lane(&self, way: Way) -> &Lane {
-        match way {
-            Way::Up => &self.up,
-            Way::Down => &self.down,
+    fn lane(&self, direction: LinkDirection) -> &Lane {
+        match direction {
+            LinkDirection::Up => &self.up,
+            LinkDirection::Down => &self.down,
         }
     }
 
-    fn lane_mut(&mut self, way: Way) -> &mut Lane {
-        match way {
-            Way::Up => &mut self.up,
-            Way::Down => &mut self.down,
+    fn lane_mut(&mut self, direction: LinkDirection) -> &mut Lane {
+        match direction {
+            LinkDirection::Up => &mut self.up,
+            LinkDirection::Down => &mut self.down,
         }
     }
 }
 
-/// What went one way.
+/// Traffic in one direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
-    /// Frames handed over.
+    /// Frames handed over \[-\].
     pub frames: u64,
-    /// Those that were lost.
+    /// Frames lost \[-\].
     pub lost: u64,
-    /// Bytes handed over.
+    /// Bytes handed over \[bytes\].
     pub bytes: u64,
-    /// Bits that were turned round, those of lost frames included.
+    /// Wrong bits, those of lost frames included \[bits\].
     pub wrong_bits: u64,
 }
 
-/// A frame on its way.
+/// Frame on its way.
 #[derive(Clone, Copy, Debug)]
-struct Frame {
+struct QueuedFrame {
     start: Time,
     end: Time,
     bytes: usize,
@@ -138,14 +138,14 @@ struct Frame {
     lost: bool,
 }
 
-/// One way.
+/// One direction of the radio.
 #[derive(Clone, Debug)]
 struct Lane {
     loss_probability: f64,
     losses: Generator,
-    errors: Errors,
+    errors: BitErrors,
     free_at: Time,
-    frames: VecDeque<Frame>,
+    frames: VecDeque<QueuedFrame>,
     bytes: VecDeque<u8>,
     traffic: Traffic,
 }
@@ -155,7 +155,7 @@ impl Lane {
         Self {
             loss_probability: options.loss_probability,
             losses,
-            errors: Errors::new(options.bit_error_rate, errors),
+            errors: BitErrors::new(options.bit_error_rate, errors),
             free_at: Time::UNSET,
             frames: VecDeque::with_capacity(64),
             bytes: VecDeque::with_capacity(1024),
@@ -167,7 +167,7 @@ impl Lane {
         let draw: f64 = self.losses.random();
         let lost = draw < self.loss_probability;
         let end = start + Span::from_nanos(byte.nanos() * bytes.len() as i64);
-        self.frames.push_back(Frame { start, end, bytes: bytes.len(), arrived: 0, lost });
+        self.frames.push_back(QueuedFrame { start, end, bytes: bytes.len(), arrived: 0, lost });
         self.free_at = end;
         self.traffic.frames += 1;
         self.traffic.lost += u64::from(lost);
@@ -197,23 +197,23 @@ impl Lane {
     }
 }
 
-/// Which bits are wrong: the distances between them, drawn one by one.
+/// Generator of wrong bits: the distances between them are drawn one by one.
 #[derive(Clone, Debug)]
-struct Errors {
+struct BitErrors {
     distance: Geometric,
     generator: Generator,
-    /// Right bits before the next wrong one.
+    /// Number of right bits before the next wrong one.
     right: u64,
 }
 
-impl Errors {
+impl BitErrors {
     fn new(rate: f64, mut generator: Generator) -> Self {
         let distance = Geometric::new(rate).expect("the configuration was checked");
         let right = distance.sample(&mut generator);
         Self { distance, generator, right }
     }
 
-    /// The wrong bits of the byte that comes next.
+    /// Mask of the wrong bits of the next byte.
     fn next_byte(&mut self) -> u8 {
         let (mut wrong, mut bit) = (0, 0);
         while self.right < 8 - bit {

@@ -1,29 +1,29 @@
-//! The vehicle behind its radio, bytes in and bytes out. Pure: time comes in as an argument.
+//! Emulated vehicle behind its radio, bytes in and bytes out. Pure: time is an argument.
 
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_wire::asctec::{Command, Scales, VehicleDecoder};
+use oqtal_wire::asctec::{HostCommand, Scales, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
-use oqtal_wire::stream::Counters;
-use oqtal_wire::xbee::{Address, Arrival, Carrier, MAX_PAYLOAD, Side};
+use oqtal_wire::stream::DecoderCounters;
+use oqtal_wire::xbee::{Address, Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
 use super::on_board::{Measured, OnBoard};
-use super::radio::{Radio, Way};
+use super::radio::{LinkDirection, RadioModel};
 use crate::plant::{Output, Plant};
 
-/// A vehicle that is flown through its radio.
+/// Emulated vehicle that is flown through its radio.
 #[derive(Debug)]
 pub struct WiredVehicle {
     plant: Plant,
-    radio: Radio,
-    /// The host's XBee, which stands before the vehicle.
+    radio: RadioModel,
+    /// The host's XBee, which is emulated with the vehicle.
     carrier: Carrier,
     decoder: VehicleDecoder,
     on_board: OnBoard,
-    heard: Vec<u8>,
-    /// What the host wants to know the delivery of.
+    received: Vec<u8>,
+    /// Frame ids for which the host requested a delivery report \[-\].
     requests: Vec<u8>,
-    commands: Vec<Command>,
+    commands: Vec<HostCommand>,
     answer: Vec<u8>,
 }
 
@@ -32,53 +32,54 @@ impl WiredVehicle {
     #[must_use]
     pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Self {
         let scales: &Scales = &config.bridge.asctec;
-        // The frames of answers are of the kind that the host's requests are.
-        let peer = config.bridge.xbee_address().unwrap_or(Address::BROADCAST);
+        // Answers use the address length of the host's requests.
+        let peer = config.bridge.xbee_address.parse().unwrap_or(Address::BROADCAST);
         Self {
             plant: Plant::new(config, start),
-            radio: Radio::new(&config.vehicle.wire, config.clock.seed, link.baud()),
+            radio: RadioModel::new(&config.vehicle.wire, config.clock.seed, link.baud()),
             carrier: Carrier::new(link.xbee(), Side::Radio, peer),
             decoder: VehicleDecoder::new(),
             on_board: OnBoard::new(&config.vehicle, scales),
-            heard: Vec::with_capacity(1024),
+            received: Vec::with_capacity(1024),
             requests: Vec::with_capacity(64),
             commands: Vec::with_capacity(64),
             answer: Vec::with_capacity(1024),
         }
     }
 
-    /// The next instant at which something happens.
+    /// Instant of the next event.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        let arrivals = [Way::Up, Way::Down].map(|way| self.radio.next_arrival(way));
+        let arrivals =
+            [LinkDirection::Up, LinkDirection::Down].map(|way| self.radio.next_arrival(way));
         let events = arrivals.into_iter().chain([self.on_board.next_event()]);
         events.flatten().fold(self.plant.next_sample(), Time::min)
     }
 
-    /// Whether the wire has room for what the host writes; else it has to wait.
+    /// Whether the radio has room for what the host writes; otherwise the host has to wait.
     #[must_use]
-    pub fn listens(&self, now: Time) -> bool {
-        self.radio.has_room(Way::Up, now)
+    pub fn has_room(&self, now: Time) -> bool {
+        self.radio.has_room(LinkDirection::Up, now)
     }
 
-    /// Takes what the host wrote together.
+    /// Takes bytes that the host wrote together.
     pub fn host_writes(&mut self, now: Time, bytes: &[u8]) {
-        self.radio.send(Way::Up, now, bytes);
+        self.radio.send(LinkDirection::Up, now, bytes);
     }
 
-    /// Appends to `bytes` what has arrived at the host by `now`.
+    /// Appends to `bytes` the bytes that have arrived at the host by `now`.
     pub fn host_reads(&mut self, now: Time, bytes: &mut Vec<u8>) {
-        self.radio.receive(Way::Down, now, bytes);
+        self.radio.receive(LinkDirection::Down, now, bytes);
     }
 
-    /// Flies on to `until`, and tells `out` what happens. Commands act at the very instant at which their last byte arrives.
+    /// Integrates to `until`, and passes every output to `out`. A command acts at the instant at which its last byte arrives.
     pub fn advance(&mut self, until: Time, mut out: impl FnMut(Output)) {
         loop {
-            let up = self.radio.next_arrival(Way::Up);
+            let up = self.radio.next_arrival(LinkDirection::Up);
             let events = [up, self.on_board.next_event()].into_iter().flatten();
             let next = events.fold(self.plant.next_sample(), Time::min).min(until);
             self.plant.advance(next, &mut out);
-            self.listen(next);
+            self.receive(next);
             self.on_board.tick(next);
             self.plant.steer(&self.on_board.command(&self.plant.truth()));
             if next >= until {
@@ -87,15 +88,15 @@ impl WiredVehicle {
         }
     }
 
-    /// What the vehicle could read, and what not.
+    /// Counters of the frames received.
     #[must_use]
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> DecoderCounters {
         self.decoder.counters()
     }
 
-    /// The radio.
+    /// Model of the radio.
     #[must_use]
-    pub fn radio(&self) -> &Radio {
+    pub fn radio(&self) -> &RadioModel {
         &self.radio
     }
 
@@ -111,26 +112,26 @@ impl WiredVehicle {
         &self.plant
     }
 
-    /// Obeys what has arrived, and answers.
-    fn listen(&mut self, now: Time) {
-        let Self { radio, carrier, decoder, commands, answer, heard, .. } = self;
-        radio.receive(Way::Up, now, heard);
-        for arrival in carrier.push(heard) {
-            if let Arrival::Payload { id, payload } = arrival {
+    /// Executes the messages that have arrived, and answers.
+    fn receive(&mut self, now: Time) {
+        let Self { radio, carrier, decoder, commands, answer, received, .. } = self;
+        radio.receive(LinkDirection::Up, now, received);
+        for arrival in carrier.push(received) {
+            if let RadioEvent::Payload { id, payload } = arrival {
                 commands.extend(decoder.push(&payload));
                 self.requests.push(id);
             }
         }
-        heard.clear();
+        received.clear();
         for id in self.requests.drain(..) {
-            radio.send(Way::Down, now, carrier.report(id, true).as_bytes());
+            radio.send(LinkDirection::Down, now, carrier.report(id, true).as_bytes());
         }
         let measured = Measured { truth: self.plant.truth(), battery_v: self.plant.battery_v() };
         for command in commands.drain(..) {
-            self.on_board.obey(now, &command, &measured, answer);
+            self.on_board.execute(now, &command, &measured, answer);
             for piece in answer.chunks(MAX_PAYLOAD) {
                 if let Ok(frame) = carrier.wrap(0, piece) {
-                    radio.send(Way::Down, now, frame.as_bytes());
+                    radio.send(LinkDirection::Down, now, frame.as_bytes());
                 }
             }
             answer.clear();

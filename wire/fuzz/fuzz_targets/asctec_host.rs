@@ -1,4 +1,4 @@
-//! What a host hears.
+//! Arbitrary bytes into the host's AscTec decoder.
 #![no_main]
 
 #[allow(dead_code)]

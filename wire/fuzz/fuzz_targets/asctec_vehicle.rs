@@ -1,4 +1,4 @@
-//! What a vehicle hears.
+//! Arbitrary bytes into the vehicle's AscTec decoder.
 #![no_main]
 
 #[allow(dead_code)]

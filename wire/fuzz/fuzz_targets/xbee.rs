@@ -1,4 +1,4 @@
-//! What a radio and its host hear.
+//! Arbitrary bytes into the decoders of a radio and of its host.
 #![no_main]
 
 #[path = "../../tests/common/any_bytes.rs"]

@@ -1,4 +1,4 @@
-//! Host to vehicle: commands, polls, the emergency stop.
+//! Frames from host to vehicle: commands, polls, the emergency stop.
 
 use super::Poll;
 
@@ -7,14 +7,14 @@ pub const FULL_STICK: i16 = 2047;
 /// Greatest thrust \[counts\].
 pub const FULL_THRUST: i16 = 4095;
 
-/// Stops the motors at once, in flight too.
+/// Frame that stops the motors at once, also in flight.
 pub const EMERGENCY_STOP: [u8; 5] = *b">*>me";
 
 pub(super) const COMMAND_HEAD: &[u8] = b">*>di";
 pub(super) const POLL_HEAD: &[u8] = b">*>p";
 pub(super) const POLL_LEN: usize = 6;
 
-/// `CTRL_INPUT` as on the wire, without its checksum.
+/// Control input: the fields of `CTRL_INPUT` as on the wire, without the checksum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ControlInput {
     /// Pitch stick \[counts, -2047..2047\].
@@ -25,30 +25,30 @@ pub struct ControlInput {
     pub yaw: i16,
     /// Thrust \[counts, 0..4095\].
     pub thrust: i16,
-    /// The axes that the vehicle takes from here and not from the remote control: bits `ENABLE_*`.
+    /// Axes that the vehicle takes from the host instead of the remote control: bits `ENABLE_*` \[-\].
     pub enabled: i16,
 }
 
 impl ControlInput {
-    /// Pitch comes from here.
+    /// Pitch is the host's.
     pub const ENABLE_PITCH: i16 = 1;
-    /// Roll comes from here.
+    /// Roll is the host's.
     pub const ENABLE_ROLL: i16 = 2;
-    /// Yaw comes from here.
+    /// Yaw is the host's.
     pub const ENABLE_YAW: i16 = 4;
-    /// Thrust comes from here.
+    /// Thrust is the host's.
     pub const ENABLE_THRUST: i16 = 8;
-    /// All four come from here.
+    /// All four are the host's.
     pub const ENABLE_ALL: i16 = 15;
 
-    /// Sticks centred, no thrust, all axes.
-    pub const NEUTRAL: Self =
+    /// Zero set-point: sticks centred, no thrust, all axes the host's.
+    pub const ZERO_SETPOINT: Self =
         Self { pitch: 0, roll: 0, yaw: 0, thrust: 0, enabled: Self::ENABLE_ALL };
 
-    /// Length of its frame \[bytes\].
+    /// Length of the frame \[bytes\].
     pub const FRAME_LEN: usize = 17;
 
-    /// Whether every field is within the range that the manual gives.
+    /// Whether every field is within the range of the manual.
     #[must_use]
     pub fn in_range(&self) -> bool {
         let stick = |counts: i16| (-FULL_STICK..=FULL_STICK).contains(&counts);
@@ -59,7 +59,7 @@ impl ControlInput {
             && (0..=Self::ENABLE_ALL).contains(&self.enabled)
     }
 
-    /// The frame that says it. Values are sent as they are: see [`ControlInput::in_range`].
+    /// Encodes the frame. Values are not limited: see [`ControlInput::in_range`].
     #[must_use]
     pub fn frame(&self) -> [u8; Self::FRAME_LEN] {
         let mut frame = [0; Self::FRAME_LEN];
@@ -81,52 +81,52 @@ impl ControlInput {
     }
 }
 
-/// The frame that asks for telemetry.
+/// Encodes the frame that requests telemetry.
 #[must_use]
 pub fn poll_frame(poll: Poll) -> [u8; POLL_LEN] {
     let [low, high] = poll.bits().to_le_bytes();
     [b'>', b'*', b'>', b'p', low, high]
 }
 
-/// What a vehicle is told.
+/// Message from host to vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Command {
-    /// Fly like this. Acknowledged with [`super::Descriptor::ControlInput`].
+pub enum HostCommand {
+    /// Control input; acknowledged with [`super::Descriptor::ControlInput`].
     Control(ControlInput),
-    /// Send this telemetry, once.
+    /// Request to send telemetry once.
     Poll(Poll),
-    /// Stop the motors at once.
+    /// Request to stop the motors at once.
     EmergencyStop,
 }
 
-/// Why bytes are no frame to a vehicle.
+/// Error in bytes that should be a frame to a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
-    /// Wrong number of bytes for what its head says.
-    #[error("{found} bytes, want {wanted}")]
+    /// Number of bytes that does not agree with the head.
+    #[error("{found} bytes, expected {wanted}")]
     Length {
-        /// Bytes found.
+        /// Length found \[bytes\].
         found: usize,
-        /// Bytes that such a frame has.
+        /// Length of such a frame \[bytes\].
         wanted: usize,
     },
-    /// Does not begin like one.
+    /// Unknown first bytes.
     #[error("unknown head")]
     Head,
-    /// The checksum of a command disagrees with it.
-    #[error("checksum {found:#06x}, want {wanted:#06x}")]
+    /// Checksum that does not agree with the fields.
+    #[error("checksum {found:#06x}, expected {wanted:#06x}")]
     Checksum {
         /// Checksum found.
         found: u16,
         /// Checksum of the fields found.
         wanted: u16,
     },
-    /// A field outside its range, or a poll for nothing known.
+    /// Field outside its range, or a poll with unknown bits or none.
     #[error("a field is out of range")]
     Range,
 }
 
-/// Bytes that are a command.
+/// Checked view of a command frame.
 #[derive(Clone, Copy, Debug)]
 pub struct CommandPacket<'a>(&'a [u8]);
 
@@ -134,7 +134,7 @@ impl<'a> CommandPacket<'a> {
     /// Checks length, head, checksum and ranges.
     ///
     /// # Errors
-    /// What is wrong.
+    /// The first check that fails.
     pub fn new_checked(bytes: &'a [u8]) -> Result<Self, CommandError> {
         check_shape(bytes, COMMAND_HEAD, ControlInput::FRAME_LEN)?;
         let packet = Self(bytes);
@@ -146,7 +146,7 @@ impl<'a> CommandPacket<'a> {
         if input.in_range() { Ok(packet) } else { Err(CommandError::Range) }
     }
 
-    /// What it commands.
+    /// The control input of the frame.
     #[must_use]
     pub fn input(&self) -> ControlInput {
         let [pitch, roll, yaw, thrust, enabled] = [0, 1, 2, 3, 4].map(|index| self.word(index));
@@ -159,7 +159,7 @@ impl<'a> CommandPacket<'a> {
     }
 }
 
-/// Bytes that are a poll.
+/// Checked poll frame.
 #[derive(Clone, Copy, Debug)]
 pub struct PollPacket(Poll);
 
@@ -167,14 +167,14 @@ impl PollPacket {
     /// Checks length, head and bits.
     ///
     /// # Errors
-    /// What is wrong.
+    /// The first check that fails.
     pub fn new_checked(bytes: &[u8]) -> Result<Self, CommandError> {
         check_shape(bytes, POLL_HEAD, POLL_LEN)?;
         let bits = u16::from_le_bytes([bytes[4], bytes[5]]);
         Poll::from_wire(bits).map(Self).ok_or(CommandError::Range)
     }
 
-    /// What it asks for.
+    /// The requested telemetry.
     #[must_use]
     pub fn poll(&self) -> Poll {
         self.0

@@ -1,9 +1,9 @@
-//! The CRC of telemetry.
+//! CRC of telemetry frames.
 
 use crc::{Algorithm, Crc};
 
-/// The firmware's register starts at 0x00FF and is shifted to the right: 0xFF00 in the notation of the catalogue, where CRCs
-/// with this polynomial that start at 0xFFFF are many, and none is this one.
+/// Parameters of the firmware's CRC. Its register starts at 0x00FF and is shifted to the right, which is `init` 0xFF00 in the
+/// notation of the CRC catalogue; the catalogue has several CRCs of this polynomial, none with this start.
 const ASCTEC: Algorithm<u16> = Algorithm {
     width: 16,
     poly: 0x1021,
@@ -17,7 +17,7 @@ const ASCTEC: Algorithm<u16> = Algorithm {
 
 const CRC: Crc<u16> = Crc::<u16>::new(&ASCTEC);
 
-/// CRC of a telemetry payload, the payload alone.
+/// CRC of a telemetry payload; head, length and descriptor are not covered.
 #[must_use]
 pub fn crc16(payload: &[u8]) -> u16 {
     CRC.checksum(payload)

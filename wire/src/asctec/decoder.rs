@@ -1,38 +1,38 @@
-//! Frames out of a stream, for either end.
+//! Grammars of the AscTec frames, for either end of the stream.
 
 use super::command::{COMMAND_HEAD, POLL_HEAD, POLL_LEN};
 use super::telemetry::{ACKNOWLEDGEMENT_LEN, ENVELOPE, HEAD, PREFIX};
 use super::{
-    AcknowledgementPacket, Command, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP,
+    AcknowledgementPacket, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP, HostCommand,
     ImuCalc, LlStatus, PollPacket, TelemetryPacket,
 };
 use crate::stream::{Decoder, Grammar, Verdict};
 
-/// What a host hears.
+/// Message from vehicle to host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HostEvent {
-    /// The vehicle took a packet of this kind.
+    /// Acknowledgement of a packet of this kind.
     Acknowledged(Descriptor),
     /// Battery and state.
     LlStatus(LlStatus),
     /// Fused inertial measurements.
     ImuCalc(ImuCalc),
-    /// Telemetry that is not read here.
+    /// Telemetry whose payload is not decoded.
     Other(Descriptor),
 }
 
-/// Acknowledgements and telemetry.
+/// Grammar of acknowledgements and telemetry.
 #[derive(Clone, Copy, Debug)]
 pub struct HostGrammar;
 
-/// What a host hears, frame by frame.
+/// Decoder of the stream to the host.
 pub type HostDecoder = Decoder<HostGrammar>;
 
-/// Commands, polls and the emergency stop.
+/// Grammar of commands, polls and the emergency stop.
 #[derive(Clone, Copy, Debug)]
 pub struct VehicleGrammar;
 
-/// What a vehicle hears, frame by frame.
+/// Decoder of the stream to the vehicle.
 pub type VehicleDecoder = Decoder<VehicleGrammar>;
 
 impl Grammar for HostGrammar {
@@ -69,7 +69,7 @@ fn telemetry(bytes: &[u8]) -> Verdict<HostEvent> {
     let Some(&[_, _, _, low, high, number]) = bytes.first_chunk::<PREFIX>() else {
         return Verdict::Wait(PREFIX);
     };
-    // The length is believed only if it is that of the descriptor: else one wrong bit could swallow what follows.
+    // A length that is not the descriptor's is rejected: otherwise one wrong bit could consume the frames that follow.
     let length = usize::from(u16::from_le_bytes([low, high]));
     let descriptor = Descriptor::from_wire(number);
     if descriptor.is_none_or(|descriptor| descriptor.payload_len() != length) {
@@ -93,11 +93,11 @@ fn event(packet: &TelemetryPacket) -> Option<HostEvent> {
 }
 
 impl Grammar for VehicleGrammar {
-    type Event = Command;
+    type Event = HostCommand;
 
     const START: u8 = b'>';
 
-    fn inspect(bytes: &[u8]) -> Verdict<Command> {
+    fn inspect(bytes: &[u8]) -> Verdict<HostCommand> {
         let length = if agrees(bytes, COMMAND_HEAD) {
             ControlInput::FRAME_LEN
         } else if agrees(bytes, POLL_HEAD) {
@@ -107,7 +107,7 @@ impl Grammar for VehicleGrammar {
         } else {
             return Verdict::Noise;
         };
-        // The shortest frame is as long as the longest head: by then it is clear which of the three it is.
+        // The shortest frame is as long as the longest head: with that many bytes the kind of frame is known.
         if bytes.len() < EMERGENCY_STOP.len() {
             return Verdict::Wait(EMERGENCY_STOP.len());
         }
@@ -119,17 +119,17 @@ impl Grammar for VehicleGrammar {
     }
 }
 
-fn command(frame: &[u8]) -> Option<Command> {
+fn command(frame: &[u8]) -> Option<HostCommand> {
     if frame == EMERGENCY_STOP {
-        return Some(Command::EmergencyStop);
+        return Some(HostCommand::EmergencyStop);
     }
     if let Ok(packet) = PollPacket::new_checked(frame) {
-        return Some(Command::Poll(packet.poll()));
+        return Some(HostCommand::Poll(packet.poll()));
     }
-    CommandPacket::new_checked(frame).ok().map(|packet| Command::Control(packet.input()))
+    CommandPacket::new_checked(frame).ok().map(|packet| HostCommand::Control(packet.input()))
 }
 
-/// Whether `bytes` begin with `mark`, as far as there are bytes.
+/// Whether `bytes` and `mark` agree over the shorter of both.
 fn agrees(bytes: &[u8], mark: &[u8]) -> bool {
     bytes.iter().zip(mark).all(|(byte, wanted)| byte == wanted)
 }

@@ -1,9 +1,9 @@
-//! What a frame is about.
+//! Packet descriptors, and the bits of a poll.
 
 /// Packet descriptors of known size.
 ///
-/// The camera's (0x30, 0x31) have no published size; as the CRC does not cover the descriptor, a frame whose length cannot be
-/// held against it is not believed.
+/// The camera's descriptors (0x30, 0x31) have no published size. The CRC does not cover the descriptor, so a frame whose length
+/// cannot be checked against it is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Descriptor {
@@ -28,7 +28,7 @@ pub enum Descriptor {
 }
 
 impl Descriptor {
-    /// All of them.
+    /// All descriptors.
     pub const ALL: [Self; 9] = [
         Self::ImuRaw,
         Self::LlStatus,
@@ -41,13 +41,13 @@ impl Descriptor {
         Self::GpsDataAdvanced,
     ];
 
-    /// The descriptor of this number.
+    /// The descriptor of a number on the wire; `None` if unknown.
     #[must_use]
     pub fn from_wire(number: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|descriptor| *descriptor as u8 == number)
     }
 
-    /// Size of its payload in telemetry \[bytes\].
+    /// Length of the telemetry payload \[bytes\].
     #[must_use]
     pub const fn payload_len(self) -> usize {
         match self {
@@ -62,7 +62,7 @@ impl Descriptor {
     }
 }
 
-/// What a poll asks for: bits to be joined by `|`.
+/// Telemetry requested by a poll: bits, to be joined by `|`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Poll(u16);
 
@@ -88,19 +88,19 @@ impl Poll {
 
     const KNOWN: u16 = 0x0B9F;
 
-    /// The poll of these bits; none if a bit has no meaning, or no bit is set.
+    /// The poll of these bits; `None` if a bit is unknown or none is set.
     #[must_use]
     pub const fn from_wire(bits: u16) -> Option<Self> {
         if bits == 0 || bits & !Self::KNOWN != 0 { None } else { Some(Self(bits)) }
     }
 
-    /// The bits.
+    /// The bits as on the wire \[-\].
     #[must_use]
     pub const fn bits(self) -> u16 {
         self.0
     }
 
-    /// Whether all of `other` is asked for.
+    /// Whether all telemetry of `other` is requested.
     #[must_use]
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

@@ -1,4 +1,4 @@
-//! What the counts mean: SI units, radians, body axes x forward, y left, z up.
+//! Conversion between counts and SI units, radians, body axes x forward, y left, z up.
 //!
 //! | count | unit | source |
 //! |---|---|---|
@@ -7,24 +7,24 @@
 //! | yaw stick beside it | `K_stick_yaw` 120 mdeg/s | asctec_mav_framework; asctec_drivers has 254.760 deg/s at full stick, 124.5 |
 //! | thrust | by a table, see [`ThrustTable`] | the paper, section VII.A |
 //!
-//! Signs: asctec_drivers turns roll and yaw of the telemetry round to reach these axes, and passes commands on as they are;
-//! asctec_mav_framework calls the 2012 firmware's axes north-east-down. So they are configuration: look which way the vehicle
+//! Signs: asctec_drivers negates roll and yaw of the telemetry to reach these axes, and sends commands unchanged;
+//! asctec_mav_framework calls the 2012 firmware's axes north-east-down. Signs are therefore configured: check which way the vehicle
 //! tilts before it flies.
 
 use serde::{Deserialize, Serialize};
 
 use super::{ControlInput, FULL_STICK, FULL_THRUST, ImuCalc, LlStatus, ThrustTable};
 
-/// Counts of a rate in `IMU_CALCDATA` per degree per second.
+/// Scale of the body rates in `IMU_CALCDATA` \[counts per deg/s\].
 const RATE_COUNTS_PER_DEG_S: f64 = 64.8;
 
-/// A scale that cannot be used.
+/// Error in a scale.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{key} {rule}")]
 pub struct InvalidScale {
-    /// The key in the configuration, relative to the table of the scales.
+    /// Key in the configuration, relative to the table of the scales.
     pub key: &'static str,
-    /// The rule that it breaks.
+    /// Rule that the value breaks.
     pub rule: String,
 }
 
@@ -34,87 +34,87 @@ impl InvalidScale {
     }
 }
 
-/// What the roll and pitch sticks mean to the vehicle.
+/// Quantity that the roll and pitch sticks command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Meaning {
-    /// A body rate, as a fraction of that at full stick, Eq. (61): the paper's vehicle.
+pub enum StickMeaning {
+    /// Body rate, as a fraction of the rate at full stick, Eq. (61): the paper's vehicle.
     #[default]
     BodyRate,
-    /// An angle; yaw is a rate: a Hummingbird with AutoPilot.
+    /// Angle; yaw is a rate: a Hummingbird with AutoPilot.
     Attitude,
 }
 
-/// What the vehicle is to do, in body axes.
+/// Stick positions and thrust, in body axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sticks {
-    /// About x: `delta_r` \[-1..1\] if sticks are body rates, else the roll angle \[rad\].
+    /// Roll, about x: `delta_r` \[-1..1\] if sticks are body rates, else the roll angle \[rad\].
     pub roll: f64,
-    /// About y: `delta_p` \[-1..1\] if sticks are body rates, else the pitch angle \[rad\].
+    /// Pitch, about y: `delta_p` \[-1..1\] if sticks are body rates, else the pitch angle \[rad\].
     pub pitch: f64,
-    /// About z: `delta_y` \[-1..1\] if sticks are body rates, else the yaw rate \[rad/s\].
+    /// Yaw, about z: `delta_y` \[-1..1\] if sticks are body rates, else the yaw rate \[rad/s\].
     pub yaw: f64,
-    /// Along z: `delta_c`, a fraction of the greatest thrust \[0..1\].
+    /// Thrust, along z: `delta_c`, a fraction of the greatest thrust \[-, 0..1\].
     pub thrust: f64,
 }
 
-/// The sign of each axis of the vehicle in body axes: 1, or -1 if it turns the other way.
+/// Sign of each of the vehicle's axes against the body axes: 1, or -1 if opposite \[-\].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Signs {
-    /// About x.
+pub struct AxisSigns {
+    /// Roll, about x \[-\].
     pub roll: i8,
-    /// About y.
+    /// Pitch, about y \[-\].
     pub pitch: i8,
-    /// About z.
+    /// Yaw, about z \[-\].
     pub yaw: i8,
 }
 
-impl Default for Signs {
+impl Default for AxisSigns {
     fn default() -> Self {
         Self { roll: -1, pitch: 1, yaw: -1 }
     }
 }
 
-/// The greatest counts sent on each axis. asctec_drivers flies with roll and pitch 300, yaw 600, thrust 2200.
+/// Greatest counts sent on each axis; asctec_drivers has roll and pitch 300, yaw 600, thrust 2200.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Limits {
-    /// Roll, either way \[counts\].
+pub struct CountLimits {
+    /// Roll, magnitude \[counts\].
     pub roll: i16,
-    /// Pitch, either way \[counts\].
+    /// Pitch, magnitude \[counts\].
     pub pitch: i16,
-    /// Yaw, either way \[counts\].
+    /// Yaw, magnitude \[counts\].
     pub yaw: i16,
     /// Thrust \[counts\].
     pub thrust: i16,
 }
 
-impl Default for Limits {
+impl Default for CountLimits {
     fn default() -> Self {
         Self { roll: FULL_STICK, pitch: FULL_STICK, yaw: FULL_STICK, thrust: FULL_THRUST }
     }
 }
 
-/// What counts mean. Both ends of a wire must agree on it.
+/// Scales of counts; both ends of a link need the same.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Scales {
-    /// What the sticks mean.
-    pub sticks: Meaning,
-    /// Roll and pitch angle of a count, AscTec's `K_stick` \[mdeg\], where sticks mean an attitude.
+    /// Quantity that the sticks command.
+    pub sticks: StickMeaning,
+    /// Roll and pitch angle of one count, AscTec's `K_stick` \[mdeg\]; for sticks that command an attitude.
     pub angle_per_count_mdeg: f64,
-    /// Yaw rate of a count, AscTec's `K_stick_yaw` \[mdeg/s\], where sticks mean an attitude.
+    /// Yaw rate of one count, AscTec's `K_stick_yaw` \[mdeg/s\]; for sticks that command an attitude.
     pub yaw_rate_per_count_mdeg_s: f64,
-    /// Signs of what is sent.
-    pub command_signs: Signs,
-    /// Signs of what is measured.
-    pub telemetry_signs: Signs,
-    /// Greatest counts sent.
-    pub limit_counts: Limits,
-    /// Points `[delta_c, counts]` from thrust to counts.
+    /// Signs of commands.
+    pub command_signs: AxisSigns,
+    /// Signs of telemetry.
+    pub telemetry_signs: AxisSigns,
+    /// Greatest counts of commands.
+    pub limit_counts: CountLimits,
+    /// Calibration points `[delta_c, counts]` \[-, counts\].
     pub thrust_table: ThrustTable,
-    /// Yaw stick that, held without thrust, starts and stops the motors \[counts\]. asctec_drivers has -2047,
+    /// Yaw stick that, held without thrust, starts and stops the motors \[counts\]; asctec_drivers has -2047,
     /// asctec_mav_framework 2047.
     pub motor_yaw_counts: i16,
 }
@@ -122,26 +122,26 @@ pub struct Scales {
 impl Default for Scales {
     fn default() -> Self {
         Self {
-            sticks: Meaning::BodyRate,
+            sticks: StickMeaning::BodyRate,
             angle_per_count_mdeg: 25.0,
             yaw_rate_per_count_mdeg_s: 120.0,
-            command_signs: Signs::default(),
-            telemetry_signs: Signs::default(),
-            limit_counts: Limits::default(),
+            command_signs: AxisSigns::default(),
+            telemetry_signs: AxisSigns::default(),
+            limit_counts: CountLimits::default(),
             thrust_table: ThrustTable::default(),
             motor_yaw_counts: -FULL_STICK,
         }
     }
 }
 
-/// The battery and the state of the vehicle.
+/// State of the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Status {
     /// Battery voltage \[V\].
     pub battery_v: f64,
     /// Whether the motors run.
     pub motors_on: bool,
-    /// Whether the vehicle says that it flies.
+    /// Whether the vehicle reports that it flies.
     pub flying: bool,
 }
 
@@ -164,7 +164,7 @@ impl From<Status> for LlStatus {
     }
 }
 
-/// What the vehicle measures of itself.
+/// Fused inertial measurements of the vehicle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Imu {
     /// Euler angles 3-2-1 `[roll, pitch, yaw]` \[rad, body to a level frame whose heading is the compass's\].
@@ -178,8 +178,10 @@ pub struct Imu {
 }
 
 impl Scales {
+    /// Checks the scales.
+    ///
     /// # Errors
-    /// The first scale that cannot be used.
+    /// The first scale that breaks a rule.
     pub fn check(&self) -> Result<(), InvalidScale> {
         let per_count = 0.1..=1000.0;
         let plausible = |key, value: f64| match per_count.contains(&value) {
@@ -200,12 +202,12 @@ impl Scales {
         }
     }
 
-    /// The counts for `sticks`, within the limits. A number that is none makes the whole command neutral.
+    /// Converts `sticks` to counts within the limits; the zero set-point if a value is not finite.
     #[must_use]
     pub fn encode(&self, sticks: &Sticks) -> ControlInput {
         let Sticks { roll, pitch, yaw, thrust } = *sticks;
         if ![roll, pitch, yaw, thrust].iter().all(|value| value.is_finite()) {
-            return ControlInput::NEUTRAL;
+            return ControlInput::ZERO_SETPOINT;
         }
         let (signs, limits) = (&self.command_signs, &self.limit_counts);
         let (angle, rate) = (self.counts_per_angle(), self.counts_per_yaw());
@@ -218,7 +220,7 @@ impl Scales {
         }
     }
 
-    /// What the counts ask for. Where the host limits them, that is what it sent.
+    /// Converts counts to sticks; limited counts give the limited sticks.
     #[must_use]
     pub fn decode(&self, input: &ControlInput) -> Sticks {
         let (signs, angle) = (&self.command_signs, self.counts_per_angle());
@@ -230,18 +232,18 @@ impl Scales {
         }
     }
 
-    /// What starts the motors, and stops them again: no thrust and the yaw stick held. Roll and pitch stay with the remote
-    /// control, as in asctec_drivers.
+    /// Control input that, held, starts or stops the motors: no thrust and full yaw. Roll and pitch stay with the remote control, as in
+    /// asctec_drivers.
     #[must_use]
     pub fn motor_switch(&self) -> ControlInput {
         ControlInput {
             yaw: self.motor_yaw_counts,
             enabled: ControlInput::ENABLE_YAW | ControlInput::ENABLE_THRUST,
-            ..ControlInput::NEUTRAL
+            ..ControlInput::ZERO_SETPOINT
         }
     }
 
-    /// Whether `input` is a motor switch: no thrust, and the yaw stick all the way to the right side.
+    /// Whether `input` is a motor switch: no thrust, and the yaw stick at least at the switch position on its side.
     #[must_use]
     pub fn is_motor_switch(&self, input: &ControlInput) -> bool {
         let yaw = i32::from(input.yaw);
@@ -249,7 +251,7 @@ impl Scales {
         input.thrust == 0 && yaw.signum() == switch.signum() && yaw.abs() >= switch.abs()
     }
 
-    /// The inertial measurements in body axes.
+    /// Converts measurements on the wire to body axes.
     #[must_use]
     pub fn decode_imu(&self, wire: &ImuCalc) -> Imu {
         let signs = self.telemetry_signs.as_array();
@@ -289,21 +291,21 @@ impl Scales {
     /// Counts per unit of [`Sticks::roll`] and [`Sticks::pitch`].
     fn counts_per_angle(&self) -> f64 {
         match self.sticks {
-            Meaning::BodyRate => f64::from(FULL_STICK),
-            Meaning::Attitude => 1000.0_f64.to_degrees() / self.angle_per_count_mdeg,
+            StickMeaning::BodyRate => f64::from(FULL_STICK),
+            StickMeaning::Attitude => 1000.0_f64.to_degrees() / self.angle_per_count_mdeg,
         }
     }
 
     /// Counts per unit of [`Sticks::yaw`].
     fn counts_per_yaw(&self) -> f64 {
         match self.sticks {
-            Meaning::BodyRate => f64::from(FULL_STICK),
-            Meaning::Attitude => 1000.0_f64.to_degrees() / self.yaw_rate_per_count_mdeg_s,
+            StickMeaning::BodyRate => f64::from(FULL_STICK),
+            StickMeaning::Attitude => 1000.0_f64.to_degrees() / self.yaw_rate_per_count_mdeg_s,
         }
     }
 }
 
-impl Signs {
+impl AxisSigns {
     fn check(&self, key: &'static str) -> Result<(), InvalidScale> {
         if [self.roll, self.pitch, self.yaw].iter().all(|sign| [1, -1].contains(sign)) {
             Ok(())
@@ -317,7 +319,7 @@ impl Signs {
     }
 }
 
-impl Limits {
+impl CountLimits {
     fn check(&self) -> Result<(), InvalidScale> {
         let sticks = [self.roll, self.pitch, self.yaw];
         let fits = sticks.iter().all(|limit| (1..=FULL_STICK).contains(limit))
@@ -331,7 +333,7 @@ impl Limits {
     }
 }
 
-/// Whole counts within the limit, either way.
+/// Rounds to counts within `limit` in magnitude.
 fn stick(counts: f64, limit: i16) -> i16 {
     let limit = f64::from(limit);
     counts.round().min(limit).max(-limit) as i16

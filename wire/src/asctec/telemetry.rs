@@ -1,37 +1,37 @@
-//! Vehicle to host: acknowledgements and telemetry.
+//! Frames from vehicle to host: acknowledgements and telemetry.
 
 use super::{Descriptor, crc16};
 
-/// The longest telemetry frame: that of `IMU_CALCDATA` \[bytes\].
+/// Length of the longest telemetry frame, `IMU_CALCDATA` \[bytes\].
 pub const MAX_TELEMETRY: usize = 103;
 
 pub(super) const HEAD: &[u8] = b">*>";
 const TAIL: &[u8] = b"<#<";
-/// Bytes of a frame besides its payload.
+/// Length of a frame without its payload \[bytes\].
 pub(super) const ENVELOPE: usize = 11;
-/// Bytes before the payload.
+/// Length of what precedes the payload \[bytes\].
 pub(super) const PREFIX: usize = 6;
 pub(super) const ACKNOWLEDGEMENT_LEN: usize = 5;
 
-/// Why bytes are no frame to a host.
+/// Error in bytes that should be a frame to a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TelemetryError {
     /// Wrong number of bytes.
-    #[error("{found} bytes, want {wanted}")]
+    #[error("{found} bytes, expected {wanted}")]
     Length {
-        /// Bytes found.
+        /// Length found \[bytes\].
         found: usize,
-        /// Bytes that such a frame has.
+        /// Length of such a frame \[bytes\].
         wanted: usize,
     },
-    /// Does not begin or end like one.
+    /// Wrong first or last bytes.
     #[error("wrong head or end")]
     Mark,
-    /// Of unknown kind.
+    /// Unknown descriptor.
     #[error("unknown descriptor {0:#04x}")]
     Descriptor(u8),
-    /// The CRC of the payload disagrees with it.
-    #[error("CRC {found:#06x}, want {wanted:#06x}")]
+    /// CRC that does not agree with the payload.
+    #[error("CRC {found:#06x}, expected {wanted:#06x}")]
     Crc {
         /// CRC found.
         found: u16,
@@ -40,7 +40,7 @@ pub enum TelemetryError {
     },
 }
 
-/// Bytes that are telemetry.
+/// Checked view of a telemetry frame.
 #[derive(Clone, Copy, Debug)]
 pub struct TelemetryPacket<'a> {
     descriptor: Descriptor,
@@ -51,7 +51,7 @@ impl<'a> TelemetryPacket<'a> {
     /// Checks marks, descriptor, length and CRC.
     ///
     /// # Errors
-    /// What is wrong.
+    /// The first check that fails.
     pub fn new_checked(bytes: &'a [u8]) -> Result<Self, TelemetryError> {
         let (head, tail) = (bytes.starts_with(HEAD), bytes.ends_with(TAIL));
         let &[_, _, _, low, high, number, ref rest @ ..] = bytes else {
@@ -74,21 +74,21 @@ impl<'a> TelemetryPacket<'a> {
         Ok(Self { descriptor, payload })
     }
 
-    /// What it is about.
+    /// The descriptor.
     #[must_use]
     pub fn descriptor(&self) -> Descriptor {
         self.descriptor
     }
 
-    /// Its payload, of the length that belongs to the descriptor.
+    /// The payload, of the descriptor's length.
     #[must_use]
     pub fn payload(&self) -> &'a [u8] {
         self.payload
     }
 }
 
-/// Writes the telemetry frame of `payload` to the front of `out`; its length \[bytes\]. None if the payload has not the length
-/// that belongs to the descriptor, or `out` has no room.
+/// Writes the telemetry frame of `payload` to the front of `out`; returns its length \[bytes\]. `None` if `payload` has not the
+/// descriptor's length, or `out` has no room.
 pub fn write_telemetry(descriptor: Descriptor, payload: &[u8], out: &mut [u8]) -> Option<usize> {
     let length = descriptor.payload_len();
     let frame = out.get_mut(..length + ENVELOPE)?;
@@ -106,9 +106,7 @@ pub fn write_telemetry(descriptor: Descriptor, payload: &[u8], out: &mut [u8]) -
     Some(length + ENVELOPE)
 }
 
-/// Bytes that are an acknowledgement.
-///
-/// It has no checksum; only what is acknowledged here, the command, is believed.
+/// Checked acknowledgement frame. It has no checksum: only acknowledgements of a command are accepted.
 #[derive(Clone, Copy, Debug)]
 pub struct AcknowledgementPacket(Descriptor);
 
@@ -116,7 +114,7 @@ impl AcknowledgementPacket {
     /// Checks length, marks and descriptor.
     ///
     /// # Errors
-    /// What is wrong.
+    /// The first check that fails.
     pub fn new_checked(bytes: &[u8]) -> Result<Self, TelemetryError> {
         match *bytes {
             [b'>', b'a', number, b'a', b'<'] => match Descriptor::from_wire(number) {
@@ -128,14 +126,14 @@ impl AcknowledgementPacket {
         }
     }
 
-    /// What is acknowledged.
+    /// The kind of packet that is acknowledged.
     #[must_use]
     pub fn descriptor(&self) -> Descriptor {
         self.0
     }
 }
 
-/// The frame that acknowledges a packet of this kind.
+/// Encodes the acknowledgement of a packet of this kind.
 #[must_use]
 pub fn acknowledgement_frame(descriptor: Descriptor) -> [u8; ACKNOWLEDGEMENT_LEN] {
     [b'>', b'a', descriptor as u8, b'a', b'<']

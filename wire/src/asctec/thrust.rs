@@ -1,17 +1,17 @@
-//! From thrust to counts: the "nonlinear" post-processing of the paper (section VII.A, figure 15: delta to eta).
+//! Calibration from thrust to counts: the "nonlinear" post-processing of the paper (section VII.A, figure 15: delta to eta).
 //!
-//! The paper says that thrust is first modelled as linear, Eq. (61), and then post-processed with a nonlinear characteristic,
-//! and gives no figures. Here it is a table, straight between its points; the default is what rotors do whose speed follows the
-//! counts: thrust grows with the square of the speed. Replace it by a calibration of the very vehicle.
+//! In the paper, thrust is first modelled as linear, Eq. (61), and then post-processed with a nonlinear characteristic, without
+//! figures. Here the characteristic is a table with linear interpolation. The default is that of rotors whose speed is proportional
+//! to the counts: thrust grows with the square of the speed. Replace it by a calibration of the vehicle.
 
 use serde::{Deserialize, Serialize};
 
 use super::{FULL_THRUST, InvalidScale};
 
-/// The most points a table may have.
+/// Greatest number of points \[-\].
 const MAX_POINTS: usize = 256;
 
-/// Points `[delta_c, counts]`, both rising: thrust as a fraction of the greatest, and the counts that give it.
+/// Points `[delta_c, counts]`, both rising: thrust as a fraction of the greatest \[-\], and the counts that give it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ThrustTable(pub Vec<[f64; 2]>);
@@ -27,6 +27,8 @@ impl Default for ThrustTable {
 }
 
 impl ThrustTable {
+    /// Checks the points.
+    ///
     /// # Errors
     /// Fewer than two points, a point outside -1..1 and 0..4095, or points that do not rise.
     pub fn check(&self) -> Result<(), InvalidScale> {
@@ -45,13 +47,13 @@ impl ThrustTable {
         if rises(0) && rises(1) { Ok(()) } else { wrong("must rise from point to point") }
     }
 
-    /// The counts for a thrust `delta_c`; beyond the table, those of its nearest end.
+    /// Counts \[counts\] for the thrust `delta_c` \[-\]; beyond the table, those of its nearer end.
     #[must_use]
     pub fn counts(&self, delta: f64) -> f64 {
         self.interpolate(delta, 0, 1)
     }
 
-    /// The thrust `delta_c` that these counts give; beyond the table, that of its nearest end.
+    /// Thrust `delta_c` \[-\] for `counts` \[counts\]; beyond the table, that of its nearer end.
     #[must_use]
     pub fn delta(&self, counts: f64) -> f64 {
         self.interpolate(counts, 1, 0)

@@ -1,64 +1,84 @@
-//! Payload to and from a radio, whatever its framing.
+//! Payload to and from a radio, for every framing.
 
 use std::slice::Chunks;
+use std::str::FromStr;
 
 use super::Framing;
 use super::decoder::{Api1Decoder, Api1Grammar, Api2Decoder, Api2Grammar};
-use super::frame::{Frame, Payload, TooLong, UNKNOWN_NETWORK};
-use super::packet::{MAX_PAYLOAD, Wire};
-use crate::stream::{Counters, Events};
+use super::frame::{ApiFrame, Payload, TooLong, UNKNOWN_NETWORK};
+use super::packet::{MAX_PAYLOAD, WireBytes};
+use crate::stream::{DecodedEvents, DecoderCounters};
 
-/// The radio at the other end of the air.
+/// Address of the radio at the other end of the air.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Address {
-    /// 16 bits: frames 0x01, 0x81 and 0x89.
+    /// Address of 16 bits: frames 0x01, 0x81 and 0x89.
     Short(u16),
-    /// 64 bits: frames 0x10, 0x90 and 0x8B.
+    /// Address of 64 bits: frames 0x10, 0x90 and 0x8B.
     Long(u64),
 }
 
 impl Address {
-    /// Every radio in reach.
+    /// Address of every radio in reach.
     pub const BROADCAST: Self = Self::Long(0xFFFF);
 
-    /// Whether this is every radio in reach, by 16 bits or by 64.
+    /// Whether the address is that of every radio in reach, in 16 bits or in 64.
     #[must_use]
     pub fn is_broadcast(self) -> bool {
         matches!(self, Self::Long(0xFFFF) | Self::Short(0xFFFF))
     }
 }
 
-/// Who speaks at this end of the serial port.
+/// Error in the text of an address.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("must be 4 or 16 hexadecimal digits, is `{0}`")]
+pub struct InvalidAddress(String);
+
+impl FromStr for Address {
+    type Err = InvalidAddress;
+
+    fn from_str(text: &str) -> Result<Self, InvalidAddress> {
+        let address = match text.len() {
+            4 => u16::from_str_radix(text, 16).ok().map(Self::Short),
+            16 => u64::from_str_radix(text, 16).ok().map(Self::Long),
+            _ => None,
+        };
+        address.ok_or_else(|| InvalidAddress(text.to_owned()))
+    }
+}
+
+/// End of the serial port between a computer and its radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The computer: asks its radio to send, and hears what was received.
+    /// The computer, which sends requests and receives packets.
     Host,
-    /// The radio: hears what to send, and tells what it received.
+    /// The radio, which receives requests and delivers packets.
     Radio,
 }
 
-/// What came over the serial port.
+/// Event on the serial port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Arrival {
-    /// Bytes for this end; `id` is what a radio reports their delivery by, 0 if nobody wants to know.
+pub enum RadioEvent {
+    /// Payload for this end. The radio reports its delivery under `id`, unless that is 0.
     Payload {
-        /// Number of the request.
+        /// Number of the request \[-\].
         id: u8,
-        /// The bytes.
+        /// The payload.
         payload: Payload,
     },
-    /// To the host: what became of a request.
+    /// To the host: delivery report of a request.
     Delivery {
-        /// Number of the request.
+        /// Number of the request \[-\].
         id: u8,
-        /// Whether the other radio has it.
+        /// Whether the other radio acknowledged the packet.
         delivered: bool,
     },
-    /// To the host: what happened to its radio, as in Digi's manuals; 0 and 1 are resets.
+    /// To the host: status of its radio, as in Digi's manuals; 0 and 1 are resets.
     Modem(u8),
 }
 
-/// One end of the serial port between a computer and its radio. A host hears its peer alone, unless that is every radio.
+/// Carrier of payload at one end of the serial port. A host accepts packets from its peer alone, or from every radio if the peer
+/// is the broadcast address.
 #[derive(Clone, Debug)]
 pub struct Carrier {
     side: Side,
@@ -74,7 +94,7 @@ enum Inbound {
 }
 
 impl Carrier {
-    /// An end that speaks to the radio `peer`.
+    /// Carrier to the radio `peer`.
     #[must_use]
     pub fn new(framing: Framing, side: Side, peer: Address) -> Self {
         let decoder = match framing {
@@ -85,25 +105,27 @@ impl Carrier {
         Self { side, peer, decoder }
     }
 
-    /// `payload` as it goes over the serial port. A host that wants to know its fate gives an `id` other than 0.
+    /// Wraps `payload` for the serial port. With an `id` other than 0, a host requests a delivery report.
     ///
     /// # Errors
-    /// More than [`MAX_PAYLOAD`] bytes: send them in pieces, as the radios do.
-    pub fn wrap(&self, id: u8, payload: &[u8]) -> Result<Wire, TooLong> {
+    /// More than [`MAX_PAYLOAD`] bytes; split them, as the radios do.
+    pub fn wrap(&self, id: u8, payload: &[u8]) -> Result<WireBytes, TooLong> {
         let payload = Payload::try_from(payload)?;
         Ok(match self.escapes() {
-            None => Wire::plain(&payload),
+            None => WireBytes::plain(&payload),
             Some(escaped) => self.carry(id, payload).to_wire(escaped),
         })
     }
 
-    /// From a radio to its host: what became of request `id`. Empty where there is no framing, or nobody asked (0).
+    /// Encodes the delivery report of request `id`, from a radio to its host; empty without framing, or if `id` is 0.
     #[must_use]
-    pub fn report(&self, id: u8, delivered: bool) -> Wire {
+    pub fn report(&self, id: u8, delivered: bool) -> WireBytes {
         // 0x01 and 0x21: no acknowledgement from the other radio.
         let frame = match self.peer {
-            Address::Short(_) => Frame::TxStatus { id, status: if delivered { 0 } else { 0x01 } },
-            Address::Long(_) => Frame::TxStatusExtended {
+            Address::Short(_) => {
+                ApiFrame::TxStatus { id, status: if delivered { 0 } else { 0x01 } }
+            }
+            Address::Long(_) => ApiFrame::TxStatusExtended {
                 id,
                 network: UNKNOWN_NETWORK,
                 retries: 0,
@@ -113,11 +135,11 @@ impl Carrier {
         };
         match self.escapes() {
             Some(escaped) if id != 0 => frame.to_wire(escaped),
-            _ => Wire::EMPTY,
+            _ => WireBytes::EMPTY,
         }
     }
 
-    /// Bytes that framing adds to a payload, escapes apart: see [`Carrier::wrap`] for the length with them.
+    /// Bytes that the framing adds to a payload, escapes not counted \[bytes\].
     #[must_use]
     pub fn overhead(&self) -> usize {
         match (&self.decoder, self.side, self.peer) {
@@ -128,27 +150,28 @@ impl Carrier {
         }
     }
 
-    /// Takes `bytes` as they came over the serial port. Bytes are taken as the iterator advances: run it to its end.
-    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> Arrivals<'a> {
+    /// Takes bytes received on the serial port and returns the events that they complete. Bytes are taken as the iterator advances:
+    /// run it to its end.
+    pub fn push<'a>(&'a mut self, bytes: &'a [u8]) -> RadioEvents<'a> {
         let inbound = match &mut self.decoder {
             Inbound::Transparent => Pieces::Transparent(bytes.chunks(MAX_PAYLOAD)),
             Inbound::Api1(decoder) => Pieces::Api1(decoder.push(bytes)),
             Inbound::Api2(decoder) => Pieces::Api2(decoder.push(bytes)),
         };
-        Arrivals { side: self.side, peer: self.peer, inbound }
+        RadioEvents { side: self.side, peer: self.peer, inbound }
     }
 
-    /// API frames and bytes so far; zero without framing.
+    /// Counters of API frames since the start; zero without framing.
     #[must_use]
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> DecoderCounters {
         match &self.decoder {
-            Inbound::Transparent => Counters::default(),
+            Inbound::Transparent => DecoderCounters::default(),
             Inbound::Api1(decoder) => decoder.counters(),
             Inbound::Api2(decoder) => decoder.counters(),
         }
     }
 
-    /// Forgets the beginning of a frame, as after a reopened port.
+    /// Discards the beginning of a frame, as after a reopened port.
     pub fn reset(&mut self) {
         match &mut self.decoder {
             Inbound::Transparent => {}
@@ -165,27 +188,27 @@ impl Carrier {
         }
     }
 
-    fn carry(&self, id: u8, payload: Payload) -> Frame {
+    fn carry(&self, id: u8, payload: Payload) -> ApiFrame {
         let (network, options, rssi) = (UNKNOWN_NETWORK, 0, 0);
         match (self.side, self.peer) {
-            (Side::Host, Address::Short(to)) => Frame::TxRequest16 { id, to, options, payload },
+            (Side::Host, Address::Short(to)) => ApiFrame::TxRequest16 { id, to, options, payload },
             (Side::Host, Address::Long(to)) => {
-                Frame::TxRequest { id, to, network, radius: 0, options, payload }
+                ApiFrame::TxRequest { id, to, network, radius: 0, options, payload }
             }
             (Side::Radio, Address::Short(from)) => {
-                Frame::RxPacket16 { from, rssi, options, payload }
+                ApiFrame::RxPacket16 { from, rssi, options, payload }
             }
             (Side::Radio, Address::Long(from)) => {
-                Frame::RxPacket { from, network, options, payload }
+                ApiFrame::RxPacket { from, network, options, payload }
             }
         }
     }
 }
 
-/// What came in some bytes.
+/// Events that received bytes complete.
 #[must_use = "bytes are only taken as the iterator advances"]
 #[derive(Debug)]
-pub struct Arrivals<'a> {
+pub struct RadioEvents<'a> {
     side: Side,
     peer: Address,
     inbound: Pieces<'a>,
@@ -194,19 +217,19 @@ pub struct Arrivals<'a> {
 #[derive(Debug)]
 enum Pieces<'a> {
     Transparent(Chunks<'a, u8>),
-    Api1(Events<'a, Api1Grammar>),
-    Api2(Events<'a, Api2Grammar>),
+    Api1(DecodedEvents<'a, Api1Grammar>),
+    Api2(DecodedEvents<'a, Api2Grammar>),
 }
 
-impl Iterator for Arrivals<'_> {
-    type Item = Arrival;
+impl Iterator for RadioEvents<'_> {
+    type Item = RadioEvent;
 
-    fn next(&mut self) -> Option<Arrival> {
+    fn next(&mut self) -> Option<RadioEvent> {
         loop {
             let frame = match &mut self.inbound {
                 Pieces::Transparent(chunks) => {
                     let payload = Payload::try_from(chunks.next()?).ok()?;
-                    return Some(Arrival::Payload { id: 0, payload });
+                    return Some(RadioEvent::Payload { id: 0, payload });
                 }
                 Pieces::Api1(frames) => frames.next()?,
                 Pieces::Api2(frames) => frames.next()?,
@@ -218,29 +241,30 @@ impl Iterator for Arrivals<'_> {
     }
 }
 
-/// What a frame is to this side; a frame that goes the other way is an echo, and nothing; so is what another radio sent.
-fn arrival(side: Side, peer: Address, frame: Frame) -> Option<Arrival> {
+/// Converts a frame to an event of this side. Frames of the other direction are echoes and, like those of other radios, ignored.
+fn arrival(side: Side, peer: Address, frame: ApiFrame) -> Option<RadioEvent> {
     match (side, frame) {
         (
             Side::Radio,
-            Frame::TxRequest { id, payload, .. } | Frame::TxRequest16 { id, payload, .. },
-        ) => Some(Arrival::Payload { id, payload }),
+            ApiFrame::TxRequest { id, payload, .. } | ApiFrame::TxRequest16 { id, payload, .. },
+        ) => Some(RadioEvent::Payload { id, payload }),
         (
             Side::Host,
-            Frame::RxPacket { from, payload, .. } | Frame::RxPacket64 { from, payload, .. },
+            ApiFrame::RxPacket { from, payload, .. } | ApiFrame::RxPacket64 { from, payload, .. },
         ) => heard(peer, Address::Long(from), payload),
-        (Side::Host, Frame::RxPacket16 { from, payload, .. }) => {
+        (Side::Host, ApiFrame::RxPacket16 { from, payload, .. }) => {
             heard(peer, Address::Short(from), payload)
         }
         (
             Side::Host,
-            Frame::TxStatus { id, status: delivery } | Frame::TxStatusExtended { id, delivery, .. },
-        ) => Some(Arrival::Delivery { id, delivered: delivery == 0 }),
-        (Side::Host, Frame::ModemStatus(status)) => Some(Arrival::Modem(status)),
+            ApiFrame::TxStatus { id, status: delivery }
+            | ApiFrame::TxStatusExtended { id, delivery, .. },
+        ) => Some(RadioEvent::Delivery { id, delivered: delivery == 0 }),
+        (Side::Host, ApiFrame::ModemStatus(status)) => Some(RadioEvent::Modem(status)),
         (Side::Radio, _) | (Side::Host, _) => None,
     }
 }
 
-fn heard(peer: Address, from: Address, payload: Payload) -> Option<Arrival> {
-    (peer.is_broadcast() || peer == from).then_some(Arrival::Payload { id: 0, payload })
+fn heard(peer: Address, from: Address, payload: Payload) -> Option<RadioEvent> {
+    (peer.is_broadcast() || peer == from).then_some(RadioEvent::Payload { id: 0, payload })
 }

@@ -1,22 +1,22 @@
-//! What API frames say.
+//! Fields of API frames.
 
 use std::ops::Deref;
 
-use super::packet::{ApiPacket, MAX_DATA, MAX_PAYLOAD, Wire};
+use super::packet::{ApiPacket, MAX_DATA, MAX_PAYLOAD, WireBytes};
 
-/// The network address of a radio whose address is not known.
+/// Network address that stands for an unknown one \[-\].
 pub const UNKNOWN_NETWORK: u16 = 0xFFFE;
 
-/// Up to [`MAX_PAYLOAD`] bytes.
+/// Payload of up to [`MAX_PAYLOAD`] bytes.
 #[derive(Clone, Copy)]
 pub struct Payload {
     bytes: [u8; MAX_PAYLOAD],
     length: usize,
 }
 
-/// More bytes than a radio packet takes.
+/// Error: more bytes than a radio packet holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0} bytes of payload, a radio packet takes {MAX_PAYLOAD}")]
+#[error("{0} bytes of payload, a radio packet holds {MAX_PAYLOAD}")]
 pub struct TooLong(pub usize);
 
 impl TryFrom<&[u8]> for Payload {
@@ -52,15 +52,15 @@ impl std::fmt::Debug for Payload {
     }
 }
 
-/// The frames that carry payload, and those that say what became of it.
+/// API frames that carry payload or report its delivery.
 ///
-/// `id` numbers a request; a radio reports on it with a TX status, unless it is 0. `rssi` is in -dBm.
+/// `id` numbers a request \[-\]; a radio reports its delivery by a TX status, unless it is 0. `rssi` is in -dBm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(
     missing_docs,
     reason = "fields are named as in Digi's manuals, and described in the table of the module"
 )]
-pub enum Frame {
+pub enum ApiFrame {
     /// 0x10: send to a 64-bit address.
     TxRequest { id: u8, to: u64, network: u16, radius: u8, options: u8, payload: Payload },
     /// 0x01: send to a 16-bit address.
@@ -71,38 +71,38 @@ pub enum Frame {
     RxPacket64 { from: u64, rssi: u8, options: u8, payload: Payload },
     /// 0x81: received from a 16-bit address.
     RxPacket16 { from: u16, rssi: u8, options: u8, payload: Payload },
-    /// 0x89: what became of a request (802.15.4); 0 is success.
+    /// 0x89: delivery of a request (802.15.4); status 0 is success.
     TxStatus { id: u8, status: u8 },
-    /// 0x8B: what became of a request; delivery 0 is success.
+    /// 0x8B: delivery of a request; delivery 0 is success.
     TxStatusExtended { id: u8, network: u16, retries: u8, delivery: u8, discovery: u8 },
-    /// 0x8A: what happened to the radio itself.
+    /// 0x8A: status of the radio itself.
     ModemStatus(u8),
 }
 
-/// Why a sound API frame is none that is spoken here.
+/// Error in an API frame whose checksum is right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum FrameError {
-    /// Another kind of frame.
+pub enum ApiFrameError {
+    /// Unsupported kind of frame.
     #[error("frame of kind {0:#04x}")]
     Kind(u8),
-    /// Fields missing, or too much payload.
+    /// Missing fields, or too much payload.
     #[error("{length} bytes in a frame of kind {kind:#04x}")]
     Length {
-        /// The kind.
+        /// Kind of frame \[-\].
         kind: u8,
-        /// Bytes after it.
+        /// Number of bytes after the kind \[bytes\].
         length: usize,
     },
 }
 
-impl Frame {
-    /// Reads the fields.
+impl ApiFrame {
+    /// Decodes the fields.
     ///
     /// # Errors
-    /// Another kind of frame, or of the wrong length.
-    pub fn parse(packet: &ApiPacket) -> Result<Self, FrameError> {
+    /// An unsupported kind of frame, or a wrong length.
+    pub fn parse(packet: &ApiPacket) -> Result<Self, ApiFrameError> {
         let (kind, length) = (packet.kind(), packet.body().len());
-        let mut fields = Fields(packet.body());
+        let mut fields = FieldReader(packet.body());
         let frame = match kind {
             0x10 => fields.tx_request(),
             0x01 => fields.tx_request_16(),
@@ -112,16 +112,16 @@ impl Frame {
             0x89 => fields.tx_status(),
             0x8B => fields.tx_status_extended(),
             0x8A => fields.byte().map(Self::ModemStatus),
-            _ => return Err(FrameError::Kind(kind)),
+            _ => return Err(ApiFrameError::Kind(kind)),
         };
         // Frames without payload must end where their fields do.
-        frame.filter(|_| fields.0.is_empty()).ok_or(FrameError::Length { kind, length })
+        frame.filter(|_| fields.0.is_empty()).ok_or(ApiFrameError::Length { kind, length })
     }
 
-    /// The frame on the serial port, with escapes (API mode 2) or without (mode 1).
+    /// Encodes the frame for the serial port, with escapes (API mode 2) or without (mode 1).
     #[must_use]
-    pub fn to_wire(&self, escaped: bool) -> Wire {
-        let mut data = Data { bytes: [0; MAX_DATA], length: 0 };
+    pub fn to_wire(&self, escaped: bool) -> WireBytes {
+        let mut data = FrameData { bytes: [0; MAX_DATA], length: 0 };
         match self {
             Self::TxRequest { id, to, network, radius, options, payload } => data
                 .put(&[0x10, *id])
@@ -151,18 +151,18 @@ impl Frame {
                 .put(&[*retries, *delivery, *discovery]),
             Self::ModemStatus(status) => data.put(&[0x8A, *status]),
         };
-        Wire::framed(&data.bytes[..data.length], escaped)
+        WireBytes::framed(&data.bytes[..data.length], escaped)
     }
 }
 
-/// A frame between length and checksum, as it grows.
-struct Data {
+/// Content of a frame between length and checksum, under construction.
+struct FrameData {
     bytes: [u8; MAX_DATA],
     length: usize,
 }
 
-impl Data {
-    /// No frame is longer than [`MAX_DATA`], as no payload is longer than [`MAX_PAYLOAD`].
+impl FrameData {
+    /// Appends a field. No frame exceeds [`MAX_DATA`], since no payload exceeds [`MAX_PAYLOAD`].
     fn put(&mut self, field: &[u8]) -> &mut Self {
         let end = self.length + field.len();
         if let Some(place) = self.bytes.get_mut(self.length..end) {
@@ -173,10 +173,10 @@ impl Data {
     }
 }
 
-/// The fields of a frame, read one after the other.
-struct Fields<'a>(&'a [u8]);
+/// Reader of the fields of a frame, one after another.
+struct FieldReader<'a>(&'a [u8]);
 
-impl Fields<'_> {
+impl FieldReader<'_> {
     fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
         let (field, rest) = self.0.split_first_chunk()?;
         self.0 = rest;
@@ -199,39 +199,39 @@ impl Fields<'_> {
         Payload::try_from(std::mem::take(&mut self.0)).ok()
     }
 
-    fn tx_request(&mut self) -> Option<Frame> {
+    fn tx_request(&mut self) -> Option<ApiFrame> {
         let (id, to, network) = (self.byte()?, self.long()?, self.short()?);
         let [radius, options] = self.take()?;
-        Some(Frame::TxRequest { id, to, network, radius, options, payload: self.payload()? })
+        Some(ApiFrame::TxRequest { id, to, network, radius, options, payload: self.payload()? })
     }
 
-    fn tx_request_16(&mut self) -> Option<Frame> {
+    fn tx_request_16(&mut self) -> Option<ApiFrame> {
         let (id, to, options) = (self.byte()?, self.short()?, self.byte()?);
-        Some(Frame::TxRequest16 { id, to, options, payload: self.payload()? })
+        Some(ApiFrame::TxRequest16 { id, to, options, payload: self.payload()? })
     }
 
-    fn rx_packet(&mut self) -> Option<Frame> {
+    fn rx_packet(&mut self) -> Option<ApiFrame> {
         let (from, network, options) = (self.long()?, self.short()?, self.byte()?);
-        Some(Frame::RxPacket { from, network, options, payload: self.payload()? })
+        Some(ApiFrame::RxPacket { from, network, options, payload: self.payload()? })
     }
 
-    fn rx_packet_64(&mut self) -> Option<Frame> {
+    fn rx_packet_64(&mut self) -> Option<ApiFrame> {
         let (from, [rssi, options]) = (self.long()?, self.take()?);
-        Some(Frame::RxPacket64 { from, rssi, options, payload: self.payload()? })
+        Some(ApiFrame::RxPacket64 { from, rssi, options, payload: self.payload()? })
     }
 
-    fn rx_packet_16(&mut self) -> Option<Frame> {
+    fn rx_packet_16(&mut self) -> Option<ApiFrame> {
         let (from, [rssi, options]) = (self.short()?, self.take()?);
-        Some(Frame::RxPacket16 { from, rssi, options, payload: self.payload()? })
+        Some(ApiFrame::RxPacket16 { from, rssi, options, payload: self.payload()? })
     }
 
-    fn tx_status(&mut self) -> Option<Frame> {
-        self.take().map(|[id, status]| Frame::TxStatus { id, status })
+    fn tx_status(&mut self) -> Option<ApiFrame> {
+        self.take().map(|[id, status]| ApiFrame::TxStatus { id, status })
     }
 
-    fn tx_status_extended(&mut self) -> Option<Frame> {
+    fn tx_status_extended(&mut self) -> Option<ApiFrame> {
         let (id, network) = (self.byte()?, self.short()?);
         let [retries, delivery, discovery] = self.take()?;
-        Some(Frame::TxStatusExtended { id, network, retries, delivery, discovery })
+        Some(ApiFrame::TxStatusExtended { id, network, retries, delivery, discovery })
     }
 }

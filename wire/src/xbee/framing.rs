@@ -1,26 +1,26 @@
-//! How a radio frames what it carries.
+//! Framing on the serial port of a radio.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// How a radio frames what it carries.
+/// Framing on the serial port of a radio.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Framing {
-    /// Not at all.
+    /// None: the payload's bytes alone.
     #[default]
     Transparent,
-    /// API mode 1: frames.
+    /// API mode 1: frames without escapes.
     Api1,
-    /// API mode 2: frames whose special bytes are escaped.
+    /// API mode 2: frames with special bytes escaped.
     Api2,
 }
 
-/// Text that is no framing.
+/// Error in the name of a framing.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("unknown framing `{0}`, know transparent, api1, api2")]
+#[error("unknown framing `{0}`; write transparent, api1 or api2")]
 pub struct InvalidFraming(String);
 
 impl Framing {

@@ -1,40 +1,40 @@
 //! API frames as bytes: start, length, checksum, escapes.
 
-/// First byte of every API frame.
+/// First byte of every API frame \[-\].
 pub const START: u8 = 0x7E;
-/// Introduces an escaped byte in API mode 2.
+/// Byte that precedes an escaped byte in API mode 2.
 pub(super) const ESCAPE: u8 = 0x7D;
-/// What an escaped byte is changed by.
+/// Mask by which an escaped byte is changed (XOR).
 const FLIP: u8 = 0x20;
-/// XON and XOFF, which a serial port with software flow control would swallow.
+/// XON and XOFF, which a serial port with software flow control removes from the stream.
 const FLOW_CONTROL: [u8; 2] = [0x11, 0x13];
 
-/// The longest payload of a radio packet \[bytes\].
+/// Greatest payload of a radio packet \[bytes\].
 pub const MAX_PAYLOAD: usize = 100;
-/// The longest frame between length and checksum: a TX request of the greatest payload.
+/// Greatest content between length and checksum \[bytes\]: a TX request of the greatest payload.
 pub(super) const MAX_DATA: usize = 14 + MAX_PAYLOAD;
-/// Start, length, data, checksum.
+/// Greatest frame without escapes \[bytes\]: start, length, data, checksum.
 pub(super) const MAX_PLAIN: usize = 1 + 2 + MAX_DATA + 1;
-/// The most bytes that a frame may take on the serial port, every byte after the first escaped.
+/// Greatest frame on the serial port \[bytes\]: every byte after the first escaped.
 pub const MAX_WIRE: usize = 1 + 2 * (MAX_PLAIN - 1);
 
 const _: () = assert!(MAX_WIRE <= crate::stream::MAX_FRAME);
 
-/// Why bytes are no API frame.
+/// Error in bytes that should be an API frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PacketError {
-    /// Fewer or more bytes than the length field says, or a length that no frame known here has.
+    /// Number of bytes that does not agree with the length field, or a length that no supported frame has.
     #[error("{0} bytes do not agree with the length field")]
     Length(usize),
-    /// Does not begin with [`START`].
+    /// First byte other than [`START`].
     #[error("no start byte")]
     Start,
-    /// Data and checksum do not add up to 0xFF.
-    #[error("data and checksum add up to {0:#04x}, want 0xff")]
+    /// Data and checksum that do not add up to 0xFF.
+    #[error("data and checksum add up to {0:#04x}, expected 0xff")]
     Checksum(u8),
 }
 
-/// Bytes that are an API frame, without escapes.
+/// Checked view of an API frame without escapes.
 #[derive(Clone, Copy, Debug)]
 pub struct ApiPacket<'a> {
     kind: u8,
@@ -45,7 +45,7 @@ impl<'a> ApiPacket<'a> {
     /// Checks start, length and checksum.
     ///
     /// # Errors
-    /// What is wrong.
+    /// The first check that fails.
     pub fn new_checked(bytes: &'a [u8]) -> Result<Self, PacketError> {
         let &[start, high, low, ref rest @ ..] = bytes else {
             return Err(PacketError::Length(bytes.len()));
@@ -66,13 +66,13 @@ impl<'a> ApiPacket<'a> {
         }
     }
 
-    /// Which frame it is.
+    /// Kind of frame \[-\].
     #[must_use]
     pub fn kind(&self) -> u8 {
         self.kind
     }
 
-    /// What follows the kind.
+    /// Bytes after the kind.
     #[must_use]
     pub fn body(&self) -> &'a [u8] {
         self.body
@@ -83,15 +83,15 @@ fn sum(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |sum, byte| sum.wrapping_add(*byte))
 }
 
-/// An API frame on its way to the serial port.
+/// Bytes for the serial port.
 #[derive(Clone, Copy, Debug)]
-pub struct Wire {
+pub struct WireBytes {
     bytes: [u8; MAX_WIRE],
     length: usize,
 }
 
-impl Wire {
-    /// Nothing yet.
+impl WireBytes {
+    /// No bytes.
     pub(super) const EMPTY: Self = Self { bytes: [0; MAX_WIRE], length: 0 };
 
     /// The bytes.
@@ -100,14 +100,14 @@ impl Wire {
         &self.bytes[..self.length]
     }
 
-    /// Bytes as they are; beyond [`MAX_WIRE`] they are cut off.
+    /// Bytes without framing, cut off beyond [`MAX_WIRE`].
     pub(super) fn plain(bytes: &[u8]) -> Self {
         let mut wire = Self::EMPTY;
         bytes.iter().for_each(|byte| wire.put(*byte));
         wire
     }
 
-    /// The frame of `data`: start, length, data, checksum, with escapes if asked for.
+    /// Frame of `data`: start, length, data, checksum, `escaped` or not.
     pub(super) fn framed(data: &[u8], escaped: bool) -> Self {
         let mut wire = Self::EMPTY;
         wire.put(START);
@@ -136,19 +136,19 @@ fn is_special(byte: u8) -> bool {
     byte == START || byte == ESCAPE || FLOW_CONTROL.contains(&byte)
 }
 
-/// A frame of API mode 2 without its escapes.
+/// Frame of API mode 2 without its escapes.
 pub(super) struct Unescaped {
     bytes: [u8; MAX_PLAIN],
     length: usize,
-    /// Bytes read, escapes included.
+    /// Number of bytes read, escapes included \[bytes\].
     pub(super) read: usize,
 }
 
-/// Escapes where none may be, or none where one must be.
+/// Error: a special byte without an escape, or an escape of another byte.
 pub(super) struct BadEscape;
 
 impl Unescaped {
-    /// Reads `bytes` until `wanted` of them without escapes are there, or no more follow.
+    /// Removes escapes from `bytes` until `wanted` bytes are read, or `bytes` end.
     pub(super) fn read(bytes: &[u8], wanted: usize) -> Result<Self, BadEscape> {
         let mut plain = Self { bytes: [0; MAX_PLAIN], length: 0, read: 0 };
         while plain.length < wanted.min(MAX_PLAIN) {
@@ -179,8 +179,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_wrong_with_a_frame_is_said() {
-        let frame = Wire::framed(&[0x8A, 0x06], false);
+    fn each_error_in_a_frame_is_reported() {
+        let frame = WireBytes::framed(&[0x8A, 0x06], false);
         let mut bytes = frame.as_bytes().to_vec();
         assert_eq!(ApiPacket::new_checked(&bytes).map(|packet| packet.kind()), Ok(0x8A));
         assert_eq!(ApiPacket::new_checked(&bytes[..5]).unwrap_err(), PacketError::Length(5));

@@ -1,23 +1,23 @@
-//! What must hold for any bytes at all. The property tests and the fuzz targets share it.
+//! Properties of the decoders for arbitrary bytes, shared by the property tests and the fuzz targets.
 
 use std::cell::Cell;
 use std::fmt::Debug;
 use std::marker::PhantomData;
 
 use oqtal_wire::stream::{Decoder, Grammar, Verdict};
-use oqtal_wire::xbee::{Address, Api1Grammar, Api2Grammar, Arrival, Carrier, Framing, Side};
+use oqtal_wire::xbee::{Address, Api1Grammar, Api2Grammar, Carrier, Framing, RadioEvent, Side};
 
-/// How often a byte may be the reason for a look at what begins somewhere: each look takes a frame's bytes at most.
+/// Greatest number of inspections per byte; each inspection reads the bytes of one frame at most.
 const LOOKS_PER_BYTE: usize = 10;
 
 thread_local! {
     static LOOKS: Cell<usize> = const { Cell::new(0) };
 }
 
-/// A grammar that counts how often it is asked.
-struct Counted<G>(PhantomData<G>);
+/// Grammar that counts its inspections.
+struct CountedInspections<G>(PhantomData<G>);
 
-impl<G: Grammar> Grammar for Counted<G> {
+impl<G: Grammar> Grammar for CountedInspections<G> {
     type Event = G::Event;
 
     const START: u8 = G::START;
@@ -29,13 +29,13 @@ impl<G: Grammar> Grammar for Counted<G> {
     }
 }
 
-/// No panic, bounded work, every byte accounted for, and the same events whether the bytes come at once or one by one.
+/// Checks: no panic, bounded work, every byte counted, and the same events whether the bytes arrive at once or one by one.
 pub fn any_bytes<G: Grammar>(bytes: &[u8])
 where
     G::Event: PartialEq + Debug,
 {
     LOOKS.set(0);
-    let mut at_once = Decoder::<Counted<G>>::new();
+    let mut at_once = Decoder::<CountedInspections<G>>::new();
     let events: Vec<G::Event> = at_once.push(bytes).collect();
     let looks = LOOKS.get();
     assert!(looks <= LOOKS_PER_BYTE * bytes.len(), "{looks} looks at {} bytes", bytes.len());
@@ -45,7 +45,7 @@ where
     assert!(outside <= bytes.len() && counters.frames as usize >= events.len());
     assert!(counters.frames as usize <= bytes.len() - outside, "frames without bytes");
 
-    let mut one_by_one = Decoder::<Counted<G>>::new();
+    let mut one_by_one = Decoder::<CountedInspections<G>>::new();
     let mut others = Vec::new();
     bytes.chunks(1).for_each(|byte| others.extend(one_by_one.push(byte)));
     assert_eq!((events, counters), (others, one_by_one.counters()));
@@ -54,7 +54,7 @@ where
     assert_eq!((at_once.pending(), at_once.counters().skipped as usize), (0, outside));
 }
 
-/// [`any_bytes`] for both API modes, and through carriers of every kind.
+/// Checks as [`any_bytes`] for both API modes, and carriers of every framing.
 pub fn any_radio_bytes(bytes: &[u8]) {
     any_bytes::<Api1Grammar>(bytes);
     any_bytes::<Api2Grammar>(bytes);
@@ -64,8 +64,8 @@ pub fn any_radio_bytes(bytes: &[u8]) {
             let payload: usize = carrier
                 .push(bytes)
                 .map(|arrival| match arrival {
-                    Arrival::Payload { payload, .. } => payload.len(),
-                    Arrival::Delivery { .. } | Arrival::Modem(_) => 0,
+                    RadioEvent::Payload { payload, .. } => payload.len(),
+                    RadioEvent::Delivery { .. } | RadioEvent::Modem(_) => 0,
                 })
                 .sum();
             let whole = payload == bytes.len();

@@ -1,26 +1,29 @@
-//! What the tests of the wire share.
+//! Helpers of the tests of this crate.
 #![allow(dead_code, reason = "each test uses its part")]
 
 pub mod any_bytes;
 
-use oqtal_wire::stream::{Counters, Decoder, Grammar};
+use oqtal_wire::stream::{Decoder, DecoderCounters, Grammar};
 use proptest::prelude::*;
 
-/// Bytes from hexadecimal digits; spaces are for the reader.
+/// Bytes of hexadecimal digits; spaces are ignored.
 pub fn hex(text: &str) -> Vec<u8> {
     let digits: Vec<u32> = text.chars().filter_map(|digit| digit.to_digit(16)).collect();
     digits.chunks_exact(2).map(|pair| (pair[0] * 16 + pair[1]) as u8).collect()
 }
 
-/// The events of a stream taken at once.
-pub fn decode<G: Grammar>(stream: &[u8]) -> (Vec<G::Event>, Counters) {
+/// Events of a stream that arrives at once.
+pub fn decode<G: Grammar>(stream: &[u8]) -> (Vec<G::Event>, DecoderCounters) {
     let mut decoder = Decoder::<G>::new();
     let events = decoder.push(stream).collect();
     (events, decoder.counters())
 }
 
-/// The events of a stream that comes in pieces of these lengths, and then the rest.
-pub fn decode_in_pieces<G: Grammar>(stream: &[u8], pieces: &[usize]) -> (Vec<G::Event>, Counters) {
+/// Events of a stream that arrives in pieces of these lengths, and then the rest.
+pub fn decode_in_pieces<G: Grammar>(
+    stream: &[u8],
+    pieces: &[usize],
+) -> (Vec<G::Event>, DecoderCounters) {
     let mut decoder = Decoder::<G>::new();
     let (mut events, mut rest) = (Vec::new(), stream);
     for length in pieces {
@@ -38,7 +41,7 @@ pub fn in_order<E: PartialEq>(wanted: &[E], found: &[E]) -> bool {
     wanted.iter().all(|event| found.any(|other| other == event))
 }
 
-/// Noise that knows the language: random bytes, and those that mean something to the decoders, in any order.
+/// Noise of random bytes and of bytes with a meaning to the decoders, in any order.
 pub fn noise() -> impl Strategy<Value = Vec<u8>> {
     let telling = b">*adipme<#\x00\x02\x03\x10\x11\x13\x17\x5c\x5d\x5e\x7d\x7e\x81\x90".to_vec();
     prop::collection::vec(prop_oneof![any::<u8>(), prop::sample::select(telling)], 0..150)

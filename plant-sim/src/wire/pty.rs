@@ -1,4 +1,4 @@
-//! A pseudo-terminal in place of the radio's serial port, and the symbolic link by which it is found.
+//! Pseudo-terminal in place of the radio's serial port, and the symbolic link to it.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -15,27 +15,26 @@ use rustix::process::{Flock, FlockType, fcntl_getlk};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 
-/// Where the kernel keeps pseudo-terminals.
+/// Directory of the kernel's pseudo-terminals.
 const TERMINALS: &str = "/dev/pts/";
-/// Nobody looks at the line less often.
+/// Longest wait for bytes.
 const LONGEST_WAIT: Span = Span::from_millis(20);
 
-/// The vehicle's end of a serial line. The link goes when this is dropped.
+/// Vehicle's end of a serial line. The symbolic link is removed on drop.
 #[derive(Debug)]
-pub struct Line {
+pub struct PseudoTerminal {
     near: OwnedFd,
-    /// Kept open: the line stays as it was set while nobody is at the other end. It carries the lock by which the link is known to
-    /// be in use.
+    /// The host's end, kept open so that the line keeps its settings without a host. Its lock marks the link as in use.
     far: OwnedFd,
     terminal: PathBuf,
     link: PathBuf,
 }
 
-impl Line {
-    /// Opens a line and makes `link` lead to its other end. A link that a dead process left is replaced.
+impl PseudoTerminal {
+    /// Opens a line and makes `link` a symbolic link to the host's end. A link that a dead process left is replaced.
     ///
     /// # Errors
-    /// Another emulated vehicle is at `link` (exit code 75), something else is (78), or the operating system refuses (71, 77).
+    /// Another emulated vehicle uses `link` (exit code 75), `link` is something else (78), or the operating system refuses (71, 77).
     pub fn open(link: &Path) -> Result<Self, Failure> {
         let failed = |error| system("opening a pseudo-terminal", &error);
         let near = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)
@@ -49,7 +48,7 @@ impl Line {
         Ok(Self { near, far, terminal, link: link.to_path_buf() })
     }
 
-    /// Sleeps until `until`, or, if it is to listen, until somebody wrote; returns early now and then.
+    /// Sleeps until `until`, or, if `listen`, until bytes arrive, at most [`LONGEST_WAIT`].
     ///
     /// # Errors
     /// The operating system refuses.
@@ -64,7 +63,7 @@ impl Line {
         }
     }
 
-    /// Reads what was written at the other end, as far as it fits; the number of bytes.
+    /// Reads what the host wrote into `buffer`; returns the number of bytes.
     ///
     /// # Errors
     /// The operating system refuses.
@@ -76,7 +75,7 @@ impl Line {
         }
     }
 
-    /// Writes; what nobody reads is lost, as on a serial port.
+    /// Writes `bytes`; without a host they are lost, as on a serial port.
     ///
     /// # Errors
     /// The operating system refuses.
@@ -87,16 +86,16 @@ impl Line {
         }
     }
 
-    /// Opens the line to all again: a host that is killed leaves it in exclusive mode, which would last as long as this end.
-    pub fn readmit(&self) {
-        // Refused, the line stays as it is.
+    /// Releases exclusive access to the line: a host that is killed leaves it set, and it would last as long as this end.
+    pub fn release_exclusive(&self) {
+        // On failure the line stays exclusive until the next try.
         let _ = ioctl_tiocnxcl(&self.far);
     }
 }
 
-impl Drop for Line {
+impl Drop for PseudoTerminal {
     fn drop(&mut self) {
-        // Another may have taken the place meanwhile.
+        // Another process may have replaced the link meanwhile.
         if fs::read_link(&self.link).is_ok_and(|target| target == self.terminal) {
             let _ = fs::remove_file(&self.link);
         }
@@ -107,7 +106,7 @@ fn terminal_flags() -> OFlags {
     OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK
 }
 
-/// Bytes pass as they are, and nobody waits for them; the lock says that somebody is here.
+/// Sets raw bytes and non-blocking access, and takes the lock that marks the line as in use.
 fn set_up(near: &OwnedFd, far: &OwnedFd) -> rustix::io::Result<()> {
     let mut settings = tcgetattr(far)?;
     settings.make_raw();
@@ -116,7 +115,7 @@ fn set_up(near: &OwnedFd, far: &OwnedFd) -> rustix::io::Result<()> {
     fcntl_lock(far, FlockOperation::NonBlockingLockExclusive)
 }
 
-/// Makes `link` lead to `terminal`.
+/// Makes `link` a symbolic link to `terminal`.
 fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     let error = match symlink(terminal, link) {
         Ok(()) => return Ok(()),
@@ -127,38 +126,39 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
         ErrorKind::AlreadyExists => {}
         ErrorKind::PermissionDenied => {
             let message =
-                format!("no permission to make {shown}: name a path in a directory of yours");
+                format!("no permission to create {shown}; name a path in a directory of your own");
             return Err(Failure::new(Exit::Permission, message));
         }
         _ => {
-            let message = format!("making the link {shown} failed: {error}");
+            let message = format!("creating the link {shown} failed: {error}");
             return Err(Failure::new(Exit::System, message));
         }
     }
     let old = fs::read_link(link).ok().filter(|target| target.starts_with(TERMINALS));
     let Some(old) = old else {
         let message = format!(
-            "{shown} is there already and no link to a pseudo-terminal: remove it, or name another path in `vehicle.wire.link`"
+            "{shown} exists and is no link to a pseudo-terminal; remove it, or name another path in `vehicle.wire.link`"
         );
         return Err(Failure::new(Exit::Config, message));
     };
-    // Where the number of a dead process's terminal was free again, the terminal is this one: looking would unlock it.
+    // If the kernel reused the number of a dead process's terminal, the old target is this terminal: opening it again would release
+    // the lock.
     if old != terminal {
-        refuse_company(link, &old)?;
+        refuse_if_in_use(link, &old)?;
     }
     replace(link, terminal).map_err(|error| {
         Failure::new(Exit::System, format!("replacing the stale link {shown} failed: {error}"))
     })
 }
 
-/// A terminal that is gone, or that nobody has locked as [`set_up`] does, was a dead process's.
-fn refuse_company(link: &Path, terminal: &Path) -> Result<(), Failure> {
+/// Fails if a process holds the lock on `terminal` that [`set_up`] takes. A terminal that is gone or unlocked was a dead process's.
+fn refuse_if_in_use(link: &Path, terminal: &Path) -> Result<(), Failure> {
     let shown = link.display();
     let far = match open(terminal, terminal_flags(), Mode::empty()) {
         Ok(far) => far,
         Err(Errno::ACCESS | Errno::PERM | Errno::BUSY) => {
             let message = format!(
-                "{shown} leads to a terminal of somebody else, {}: remove it if nobody uses it, or name another path",
+                "{shown} links to a terminal of another user, {}; remove it if it is unused, or name another path",
                 terminal.display()
             );
             return Err(Failure::new(Exit::Permission, message));
@@ -171,7 +171,7 @@ fn refuse_company(link: &Path, terminal: &Path) -> Result<(), Failure> {
                 .pid
                 .map_or_else(String::new, |pid| format!(" (process {})", pid.as_raw_nonzero()));
             let message = format!(
-                "an emulated vehicle is at {shown} already{holder}: stop it, or name another path"
+                "{shown} is in use by another emulated vehicle{holder}; stop it, or name another path"
             );
             Err(Failure::new(Exit::Peer, message))
         }
@@ -179,7 +179,7 @@ fn refuse_company(link: &Path, terminal: &Path) -> Result<(), Failure> {
     }
 }
 
-/// In one step: whoever looks finds the old link or the new one.
+/// Replaces the symbolic link `link` atomically: it always leads to the old terminal or to the new one.
 fn replace(link: &Path, terminal: &Path) -> std::io::Result<()> {
     let mut name = link.as_os_str().to_owned();
     name.push(format!(".{}", std::process::id()));

@@ -1,0 +1,142 @@
+//! State of the vehicle as its replies show it: whether it answers, its battery, and the share of requests that it answers.
+
+use oqtal_bus::time::{Span, Time};
+
+use crate::protocol::VehicleReply;
+
+/// Number of intervals in the last second, over which requests and answers are counted.
+const INTERVALS: usize = 10;
+const INTERVAL: Span = Span::from_millis(100);
+
+/// Requests and answers of one interval.
+#[derive(Clone, Copy, Debug, Default)]
+struct Exchanges {
+    requests: u32,
+    answers: u32,
+}
+
+/// Monitor of the vehicle's replies.
+#[derive(Clone, Debug)]
+pub struct VehicleMonitor {
+    /// Time without a valid reply after which the vehicle is silent.
+    silence: Span,
+    received_at: Time,
+    battery_v: f64,
+    intervals: [Exchanges; INTERVALS],
+    current: usize,
+    current_began: Time,
+}
+
+impl VehicleMonitor {
+    /// Monitor of a vehicle that has not replied yet; it is silent when no valid reply arrives for `silence`.
+    #[must_use]
+    pub fn new(silence: Span) -> Self {
+        Self {
+            silence,
+            received_at: Time::UNSET,
+            battery_v: f64::NAN,
+            intervals: [Exchanges::default(); INTERVALS],
+            current: 0,
+            current_began: Time::UNSET,
+        }
+    }
+
+    /// Forgets the vehicle: a port was opened, and another vehicle may be at its other end.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.silence);
+    }
+
+    /// Counts a frame that the vehicle should answer.
+    pub fn count_request(&mut self, now: Time) {
+        self.interval(now).requests += 1;
+    }
+
+    /// Takes a valid reply.
+    pub fn receive(&mut self, now: Time, reply: VehicleReply) {
+        self.received_at = now;
+        match reply {
+            VehicleReply::Acknowledged => self.interval(now).answers += 1,
+            VehicleReply::Status { battery_v, .. } => {
+                self.battery_v = battery_v;
+                self.interval(now).answers += 1;
+            }
+            VehicleReply::Other => {}
+        }
+    }
+
+    /// Whether a valid reply has arrived within the silence time.
+    #[must_use]
+    pub fn is_answering(&self, now: Time) -> bool {
+        self.received_at.is_set() && now.since(self.received_at) <= self.silence
+    }
+
+    /// Battery voltage last reported \[V\]; NaN before the first report.
+    #[must_use]
+    pub fn battery_v(&self) -> f64 {
+        self.battery_v
+    }
+
+    /// Share of the last second's requests that were answered \[-, 0..1\]; NaN if there was no request.
+    pub fn quality(&mut self, now: Time) -> f64 {
+        self.advance(now);
+        let requests: u32 = self.intervals.iter().map(|interval| interval.requests).sum();
+        let answers: u32 = self.intervals.iter().map(|interval| interval.answers).sum();
+        // An answer may fall into a later interval than its request.
+        if requests == 0 { f64::NAN } else { (f64::from(answers) / f64::from(requests)).min(1.0) }
+    }
+
+    fn interval(&mut self, now: Time) -> &mut Exchanges {
+        self.advance(now);
+        &mut self.intervals[self.current]
+    }
+
+    /// Advances to the interval that contains `now`; clears those in between.
+    fn advance(&mut self, now: Time) {
+        if now.since(self.current_began) >= INTERVAL.scaled(INTERVALS as f64) {
+            self.intervals = [Exchanges::default(); INTERVALS];
+            self.current_began = now;
+        }
+        while now.since(self.current_began) >= INTERVAL {
+            self.current = (self.current + 1) % INTERVALS;
+            self.intervals[self.current] = Exchanges::default();
+            self.current_began = self.current_began + INTERVAL;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STATUS: VehicleReply = VehicleReply::Status { battery_v: 11.1, motors_run: false };
+
+    fn at(millis: i64) -> Time {
+        Time::VIRTUAL_START + Span::from_millis(millis)
+    }
+
+    #[test]
+    fn a_vehicle_is_silent_before_its_first_reply_and_a_while_after_its_last() {
+        let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
+        assert!(!vehicle.is_answering(at(0)) && vehicle.battery_v().is_nan());
+        vehicle.receive(at(0), STATUS);
+        assert!(vehicle.is_answering(at(1000)) && !vehicle.is_answering(at(1001)));
+        assert_eq!(vehicle.battery_v(), 11.1);
+        vehicle.reset();
+        assert!(!vehicle.is_answering(at(1)));
+    }
+
+    #[test]
+    fn quality_is_that_of_the_last_second() {
+        let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
+        assert!(vehicle.quality(at(0)).is_nan());
+        for tick in 0..100 {
+            vehicle.count_request(at(20 * tick));
+            // In the second half, one request of five is answered.
+            if tick < 50 || tick % 5 == 0 {
+                vehicle.receive(at(20 * tick + 5), VehicleReply::Acknowledged);
+            }
+        }
+        assert!((vehicle.quality(at(1999)) - 0.2).abs() < 0.05, "{}", vehicle.quality(at(1999)));
+        assert!(vehicle.quality(at(5000)).is_nan());
+    }
+}

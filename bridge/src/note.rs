@@ -1,0 +1,62 @@
+//! Events of the bridge that are logged.
+
+use crate::motors::MotorEvent;
+
+/// Event for the log, passed from the real-time thread to the background thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Note {
+    /// The vehicle answers.
+    Answering,
+    /// The vehicle has stopped answering.
+    Silent {
+        /// Number of damaged frames received so far \[-\].
+        damaged: u64,
+    },
+    /// Event of the motors.
+    Motors(MotorEvent),
+    /// A command was rejected: past its timeout, or stamped in the future.
+    CommandRejected,
+    /// The port did not send what it was given, and that was discarded.
+    Stuck,
+}
+
+impl Note {
+    /// Writes the event to the log.
+    pub fn log(self) {
+        match self {
+            Self::Answering => tracing::info!("the vehicle answers"),
+            Self::Silent { damaged } => tracing::warn!(
+                damaged,
+                "the vehicle is silent: is it switched on, is the serial interface released on its remote control?"
+            ),
+            Self::Motors(event) => log_motors(event),
+            Self::CommandRejected => tracing::warn!(
+                "a command was older than `bridge.command-timeout-periods` and was not sent; nor are others like it"
+            ),
+            Self::Stuck => tracing::warn!(
+                "the port did not send what it was given, which was discarded: check `bridge.hardware-flow-control` against the radio"
+            ),
+        }
+    }
+}
+
+fn log_motors(event: MotorEvent) {
+    match event {
+        MotorEvent::Starting => tracing::info!("motors are being started"),
+        MotorEvent::Running => tracing::info!("motors run"),
+        MotorEvent::Stopping => tracing::info!("motors are being stopped"),
+        MotorEvent::Stopped => tracing::info!("motors have stopped"),
+        MotorEvent::StartFailed => tracing::warn!(
+            "motors did not start: zero set-point until disarmed; check `bridge.asctec.motor-yaw-counts` and the remote control"
+        ),
+        MotorEvent::StopFailed => {
+            tracing::warn!("motors did not stop: zero set-point; stop them by the remote control")
+        }
+        MotorEvent::StoppedInFlight => {
+            tracing::warn!("motors stopped in flight: zero set-point until disarmed");
+        }
+        MotorEvent::DaemonSilent => tracing::warn!(
+            "the daemon fell silent in flight: zero set-point until it is back and disarmed"
+        ),
+    }
+}

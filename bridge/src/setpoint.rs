@@ -1,0 +1,16 @@
+//! Set-points that the bridge sends to a vehicle.
+
+use oqtal_bus::message::CommandV1;
+
+/// Content of one set-point frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum VehicleSetpoint {
+    /// Zero set-point: sticks centred, no thrust. Rotors that turn idle; rotors that stand do not start.
+    Zero,
+    /// Sticks and thrust of a command.
+    Fly(CommandV1),
+    /// No thrust, and the stick position that starts the motors.
+    StartMotors,
+    /// No thrust, and the stick position that stops the motors.
+    StopMotors,
+}

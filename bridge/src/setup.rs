@@ -1,0 +1,130 @@
+//! What the configuration asks of the bridge: the link, the protocol that is spoken there, the transport that carries it.
+
+use oqtal_bus::time::Span;
+use oqtal_config::{ClockKind, Config, VehicleKind, Violation};
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_wire::link::{LinkSpec, ProtocolKind};
+use oqtal_wire::xbee::{Address, Framing};
+
+use crate::asctec::Asctec;
+use crate::bridge::word_spacing;
+use crate::line::LineOccupancy;
+use crate::link::PortOptions;
+use crate::protocol::VehicleProtocol;
+use crate::serial::SerialPortOptions;
+use crate::transport::{SerialStream, VehicleTransport};
+use crate::xbee::XbeeTransport;
+
+/// Greatest share of the line's time that set-points may take \[-\].
+const MAX_OCCUPANCY: f64 = 0.8;
+
+/// The way to the vehicle.
+#[derive(Debug)]
+pub struct VehicleSetup {
+    /// The link as it is configured.
+    pub spec: LinkSpec,
+    /// The vehicle's wire format.
+    pub protocol: Box<dyn VehicleProtocol>,
+    /// The carrier of its frames.
+    pub transport: Box<dyn VehicleTransport>,
+    /// The port that carries the bytes.
+    pub port: Box<dyn PortOptions>,
+}
+
+impl VehicleSetup {
+    /// The way to the vehicle that `config` describes.
+    ///
+    /// # Errors
+    /// There is no link, or it is malformed or too slow (exit code 78), or the clock is virtual (64).
+    pub fn of(config: &Config) -> Result<Self, Failure> {
+        if config.clock.kind != ClockKind::Real {
+            let reason = "a bridge runs in real time only; set `clock.kind = \"real\"`";
+            return Err(Failure::new(Exit::Usage, reason));
+        }
+        if config.vehicle.kind != VehicleKind::Hummingbird {
+            let reason =
+                "a bridge forwards sticks, not torque; set `vehicle.kind = \"hummingbird\"`";
+            return Err(Failure::new(Exit::Config, reason));
+        }
+        let spec = link(config)?.ok_or_else(|| {
+            let reason =
+                "`bridge.link` is empty; give --link asctec:PATH, as in --link asctec:/dev/ttyUSB0";
+            Failure::new(Exit::Config, reason)
+        })?;
+        let peer = xbee_address(config)?;
+        let protocol: Box<dyn VehicleProtocol> = match spec.kind() {
+            ProtocolKind::Asctec => Box::new(Asctec::new(config)),
+        };
+        let port = SerialPortOptions {
+            path: spec.path().into(),
+            baud: spec.baud(),
+            hardware_flow_control: config.bridge.hardware_flow_control,
+        };
+        let setup =
+            Self { protocol, transport: transport(&spec, peer), port: Box::new(port), spec };
+        setup.check_room(config)?;
+        Ok(setup)
+    }
+
+    /// Warns if commands go to every radio in reach.
+    pub fn warn_of_broadcast(&self, config: &Config) {
+        let is_broadcast = xbee_address(config).is_ok_and(Address::is_broadcast);
+        if is_broadcast && self.spec.xbee() != Framing::Transparent {
+            tracing::warn!(
+                "commands go to every radio in reach, and a reply of any radio counts as the vehicle's; set `bridge.xbee-address` to the address of its radio"
+            );
+        }
+    }
+
+    /// Checks that every frame fits into a packet, and that set-points, periodic words and answers fit on the line.
+    fn check_room(&self, config: &Config) -> Result<(), Violation> {
+        let wrong = |rule: String| Err(Violation::new("bridge.link", rule));
+        let (bare, longest) = (self.protocol.sizes(), self.transport.max_frame());
+        if bare.longest_sent() > longest {
+            let bytes = bare.longest_sent();
+            return wrong(format!(
+                "cannot carry frames of {bytes} bytes: a packet holds {longest}; use another transport"
+            ));
+        }
+        let sizes = bare.with_overhead(self.transport.overhead());
+        let line = LineOccupancy::new(self.transport.byte_rate());
+        let (rate, baud) = (config.control.rate_hz, self.spec.baud());
+        let period = Span::period_of(rate);
+        if line.time_for(sizes.setpoint) > period.scaled(MAX_OCCUPANCY) {
+            return wrong(format!(
+                "is too slow: {rate} set-points of {} bytes a second take more than {} % of {baud} baud; lower `control.rate-hz`, or use a faster line",
+                sizes.setpoint,
+                MAX_OCCUPANCY * 100.0
+            ));
+        }
+        match word_spacing(&line, period, sizes) {
+            Some(_) => Ok(()),
+            None => wrong(format!(
+                "is too slow: between two of {rate} set-points a second, {baud} baud leave no room to request the vehicle's status; lower `control.rate-hz`, or use a faster line"
+            )),
+        }
+    }
+}
+
+/// The transport over the link `spec`, to the radio `peer` if the link is a radio in API mode.
+#[must_use]
+pub fn transport(spec: &LinkSpec, peer: Address) -> Box<dyn VehicleTransport> {
+    match spec.xbee() {
+        Framing::Transparent => Box::new(SerialStream::new(spec.baud())),
+        framing => Box::new(XbeeTransport::new(framing, peer, spec.baud())),
+    }
+}
+
+/// The link that `bridge.link` names; `None` if the key is empty.
+fn link(config: &Config) -> Result<Option<LinkSpec>, Violation> {
+    let invalid = |error| Violation::new("bridge.link", format!("is no link: {error}"));
+    LinkSpec::from_setting(&config.bridge.link).map_err(invalid)
+}
+
+/// The address of the vehicle's radio, `bridge.xbee-address`.
+fn xbee_address(config: &Config) -> Result<Address, Violation> {
+    let invalid = |error: oqtal_wire::xbee::InvalidAddress| {
+        Violation::new("bridge.xbee-address", error.to_string())
+    };
+    config.bridge.xbee_address.parse().map_err(invalid)
+}

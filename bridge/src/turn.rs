@@ -1,0 +1,204 @@
+//! One turn of the bridge over its ports: read the vehicle's bytes, take the command, write what is due, report. No call blocks,
+//! logs or allocates.
+
+use std::time::Duration;
+
+use oqtal_bus::code::Cause;
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{CommandV1, HealthV1, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_runtime::health::Health;
+use oqtal_runtime::turn::{Turn, TurnClock};
+
+use crate::background::BridgeHandle;
+use crate::bridge::{Bridge, VehicleReport};
+use crate::link::VehicleLink;
+use crate::note::Note;
+use crate::protocol::MAX_FRAME;
+
+/// Size of the read buffer \[bytes\]: more than a longest packet, or a period of a serial line at 57600 baud.
+const READ_BUFFER: usize = 512;
+const _: () = assert!(READ_BUFFER >= MAX_FRAME);
+/// Most reads of one turn \[-\], however many bytes arrive.
+const MAX_READS: usize = 4;
+/// Number of zero set-points sent at the end.
+const FINAL_FRAMES: usize = 3;
+/// Time that the final frames have to leave the port before they are discarded.
+const SHUTDOWN_TIMEOUT: Span = Span::from_millis(60);
+
+/// The bridge's ports on the bus.
+#[derive(Debug)]
+pub struct BridgePorts<T: Transport> {
+    commands: T::Reader<CommandV1>,
+    vehicles: T::Writer<VehicleV1>,
+}
+
+impl<T: Transport> BridgePorts<T> {
+    /// Opens them, the vehicle topic first: its single writer is the lock against a second bridge, and a plant.
+    ///
+    /// # Errors
+    /// Another bridge or a plant holds the vehicle topic, or the transport failed.
+    pub fn open(bus: &T) -> Result<Self, BusError> {
+        let vehicles = bus.writer(&VEHICLE)?;
+        Ok(Self { vehicles, commands: bus.reader(&COMMAND)? })
+    }
+
+    fn report(&mut self, report: VehicleReport) -> Result<(), BusError> {
+        let (pose_sequence, stamps, vehicle) = report;
+        self.vehicles.send(pose_sequence, stamps, vehicle).map(drop)
+    }
+}
+
+/// The turn of the bridge.
+#[derive(Debug)]
+pub struct BridgeTurn<T: Transport> {
+    /// The ports on the bus.
+    pub ports: BridgePorts<T>,
+    /// The bridge.
+    pub bridge: Bridge,
+    /// The port to the vehicle; `None` while it is lost.
+    pub link: Option<Box<dyn VehicleLink>>,
+    /// The hand-off to the background thread.
+    pub handle: BridgeHandle,
+    /// Counts the commands received.
+    pub health: Health,
+}
+
+impl<T: Transport> Turn for BridgeTurn<T> {
+    fn next_event(&self, now: Time) -> Option<Time> {
+        Some(self.bridge.next_event(now))
+    }
+
+    fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        if let Some(link) = self.handle.request() {
+            self.link = Some(link);
+            self.bridge.open(clock.now());
+        }
+        self.read_link(clock);
+        if let Some((header, command)) = self.ports.commands.latest()? {
+            self.health.count_input();
+            // Read after the command was taken, so that it is not received before it was sent.
+            let (now, lost) = (clock.now(), self.ports.commands.lost());
+            self.bridge.receive_command(now, &header, command, lost);
+        }
+        self.write_due(clock)
+    }
+
+    /// Sends zero set-points, and the emergency stop if motors run; waits until they have left. Errors cannot be reported any
+    /// more.
+    fn shut_down<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
+        for _ in 0..FINAL_FRAMES {
+            self.bridge.begin_zero_setpoint(clock.now());
+            let _ = self.write_outbox(clock);
+        }
+        if self.bridge.begin_final_emergency_stop(clock.now()) {
+            let _ = self.write_outbox(clock);
+        }
+        self.drain_link(clock);
+        self.bridge.close(clock.now());
+        let last = self.bridge.report(clock.now(), None, Span::ZERO);
+        let _ = self.ports.report(last);
+        Ok(())
+    }
+
+    fn health(&self, now: Time) -> HealthV1 {
+        let cause = if self.bridge.is_answering(now) { Cause::None } else { Cause::NoVehicle };
+        let unlogged = self.handle.dropped_notes();
+        HealthV1 { cause: cause.code(), unlogged, ..HealthV1::default() }
+    }
+}
+
+impl<T: Transport> BridgeTurn<T> {
+    /// Reads what the vehicle sent.
+    fn read_link(&mut self, clock: &impl TurnClock) {
+        let mut buffer = [0; READ_BUFFER];
+        for _ in 0..MAX_READS {
+            match self.link.as_mut().map(|link| link.read(&mut buffer)) {
+                Some(Ok(count)) if count > 0 => {
+                    self.bridge.receive_bytes(clock.now(), &buffer[..count]);
+                }
+                Some(Err(_)) => return self.close_link(clock.now()),
+                Some(Ok(_)) | None => return,
+            }
+        }
+    }
+
+    /// Writes what is due: the rest of a frame, a set-point, and the frame behind it.
+    fn write_due(&mut self, clock: &impl TurnClock) -> Result<(), BusError> {
+        self.discard_if_stuck(clock);
+        self.write_outbox(clock)?;
+        let handle = &mut self.handle;
+        let without_port = self.bridge.turn(clock.now(), &mut |note| handle.note(note));
+        if let Some(report) = without_port {
+            self.ports.report(report)?;
+        }
+        if !self.bridge.outbox().is_empty() {
+            self.write_outbox(clock)?;
+            self.bridge.follow_up(clock.now());
+            self.write_outbox(clock)?;
+        }
+        Ok(())
+    }
+
+    /// Discards what the port holds back for too long.
+    fn discard_if_stuck(&mut self, clock: &impl TurnClock) {
+        let Some(link) = &mut self.link else { return };
+        let stuck = link.queued().map(|queued| self.bridge.is_stuck(clock.now(), queued));
+        let discarded = match stuck {
+            Ok(false) => return,
+            Ok(true) => link.discard(),
+            Err(error) => Err(error),
+        };
+        match discarded {
+            Ok(()) => {
+                self.bridge.discard_outgoing();
+                self.handle.note(Note::Stuck);
+            }
+            Err(_) => self.close_link(clock.now()),
+        }
+    }
+
+    /// Writes the outbox to the port, as far as the port takes it.
+    fn write_outbox(&mut self, clock: &impl TurnClock) -> Result<(), BusError> {
+        while let (Some(link), bytes @ [_, ..]) = (&mut self.link, self.bridge.outbox()) {
+            match link.write(bytes) {
+                Ok(0) => return Ok(()),
+                Ok(count) => {
+                    // Read after the bytes were taken: the instant at which they were handed over.
+                    if let Some(report) = self.bridge.handed_over(clock.now(), count) {
+                        self.ports.report(report)?;
+                    }
+                }
+                Err(_) => {
+                    self.close_link(clock.now());
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Hands a lost port to the background thread, which closes it and opens it again.
+    fn close_link(&mut self, now: Time) {
+        if let Some(link) = self.link.take() {
+            self.handle.reply(link);
+        }
+        self.bridge.close(now);
+    }
+
+    /// Waits until everything has left the port, at most [`SHUTDOWN_TIMEOUT`]; the rest is discarded, since closing a port waits
+    /// for the bytes that it holds.
+    fn drain_link(&mut self, clock: &impl TurnClock) {
+        let Some(link) = &mut self.link else { return };
+        let give_up = clock.now() + SHUTDOWN_TIMEOUT;
+        while self.bridge.ahead(clock.now()) > Span::ZERO || !link.queued().is_ok_and(|n| n == 0) {
+            if clock.now() >= give_up {
+                let _ = link.discard();
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
