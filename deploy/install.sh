@@ -1,5 +1,5 @@
 #!/bin/sh
-# Installs oqtal as systemd services, or takes it away again. See docs/operations.md.
+# Installs oqtal as systemd services, or removes it. See docs/operations.md.
 set -eu
 
 usage() {
@@ -10,7 +10,7 @@ Usage: deploy/install.sh [--binary FILE] [--prefix DIR] [--root DIR]
   --binary FILE  the program to install (default: target/release/oqtal beside this directory)
   --prefix DIR   /usr/local (the default) or /usr: systemd looks for units nowhere else
   --root DIR     put the files under DIR, for a package: nothing is started, stopped or registered
-  --uninstall    stop the services and remove every file, the configuration too; the user if an installation made it
+  --uninstall    stop the services and remove every file, including the configuration; the user if an installation created it
 TEXT
 }
 
@@ -28,15 +28,15 @@ uninstall=no
 while [ $# -gt 0 ]; do
     case $1 in
         --binary | --prefix | --root)
-            [ $# -gt 1 ] || fail 64 "$1 wants a value; see --help"
+            [ $# -gt 1 ] || fail 64 "$1 requires a value; see --help"
             case $1 in
                 --binary) binary=$2 ;;
                 --prefix) prefix=$2 ;;
                 --root)
-                    # Empty is this system itself, and is asked for by leaving the option out.
+                    # An empty directory would be this system itself.
                     case $2 in
                         *[!/]*) root=${2%/} ;;
-                        *) fail 64 "--root wants the directory of a package, not '$2'; leave it out to install on this system" ;;
+                        *) fail 64 "--root requires the directory of a package, not '$2'; omit it to install on this system" ;;
                     esac
                     ;;
             esac
@@ -44,7 +44,7 @@ while [ $# -gt 0 ]; do
             ;;
         --uninstall) uninstall=yes ;;
         --help | -h) usage && exit 0 ;;
-        *) usage >&2 && fail 64 "'$1' is no option" ;;
+        *) usage >&2 && fail 64 "unknown option '$1'" ;;
     esac
     shift
 done
@@ -61,10 +61,10 @@ lib=$root$prefix/lib
 share=$root$prefix/share/oqtal
 etc=$root/etc/oqtal
 units=$lib/systemd/system
-# There if the user was made by an installation, and is to go with it.
+# Exists if an installation created the user, who is then removed with it.
 made_user=$share/made-user
 
-# A system that runs is told; a directory that becomes a package is not.
+# Whether this installs into the running system, not into the directory of a package.
 live() {
     [ -z "$root" ] && [ -d /run/systemd/system ]
 }
@@ -80,19 +80,19 @@ put() { # FILE DIRECTORY, the program's path as installed
     mv -f "$2/.new-$$" "$2/$(basename "$1")"
 }
 
-# The shipped configuration with every default commented out, so that a preset still counts, and what services need set.
+# The shipped configuration with every default commented out, so that presets take effect, and with the settings of services.
 configuration() {
     awk '
         NR == 1 {
             print "# oqtal: the configuration of all services on this machine."
-            print "# Every line that begins with \"# name = \" shows a default; take the # away to set it. Then check and restart:"
+            print "# Every line that begins with \"# name = \" shows a default; remove the # to set it. Then check and restart:"
             print "#   oqtal check /etc/oqtal/oqtal.toml && systemctl restart oqtal-daemon oqtal-plant-sim oqtal-mocap-emu"
             next
         }
         /^\[/ { section = $1 }
         section == "[instance]" && $1 == "root" { sub(/"".*/, "\"/run/oqtal\""); print; next }
         section == "[safety]" && $1 == "arm-at-start" { sub(/false/, "true "); print; next }
-        # A value may go on over several lines, to the line of its closing bracket.
+        # A value may extend over several lines, to that of its closing bracket.
         /^[a-z][a-z0-9-]* *=/ { print "# " $0; open = $0 ~ /= *\[ *(#.*)?$/; next }
         open { print "# " $0; open = $0 !~ /^\]/; next }
         { print }
@@ -102,7 +102,7 @@ configuration() {
 install_files() {
     [ -f "$binary" ] || fail 64 "$binary does not exist; build it with 'cargo build --release', or name it with --binary"
     install -d -m 755 "$bin" "$share" "$etc"
-    # Under a new name first: a running program cannot be written to.
+    # Written under a new name first: a running program cannot be overwritten.
     install -m 755 "$binary" "$bin/.oqtal-new"
     mv -f "$bin/.oqtal-new" "$bin/oqtal"
     for unit in "$here"/systemd/*; do put "$unit" "$units"; done
@@ -113,7 +113,7 @@ install_files() {
     install_configuration
 }
 
-# Never over what somebody edited: the new defaults then come beside it.
+# An edited configuration is kept; the new defaults are then written beside it.
 install_configuration() {
     configuration >"$share/etc-oqtal.toml.new"
     chmod 644 "$share/etc-oqtal.toml.new"
@@ -122,7 +122,7 @@ install_configuration() {
     elif [ -f "$share/etc-oqtal.toml" ] && cmp -s "$share/etc-oqtal.toml" "$etc/oqtal.toml"; then
         cp "$share/etc-oqtal.toml.new" "$etc/oqtal.toml"
     elif ! cmp -s "$share/etc-oqtal.toml.new" "$etc/oqtal.toml"; then
-        printf 'install.sh: %s was edited and stays; the shipped one is %s\n' "$etc/oqtal.toml" "$share/etc-oqtal.toml"
+        printf 'install.sh: %s was edited and is kept; the shipped one is %s\n' "$etc/oqtal.toml" "$share/etc-oqtal.toml"
     fi
     mv -f "$share/etc-oqtal.toml.new" "$share/etc-oqtal.toml"
 }
@@ -132,14 +132,14 @@ register() {
     systemd-sysusers "$lib/sysusers.d/oqtal.conf"
     systemd-tmpfiles --create "$lib/tmpfiles.d/oqtal.conf"
     systemctl daemon-reload
-    # A machine without udev has no adapters to name.
+    # Without udev there are no adapters to name.
     if command -v udevadm >/dev/null 2>&1; then udevadm control --reload 2>/dev/null || true; fi
-    "$bin/oqtal" check "$etc/oqtal.toml" >/dev/null || fail 78 "$etc/oqtal.toml cannot be used, see above; mend it before the start"
+    "$bin/oqtal" check "$etc/oqtal.toml" >/dev/null || fail 78 "$etc/oqtal.toml is invalid, see above; correct it before the start"
     running=$(systemctl list-units --plain --no-legend --state=active 'oqtal-*.service' | awk '{ printf " %s", $1 }')
     if [ -n "$running" ]; then
-        printf 'oqtal is updated; what runs is still the old one. When nothing flies: systemctl restart%s\n' "$running"
+        printf 'oqtal is updated; these services still run the old program. When nothing flies: systemctl restart%s\n' "$running"
     else
-        printf 'oqtal is installed. Fly it: systemctl start oqtal-sim.target; look at it: sudo oqtal ctl status\n'
+        printf 'oqtal is installed. To fly: systemctl start oqtal-sim.target; for the state: sudo oqtal ctl status\n'
     fi
 }
 
@@ -156,17 +156,17 @@ remove_files() {
         "$units"/oqtal-flight.target "$lib/sysusers.d/oqtal.conf" "$lib/tmpfiles.d/oqtal.conf" \
         "$lib/udev/rules.d/70-oqtal-radio.rules" "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
         "$made_user"
-    # Directories that others use, or keep files in, stay.
+    # Directories that are not empty are kept.
     for directory in "$etc" "$share" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" \
         "$lib/udev/rules.d" "$lib/udev"; do
         rmdir "$directory" 2>/dev/null || true
     done
 }
 
-# What the services leave outside their files. Nothing here may keep the rest from being done.
-forget() { # whether the user was made by an installation: yes or no
+# Removes the run-time files of the services. A failure here does not prevent the other steps.
+forget() { # whether an installation created the user: yes or no
     rm -rf /run/oqtal
-    # By owner: other users have instances of their own.
+    # Selected by owner: other users may have instances.
     if id oqtal >/dev/null 2>&1; then find /dev/shm -maxdepth 1 -user oqtal -name 'oqtal_*' -delete || true; fi
     systemctl daemon-reload || true
     systemctl reset-failed 'oqtal-*' 2>/dev/null || true
@@ -176,13 +176,13 @@ forget() { # whether the user was made by an installation: yes or no
 
 forget_user() {
     if id oqtal >/dev/null 2>&1 && ! userdel oqtal; then
-        printf 'install.sh: the user oqtal stays; end its processes (ps -u oqtal), then: userdel oqtal\n' >&2
+        printf 'install.sh: the user oqtal is kept; end its processes (ps -u oqtal), then: userdel oqtal\n' >&2
         return
     fi
     if getent group oqtal >/dev/null; then groupdel oqtal || true; fi
 }
 
-# One installation at a time: of two, systemd takes the units of one, and the operator may be looking at the other.
+# Only one installation is allowed: systemd would use the units of one of two, possibly not those that the operator sees.
 check_prefix() {
     if is_installed "$other" && ! { [ "$uninstall" = yes ] && is_installed "$prefix"; }; then
         fail 64 "oqtal is installed under $root$other; $1"

@@ -1,4 +1,4 @@
-//! Bad use: each a clear message and its exit code.
+//! Misuse of the program: each case gives a clear message and its exit code.
 
 mod common;
 
@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 
 use common::{Testbed, stderr};
 
-/// Flies with these words and expects this exit code and these words in the message.
+/// Runs `oqtal fly` with the given arguments; expects an exit code and parts of the error message.
 fn refused(words: &[&str], code: i32, says: &[&str]) {
     let testbed = Testbed::new("bad");
     let output = testbed.fly(words);
@@ -106,13 +106,13 @@ fn a_reader_that_goes_away_is_no_error() {
 #[test]
 fn a_child_whose_parent_is_gone_ends() {
     let testbed = Testbed::new("orphan");
-    // The parent of this process is the test, not the first process of the machine.
+    // The parent of the daemon is this test, not process 1.
     let output = testbed.oqtal(&["daemon", "run", "--child", "1"]).output().unwrap();
     assert_eq!(output.status.code(), Some(75));
     assert!(stderr(&output).contains("has ended"), "{}", stderr(&output));
 }
 
-/// A configuration file with these lines is refused, naming the line and the rule.
+/// Expects that a configuration file is refused with the number of the bad line and the given parts of the message.
 fn bad_config(text: &str, line: usize, says: &[&str]) {
     let testbed = Testbed::new("bad-config");
     let file = testbed.write("bad.toml", text);
@@ -177,7 +177,7 @@ fn a_variable_is_named_when_it_is_wrong() {
     assert!(stderr(&output).contains("OQTAL_VEHICLE__MASS_KG"), "{}", stderr(&output));
 }
 
-/// A recording with this text is refused with exit code 65, naming its line.
+/// Expects that a recording is refused with exit code 65 and the number of the bad line.
 fn bad_recording(text: &str, line: usize, says: &str) {
     let testbed = Testbed::new("bad-recording");
     let file = testbed.write("flight.csv", text);

@@ -1,4 +1,4 @@
-//! What a turn of the daemon may cost: no allocation, and no system call but those that wait and wake.
+//! Limits on the cost of a daemon tick: no heap allocation, and no system calls except those that wait and wake.
 
 mod common;
 #[path = "budget/flight.rs"]
@@ -17,7 +17,7 @@ use oqtal_bus::topic::{POSE, TELEMETRY};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use rustix::process::Signal;
 
-/// Counts what each thread takes from the heap.
+/// Allocator that counts the allocations of each thread.
 struct Counting;
 
 thread_local! {
@@ -25,7 +25,7 @@ thread_local! {
 }
 
 fn count() {
-    // A thread that ends has no count any more.
+    // The counter of a thread that is ending no longer exists.
     let _ = TAKEN.try_with(|taken| taken.set(taken.get() + 1));
 }
 
@@ -53,7 +53,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static HEAP: Counting = Counting;
 
-/// How often `work` went to the heap, and its result.
+/// Number of heap allocations made by `work`, and its result.
 fn allocations<T>(work: impl FnOnce() -> T) -> (u64, T) {
     let before = TAKEN.get();
     let result = work();
@@ -94,7 +94,7 @@ fn the_bus_allocates_once_for_each_message_published_and_never_else() {
         let woken = allocations(|| listener.wait(None, Span::from_millis(1000)).unwrap());
         let read = allocations(|| reader.latest().unwrap());
         assert_eq!(read.1.unwrap().0.pose_sequence, message);
-        // The first messages meet connections that are still being made.
+        // Connections are still being established during the first messages.
         if message > 10 {
             sending += sent.0;
             waking += notified.0;
@@ -102,11 +102,11 @@ fn the_bus_allocates_once_for_each_message_published_and_never_else() {
             reading += read.0;
         }
     }
-    // The one is iceoryx2's, in `loan`.
+    // The one allocation per message is made by iceoryx2, in `loan`.
     assert_eq!((sending, waking, waiting, reading), (MESSAGES, 0, 0, 0));
 }
 
-/// A system call, the most of it in a turn, and what for.
+/// A system call: its name, its greatest number per tick, and its purpose.
 type Call = (&'static str, u64, &'static str);
 
 /// The system calls of the daemon's loop in steady state.
@@ -114,9 +114,9 @@ const EXPECTED: [Call; 2] = [
     (
         "futex",
         4,
-        "sleep until the warmup and until the pose; wake the vehicle; once more if woken for nothing",
+        "sleep until the warm-up and until the pose; wake the vehicle; one spurious wake-up",
     ),
-    ("restart_syscall", 1, "the sleep that strace interrupted as it came"),
+    ("restart_syscall", 1, "the sleep that strace interrupted when it attached"),
 ];
 
 #[test]
@@ -139,7 +139,7 @@ fn may_trace() -> bool {
     strace.status().is_ok_and(|status| status.success())
 }
 
-/// The system calls of a flying daemon's loop by name, over at least `ticks` ticks, and the ticks that they are at most from.
+/// The system calls of a flying daemon's loop by name, and an upper bound of the ticks they belong to, which is at least `ticks`.
 fn trace(ticks: u64) -> (BTreeMap<String, u64>, u64) {
     let testbed = Testbed::new("trace");
     let bus = testbed.bus();
@@ -168,7 +168,7 @@ fn trace(ticks: u64) -> (BTreeMap<String, u64>, u64) {
     drop(flight);
     let mut calls = BTreeMap::new();
     for line in std::fs::read_to_string(&log).unwrap().lines() {
-        // Signals and the like have no bracket directly behind a name.
+        // Lines about signals have no bracket directly behind a name.
         if let Some((name, _)) = line.split_once('(')
             && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
         {

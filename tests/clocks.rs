@@ -1,4 +1,4 @@
-//! One flight, whichever clock drives it.
+//! The same flight under each clock: real, lockstep, in-process.
 
 mod common;
 
@@ -8,7 +8,7 @@ use oqtal_bus::topic::{TELEMETRY, TRUTH};
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 
-/// A flight short enough to be flown often.
+/// Arguments of a short flight.
 const SHORT: [&str; 4] = ["--trajectory", "hover", "--duration", "3"];
 
 fn hash(clock: &str, seed: &str, more: &[&str]) -> String {
@@ -58,17 +58,17 @@ fn stands_still_while_the_daemon_is_stopped(testbed: &Testbed) {
     });
     signal(daemon, Signal::STOP);
     wait_for("the daemon to stop", || (state_of(daemon) == Some('T')).then_some(()));
-    // The last that it said, and no later than when it wanted to act next.
+    // The last tick of the daemon, and the latest instant at which its next one could be due.
     let mut last = None;
     while let Some((_, tick)) = telemetry.receive().unwrap() {
         last = Some(tick.time);
     }
     let limit = last.map(|last| last + Span::from_millis(26));
-    // Another flight, thousands of grants long, tells how far this one would have come meanwhile.
+    // Another flight of thousands of events takes long enough for this one to advance if it could.
     Testbed::new("yardstick").summary(&[&SHORT[..], &["--clock", "lockstep"]].concat());
     let still = truth.latest().unwrap().map(|(_, truth)| truth.time);
     assert!(limit.is_none_or(|limit| still <= Some(limit)), "{still:?} without the daemon");
-    assert!(telemetry.latest().unwrap().is_none(), "a stopped daemon spoke");
+    assert!(telemetry.latest().unwrap().is_none(), "a stopped daemon published telemetry");
     signal(daemon, Signal::CONT);
     wait_for("time to go on", || {
         truth.latest().unwrap().filter(|(_, truth)| Some(truth.time) > limit.max(still))
@@ -87,7 +87,7 @@ fn a_real_time_flight_lands_and_accounts_for_every_hop() {
     let count = |hop| number(&summary, &format!("/hops/{hop}/count"));
     assert!(count("compute") > 300.0);
     assert_eq!(count("compute"), count("sensor_to_actuator"));
-    // The radio's delay is part of the simulation, so that it is exact in real time, too.
+    // The delay of the radio is simulated and therefore exact under the real clock, too.
     assert!((number(&summary, "/hops/vehicle_to_applied/p50_ns") / 20e6 - 1.0).abs() < 0.01);
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }

@@ -1,4 +1,4 @@
-//! `oqtal doctor` on this machine: its form, and the remains of a killed daemon.
+//! `oqtal doctor` on this machine: the form of its findings, and the files left by a killed daemon.
 
 mod common;
 
@@ -35,7 +35,7 @@ fn every_check_says_what_was_found_and_what_is_not_well_says_why() {
 fn a_dead_instance_is_found_and_named_in_its_remedy() {
     let testbed = Testbed::new("dead");
     find_the_dead(&testbed);
-    // Its remedy.
+    // The remedy that the finding proposes.
     testbed.oqtal(&["ctl", "status"]).output().unwrap();
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }

@@ -1,7 +1,9 @@
-//! What the documents say is so: paths, symbols, tests, equations, errata, defaults, commands; and a few rules of the code
-//! that only reading it can hold.
+//! Statements of the documents are checked against the code: paths, symbols, tests, equations, errata, defaults, commands.
+//! Rules of the code that concern its text are checked here too: where clocks are read, what the mathematics may import.
 
 mod common;
+#[path = "common/sources.rs"]
+mod sources;
 #[path = "documents/text.rs"]
 mod text;
 
@@ -17,28 +19,38 @@ use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::PredictiveOptions;
 use oqtal_control::trajectory::TrajectoryOptions;
 use oqtal_runtime::process::Exit;
+use sources::{Source, assert_none, read, root, sources};
 use text::{
-    Source, Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers,
-    quoted, read, root, sources,
+    Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers, quoted,
 };
 
-/// What is wrong, one line each, instead of the first that is.
-fn none(what: &str, wrong: &[String]) {
-    assert!(wrong.is_empty(), "{what}:\n  {}", wrong.join("\n  "));
+/// Every Markdown file at the root and in `docs`, but the generated one.
+fn documents() -> Vec<String> {
+    let mut found = Vec::new();
+    for folder in ["", "docs/"] {
+        for entry in std::fs::read_dir(root().join(folder)).unwrap() {
+            let name = entry.unwrap().file_name().into_string().unwrap();
+            if name.ends_with(".md") && name != "reproduction.md" {
+                found.push(format!("{folder}{name}"));
+            }
+        }
+    }
+    assert!(found.len() > 8, "the documents are not where they were: {found:?}");
+    found
 }
 
 fn is_path(token: &str) -> bool {
     token.contains('/') && !token.contains([' ', '<', '$', '*']) && !token.starts_with('/')
 }
 
-/// `fn name`, `struct Name` and the like occur in `text`.
+/// Whether `text` defines an item of this name.
 fn defines(text: &str, name: &str) -> bool {
     ["fn", "struct", "enum", "trait", "type", "const"]
         .iter()
         .any(|kind| has_word(text, &format!("{kind} {name}")))
 }
 
-/// The paths in a cell, each with the symbols that follow it.
+/// The paths in a table cell, each with the symbols that follow it.
 fn places(cell: &str) -> Vec<(String, Vec<String>)> {
     let mut places: Vec<(String, Vec<String>)> = Vec::new();
     for token in quoted(cell) {
@@ -58,17 +70,7 @@ fn index() -> Table {
 #[test]
 fn links_and_paths_in_the_documents_lead_somewhere() {
     let mut wrong = Vec::new();
-    let documents = [
-        "README.md",
-        "CONTRIBUTING.md",
-        "CHANGELOG.md",
-        "docs/conventions.md",
-        "docs/faults.md",
-        "docs/performance.md",
-        "docs/operations.md",
-    ];
-    let more = ["docs/paper.md", "docs/errata.md", "docs/oqtal-dt.md", "docs/your-own-law.md"];
-    for document in documents.into_iter().chain(more) {
+    for document in &documents() {
         let text = read(document);
         let folder = root().join(document).parent().unwrap().to_owned();
         for link in links(&text) {
@@ -78,8 +80,8 @@ fn links_and_paths_in_the_documents_lead_somewhere() {
             }
         }
         for token in quoted(&text).into_iter().filter(|token| is_path(token)) {
-            // What starts with the name of something here is a path; `m/s` and `pose/command` are not.
-            // What a build makes is not there in a clean clone.
+            // A token is a path if it begins with the name of a file or folder at the root: `m/s` does not.
+            // The folder of build results does not exist in a clean clone.
             let first = token.split('/').next().unwrap_or_default();
             let ours = first != "target" && root().join(first).exists();
             if ours && !root().join(token).exists() {
@@ -87,7 +89,7 @@ fn links_and_paths_in_the_documents_lead_somewhere() {
             }
         }
     }
-    none("documents point at what is not there", &wrong);
+    assert_none("documents point at what is not there", &wrong);
 }
 
 #[test]
@@ -113,7 +115,7 @@ fn every_equation_of_the_index_is_implemented_cited_and_tested_where_it_says() {
             wrong.push(format!("{equation}: not cited in {}", row["implemented in"]));
         }
     }
-    none("docs/paper.md is out of step", &wrong);
+    assert_none("docs/paper.md is out of step", &wrong);
 }
 
 #[test]
@@ -127,7 +129,7 @@ fn every_equation_cited_in_the_mathematics_is_in_the_index() {
             wrong.push(format!("{path}: Eq. ({number})"));
         }
     }
-    none("cited, but not in docs/paper.md", &wrong);
+    assert_none("cited, but not in docs/paper.md", &wrong);
 }
 
 #[test]
@@ -145,17 +147,17 @@ fn errata_are_cited_in_the_code_and_known() {
         cited.extend(here);
     }
     wrong.extend(indexed.difference(&known).map(|id| format!("docs/paper.md: {id} is no erratum")));
-    // Where the paper is only unclear, code cannot depart from it.
-    let departs = |row: &text::Row| !["obvious", "notation"].contains(&row["how we know"].as_str());
+    // Code does not depart from the paper where the print is only unclear.
+    let departs = |row: &text::Row| !["obvious", "notation"].contains(&row["evidence"].as_str());
     let departures: BTreeSet<String> =
         rows().filter(departs).map(|row| row["id"].clone()).collect();
     for id in indexed.intersection(&departures).filter(|id| !cited.contains(*id)) {
-        // `E-T` and `E-S` are about tables and text: no equation to cite them at.
+        // `E-T` and `E-S` concern tables and text: there is no equation at which to cite them.
         if !id.starts_with("E-T") && !id.starts_with("E-S") {
             wrong.push(format!("docs/paper.md says that {id} is implemented; no code cites it"));
         }
     }
-    none("errata and code disagree", &wrong);
+    assert_none("errata and code disagree", &wrong);
 }
 
 #[test]
@@ -170,7 +172,7 @@ fn every_test_that_an_erratum_names_exists() {
             }
         }
     }
-    none("errata name tests that do not exist", &wrong);
+    assert_none("errata name tests that do not exist", &wrong);
 }
 
 #[test]
@@ -181,7 +183,7 @@ fn every_fault_has_a_response_and_a_test_and_every_test_of_a_fault_its_row() {
         let id = &row["id"];
         let tests = places(&row["test"]);
         if tests.is_empty()
-            || ["fault", "noticed by", "response, bound"].iter().any(|cell| row[*cell].is_empty())
+            || ["fault", "detection", "response, bound"].iter().any(|cell| row[*cell].is_empty())
         {
             wrong.push(format!("{id}: something is missing"));
         }
@@ -197,10 +199,10 @@ fn every_fault_has_a_response_and_a_test_and_every_test_of_a_fault_its_row() {
             wrong.push(format!("{path}: {name} is in no row"));
         }
     }
-    none("docs/faults.md is out of step", &wrong);
+    assert_none("docs/faults.md is out of step", &wrong);
 }
 
-/// The tests named after a fault, as in `f14_...`.
+/// Names of the tests of faults, as in `f14_...`.
 fn fault_tests(text: &str) -> impl Iterator<Item = &str> {
     let names = text.lines().filter_map(|line| line.trim().strip_prefix("fn ")?.split('(').next());
     names.filter(|name| {
@@ -277,14 +279,14 @@ fn exit_codes_are_listed_for_users_and_for_operators() {
         Exit::Config,
     ];
     for document in ["README.md", "docs/operations.md"] {
-        // Below the codes operations.md has signals.
+        // operations.md also lists signals.
         let mut listed = column(document, "exit code");
         listed.retain(|code| code.parse::<u8>().is_ok());
         assert_eq!(listed, codes.map(|code| (code as u8).to_string()), "{document}");
     }
 }
 
-/// The column of this name in the first table that has one, without its quotation marks.
+/// The cells of a column in the first table that has it, without backticks.
 fn column(document: &str, name: &str) -> Vec<String> {
     let tables = Table::all(&read(document));
     let table = tables.iter().find(|table| table.has(name));
@@ -337,7 +339,7 @@ fn programs_are_thin() {
         .filter(|file| file.text.lines().count() >= 60)
         .map(|file| file.path)
         .collect();
-    none("60 lines or more", &wrong);
+    assert_none("60 lines or more", &wrong);
 }
 
 #[test]
@@ -348,7 +350,7 @@ fn clocks_are_read_in_one_place() {
         .filter(|file| ["Instant::now", "SystemTime"].iter().any(|clock| file.text.contains(clock)))
         .map(|file| file.path)
         .collect();
-    none("clocks read outside bus/src/time.rs", &wrong);
+    assert_none("clocks read outside bus/src/time.rs", &wrong);
 }
 
 #[test]
@@ -360,5 +362,5 @@ fn the_mathematics_touches_no_clock_file_network_thread_or_environment() {
         .filter(|file| outside.iter().any(|module| file.text.contains(module)))
         .map(|file| file.path)
         .collect();
-    none("the mathematics is not pure", &wrong);
+    assert_none("the mathematics is not pure", &wrong);
 }

@@ -1,4 +1,4 @@
-//! What happens when a process dies, a second one comes, or an operator has had enough: real processes, real signals.
+//! Faults of processes: killed, stopped or started twice, and interrupts by an operator. Real processes and signals.
 
 mod common;
 
@@ -12,7 +12,7 @@ use rustix::process::Signal;
 
 const LONG: [&str; 5] = ["fly", "--trajectory", "hover", "--duration", "60"];
 
-/// A flight that is in the air, and the process ids of its daemon and its plant.
+/// Starts a flight and waits until it is airborne; returns it with the process ids of its daemon and its plant.
 fn airborne(testbed: &Testbed) -> (Running, Bus, u32, u32) {
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
@@ -62,7 +62,7 @@ fn a_killed_front_door_leaves_no_orphans() {
     let testbed = Testbed::new("kill-door");
     let (flight, _bus, daemon, plant) = airborne(&testbed);
     flight.signal(Signal::KILL);
-    wait_for("the crew to end", || (!is_alive(daemon) && !is_alive(plant)).then_some(()));
+    wait_for("the processes to end", || (!is_alive(daemon) && !is_alive(plant)).then_some(()));
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn killed_cameras_and_a_killed_daemon_are_replaced_under_running_peers() {
     for _ in 0..2 {
         cameras.signal(Signal::KILL);
         cameras.wait();
-        // A pose that was on its way may still arrive: only after a gap is what comes from the new cameras.
+        // A pose of the killed cameras may still arrive; poses after a gap come from the new ones.
         tick("a gap", daemon.id(), false);
         cameras = testbed.start(&["mocap-emu", "run"]);
         tick("poses of new cameras", daemon.id(), true);

@@ -1,4 +1,4 @@
-//! Whole flights in virtual time, judged by the figures that the front door reports.
+//! Whole flights in virtual time, with bounds on the figures of their summaries.
 
 mod common;
 
@@ -32,7 +32,7 @@ fn every_law_hovers_within_three_centimetres() {
     }
 }
 
-/// Well inside what the best of the other laws reach however they are tuned; with the gains that the page of figures is about.
+/// Bounds well below the best results of the other laws under any tuning, for the gains of docs/reproduction.md.
 #[test]
 fn oqtal_dt_flies_the_square_inside_its_bounds() {
     let tuned = concat!(env!("CARGO_MANIFEST_DIR"), "/deploy/tuned/oqtal-dt.toml");
@@ -51,7 +51,7 @@ fn oqtal_dt_hovers_within_millimetres() {
     assert!(number(&summary, "/position_error_m/rms") <= 3e-3);
 }
 
-/// The attitude alone, through the whole delay of the loop.
+/// The position loop is open: the figure is the attitude law's alone, over the whole delay of the loop.
 #[test]
 fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
     let chirp = |controller| {
@@ -59,7 +59,7 @@ fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
         assert_eq!(summary["outcome"], "landed", "{controller}");
         assert!(
             (number(&summary, "/scored_s") - 22.0).abs() < 0.1,
-            "two sweeps and what is between"
+            "two sweeps and the pause between them"
         );
         number(&summary, "/attitude_error_deg/rms")
     };
@@ -70,7 +70,7 @@ fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
     }
 }
 
-/// Delays are measured, not configured: one that is not as expected costs little.
+/// Delays are measured, not configured: a delay that differs from the configured one costs little.
 #[test]
 fn oqtal_dt_learns_the_delay_of_the_loop() {
     for delay in ["mocap.latency-ms=25", "vehicle.command-delay-ms=40"] {

@@ -1,4 +1,4 @@
-//! Processes killed at random instants of their first half second, on one instance: the next start always works.
+//! Processes killed at random instants of their first half second, on one instance: the next start succeeds.
 
 mod common;
 
@@ -12,7 +12,7 @@ use rustix::process::Signal;
 
 const PROCESSES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];
 
-/// A generator of pseudo-random numbers (Knuth's MMIX), so that a failure can be repeated.
+/// Generator of pseudo-random numbers (Knuth's MMIX) with a fixed seed, so that a failure can be repeated.
 struct Random(u64);
 
 impl Random {
@@ -32,7 +32,7 @@ fn start(testbed: &Testbed, process: &str) -> Running {
     testbed.start(&[process, "run"])
 }
 
-/// Starts what is missing, and waits until the daemon, the one that runs now, trusts its poses.
+/// Starts the processes that do not run, and waits until the running daemon is in the state Nominal.
 fn all_work(testbed: &Testbed, running: &mut [Option<Running>; 3]) {
     for (slot, process) in running.iter_mut().zip(PROCESSES) {
         slot.get_or_insert_with(|| start(testbed, process));
@@ -40,7 +40,7 @@ fn all_work(testbed: &Testbed, running: &mut [Option<Running>; 3]) {
     let daemon = running[2].as_ref().map(Running::id).unwrap();
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
-    wait_for("trusted poses", || {
+    wait_for("accepted poses", || {
         let (header, tick) = telemetry.latest().unwrap()?;
         let is_nominal = tick.state == SafetyState::Nominal.code();
         (header.origin().process() == daemon && is_nominal).then_some(())
@@ -55,13 +55,13 @@ fn kill(process: Option<Running>) {
 }
 
 #[test]
-fn f29_whole_crews_killed_while_they_start_do_not_hinder_the_next() {
-    let testbed = Testbed::new("crews");
+fn f29_processes_killed_while_they_start_do_not_hinder_the_next() {
+    let testbed = Testbed::new("kills");
     let mut random = Random(29);
     for _ in 0..6 {
-        let crew = PROCESSES.map(|process| start(&testbed, process));
+        let started = PROCESSES.map(|process| start(&testbed, process));
         random.pause();
-        for process in crew {
+        for process in started {
             kill(Some(process));
         }
     }
@@ -69,7 +69,7 @@ fn f29_whole_crews_killed_while_they_start_do_not_hinder_the_next() {
 }
 
 #[test]
-fn f29_single_services_killed_while_they_start_do_not_hinder_the_others() {
+fn f29_a_process_killed_while_it_starts_does_not_hinder_the_others() {
     let testbed = Testbed::new("singles");
     let mut random = Random(7);
     let mut running = [None, None, None];
@@ -94,5 +94,5 @@ fn a_process_that_leaves_last_leaves_nothing() {
         assert!(process.wait().status.success());
     }
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
-    assert!(!testbed.place().directory().exists());
+    assert!(!testbed.paths().directory().exists());
 }

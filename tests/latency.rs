@@ -1,4 +1,4 @@
-//! `oqtal latency`: what it says, whom it disturbs, what it leaves behind.
+//! `oqtal latency`: its figures, its effect on a running flight, and its cleanup.
 
 mod common;
 
@@ -22,10 +22,10 @@ const HOPS: [&str; 6] = [
     "sensor_to_actuator",
 ];
 const BARE: [&str; 4] = ["futex", "eventfd", "unix_datagram", "iceoryx2_listener"];
-/// Tests share their machine.
+/// Ordinary scheduling: tests run in parallel on one machine.
 const ORDINARY: [&str; 2] = ["--set", "realtime.scheduling=other"];
 
-/// `oqtal latency` where cyclictest cannot be found.
+/// Starts `oqtal latency` in an environment without cyclictest.
 fn measure(testbed: &Testbed, words: &[&str]) -> Running {
     let words = [&["latency", "--json"], &ORDINARY[..], words].concat();
     let mut command = testbed.oqtal(&words);
@@ -37,7 +37,7 @@ fn figures(output: &std::process::Output) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// What a measurement by the process `pid` still has in shared memory.
+/// Objects in shared memory left by a measurement of the process `pid`.
 fn remains(pid: u32) -> Vec<String> {
     let entries = std::fs::read_dir("/dev/shm").unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
@@ -45,7 +45,7 @@ fn remains(pid: u32) -> Vec<String> {
     names.filter(|name| own.iter().any(|own| name.contains(own))).collect()
 }
 
-/// The processes that `pid` started.
+/// The child processes of `pid`.
 fn children(pid: u32) -> Vec<u32> {
     let file = format!("/proc/{pid}/task/{pid}/children");
     let list = std::fs::read_to_string(file).unwrap_or_default();
@@ -61,7 +61,7 @@ fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
     let figures = figures(&output);
     let count = |path: &str| number(&figures, &format!("/{path}/count"));
     for hop in HOPS {
-        // The same samples in every hop and in their sum.
+        // Every hop and their sum count the same samples.
         assert_eq!(count(&format!("hops/{hop}")), count("hops/sensor_to_actuator"), "{hop}");
     }
     assert!(count("hops/compute") > 60.0);
@@ -79,7 +79,7 @@ fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
     }
     assert_eq!(figures["realtime"]["policy"], "other");
     assert_eq!(number(&figures, "/counters/commands_lost"), 0.0);
-    // Without cyclictest it says so, and compares nothing.
+    // Without cyclictest there is a message and no comparison.
     assert!(stderr(&output).contains("cyclictest is not installed"), "{}", stderr(&output));
     assert_eq!(figures["wakeup"]["pairs"], serde_json::json!([]));
     assert!(figures["wakeup"]["median_ratio"].is_null());
@@ -109,7 +109,7 @@ fn a_running_flight_is_observed_and_lands_as_if_alone() {
     for hop in HOPS {
         assert!(number(&attached, &format!("/hops/{hop}/count")) > 60.0, "{hop}");
     }
-    // The simulated radio is part of what is seen.
+    // The hop includes the delay of the simulated radio.
     let radio = number(&attached, "/hops/vehicle_to_applied/p50_ns");
     assert!((radio / 20e6 - 1.0).abs() < 0.05, "{radio}");
     assert!(number(&attached, "/counters/ticks") > 60.0);
@@ -127,9 +127,9 @@ fn an_interrupted_measurement_says_what_it_has_and_leaves_nothing() {
     let running = measure(&testbed, &["--seconds", "600"]);
     let pid = running.id();
     wait_for("the chain and the bare mechanisms", || (children(pid).len() == 7).then_some(()));
-    // Two seconds of samples, whenever they come.
-    let place = InstancePaths::new(&format!("latency-{pid}"), Some(&testbed.path("run"))).unwrap();
-    let bus = Bus::open(&place).unwrap();
+    // Two seconds of samples.
+    let paths = InstancePaths::new(&format!("latency-{pid}"), Some(&testbed.path("run"))).unwrap();
+    let bus = Bus::open(&paths).unwrap();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     wait_for("a hover", || {
         telemetry.latest().unwrap().filter(|(_, t)| t.mode == Mode::Flying.code() && t.tick > 120)
@@ -152,10 +152,10 @@ fn a_killed_measurement_leaves_no_orphans() {
     for child in started {
         wait_for("an orphan to end", || (!is_alive(child)).then_some(()));
     }
-    // A killed process cleans up nothing; the next that comes does.
+    // A killed process does not clean up; the next process that joins does.
     for name in [format!("latency-{pid}"), format!("b-{pid}")] {
-        let place = InstancePaths::new(&name, Some(&testbed.path("run"))).unwrap();
-        drop(Bus::open(&place).unwrap());
+        let paths = InstancePaths::new(&name, Some(&testbed.path("run"))).unwrap();
+        drop(Bus::open(&paths).unwrap());
     }
     std::fs::remove_dir_all(Path::new("/dev/shm").join(format!("oqtal-latency-{pid}"))).unwrap();
     assert!(remains(pid).is_empty(), "{:?}", remains(pid));

@@ -1,4 +1,4 @@
-//! Where an instance lives: whose it is, what it needs of the machine, and how its processes find each other there.
+//! The directory and shared memory of an instance: permissions, required space, cleanup, and start in any order.
 
 mod common;
 
@@ -13,10 +13,10 @@ use rustix::process::Signal;
 
 const PROCESSES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];
 
-/// Every order in which three processes can be started.
+/// All orders in which three processes can be started.
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
 
-/// Starts the processes in this order and waits until the daemon, the one started here, trusts its poses.
+/// Starts the processes in the given order and waits until the daemon is in the state Nominal.
 fn all_find_each_other(testbed: &Testbed, order: [usize; 3]) -> Vec<Running> {
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
@@ -61,7 +61,7 @@ fn f27_too_little_shared_memory_is_said_before_it_kills() {
     let testbed = Testbed::new("full");
     let daemon = testbed.oqtal(&["daemon", "run"]);
     let words: Vec<_> = daemon.get_args().map(ToOwned::to_owned).collect();
-    // A mount of its own for one process; without privileges by a user namespace.
+    // A private mount for one process; the user namespace makes it possible without privileges.
     let script = "mount -t tmpfs -o size=64k tmpfs /dev/shm && exec \"$0\" \"$@\"";
     let mut small = Command::new("unshare");
     small.args(["--map-root-user", "--mount", "sh", "-c", script]).arg(daemon.get_program());

@@ -1,4 +1,4 @@
-//! What the autopilot knows of the vehicle is what the simulated vehicle does, where nothing disturbs it.
+//! The predictor's model of the vehicle agrees with the simulator where both know the same parameters and biases.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Setting};
@@ -39,7 +39,7 @@ fn state(motion: &Motion) -> State {
     }
 }
 
-/// The plant's own equations, in steps a tenth as long as it takes.
+/// Integrates the equations of the simulator over 35 ms, in steps of a tenth of its own.
 fn integrate(
     config: &Config,
     motion: &Motion,

@@ -1,4 +1,4 @@
-//! Recordings, played to their end in every format and by every clock.
+//! Recordings in every format, played to their end under every clock.
 
 mod common;
 
@@ -7,7 +7,7 @@ use oqtal_bus::message::{CommandV1, Stamps};
 use oqtal_bus::topic::{COMMAND, POSE, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 
-/// A second of a vehicle that circles, at 50 Hz, as (t, position, quaternion scalar last).
+/// One second of a circle at 50 Hz: time \[s\], position \[m, world\], quaternion \[scalar last\].
 fn poses() -> impl Iterator<Item = (f64, [f64; 3], [f64; 4])> {
     (0..50)
         .map(|k| {
@@ -61,7 +61,7 @@ fn every_format_is_played_alike_by_every_clock() {
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
 
-/// A vehicle at rest, seen at these times \[ms\].
+/// A recording of a vehicle at rest with poses at the given times \[ms\].
 fn seen_at(millis: impl Iterator<Item = u64>) -> String {
     let rows = millis.map(|t| {
         let noise = 1e-6 * (t % 97) as f64;
@@ -87,7 +87,7 @@ fn an_irregular_recording_changes_no_state_and_a_gap_does() {
     };
     let regular = fly("a.csv", seen_at(times.iter().copied()));
     assert_eq!(regular["state_sequence"], serde_json::json!(["Coast", "Nominal"]));
-    // Numbered by time, so to within a frame at either end.
+    // Frames are numbered by time: the count is exact to one frame at either end.
     assert!(number(&regular, "/lost/pose") <= 1.0, "{}", regular["lost"]);
     let gap = |k: usize| !(200..210).contains(&k);
     let gone = times.iter().enumerate().filter(|(k, _)| gap(*k)).map(|(_, t)| *t);
@@ -104,11 +104,11 @@ fn in_real_time_a_recording_waits_until_the_daemon_listens() {
     let mut health = bus.observer(&Role::Mocap.health()).unwrap();
     let file = format!("mocap.replay={:?}", testbed.write("a.csv", &named()).display().to_string());
     let _mocap = testbed.start(&["mocap-emu", "run", "--set", &file]);
-    // Three beats are a second, as long as the recording.
+    // Three health messages take one second, the length of the recording.
     for _ in 0..3 {
         wait_for("the cameras", || health.receive().unwrap());
     }
-    assert!(poses.latest().unwrap().is_none(), "played to nobody");
+    assert!(poses.latest().unwrap().is_none(), "poses without a daemon");
     let mut commands = bus.writer(&COMMAND).unwrap();
     commands.send(0, Stamps::default(), CommandV1::default()).unwrap();
     commands.notify().unwrap();

@@ -1,4 +1,4 @@
-//! What the reproduction must show, from the program's own JSON.
+//! Results that `oqtal reproduce`, `campaign` and `tune` must show, read from their JSON output.
 
 mod common;
 
@@ -13,7 +13,7 @@ fn oqtal(testbed: &Testbed, words: &[&str]) -> Command {
     command
 }
 
-/// The document that `oqtal` prints with these words.
+/// Runs `oqtal` with the given arguments and returns the document that it prints.
 fn printed(testbed: &Testbed, words: &[&str]) -> Value {
     let output = oqtal(testbed, words).output().unwrap();
     assert!(output.status.success(), "{}", common::stderr(&output));
@@ -29,7 +29,7 @@ fn rows(table: &Value) -> &Vec<Value> {
     table["rows"].as_array().expect("a table has rows")
 }
 
-/// The row of a law whose settings hold `settings`.
+/// The row of a law whose settings contain `settings`.
 fn row<'a>(table: &'a Value, controller: &str, variant: &str, settings: &str) -> &'a Value {
     let text = |row: &Value, key: &str| row[key].as_str().unwrap_or_default().to_owned();
     let matches = |row: &&Value| {
@@ -120,7 +120,7 @@ fn the_claim_of_the_sweep_holds_for_errors_and_not_for_effort() {
     }
 }
 
-/// The campaign of the page takes minutes: what is held to its goals here is the page.
+/// The campaign of the page takes minutes; the test checks the goals on the committed page.
 #[test]
 fn the_page_shows_every_goal_of_table_5_met() {
     let page = include_str!("../docs/reproduction.md");
@@ -217,7 +217,7 @@ fn a_campaign_in_lockstep_comes_to_the_same_as_in_one_process() {
 #[test]
 fn a_law_is_tuned_within_its_budget_and_the_configuration_loads() {
     let testbed = Testbed::new("tune");
-    // A batch is evaluated in parallel: what is found does not depend on how.
+    // The result does not depend on the number of threads that evaluate a batch.
     let found = [("one.toml", "1"), ("three.toml", "3")].map(|(file, threads)| {
         let words = ["tune", "pid", "--budget", "12", "--out", file];
         let output = oqtal(&testbed, &words).env("RAYON_NUM_THREADS", threads).output().unwrap();

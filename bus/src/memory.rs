@@ -47,7 +47,9 @@ impl MemoryBus {
     }
 
     fn open_reader<M: Message>(&self, topic: &Topic<M>, capacity: usize) -> MemoryReader<M> {
-        let queue = Rc::new(RefCell::new(Queue { samples: VecDeque::new(), capacity }));
+        // Publishing to a reader, which keeps one sample, does not allocate.
+        let samples = VecDeque::with_capacity(capacity.min(16));
+        let queue = Rc::new(RefCell::new(Queue { samples, capacity }));
         self.queues(topic).borrow_mut().push(Rc::clone(&queue));
         MemoryReader { queue, last_sequence: 0, lost: 0 }
     }

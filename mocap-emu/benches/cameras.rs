@@ -1,4 +1,4 @@
-//! One frame through the cameras: noise, latency, gaps, outliers; with the default preset and with that of a real room.
+//! Duration of one frame in the emulated cameras, with the default preset and with the preset of a measured room.
 
 use std::hint::black_box;
 

@@ -1,4 +1,4 @@
-//! Six cameras as what comes out of them: a pose with noise, late, sometimes missing, sometimes wrong.
+//! Emulated cameras: the pose of the true state with noise, quantisation, latency, dropouts and outliers.
 
 use std::collections::VecDeque;
 
@@ -11,19 +11,19 @@ use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
-use crate::BODY;
+use crate::body::BODY;
 use oqtal_runtime::pose_source::Delivery;
 
-/// Random words set aside for each frame, so that a frame's noise does not depend on what befell the frames before.
+/// Random words reserved for each frame: the noise of a frame does not depend on earlier frames.
 const WORDS_PER_FRAME: u128 = 256;
 
-/// The cameras between capture and delivery. Pure: time comes in with the truth and as an argument.
+/// Emulated cameras, from the capture of a frame to the delivery of its pose. Pure: time is an argument.
 #[derive(Clone, Debug)]
 pub struct Cameras {
     mocap: MocapOptions,
     generator: Generator,
     in_flight: VecDeque<(Time, Delivery)>,
-    /// Frames of the present gap still to drop.
+    /// Remaining frames of the current dropout.
     gap: u64,
 }
 
@@ -39,7 +39,7 @@ impl Cameras {
         }
     }
 
-    /// Takes the frame of a truth sample; its pose is on the way, unless the frame is lost.
+    /// Captures a frame of the true state; its pose is queued for delivery unless the frame is dropped.
     pub fn capture(&mut self, truth: &TruthV1) {
         self.generator.set_word_pos(u128::from(truth.capture) * WORDS_PER_FRAME);
         let pose = self.measure(truth);
@@ -48,7 +48,7 @@ impl Cameras {
         if self.loses_frame() {
             return;
         }
-        // Frames travel on one connection: none overtakes another, so that a late one makes a burst.
+        // Frames share one connection and keep their order; frames behind a late one arrive with it, as a burst.
         let arrival = self.polled(truth.time + Span::from_seconds(latency_ms * 1e-3));
         let deliver_at =
             self.in_flight.back().map_or(arrival, |(previous, _)| arrival.max(*previous));
@@ -56,13 +56,13 @@ impl Cameras {
         self.in_flight.push_back((deliver_at, Delivery { frame: truth.capture, stamps, pose }));
     }
 
-    /// When the next pose arrives.
+    /// Arrival of the next pose.
     #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         self.in_flight.front().map(|(deliver_at, _)| *deliver_at)
     }
 
-    /// The pose that has arrived by `now`, one a call.
+    /// The next pose that has arrived by `now`; one per call, `None` when there is none.
     pub fn deliver(&mut self, now: Time) -> Option<Delivery> {
         let (deliver_at, _) = self.in_flight.front()?;
         if *deliver_at > now {
@@ -71,7 +71,7 @@ impl Cameras {
         self.in_flight.pop_front().map(|(_, delivery)| delivery)
     }
 
-    /// The instant at which the receiver next looks.
+    /// The first instant of the receiver's polling (`mocap.poll-ms`) not before `arrival`.
     fn polled(&self, arrival: Time) -> Time {
         let period = Span::from_seconds(self.mocap.poll_ms * 1e-3).nanos().unsigned_abs();
         if period == 0 {
@@ -107,7 +107,7 @@ impl Cameras {
         }
     }
 
-    /// Whether this frame is part of a gap; gaps begin by chance and have a geometric length.
+    /// Whether this frame is dropped. Dropouts begin at random and have a geometrically distributed length.
     fn loses_frame(&mut self) -> bool {
         let begins: f64 = self.generator.random();
         if self.gap == 0 && begins < self.mocap.dropout_probability {
@@ -121,7 +121,7 @@ impl Cameras {
     }
 }
 
-/// `value` to the nearest multiple of `step`; exact where `step` is zero.
+/// `value` rounded to the nearest multiple of `step`; unchanged if `step` is zero.
 fn quantised(value: f64, step: f64) -> f64 {
     if step > 0.0 { (value / step).round() * step } else { value }
 }

@@ -1,8 +1,16 @@
-//! The motion-capture process: six cameras as noise, latency, dropouts and outliers, or a recording with its own timing.
+//! The motion-capture process: emulated cameras with noise, latency, dropouts and outliers, or playback of a recording.
 //!
-//! [`Cameras`] and [`Replay`] are pure; [`run`] wires one of them to the bus.
+//! | file | subject |
+//! |---|---|
+//! | `cameras.rs` | emulated cameras |
+//! | `recording.rs` | recordings: formats, parser, timing |
+//! | `replay.rs` | playback of a recording |
+//! | `source.rs` | both as pose sources over their ports |
+//!
+//! [`Cameras`] and [`Replay`] are pure; [`run`] connects one of them to the bus.
 #![forbid(unsafe_code)]
 
+mod body;
 mod cameras;
 pub mod recording;
 mod replay;
@@ -23,9 +31,6 @@ pub use oqtal_runtime::pose_source::Delivery;
 pub use recording::Recording;
 pub use replay::Replay;
 pub use source::{EmulatedCameras, Playback, Start, is_frame};
-
-/// Number of the rigid body whose poses are emulated or replayed: there is one.
-const BODY: u32 = 1;
 
 /// Reads the recording that a configuration names.
 ///

@@ -1,16 +1,16 @@
-//! Recorded motion capture: the poses of a real flight with the times at which they reached the host.
+//! Recordings of motion capture: poses with the times of their arrival at the host.
 //!
-//! Three formats, told apart by their content:
+//! Three formats are recognised by their content:
 //! - comma-separated with a header that names `t,x,y,z,qx,qy,qz,qw`, in any order and case, `t` in seconds;
 //! - TUM trajectory text, `timestamp tx ty tz qx qy qz qw`, seconds, without a header;
 //! - EuRoC ground truth, comma-separated under `#timestamp, p_RS_R_x [m], ...`, nanoseconds, scalar first.
 //!
-//! A header may name further columns, which are not read, but every line has as many fields as the header. Blank lines,
+//! A header may name further columns, which are ignored; every line must have as many fields as the header. Blank lines,
 //! `#` comments, a byte-order mark and carriage returns are skipped. Positions are in metres. Quaternions are Hamilton,
-//! body to world; a norm within 1 % of one is brought to one, any other is an error.
+//! body to world; a norm within 1 % of one is normalised, any other norm is an error.
 //!
-//! Times are taken as they are: bursts and gaps are what a controller meets in a real room. Poses may share a time, as
-//! in a burst stamped by a coarse clock; a time before the previous one is an error.
+//! Times are kept as recorded, with bursts and gaps. Consecutive poses may have equal times, as in a burst stamped by a
+//! coarse clock; a time before the previous one is an error.
 
 mod error;
 mod format;
@@ -22,13 +22,10 @@ use std::path::Path;
 use nalgebra::Vector3;
 use oqtal_control::quaternion::Attitude;
 
-pub use error::{ErrorKind, RecordingError};
-use format::{Layout, Row};
+pub use error::{ErrorKind, MAX_BYTES, RecordingError};
+use format::{Layout, PoseRow};
 
-/// The largest file that is read \[byte\]: half an hour at 240 Hz, two hours at 60 Hz.
-pub const MAX_BYTES: u64 = 64 << 20;
-
-/// An interval between two poses above this is a gap \[ns\]: three frames at 60 Hz.
+/// An interval between two poses above this counts as a gap \[ns\]: three frames at 60 Hz.
 pub const GAP_NS: u64 = 50_000_000;
 
 /// One pose as it reached the host.
@@ -36,13 +33,13 @@ pub const GAP_NS: u64 = 50_000_000;
 pub struct RecordedPose {
     /// Arrival after the first pose of the recording \[ns\].
     pub time_ns: u64,
-    /// Position of the body in the world \[m\].
+    /// Position of the body \[m, world\].
     pub position: Vector3<f64>,
-    /// Attitude of the body, body to world.
+    /// Attitude of the body \[body to world\].
     pub attitude: Attitude,
 }
 
-/// Poses in the order of their arrival: at least two, the first at time zero, the last later.
+/// A recording: at least two poses in the order of their arrival, the first at time zero, the last at a later time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
     poses: Vec<RecordedPose>,
@@ -55,22 +52,22 @@ impl Recording {
     /// The file cannot be read, or what [`Recording::parse`] refuses.
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let mut bytes = Vec::new();
-        // One byte more than allowed is enough to see that the file is too large, even if it never ends.
+        // One byte above the limit shows that the file is too large, even if it is endless.
         File::open(path)
             .and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes))
             .map_err(|reason| RecordingError::new(path, None, ErrorKind::Unreadable(reason)))?;
         Self::parse(path, &bytes)
     }
 
-    /// Makes a recording of a file's content; `path` only names the file in errors.
+    /// Parses the content of a file; `path` names the file in errors.
     ///
     /// # Errors
-    /// The first thing wrong in the file, with its line.
+    /// The first fault in the file, with its line.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, RecordingError> {
         if bytes.len() as u64 > MAX_BYTES {
             return Err(RecordingError::new(path, None, ErrorKind::TooLarge));
         }
-        // Bytes that are not text are harmless in a comment, and not a number anywhere else.
+        // Bytes that are not UTF-8 are accepted in comments; elsewhere they fail to parse as a number.
         let text = String::from_utf8_lossy(bytes);
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         parse_lines(text).map_err(|(line, kind)| RecordingError::new(path, Some(line), kind))
@@ -82,8 +79,8 @@ impl Recording {
         &self.poses
     }
 
-    /// The rate of the cameras \[Hz\], as far as arrivals tell: the mean without pauses of more than three ordinary intervals.
-    /// The poses that come in a burst after a pause are part of it.
+    /// Rate of the cameras \[Hz\], estimated from arrivals: the mean rate without pauses of more than three median intervals.
+    /// A pause includes the burst of poses after it.
     #[must_use]
     pub fn nominal_rate_hz(&self) -> f64 {
         let Timing { mean_rate_hz, median_ns, .. } = self.timing();
@@ -100,7 +97,7 @@ impl Recording {
         if regular_ns > 0 { 1e9 * count as f64 / regular_ns as f64 } else { mean_rate_hz }
     }
 
-    /// How regularly the poses arrived.
+    /// Statistics of the intervals between arrivals.
     #[must_use]
     pub fn timing(&self) -> Timing {
         let mut intervals: Vec<u64> =
@@ -121,22 +118,22 @@ impl Recording {
     }
 }
 
-/// The intervals between the poses of a recording.
+/// Statistics of the intervals between the poses of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
-    /// Intervals per second, over the whole recording \[Hz\].
+    /// Mean rate over the whole recording \[Hz\].
     pub mean_rate_hz: f64,
-    /// From the first pose to the last \[ns\].
+    /// Time from the first pose to the last \[ns\].
     pub duration_ns: u64,
     /// Shortest interval \[ns\].
     pub min_ns: u64,
     /// Median interval \[ns\].
     pub median_ns: u64,
-    /// The interval that 99 % do not exceed \[ns\].
+    /// 99th percentile of the intervals \[ns\].
     pub p99_ns: u64,
     /// Longest interval \[ns\].
     pub max_ns: u64,
-    /// Number of intervals longer than [`GAP_NS`].
+    /// Number of intervals longer than [`GAP_NS`] \[-\].
     pub gaps: usize,
 }
 
@@ -146,7 +143,7 @@ fn parse_lines(text: &str) -> Result<Recording, (usize, ErrorKind)> {
 
     let mut poses = Vec::new();
     let mut first_ns = None;
-    let mut previous: Option<Row> = None;
+    let mut previous: Option<PoseRow> = None;
     let rows =
         lines.clone().filter(|&(number, line)| number >= first_row && !line.starts_with('#'));
     for (number, line) in rows {
@@ -168,7 +165,7 @@ fn parse_lines(text: &str) -> Result<Recording, (usize, ErrorKind)> {
     Ok(Recording { poses })
 }
 
-/// The layout and the first line that may hold a pose.
+/// The layout, and the number of the first line that may contain a pose.
 fn find_layout<'a>(
     lines: impl Iterator<Item = (usize, &'a str)>,
 ) -> Result<(Layout, usize), (usize, ErrorKind)> {

@@ -1,43 +1,42 @@
-//! A recording in place of the cameras, with its own timing: gaps and bursts included.
+//! Playback of a recording with its own timing, gaps and bursts included.
 //!
-//! A recording holds the poses that arrived, not the frames that did not. Frames are numbered by time, at the nominal rate
-//! of the recording, so that a gap shows in the numbers as it would have with the cameras. A pose that arrived late, as in
-//! the burst after a stall, is no loss: every pose gets the latest number that its arrival and the poses after it allow.
+//! A recording contains only the frames that arrived. Frame numbers are reconstructed from arrival times and the nominal
+//! rate of the recording, so that a gap leaves out as many numbers as frames were lost. Poses that arrived late, as in the
+//! burst after a stall, do not count as lost: each pose has the greatest number that its arrival and the poses after it allow.
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
-
-use crate::recording::Recording;
 use oqtal_runtime::pose_source::Delivery;
 
-use crate::BODY;
+use crate::body::BODY;
+use crate::recording::Recording;
 
-/// A recording being played. Pure: time comes in as an argument.
+/// A recording during playback. Pure: time is an argument.
 #[derive(Clone, Debug)]
 pub struct Replay {
     recording: Recording,
-    /// The number of each pose's frame, from 1.
+    /// Frame number of each pose, from 1 \[-\].
     frames: Vec<u64>,
     start: Time,
     played: usize,
 }
 
 impl Replay {
-    /// Plays `recording`; its first pose arrives at `start`.
+    /// Starts the playback of `recording`; its first pose arrives at `start`.
     #[must_use]
     pub fn new(recording: Recording, start: Time) -> Self {
         let frames = number_frames(&recording);
         Self { recording, frames, start, played: 0 }
     }
 
-    /// When the next pose arrives; `None` once all have been played.
+    /// Arrival of the next pose; `None` at the end of the recording.
     #[must_use]
     pub fn next_event(&self) -> Option<Time> {
         let pose = self.recording.poses().get(self.played)?;
         Some(self.start + Span::from_nanos(pose.time_ns.cast_signed()))
     }
 
-    /// The pose that has arrived by `now`, one a call.
+    /// The next pose that has arrived by `now`; one per call, `None` when there is none.
     pub fn deliver(&mut self, now: Time) -> Option<Delivery> {
         let arrives_at = self.next_event().filter(|arrives_at| *arrives_at <= now)?;
         let pose = self.recording.poses()[self.played];
@@ -45,7 +44,7 @@ impl Replay {
         self.played += 1;
         Some(Delivery {
             frame,
-            // A recording knows when its poses arrived, not when they were captured.
+            // A recording contains the arrival of a pose, not its capture.
             stamps: Stamps { captured_at: arrives_at, ..Stamps::default() },
             pose: PoseV1 {
                 position: pose.position.into(),
@@ -59,7 +58,7 @@ impl Replay {
     }
 }
 
-/// The frame numbers of a recording's poses: of as many frames as its duration has at its nominal rate.
+/// The frame number of each pose of a recording, at its nominal rate.
 fn number_frames(recording: &Recording) -> Vec<u64> {
     let rate_hz = recording.nominal_rate_hz();
     let mut limit = i64::MAX;
@@ -111,8 +110,8 @@ mod tests {
     }
 
     #[test]
-    fn poses_at_the_pace_of_a_polling_host_are_all_there() {
-        // 60 Hz, handed on at multiples of 10 ms.
+    fn poses_of_a_polling_host_are_all_counted() {
+        // 60 Hz, delivered at multiples of 10 ms.
         let millis: Vec<u64> = (0..2000_u64).map(|k| (k * 1000).div_ceil(600) * 10).collect();
         let frames = frames(&millis);
         assert!(frames.last().unwrap().abs_diff(2000) <= 1, "{:?}", frames.last());

@@ -1,4 +1,4 @@
-//! The two sources of poses of this process over their ports: emulated cameras, and a recording.
+//! The pose sources of this process over their ports: emulated cameras, and playback of a recording.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, TruthV1};

@@ -1,4 +1,4 @@
-//! The emulated cameras do what their configuration says.
+//! Emulated cameras: noise, latency, dropouts and outliers are as configured.
 
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
@@ -27,7 +27,7 @@ fn truth(frame: u64) -> TruthV1 {
     }
 }
 
-/// Every pose of many frames, with its arrival.
+/// The poses of many frames, each with its arrival.
 fn watch(mocap: &MocapOptions, seed: u64) -> Vec<(Time, Delivery)> {
     let mut cameras = Cameras::new(mocap, seed);
     let mut arrivals = Vec::new();

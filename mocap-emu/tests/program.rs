@@ -1,4 +1,4 @@
-//! The program of this package, started by itself.
+//! The program `oqtal-mocap-emu`, started by itself.
 
 use std::process::Command;
 

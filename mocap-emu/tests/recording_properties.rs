@@ -1,4 +1,4 @@
-//! Recordings of any content: what is written is read back, and no bytes do worse than an error.
+//! Properties of recordings: written poses are read back, and arbitrary bytes give poses or an error.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ fn parse(text: &str) -> Result<Recording, RecordingError> {
     Recording::parse(Path::new("a.csv"), text.as_bytes())
 }
 
-/// Poses from time zero to a later one, some of them at once.
+/// Poses from time zero on, some of them at equal times.
 fn flights() -> impl Strategy<Value = Vec<RecordedPose>> {
     let step = prop_oneof![Just(0), 1..1000u64, 1..500_000_000u64];
     let pose = (step, prop::array::uniform3(-1e3..1e3), prop::array::uniform3(-3.0..3.0));
@@ -33,7 +33,7 @@ fn flights() -> impl Strategy<Value = Vec<RecordedPose>> {
     })
 }
 
-/// The flight as a file of each format, begun at `start` \[ns\].
+/// The flight as a file in each format, beginning at `start` \[ns\].
 fn written(flight: &[RecordedPose], start: u64) -> [String; 3] {
     let mut named = String::from("qz,qw,qx,qy,z,y,x,t\n");
     let mut tum = String::new();
@@ -50,7 +50,7 @@ fn written(flight: &[RecordedPose], start: u64) -> [String; 3] {
     [named, tum, euroc]
 }
 
-/// Whatever the bytes, the answer is poses in order or an error on a line of the file.
+/// Asserts that arbitrary bytes give poses in order of time, or an error on a line of the file.
 fn check_total(bytes: &[u8]) {
     let lines = bytes.iter().filter(|&&byte| byte == b'\n').count() + 1;
     match Recording::parse(Path::new("a.csv"), bytes) {
@@ -107,7 +107,7 @@ proptest! {
         let mut bytes = written(&flight, 0)[format].clone().into_bytes();
         for (at, end, by) in damage {
             let at = at.index(bytes.len() + 1);
-            // A few bytes replaced, or now and then all up to the end cut off.
+            // A few bytes replaced, sometimes the rest cut off.
             let end = if end.index(4) == 0 { bytes.len() } else { bytes.len().min(at + end.index(4)) };
             bytes.splice(at..end, by.bytes());
         }

@@ -1,4 +1,4 @@
-//! Recordings in the three formats: what is read, what is refused and with which words.
+//! Recordings in the three formats: accepted content, refused content and its error messages.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ fn error(text: &str) -> String {
     Recording::parse(Path::new("a.csv"), text.as_bytes()).unwrap_err().to_string()
 }
 
-/// The message for these two lines under a complete header.
+/// The error message for two lines under a complete header.
 fn error_of_rows(first: &str, second: &str) -> String {
     error(&format!("t,x,y,z,qx,qy,qz,qw\n{first}\n{second}\n"))
 }
@@ -40,7 +40,7 @@ fn one_flight_is_the_same_in_every_format() {
         times_ns(&named)[..6],
         [0, 16_700_000, 33_300_000, 50_000_000, 70_000_000, 70_200_000]
     );
-    // The fixtures hold a climbing circle at 1.3 rad/s, flown with 0.06 rad of roll and the nose turning along.
+    // The fixtures contain a climbing circle at 1.3 rad/s, with a roll of 0.06 rad and the yaw along the path.
     let rolled = Attitude::from_rotation_vector(Vector3::x() * 0.06);
     for pose in poses {
         let time = pose.time_ns as f64 * 1e-9;
@@ -219,8 +219,8 @@ fn fewer_than_two_poses_are_refused() {
     assert_eq!(error(&at_once), format!("a.csv:3: {expected} 2"));
 }
 
-/// Real recordings, if the environment variable `OQTAL_RECORDINGS` names a folder of them: each is read, or refused with
-/// its own name and line.
+/// Real recordings in the folder named by the environment variable `OQTAL_RECORDINGS`: each is accepted, or refused with its
+/// file name and line.
 #[test]
 fn real_recordings_are_read_or_refused_with_a_line() {
     let Some(folder) = std::env::var_os("OQTAL_RECORDINGS") else {

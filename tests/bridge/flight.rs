@@ -9,7 +9,7 @@ use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_wire::asctec::ControlInput;
 
-use crate::common::{PATIENCE, Running, Testbed, wait_for};
+use crate::common::{Running, Testbed, WAIT_TIMEOUT, wait_for};
 use crate::vehicle::{Manner, PtyVehicle};
 
 /// Control period at 60 Hz.
@@ -86,7 +86,7 @@ impl Commander {
             if let Some(found) = done() {
                 return found;
             }
-            assert!(began.elapsed() < PATIENCE, "commanded in vain for {what}");
+            assert!(began.elapsed() < WAIT_TIMEOUT, "commanded in vain for {what}");
         }
     }
 }

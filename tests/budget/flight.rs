@@ -1,19 +1,25 @@
-//! A flight of the pure objects in one process, with every turn of the daemon handed to whoever counts.
+//! A flight in one process, in which each turn of the daemon is passed to a callback.
 
 use oqtal_bus::code::{Mode, OperatorCommand};
-use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TruthV1, VehicleV1};
+use oqtal_bus::memory::{MemoryBus, MemoryReader};
+use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{Role, TELEMETRY};
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::{Config, Setting};
-use oqtal_daemon::{Cycle, trajectory};
-use oqtal_mocap_emu::{Cameras, is_frame};
-use oqtal_plant_sim::{Plant, PlantOutput};
+use oqtal_daemon::{
+    CacheWarmup, Cycle, DaemonPorts, DaemonTurn, OperatorRequests, loop_handoff, trajectory,
+};
+use oqtal_mocap_emu::{Cameras, EmulatedCameras};
+use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
+use oqtal_runtime::pose_source::PoseTurn;
+use oqtal_runtime::turn::step;
 use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 
-/// Take-off, square and landing fit in.
+/// Longer than take-off, square and landing together.
 const LENGTH_S: f64 = 40.0;
 
-/// Flies the square under `law` and passes each turn of the daemon, report included, to `count`; returns the ticks flown.
+/// Flies the square under `law` and passes each turn of the daemon, telemetry included, to `count`; returns the armed ticks.
 pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) -> u64 {
     let mut settings = vec![Setting::flag("test", "control.controller", law)];
     if law != "pid" {
@@ -26,87 +32,53 @@ pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) ->
         if now > start + Span::from_seconds(LENGTH_S) {
             break;
         }
-        let done = match role {
-            Role::Plant => flight.plant(now),
-            Role::Mocap => flight.cameras(now),
-            Role::Daemon => flight.daemon(now, &mut count),
+        let result = match role {
+            Role::Plant => step(&mut flight.plant, now).unwrap(),
+            Role::Mocap => step(&mut flight.cameras, now).unwrap(),
+            Role::Daemon => flight.daemon_turn(now, &mut count),
             Role::Recorder | Role::Bridge => TurnResult::default(),
         };
-        virtual_clock.done(role, done);
+        virtual_clock.done(role, result);
     }
-    flight.flown
+    flight.armed_ticks
 }
 
 struct Flight {
-    plant: Plant,
-    cameras: Cameras,
-    cycle: Cycle,
-    frames: Vec<TruthV1>,
-    pose: Option<(Header, PoseV1)>,
-    command: Option<(Header, CommandV1)>,
-    vehicle: Option<(Header, VehicleV1)>,
-    commands: u64,
-    flown: u64,
+    plant: PlantTurn<MemoryBus>,
+    cameras: PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>,
+    daemon: DaemonTurn<MemoryBus>,
+    /// Kept open: a closed hand-off takes no status.
+    _requests: OperatorRequests,
+    telemetry: MemoryReader<TelemetryV1>,
+    armed_ticks: u64,
 }
 
 impl Flight {
     fn new(config: &Config, start: Time) -> Self {
+        let bus = MemoryBus::new();
         let mut cycle = Cycle::new(config, trajectory(config).unwrap(), start).unwrap();
         cycle.request(start, OperatorCommand::Fly);
+        let cameras = Cameras::new(&config.mocap, config.clock.seed);
+        let cameras = EmulatedCameras::open(&bus, cameras).unwrap();
+        let (handle, requests) = loop_handoff();
+        let ports = DaemonPorts::open(&bus).unwrap();
+        let plant = Plant::new(config, start);
         Self {
-            plant: Plant::new(config, start),
-            cameras: Cameras::new(&config.mocap, config.clock.seed),
-            cycle,
-            frames: Vec::new(),
-            pose: None,
-            command: None,
-            vehicle: None,
-            commands: 0,
-            flown: 0,
+            plant: PlantTurn::open(&bus, plant, Stepping::Exact, false).unwrap(),
+            cameras: PoseTurn::open(&bus, cameras).unwrap(),
+            daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
+            _requests: requests,
+            telemetry: bus.reader(&TELEMETRY).unwrap(),
+            armed_ticks: 0,
         }
     }
 
-    fn plant(&mut self, now: Time) -> TurnResult {
-        let Self { frames, vehicle: newest, .. } = self;
-        self.plant.advance(now, |output| match output {
-            PlantOutput::Truth(truth) if is_frame(&truth) => frames.push(truth),
-            PlantOutput::Truth(_) => {}
-            PlantOutput::Applied(_, stamps, vehicle) => {
-                *newest = Some((Header { stamps, ..Header::default() }, vehicle));
-            }
-        });
-        if let Some((header, command)) = self.command.take() {
-            self.plant.receive(now, header, command, 0);
-        }
-        TurnResult { next: Some(self.plant.next_event()), published: !self.frames.is_empty() }
-    }
-
-    fn cameras(&mut self, now: Time) -> TurnResult {
-        for truth in self.frames.drain(..) {
-            self.cameras.capture(&truth);
-        }
-        while let Some(delivery) = self.cameras.deliver(now) {
-            let stamps = delivery.stamps_at(now);
-            let header = Header { pose_sequence: delivery.frame, stamps, ..Header::default() };
-            self.pose = Some((header, delivery.pose));
-        }
-        TurnResult { next: self.cameras.next_event(), published: self.pose.is_some() }
-    }
-
-    fn daemon(&mut self, now: Time, count: &mut impl FnMut(&mut dyn FnMut())) -> TurnResult {
-        let (arrival, vehicle) = (self.pose.take(), self.vehicle.take());
-        count(&mut || {
-            if let Some((header, vehicle)) = &vehicle {
-                self.cycle.hear(now, header, vehicle);
-            }
-            let Some(tick) = self.cycle.step(now, arrival.as_ref()) else { return };
-            let stamps = Stamps { computed_at: now, command_published_at: now, ..tick.stamps };
-            self.commands += 1;
-            let telemetry = self.cycle.report(&stamps, self.commands);
-            self.flown += u64::from(telemetry.mode != Mode::Disarmed.code());
-            let header = Header { sequence: self.commands, stamps, ..Header::default() };
-            self.command = Some((header, tick.command));
-        });
-        TurnResult { next: Some(self.cycle.next_event()), published: self.command.is_some() }
+    fn daemon_turn(&mut self, now: Time, count: &mut impl FnMut(&mut dyn FnMut())) -> TurnResult {
+        let mut result = None;
+        count(&mut || result = Some(step(&mut self.daemon, now).unwrap()));
+        let telemetry = self.telemetry.latest().unwrap();
+        let is_armed = telemetry.is_some_and(|(_, tick)| tick.mode != Mode::Disarmed.code());
+        self.armed_ticks += u64::from(is_armed);
+        result.expect("the turn was executed")
     }
 }

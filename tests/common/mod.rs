@@ -1,4 +1,4 @@
-//! A testbed of its own for every test: its own instance, root and output, so that tests run side by side.
+//! Testbeds: each test has an instance, a root directory and an output directory of its own, so that tests run in parallel.
 #![allow(dead_code)]
 
 use std::path::PathBuf;
@@ -11,9 +11,10 @@ use oqtal_bus::paths::InstancePaths;
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Nothing takes so long; a test that waits longer has failed, not been slow.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+/// Time-out of every wait: a test that waits longer has failed.
+pub const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 
+/// An instance in a temporary directory; removed from shared memory when dropped.
 pub struct Testbed {
     directory: TempDir,
     instance: String,
@@ -42,15 +43,15 @@ impl Testbed {
         path
     }
 
-    pub fn place(&self) -> InstancePaths {
+    pub fn paths(&self) -> InstancePaths {
         InstancePaths::new(&self.instance, Some(&self.path("run"))).unwrap()
     }
 
     pub fn bus(&self) -> Bus {
-        Bus::open(&self.place()).unwrap()
+        Bus::open(&self.paths()).unwrap()
     }
 
-    /// `oqtal` with these words, on this testbed.
+    /// The command `oqtal` with the given arguments, on this testbed.
     pub fn oqtal<S: AsRef<str>>(&self, words: &[S]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         command.args(words.iter().map(AsRef::as_ref));
@@ -59,12 +60,12 @@ impl Testbed {
         command
     }
 
-    /// `oqtal fly` with these words.
+    /// Runs `oqtal fly` with the given arguments to its end.
     pub fn fly(&self, words: &[&str]) -> Output {
         self.oqtal(&[&["fly"], words].concat()).output().unwrap()
     }
 
-    /// The summary of `oqtal fly --json` with these words, which must end well.
+    /// Runs `oqtal fly --json` with the given arguments, which must succeed; returns its summary.
     pub fn summary(&self, words: &[&str]) -> Value {
         let output = self.fly(&[words, &["--json"]].concat());
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -75,7 +76,7 @@ impl Testbed {
         Running::start(&mut self.oqtal(words))
     }
 
-    /// What this instance still has in shared memory.
+    /// Objects of this instance in shared memory.
     pub fn remains(&self) -> Vec<String> {
         let prefix = format!("oqtal_{}_", self.instance);
         std::fs::read_dir("/dev/shm")
@@ -93,7 +94,7 @@ impl Drop for Testbed {
     }
 }
 
-/// A running `oqtal`; killed if the test ends before it.
+/// A running process; killed when dropped.
 pub struct Running {
     child: Option<Child>,
 }
@@ -135,25 +136,25 @@ pub fn signal(pid: u32, signal: rustix::process::Signal) {
     rustix::process::kill_process(pid, signal).unwrap();
 }
 
-/// The state of a process, as in /proc/PID/stat; `None` if there is none.
+/// The state of a process as in /proc/PID/stat; `None` if the process does not exist.
 pub fn state_of(pid: u32) -> Option<char> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     stat.rsplit(')').next()?.trim().chars().next()
 }
 
-/// Whether a process exists and is no zombie.
+/// Whether a process exists and is not a zombie.
 pub fn is_alive(pid: u32) -> bool {
     state_of(pid).is_some_and(|state| state != 'Z' && state != 'X')
 }
 
-/// Looks again and again until `look` finds something.
+/// Polls until `look` returns a value; fails after [`WAIT_TIMEOUT`].
 pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     let began = Instant::now();
     loop {
         if let Some(found) = look() {
             return found;
         }
-        assert!(began.elapsed() < PATIENCE, "waited in vain for {what}");
+        assert!(began.elapsed() < WAIT_TIMEOUT, "timed out: {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
 }

@@ -1,56 +1,14 @@
-//! Reading Markdown and Rust as far as the documents need it.
+//! Parsers for Markdown (tables, links, code) and for citations of equations and errata in sources.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
 
-/// A row of a table: cell by column heading.
+/// A row of a table: its cells by column heading.
 pub type Row = BTreeMap<String, String>;
 
 /// A Markdown table.
 pub struct Table {
     head: Vec<String>,
     rows: Vec<Vec<String>>,
-}
-
-/// A Rust file of the workspace.
-pub struct Source {
-    /// Relative to the root.
-    pub path: String,
-    pub text: String,
-}
-
-pub fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-pub fn read(path: &str) -> String {
-    std::fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
-/// Every Rust file of the workspace.
-pub fn sources() -> Vec<Source> {
-    let mut found = Vec::new();
-    for package in ["", "bridge", "bus", "control", "daemon", "mocap-emu", "plant-sim", "wire"] {
-        for folder in ["src", "tests", "benches"] {
-            collect(&root().join(package).join(folder), &mut found);
-        }
-    }
-    assert!(found.len() > 50, "the sources are not where they were");
-    found
-}
-
-fn collect(folder: &Path, found: &mut Vec<Source>) {
-    let Ok(entries) = std::fs::read_dir(folder) else { return };
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
-    paths.sort();
-    for path in paths {
-        if path.is_dir() {
-            collect(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            let path = path.strip_prefix(root()).unwrap().display().to_string();
-            found.push(Source { text: read(&path), path });
-        }
-    }
 }
 
 impl Table {
@@ -82,7 +40,7 @@ impl Table {
     }
 }
 
-/// The cells of a line: `|` inside backticks does not divide.
+/// The cells of a line; `|` inside backticks is text.
 fn cells(line: &str) -> Vec<String> {
     let mut cells = vec![String::new()];
     let mut code = false;
@@ -98,7 +56,7 @@ fn cells(line: &str) -> Vec<String> {
     cells.into_iter().map(|cell| cell.trim().to_owned()).collect()
 }
 
-/// What stands in backticks, outside code blocks.
+/// The text in backticks, outside code blocks.
 pub fn quoted(text: &str) -> Vec<&str> {
     let prose = text.split("```").step_by(2);
     prose.flat_map(|part| part.split('`').skip(1).step_by(2)).collect()
@@ -123,13 +81,13 @@ pub fn has_word(text: &str, word: &str) -> bool {
     text.match_indices(word).any(|(at, _)| ends(&text[at + word.len()..]))
 }
 
-/// A text without its line breaks and comment marks, so that a citation may go over a line.
+/// The text without line breaks and comment marks: a citation may continue on the next line.
 fn joined(text: &str) -> String {
     let bare = |line: &str| line.trim().trim_start_matches(['/', '!']).trim().to_owned();
     text.lines().map(bare).collect::<Vec<_>>().join(" ")
 }
 
-/// The numbers in `(43), (70)` or `(8) to (12)`, up to where the list ends.
+/// The numbers at the head of a text, as in `(43), (70)` or `(8) to (12)`.
 pub fn numbers(list: &str) -> BTreeSet<u32> {
     let mut found = BTreeSet::new();
     let mut rest = list.trim_start();

@@ -1,12 +1,12 @@
-"""An independent reader of what a host says to an AscTec Hummingbird.
+"""An independent parser of the frames that a host sends to an AscTec Hummingbird.
 
-Written from the description of the serial interface (AscTec, Hummingbird with AutoPilot User's Manual, pp. 24-26) and from nothing of
-oqtal's: command `>*>di` and 12 bytes, poll `>*>p` and 2, emergency stop `>*>me`. Little endian.
+Written from the description of the serial interface (AscTec, Hummingbird with AutoPilot User's Manual, pp. 24-26), without code of
+oqtal: command `>*>di` and 12 bytes, poll `>*>p` and 2, emergency stop `>*>me`. Little endian.
 
 usage: asctec_reader.py LINK FRAMES, or asctec_reader.py -
-Makes a pseudo-terminal, LINK a symbolic link to it, says "ready", reads FRAMES command frames, and prints what it saw as JSON. It never
-answers.
-With a LINK of - it reads what is on its standard input instead, to the end, and prints the fields of every command too.
+Creates a pseudo-terminal with the symbolic link LINK, prints "ready", reads FRAMES command frames, and prints their statistics as JSON.
+It sends no reply.
+With a LINK of - it reads its standard input to the end, and also prints the fields of every command.
 """
 
 import json
@@ -21,7 +21,7 @@ POLLS = 0x0001 | 0x0002 | 0x0004 | 0x0008 | 0x0010 | 0x0080 | 0x0100 | 0x0200 | 
 
 
 def command(frame):
-    """The fields of a command frame, or None if it is none."""
+    """Returns the fields of a command frame, or None if the frame is invalid."""
     pitch, roll, yaw, thrust, ctrl, check = struct.unpack("<hhhhhH", frame[5:])
     if (pitch + roll + yaw + thrust + ctrl + 0xAAAA) % 0x10000 != check:
         return None
@@ -30,7 +30,7 @@ def command(frame):
 
 
 def take(buffer, seen):
-    """Takes one frame off the buffer; False if it is not complete yet."""
+    """Removes one frame from the buffer; returns False if the frame is not complete yet."""
     for head, length in ((b">*>di", 17), (b">*>p", 6), (b">*>me", 5)):
         if buffer[: len(head)] == head[: len(buffer)]:
             if len(buffer) < length:
@@ -75,7 +75,7 @@ def main():
     buffer = bytearray()
     while seen["commands"] < wanted:
         if not select.select([master], [], [], 30.0)[0]:
-            sys.exit("nothing came for 30 s")
+            sys.exit("no bytes for 30 s")
         buffer += os.read(master, 4096)
         while buffer and take(buffer, seen):
             pass

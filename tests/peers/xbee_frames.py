@@ -1,6 +1,6 @@
-"""Frames as digi-xbee makes them, one JSON object a line: kind, fields in the order of the wire, payload, plain and escaped bytes.
+"""Frames encoded by digi-xbee, one JSON object per line: kind, fields in the order of the wire, payload, plain and escaped bytes.
 
-Run by wire/tests/peers.rs, with an interpreter that has requirements.txt installed.
+Run by wire/tests/peers.rs, with a Python interpreter that has requirements.txt installed.
 """
 
 import json
@@ -26,7 +26,7 @@ def show(packet, fields, payload=b""):
 
 
 def payloads(draw):
-    """Every byte by itself, every length, and payloads full of bytes that must be escaped."""
+    """Yields every single byte, every length, and payloads of bytes that must be escaped."""
     yield from (bytes([byte]) for byte in range(256))
     yield from (draw.randbytes(length) for length in range(GREATEST + 1))
     for special in SPECIAL:

@@ -1,35 +1,36 @@
-//! What can be wrong with a recording, and where.
+//! Errors of recordings: kind of fault, file and line.
 
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::MAX_BYTES;
+/// Size of the largest file that is read \[byte\]: half an hour at 240 Hz, two hours at 60 Hz.
+pub const MAX_BYTES: u64 = 64 << 20;
 
-/// A recording that cannot be used. Displays as `FILE:LINE: what is wrong`, without `:LINE` if no line is at fault.
+/// Error of a recording that cannot be used. Displays as `FILE:LINE: fault`, without `:LINE` if the fault has no line.
 #[derive(Debug)]
 pub struct RecordingError {
-    /// The file as it was named.
+    /// Path of the file as given.
     pub path: PathBuf,
-    /// The line at fault, counted from 1 over all lines of the file.
+    /// Number of the line at fault, from 1; `None` if the file as a whole is at fault \[-\].
     pub line: Option<usize>,
-    /// What is wrong.
+    /// Kind of the fault.
     pub kind: ErrorKind,
 }
 
-/// What is wrong with a recording.
+/// Kind of fault of a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum ErrorKind {
-    /// The operating system does not give the content.
+    /// The operating system could not read the file.
     #[error("cannot be read: {0}")]
     Unreadable(io::Error),
-    /// More than [`MAX_BYTES`].
+    /// The file is larger than [`MAX_BYTES`].
     #[error("larger than {} MiB", MAX_BYTES >> 20)]
     TooLarge,
-    /// Nothing but blank lines and comments.
+    /// The file contains only blank lines and comments.
     #[error("empty")]
     Empty,
-    /// The first line belongs to none of the formats.
+    /// The first line matches none of the formats.
     #[error("neither a header naming t,x,y,z,qx,qy,qz,qw, nor TUM text, nor a EuRoC header")]
     UnknownFormat,
     /// The header lacks these columns.
@@ -38,23 +39,23 @@ pub enum ErrorKind {
     /// Fewer or more fields than the header has, or than the eight of TUM text.
     #[error("expected {expected} fields, found {found}")]
     FieldCount {
-        /// Fields on the line.
+        /// Number of fields on the line \[-\].
         found: usize,
-        /// Fields a line must have.
+        /// Number of fields that a line must have \[-\].
         expected: usize,
     },
-    /// Text where a number belongs.
+    /// A field that is not a number.
     #[error("{column} is not a number: {text:?}")]
     NotANumber {
         /// Name of the column.
         column: &'static str,
-        /// The field, shortened.
+        /// The text of the field, shortened.
         text: String,
     },
-    /// NaN or infinite, in the column of this name.
+    /// A number that is NaN or infinite; the name of its column.
     #[error("{0} is not finite")]
     NotFinite(&'static str),
-    /// Beyond 64 bits of nanoseconds, 292 years either way, in the column of this name.
+    /// A time beyond 64 bits of nanoseconds (292 years); the name of its column.
     #[error("{0} is out of range")]
     TimeOutOfRange(&'static str),
     /// A pose that arrived before its predecessor.
@@ -65,10 +66,10 @@ pub enum ErrorKind {
         /// This line's time as written, shortened.
         to: String,
     },
-    /// Four numbers that are no rotation: their norm.
+    /// A quaternion that is not of unit norm; its norm \[-\].
     #[error("norm of the quaternion is {0:.4}, not 1")]
     NotUnit(f64),
-    /// So many poses, and no time passes between them.
+    /// The poses do not span any time; their number \[-\].
     #[error("expected at least 2 poses at different times, found {0}")]
     TooShort(usize),
 }
@@ -101,7 +102,7 @@ impl ErrorKind {
     }
 }
 
-/// Enough of a field to find it: one field of a damaged file may be as long as the file.
+/// The beginning of a field: a field of a damaged file may be as long as the file.
 fn shortened(text: &str) -> String {
     text.chars().take(40).collect()
 }

@@ -1,15 +1,15 @@
-//! The formats of a recording: what the columns are called, where they are, how a line becomes numbers.
+//! File formats of recordings: names and positions of columns, and the parser of a line.
 
 use nalgebra::{Vector3, Vector4};
 use oqtal_control::quaternion::Attitude;
 
-use super::ErrorKind;
+use super::error::ErrorKind;
 
 #[derive(Debug)]
 struct Format {
-    /// Time, position x, y, z, then the quaternion, scalar last.
+    /// Names of the columns: time, position x, y, z, quaternion with the scalar last.
     columns: [&'static str; 8],
-    /// Separated by commas under a header; else by white space, without one.
+    /// Whether fields are separated by commas under a header; otherwise by white space, without a header.
     has_header: bool,
     /// The unit of time is 10^`time_exponent` ns.
     time_exponent: i64,
@@ -36,35 +36,35 @@ static EUROC: Format = Format {
     time_exponent: 0,
 };
 
-/// Where the numbers of one file stand on its lines.
+/// Layout of the lines of one file.
 #[derive(Debug)]
 pub(super) struct Layout {
     format: &'static Format,
-    /// The field that holds each of the format's columns.
+    /// Index of the field of each column of the format \[-\].
     index: [usize; 8],
-    /// Fields on each line.
+    /// Number of fields on each line \[-\].
     fields: usize,
 }
 
-/// One line of a recording.
+/// The pose on one line of a recording.
 #[derive(Debug)]
-pub(super) struct Row<'a> {
-    /// Arrival on the recording's own clock \[ns\].
+pub(super) struct PoseRow<'a> {
+    /// Arrival, by the clock of the recording \[ns\].
     pub time_ns: i64,
-    /// The same as written.
+    /// The text of the time field.
     pub time_text: &'a str,
-    /// Position \[m\].
+    /// Position \[m, world\].
     pub position: Vector3<f64>,
-    /// Body to world.
+    /// Attitude \[body to world\].
     pub attitude: Attitude,
 }
 
 impl Layout {
-    /// The layout that a line before the first pose tells, or `None` if it is a comment.
+    /// Detects the layout from a line before the first pose; `None` if the line is a comment.
     pub fn detect(line: &str) -> Result<Option<Self>, ErrorKind> {
         if let Some(comment) = line.strip_prefix('#') {
             let names: Vec<_> = comma_separated(comment).map(without_unit).collect();
-            // Without `timestamp`, which a comment in TUM text may hold as well.
+            // Without `timestamp`, which also occurs in comments of TUM text.
             if !mentions(&names, &EUROC.columns[1..]) {
                 return Ok(None);
             }
@@ -95,13 +95,13 @@ impl Layout {
         Ok(Self { format, index, fields: names.len() })
     }
 
-    /// Whether the line that told the layout is a header, not a pose.
+    /// Whether the line from which the layout was detected is a header, not a pose.
     pub fn has_header(&self) -> bool {
         self.format.has_header
     }
 
-    /// The pose on a line.
-    pub fn row<'a>(&self, line: &'a str) -> Result<Row<'a>, ErrorKind> {
+    /// Parses the pose on a line.
+    pub fn row<'a>(&self, line: &'a str) -> Result<PoseRow<'a>, ErrorKind> {
         let fields: Vec<_> = if self.format.has_header {
             comma_separated(line).collect()
         } else {
@@ -117,7 +117,7 @@ impl Layout {
         }
         let [_, x, y, z, q1, q2, q3, eta] = numbers;
         let quaternion = [q1, q2, q3, eta];
-        Ok(Row {
+        Ok(PoseRow {
             time_ns: shifted(texts[0], self.format.time_exponent)
                 .ok_or(ErrorKind::TimeOutOfRange(self.format.columns[0]))?,
             time_text: texts[0],
@@ -132,7 +132,7 @@ fn comma_separated(line: &str) -> impl Iterator<Item = &str> {
     line.split(',').map(|field| field.trim().trim_matches('"'))
 }
 
-/// `p_RS_R_x` of `p_RS_R_x [m]`.
+/// The name of a column without its unit: `p_RS_R_x` for `p_RS_R_x [m]`.
 fn without_unit(name: &str) -> &str {
     name.split_once('[').map_or(name, |(name, _)| name.trim())
 }
@@ -146,9 +146,9 @@ fn finite(text: &str, column: &'static str) -> Result<f64, ErrorKind> {
     if number.is_finite() { Ok(number) } else { Err(ErrorKind::NotFinite(column)) }
 }
 
-/// A finite decimal number times 10^`exponent`, to the nearest integer; `None` if beyond 64 bits.
+/// A finite decimal number times 10^`exponent`, rounded to the nearest integer; `None` if beyond 64 bits.
 ///
-/// Digit by digit, since f64 carries 16 digits and a Unix time in nanoseconds has 19.
+/// Computed digit by digit: f64 has 16 significant digits, a Unix time in nanoseconds has 19.
 fn shifted(number: &str, exponent: i64) -> Option<i64> {
     let (mantissa, power) = number.split_once(['e', 'E']).unwrap_or((number, "0"));
     let magnitude = mantissa.trim_start_matches(['+', '-']);

@@ -10,7 +10,7 @@ use tracing::field::{Field, Visit};
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::fmt::format::Writer;
-use tracing_subscriber::fmt::time::{FormatTime, SystemTime};
+use tracing_subscriber::fmt::time::{FormatTime, time as wall_clock};
 use tracing_subscriber::layer::Context;
 
 /// Capacity of the queue \[records\].
@@ -33,7 +33,7 @@ impl LogRecord {
     fn new(level: Level) -> Self {
         let mut time = String::new();
         // Fails only if the string cannot be written to.
-        let _ = SystemTime.format_time(&mut Writer::new(&mut time));
+        let _ = wall_clock().format_time(&mut Writer::new(&mut time));
         Self { time, level, message: String::new(), fields: Vec::new() }
     }
 }
