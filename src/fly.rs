@@ -26,7 +26,7 @@ use oqtal_observe::table;
 use directory::FlightDirectory;
 use processes::BusFlight;
 use progress::{FlightProgress, Interrupts};
-use vehicle::{VehicleChoice, VehicleLink};
+use vehicle::{CommandLink, VehicleChoice};
 
 /// A pose interval of more loop periods than this is a gap to the daemon, so that its state never becomes `Nominal` \[-\].
 const MAX_POSE_INTERVAL_PERIODS: f64 = 3.5;
@@ -100,7 +100,7 @@ impl FlightSeries for BusFlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
         let directory = self.directory.as_ref().map(|directory| directory.join(name));
         let directory = FlightDirectory::create(directory.as_deref(), &mission.config)?;
-        let (link, interrupts) = (&VehicleLink::Bus, &self.interrupts);
+        let (link, interrupts) = (&CommandLink::Bus, &self.interrupts);
         let flight = BusFlight { mission, link, directory: &directory, interrupts }.fly()?;
         if interrupts.any() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
@@ -116,7 +116,7 @@ impl FlyArgs {
     /// The flight could not be flown or its results not be written. A flight that ended badly is no error but an exit code.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
-        let link = VehicleLink::open(self.vehicle.as_ref(), &mut config)?;
+        let link = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
         let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;

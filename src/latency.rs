@@ -32,7 +32,7 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
-use figures::Figures;
+use figures::LatencyFigures;
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::LoopMonitor;
 use oqtal_observe::observer::BusObserver;
@@ -90,7 +90,7 @@ impl LatencyArgs {
     }
 
     /// The chain at rest beside the bare mechanisms, then our periodic wake-up against cyclictest.
-    fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<Figures, Failure> {
+    fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
         let mut rig = Rig::new(config)?;
         let bus = Bus::open(rig.place())?;
         let mut observation = Observation::open(&bus)?;
@@ -113,7 +113,7 @@ impl LatencyArgs {
     }
 
     /// A running instance.
-    fn attach(&self, config: &Config, stop: &StopFlag) -> Result<Figures, Failure> {
+    fn attach(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
         let place = instance_paths(config)?;
         place.become_owner()?;
         let bus = Bus::open(&place)?;
@@ -122,7 +122,12 @@ impl LatencyArgs {
         figures
     }
 
-    fn attach_to(&self, bus: &Bus, config: &Config, stop: &StopFlag) -> Result<Figures, Failure> {
+    fn attach_to(
+        &self,
+        bus: &Bus,
+        config: &Config,
+        stop: &StopFlag,
+    ) -> Result<LatencyFigures, Failure> {
         let mut observation = Observation::open(bus)?;
         let give_up = Time::now() + SILENCE;
         while observation.monitor.latest().is_none() {
@@ -146,7 +151,7 @@ impl LatencyArgs {
         observation: &mut Observation,
         mut rig: Option<&mut Rig>,
         stop: &StopFlag,
-    ) -> Result<Figures, Failure> {
+    ) -> Result<LatencyFigures, Failure> {
         let from = Time::now() + WARM_UP;
         let end = from + self.span();
         observation.monitor.restart(from);
@@ -158,7 +163,7 @@ impl LatencyArgs {
         let realtime =
             observation.monitor.daemon_pid().and_then(ThreadScheduling::of).unwrap_or_default();
         let bare = rig.map(|rig| rig.finish(from, Time::now())).transpose()?;
-        Ok(Figures::new(&observation.monitor, bare.as_ref(), realtime))
+        Ok(LatencyFigures::new(&observation.monitor, bare.as_ref(), realtime))
     }
 }
 

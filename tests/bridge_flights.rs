@@ -49,7 +49,7 @@ fn the_square_through_real_frames_is_as_good_as_without_them() {
     let report = std::fs::read_to_string(
         testbed.path("flights").join(format!("{}-1", testbed.instance())).join("report.html"),
     );
-    assert!(report.unwrap().contains("commands take"));
+    assert!(report.unwrap().contains("occupied by commands"));
     assert!(!testbed.path("run").join(format!("{}.wire", testbed.instance())).exists());
 }
 

@@ -58,7 +58,7 @@ pub struct AsctecOptions {
     pub telemetry_signs: AsctecSigns,
     /// Greatest counts sent.
     pub limit_counts: AsctecLimits,
-    /// Points `[delta_c [0..1], counts]` from thrust to counts, straight in between.
+    /// Points `[delta_c [0..1], counts]` from thrust to counts, straight in between \[-, counts\].
     pub thrust_table: Vec<[f64; 2]>,
     /// Yaw stick that, held without thrust, starts and stops the motors \[counts\].
     pub motor_yaw_counts: i16,

@@ -327,10 +327,7 @@ mod tests {
     proptest! {
         #[test]
         fn the_angle_at_a_time_is_found_for_any_turn(
-            n in 1.05..4.0_f64,
-            g in 1.0..20.0_f64,
-            speed in 1.0..500.0_f64,
-            angle in 0.05..2.5_f64,
+            (n, g, speed, angle) in (1.05..4.0_f64, 1.0..20.0_f64, 1.0..500.0_f64, 0.05..2.5_f64),
             share in 0.0..0.999_f64,
         ) {
             let turn = GravityTurn::new(n, g, speed, angle).unwrap();

@@ -52,7 +52,7 @@ pub enum Rule {
     NotNegative,
     /// Above 0; infinity stands for "no limit".
     PositiveOrInfinite,
-    /// Within these bounds, both included.
+    /// Within these bounds, both included \[unit of the option\].
     Between(f64, f64),
 }
 

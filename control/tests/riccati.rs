@@ -7,9 +7,10 @@ use oqtal_control::linear::discretise;
 use oqtal_control::riccati::{RiccatiError, Solution, care, dare};
 use proptest::prelude::*;
 
-/// `A`, `B`, `Q` and `R`.
-type System<const N: usize, const M: usize> =
-    (SMatrix<f64, N, N>, SMatrix<f64, N, M>, SMatrix<f64, N, N>, SMatrix<f64, M, M>);
+#[path = "riccati/systems.rs"]
+mod systems;
+
+use systems::{System, any_matrix, any_system, any_weight, systems_of_all_sizes};
 
 type Solver<const N: usize, const M: usize> = fn(
     &SMatrix<f64, N, N>,
@@ -17,21 +18,6 @@ type Solver<const N: usize, const M: usize> = fn(
     &SMatrix<f64, N, N>,
     &SMatrix<f64, M, M>,
 ) -> Result<Solution<N, M>, RiccatiError>;
-
-fn any_matrix<const R: usize, const C: usize>() -> impl Strategy<Value = SMatrix<f64, R, C>> {
-    prop::collection::vec(-1.0..1.0_f64, R * C).prop_map(SMatrix::from_vec)
-}
-
-/// A symmetric matrix with eigenvalues from 0.1 upwards.
-fn any_weight<const N: usize>() -> impl Strategy<Value = SMatrix<f64, N, N>> {
-    any_matrix::<N, N>().prop_map(|c| c.transpose() * c + SMatrix::identity() * 0.1)
-}
-
-/// Random dynamics, stable or not.
-fn any_system<const N: usize, const M: usize>() -> impl Strategy<Value = System<N, M>> {
-    (any_matrix(), any_matrix(), any_weight(), any_weight())
-        .prop_map(|(a, b, q, r)| (a, b + SMatrix::identity(), q, r))
-}
 
 fn close<const R: usize, const C: usize>(
     found: &SMatrix<f64, R, C>,
@@ -115,13 +101,7 @@ proptest! {
 
     #[test]
     fn continuous_solutions_fulfil_the_equation_and_stabilise(
-        one in any_system::<1, 1>(),
-        two in any_system::<2, 1>(),
-        three in any_system::<3, 3>(),
-        four in any_system::<4, 2>(),
-        six in any_system::<6, 3>(),
-        nine in any_system::<9, 3>(),
-        twelve in any_system::<12, 4>(),
+        (one, two, three, four, six, nine, twelve) in systems_of_all_sizes(),
     ) {
         check_continuous(one);
         check_continuous(two);
@@ -134,13 +114,7 @@ proptest! {
 
     #[test]
     fn discrete_solutions_fulfil_the_equation_and_stabilise(
-        one in any_system::<1, 1>(),
-        two in any_system::<2, 1>(),
-        three in any_system::<3, 3>(),
-        four in any_system::<4, 2>(),
-        six in any_system::<6, 3>(),
-        nine in any_system::<9, 3>(),
-        twelve in any_system::<12, 4>(),
+        (one, two, three, four, six, nine, twelve) in systems_of_all_sizes(),
     ) {
         check_discrete(one);
         check_discrete(two);

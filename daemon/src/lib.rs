@@ -1,8 +1,8 @@
-//! The controller process: guard, estimate, position loops, attitude law, limits, at the cameras' pace.
+//! The controller process: guard, estimate, position loops, attitude law, limits, once per pose.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `cycle.rs` | one turn of the loop |
+//! | `cycle.rs` | the control cycle: poses and time in, command out |
 //! | `cycle/operator.rs` | requests of operators |
 //! | `cycle/report.rs` | telemetry of a tick |
 //! | `cycle/mode.rs`, `cycle/safety.rs` | modes, and the safety conditions of a tick |
@@ -12,10 +12,11 @@
 //! | `supervisor.rs` | the table of safety states |
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stacks: everything between poses and command |
-//! | `warmup.rs` | keeping the loop warm |
-//! | `turn.rs` | one turn over the ports |
+//! | `warmup.rs` | dry-run ticks that keep the caches warm |
+//! | `turn.rs` | one turn of the process over its ports |
 //! | `background.rs` | the background thread: logs, health, operator requests |
-//! | `marker.rs` | a daemon that did not end by itself does not take off by itself |
+//! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
+//! | `waypoint_file.rs` | the trajectory of a configuration |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
 #![forbid(unsafe_code)]
@@ -31,6 +32,7 @@ mod supervisor;
 mod turn;
 mod vehicle;
 mod warmup;
+mod waypoint_file;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
@@ -39,9 +41,8 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{POSE, Role};
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::Config;
-use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
 use oqtal_runtime::background::with_background;
-use oqtal_runtime::process::{Exit, Failure, ProcessContext};
+use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
 use background::DaemonWorker;
@@ -56,6 +57,7 @@ pub use supervisor::{SafetyConditions, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;
+pub use waypoint_file::trajectory;
 
 /// Controls the vehicle until asked to stop, and leaves its motors off.
 ///
@@ -97,29 +99,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
     trajectory(config).map(drop)
 }
 
-/// The flight that a configuration asks for.
-///
-/// # Errors
-/// A waypoint file that cannot be read (exit code 65).
-pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
-    let data = |reason: String| Failure::new(Exit::Data, reason);
-    let options = &config.trajectory;
-    let waypoints = match (&options.waypoints_file, options.kind) {
-        (Some(file), TrajectoryKind::Waypoints) => {
-            let name = file.display();
-            let text =
-                std::fs::read_to_string(file).map_err(|error| data(format!("{name}: {error}")))?;
-            Some(Waypoints::parse(&text).map_err(|error| data(format!("{name}:{error}")))?)
-        }
-        _ => None,
-    };
-    options.trajectory(waypoints).ok_or_else(|| {
-        let reason = "`trajectory.waypoints-file` must name a CSV file with columns t, x, y, z and, if wanted, yaw";
-        Failure::new(Exit::Config, reason)
-    })
-}
-
-/// Says which process holds the command topic, if it tells in time: a daemon is heard twice a second.
+/// Names the process that holds the command topic, if its heartbeat arrives in time.
 fn name_holder(bus: &Bus, error: BusError) -> Failure {
     let held = matches!(error, BusError::Held { .. });
     let mut failure = Failure::from(error);

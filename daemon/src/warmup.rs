@@ -88,7 +88,7 @@ mod tests {
 
     fn cycle(now: Time) -> Cycle {
         let config = Config::default();
-        Cycle::new(&config, crate::trajectory(&config).unwrap(), now).unwrap()
+        Cycle::new(&config, crate::waypoint_file::trajectory(&config).unwrap(), now).unwrap()
     }
 
     #[test]

@@ -5,6 +5,7 @@ pub mod gains;
 pub mod optimiser;
 pub mod outer;
 pub mod search;
+pub mod shipped;
 pub mod space;
 
 use std::fs;

@@ -11,7 +11,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_lab::mission::Mission;
 
 use super::directory::FlightDirectory;
-use super::vehicle::VehicleLink;
+use super::vehicle::CommandLink;
 use crate::child::{Child, command};
 
 /// Start-up time-out: a process that is not ready after this time counts as failed.
@@ -29,7 +29,7 @@ impl ProcessGroup {
     /// # Errors
     /// A process cannot be started, or ends before the link that the next one opens exists.
     pub fn start(
-        (mission, link): (&Mission, &VehicleLink),
+        (mission, link): (&Mission, &CommandLink),
         directory: &FlightDirectory,
     ) -> Result<Self, Failure> {
         let (config, logs) = (&directory.config(), directory.path());

@@ -19,7 +19,7 @@ use super::directory::FlightDirectory;
 use super::process_group::ProcessGroup;
 use super::progress::Interrupts;
 use super::recording::FlightRecording;
-use super::vehicle::VehicleLink;
+use super::vehicle::CommandLink;
 use super::watch::ProcessWatch;
 
 /// A flight through processes: what is flown, by which command path, where it is written, and who may end it.
@@ -28,7 +28,7 @@ pub struct BusFlight<'a> {
     /// What is flown.
     pub mission: &'a Mission,
     /// How commands reach the vehicle.
-    pub link: &'a VehicleLink,
+    pub link: &'a CommandLink,
     /// Directory of configuration, logs and results.
     pub directory: &'a FlightDirectory,
     /// Interrupts of the operator.

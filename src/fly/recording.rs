@@ -22,7 +22,7 @@ use oqtal_runtime::stop::StopFlag;
 
 use super::process_group::START_TIMEOUT;
 use super::progress::FlightProgress;
-use super::vehicle::VehicleLink;
+use super::vehicle::CommandLink;
 
 /// Period of polling in real time, short enough that the buffer of 1024 samples at 1 kHz does not overflow.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
@@ -33,7 +33,7 @@ pub struct FlightRecording<'a> {
     /// What is flown.
     pub mission: &'a Mission,
     /// How commands reach the vehicle.
-    pub link: &'a VehicleLink,
+    pub link: &'a CommandLink,
     /// The instance of the flight.
     pub bus: &'a Bus,
     /// Ends the recording when set.

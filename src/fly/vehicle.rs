@@ -91,7 +91,7 @@ impl VehicleChoice {
 
 /// The path of a flight's commands, with the link.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum VehicleLink {
+pub enum CommandLink {
     /// Over the bus to the simulated vehicle.
     #[default]
     Bus,
@@ -101,7 +101,7 @@ pub enum VehicleLink {
     Linked(LinkSpec),
 }
 
-impl VehicleLink {
+impl CommandLink {
     /// The path that `choice`, or else the configuration, asks for. Completes the configuration accordingly.
     ///
     /// # Errors
@@ -247,13 +247,13 @@ mod tests {
         let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
         assert_eq!(link.baud(), 115_200);
         assert_eq!(
-            VehicleLink::Bridged(link).command_path().to_string(),
+            CommandLink::Bridged(link).command_path().to_string(),
             "bridge:asctec,baud=115200,xbee=api2"
         );
         let linked = parse("link:asctec:/dev/ttyUSB0").unwrap();
         let VehicleChoice::Linked(link) = linked else { panic!("{linked:?}") };
         assert_eq!(
-            VehicleLink::Linked(link).command_path().to_string(),
+            CommandLink::Linked(link).command_path().to_string(),
             "link:asctec:/dev/ttyUSB0"
         );
         assert!(matches!(

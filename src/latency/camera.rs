@@ -7,7 +7,7 @@ use oqtal_bus::topic::POSE;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 
-use super::bare::{Giver, Mechanism, Parcel, directory};
+use super::bare::{Mechanism, Parcel, ParcelSender, directory, open_sender};
 use super::record::Record;
 use super::sleep::sleep_until;
 
@@ -21,13 +21,13 @@ pub const RECORD: &str = "sleep.record";
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let bus = context.bus()?;
     let mut poses = bus.writer(&POSE)?;
-    let mut givers = Mechanism::ALL
+    let mut senders = Mechanism::ALL
         .iter()
-        .map(|mechanism| mechanism.giver(context))
+        .map(|&mechanism| open_sender(mechanism, context))
         .collect::<Result<Vec<_>, _>>()?;
     let mut lateness = Record::with_room();
     context.enter_realtime();
-    let turns = givers.len() as u64 + 1;
+    let turns = senders.len() as u64 + 1;
     let mut grid = Grid::new(
         Time::now() + Span::from_millis(50),
         context.config.control.rate_hz * turns as f64,
@@ -40,11 +40,11 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         if turn == 0 {
             publish(&mut poses, round, at)?;
         } else {
-            let next = ((turn - 1 + round) % givers.len() as u64) as usize;
-            givers[next].give(&Parcel::now())?;
+            let next = ((turn - 1 + round) % senders.len() as u64) as usize;
+            senders[next].send(&Parcel::now())?;
         }
     }
-    finish(context, &mut givers, &lateness)
+    finish(context, &mut senders, &lateness)
 }
 
 /// A pose at hover, as the cameras' process publishes it: stamped, sent, announced.
@@ -64,11 +64,11 @@ fn publish(poses: &mut Writer<PoseV1>, round: u64, captured_at: Time) -> Result<
 
 fn finish(
     context: &ProcessContext,
-    givers: &mut [Box<dyn Giver>],
+    senders: &mut [Box<dyn ParcelSender>],
     lateness: &Record,
 ) -> Result<(), Failure> {
-    for giver in givers {
-        giver.give(&Parcel::LAST)?;
+    for sender in senders {
+        sender.send(&Parcel::LAST)?;
     }
     lateness.save(&directory(&context.config.instance.name).join(RECORD))
 }

@@ -1,4 +1,4 @@
-//! What `oqtal latency` found, as its JSON document says it.
+//! The figures of `oqtal latency`, as in its JSON document.
 
 use std::collections::BTreeMap;
 
@@ -11,14 +11,15 @@ use super::rig::Bare;
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::{LoopCounters, LoopMonitor};
 
-/// The hops that only carry: what they take is the bus's, not a computation's.
+/// The hops without computation: their latency is that of the bus.
 pub const TRANSPORT: [&str; 2] = ["publish_to_daemon", "command_to_vehicle"];
 
-/// A hop over the bare listener of iceoryx2, at two quantiles.
+/// Latency of a hop divided by that of the bare iceoryx2 listener.
 #[derive(Clone, Copy, Debug, Serialize)]
-#[allow(missing_docs)]
 pub struct Ratio {
+    /// Ratio of the medians \[-\].
     pub p50: f64,
+    /// Ratio of the 99th percentiles \[-\].
     pub p99: f64,
 }
 
@@ -31,7 +32,7 @@ impl Ratio {
     }
 }
 
-/// How late processes woke.
+/// Wake-up lateness.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Wakeup {
     /// The daemon, after a pose was published or its deadline had come.
@@ -44,12 +45,12 @@ pub struct Wakeup {
     pub median_ratio: Option<f64>,
 }
 
-/// The document.
+/// The figures of `oqtal latency`, the document of `--json`.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Figures {
+pub struct LatencyFigures {
     /// Every hop, and the whole.
     pub hops: BTreeMap<&'static str, DistributionSummary>,
-    /// What the machine gives bare.
+    /// Latency of each mechanism without the bus.
     pub bare: BTreeMap<&'static str, DistributionSummary>,
     /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2.
     pub ratio: BTreeMap<&'static str, Ratio>,
@@ -61,7 +62,7 @@ pub struct Figures {
     pub counters: LoopCounters,
 }
 
-impl Figures {
+impl LatencyFigures {
     /// The figures of what was heard, beside what was measured bare.
     #[must_use]
     pub fn new(monitor: &LoopMonitor, bare: Option<&Bare>, realtime: ThreadScheduling) -> Self {
@@ -128,7 +129,7 @@ mod tests {
 
     #[test]
     fn a_hop_is_compared_only_with_what_was_measured() {
-        let mut figures = Figures::default();
+        let mut figures = LatencyFigures::default();
         figures.hops.insert("publish_to_daemon", summary(40, 90));
         figures.hops.insert("command_to_vehicle", DistributionSummary::default());
         figures.hops.insert("compute", summary(5, 6));
@@ -145,7 +146,7 @@ mod tests {
         let pair = |ratio| Pair { ours_p999_ns: 1, cyclictest_p999_ns: 1, ratio };
         let median = |ratios: &[f64]| {
             let pairs = ratios.iter().copied().map(pair).collect();
-            Figures::default().with_pairs(pairs).wakeup.median_ratio
+            LatencyFigures::default().with_pairs(pairs).wakeup.median_ratio
         };
         assert_eq!(median(&[]), None);
         assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));

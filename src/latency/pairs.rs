@@ -33,7 +33,7 @@ pub struct Pair {
     pub ours_p999_ns: u64,
     /// The same of cyclictest.
     pub cyclictest_p999_ns: u64,
-    /// Ours over cyclictest's.
+    /// Lateness of our loop divided by that of cyclictest \[-\].
     pub ratio: f64,
 }
 

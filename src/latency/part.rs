@@ -6,7 +6,7 @@ use clap::Subcommand;
 use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Job, ProcessCommand, execute};
 
-use super::bare::Mechanism;
+use super::bare::{Mechanism, receiver_job};
 use super::{camera, sleep, vehicle};
 
 /// Word of the command line that starts a stand-in.
@@ -47,11 +47,13 @@ impl Part {
             Self::Camera(command) => (Role::Mocap, command, camera::run),
             Self::Vehicle(command) => (Role::Plant, command, vehicle::run),
             Self::Periodic(command) => (Role::Daemon, command, sleep::run),
-            Self::Futex(command) => (Role::Daemon, command, Mechanism::Futex.job()),
-            Self::Eventfd(command) => (Role::Daemon, command, Mechanism::Eventfd.job()),
-            Self::UnixDatagram(command) => (Role::Daemon, command, Mechanism::UnixDatagram.job()),
+            Self::Futex(command) => (Role::Daemon, command, receiver_job(Mechanism::Futex)),
+            Self::Eventfd(command) => (Role::Daemon, command, receiver_job(Mechanism::Eventfd)),
+            Self::UnixDatagram(command) => {
+                (Role::Daemon, command, receiver_job(Mechanism::UnixDatagram))
+            }
             Self::Iceoryx2Listener(command) => {
-                (Role::Daemon, command, Mechanism::Iceoryx2Listener.job())
+                (Role::Daemon, command, receiver_job(Mechanism::Iceoryx2Listener))
             }
         };
         // Its configuration was checked by who starts it.

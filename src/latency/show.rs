@@ -4,13 +4,13 @@ use comfy_table::Table;
 use oqtal_observe::latency::NAMES;
 
 use super::bare::Mechanism;
-use super::figures::{Figures, TRANSPORT};
+use super::figures::{LatencyFigures, TRANSPORT};
 use oqtal_observe::plot::unit::{significant, words};
 use oqtal_observe::table::{align, latency_row, table};
 
 /// The tables: hops beside bare mechanisms, and their ratios.
 #[must_use]
-pub fn text(figures: &Figures) -> String {
+pub fn text(figures: &LatencyFigures) -> String {
     let mut parts = vec![format!("daemon: {}", figures.realtime), latencies(figures).to_string()];
     parts.extend(ratios(figures).map(|table| table.to_string()));
     parts.extend(pairs(figures));
@@ -18,7 +18,7 @@ pub fn text(figures: &Figures) -> String {
     parts.join("\n")
 }
 
-fn latencies(figures: &Figures) -> Table {
+fn latencies(figures: &LatencyFigures) -> Table {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
     for name in NAMES {
         if let Some(hop) = figures.hops.get(name).filter(|hop| hop.count > 0) {
@@ -39,7 +39,7 @@ fn latencies(figures: &Figures) -> Table {
 }
 
 /// Each transport hop over each bare mechanism, p50 and p99.
-fn ratios(figures: &Figures) -> Option<Table> {
+fn ratios(figures: &LatencyFigures) -> Option<Table> {
     if figures.ratio.is_empty() {
         return None;
     }
@@ -57,7 +57,7 @@ fn ratios(figures: &Figures) -> Option<Table> {
     Some(table)
 }
 
-fn pairs(figures: &Figures) -> Option<String> {
+fn pairs(figures: &LatencyFigures) -> Option<String> {
     let wakeup = &figures.wakeup;
     let median = wakeup.median_ratio?;
     let ratios: Vec<String> = wakeup.pairs.iter().map(|pair| significant(pair.ratio)).collect();
@@ -68,7 +68,7 @@ fn pairs(figures: &Figures) -> Option<String> {
     ))
 }
 
-fn counts(figures: &Figures) -> String {
+fn counts(figures: &LatencyFigures) -> String {
     let counters = &figures.counters;
     let unheard = match counters.unheard {
         0 => String::new(),
@@ -101,7 +101,7 @@ mod tests {
             p999_ns: 1_000_000,
             max_ns: 4_000_000,
         };
-        let mut figures = Figures::default();
+        let mut figures = LatencyFigures::default();
         figures.hops.extend(NAMES.map(|name| (name, summary)));
         figures.bare.extend(Mechanism::ALL.map(|mechanism| (mechanism.name(), summary)));
         figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);

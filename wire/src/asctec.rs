@@ -24,6 +24,7 @@ mod command;
 mod crc;
 mod decoder;
 mod descriptor;
+mod invalid_scale;
 mod meaning;
 mod payload;
 mod telemetry;
@@ -36,9 +37,8 @@ pub use command::{
 pub use crc::crc16;
 pub use decoder::{HostDecoder, HostEvent, HostGrammar, VehicleDecoder, VehicleGrammar};
 pub use descriptor::{Descriptor, Poll};
-pub use meaning::{
-    AxisSigns, CountLimits, Imu, InvalidScale, Scales, Status, StickMeaning, Sticks,
-};
+pub use invalid_scale::InvalidScale;
+pub use meaning::{AxisSigns, CountLimits, Imu, Scales, Status, StickMeaning, Sticks};
 pub use payload::{ImuCalc, LlStatus};
 pub use telemetry::{
     AcknowledgementPacket, MAX_TELEMETRY, TelemetryError, TelemetryPacket, acknowledgement_frame,

@@ -29,7 +29,7 @@ impl StateTransition {
     }
 }
 
-/// `P`: the covariance of the error of an axis.
+/// `P`: the covariance of the error of an axis \[products of the units of its state\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covariance(pub Matrix3<f64>);
 

@@ -31,7 +31,7 @@ const AT_REST: f64 = 1e-4;
 pub(super) enum TimeDomain {
     /// Continuous time, with the centre of the Cayley transform.
     Continuous {
-        /// Maps the left half plane into the unit disc.
+        /// Centre of the Cayley transform, which maps the left half plane into the unit disc \[1/s\].
         centre: f64,
     },
     /// Discrete time.

@@ -10,11 +10,15 @@ const TOLERANCE: f64 = 1e-10;
 
 /// The data of `care` or `dare`, in the units of `balance`.
 pub(super) struct Problem<const N: usize, const M: usize> {
+    /// System matrix `A` \[units of `balance`\].
     pub(super) a: SMatrix<f64, N, N>,
+    /// Input matrix `B` \[units of `balance`\].
     pub(super) b: SMatrix<f64, N, M>,
-    /// `G = BR^-1B'`.
+    /// `G = BR^-1B'` \[units of `balance`\].
     pub(super) g: SMatrix<f64, N, N>,
+    /// Weight of the state \[units of `balance`\].
     pub(super) q: SMatrix<f64, N, N>,
+    /// Weight of the input \[units of `balance`\].
     pub(super) r: SMatrix<f64, M, M>,
     pub(super) balance: Balance<N>,
 }

@@ -12,6 +12,7 @@ use super::waypoints::Waypoints;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     pub(super) shape: TrajectoryShape,
+    /// Hover point above the start \[m, world\].
     pub(super) hover_point: Vector3<f64>,
 }
 

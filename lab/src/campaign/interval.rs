@@ -3,9 +3,9 @@
 /// A mean with its 95 % confidence interval, by Student's t over the runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// The mean.
+    /// The mean \[unit of the values\].
     pub mean: f64,
-    /// Half the width of the interval; infinite for a single run.
+    /// Half the width of the interval \[unit of the values\]; infinite for a single run.
     pub half: f64,
 }
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::progress::Progress;
 use crate::sheet::{Column, SheetCell, SheetRow, Variant};
-use crate::tune::{gains, search, space};
+use crate::tune::{gains, shipped, space};
 
 use super::flights::{Contender, NOMINAL, PlantVariant, Prepared, Test};
 use super::interval::Interval;
@@ -35,11 +35,11 @@ impl Entrant {
 /// The greatest weight, or gain, before the attitude error rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MaxQ {
-    /// The last one before the error rises.
+    /// The last one before the error rises \[-\].
     Reached(f64),
-    /// The last one tried: the error had not risen.
+    /// The last one tried: the error had not risen \[-\].
     AtLeast(f64),
-    /// The one of the nominal plant, in a row of another plant.
+    /// The one of the nominal plant, in a row of another plant \[-\].
     Nominal(f64),
 }
 
@@ -239,7 +239,7 @@ fn greatest_weight(entrant: &Entrant) -> Result<MaxQ, Failure> {
     let key = law.expect("every entrant is a law").gains[0].key;
     let set = entrant.contender.settings.iter().find(|setting| setting.key == key);
     let start = set.and_then(|setting| setting.value.as_float());
-    let start = start.unwrap_or_else(|| search::shipped(key));
+    let start = start.unwrap_or_else(|| shipped::shipped(key));
     let weights: Vec<f64> = (0..MOST_RAISES).map(|k| start * RAISE.powi(k as i32)).collect();
     let errors: Result<Vec<f64>, Failure> =
         weights.par_iter().map(|weight| attitude_error(&entrant.contender, key, *weight)).collect();

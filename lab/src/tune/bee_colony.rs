@@ -24,7 +24,7 @@ pub struct BeeColony {
     pub cycles: usize,
     /// A source that so many bees left without improving it is given up.
     pub limit: usize,
-    /// How strongly every bee is drawn towards the best point so far: 0 is Karaboga's colony; 1.5 is the guided one of G.
+    /// Attraction of every bee to the best point so far \[-\]: 0 is Karaboga's colony; 1.5 is the guided one of G.
     /// Zhu and S. Kwong, *Appl. Math. Comput.* 217 (2010) 3166, which needs fewer evaluations.
     pub pull: f64,
     /// Seed of every choice.
@@ -34,9 +34,9 @@ pub struct BeeColony {
 /// The best point found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Best {
-    /// Its coordinates.
+    /// Coordinates \[units of the searched parameters\].
     pub point: Vec<f64>,
-    /// The objective there; infinite if no point had a value.
+    /// Objective \[-\]; infinite if no point had a value.
     pub value: f64,
     /// How many points were evaluated.
     pub evaluations: usize,

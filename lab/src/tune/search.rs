@@ -1,7 +1,7 @@
 //! The search for gains: the same optimiser, budget and seeds for every law.
 
 use super::bee_colony::Best;
-use oqtal_config::{Config, Setting};
+use oqtal_config::Setting;
 use oqtal_control::controller::SearchRange;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
@@ -12,6 +12,7 @@ use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::progress::Progress;
 
 use super::optimiser::Optimiser;
+use super::shipped::shipped;
 use super::space::LawSpace;
 
 /// Budget of a search.
@@ -36,7 +37,7 @@ impl Default for Budget {
 pub struct Tuned {
     /// Name of the law, or `outer`.
     pub what: String,
-    /// Keys and values.
+    /// Keys and values \[units of the keys\].
     pub values: Vec<(&'static str, f64)>,
     /// Objective at these gains \[-\]; 1 for the shipped `oqtal`.
     pub objective: f64,
@@ -74,20 +75,6 @@ impl Tuned {
 
 fn settings(values: &[(&'static str, f64)]) -> Vec<Setting> {
     values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
-}
-
-/// The shipped value of a numeric `key`.
-///
-/// # Panics
-/// If there is no such key: a test holds that every parameter is one.
-#[must_use]
-pub fn shipped(key: &str) -> f64 {
-    let table: toml::Table = Config::default().to_toml().parse().expect("written by us");
-    let mut value = &toml::Value::Table(table);
-    for name in key.split('.') {
-        value = &value[name];
-    }
-    value.as_float().expect("a parameter is a number")
 }
 
 /// `value` rounded to four significant digits, so that the gains evaluated are those written.
@@ -173,7 +160,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("tuned.toml");
         std::fs::write(&file, tuned.to_toml()).unwrap();
-        let config = Config::load(Some(&file), &[]).unwrap();
+        let config = oqtal_config::Config::load(Some(&file), &[]).unwrap();
         assert_eq!(config.control.lqr.attitude_weight, 12.34);
         assert_eq!(config.control.controller, oqtal_control::controller::ControllerName::Lqr);
     }

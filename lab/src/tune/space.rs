@@ -91,7 +91,7 @@ impl LawSpace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tune::search::shipped;
+    use crate::tune::shipped::shipped;
 
     #[test]
     fn every_law_has_a_gain_of_its_own_to_tune() {

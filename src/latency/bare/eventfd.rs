@@ -6,10 +6,11 @@ use std::path::Path;
 use oqtal_runtime::process::Failure;
 use rustix::io::{Errno, read, write};
 
+use super::mechanism::{Mechanism, system};
+use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
 use super::shared::Slot;
-use super::{Giver, Mechanism, Parcel, Taker, system};
 
-/// Either end. The eventfd is standard input.
+/// Either end of the mechanism. The eventfd is standard input.
 #[derive(Debug)]
 pub struct Eventfd {
     slot: Slot,
@@ -17,7 +18,7 @@ pub struct Eventfd {
 }
 
 impl Eventfd {
-    /// The taking end, its memory at `path`.
+    /// The receiving end, its memory at `path`.
     ///
     /// # Errors
     /// The memory cannot be shared.
@@ -27,7 +28,7 @@ impl Eventfd {
         Ok(Self { slot, seen: 0 })
     }
 
-    /// The giving end.
+    /// The sending end.
     ///
     /// # Errors
     /// The memory cannot be shared.
@@ -36,16 +37,16 @@ impl Eventfd {
     }
 }
 
-impl Giver for Eventfd {
-    fn give(&mut self, parcel: &Parcel) -> Result<(), Failure> {
+impl ParcelSender for Eventfd {
+    fn send(&mut self, parcel: &Parcel) -> Result<(), Failure> {
         self.slot.put(parcel);
         let written = write(std::io::stdin().as_fd(), &1_u64.to_ne_bytes());
         written.map(drop).map_err(|error| system(Mechanism::Eventfd, "waking", &error))
     }
 }
 
-impl Taker for Eventfd {
-    fn take(&mut self) -> Result<Parcel, Failure> {
+impl ParcelReceiver for Eventfd {
+    fn receive(&mut self) -> Result<Parcel, Failure> {
         let stdin = std::io::stdin();
         loop {
             let mut count = [0; 8];

@@ -1,4 +1,4 @@
-//! A futex in shared memory: wait on a word, wake who waits. Nothing in user space is faster asleep.
+//! A futex on a word in shared memory: the lower bound for waking a sleeping process.
 
 use std::path::Path;
 
@@ -6,10 +6,11 @@ use oqtal_runtime::process::Failure;
 use rustix::io::Errno;
 use rustix::thread::futex::{Flags, wait, wake};
 
+use super::mechanism::{Mechanism, system};
+use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
 use super::shared::Slot;
-use super::{Giver, Mechanism, Parcel, Taker, system};
 
-/// Either end.
+/// Either end of the mechanism.
 #[derive(Debug)]
 pub struct Futex {
     slot: Slot,
@@ -17,7 +18,7 @@ pub struct Futex {
 }
 
 impl Futex {
-    /// The taking end, at `path`.
+    /// The receiving end, at `path`.
     ///
     /// # Errors
     /// The memory cannot be shared.
@@ -26,7 +27,7 @@ impl Futex {
         Ok(Self { slot, seen: 0 })
     }
 
-    /// The giving end.
+    /// The sending end.
     ///
     /// # Errors
     /// The memory cannot be shared.
@@ -35,8 +36,8 @@ impl Futex {
     }
 }
 
-impl Giver for Futex {
-    fn give(&mut self, parcel: &Parcel) -> Result<(), Failure> {
+impl ParcelSender for Futex {
+    fn send(&mut self, parcel: &Parcel) -> Result<(), Failure> {
         self.slot.put(parcel);
         // Not private: the other end is another process.
         let woken = wake(self.slot.version(), Flags::empty(), 1);
@@ -44,8 +45,8 @@ impl Giver for Futex {
     }
 }
 
-impl Taker for Futex {
-    fn take(&mut self) -> Result<Parcel, Failure> {
+impl ParcelReceiver for Futex {
+    fn receive(&mut self) -> Result<Parcel, Failure> {
         loop {
             match self.slot.get(self.seen) {
                 Ok((version, parcel)) => {

@@ -1,4 +1,4 @@
-//! iceoryx2 as it comes: a publish-subscribe service, an event, and a thread that waits on its listener.
+//! iceoryx2 in its stock configuration: a publish-subscribe service, an event, and a thread that waits on its listener.
 
 use iceoryx2::node::Node;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
@@ -10,20 +10,21 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use oqtal_bus::paths::InstancePaths;
 use oqtal_runtime::process::Failure;
 
-use super::{Mechanism, Parcel, system};
+use super::mechanism::{Mechanism, system};
+use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
 
 const NAME: &str = "parcel";
 
-/// The giving end.
+/// The sending end.
 #[derive(Debug)]
-pub struct Giver {
+pub struct IceoryxSender {
     publisher: Publisher<ipc::Service, Parcel, ()>,
     notifier: Notifier<ipc::Service>,
     _node: Node<ipc::Service>,
 }
 
-impl Giver {
-    /// The giving end at `place`.
+impl IceoryxSender {
+    /// The sending end at `place`.
     ///
     /// # Errors
     /// iceoryx2 refuses.
@@ -36,24 +37,24 @@ impl Giver {
     }
 }
 
-impl super::Giver for Giver {
-    fn give(&mut self, parcel: &Parcel) -> Result<(), Failure> {
+impl ParcelSender for IceoryxSender {
+    fn send(&mut self, parcel: &Parcel) -> Result<(), Failure> {
         let sample = self.publisher.loan_uninit().map_err(|e| failed("loaning", &e))?;
         sample.write_payload(*parcel).send().map_err(|e| failed("sending", &e))?;
         self.notifier.notify().map(drop).map_err(|e| failed("notifying", &e))
     }
 }
 
-/// The taking end.
+/// The receiving end.
 #[derive(Debug)]
-pub struct Taker {
+pub struct IceoryxReceiver {
     subscriber: Subscriber<ipc::Service, Parcel, ()>,
     listener: Listener<ipc::Service>,
     _node: Node<ipc::Service>,
 }
 
-impl Taker {
-    /// The taking end at `place`.
+impl IceoryxReceiver {
+    /// The receiving end at `place`.
     ///
     /// # Errors
     /// iceoryx2 refuses.
@@ -67,8 +68,8 @@ impl Taker {
     }
 }
 
-impl super::Taker for Taker {
-    fn take(&mut self) -> Result<Parcel, Failure> {
+impl ParcelReceiver for IceoryxReceiver {
+    fn receive(&mut self) -> Result<Parcel, Failure> {
         // One wake-up may stand for several messages.
         loop {
             if let Some(sample) = self.subscriber.receive().map_err(|e| failed("taking", &e))? {

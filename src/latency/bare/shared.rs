@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering, fence};
 
 use oqtal_bus::shared::SharedWords;
 
-use super::{Parcel, WORDS};
+use super::parcel::{Parcel, WORDS};
 
 /// A message and its version: odd while it is being written, even when it is whole. The version is the first word, the message
 /// the others, in halves.

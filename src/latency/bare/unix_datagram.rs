@@ -6,16 +6,17 @@ use std::path::Path;
 
 use oqtal_runtime::process::Failure;
 
-use super::{Mechanism, Parcel, WORDS, system};
+use super::mechanism::{Mechanism, system};
+use super::parcel::{Parcel, ParcelReceiver, ParcelSender, WORDS};
 
 const BYTES: usize = WORDS * 8;
 
-/// The giving end.
+/// The sending end.
 #[derive(Debug)]
-pub struct Giver(UnixDatagram);
+pub struct DatagramSender(UnixDatagram);
 
-impl Giver {
-    /// The giving end to the socket at `path`.
+impl DatagramSender {
+    /// The sending end to the socket at `path`.
     ///
     /// # Errors
     /// Nobody listens there.
@@ -28,8 +29,8 @@ impl Giver {
     }
 }
 
-impl super::Giver for Giver {
-    fn give(&mut self, parcel: &Parcel) -> Result<(), Failure> {
+impl ParcelSender for DatagramSender {
+    fn send(&mut self, parcel: &Parcel) -> Result<(), Failure> {
         let mut bytes = [0; BYTES];
         for (bytes, word) in bytes.chunks_exact_mut(8).zip(parcel.words()) {
             bytes.copy_from_slice(&word.to_ne_bytes());
@@ -39,11 +40,11 @@ impl super::Giver for Giver {
     }
 }
 
-/// The taking end.
+/// The receiving end.
 #[derive(Debug)]
-pub struct Taker(UnixDatagram);
+pub struct DatagramReceiver(UnixDatagram);
 
-impl Taker {
+impl DatagramReceiver {
     /// A socket at `path`.
     ///
     /// # Errors
@@ -54,8 +55,8 @@ impl Taker {
     }
 }
 
-impl super::Taker for Taker {
-    fn take(&mut self) -> Result<Parcel, Failure> {
+impl ParcelReceiver for DatagramReceiver {
+    fn receive(&mut self) -> Result<Parcel, Failure> {
         let mut bytes = [0; BYTES];
         loop {
             match self.0.recv(&mut bytes) {

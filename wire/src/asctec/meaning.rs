@@ -13,26 +13,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::invalid_scale::InvalidScale;
 use super::{ControlInput, FULL_STICK, FULL_THRUST, ImuCalc, LlStatus, ThrustTable};
 
 /// Scale of the body rates in `IMU_CALCDATA` \[counts per deg/s\].
 const RATE_COUNTS_PER_DEG_S: f64 = 64.8;
-
-/// Error in a scale.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{key} {rule}")]
-pub struct InvalidScale {
-    /// Key in the configuration, relative to the table of the scales.
-    pub key: &'static str,
-    /// Rule that the value breaks.
-    pub rule: String,
-}
-
-impl InvalidScale {
-    pub(super) fn new(key: &'static str, rule: impl Into<String>) -> Self {
-        Self { key, rule: rule.into() }
-    }
-}
 
 /// Quantity that the roll and pitch sticks command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

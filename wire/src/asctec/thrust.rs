@@ -6,7 +6,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{FULL_THRUST, InvalidScale};
+use super::FULL_THRUST;
+use super::invalid_scale::InvalidScale;
 
 /// Greatest number of points \[-\].
 const MAX_POINTS: usize = 256;

@@ -1,0 +1,186 @@
+//! Tests of the gate for poses.
+
+use super::*;
+use oqtal_bus::message::Stamps;
+use oqtal_config::Config;
+
+const FRAME: Span = Span::from_nanos(16_666_667);
+
+struct Feed {
+    guard: Guard,
+    frame: u64,
+    time: Time,
+}
+
+impl Feed {
+    /// A guard that has accepted a few poses at the origin.
+    fn settled() -> Self {
+        let guard = Guard::new(&Config::default().safety);
+        let mut feed = Self { guard, frame: 0, time: Time::VIRTUAL_START };
+        for _ in 0..4 {
+            assert!(feed.show(pose_at(0.0)).is_ok());
+        }
+        feed
+    }
+
+    /// Shows the next frame.
+    fn show(&mut self, pose: PoseV1) -> Result<Accepted, Cause> {
+        self.frame += 1;
+        self.time = self.time + FRAME;
+        self.judge_at(self.frame, self.time, self.time, pose)
+    }
+
+    fn judge_at(
+        &mut self,
+        frame: u64,
+        captured_at: Time,
+        now: Time,
+        mut pose: PoseV1,
+    ) -> Result<Accepted, Cause> {
+        // Noise, as every real pose has.
+        pose.position[1] += 1e-6 * (self.frame % 7) as f64;
+        let stamps = Stamps { captured_at, ..Stamps::default() };
+        let header = Header { pose_sequence: frame, stamps, ..Header::default() };
+        self.guard.gate(now, &header, &pose, true)
+    }
+}
+
+fn pose_at(x: f64) -> PoseV1 {
+    PoseV1 {
+        position: [x, 0.0, 1.0],
+        attitude: [0.0, 0.0, 0.0, 1.0],
+        tracked: 1,
+        ..PoseV1::default()
+    }
+}
+
+#[test]
+fn ordinary_poses_are_believed_and_counted() {
+    let mut feed = Feed::settled();
+    assert!(feed.show(pose_at(0.01)).is_ok());
+    assert_eq!(feed.guard.good_in_a_row(), 5);
+    assert_eq!((feed.guard.lost(), feed.guard.refused()), (0, 0));
+}
+
+#[test]
+fn missing_frames_are_counted_by_their_numbers() {
+    let mut feed = Feed::settled();
+    feed.frame += 3;
+    assert!(feed.show(pose_at(0.0)).is_ok());
+    assert_eq!(feed.guard.lost(), 3);
+}
+
+#[test]
+fn a_burst_of_which_the_last_is_seen_is_superseded_and_not_lost() {
+    let mut guard = Guard::new(&Config::default().safety);
+    let mut show = |frame: u64, message: u64| {
+        let now = Time::VIRTUAL_START + Span::from_millis(17 * frame.cast_signed());
+        let stamps = Stamps { captured_at: now, ..Stamps::default() };
+        let header =
+            Header { sequence: message, pose_sequence: frame, stamps, ..Header::default() };
+        assert!(guard.gate(now, &header, &pose_at(1e-6 * frame as f64), true).is_ok());
+        (guard.superseded(), guard.lost())
+    };
+    assert_eq!(show(1, 1), (0, 0));
+    assert_eq!(show(4, 4), (2, 0), "three at once");
+    assert_eq!(show(9, 6), (3, 3), "five frames, of which two became poses");
+}
+
+#[test]
+fn f03_a_frozen_source_is_no_pose() {
+    let mut feed = Feed::settled();
+    let frozen = pose_at(0.001);
+    let mut verdicts = Vec::new();
+    for _ in 0..4 {
+        feed.frame += 7; // keeps the noise of this feed the same
+        feed.time = feed.time + FRAME;
+        verdicts.push(feed.judge_at(feed.frame, feed.time, feed.time, frozen).map(drop));
+    }
+    assert_eq!(verdicts, [Ok(()), Ok(()), Err(Cause::Frozen), Err(Cause::Frozen)]);
+}
+
+#[test]
+fn f04_a_late_pose_is_refused_by_its_capture_time() {
+    let mut feed = Feed::settled();
+    let captured = feed.time + FRAME;
+    let verdict =
+        feed.judge_at(feed.frame + 1, captured, captured + Span::from_millis(90), pose_at(0.0));
+    assert_eq!(verdict, Err(Cause::Stale));
+}
+
+#[test]
+fn f05_repeats_and_time_running_back_are_refused() {
+    let mut feed = Feed::settled();
+    assert_eq!(
+        feed.judge_at(feed.frame, feed.time + FRAME, feed.time + FRAME, pose_at(0.0)),
+        Err(Cause::Order)
+    );
+    assert_eq!(
+        feed.judge_at(feed.frame + 1, feed.time - FRAME, feed.time, pose_at(0.0)),
+        Err(Cause::Order)
+    );
+}
+
+#[test]
+fn f17_frames_that_count_anew_are_refused_in_flight_and_believed_on_the_ground() {
+    let mut feed = Feed::settled();
+    let captured_at = feed.time + FRAME;
+    let stamps = Stamps { captured_at, ..Stamps::default() };
+    let header = Header { pose_sequence: 1, stamps, ..Header::default() };
+    let mut judge = |flying| feed.guard.gate(captured_at, &header, &pose_at(0.0), flying);
+    assert_eq!(judge(true), Err(Cause::Order));
+    assert!(judge(false).is_ok());
+    assert_eq!(judge(false), Err(Cause::Order), "the same capture again");
+}
+
+#[test]
+fn f06_nothing_that_is_not_finite_or_not_tracked_is_believed() {
+    let mut feed = Feed::settled();
+    for index in 0..7 {
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            let mut pose = pose_at(0.0);
+            let (position, attitude) = (&mut pose.position, &mut pose.attitude);
+            *position.iter_mut().chain(attitude).nth(index).unwrap() = value;
+            assert_eq!(feed.show(pose), Err(Cause::NotFinite));
+        }
+    }
+    assert_eq!(feed.show(PoseV1 { tracked: 0, ..pose_at(0.0) }), Err(Cause::Untracked));
+}
+
+#[test]
+fn f07_a_quaternion_must_be_of_unit_norm() {
+    let mut feed = Feed::settled();
+    let scaled = PoseV1 { attitude: [0.0, 0.0, 0.0, 1.2], ..pose_at(0.0) };
+    assert_eq!(feed.show(scaled), Err(Cause::NotUnit));
+}
+
+#[test]
+fn f08_the_opposite_quaternion_is_the_same_attitude() {
+    let mut feed = Feed::settled();
+    let flipped = PoseV1 { attitude: [0.0, 0.0, 0.0, -1.0], ..pose_at(0.0) };
+    assert!(feed.show(flipped).is_ok());
+}
+
+#[test]
+fn f09_a_jump_is_refused_and_the_next_good_pose_believed() {
+    let mut feed = Feed::settled();
+    assert_eq!(feed.show(pose_at(0.5)), Err(Cause::Jump));
+    assert!(feed.show(pose_at(0.01)).is_ok());
+}
+
+#[test]
+fn f10_a_lasting_jump_never_becomes_believable_in_flight() {
+    let mut feed = Feed::settled();
+    for _ in 0..600 {
+        assert_eq!(feed.show(pose_at(1.0)), Err(Cause::Jump));
+    }
+    feed.guard.forget();
+    assert!(feed.show(pose_at(1.0)).is_ok(), "carried there on the ground");
+}
+
+#[test]
+fn after_a_gap_the_vehicle_may_have_moved_on() {
+    let mut feed = Feed::settled();
+    feed.time = feed.time + Span::from_millis(200);
+    assert!(feed.show(pose_at(0.6)).is_ok());
+}

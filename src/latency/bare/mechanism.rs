@@ -1,0 +1,38 @@
+//! The mechanisms that are measured without the bus.
+
+use oqtal_runtime::process::{Exit, Failure};
+
+/// A mechanism that is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mechanism {
+    /// A futex on a word in shared memory: the lower bound.
+    Futex,
+    /// An eventfd, with the message in shared memory.
+    Eventfd,
+    /// A Unix datagram socket.
+    UnixDatagram,
+    /// Publish-subscribe and events of iceoryx2 in its stock configuration.
+    Iceoryx2Listener,
+}
+
+impl Mechanism {
+    /// All mechanisms.
+    pub const ALL: [Self; 4] =
+        [Self::Futex, Self::Eventfd, Self::UnixDatagram, Self::Iceoryx2Listener];
+
+    /// Name in figures and on the command line.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Futex => "futex",
+            Self::Eventfd => "eventfd",
+            Self::UnixDatagram => "unix_datagram",
+            Self::Iceoryx2Listener => "iceoryx2_listener",
+        }
+    }
+}
+
+/// The failure of an operation of `mechanism`.
+pub(super) fn system(mechanism: Mechanism, what: &str, error: &dyn std::fmt::Display) -> Failure {
+    Failure::new(Exit::System, format!("{}: {what} failed: {error}", mechanism.name()))
+}

@@ -1,0 +1,61 @@
+//! The message that every mechanism carries, and the two ends of a mechanism.
+
+use iceoryx2::prelude::ZeroCopySend;
+use oqtal_bus::message::{Header, Message, PoseV1};
+use oqtal_bus::time::Time;
+use oqtal_runtime::process::Failure;
+
+/// Size of a message, that of a pose with its header \[words of 64 bits\].
+pub(super) const WORDS: usize = (size_of::<Header>() + PoseV1::SIZE).div_ceil(8);
+
+/// A message of the size of a pose with its header.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("oqtal.Parcel.v1")]
+#[repr(C)]
+pub struct Parcel {
+    /// When it was sent; [`Time::UNSET`] in the last one.
+    pub(super) sent_at: Time,
+    filling: [u64; WORDS - 1],
+}
+
+impl Parcel {
+    /// A message sent now.
+    #[must_use]
+    pub fn now() -> Self {
+        Self { sent_at: Time::now(), filling: [1; WORDS - 1] }
+    }
+
+    /// The last message.
+    pub const LAST: Self = Self { sent_at: Time::UNSET, filling: [0; WORDS - 1] };
+
+    pub(super) fn words(&self) -> [u64; WORDS] {
+        let mut words = [0; WORDS];
+        words[0] = self.sent_at.nanos();
+        words[1..].copy_from_slice(&self.filling);
+        words
+    }
+
+    pub(super) fn of_words(words: &[u64; WORDS]) -> Self {
+        let mut filling = [0; WORDS - 1];
+        filling.copy_from_slice(&words[1..]);
+        Self { sent_at: Time::from_nanos(words[0]), filling }
+    }
+}
+
+/// The sending end of a mechanism.
+pub trait ParcelSender {
+    /// Sends `parcel` and wakes the receiver.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    fn send(&mut self, parcel: &Parcel) -> Result<(), Failure>;
+}
+
+/// The receiving end of a mechanism.
+pub trait ParcelReceiver {
+    /// Sleeps without limit until a message arrives, and receives it.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    fn receive(&mut self) -> Result<Parcel, Failure>;
+}
