@@ -1,7 +1,7 @@
 //! Topics inside one process and one thread, for flights in virtual time without inter-process communication.
 
 use std::any::Any;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
 use std::rc::Rc;
@@ -11,15 +11,49 @@ use crate::message::{Header, Message, Stamps};
 use crate::topic::Topic;
 use crate::transport::{Publish, Subscribe, Transport};
 
-/// The samples that wait for one reader, at most `capacity`.
+/// Samples of one topic that a reader may still receive, shared by the topic's writer and readers.
 #[derive(Debug)]
-struct Queue<M> {
+struct History<M> {
     samples: VecDeque<(Header, M)>,
-    capacity: usize,
+    /// Samples sent before the first of `samples` \[-\].
+    discarded: u64,
+    cursors: Vec<Rc<Cursor>>,
 }
 
-/// The queues of all readers of one topic.
-type Queues<M> = RefCell<Vec<Rc<RefCell<Queue<M>>>>>;
+/// The position of a reader.
+#[derive(Debug)]
+struct Cursor {
+    /// Number of the next sample to read, counted from 0 \[-\].
+    next: Cell<u64>,
+    /// Samples that may wait for the reader; older ones are lost \[-\].
+    capacity: u64,
+}
+
+impl Cursor {
+    /// Number of the oldest sample that the reader has neither read nor lost after `sent` samples \[-\].
+    fn oldest(&self, sent: u64) -> u64 {
+        self.next.get().max(sent.saturating_sub(self.capacity))
+    }
+}
+
+impl<M> History<M> {
+    /// Samples sent so far \[-\].
+    fn sent(&self) -> u64 {
+        self.discarded + self.samples.len() as u64
+    }
+
+    /// Discards the samples that no reader can receive any more once another one is sent.
+    fn discard_read(&mut self) {
+        let sent = self.sent() + 1;
+        let oldest = self.cursors.iter().map(|cursor| cursor.oldest(sent)).min().unwrap_or(sent);
+        let count = oldest.saturating_sub(self.discarded).min(self.samples.len() as u64);
+        self.samples.drain(..count as usize);
+        self.discarded += count;
+    }
+}
+
+/// The history of a topic behind the ports that share it.
+type SharedHistory<M> = Rc<RefCell<History<M>>>;
 
 /// The topics of one simulated instance. Ports may be opened in any order; a reader sees what is sent after it was opened.
 #[derive(Default)]
@@ -40,18 +74,22 @@ impl MemoryBus {
         Self::default()
     }
 
-    fn queues<M: Message>(&self, topic: &Topic<M>) -> Rc<Queues<M>> {
+    fn history<M: Message>(&self, topic: &Topic<M>) -> SharedHistory<M> {
         let mut topics = self.topics.borrow_mut();
-        let queues = topics.entry(topic.name).or_insert_with(|| Rc::new(Queues::<M>::default()));
-        Rc::clone(queues).downcast().expect("a topic's name determines its message type")
+        let history = topics.entry(topic.name).or_insert_with(|| {
+            // Room for what a reader of the newest sample needs: publishing to it does not allocate.
+            let samples = VecDeque::with_capacity(4);
+            Rc::new(RefCell::new(History::<M> { samples, discarded: 0, cursors: Vec::new() }))
+        });
+        Rc::clone(history).downcast().expect("a topic's name determines its message type")
     }
 
     fn open_reader<M: Message>(&self, topic: &Topic<M>, capacity: usize) -> MemoryReader<M> {
-        // Publishing to a reader, which keeps one sample, does not allocate.
-        let samples = VecDeque::with_capacity(capacity.min(16));
-        let queue = Rc::new(RefCell::new(Queue { samples, capacity }));
-        self.queues(topic).borrow_mut().push(Rc::clone(&queue));
-        MemoryReader { queue, last_sequence: 0, lost: 0 }
+        let history = self.history(topic);
+        let next = Cell::new(history.borrow().sent());
+        let cursor = Rc::new(Cursor { next, capacity: capacity as u64 });
+        history.borrow_mut().cursors.push(Rc::clone(&cursor));
+        MemoryReader { history, cursor, has_received: false, lost: 0 }
     }
 }
 
@@ -60,7 +98,7 @@ impl Transport for MemoryBus {
     type Reader<M: Message> = MemoryReader<M>;
 
     fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryWriter<M>, BusError> {
-        Ok(MemoryWriter { queues: self.queues(topic), sequence: 0 })
+        Ok(MemoryWriter { history: self.history(topic), sequence: 0 })
     }
 
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryReader<M>, BusError> {
@@ -75,7 +113,7 @@ impl Transport for MemoryBus {
 /// The writing end of a topic in memory.
 #[derive(Debug)]
 pub struct MemoryWriter<M> {
-    queues: Rc<Queues<M>>,
+    history: SharedHistory<M>,
     sequence: u64,
 }
 
@@ -84,14 +122,9 @@ impl<M: Message> Publish<M> for MemoryWriter<M> {
         self.sequence += 1;
         let sequence = self.sequence;
         let header = Header { sequence, pose_sequence, schema: M::SCHEMA, source: 0, stamps };
-        for queue in self.queues.borrow().iter() {
-            let mut queue = queue.borrow_mut();
-            // As on the bus, the newest samples win.
-            if queue.samples.len() == queue.capacity {
-                queue.samples.pop_front();
-            }
-            queue.samples.push_back((header, body));
-        }
+        let mut history = self.history.borrow_mut();
+        history.discard_read();
+        history.samples.push_back((header, body));
         Ok(sequence)
     }
 
@@ -103,21 +136,45 @@ impl<M: Message> Publish<M> for MemoryWriter<M> {
 /// The reading end of a topic in memory.
 #[derive(Debug)]
 pub struct MemoryReader<M> {
-    queue: Rc<RefCell<Queue<M>>>,
-    last_sequence: u64,
+    history: SharedHistory<M>,
+    cursor: Rc<Cursor>,
+    has_received: bool,
     lost: u64,
+}
+
+impl<M: Message> MemoryReader<M> {
+    /// Advances to the oldest sample that is not lost; returns its number.
+    fn skip_lost(&mut self) -> u64 {
+        let (next, oldest) =
+            (self.cursor.next.get(), self.cursor.oldest(self.history.borrow().sent()));
+        // As on the bus, a loss is a gap behind a sample that was received.
+        self.lost += if self.has_received { oldest - next } else { 0 };
+        self.cursor.next.set(oldest);
+        oldest
+    }
 }
 
 impl<M: Message> Subscribe<M> for MemoryReader<M> {
     fn receive(&mut self) -> Result<Option<(Header, M)>, BusError> {
-        let Some((header, body)) = self.queue.borrow_mut().samples.pop_front() else {
-            return Ok(None);
-        };
-        if self.last_sequence > 0 {
-            self.lost += header.sequence - self.last_sequence - 1;
+        let next = self.skip_lost();
+        let history = self.history.borrow();
+        let sample = history.samples.get((next - history.discarded) as usize).copied();
+        if sample.is_some() {
+            self.cursor.next.set(next + 1);
+            self.has_received = true;
         }
-        self.last_sequence = header.sequence;
-        Ok(Some((header, body)))
+        Ok(sample)
+    }
+
+    fn drain(&mut self, mut use_sample: impl FnMut(u64, &Header, &M)) -> Result<(), BusError> {
+        let next = self.skip_lost();
+        let history = self.history.borrow();
+        for (header, body) in history.samples.range((next - history.discarded) as usize..) {
+            use_sample(self.lost, header, body);
+            self.has_received = true;
+        }
+        self.cursor.next.set(history.sent());
+        Ok(())
     }
 
     fn lost(&self) -> u64 {

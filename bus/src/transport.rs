@@ -34,6 +34,17 @@ pub trait Subscribe<M: Message> {
     /// Samples missed so far, by the gaps in their sequence numbers.
     fn lost(&self) -> u64;
 
+    /// Passes every waiting sample to `use_sample`, oldest first, with the number of samples lost so far \[-\].
+    ///
+    /// # Errors
+    /// As [`Subscribe::receive`].
+    fn drain(&mut self, mut use_sample: impl FnMut(u64, &Header, &M)) -> Result<(), BusError> {
+        while let Some((header, body)) = self.receive()? {
+            use_sample(self.lost(), &header, &body);
+        }
+        Ok(())
+    }
+
     /// Returns the newest sample and discards older ones; `None` when none arrived since the last call.
     ///
     /// # Errors

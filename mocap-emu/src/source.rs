@@ -43,13 +43,13 @@ impl<T: Transport> PoseSource for EmulatedCameras<T> {
     }
 
     fn gather(&mut self, _now: Time) -> Result<(), BusError> {
-        while let Some((_, truth)) = self.truths.receive()? {
-            if is_frame(&truth) {
-                self.health.count_input();
-                self.cameras.capture(&truth);
+        let Self { truths, cameras, health } = self;
+        truths.drain(|_, _, truth| {
+            if is_frame(truth) {
+                health.count_input();
+                cameras.capture(truth);
             }
-        }
-        Ok(())
+        })
     }
 
     fn deliver(&mut self, now: Time) -> Option<Delivery> {

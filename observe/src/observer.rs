@@ -103,15 +103,14 @@ impl<T: Transport, M: Message> Port<T, M> {
         sink: &mut S,
         callback: impl Fn(&mut S, &Reception, &M),
     ) -> Result<(), BusError> {
-        while let Some((header, body)) = self.reader.receive()? {
-            let lost = self.reader.lost();
-            if lost > self.reported_lost {
-                sink.lost(self.topic, lost - self.reported_lost);
-                self.reported_lost = lost;
+        let Self { reader, topic, reported_lost } = self;
+        reader.drain(|lost, header, body| {
+            if lost > *reported_lost {
+                sink.lost(*topic, lost - *reported_lost);
+                *reported_lost = lost;
             }
-            callback(sink, &Reception { header, received_at }, &body);
-        }
-        Ok(())
+            callback(sink, &Reception { header: *header, received_at }, body);
+        })
     }
 }
 

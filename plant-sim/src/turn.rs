@@ -19,16 +19,44 @@ pub enum Stepping {
     Sampled,
 }
 
+/// The topics that the plant publishes.
+#[derive(Debug)]
+struct Outputs<T: Transport> {
+    truths: T::Writer<TruthV1>,
+    /// `None` for a shadow of a vehicle behind a bridge: there the bridge publishes the vehicle's state.
+    vehicles: Option<T::Writer<VehicleV1>>,
+}
+
+impl<T: Transport> Outputs<T> {
+    fn publish<C: TurnClock>(
+        &mut self,
+        output: PlantOutput,
+        clock: &mut C,
+    ) -> Result<(), BusError> {
+        match output {
+            PlantOutput::Truth(truth) => {
+                self.truths.send(truth.capture, Default::default(), truth)?;
+                if truth.capture > 0 {
+                    clock.announce(&self.truths)?;
+                }
+            }
+            PlantOutput::Applied(pose_sequence, stamps, vehicle) => {
+                if let Some(vehicles) = &mut self.vehicles {
+                    vehicles.send(pose_sequence, stamps, vehicle)?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
 /// The turn of the plant.
 #[derive(Debug)]
 pub struct PlantTurn<T: Transport> {
     commands: T::Reader<CommandV1>,
-    truths: T::Writer<TruthV1>,
-    /// `None` for a shadow of a vehicle behind a bridge: there the bridge publishes the vehicle's state.
-    vehicles: Option<T::Writer<VehicleV1>>,
+    outputs: Outputs<T>,
     plant: Plant,
     stepping: Stepping,
-    outputs: Vec<PlantOutput>,
     health: Health,
 }
 
@@ -45,11 +73,12 @@ impl<T: Transport> PlantTurn<T> {
     ) -> Result<Self, BusError> {
         Ok(Self {
             commands: bus.reader(&COMMAND)?,
-            truths: bus.writer(&TRUTH)?,
-            vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
+            outputs: Outputs {
+                truths: bus.writer(&TRUTH)?,
+                vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
+            },
             plant,
             stepping,
-            outputs: Vec::with_capacity(64),
             health: Health::default(),
         })
     }
@@ -58,26 +87,6 @@ impl<T: Transport> PlantTurn<T> {
     #[must_use]
     pub fn counted_in(self, health: Health) -> Self {
         Self { health, ..self }
-    }
-
-    fn publish<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
-        let Self { truths, vehicles, outputs, .. } = self;
-        for output in outputs.drain(..) {
-            match output {
-                PlantOutput::Truth(truth) => {
-                    truths.send(truth.capture, Default::default(), truth)?;
-                    if truth.capture > 0 {
-                        clock.announce(truths)?;
-                    }
-                }
-                PlantOutput::Applied(pose_sequence, stamps, vehicle) => {
-                    if let Some(vehicles) = vehicles {
-                        vehicles.send(pose_sequence, stamps, vehicle)?;
-                    }
-                }
-            }
-        }
-        Ok(())
     }
 }
 
@@ -94,13 +103,19 @@ impl<T: Transport> Turn for PlantTurn<T> {
         // Read after the command was taken, so that it is not received before it was sent.
         let now = clock.now();
         let Self { plant, outputs, .. } = self;
-        plant.advance(now, |output| outputs.push(output));
+        let mut published = Ok(());
+        plant.advance(now, |output| {
+            if published.is_ok() {
+                published = outputs.publish(output, clock);
+            }
+        });
+        published?;
         if let Some((header, command)) = arrival {
             self.health.count_input();
             plant.receive(now, header, command, self.commands.lost());
             // The truth at the daemon's tick, for the evaluation of the flight.
-            outputs.push(PlantOutput::Truth(plant.truth()));
+            outputs.publish(PlantOutput::Truth(plant.truth()), clock)?;
         }
-        self.publish(clock)
+        Ok(())
     }
 }
