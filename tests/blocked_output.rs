@@ -36,7 +36,7 @@ fn start_into(pipe: &PipeWriter, command: &mut Command) -> Running {
 }
 
 #[test]
-fn an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log() {
+fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log() {
     let testbed = Testbed::new("blocked");
     let (_reader, pipe) = full_pipe();
     let bus = testbed.bus();

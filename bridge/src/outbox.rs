@@ -50,7 +50,7 @@ pub struct Outbox {
     setpoint: Span,
     period: Span,
     outgoing: Option<Outgoing>,
-    /// Instant since which the port holds back more than the line should have ahead.
+    /// Instant since which the port holds back more than the computed backlog.
     held_since: Option<Time>,
 }
 
@@ -140,8 +140,8 @@ impl Outbox {
         self.line.time_for(bytes)
     }
 
-    /// Instant from which the line has no more than one set-point ahead: until then a new command replaces the one that waits;
-    /// on the line it could not.
+    /// Instant at which the backlog of the line falls to one set-point. Until then a waiting command can still be replaced by a
+    /// newer one.
     #[must_use]
     pub fn clear_at(&self, now: Time) -> Time {
         now + (self.line.ahead(now) - self.setpoint).max(Span::ZERO)

@@ -10,9 +10,10 @@ use oqtal_bus::time::{Span, Time};
 
 /// Time without a command after which a set-point is sent by the bridge's own clock \[control periods\].
 const OWN_CLOCK_PERIODS: f64 = 1.5;
-/// Widest spacing of periodic words \[control periods\]: a vehicle asked less often is not supervised.
+/// Widest spacing of periodic words \[control periods\]: the state of a vehicle that is polled less often is not supervised.
 const WIDEST_SPACING: u32 = 12;
-/// Number of set-points by the own clock after which no command is expected. Before, a command is late, and would wait for a word.
+/// Number of set-points by the bridge's own clock after which no command is expected \[-\]. Below it a late command may still
+/// arrive, so that no periodic word is sent in its way.
 const ALONE_AFTER: u32 = 3;
 /// Time that a radio and the vehicle's own loop need to turn a request into an answer.
 const TURNAROUND: Span = Span::from_millis(2);
@@ -24,7 +25,7 @@ pub struct Schedule {
     /// Shortest time between two periodic words.
     spacing: Span,
     last_setpoint: Time,
-    /// Set-points by the own clock since the last that went with a command.
+    /// Set-points sent by the bridge's own clock since the last one that carried a command.
     own_setpoints: u32,
     last_word: Time,
 }

@@ -84,7 +84,7 @@ pub enum Role {
     Mocap,
     /// The controller: daemon.
     Daemon,
-    /// The recorder of the flight: the front door.
+    /// The recorder, in the process of `oqtal fly`.
     Recorder,
     /// The link to a real vehicle: bridge.
     Bridge,

@@ -28,7 +28,7 @@ pub trait Subscribe<M: Message> {
     /// Returns the next sample, oldest first; `None` when there is none.
     ///
     /// # Errors
-    /// The writer speaks another version, or the transport failed.
+    /// The writer has a different message schema, or the transport failed.
     fn receive(&mut self) -> Result<Option<(Header, M)>, BusError>;
 
     /// Samples missed so far, by the gaps in their sequence numbers.
@@ -68,18 +68,18 @@ pub trait Transport {
     /// Opens the one writer of a topic.
     ///
     /// # Errors
-    /// The topic has a writer already, or speaks another version.
+    /// The topic has a writer already, or has a different message schema.
     fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Writer<M>, BusError>;
 
     /// Opens a reader that keeps the newest sample only, for a control loop.
     ///
     /// # Errors
-    /// The topic speaks another version, or the transport failed.
+    /// The topic has a different message schema, or the transport failed.
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Reader<M>, BusError>;
 
     /// Opens a reader that keeps as many samples as the topic allows, for an observer that must not miss one.
     ///
     /// # Errors
-    /// The topic speaks another version, or the transport failed.
+    /// The topic has a different message schema, or the transport failed.
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Reader<M>, BusError>;
 }

@@ -1,4 +1,4 @@
-//! `[vehicle]`: what the controller believes of the vehicle. Laws, estimators, predictor and tuning are designed for it.
+//! `[vehicle]`: the controller's model of the vehicle. Laws, estimators, predictor and tuning are designed for it.
 
 use oqtal_control::rigid_body::{Inertia, InertiaError};
 use serde::{Deserialize, Serialize};

@@ -37,7 +37,7 @@ pub struct Guard {
     last_source: u64,
     last_pose: PoseV1,
     repeats: u32,
-    /// Time since the last accepted pose when the present run of jumps began \[s\].
+    /// Time between the last accepted pose and the first of the present consecutive jumps \[s\].
     unseen_s: Option<f64>,
     lost: u64,
     superseded: u64,

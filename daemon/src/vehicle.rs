@@ -13,11 +13,11 @@ pub struct VehicleWatch {
     start: Span,
     heard: Option<(Time, VehicleV1)>,
     answered_at: Option<Time>,
-    /// When the motors were last said to run since the flight began.
+    /// Last instant since the start of the flight at which the motors were reported running.
     ran_at: Option<Time>,
-    /// Since when the flight has waited for the motors to be started, then for them to run.
+    /// Instant since which the flight waits for the start of the motors, then for the motors to run.
     awaited_since: Option<Time>,
-    /// Whether they were being started since the flight began.
+    /// Whether the motors were reported starting since the start of the flight.
     were_starting: bool,
     /// The process that published last, and whether it is another than when the flight began.
     speaker: Option<u64>,

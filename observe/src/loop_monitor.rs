@@ -24,7 +24,7 @@ pub struct LoopCounters {
     pub commands: u64,
     /// Commands that the vehicle missed, by the gaps in their sequence.
     pub commands_lost: u64,
-    /// Samples that the observer lost; the figures lack them.
+    /// Samples that the observer lost; they are not included in the figures.
     pub unheard: u64,
 }
 

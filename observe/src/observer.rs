@@ -23,7 +23,7 @@ impl<T: Transport> BusObserver<T> {
     /// Opens a reader for each of `topics`, with the longest buffer that the topic allows.
     ///
     /// # Errors
-    /// A topic speaks another version, or the transport failed.
+    /// A topic has a different message schema, or the transport failed.
     pub fn open(bus: &T, topics: &[ObservedTopic]) -> Result<Self, BusError> {
         let mut observer = Self {
             telemetry: None,
@@ -58,7 +58,7 @@ impl<T: Transport> BusObserver<T> {
     /// their reception.
     ///
     /// # Errors
-    /// A topic speaks another version, or the transport failed.
+    /// A topic has a different message schema, or the transport failed.
     pub fn poll(&mut self, now: Time, sink: &mut impl Sink) -> Result<(), BusError> {
         let Self { telemetry, truth, pose, command, vehicle, health } = self;
         drain(telemetry, now, sink, Sink::telemetry)?;

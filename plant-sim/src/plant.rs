@@ -53,8 +53,8 @@ pub struct Plant {
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
-    /// Instant at which the motors stop unless a further command arrives; `None` while they stand.
-    falls_silent_at: Option<Time>,
+    /// Instant at which the motors stop unless a further command arrives; `None` while the motors are off.
+    command_timeout_at: Option<Time>,
     armed: bool,
     commands_lost: u64,
 }
@@ -84,7 +84,7 @@ impl Plant {
                 Interface::Torque => Actuation::Torque,
             },
             max_torque: options.max_torque_nm,
-            falls_silent_at: None,
+            command_timeout_at: None,
             armed: false,
             commands_lost: 0,
         }
@@ -94,7 +94,7 @@ impl Plant {
     #[must_use]
     pub fn next_event(&self) -> Time {
         let applied = self.radio.front().map(|on_air| on_air.acts_at);
-        [applied, self.falls_silent_at].into_iter().flatten().fold(self.camera.next(), Time::min)
+        [applied, self.command_timeout_at].into_iter().flatten().fold(self.camera.next(), Time::min)
     }
 
     /// The next instant at which observers expect a sample of the truth.
@@ -172,7 +172,7 @@ impl Plant {
             };
             out(PlantOutput::Applied(on_air.header.pose_sequence, stamps, vehicle));
         }
-        if self.falls_silent_at.is_some_and(|at| at <= self.time) {
+        if self.command_timeout_at.is_some_and(|at| at <= self.time) {
             self.act_on(&CommandV1::default());
         }
     }
@@ -183,7 +183,7 @@ impl Plant {
             .filter(|actuation| *actuation == self.accepts)
             .unwrap_or(Actuation::Disarmed);
         self.armed = actuation != Actuation::Disarmed;
-        self.falls_silent_at = self.armed.then(|| self.time + COMMAND_TIME_OUT);
+        self.command_timeout_at = self.armed.then(|| self.time + COMMAND_TIME_OUT);
         let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };

@@ -1,5 +1,5 @@
 //! The health of a process: a record that its threads share, and the heartbeat on its health topic. The loop itself sends the
-//! heartbeat, so that a loop that stands still is silent.
+//! heartbeat, so that a hung loop sends none.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -13,7 +13,7 @@ use crate::turn::{Turn, TurnClock};
 pub struct Delivery {
     /// Number of its camera frame, from 1 \[-\]; a gap is a lost frame.
     pub frame: u64,
-    /// The stamps up to the capture.
+    /// Only `captured_at` is set: the instant of capture on the monotonic clock of this machine.
     pub stamps: Stamps,
     /// The measured pose.
     pub pose: PoseV1,

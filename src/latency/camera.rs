@@ -11,7 +11,7 @@ use super::bare::{Mechanism, Parcel, ParcelSender, directory, open_sender};
 use super::record::Record;
 use super::sleep::sleep_until;
 
-/// Where its record of how late it woke is left.
+/// File of the recorded wake-up lateness.
 pub const RECORD: &str = "sleep.record";
 
 /// A pose every period, at the period's beginning; then the bare mechanisms, evenly spread, in an order that rotates.

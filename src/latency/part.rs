@@ -12,29 +12,29 @@ use super::{camera, sleep, vehicle};
 /// Word of the command line that starts a stand-in.
 pub const COMMAND: &str = "latency-part";
 
-/// The stand-ins; each is set up like the process that it stands in for.
+/// The measuring processes; each has the settings of the process that it replaces.
 #[derive(Subcommand, Clone, Debug)]
 #[command(rename_all = "snake_case")]
 pub enum Part {
-    /// Publishes poses, and gives by the bare mechanisms
+    /// Publishes poses and sends by each bare mechanism
     #[command(subcommand)]
     Camera(ProcessCommand),
-    /// Takes commands
+    /// Receives commands
     #[command(subcommand)]
     Vehicle(ProcessCommand),
     /// Wakes every millisecond
     #[command(subcommand)]
     Periodic(ProcessCommand),
-    /// Takes by a futex
+    /// Receives by a futex
     #[command(subcommand)]
     Futex(ProcessCommand),
-    /// Takes by an eventfd
+    /// Receives by an eventfd
     #[command(subcommand)]
     Eventfd(ProcessCommand),
-    /// Takes by a Unix datagram socket
+    /// Receives by a Unix datagram socket
     #[command(subcommand)]
     UnixDatagram(ProcessCommand),
-    /// Takes by a listener of iceoryx2
+    /// Receives by a listener of iceoryx2
     #[command(subcommand)]
     Iceoryx2Listener(ProcessCommand),
 }

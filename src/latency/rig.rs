@@ -24,17 +24,17 @@ use super::record::Record;
 use super::{camera, part};
 use crate::child::{Child, command};
 
-/// A process has so long to come up, or to write its record.
-const PATIENCE: Span = Span::from_millis(10_000);
-/// No flight is longer; a measurement is shorter.
+/// Time-out for a process to start or to write its record.
+const PROCESS_TIMEOUT: Span = Span::from_millis(10_000);
+/// Duration of the hover flown during a measurement \[s\]; an upper limit of its length.
 const LONGEST_FLIGHT_S: f64 = 3600.0;
 
-/// What the bare mechanisms and the sleep of the camera took.
+/// Latencies of the mechanisms without the bus, and of the camera's absolute sleeps.
 #[derive(Debug, Default)]
 pub struct Bare {
-    /// From before it was given to after it was taken, by mechanism.
+    /// Time from before the send until after the receive, by mechanism.
     pub mechanisms: BTreeMap<&'static str, Distribution>,
-    /// How late the camera woke from absolute sleeps.
+    /// Lateness of the camera after absolute sleeps.
     pub sleep: Distribution,
 }
 
@@ -81,7 +81,7 @@ impl Rig {
         &self.config
     }
 
-    /// Where it lives.
+    /// Paths and names of the rig's instance.
     #[must_use]
     pub fn place(&self) -> &InstancePaths {
         &self.place
@@ -135,7 +135,7 @@ impl Rig {
     }
 
     fn wait_until_ready(&mut self) -> Result<(), Failure> {
-        let give_up = Time::now() + PATIENCE;
+        let give_up = Time::now() + PROCESS_TIMEOUT;
         for mechanism in Mechanism::ALL {
             let sign = self.directory.join(format!("{}.ready", mechanism.name()));
             while !sign.exists() {
@@ -176,7 +176,7 @@ impl Rig {
         let mut bare = Bare::default();
         for (mechanism, mut taker) in self.takers.drain(..) {
             // The camera's last message ends it.
-            taker.ends_within(PATIENCE);
+            taker.ends_within(PROCESS_TIMEOUT);
             let file = self.directory.join(format!("{}.record", mechanism.name()));
             let spans = read(&file, from, to)?;
             bare.mechanisms.insert(mechanism.name(), spans);

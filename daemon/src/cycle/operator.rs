@@ -96,7 +96,7 @@ impl Cycle {
         self.requests.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(true)
     }
 
-    /// Takes the process that speaks for the vehicle. A requested flight is meant for the vehicle that was there: with another
+    /// Records which process publishes the topic `vehicle`. A requested flight is meant for the vehicle that was there: with another
     /// vehicle it is cancelled and must be requested again.
     pub(super) fn notice_speaker(&mut self, speaker: u64) {
         let is_another = self.vehicle.speaker().is_some_and(|known| known != speaker);
