@@ -216,7 +216,7 @@ impl Bridge {
     }
 
     /// Looks at the port, which has `queued` bytes yet to send; returns whether everything handed over is to be discarded, as
-    /// [`Outbox::is_stuck`].
+    /// `Outbox::is_stuck`.
     #[must_use]
     pub fn is_stuck(&mut self, now: Time, queued: usize) -> bool {
         self.outbox.is_stuck(now, queued)

@@ -1,6 +1,6 @@
 //! Ports of topics between processes: typed writers and readers over untyped ones.
 //!
-//! A message type costs its encoding only: everything of iceoryx2 is behind [`RawWriter`] and [`RawReader`], compiled once.
+//! A message type costs its encoding only: everything of iceoryx2 is behind `RawWriter` and `RawReader`, compiled once.
 
 use std::fmt;
 use std::marker::PhantomData;

@@ -1,6 +1,6 @@
 //! Wake-up of sleeping processes: one event count in shared memory for each topic.
 //!
-//! [`Notifier::notify`] increments the count and wakes all sleepers. A [`Listener`] remembers the count that it saw last and
+//! `Notifier::notify` increments the count and wakes all sleepers. A [`Listener`] remembers the count that it saw last and
 //! sleeps only while the count has that value, which the kernel compares before it puts the thread to sleep: a notification
 //! between two waits is never lost, and a process that dies between any two instructions leaves nothing to repair.
 

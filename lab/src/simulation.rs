@@ -111,7 +111,12 @@ impl Simulation {
                 PoseProcess::Cameras(turn) => step(turn.as_mut(), now),
                 PoseProcess::Playback(turn) => step(turn, now),
             },
-            Role::Daemon => step(&mut self.daemon, now),
+            Role::Daemon => {
+                let result = step(&mut self.daemon, now)?;
+                // Once per tick, so that what waits for the recorder stays in the caches.
+                self.observer.poll(now, &mut self.recorder)?;
+                Ok(result)
+            }
             // They take no part in virtual time.
             Role::Recorder | Role::Bridge => Ok(TurnResult::default()),
         }

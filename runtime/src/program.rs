@@ -57,7 +57,7 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Prints a message on standard error. Waits at most [`SAY_TIMEOUT`] for an output that does not drain. An error is ignored: no
+/// Prints a message on standard error. Waits at most 300 ms for an output that does not drain. An error is ignored: no
 /// channel is left to report it on.
 pub fn say(text: &str) {
     let line = format!("{text}\n");

@@ -139,7 +139,7 @@ const DUEL: [Column; 10] = [
     ("met", "met"),
 ];
 
-/// The table of [`OURS`] against the best rival: every metric on the nominal plant, the chirp on the mismatched ones.
+/// The table of `oqtal-dt` against the best rival: every metric on the nominal plant, the chirp on the mismatched ones.
 #[must_use]
 pub fn duels(nominal: &Evidence<'_>, mismatched: &[Evidence<'_>]) -> Sheet {
     let goals = |metric| GOALS.iter().filter(move |(of, _)| *of == metric).map(|(_, goal)| *goal);

@@ -26,7 +26,7 @@ pub struct Trace {
     pub points: Vec<Point>,
 }
 
-/// Thins `points` to at most [`MOST_POINTS`]; minimum and maximum of every stretch are kept.
+/// Thins `points` to at most `MOST_POINTS`; minimum and maximum of every stretch are kept.
 pub fn thin(points: Vec<Point>) -> Vec<Point> {
     if points.len() <= MOST_POINTS {
         return points;
@@ -48,7 +48,7 @@ fn extremes(stretch: &[Point]) -> impl Iterator<Item = Point> {
     std::iter::once(first).chain(second)
 }
 
-/// Thins the points of a path to at most [`MOST_POINTS`]: those at a distance from the last one kept. Outliers are kept.
+/// Thins the points of a path to at most `MOST_POINTS`: those at a distance from the last one kept. Outliers are kept.
 pub fn thin_path(points: Vec<Point>) -> Vec<Point> {
     let mut kept: Vec<Point> = points.into_iter().filter(is_drawable_point).collect();
     let (x, y) = (extent(kept.iter().map(|p| p.0)), extent(kept.iter().map(|p| p.1)));

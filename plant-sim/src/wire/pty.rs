@@ -48,7 +48,7 @@ impl PseudoTerminal {
         Ok(Self { near, far, terminal, link: link.to_path_buf() })
     }
 
-    /// Sleeps until `until`, or, if `listen`, until bytes arrive, at most [`LONGEST_WAIT`].
+    /// Sleeps until `until`, or, if `listen`, until bytes arrive, at most `LONGEST_WAIT`.
     ///
     /// # Errors
     /// The operating system refuses.
