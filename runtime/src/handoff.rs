@@ -56,12 +56,6 @@ impl<Note, Request, Reply> RtHandle<Note, Request, Reply> {
         self.requests.try_recv().ok()
     }
 
-    /// Whether a request waits.
-    #[must_use]
-    pub fn has_request(&self) -> bool {
-        !self.requests.is_empty()
-    }
-
     /// Sends a reply. One that finds the queue full has nobody waiting for it any more and is dropped.
     pub fn reply(&self, reply: Reply) {
         let _ = self.replies.try_send(reply);

@@ -1,7 +1,7 @@
 //! Where the poses of topic `pose` come from: emulated cameras, a recording, a receiver of a real camera system.
 
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{HealthV1, PoseV1, Stamps};
+use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::POSE;
 use oqtal_bus::transport::{Publish, Transport};
@@ -72,9 +72,5 @@ impl<T: Transport, S: PoseSource> Turn for PoseTurn<T, S> {
             clock.announce(&self.poses)?;
         }
         Ok(())
-    }
-
-    fn health(&self, _now: Time) -> HealthV1 {
-        HealthV1::default()
     }
 }
