@@ -43,6 +43,8 @@ code! {
         Sticks = 1 => "sticks",
         /// Torque and collective thrust.
         Torque = 2 => "torque",
+        /// Attitude and collective thrust, for a vehicle that holds the attitude by itself.
+        Attitude = 3 => "attitude",
     }
 }
 

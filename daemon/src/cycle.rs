@@ -12,6 +12,7 @@ use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TelemetryV1, Vehicle
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
 use oqtal_control::estimator::Estimator;
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions};
 
@@ -274,14 +275,15 @@ impl Cycle {
         };
         let command = match &output {
             _ if reference.is_none() => VehicleCommand::Disarmed,
-            _ if is_held => VehicleCommand::idle(self.interface),
+            _ if is_held => self.idle(),
             Some(output) => output.command.finite_or_disarmed(),
             None => self.memory.held,
         };
         self.record(now, reference.as_ref(), output.as_ref(), fresh);
-        let message = command.to_message(self.max_thrust_n);
+        let message = command.to_message(self.interface, self.max_thrust_n);
         self.telemetry.sticks = message.sticks;
         self.telemetry.torque = message.torque;
+        self.telemetry.attitude_sent = message.attitude;
         self.telemetry.thrust = message.thrust;
         self.memory.held = command;
         // Telemetry has the command that would have been sent.
@@ -291,6 +293,12 @@ impl Cycle {
         };
         self.memory.sent = sent;
         message
+    }
+
+    /// The command that keeps the rotors idling, at the present heading.
+    fn idle(&self) -> VehicleCommand {
+        let heading = EulerAngles::from_attitude(&self.estimator.latest().attitude).yaw;
+        VehicleCommand::idle(self.interface, heading)
     }
 }
 

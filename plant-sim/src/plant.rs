@@ -6,7 +6,9 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
-use oqtal_config::{Config, Interface};
+use oqtal_config::Config;
+use oqtal_control::quaternion::Attitude;
+use oqtal_runtime::actuation::actuation_of;
 
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
 use crate::spread::drawn;
@@ -79,10 +81,7 @@ impl Plant {
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
             input: PlantInput::default(),
-            accepts: match options.interface {
-                Interface::Rate => Actuation::Sticks,
-                Interface::Torque => Actuation::Torque,
-            },
+            accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
             command_timeout_at: None,
             armed: false,
@@ -187,19 +186,23 @@ impl Plant {
         let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
+        let thrusting = PlantInput { thrust: clamp(command.thrust, 0.0), ..PlantInput::default() };
         self.input = match actuation {
             Actuation::Disarmed => PlantInput::default(),
-            Actuation::Sticks => PlantInput {
-                sticks: Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0)),
-                thrust: clamp(command.thrust, 0.0),
-                ..PlantInput::default()
-            },
-            Actuation::Torque => PlantInput {
-                torque: Vector3::from(command.torque)
-                    .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 }),
-                thrust: clamp(command.thrust, 0.0),
-                ..PlantInput::default()
-            },
+            Actuation::Sticks => {
+                let sticks = Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0));
+                PlantInput { sticks, ..thrusting }
+            }
+            Actuation::Torque => {
+                let torque = Vector3::from(command.torque)
+                    .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 });
+                PlantInput { torque, ..thrusting }
+            }
+            // Level in place of numbers that are no attitude.
+            Actuation::Attitude => {
+                let attitude = Attitude::from_xyzw(command.attitude).unwrap_or_default();
+                PlantInput { attitude: **attitude.unit_quaternion(), ..thrusting }
+            }
         };
     }
 

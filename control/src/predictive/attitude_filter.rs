@@ -5,11 +5,12 @@
 //! the error `[theta; omega; d]` follows the model; the coupling of the axes, of the size of the angle turned between
 //! two poses, is neglected.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix3x1, Vector3};
 
 use super::kalman::{Covariance, StateTransition};
 use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
+use crate::linear::discretise;
 use crate::quaternion::Attitude;
 
 /// Standard deviations at take-off: of rate \[rad/s\] and bias \[as the demand\].
@@ -69,6 +70,14 @@ impl AttitudeFilter {
                     0.0, decay, 1.0 - decay,
                     0.0, 0.0, 1.0,
                 )
+            }
+            Rotation::AttitudeLoop { gain_per_s: gain, lag_s, .. } => {
+                let a = Matrix3::new(
+                    0.0, 1.0, 0.0,
+                    -gain / lag_s, -1.0 / lag_s, 1.0 / lag_s,
+                    0.0, 0.0, 0.0,
+                );
+                discretise(&a, &Matrix3x1::zeros(), h).0
             }
             Rotation::RigidBody { .. } => Matrix3::new(
                 1.0, h, h * h / 2.0,
