@@ -103,6 +103,10 @@ code! {
         /// Neither plant nor bridge answers, or the vehicle behind the bridge does not, or its motors stopped in flight or never
         /// started, or another process took its place.
         NoVehicle = 11 => "vehicle silent",
+        /// The request was read after the operator had given up waiting for the answer.
+        Expired = 40 => "request came too late",
+        /// The operator expects the daemon to run with another configuration.
+        OtherConfig = 41 => "configurations differ",
     }
 }
 

@@ -191,6 +191,7 @@ impl Cycle {
     pub fn hear(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
         self.notice_speaker(header.source);
         self.vehicle.hear(now, header.source, vehicle);
+        self.requests.stop |= vehicle.stopped != 0 && self.is_flying();
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
             let still_to_go = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);

@@ -80,6 +80,8 @@ message! {
         starting: u8 ["flag"],
         /// 1 if the vehicle answers.
         link: u8 ["flag"],
+        /// 1 while an operator's stop keeps the motors off, whatever is commanded.
+        stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
         simulated: u8 ["flag"],
     }
