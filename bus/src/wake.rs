@@ -58,8 +58,7 @@ impl EventPorts {
     fn open(&self, topic: &str) -> Result<SharedWords, BusError> {
         let _lock = self.membership.lock()?;
         let path = self.path(topic);
-        SharedWords::open(&path, 1)
-            .map_err(|error| BusError::of_shared_file(topic, path, &error))
+        SharedWords::open(&path, 1).map_err(|error| BusError::of_shared_file(topic, path, &error))
     }
 
     pub(crate) fn path(&self, topic: &str) -> PathBuf {
