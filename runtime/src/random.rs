@@ -29,6 +29,8 @@ pub enum RandomSource {
     DownlinkErrors = 7,
     /// Deviations of the simulated vehicle's parameters from their nominal values.
     Spread = 8,
+    /// Faults by hand.
+    Fault = 20,
 }
 
 /// The stream of `source` under `seed`.
