@@ -7,6 +7,9 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
 use oqtal_config::{Config, Interface};
+use oqtal_runtime::faults::RadioDisturbance;
+use oqtal_runtime::random::{Generator, RandomSource, stream};
+use rand::RngExt;
 
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
 use crate::spread::drawn;
@@ -50,6 +53,8 @@ pub struct Plant {
     constant_acceleration: Vector3<f64>,
     radio: VecDeque<OnAir>,
     radio_delay: Span,
+    /// Faults of the radio, and the random numbers that they need.
+    disturbed: (RadioDisturbance, Generator),
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
@@ -78,6 +83,7 @@ impl Plant {
             constant_acceleration,
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
+            disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
             input: PlantInput::default(),
             accepts: match options.interface {
                 Interface::Rate => Actuation::Sticks,
@@ -109,7 +115,21 @@ impl Plant {
         let mut header = header;
         header.stamps.received_at = now;
         self.commands_lost = lost;
-        self.radio.push_back(OnAir { acts_at: now + self.radio_delay, header, command });
+        let (disturbance, generator) = &mut self.disturbed;
+        if disturbance.loss_probability > 0.0
+            && generator.random::<f64>() < disturbance.loss_probability
+        {
+            return;
+        }
+        // Commands keep their order, also behind one that a fault delays.
+        let arrival = now + self.radio_delay + disturbance.delay;
+        let acts_at = self.radio.back().map_or(arrival, |last| arrival.max(last.acts_at));
+        self.radio.push_back(OnAir { acts_at, header, command });
+    }
+
+    /// Disturbs the radio from now on.
+    pub fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
+        self.disturbed.0 = disturbance;
     }
 
     /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.

@@ -31,6 +31,8 @@ pub enum RandomSource {
     Spread = 8,
     /// Faults by hand.
     Fault = 20,
+    /// Loss of commands on a radio with a fault, one draw per command.
+    RadioFault = 21,
 }
 
 /// The stream of `source` under `seed`.
