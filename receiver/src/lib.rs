@@ -1,0 +1,4 @@
+//! The receiver process: poses of a real camera system, in place of the emulated one.
+#![forbid(unsafe_code)]
+
+pub mod clock;
