@@ -118,7 +118,7 @@ impl Simulation {
                 Ok(result)
             }
             // They take no part in virtual time.
-            Role::Recorder | Role::Bridge => Ok(TurnResult::default()),
+            Role::Recorder | Role::Bridge | Role::Receiver => Ok(TurnResult::default()),
         }
     }
 

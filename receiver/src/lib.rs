@@ -2,3 +2,5 @@
 #![forbid(unsafe_code)]
 
 pub mod clock;
+pub mod gate;
+pub mod link;
