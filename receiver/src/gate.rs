@@ -65,6 +65,23 @@ pub struct FrameCounts {
     pub restarts: u64,
 }
 
+impl FrameCounts {
+    /// The sums of both.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            arrived: self.arrived + other.arrived,
+            lost: self.lost + other.lost,
+            repeated: self.repeated + other.repeated,
+            out_of_order: self.out_of_order + other.out_of_order,
+            undated: self.undated + other.undated,
+            suspect: self.suspect + other.suspect,
+            late: self.late + other.late,
+            restarts: self.restarts + other.restarts,
+        }
+    }
+}
+
 /// The gate of the frames of one server, or of one body where each body has stamps of its own.
 #[derive(Clone, Debug)]
 pub struct FrameGate {
@@ -155,7 +172,8 @@ impl FrameGate {
     /// A number that is not after the last one: of a frame that is repeated or late, or of a server that counts anew.
     fn restart(&mut self, number: u32, step: i64) -> Result<u64, FrameRefusal> {
         let (count, before) = self.renumbered;
-        self.renumbered = if count > 0 && number > before { (count + 1, number) } else { (1, number) };
+        self.renumbered =
+            if count > 0 && number > before { (count + 1, number) } else { (1, number) };
         if self.renumbered.0 < RENUMBERED {
             return Err(if step == 0 { FrameRefusal::Repeated } else { FrameRefusal::OutOfOrder });
         }

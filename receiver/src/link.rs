@@ -8,7 +8,7 @@ pub const FORMS: &str = "qtm:HOST[:PORT],body=NAME[@INSTANCE][,transport=udp|tcp
      vrpn:HOST[:PORT],body=NAME[@INSTANCE] or \
      natnet:HOST[:PORT],body=NAME|ID[@INSTANCE][,multicast=ADDR|unicast]; several bodies by several body=";
 /// Versions of the protocol of QTM that are spoken, the oldest first.
-pub const QTM_VERSIONS: [u16; 2] = [8, 28];
+pub const QTM_VERSIONS: [u8; 2] = [8, 28];
 /// Most bodies of one link.
 pub const MAX_BODIES: usize = 64;
 
@@ -20,7 +20,7 @@ pub enum CameraProtocol {
         /// Whether frames come as datagrams; by the connection itself otherwise.
         udp: bool,
         /// The number after the dot of the version: 25 for 1.25.
-        minor: u16,
+        minor: u8,
     },
     /// VRPN of Vicon Tracker, Motive and others.
     Vrpn,
@@ -131,7 +131,7 @@ impl CameraProtocol {
     }
 }
 
-fn parse_version(text: &str) -> Result<u16, String> {
+fn parse_version(text: &str) -> Result<u8, String> {
     let [oldest, newest] = QTM_VERSIONS;
     let minor = text.strip_prefix("1.").and_then(|minor| minor.parse().ok());
     minor
@@ -241,7 +241,8 @@ impl fmt::Display for CameraLink {
         match self.protocol {
             CameraProtocol::Qtm { udp, minor } => {
                 let transport = if udp { "" } else { ",transport=tcp" };
-                let version = if minor == 25 { String::new() } else { format!(",version=1.{minor}") };
+                let version =
+                    if minor == 25 { String::new() } else { format!(",version=1.{minor}") };
                 write!(f, "{transport}{version}")
             }
             CameraProtocol::Natnet { delivery: NatnetDelivery::Unicast } => write!(f, ",unicast"),

@@ -71,7 +71,9 @@ impl Server {
         let delay_ms = match self.jitter {
             Jitter::Uniform => 4.9 * self.random.uniform(),
             Jitter::Exponential => self.random.exponential_ms(1.5),
-            Jitter::Stalls if self.random.uniform() < 0.005 => 100.0 + 400.0 * self.random.uniform(),
+            Jitter::Stalls if self.random.uniform() < 0.005 => {
+                100.0 + 400.0 * self.random.uniform()
+            }
             Jitter::Stalls => self.random.exponential_ms(1.5),
         };
         let arrival = captured + LEAST_DELAY + Span::from_seconds(delay_ms * 1e-3);
@@ -86,7 +88,9 @@ fn errors_after(from_s: f64, server: &mut Server, clock: &mut ServerClock) -> Ve
     let end = server.frame + (20.0 * server.rate_hz) as u64;
     while server.frame < end {
         let (captured, stamp_ns, arrival) = server.next();
-        if let StampVerdict::Known(CaptureTime { captured_at, .. }) = clock.observe(stamp_ns, arrival) {
+        if let StampVerdict::Known(CaptureTime { captured_at, .. }) =
+            clock.observe(stamp_ns, arrival)
+        {
             assert!(captured_at <= arrival, "captured after it arrived");
             if server.frame as f64 > from_s * server.rate_hz {
                 errors.push((captured_at.since(captured) - LEAST_DELAY).nanos().abs());

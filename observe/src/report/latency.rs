@@ -95,7 +95,9 @@ fn wire(figures: &WireFigures) -> Markup {
 fn budget(summary: &Summary) -> Markup {
     let hops: Vec<&str> = NAMES
         .into_iter()
-        .filter(|name| *name != WHOLE && !RECEIVER.contains(name) && summary.hops.contains_key(name))
+        .filter(|name| {
+            *name != WHOLE && !RECEIVER.contains(name) && summary.hops.contains_key(name)
+        })
         .collect();
     let median = |name: &str| summary.hops.get(name).map_or(0, |hop| hop.p50_ns);
     let total: u64 = hops.iter().map(|name| median(name)).sum();
