@@ -5,7 +5,7 @@
 //! | direct | the client connects to TCP port 3883 |
 //! | called back | the client sends the datagram `IP PORT` and a NUL to UDP port 3883, and the server connects to that address |
 //!
-//! Both ends send a cookie of 24 bytes, `vrpn: ver. 07.35  0`; the major version must agree. Then messages follow, big endian: length
+//! Both ends send a cookie of 24 bytes, `vrpn: ver. 07.38  0`; the major version must agree. Then messages follow, big endian: length
 //! without padding (u32), time (u32 s, u32 us), sender (i32), type (i32), sequence number (u32), payload, padding to 8 bytes. Each end
 //! numbers its senders and types and describes them by messages of the types -1 and -2 before it uses them.
 //!
@@ -14,7 +14,7 @@
 //!
 //! [`VrpnClient`] and [`VrpnSession`] are the two ends of a connection: bytes in, poses and bytes out, no I/O.
 //!
-//! Source: the client and server of vrpn/vrpn, version 07.35.
+//! Source: the client and server of vrpn/vrpn, version 07.38.
 
 mod callback;
 mod client;

@@ -45,7 +45,7 @@ fn a_ping_is_answered() {
 
 #[test]
 fn the_bytes_are_those_of_vrpn() {
-    assert_eq!(&VrpnVersion::OURS.to_cookie(), b"vrpn: ver. 07.35  0\0\0\0\0\0");
+    assert_eq!(&VrpnVersion::OURS.to_cookie(), b"vrpn: ver. 07.38  0\0\0\0\0\0");
     let mut out = Vec::new();
     let message = VrpnMessage { seconds: 1, micros: 2, sender: 3, kind: 4, payload: b"hello" };
     write_message(&mut out, &message, 5);

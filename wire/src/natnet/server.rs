@@ -134,9 +134,9 @@ impl NatNetServer {
             "FrameRate" => write_content(out, MessageId::Response, |w| {
                 w.f32(self.rate_hz);
             }),
-            "UnitsToMillimeters" => {
-                write_content(out, MessageId::Response, |w| drop(w.f32(1000.0)))
-            }
+            "UnitsToMillimeters" => write_content(out, MessageId::Response, |w| {
+                w.f32(1000.0);
+            }),
             "Bitstream" if bitstream().is_some() => {
                 let client = self.clients.iter_mut().find(|client| client.address == from);
                 if let (Some(client), Some(version)) = (client, bitstream()) {

@@ -14,6 +14,9 @@ use crate::motion::MotionFrame;
 /// Version that the server reports. Clients compare its major number.
 const SERVER_VERSION: &str = "2.17 (build 4000)";
 
+/// Length of the answers above which further commands wait \[bytes\]: what a client does not read holds up that client alone.
+const MAX_ANSWERS: usize = 1 << 17;
+
 /// The server's end of a connection: bytes of the client in, bytes to the client out.
 #[derive(Clone, Debug)]
 pub struct QtmSession {
@@ -59,7 +62,14 @@ impl QtmSession {
         self.subscription.as_ref()
     }
 
-    /// Takes bytes of the client and appends the answers to `out`; `frame` is the newest frame.
+    /// Whether the session takes more bytes of the client. It does not while commands wait for their answers to be sent.
+    #[must_use]
+    pub fn is_ready(&self) -> bool {
+        self.stream.pending() < MAX_FROM_CLIENT
+    }
+
+    /// Takes bytes of the client and appends the answers to `out`; `frame` is the newest frame. Answers at most as many commands as
+    /// `out` has place for, the others in later calls, also with no bytes.
     ///
     /// # Errors
     /// The bytes are no stream of packets: close the connection.
@@ -73,6 +83,9 @@ impl QtmSession {
         self.stream.push(bytes);
         let mut stream = std::mem::replace(&mut self.stream, QtmStream::new(self.order, 0));
         let result = loop {
+            if out.len() > MAX_ANSWERS {
+                break Ok(());
+            }
             match stream.take() {
                 Ok(None) => break Ok(()),
                 Ok(Some(packet)) => {

@@ -28,7 +28,7 @@ pub enum CookieError {
 
 impl VrpnVersion {
     /// The version that is spoken here.
-    pub const OURS: Self = Self { major: 7, minor: 35 };
+    pub const OURS: Self = Self { major: 7, minor: 38 };
 
     /// The cookie of this version, without a log of the connection.
     #[must_use]
