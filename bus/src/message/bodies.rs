@@ -33,6 +33,9 @@ message! {
         attitude: [f64; 4] ["body to world"],
         /// Mean distance of the markers from the rigid body fitted to them; NaN if unknown.
         residual_m: f64 ["m"],
+        /// Error of `captured_at` that 99 poses of 100 do not exceed, where it is estimated from a camera system's own clock; 0
+        /// where it is exact.
+        capture_uncertainty_s: f64 ["s"],
         /// Number of the rigid body, from 1, as the camera system counts.
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
