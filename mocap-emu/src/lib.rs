@@ -2,7 +2,10 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `cameras.rs` | emulated cameras |
+//! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
+//! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
+//! | `markers.rs` | measurement from the markers up |
+//! | `connection.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
 //! | `replay.rs` | playback of a recording |
 //! | `source.rs` | both as pose sources over their ports |
@@ -12,6 +15,10 @@
 
 mod body;
 mod cameras;
+mod connection;
+mod drift;
+pub mod markers;
+mod pose_noise;
 pub mod recording;
 mod replay;
 mod source;
