@@ -43,8 +43,7 @@ impl Cameras {
             generator: stream(seed, RandomSource::Cameras),
             room: stream(seed, RandomSource::Room),
             drift: Drift::new(mocap),
-            markers: (mocap.model == MocapModel::Markers)
-                .then(|| MarkerCameras::new(mocap, seed)),
+            markers: (mocap.model == MocapModel::Markers).then(|| MarkerCameras::new(mocap, seed)),
             sender: Sender::new(mocap),
             in_flight: VecDeque::with_capacity(connection.capacity()),
             connection,

@@ -27,9 +27,7 @@ pub struct BodyFit {
 
 /// Fits a body to pairs of a marker's place on the body \[m, body\] and its position \[m, world\]. `None` with fewer than three
 /// pairs, or with markers on a line.
-pub fn fit(
-    pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone,
-) -> Option<BodyFit> {
+pub fn fit(pairs: impl Iterator<Item = (Vector3<f64>, Vector3<f64>)> + Clone) -> Option<BodyFit> {
     let count = pairs.clone().count();
     if count < 3 {
         return None;
@@ -47,7 +45,8 @@ pub fn fit(
     let squares = pairs.map(|(m, p)| (rotation * m + position - p).norm_squared());
     let residual_m = (squares.sum::<f64>() * share).sqrt();
     let attitude = UnitQuaternion::from_rotation_matrix(&rotation);
-    let fitted = BodyFit { position, attitude: Attitude::from_unit_quaternion(attitude), residual_m };
+    let fitted =
+        BodyFit { position, attitude: Attitude::from_unit_quaternion(attitude), residual_m };
     (residual_m.is_finite() && fitted.attitude.is_finite()).then_some(fitted)
 }
 
