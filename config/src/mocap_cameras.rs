@@ -64,7 +64,8 @@ impl CameraOptions {
             return Err(OptionError::new("aims-m", found, allowed));
         }
         if self.positions_m.iter().zip(&self.aims_m).any(|(at, aim)| straight_up(at, aim)) {
-            let allowed = "off the vertical through its camera: the image has to have an upper side";
+            let allowed =
+                "off the vertical through its camera: the image has to have an upper side";
             return Err(OptionError::new("aims-m", "above or below its camera", allowed));
         }
         check_numbers("covered", &self.covered, cameras)?;

@@ -7,6 +7,9 @@
 //! | `markers.rs` | measurement from the markers up |
 //! | `connection.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
+//! | `capture.rs` | estimated captures of a recording's poses |
+//! | `statistics.rs` | a recording in figures |
+//! | `emulation.rs` | recordings made by the emulated cameras |
 //! | `replay.rs` | playback of a recording |
 //! | `source.rs` | both as pose sources over their ports |
 //!
@@ -15,13 +18,16 @@
 
 mod body;
 mod cameras;
+pub mod capture;
 mod connection;
 mod drift;
+pub mod emulation;
 pub mod markers;
 mod pose_noise;
 pub mod recording;
 mod replay;
 mod source;
+pub mod statistics;
 
 use std::path::Path;
 

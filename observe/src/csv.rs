@@ -84,10 +84,8 @@ const NUMBERS: [NumberColumns; 30] = [
 
 /// Adjacent columns of instants, on the time axis of `t_s`: names, and instants of a tick, of which as many are used as there are
 /// names.
-const INSTANTS: (&[&str], fn(&TelemetryV1) -> [Time; 2]) = (
-    &["pose_captured_s", "pose_published_s"],
-    |t| [t.pose_captured_at, t.pose_published_at],
-);
+const INSTANTS: (&[&str], fn(&TelemetryV1) -> [Time; 2]) =
+    (&["pose_captured_s", "pose_published_s"], |t| [t.pose_captured_at, t.pose_published_at]);
 
 const UNKNOWN: [f64; 3] = [f64::NAN; 3];
 
@@ -115,9 +113,8 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
         let numbers = NUMBERS
             .iter()
             .flat_map(|(names, numbers)| numbers(sample).into_iter().take(names.len()).map(number));
-        let instants = (INSTANTS.1)(&sample.telemetry).map(|at| {
-            number(if at.is_set() { at.since(origin).seconds() } else { f64::NAN })
-        });
+        let instants = (INSTANTS.1)(&sample.telemetry)
+            .map(|at| number(if at.is_set() { at.since(origin).seconds() } else { f64::NAN }));
         let cells = std::iter::once(number(t_s)).chain(words).chain(instants).chain(numbers);
         writer.write_record(cells)?;
     }

@@ -108,8 +108,7 @@ impl MotionObserver {
     fn correct(&mut self, mut motion: Motion, dt_s: f64, measured: &Estimate) -> Motion {
         self.attitude.predict(&self.model.rotation, dt_s);
         self.position.predict(self.model.drag_per_s, dt_s);
-        let expected =
-            [self.position.innovation_variance(), self.attitude.innovation_variance()];
+        let expected = [self.position.innovation_variance(), self.attitude.innovation_variance()];
         let attitude = self.attitude.correct(&mut motion, &measured.attitude);
         let position = self.position.correct(&mut motion, &measured.position);
         if motion.is_finite() && position.norm() <= LOST_M {

@@ -45,8 +45,7 @@ impl Cycle {
         let unknown = [f64::NAN; 3];
         telemetry.innovation_position = innovation.map_or(unknown, |i| i.position.into());
         telemetry.innovation_attitude = innovation.map_or(unknown, |i| i.attitude.into());
-        telemetry.nis =
-            innovation.map_or([f64::NAN; 2], |i| [i.position_nis, i.attitude_nis]);
+        telemetry.nis = innovation.map_or([f64::NAN; 2], |i| [i.position_nis, i.attitude_nis]);
     }
 
     /// Fills in the telemetry of this tick.

@@ -5,9 +5,7 @@ use oqtal_config::Config;
 use oqtal_control::controller::InputForm;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{
-    Autopilot, Design, Innovation, Motion, Rotation, VehicleModel,
-};
+use oqtal_control::predictive::{Autopilot, Design, Innovation, Motion, Rotation, VehicleModel};
 use oqtal_control::trajectory::Reference;
 
 use super::flight_stack::{ControlOutput, ControlStep, FlightStack, SATURATED};
