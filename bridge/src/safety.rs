@@ -205,7 +205,8 @@ impl CommandGate {
         let without_request = now.since(self.last_request);
         let rested = |since: Time| now.since(since) >= self.limits.rest;
         let is_stopped = self.stopped_since.is_some();
-        let silent = !is_stopped && self.disarmed_since.is_none() && without_request >= self.limits.rest;
+        let silent =
+            !is_stopped && self.disarmed_since.is_none() && without_request >= self.limits.rest;
         MotorConditions {
             requested,
             idle: without_request > self.limits.command_age,

@@ -10,6 +10,7 @@ pub mod health;
 mod lockstep;
 mod log;
 pub mod loop_clock;
+pub mod overrun;
 pub mod pose_source;
 pub mod process;
 pub mod process_loop;

@@ -45,15 +45,18 @@ struct ObeyedStop {
 pub fn raise(paths: &InstancePaths, json: bool) -> Result<Exit, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
     let Some(switch) = StopSwitch::existing(paths)? else {
-        let message =
-            format!("stop: no process of oqtal runs on instance `{}`: nobody to stop", paths.instance);
+        let message = format!(
+            "stop: no process of oqtal runs on instance `{}`: nobody to stop",
+            paths.instance
+        );
         return Err(Failure::new(Exit::Peer, message));
     };
     let number = switch.raise();
     let answer = ask_daemon(paths.clone());
     let mut response = None;
     let mut report = switch.report(number);
-    while Time::now() < give_up && !(report.motors_off && report.daemon_obeys && response.is_some()) {
+    while Time::now() < give_up && !(report.motors_off && report.daemon_obeys && response.is_some())
+    {
         response = response.or_else(|| answer.recv_timeout(CHECK_PERIOD).ok());
         if response.is_some() {
             std::thread::sleep(CHECK_PERIOD);

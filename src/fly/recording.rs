@@ -176,7 +176,10 @@ fn request_flight(
         match client.ask(request, Span::from_millis(200))? {
             Some(response) if response.answer == Answer::Refused.code() => {
                 let cause = word(Cause::from_code(response.cause));
-                return Err(Failure::new(Exit::Flight, format!("the daemon refuses to fly: {cause}")));
+                return Err(Failure::new(
+                    Exit::Flight,
+                    format!("the daemon refuses to fly: {cause}"),
+                ));
             }
             Some(_) => return Ok(()),
             None => {}
