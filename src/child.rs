@@ -1,12 +1,12 @@
 //! A child process: this program, executed again as one of its processes.
 
-use std::fs::File;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -47,7 +47,7 @@ impl Child {
             Failure::new(Exit::System, message)
         };
         let log = logs.join(format!("{name}.log"));
-        let file = File::create(&log).map_err(|e| failed(&log, &e))?;
+        let file = files::create(&log).map_err(|e| failed(&log, &e))?;
         // The configuration file already contains variables and flags; a variable must not override a flag again.
         for (variable, _) in std::env::vars_os() {
             if variable.as_encoded_bytes().starts_with(b"OQTAL_") {

@@ -5,6 +5,7 @@ mod args;
 pub mod background;
 mod context;
 mod exit;
+pub mod files;
 pub mod handoff;
 pub mod health;
 mod lockstep;
