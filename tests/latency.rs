@@ -77,6 +77,16 @@ fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
         assert!((number(&figures, &format!("/ratio/{hop}/p50")) - ratio).abs() < 1e-9, "{hop}");
         number(&figures, &format!("/ratio/{hop}/p99"));
     }
+    let conditions: Vec<&str> =
+        (0..3).filter_map(|k| figures["conditions"][k]["condition"].as_str()).collect();
+    let names = ["with warm-up", "without warm-up", "with warm-up, cameras that jitter"];
+    assert_eq!(conditions, names);
+    for (k, name) in names.iter().enumerate() {
+        for hop in ["publish_to_daemon", "command_to_vehicle"] {
+            let ratio = number(&figures, &format!("/conditions/{k}/ratio/{hop}/p50"));
+            assert!(ratio > 0.0, "{name}: {hop}");
+        }
+    }
     assert_eq!(figures["realtime"]["policy"], "other");
     assert_eq!(number(&figures, "/counters/commands_lost"), 0.0);
     // Without cyclictest there is a message and no comparison.

@@ -185,7 +185,7 @@ message! {
 message! {
     /// Topics `health/NAME`: health of a process, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
-        /// Instant of this message, by the monotonic clock of the machine, whatever clock drives the flight.
+        /// Instant of this message, by the clock of the machine, whatever clock drives the flight.
         time: Time ["ns"],
         /// Hash of the effective configuration: processes that disagree were started from different files.
         config_hash: u64 ["-"],
@@ -197,6 +197,10 @@ message! {
         cause: u8 ["code"],
         /// Changes of the daemon's condition that are missing in its log.
         unlogged: u64 ["-"],
+        /// Turns of the loop that ended more than a control period after they were due, in total.
+        late_turns: u64 ["-"],
+        /// 1 while the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
+        runs_late: u8 ["flag"],
     }
 }
 
