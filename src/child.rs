@@ -129,11 +129,7 @@ impl Drop for Child {
 }
 
 /// Starts `command` with the log `file`.
-fn spawn(
-    name: &str,
-    mut command: Command,
-    file: File,
-) -> Result<std::process::Child, Failure> {
+fn spawn(name: &str, mut command: Command, file: File) -> Result<std::process::Child, Failure> {
     // The configuration file already contains variables and flags; a variable must not override a flag again.
     for (variable, _) in std::env::vars_os() {
         if variable.as_encoded_bytes().starts_with(b"OQTAL_") {

@@ -81,7 +81,12 @@ impl MemoryBus {
         let history = topics.entry(topic.name).or_insert_with(|| {
             // Room for what a reader of the newest sample needs: publishing to it does not allocate.
             let samples = VecDeque::with_capacity(4);
-            Rc::new(RefCell::new(History::<M> { samples, discarded: 0, cursors: Vec::new(), writers: 0 }))
+            Rc::new(RefCell::new(History::<M> {
+                samples,
+                discarded: 0,
+                cursors: Vec::new(),
+                writers: 0,
+            }))
         });
         Rc::clone(history).downcast().expect("a topic's name determines its message type")
     }

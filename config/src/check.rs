@@ -64,7 +64,8 @@ impl Config {
         if !is_real || self.fault.with_real_vehicle {
             return Ok(());
         }
-        let allowed = "empty with a real vehicle at bridge.link, unless fault.with-real-vehicle = true";
+        let allowed =
+            "empty with a real vehicle at bridge.link, unless fault.with-real-vehicle = true";
         let error = OptionError::new("fault.inject", format!("`{first}`"), allowed);
         Err(BrokenRule { error, others: &["bridge.link", "fault.with-real-vehicle"] })
     }

@@ -54,9 +54,10 @@ impl Fault {
     /// The forms of a fault, for messages: one line for each target.
     #[must_use]
     pub fn grammar() -> String {
-        let mut text = "expected TARGET:KIND[=VALUE]@TIME[+DURATION], in seconds, TIME from arming, \
+        let mut text =
+            "expected TARGET:KIND[=VALUE]@TIME[+DURATION], in seconds, TIME from arming, \
                         as in pose:off@5+0.1"
-            .to_owned();
+                .to_owned();
         for target in FaultTarget::ALL {
             let kinds: Vec<String> = kinds::kinds_of(target).map(kinds::KindRule::form).collect();
             text += &format!("\n  {:<10} {}", target.name(), kinds.join(" | "));

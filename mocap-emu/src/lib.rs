@@ -66,7 +66,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     } else {
         let clock = context.loop_clock(&bus, &TRUTH)?;
         let cameras = Cameras::new(&context.config.mocap, context.config.clock.seed);
-        let source = EmulatedCameras::open(bus.as_ref(), cameras)?.counted_in(context.health.clone());
+        let source =
+            EmulatedCameras::open(bus.as_ref(), cameras)?.counted_in(context.health.clone());
         publish_from(context, &bus, (source, clock))
     }
 }

@@ -19,9 +19,11 @@ impl InjectedFault {
     /// The faults of `flight`, in the order of their beginnings.
     #[must_use]
     pub fn all(flight: &Flight) -> Vec<Self> {
-        let flown_s = flight.armed().next().zip(flight.samples.last()).map(|(first, last)| {
-            last.telemetry.time.since(first.telemetry.time).seconds()
-        });
+        let flown_s = flight
+            .armed()
+            .next()
+            .zip(flight.samples.last())
+            .map(|(first, last)| last.telemetry.time.since(first.telemetry.time).seconds());
         let begun = |at_s: f64| flown_s.is_some_and(|flown_s| at_s <= flown_s);
         let faults = flight.config.fault.inject.iter().filter(|fault| begun(fault.at_s));
         let mut all: Vec<Self> = faults

@@ -47,11 +47,7 @@ impl<'a> ProcessWatch<'a> {
         }
     }
 
-    fn watch(
-        &self,
-        processes: &mut ProcessGroup,
-        interrupts: &Interrupts,
-    ) -> Result<(), Failure> {
+    fn watch(&self, processes: &mut ProcessGroup, interrupts: &Interrupts) -> Result<(), Failure> {
         // Without a watch there is no flight, however the watch ended.
         let _stop = self.stop.set_on_drop();
         let bus = Bus::open(self.paths)?;

@@ -152,7 +152,8 @@ pub(super) fn kinds_of(target: FaultTarget) -> impl Iterator<Item = &'static Kin
 impl KindRule {
     /// The kind as the grammar shows it, with its defaults.
     pub(super) fn form(&self) -> String {
-        let values = self.magnitudes.iter().map(|(unit, value, ..)| format!("={value}{}", unit.name()));
+        let values =
+            self.magnitudes.iter().map(|(unit, value, ..)| format!("={value}{}", unit.name()));
         let values: Vec<String> = values.collect();
         match values.is_empty() {
             true => self.kind.name().to_owned(),

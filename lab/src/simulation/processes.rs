@@ -109,8 +109,12 @@ fn daemon(
         .map_err(|error| config.locate(&error))?;
     // The background thread's end is dropped: nobody sends requests through it or reads notes from it.
     let (handle, _) = loop_handoff();
-    let turn =
-        DaemonTurn { ports: DaemonPorts::open(&faulty)?, cycle, warmup: CacheWarmup::never(), handle };
+    let turn = DaemonTurn {
+        ports: DaemonPorts::open(&faulty)?,
+        cycle,
+        warmup: CacheWarmup::never(),
+        handle,
+    };
     Ok(faulty.turn(FaultTarget::Daemon, turn))
 }
 

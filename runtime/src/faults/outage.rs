@@ -58,7 +58,9 @@ pub const fn role_of(target: FaultTarget) -> Option<Role> {
         FaultTarget::PlantSim => Some(Role::Plant),
         FaultTarget::MocapEmu => Some(Role::Mocap),
         FaultTarget::Bridge => Some(Role::Bridge),
-        FaultTarget::Pose | FaultTarget::Command | FaultTarget::Vehicle | FaultTarget::Radio => None,
+        FaultTarget::Pose | FaultTarget::Command | FaultTarget::Vehicle | FaultTarget::Radio => {
+            None
+        }
     }
 }
 

@@ -104,10 +104,7 @@ impl<T: Transport, M: Message> Injector<T, M> {
     }
 
     /// Takes what has arrived, and returns the next sample that is due.
-    fn receive(
-        &mut self,
-        inner: &mut impl Subscribe<M>,
-    ) -> Result<Option<(Header, M)>, BusError> {
+    fn receive(&mut self, inner: &mut impl Subscribe<M>) -> Result<Option<(Header, M)>, BusError> {
         while let Some((header, body)) = inner.receive()? {
             self.take(header, body);
         }
