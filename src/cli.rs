@@ -54,10 +54,13 @@ enum Command {
     PlantSim(oqtal_plant_sim::PlantCommand),
     /// Run the motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
-    MocapEmu(ProcessCommand),
+    MocapEmu(oqtal_mocap_emu::MocapCommand),
     /// Run the bridge process: a real vehicle over a radio
     #[command(subcommand)]
     Bridge(oqtal_bridge::BridgeCommand),
+    /// Run the receiver process: poses of a real camera system; find and examine camera systems
+    #[command(subcommand)]
+    Receiver(oqtal_receiver::ReceiverCommand),
     /// Run a measuring process of `latency`
     #[command(subcommand, hide = true)]
     LatencyPart(Part),
@@ -85,10 +88,8 @@ impl Cli {
             }
             Some(Command::PlantSim(command)) => return command.execute(),
             Some(Command::Bridge(command)) => return command.execute(),
-            Some(Command::MocapEmu(command)) => {
-                use oqtal_mocap_emu::{check, run};
-                return execute(Role::Mocap, &command, run, check);
-            }
+            Some(Command::Receiver(command)) => return command.execute(),
+            Some(Command::MocapEmu(command)) => return command.execute(),
         };
         finish(result)
     }

@@ -18,6 +18,7 @@ use crate::mocap::MocapOptions;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
+use crate::receiver::ReceiverOptions;
 use crate::safety::SafetyOptions;
 use crate::setting::Setting;
 use crate::vehicle::VehicleOptions;
@@ -50,6 +51,8 @@ pub struct Config {
     pub safety: SafetyOptions,
     /// `[bridge]`: the way to a real vehicle.
     pub bridge: BridgeOptions,
+    /// `[receiver]`: the way of poses from a real camera system.
+    pub receiver: ReceiverOptions,
     /// `[realtime]`: scheduling of the loops.
     pub realtime: RealtimeOptions,
     /// `[log]`: what is logged.

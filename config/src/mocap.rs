@@ -3,6 +3,7 @@
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
+use crate::mocap_serve::ServeOptions;
 use crate::preset;
 
 /// `[mocap]`. Noise is Gaussian, per axis.
@@ -37,6 +38,8 @@ pub struct MocapOptions {
     pub attitude_quantum_deg: f64,
     /// A recording to play instead of the cameras; empty for none.
     pub replay: String,
+    /// `[mocap.serve]`: poses over the network.
+    pub serve: ServeOptions,
 }
 
 impl MocapOptions {

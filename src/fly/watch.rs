@@ -9,6 +9,7 @@ use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::transport::Transport;
 use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
@@ -52,13 +53,19 @@ impl<'a> ProcessWatch<'a> {
         let _stop = self.stop.set_on_drop();
         let bus = Bus::open(self.paths)?;
         let client = bus.control_client().ok();
+        let stop = bus.stop_switch().ok();
         let mut faults = ProcessFaults::open(&bus, self.config)?;
         while !self.over.is_set() {
             processes.failure().map_or(Ok(()), Err)?;
             while let Some((role, action)) = faults.due(Time::now())? {
                 processes.apply(role, action)?;
             }
-            if interrupts.next().is_some_and(|command| !pass_on(client.as_ref(), command)) {
+            let command = interrupts.next();
+            if let (Some(OperatorCommand::Stop), Some(stop)) = (command, &stop) {
+                // Obeyed by the vehicle's process, whatever the daemon does.
+                stop.raise();
+            }
+            if command.is_some_and(|command| !pass_on(client.as_ref(), command)) {
                 return Err(Failure::new(Exit::Flight, "interrupted"));
             }
             let until_next = faults.next().map_or(WATCH_PERIOD, |next| next.since(Time::now()));
@@ -88,7 +95,7 @@ impl<'a> ProcessWatch<'a> {
 
 /// Passes an operator's command to the daemon; `false` if no flight is under way that it could end.
 fn pass_on(client: Option<&ControlClient>, command: OperatorCommand) -> bool {
-    let request = ControlRequestV1 { command: command.code() };
+    let request = ControlRequestV1::of(command);
     let response = client.and_then(|client| client.ask(request, Span::from_millis(500)).ok());
     response.flatten().is_some_and(|response| response.answer != Answer::Refused.code())
 }

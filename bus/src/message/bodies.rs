@@ -33,6 +33,9 @@ message! {
         attitude: [f64; 4] ["body to world"],
         /// Mean distance of the markers from the rigid body fitted to them; NaN if unknown.
         residual_m: f64 ["m"],
+        /// Error of `captured_at` that 99 poses of 100 do not exceed, where it is estimated from a camera system's own clock; 0
+        /// where it is exact.
+        capture_uncertainty_s: f64 ["s"],
         /// Number of the rigid body, from 1, as the camera system counts.
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
@@ -45,12 +48,13 @@ message! {
     CommandV1 = "oqtal.Command.v1" {
         /// [`crate::code::Actuation`]: meaning of the numbers.
         actuation: u8 ["code"],
-        /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61); zero for other actuations.
+        /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61); zero for torque. With an attitude: the rates that bring it
+        /// about, for an axis whose rate the vehicle takes in place of its angle.
         sticks: [f64; 3] ["-1..1, body"],
         /// Torque; zero for other actuations.
         torque: [f64; 3] ["N m, body"],
-        /// Attitude that sticks or torque are to bring about, scalar last, for a vehicle that holds an attitude by itself;
-        /// zeros if motors are off.
+        /// Attitude that the vehicle is to hold, or that sticks or torque are to bring about, scalar last; zeros if motors are
+        /// off.
         attitude: [f64; 4] ["body to world"],
         /// Collective thrust `delta_c` of Eq. (61), as a share of the vehicle's greatest thrust.
         thrust: f64 ["0..1"],
@@ -79,6 +83,8 @@ message! {
         starting: u8 ["flag"],
         /// 1 if the vehicle answers.
         link: u8 ["flag"],
+        /// 1 while an operator's stop keeps the motors off, whatever is commanded.
+        stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
         simulated: u8 ["flag"],
     }
@@ -113,6 +119,8 @@ message! {
         sticks: [f64; 3] ["-1..1, body"],
         /// Torque sent.
         torque: [f64; 3] ["N m, body"],
+        /// Attitude sent, scalar last; zeros if motors are off.
+        attitude_sent: [f64; 4] ["body to world"],
         /// Collective thrust sent, as a share of the vehicle's greatest thrust.
         thrust: f64 ["0..1"],
         /// Age of the newest accepted pose at this tick; NaN if there was none yet.

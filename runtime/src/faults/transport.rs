@@ -4,6 +4,7 @@ use std::rc::Rc;
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::Message;
+use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::topic::{COMMAND, POSE, Topic, VEHICLE};
 use oqtal_bus::transport::Transport;
 use oqtal_config::{ClockKind, Config, Fault, FaultTarget};
@@ -75,6 +76,11 @@ impl<T: Transport + std::fmt::Debug> Transport for FaultyTransport<T> {
             (!own.is_empty()).then(|| Injector::new(&faults.clock, &own, faults.seed))
         });
         Ok(FaultyReader { inner: self.bus.reader(topic)?, injector })
+    }
+
+    /// The operator's stop, which no fault touches.
+    fn stop_switch(&self) -> Result<StopSwitch, BusError> {
+        self.bus.stop_switch()
     }
 
     /// An observer: it sees what was sent.
