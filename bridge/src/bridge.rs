@@ -4,6 +4,7 @@
 use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_runtime::actuation::actuation_of;
 
 use crate::line::LineOccupancy;
 use crate::monitor::VehicleMonitor;
@@ -342,12 +343,13 @@ fn millis(millis: f64) -> Span {
     Span::from_seconds(millis * 1e-3)
 }
 
-/// Timeouts of `config`, where periodic words are `spacing` apart.
+/// Limits of `config`, where periodic words are `spacing` apart.
 fn limits(config: &Config, spacing: Span) -> SafetyLimits {
     let options = &config.bridge;
     let period = Span::period_of(config.control.rate_hz);
     let status_period = Span::period_of(options.status_rate_hz).max(spacing);
     SafetyLimits {
+        accepts: actuation_of(config.vehicle.interface),
         command_age: period.scaled(options.command_timeout_periods),
         status_age: status_period.scaled(STATUS_PERIODS),
         sequence: millis(options.motor_sequence_ms),

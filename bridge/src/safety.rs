@@ -32,9 +32,11 @@ pub struct MotorStatus {
     pub running: bool,
 }
 
-/// Timeouts of the command gate.
+/// Kind of command that passes the command gate, and its timeouts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyLimits {
+    /// Actuation of commands that the vehicle takes.
+    pub accepts: Actuation,
     /// Command timeout: a command published longer ago is never sent.
     pub command_age: Span,
     /// Status timeout: an older status does not count for a motor sequence.
@@ -99,7 +101,8 @@ impl CommandGate {
             .newest
             .is_none_or(|last| published_at >= last.forwarded.stamps.command_published_at);
         // The final "disarmed" of a daemon carries no stamps; it is safe whatever its age.
-        let is_final = !is_flight(&command) && !published_at.is_set();
+        let is_flight = self.is_flight(&command);
+        let is_final = !is_flight && !published_at.is_set();
         let accepted = is_final || newer && is_within(now, published_at, self.limits.command_age);
         if !accepted {
             self.rejected += 1;
@@ -109,7 +112,7 @@ impl CommandGate {
         let forwarded =
             ForwardedCommand { command: header.sequence, pose: header.pose_sequence, stamps };
         self.newest = Some(Newest { forwarded, command, is_forwarded: false });
-        if is_flight(&command) {
+        if is_flight {
             self.disarmed_since = None;
         } else {
             self.disarmed_since = self.disarmed_since.or(Some(now));
@@ -121,7 +124,7 @@ impl CommandGate {
     /// once, without the rest time. A flight command that arrived before it ends is never sent.
     pub fn keep_stopped(&mut self, since: Option<Time>) {
         self.stopped_since = since;
-        self.newest = self.newest.filter(|newest| !is_flight(&newest.command));
+        self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
     }
 
     /// Whether a status that arrived since an operator's stop reports motors off.
@@ -192,7 +195,7 @@ impl CommandGate {
 
     /// The newest command, if it is a flight command within its timeout at `now`.
     fn flight(&self, now: Time) -> Option<CommandV1> {
-        let newest = self.newest.filter(|newest| is_flight(&newest.command))?;
+        let newest = self.newest.filter(|newest| self.is_flight(&newest.command))?;
         if self.stopped_since.is_some() {
             return None;
         }
@@ -222,25 +225,27 @@ impl CommandGate {
 
     /// The newest command, if `setpoint` is the first that carries it out.
     fn forward(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<ForwardedCommand> {
-        let newest = self.newest.as_mut().filter(|newest| !newest.is_forwarded)?;
+        let mut newest = self.newest.filter(|newest| !newest.is_forwarded)?;
         let published_at = newest.forwarded.stamps.command_published_at;
         let within = is_within(now, published_at, self.limits.command_age);
         let carries_it_out = match setpoint {
             VehicleSetpoint::Fly(_) => true,
-            VehicleSetpoint::Zero => !is_flight(&newest.command) && within,
+            VehicleSetpoint::Zero => !self.is_flight(&newest.command) && within,
             VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => false,
         };
-        newest.is_forwarded |= carries_it_out;
+        newest.is_forwarded = carries_it_out;
+        self.newest = Some(newest);
         carries_it_out.then_some(newest.forwarded)
     }
-}
 
-/// Whether `command` is a flight command: sticks, all numbers finite. Every other command counts as "disarmed".
-fn is_flight(command: &CommandV1) -> bool {
-    let CommandV1 { sticks, attitude, thrust, .. } = command;
-    let numbers = sticks.iter().chain(attitude).chain([thrust]);
-    Actuation::from_code(command.actuation) == Some(Actuation::Sticks)
-        && numbers.into_iter().all(|number| number.is_finite())
+    /// Whether `command` is a flight command: of the vehicle's actuation, all numbers finite. Every other command counts as
+    /// "disarmed".
+    fn is_flight(&self, command: &CommandV1) -> bool {
+        let CommandV1 { sticks, attitude, thrust, .. } = command;
+        let numbers = sticks.iter().chain(attitude).chain([thrust]);
+        Actuation::from_code(command.actuation) == Some(self.limits.accepts)
+            && numbers.into_iter().all(|number| number.is_finite())
+    }
 }
 
 /// Whether the stamp `since` is set, not in the future, and no older than `age`.

@@ -6,7 +6,12 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
-use oqtal_config::{Config, Interface};
+use oqtal_config::Config;
+use oqtal_control::quaternion::Attitude;
+use oqtal_runtime::actuation::actuation_of;
+use oqtal_runtime::faults::RadioDisturbance;
+use oqtal_runtime::random::{Generator, RandomSource, stream};
+use rand::RngExt;
 
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
 use crate::spread::drawn;
@@ -50,6 +55,8 @@ pub struct Plant {
     constant_acceleration: Vector3<f64>,
     radio: VecDeque<OnAir>,
     radio_delay: Span,
+    /// Faults of the radio, and the random numbers that they need.
+    disturbed: (RadioDisturbance, Generator),
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
@@ -81,11 +88,9 @@ impl Plant {
             constant_acceleration,
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
+            disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
             input: PlantInput::default(),
-            accepts: match options.interface {
-                Interface::Rate => Actuation::Sticks,
-                Interface::Torque => Actuation::Torque,
-            },
+            accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
             command_timeout_at: None,
             armed: false,
@@ -125,7 +130,21 @@ impl Plant {
         header.stamps.received_at = now;
         self.commands_lost = lost;
         let command = if self.stopped { CommandV1::default() } else { command };
-        self.radio.push_back(OnAir { acts_at: now + self.radio_delay, header, command });
+        let (disturbance, generator) = &mut self.disturbed;
+        if disturbance.loss_probability > 0.0
+            && generator.random::<f64>() < disturbance.loss_probability
+        {
+            return;
+        }
+        // Commands keep their order, also behind one that a fault delays.
+        let arrival = now + self.radio_delay + disturbance.delay;
+        let acts_at = self.radio.back().map_or(arrival, |last| arrival.max(last.acts_at));
+        self.radio.push_back(OnAir { acts_at, header, command });
+    }
+
+    /// Disturbs the radio from now on.
+    pub fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
+        self.disturbed.0 = disturbance;
     }
 
     /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.
@@ -210,19 +229,23 @@ impl Plant {
         let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
+        let thrusting = PlantInput { thrust: clamp(command.thrust, 0.0), ..PlantInput::default() };
         self.input = match actuation {
             Actuation::Disarmed => PlantInput::default(),
-            Actuation::Sticks => PlantInput {
-                sticks: Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0)),
-                thrust: clamp(command.thrust, 0.0),
-                ..PlantInput::default()
-            },
-            Actuation::Torque => PlantInput {
-                torque: Vector3::from(command.torque)
-                    .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 }),
-                thrust: clamp(command.thrust, 0.0),
-                ..PlantInput::default()
-            },
+            Actuation::Sticks => {
+                let sticks = Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0));
+                PlantInput { sticks, ..thrusting }
+            }
+            Actuation::Torque => {
+                let torque = Vector3::from(command.torque)
+                    .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 });
+                PlantInput { torque, ..thrusting }
+            }
+            // Level in place of numbers that are no attitude.
+            Actuation::Attitude => {
+                let attitude = Attitude::from_xyzw(command.attitude).unwrap_or_default();
+                PlantInput { attitude: **attitude.unit_quaternion(), ..thrusting }
+            }
         };
     }
 

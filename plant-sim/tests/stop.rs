@@ -26,9 +26,11 @@ struct Bench {
 impl Bench {
     fn new(is_shadow: bool) -> Self {
         let bus = MemoryBus::new();
-        let plant = Plant::new(&Config::default(), START);
+        let mut config = Config::default();
+        config.plant.shadow = is_shadow;
+        let plant = Plant::new(&config, START);
         Self {
-            plant: PlantTurn::open(&bus, plant, Stepping::Exact, is_shadow).unwrap(),
+            plant: PlantTurn::open(&bus, plant, Stepping::Exact, &config).unwrap(),
             commands: bus.writer(&COMMAND).unwrap(),
             vehicles: bus.observer(&VEHICLE).unwrap(),
             stop: bus.stop_switch().unwrap(),

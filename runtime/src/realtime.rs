@@ -48,7 +48,7 @@ pub const fn priority_of(role: Role, daemon: u8) -> u8 {
     match role {
         Role::Bridge => daemon.saturating_add(1),
         Role::Daemon => daemon,
-        Role::Mocap => daemon.saturating_sub(1),
+        Role::Mocap | Role::Receiver => daemon.saturating_sub(1),
         Role::Plant | Role::Recorder => daemon.saturating_sub(2),
     }
 }

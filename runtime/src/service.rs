@@ -130,7 +130,7 @@ impl ServiceNotifier {
         let background_polls = sample.polls == 0 || sample.polls != *polls;
         // Without a vehicle in view, or with a recording, the cameras need not publish.
         let may_rest = match self.role {
-            Role::Mocap => sample.inputs == *inputs,
+            Role::Mocap | Role::Receiver => sample.inputs == *inputs,
             Role::Recorder => true,
             Role::Daemon | Role::Plant | Role::Bridge => false,
         };
@@ -153,6 +153,8 @@ impl ServiceNotifier {
             (Role::Mocap, false) => "seeing the vehicle",
             (Role::Bridge, true) => "waiting for commands of a daemon",
             (Role::Bridge, false) => "passing commands on",
+            (Role::Receiver, true) => "waiting for frames of the camera system",
+            (Role::Receiver, false) => "passing poses on",
             (Role::Daemon | Role::Recorder, _) => "",
         };
         status.to_owned()

@@ -58,7 +58,7 @@ impl BusFlight<'_> {
         let _one_processor = lockstep.then(OneProcessor::stay);
         let mut processes = ProcessGroup::start((self.mission, self.link), self.directory)?;
         let stop = StopFlag::default();
-        let watch = ProcessWatch::new(paths, &stop);
+        let watch = ProcessWatch::new(paths, config, &stop);
         let flight = std::thread::scope(|threads| {
             let (watch, processes, interrupts) = (&watch, &mut processes, self.interrupts);
             threads.spawn(move || watch.run(processes, interrupts));
