@@ -34,7 +34,7 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
-use condition::Condition;
+use condition::RigCondition;
 use figures::{ConditionFigures, LatencyFigures};
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::LoopMonitor;
@@ -94,16 +94,15 @@ impl LatencyArgs {
 
     /// The chain at rest beside the bare mechanisms, under each condition, then our periodic wake-up against cyclictest.
     fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
-        let mut conditions = Vec::new();
-        for condition in Condition::ALL.into_iter().filter(|c| *c != Condition::Regular) {
+        let [regular, others @ ..] = RigCondition::ALL;
+        let (rig, mut figures) = self.under(regular, config, stop)?;
+        figures.conditions = vec![ConditionFigures::of(regular, &figures)];
+        for condition in others {
             if !stop.is_set() {
-                let (_, figures) = self.under(condition, config, stop)?;
-                conditions.push(ConditionFigures::of(condition, &figures));
+                let (_, measured) = self.under(condition, config, stop)?;
+                figures.conditions.push(ConditionFigures::of(condition, &measured));
             }
         }
-        let (rig, mut figures) = self.under(Condition::Regular, config, stop)?;
-        conditions.insert(0, ConditionFigures::of(Condition::Regular, &figures));
-        figures.conditions = conditions;
         if !pairs::is_installed() {
             say("cyclictest is not installed (package rt-tests): periodic wake-up is not compared");
             return Ok(figures);
@@ -119,7 +118,7 @@ impl LatencyArgs {
     /// The chain at rest beside the bare mechanisms under `condition`; the chain has ended, its directory remains with the rig.
     fn under(
         &self,
-        condition: Condition,
+        condition: RigCondition,
         config: &Config,
         stop: &StopFlag,
     ) -> Result<(Rig, LatencyFigures), Failure> {

@@ -114,7 +114,7 @@ impl LoopClock {
 
     /// Looks whether the turn that has just ended was late. Virtual time waits for every turn.
     fn watch_overruns(&mut self) {
-        if let (Clock::Real(_), Some(due)) = (&self.clock, self.due) {
+        if let (false, Some(due)) = (self.is_virtual(), self.due) {
             self.overruns.turn_ended(due, Time::now());
             self.health.set_overruns(&self.overruns);
         }

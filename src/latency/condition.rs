@@ -2,12 +2,12 @@
 
 use oqtal_config::Config;
 
-/// Greatest delay of a pose under [`Condition::Jitter`] \[ms\]: less than the time to the next message of the cameras' stand-in.
+/// Greatest delay of a pose under [`RigCondition::Jitter`] \[ms\]: less than the time to the next message of the cameras' stand-in.
 pub const MAX_JITTER_MS: f64 = 3.0;
 
 /// A condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Condition {
+pub enum RigCondition {
     /// The configured cache warm-up, and poses at regular instants.
     Regular,
     /// No cache warm-up.
@@ -16,7 +16,7 @@ pub enum Condition {
     Jitter,
 }
 
-impl Condition {
+impl RigCondition {
     /// All, the first that of the main figures.
     pub const ALL: [Self; 3] = [Self::Regular, Self::WithoutWarmup, Self::Jitter];
 
@@ -68,7 +68,7 @@ mod tests {
     #[test]
     fn each_condition_changes_one_thing() {
         let config = Config::default();
-        let changed = Condition::ALL.map(|condition| {
+        let changed = RigCondition::ALL.map(|condition| {
             let config = condition.applied_to(&config);
             (config.realtime.warmup_us, config.mocap.jitter_ms)
         });

@@ -6,7 +6,7 @@ use oqtal_observe::latency::DistributionSummary;
 use serde::Serialize;
 
 use super::bare::Mechanism;
-use super::condition::Condition;
+use super::condition::RigCondition;
 use super::pairs::Pair;
 use super::rig::Bare;
 use oqtal_observe::kernel::ThreadScheduling;
@@ -60,7 +60,7 @@ pub struct ConditionFigures {
 impl ConditionFigures {
     /// What was measured under `condition`.
     #[must_use]
-    pub fn of(condition: Condition, figures: &LatencyFigures) -> Self {
+    pub fn of(condition: RigCondition, figures: &LatencyFigures) -> Self {
         Self {
             condition: condition.name(),
             hops: figures.hops.clone(),

@@ -116,7 +116,7 @@ fn counts(figures: &LatencyFigures) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::latency::condition::Condition;
+    use crate::latency::condition::RigCondition;
     use crate::latency::figures::ConditionFigures;
     use oqtal_observe::latency::DistributionSummary;
 
@@ -136,7 +136,7 @@ mod tests {
         figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
         figures.wakeup.sleep = Some(summary);
         figures.conditions =
-            Condition::ALL.map(|condition| ConditionFigures::of(condition, &figures)).to_vec();
+            RigCondition::ALL.map(|condition| ConditionFigures::of(condition, &figures)).to_vec();
         let text = text(&figures);
         assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
         for word in [
