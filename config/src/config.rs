@@ -12,6 +12,7 @@ use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
 use crate::error::ConfigError;
+use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::mocap::MocapOptions;
 use crate::origin::Origins;
@@ -47,6 +48,8 @@ pub struct Config {
     pub trajectory: TrajectoryOptions,
     /// `[safety]`: which poses are accepted, and when the motors stop.
     pub safety: SafetyOptions,
+    /// `[fence]`: the space in which the vehicle may fly.
+    pub fence: FenceOptions,
     /// `[bridge]`: the way to a real vehicle.
     pub bridge: BridgeOptions,
     /// `[realtime]`: scheduling of the loops.

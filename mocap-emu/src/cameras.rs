@@ -104,6 +104,7 @@ impl Cameras {
             residual_m: position_noise.norm(),
             body: BODY,
             tracked: u8::from(attitude.is_some()),
+            simulated: 1,
         }
     }
 

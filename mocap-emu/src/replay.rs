@@ -53,6 +53,7 @@ impl Replay {
                 residual_m: f64::NAN,
                 body: BODY,
                 tracked: 1,
+                simulated: 1,
             },
         })
     }

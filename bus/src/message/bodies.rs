@@ -37,6 +37,8 @@ message! {
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
         tracked: u8 ["flag"],
+        /// 1 if the pose is emulated or from a recording, 0 if cameras measured it.
+        simulated: u8 ["flag"],
     }
 }
 
@@ -131,6 +133,8 @@ message! {
         poses_superseded: u64 ["-"],
         /// Poses refused by the guard, in total.
         poses_refused: u64 ["-"],
+        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
+        obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
         /// [`crate::code::SafetyState`] of the daemon.
@@ -163,6 +167,8 @@ message! {
         cause: u8 ["code"],
         /// Changes of the daemon's condition that are missing in its log.
         unlogged: u64 ["-"],
+        /// [`crate::obstacle::ArmingObstacles`] of the daemon.
+        obstacles: u32 ["-"],
     }
 }
 

@@ -24,5 +24,7 @@ message! {
         state: u8 ["code"],
         /// [`crate::code::Cause`] of the state, or of the refusal.
         cause: u8 ["code"],
+        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning.
+        obstacles: u32 ["-"],
     }
 }
