@@ -40,6 +40,8 @@ message! {
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
         tracked: u8 ["flag"],
+        /// 1 if the pose is emulated or from a recording, 0 if cameras measured it.
+        simulated: u8 ["flag"],
     }
 }
 
@@ -165,6 +167,8 @@ message! {
         innovation_attitude: [f64; 3] ["rad, body"],
         /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
         nis: [f64; 2] ["-"],
+        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
+        obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
         /// [`crate::code::SafetyState`] of the daemon.
@@ -201,6 +205,8 @@ message! {
         late_turns: u64 ["-"],
         /// 1 while the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
         runs_late: u8 ["flag"],
+        /// [`crate::obstacle::ArmingObstacles`] of the daemon.
+        obstacles: u32 ["-"],
     }
 }
 
