@@ -66,6 +66,8 @@ pub struct CommandGate {
     last_request: Time,
     /// Instant since which "disarmed" has been commanded.
     disarmed_since: Option<Time>,
+    /// Instant since which an operator's stop is in force.
+    stopped_since: Option<Time>,
     rejected: u64,
 }
 
@@ -80,6 +82,7 @@ impl CommandGate {
             status: None,
             last_request: now,
             disarmed_since: None,
+            stopped_since: None,
             rejected: 0,
         }
     }
@@ -115,6 +118,23 @@ impl CommandGate {
             self.disarmed_since = self.disarmed_since.or(Some(now));
         }
         true
+    }
+
+    /// Sets the instant since which an operator's stop is in force: no flight command is forwarded, and the motors are stopped at
+    /// once, without the rest time. A flight command that arrived before it ends is never sent.
+    pub fn keep_stopped(&mut self, since: Option<Time>) {
+        self.stopped_since = since;
+        if since.is_some() {
+            self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
+        }
+    }
+
+    /// Whether a status that arrived since an operator's stop reports motors off.
+    #[must_use]
+    pub fn motors_are_off(&self) -> bool {
+        let (Some(since), Some(status)) = (self.stopped_since, self.status) else { return false };
+        // A toggle that was sent may still take effect.
+        status.received_at > since && !status.running && !self.is_in_sequence()
     }
 
     /// Takes the motor state that the vehicle reports.
@@ -187,12 +207,14 @@ impl CommandGate {
         let fresh = self.status.filter(|s| is_within(now, s.received_at, self.limits.status_age));
         let without_request = now.since(self.last_request);
         let rested = |since: Time| now.since(since) >= self.limits.rest;
-        let silent = self.disarmed_since.is_none() && without_request >= self.limits.rest;
+        let is_stopped = self.stopped_since.is_some();
+        let silent =
+            !is_stopped && self.disarmed_since.is_none() && without_request >= self.limits.rest;
         MotorConditions {
             requested,
             idle: without_request > self.limits.command_age,
-            disarmed: self.disarmed_since.is_some(),
-            rest_over: self.disarmed_since.is_some_and(rested) && !requested,
+            disarmed: self.disarmed_since.is_some() || is_stopped,
+            rest_over: (self.disarmed_since.is_some_and(rested) || is_stopped) && !requested,
             daemon_silent: silent && !requested,
             running: fresh.is_some_and(|status| status.running),
             stopped: fresh.is_some_and(|status| !status.running),

@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use crate::sink::{ObservedTopic, Reception, Sink};
 
-/// The processes of an instance. Either the plant or the bridge runs, or both.
-const PROCESSES: [Role; 4] = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge];
+/// The processes of an instance. Either the plant or the bridge runs, or both; either emulated cameras or a receiver.
+const PROCESSES: [Role; 5] = [Role::Plant, Role::Mocap, Role::Receiver, Role::Daemon, Role::Bridge];
 
 /// Collects what the processes of one instance publish about themselves.
 #[derive(Debug)]
@@ -26,13 +26,14 @@ pub struct StatusMonitor {
 
 impl StatusMonitor {
     /// The topics that carry the status of an instance.
-    pub const TOPICS: [ObservedTopic; 6] = [
+    pub const TOPICS: [ObservedTopic; 7] = [
         ObservedTopic::Telemetry,
         ObservedTopic::Vehicle,
         ObservedTopic::Health(PROCESSES[0]),
         ObservedTopic::Health(PROCESSES[1]),
         ObservedTopic::Health(PROCESSES[2]),
         ObservedTopic::Health(PROCESSES[3]),
+        ObservedTopic::Health(PROCESSES[4]),
     ];
 
     /// A monitor that counts a process as silent after `timeout` without a health message.
@@ -72,6 +73,8 @@ impl StatusMonitor {
         match role {
             Role::Plant => self.has(Role::Bridge),
             Role::Bridge => self.has(Role::Plant),
+            Role::Mocap => self.has(Role::Receiver),
+            Role::Receiver => self.has(Role::Mocap),
             _ => false,
         }
     }
@@ -176,6 +179,7 @@ pub struct VehicleStatus {
     link: bool,
     armed: bool,
     starting: bool,
+    stopped: bool,
     battery_v: Option<f64>,
     link_quality: Option<f64>,
 }
@@ -188,6 +192,7 @@ impl VehicleStatus {
             link: vehicle.link != 0,
             armed: vehicle.armed != 0,
             starting: vehicle.starting != 0,
+            stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),
         }
@@ -203,7 +208,8 @@ impl fmt::Display for VehicleStatus {
             (false, true) => "motors running",
             (false, false) => "motors off",
         };
-        write!(f, "{:<10} {kind}, {link}, {motors}", "vehicle")?;
+        let stop = if self.stopped { ", stopped by an operator" } else { "" };
+        write!(f, "{:<10} {kind}, {link}, {motors}{stop}", "vehicle")?;
         if let Some(volts) = self.battery_v {
             write!(f, ", battery {volts:.1} V")?;
         }

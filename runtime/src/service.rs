@@ -135,6 +135,8 @@ impl ServiceNotifier {
             (Role::Mocap, false) => "seeing the vehicle",
             (Role::Bridge, true) => "waiting for commands of a daemon",
             (Role::Bridge, false) => "passing commands on",
+            (Role::Receiver, true) => "waiting for frames of the camera system",
+            (Role::Receiver, false) => "passing poses on",
             (Role::Daemon | Role::Recorder, _) => "",
         };
         status.to_owned()

@@ -33,6 +33,9 @@ message! {
         attitude: [f64; 4] ["body to world"],
         /// Mean distance of the markers from the rigid body fitted to them; NaN if unknown.
         residual_m: f64 ["m"],
+        /// Error of `captured_at` that 99 poses of 100 do not exceed, where it is estimated from a camera system's own clock; 0
+        /// where it is exact.
+        capture_uncertainty_s: f64 ["s"],
         /// Number of the rigid body, from 1, as the camera system counts.
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
@@ -80,6 +83,8 @@ message! {
         starting: u8 ["flag"],
         /// 1 if the vehicle answers.
         link: u8 ["flag"],
+        /// 1 while an operator's stop keeps the motors off, whatever is commanded.
+        stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
         simulated: u8 ["flag"],
     }
@@ -96,7 +101,7 @@ message! {
         command_sequence: u64 ["-"],
         /// Time since the mission began; NaN before.
         mission_s: f64 ["s"],
-        /// Estimated position.
+        /// Estimated position at the capture of the newest accepted pose, `pose_captured_at`; so are the next three.
         position: [f64; 3] ["m, world"],
         /// Estimated velocity.
         velocity: [f64; 3] ["m/s, world"],
@@ -134,6 +139,32 @@ message! {
         poses_superseded: u64 ["-"],
         /// Poses refused by the guard, in total.
         poses_refused: u64 ["-"],
+        /// Capture of the newest accepted pose, as the pose says; [`Time::UNSET`] before the first.
+        pose_captured_at: Time ["ns"],
+        /// Publication of that pose.
+        pose_published_at: Time ["ns"],
+        /// Number of its camera frame.
+        pose_sequence: u64 ["-"],
+        /// Position as measured.
+        pose_position: [f64; 3] ["m, world"],
+        /// Attitude as measured, scalar last.
+        pose_attitude: [f64; 4] ["body to world"],
+        /// Distance of the markers from the fitted body, as measured; NaN if unknown.
+        pose_residual_m: f64 ["m"],
+        /// Position at that capture by the filter of the control stack itself; NaN if it has none, as the next three.
+        filter_position: [f64; 3] ["m, world"],
+        /// Velocity by that filter.
+        filter_velocity: [f64; 3] ["m/s, world"],
+        /// Attitude by that filter, scalar last.
+        filter_attitude: [f64; 4] ["body to world"],
+        /// Body rate by that filter.
+        filter_rate: [f64; 3] ["rad/s, body"],
+        /// Measured position minus the one that filter expected; NaN without a filter and on the floor, as the next two.
+        innovation_position: [f64; 3] ["m, world"],
+        /// Rotation from the attitude that filter expected to the measured one.
+        innovation_attitude: [f64; 3] ["rad, body"],
+        /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
+        nis: [f64; 2] ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
         /// [`crate::code::SafetyState`] of the daemon.

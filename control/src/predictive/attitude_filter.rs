@@ -44,6 +44,11 @@ impl AttitudeFilter {
         }
     }
 
+    /// Sets the bias to zero.
+    pub fn forget_bias(&mut self) {
+        self.bias = Vector3::zeros();
+    }
+
     /// `d`: the bias of the demand \[rad/s or rad/s^2, body axes\].
     #[must_use]
     pub fn bias(&self) -> &Vector3<f64> {
@@ -94,10 +99,26 @@ impl AttitudeFilter {
         self.covariance.predict(&transition);
     }
 
+    /// Variance of the next innovation about each axis \[rad^2\].
+    #[must_use]
+    pub fn innovation_variance(&self) -> f64 {
+        self.covariance.0[(0, 0)] + self.noise * self.noise
+    }
+
     /// Corrects `motion` by the attitude measured; returns the innovation \[rad, body axes\].
     pub fn correct(&mut self, motion: &mut Motion, measured: &Attitude) -> Vector3<f64> {
+        self.correct_with(motion, measured, self.noise)
+    }
+
+    /// As [`correct`](Self::correct), for a measurement with standard deviation `noise` \[rad\].
+    pub fn correct_with(
+        &mut self,
+        motion: &mut Motion,
+        measured: &Attitude,
+        noise: f64,
+    ) -> Vector3<f64> {
         let innovation = motion.attitude.rotation_to(measured);
-        let gain = self.covariance.correct(self.noise);
+        let gain = self.covariance.correct(noise);
         motion.attitude = motion.attitude.turned_by(innovation * gain.x);
         motion.rate += innovation * gain.y;
         self.bias = (self.bias + innovation * gain.z).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));

@@ -21,6 +21,7 @@
 //! | `look_ahead.rs` | a prescribed attitude at the time of effect |
 //! | `setpoint_buffer.rs` | set-points by the time they are for |
 //! | `ring.rs` | ring buffer |
+//! | `track.rs` | the motion expected of a vehicle, by which poses are judged |
 //!
 //! State and reference of the law are those of one instant: the time at which a command sent now takes effect. The
 //! motion is predicted to that time, and the reference is that of that time. The set-point reported for now was
@@ -40,6 +41,7 @@ mod position_law;
 mod reference_model;
 mod ring;
 mod setpoint_buffer;
+mod track;
 
 use nalgebra::Vector3;
 
@@ -60,12 +62,13 @@ pub use history::CommandHistory;
 pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
 pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
-pub use observer::MotionObserver;
+pub use observer::{MotionObserver, PoseInnovation};
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
 pub use reference_model::{Course, MotionLimits, ReferenceModel, ReferenceModelOptions};
 use setpoint_buffer::SetpointBuffer;
+pub use track::{Innovation, MeasuredPose, Surroundings, Track};
 
 /// Longest step of the reference model \[s\]; after a longer pause the reference model waits.
 const LONGEST_STEP_S: f64 = 0.1;
@@ -186,6 +189,13 @@ impl<I: InputForm + Copy> Autopilot<I> {
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.history.delay_s()
+    }
+
+    /// The motion that the filters estimate at the capture of the last pose, and the innovation of that pose; `None` before the
+    /// first pose.
+    #[must_use]
+    pub fn filtered(&self) -> Option<(&Motion, Option<&PoseInnovation>)> {
+        self.observer.latest().map(|(_, motion)| (motion, self.observer.innovation()))
     }
 
     /// Returns the command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the first

@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::controller::{ControllerName, RateInput, TorqueInput};
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::Rotation;
 
 use super::flight_stack::FlightStack;
 use super::paper::PaperStack;
 use super::predictive::PredictiveStack;
+use crate::command_model::inertia;
 
 /// Greatest stick \[-\].
 const MAX_STICK: f64 = 1.0;
@@ -54,28 +54,18 @@ impl ControlStack {
         }
         let lag_s = vehicle.rate_lag_ms * 1e-3;
         let input = input.with_lag(lag_s, 1.0 / config.control.rate_hz).map_err(of_vehicle)?;
-        let rotation = if holds_attitude {
-            let greatest_rate = Vector3::from(vehicle.rate_authority_rad_s);
-            let gain_per_s = vehicle.attitude_gain_per_s;
-            Rotation::AttitudeLoop { gain_per_s, greatest_rate, lag_s }
-        } else {
-            Rotation::RateLoop { lag_s }
-        };
-        PredictiveStack::new(config, input, rotation, limit).map(Self::PredictiveRate)
+        PredictiveStack::new(config, input, limit).map(Self::PredictiveRate)
     }
 
     fn torque(config: &Config, is_predictive: bool) -> Result<Self, OptionError> {
         let vehicle = &config.vehicle;
-        let inertia = vehicle.inertia().map_err(|error| {
-            OptionError::new("vehicle.inertia-kg-m2", "unusable", format!("an inertia: {error}"))
-        })?;
+        let inertia = inertia(vehicle)?;
         let limit = vehicle.max_torque_nm;
         let input = TorqueInput::new(inertia, limit).map_err(|error| error.within("vehicle"))?;
         if !is_predictive {
             return PaperStack::new(config, input, limit).map(Self::PaperTorque);
         }
-        let rotation = Rotation::RigidBody { inertia };
-        PredictiveStack::new(config, input, rotation, limit).map(Self::PredictiveTorque)
+        PredictiveStack::new(config, input, limit).map(Self::PredictiveTorque)
     }
 
     /// The stack behind its interface.

@@ -5,12 +5,13 @@ use oqtal_control::controller::InputForm;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{
-    Autopilot, Design, PredictiveCommand, PredictiveOutput, Rotation, VehicleModel,
+    Autopilot, Design, Motion, PoseInnovation, PredictiveCommand, PredictiveOutput,
 };
 use oqtal_control::trajectory::Reference;
 
 use super::flight_stack::{ControlOutput, ControlStep, FlightStack, SATURATED};
 use crate::command::{RotationCommand, VehicleCommand, collective};
+use crate::command_model::CommandModel;
 
 /// The predictive control stack for a vehicle commanded through `I`.
 #[derive(Clone, Debug)]
@@ -22,25 +23,13 @@ pub struct PredictiveStack<I> {
 }
 
 impl<I: InputForm + Copy> PredictiveStack<I> {
-    /// The stack of `config` for a vehicle that turns as `rotation` says and whose rotation command is at most `limit` \[as the
-    /// command\].
+    /// The stack of `config` for a vehicle whose rotation command is at most `limit` \[as the command\].
     ///
     /// # Errors
-    /// An option of the law is not allowed.
-    pub fn new(
-        config: &Config,
-        input: I,
-        rotation: Rotation,
-        limit: f64,
-    ) -> Result<Self, OptionError> {
+    /// An option of the law or of the vehicle is not allowed.
+    pub fn new(config: &Config, input: I, limit: f64) -> Result<Self, OptionError> {
         let (vehicle, control) = (&config.vehicle, &config.control);
-        let model = VehicleModel {
-            rotation,
-            mass_kg: vehicle.mass_kg,
-            gravity_m_s2: vehicle.gravity_m_s2,
-            drag_per_s: vehicle.drag_per_s,
-            thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
-        };
+        let model = CommandModel::new(config)?.model;
         let design = Design {
             model,
             input,
@@ -75,6 +64,10 @@ where
         let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
         let saturated = rotation.vector().amax() / self.limit >= SATURATED;
         Some(ControlOutput { setpoint, command, saturated })
+    }
+
+    fn filtered(&self) -> Option<(&Motion, Option<&PoseInnovation>)> {
+        self.autopilot.filtered()
     }
 
     fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand) {
