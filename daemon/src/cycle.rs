@@ -158,11 +158,7 @@ impl Cycle {
             mission: None,
             requests: Requests { at_start, ..Requests::default() },
             memory: Memory::starting_at(now),
-            telemetry: TelemetryV1 {
-                mission_s: f64::NAN,
-                pose_age_s: f64::NAN,
-                ..TelemetryV1::default()
-            },
+            telemetry: report::without_pose(),
         })
     }
 
@@ -232,6 +228,7 @@ impl Cycle {
                     self.estimator.update(captured_s, accepted.position, accepted.attitude);
                 self.stack.active_mut().observe(captured_s, &estimate);
                 self.memory.fresh = Some(*header);
+                self.record_pose(header, pose);
             }
             Err(cause) => {
                 self.memory.missing = cause;

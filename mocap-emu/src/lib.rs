@@ -2,8 +2,14 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `cameras.rs` | emulated cameras |
+//! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
+//! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
+//! | `markers.rs` | measurement from the markers up |
+//! | `connection.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
+//! | `capture.rs` | estimated captures of a recording's poses |
+//! | `statistics.rs` | a recording in figures |
+//! | `emulation.rs` | recordings made by the emulated cameras |
 //! | `replay.rs` | playback of a recording |
 //! | `source.rs` | both as pose sources over their ports |
 //! | `serve.rs` | poses over the network, as QTM, VRPN and NatNet |
@@ -14,11 +20,18 @@
 
 mod body;
 mod cameras;
+pub mod capture;
+mod connection;
+mod drift;
+pub mod emulation;
+pub mod markers;
+mod pose_noise;
 pub mod recording;
 mod replay;
 mod scene;
 pub mod serve;
 mod source;
+pub mod statistics;
 
 use std::path::Path;
 use std::process::ExitCode;

@@ -5,10 +5,12 @@ mod background;
 pub mod clock;
 mod command;
 mod connect;
+mod discover;
 pub mod gate;
 pub mod link;
 mod natnet;
 mod note;
+mod probe;
 mod process;
 mod qtm;
 mod receiver;
@@ -22,6 +24,11 @@ mod watch;
 
 pub use command::ReceiverCommand;
 pub use connect::{CameraConnection, ConnectError, connect, connect_to_all};
+pub use discover::{FoundServer, discover};
+pub use probe::{
+    BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures, ProbeFinding, Severity,
+    Verdict, probe,
+};
 pub use process::{check, link as configured_link, run};
 pub use receiver::PoseReceiver;
 pub use routes::CameraBody;

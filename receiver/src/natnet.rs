@@ -50,7 +50,10 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
         NatnetDelivery::Unicast => None,
     };
     match group {
-        Some(group) => connection.frames = Some(join(attempt, group, info.data_port)?),
+        Some(group) => {
+            let frames = connection.join(attempt, (group, info.data_port))?;
+            connection.frames = Some(frames);
+        }
         None if delivery == NatnetDelivery::Announced => {
             // A unicast server: we say that we want its frames.
             connection.client = NatNetClient::new(true);
@@ -67,21 +70,6 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
         bodies: connection.routes.bodies().cloned().collect(),
         wanted: connection.routes.wanted().to_vec(),
         stream: Box::new(connection),
-    })
-}
-
-/// Joins the group of the frames.
-fn join(attempt: &Attempt, group: Ipv4Addr, port: u16) -> Result<UdpSocket, ConnectError> {
-    let opened = bind_group(group, port).and_then(|socket| {
-        socket.set_nonblocking(true)?;
-        Ok(socket)
-    });
-    opened.map_err(|error| match error.kind() {
-        io::ErrorKind::AddrInUse => ConnectError::PortInUse { port, reason: error.to_string() },
-        io::ErrorKind::PermissionDenied => {
-            ConnectError::Permission { what: format!("port {port}"), reason: error.to_string() }
-        }
-        _ => attempt.refused(&error),
     })
 }
 
@@ -102,6 +90,29 @@ impl NatnetConnection {
             clock_hz: 1,
             routes: attempt.routes(),
             buffer: vec![0; BUFFER],
+        })
+    }
+
+    /// Joins the group of the frames, at the interface that leads to the server.
+    fn join(
+        &self,
+        attempt: &Attempt,
+        (group, port): (Ipv4Addr, u16),
+    ) -> Result<UdpSocket, ConnectError> {
+        let opened = self.commands.local_addr().and_then(|address| {
+            let IpAddr::V4(interface) = address.ip() else {
+                return Err(io::Error::other("the multicast group needs an IPv4 server"));
+            };
+            let socket = bind_group(group, port, interface)?;
+            socket.set_nonblocking(true)?;
+            Ok(socket)
+        });
+        opened.map_err(|error| match error.kind() {
+            io::ErrorKind::AddrInUse => ConnectError::PortInUse { port, reason: error.to_string() },
+            io::ErrorKind::PermissionDenied => {
+                ConnectError::Permission { what: format!("port {port}"), reason: error.to_string() }
+            }
+            _ => attempt.refused(&error),
         })
     }
 

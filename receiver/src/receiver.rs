@@ -131,7 +131,6 @@ impl FrameSink for PoseReceiver {
             capture_uncertainty_s: captured.uncertainty.seconds(),
             body: body.number,
             tracked: u8::from(body.pose.is_some()),
-            ..PoseV1::default()
         };
         let stamps = Stamps {
             captured_at: captured.captured_at,

@@ -40,17 +40,18 @@ pub fn receive_some(socket: &UdpSocket, server: IpAddr, buffer: &mut [u8]) -> io
     Ok(0)
 }
 
-/// Binds a port for datagrams to a multicast group, which other programs of this machine may receive, too.
+/// Binds a port for datagrams to a multicast group that arrive at the interface of this address. Other programs of this
+/// machine may receive them, too.
 ///
 /// # Errors
 /// The port is taken by a program that does not share it, or the group cannot be joined.
-pub fn bind_group(group: Ipv4Addr, port: u16) -> io::Result<UdpSocket> {
+pub fn bind_group(group: Ipv4Addr, port: u16, interface: Ipv4Addr) -> io::Result<UdpSocket> {
     let flags = SocketFlags::CLOEXEC;
     let socket = socket_with(AddressFamily::INET, SocketType::DGRAM, flags, None)?;
     sockopt::set_socket_reuseaddr(&socket, true)?;
     bind(&socket, &SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, port))?;
     let socket = UdpSocket::from(socket);
-    socket.join_multicast_v4(&group, &Ipv4Addr::UNSPECIFIED)?;
+    socket.join_multicast_v4(&group, &interface)?;
     Ok(socket)
 }
 

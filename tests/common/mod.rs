@@ -125,6 +125,11 @@ impl Running {
         self::signal(self.id(), signal);
     }
 
+    /// Whether the process has not ended.
+    pub fn runs(&mut self) -> bool {
+        matches!(self.child.as_mut().unwrap().try_wait(), Ok(None))
+    }
+
     pub fn wait(mut self) -> Output {
         self.child.take().unwrap().wait_with_output().unwrap()
     }

@@ -95,7 +95,7 @@ impl Laboratory {
 
     /// Passes an operator's command on; false if it is refused or nobody answers.
     pub fn ask(&self, command: OperatorCommand) -> bool {
-        let request = ControlRequestV1 { command: command.code(), ..ControlRequestV1::default() };
+        let request = ControlRequestV1::of(command);
         let answer = self.client.ask(request, Span::from_millis(1000)).unwrap();
         answer.is_some_and(|answer| answer.answer != Answer::Refused.code())
     }

@@ -101,7 +101,7 @@ message! {
         command_sequence: u64 ["-"],
         /// Time since the mission began; NaN before.
         mission_s: f64 ["s"],
-        /// Estimated position.
+        /// Estimated position at the capture of the newest accepted pose, `pose_captured_at`; so are the next three.
         position: [f64; 3] ["m, world"],
         /// Estimated velocity.
         velocity: [f64; 3] ["m/s, world"],
@@ -139,6 +139,32 @@ message! {
         poses_superseded: u64 ["-"],
         /// Poses refused by the guard, in total.
         poses_refused: u64 ["-"],
+        /// Capture of the newest accepted pose, as the pose says; [`Time::UNSET`] before the first.
+        pose_captured_at: Time ["ns"],
+        /// Publication of that pose.
+        pose_published_at: Time ["ns"],
+        /// Number of its camera frame.
+        pose_sequence: u64 ["-"],
+        /// Position as measured.
+        pose_position: [f64; 3] ["m, world"],
+        /// Attitude as measured, scalar last.
+        pose_attitude: [f64; 4] ["body to world"],
+        /// Distance of the markers from the fitted body, as measured; NaN if unknown.
+        pose_residual_m: f64 ["m"],
+        /// Position at that capture by the filter of the control stack itself; NaN if it has none, as the next three.
+        filter_position: [f64; 3] ["m, world"],
+        /// Velocity by that filter.
+        filter_velocity: [f64; 3] ["m/s, world"],
+        /// Attitude by that filter, scalar last.
+        filter_attitude: [f64; 4] ["body to world"],
+        /// Body rate by that filter.
+        filter_rate: [f64; 3] ["rad/s, body"],
+        /// Measured position minus the one that filter expected; NaN without a filter and on the floor, as the next two.
+        innovation_position: [f64; 3] ["m, world"],
+        /// Rotation from the attitude that filter expected to the measured one.
+        innovation_attitude: [f64; 3] ["rad, body"],
+        /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
+        nis: [f64; 2] ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
         /// [`crate::code::SafetyState`] of the daemon.
@@ -159,7 +185,7 @@ message! {
 message! {
     /// Topics `health/NAME`: health of a process, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
-        /// Instant of this message, by the monotonic clock of the machine, whatever clock drives the flight.
+        /// Instant of this message, by the clock of the machine, whatever clock drives the flight.
         time: Time ["ns"],
         /// Hash of the effective configuration: processes that disagree were started from different files.
         config_hash: u64 ["-"],
@@ -171,6 +197,10 @@ message! {
         cause: u8 ["code"],
         /// Changes of the daemon's condition that are missing in its log.
         unlogged: u64 ["-"],
+        /// Turns of the loop that ended more than a control period after they were due, in total.
+        late_turns: u64 ["-"],
+        /// 1 while the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
+        runs_late: u8 ["flag"],
     }
 }
 
