@@ -86,7 +86,7 @@ fn f02_poses_that_stay_off_stop_the_motors() {
 
 #[test]
 fn f03_stuck_poses_are_no_poses() {
-    fly(&HOVER, "--clock lockstep --fault pose:stuck@4+0.1").coasts().by("pose frozen").lands();
+    fly(&HOVER, "--clock lockstep --fault pose:stuck@1+0.1").coasts().by("pose frozen").lands();
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The observer of the soak: what it saw, and what must never be seen.
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Actuation, SafetyState};
+use oqtal_bus::code::{Actuation, Cause, SafetyState};
 use oqtal_bus::message::{CommandV1, TelemetryV1, TruthV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::topic::{COMMAND, TELEMETRY, TRUTH};
@@ -9,7 +9,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 
 use crate::laboratory::Laboratory;
 
-/// Ticks in a row that may use new poses before the daemon is Nominal again: one second.
+/// Ticks in a row that may use new poses before the daemon no longer coasts: one second.
 const RECOVERY_TICKS: u64 = 60;
 
 pub struct Watch {
@@ -23,7 +23,7 @@ pub struct Watch {
     pub state: u8,
     pub is_fresh: bool,
     pub height_m: f64,
-    /// Ticks with new poses since the state was last Nominal or Stop.
+    /// Ticks in a row that used new poses and still coasted.
     recovering: u64,
     last_refused: u64,
     violations: Vec<String>,
@@ -70,14 +70,11 @@ impl Watch {
         self.refused += tick.poses_refused.saturating_sub(self.last_refused);
         self.last_refused = tick.poses_refused;
         (self.mode, self.state, self.is_fresh) = (tick.mode, tick.state, tick.fresh != 0);
-        let settled = [SafetyState::Nominal.code(), SafetyState::Stop.code()].contains(&tick.state);
-        let waits_for_the_vehicle = tick.cause == oqtal_bus::code::Cause::NoVehicle.code();
-        self.recovering = match (settled || waits_for_the_vehicle, self.is_fresh) {
-            (true, _) | (_, false) => 0,
-            (false, true) => self.recovering + 1,
-        };
+        let waits_for_the_vehicle = tick.cause == Cause::NoVehicle.code();
+        let coasts = tick.state == SafetyState::Coast.code() && !waits_for_the_vehicle;
+        self.recovering = if coasts && self.is_fresh { self.recovering + 1 } else { 0 };
         if self.recovering == RECOVERY_TICKS {
-            self.violations.push(format!("poses for a second, and not Nominal: {tick:?}"));
+            self.violations.push(format!("poses for a second, and still Coast: {tick:?}"));
         }
     }
 
