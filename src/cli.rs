@@ -58,7 +58,7 @@ enum Command {
     PlantSim(oqtal_plant_sim::PlantCommand),
     /// Run the motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
-    MocapEmu(ProcessCommand),
+    MocapEmu(oqtal_mocap_emu::MocapCommand),
     /// Run the bridge process: a real vehicle over a radio
     #[command(subcommand)]
     Bridge(oqtal_bridge::BridgeCommand),
@@ -90,10 +90,7 @@ impl Cli {
             }
             Some(Command::PlantSim(command)) => return command.execute(),
             Some(Command::Bridge(command)) => return command.execute(),
-            Some(Command::MocapEmu(command)) => {
-                use oqtal_mocap_emu::{check, run};
-                return execute(Role::Mocap, &command, run, check);
-            }
+            Some(Command::MocapEmu(command)) => return command.execute(),
         };
         finish(result)
     }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mocap_cameras::{CameraOptions, MarkerOptions};
 use crate::mocap_room::RoomOptions;
+use crate::mocap_serve::ServeOptions;
 use crate::preset;
 
 /// How a pose is made from the true state.
@@ -71,6 +72,8 @@ pub struct MocapOptions {
     pub cameras: CameraOptions,
     /// `[mocap.markers]`.
     pub markers: MarkerOptions,
+    /// `[mocap.serve]`: poses over the network.
+    pub serve: ServeOptions,
 }
 
 impl MocapOptions {

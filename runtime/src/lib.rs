@@ -1,10 +1,12 @@
 //! What every process of oqtal has: context, real-time set-up, loop clock, virtual clock, health, logs, signals, exit codes.
 #![forbid(unsafe_code)]
 
+pub mod actuation;
 mod args;
 pub mod background;
 mod context;
 mod exit;
+pub mod faults;
 pub mod handoff;
 pub mod health;
 mod lockstep;

@@ -33,6 +33,10 @@ pub enum RandomSource {
     Markers = 9,
     /// Drift of the camera system's noise, the sending of its frames and the stalls of its connection, by frame.
     Room = 10,
+    /// Faults by hand.
+    Fault = 20,
+    /// Loss of commands on a radio with a fault, one draw per command.
+    RadioFault = 21,
 }
 
 /// The stream of `source` under `seed`.
