@@ -43,7 +43,6 @@ pub use config::{Config, DEFAULTS};
 pub use error::ConfigError;
 pub use fault::{Fault, FaultKind, FaultOptions, FaultTarget, FaultUnit, Magnitude};
 pub use instance::{ClockKind, ClockOptions, InstanceOptions, LogLevel, LogOptions};
-pub use mocap::MocapOptions;
 pub use mocap::{MocapModel, MocapOptions, StampSource};
 pub use mocap_cameras::{CameraOptions, MarkerOptions};
 pub use mocap_room::RoomOptions;

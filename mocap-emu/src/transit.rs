@@ -50,10 +50,12 @@ impl FrameSender {
             self.next = Some((tick, at));
             return None;
         }
-        let periods = if skip < room.send_skip_probability { 2.0 } else { 1.0 };
+        // After a missed period the computer is half as late, as the recordings have it.
+        let (periods, haste) =
+            if skip < room.send_skip_probability { (2.0, 0.5) } else { (1.0, 1.0) };
         let tick = tick + Span::from_seconds(periods * room.send_period_ms * 1e-3);
         let is_late = late < room.send_late_probability;
-        let lateness_ms = if is_late { lateness * room.send_late_ms } else { 0.0 };
+        let lateness_ms = if is_late { haste * lateness * room.send_late_ms } else { 0.0 };
         self.next = Some((tick, tick + Span::from_seconds(lateness_ms * 1e-3)));
         self.sent += 1;
         Some(SentFrame { number: self.sent, at: at.max(captured_at) })
