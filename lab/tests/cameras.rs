@@ -1,5 +1,6 @@
 //! Flights on the emulated cameras from the markers up, and what estimators make of real rooms.
 
+use nalgebra::Vector3;
 use oqtal_config::{Config, Setting};
 use oqtal_lab::cameras::{estimation, noise, statistics};
 use oqtal_lab::mission::Mission;
@@ -21,7 +22,9 @@ fn flown(settings: &[(&str, toml::Value)]) -> Flight {
 fn position_error(flight: &Flight) -> f64 {
     let scored = flight.samples.iter().filter(|sample| sample.telemetry.scored == 1);
     let errors: Vec<f64> = scored
-        .map(|sample| (sample.position() - sample.telemetry.reference_position.into()).norm())
+        .map(|sample| {
+            (sample.position() - Vector3::from(sample.telemetry.reference_position)).norm()
+        })
         .collect();
     errors.iter().sum::<f64>() / errors.len() as f64
 }
@@ -51,7 +54,7 @@ fn a_swap_of_two_markers_is_never_flown_through() {
     for sample in flight.samples.iter().filter(|sample| sample.telemetry.fresh == 1) {
         assert!(sample.telemetry.pose_residual_m <= limit_m);
         // 15 ms of flight at 1 m/s, and noise; a swap shifts the pose by centimetres and turns it by degrees.
-        let moved = sample.position() - sample.telemetry.pose_position.into();
+        let moved = sample.position() - Vector3::from(sample.telemetry.pose_position);
         assert!(moved.norm() < 0.025, "{moved} at {:?}", sample.telemetry.time);
     }
 }
