@@ -1,6 +1,7 @@
 //! `oqtal fly`: one flight, from the command line to the report.
 
 mod directory;
+mod flight_record;
 mod process_group;
 mod processes;
 mod progress;
@@ -15,7 +16,6 @@ use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -25,7 +25,7 @@ use oqtal_observe::table;
 
 use directory::FlightDirectory;
 use processes::BusFlight;
-use progress::{FlightProgress, Interrupts};
+use progress::Interrupts;
 use vehicle::{CommandLink, VehicleChoice};
 
 /// A pose interval of more loop periods than this is a gap to the daemon, so that its state never becomes `Nominal` \[-\].
@@ -101,10 +101,12 @@ impl FlightSeries for BusFlightSeries {
         let directory = self.directory.as_ref().map(|directory| directory.join(name));
         let directory = FlightDirectory::create(directory.as_deref(), &mission.config)?;
         let (link, interrupts) = (&CommandLink::Bus, &self.interrupts);
-        let flight = BusFlight { mission, link, directory: &directory, interrupts }.fly()?;
+        let bus_flight = BusFlight { mission, link, directory: &directory, interrupts };
+        let (flight, recording) = bus_flight.fly()?;
         if interrupts.any() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
         }
+        flight_record::check(recording.as_ref())?;
         Ok(flight)
     }
 }
@@ -121,14 +123,14 @@ impl FlyArgs {
         check_pose_rate(&mission)?;
         let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
         let interrupts = &Interrupts::listen()?;
-        let flight = match mission.config.clock.kind {
-            ClockKind::InProcess => fly_in_process(&mission, interrupts)?,
-            ClockKind::Real | ClockKind::Lockstep => {
-                BusFlight { mission: &mission, link: &link, directory: &directory, interrupts }
-                    .fly()?
-            }
+        let bus_flight =
+            BusFlight { mission: &mission, link: &link, directory: &directory, interrupts };
+        let (flight, recording) = match mission.config.clock.kind {
+            ClockKind::InProcess => bus_flight.fly_in_process()?,
+            ClockKind::Real | ClockKind::Lockstep => bus_flight.fly()?,
         };
-        self.conclude(&flight, &directory)
+        let exit = self.conclude(&flight, &directory)?;
+        flight_record::check(recording.as_ref()).map(|()| exit)
     }
 
     /// Prints the figures before it writes the files, so that a full disk does not take them away.
@@ -141,7 +143,9 @@ impl FlyArgs {
         }
         match flight.outcome {
             Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),
-            Outcome::Stopped | Outcome::Crashed | Outcome::Timeout => Ok(Exit::Flight),
+            Outcome::Stopped | Outcome::Crashed | Outcome::Timeout | Outcome::Unfinished => {
+                Ok(Exit::Flight)
+            }
         }
     }
 
@@ -184,15 +188,4 @@ fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
         poses_hz.round().max(1.0)
     );
     Err(Failure::new(Exit::Config, message))
-}
-
-/// Flies in this process, with progress and interrupts in the terminal.
-fn fly_in_process(mission: &Mission, interrupts: &Interrupts) -> Result<Flight, Failure> {
-    let progress = FlightProgress::new(mission.expected());
-    let flight = simulation::fly_watched(mission, |recorder| {
-        progress.show(recorder);
-        interrupts.next()
-    });
-    progress.finish();
-    flight
 }

@@ -8,3 +8,4 @@ pub mod ctl;
 pub mod doctor;
 pub mod fly;
 pub mod latency;
+mod provenance;

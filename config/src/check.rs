@@ -28,6 +28,7 @@ impl Config {
         self.trajectory.check().map_err(|error| error.within("trajectory"))?;
         self.safety.check()?;
         self.bridge.check()?;
+        self.record.check()?;
         Ok(self.realtime.check()?)
     }
 

@@ -85,11 +85,16 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
 }
 
 impl LoopHandle {
-    /// Replies to the operator's request that waits, if any, with the result of `answer`; `false` if none waits.
-    pub fn poll_request(&self, answer: impl FnOnce(OperatorCommand) -> ControlResponseV1) -> bool {
-        let Some((number, command)) = self.queues.request() else { return false };
-        self.queues.reply((number, answer(command)));
-        true
+    /// Replies to the operator's request that waits, if any, with the result of `answer`; returns request and reply, `None` if
+    /// none waits.
+    pub fn poll_request(
+        &self,
+        answer: impl FnOnce(OperatorCommand) -> ControlResponseV1,
+    ) -> Option<(OperatorCommand, ControlResponseV1)> {
+        let (number, command) = self.queues.request()?;
+        let response = answer(command);
+        self.queues.reply((number, response));
+        Some((command, response))
     }
 
     /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
@@ -212,12 +217,13 @@ mod tests {
         let first = requests.ask(asks(OperatorCommand::Status));
         assert_eq!(first.answer, Answer::Accepted.code());
         let second = std::thread::spawn(move || requests.ask(asks(OperatorCommand::Land)));
-        assert!(handle.poll_request(|_| answers(Answer::Refused)));
+        assert!(handle.poll_request(|_| answers(Answer::Refused)).is_some());
         // The loop goes on once the second request is there, too.
-        while !handle.poll_request(|command| {
+        let land = |command| {
             assert_eq!(command, OperatorCommand::Land);
             answers(Answer::Done)
-        }) {
+        };
+        while handle.poll_request(land).is_none() {
             std::thread::yield_now();
         }
         let second = second.join().unwrap().answer;

@@ -13,6 +13,7 @@
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stacks: everything between poses and command |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
+//! | `intake.rs` | records of what the loop took in |
 //! | `turn.rs` | one turn of the process over its ports |
 //! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
@@ -26,6 +27,7 @@ mod command;
 mod cycle;
 mod flight_marker;
 mod guard;
+mod intake;
 mod mission;
 mod stack;
 mod supervisor;
@@ -66,9 +68,10 @@ pub use waypoint_file::trajectory;
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = trajectory(&context.config)?;
     let bus = context.bus()?;
-    let ports = DaemonPorts::open(&bus).map_err(|error| name_holder(&bus, error))?;
+    let mut ports = DaemonPorts::open(&bus).map_err(|error| name_holder(&bus, error))?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
-    let mut cycle = Cycle::new(&context.config, trajectory, clock.now())
+    let started_at = clock.now();
+    let mut cycle = Cycle::new(&context.config, trajectory, started_at)
         .map_err(|error| context.config.locate(&error))?;
     let warmup =
         if clock.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
@@ -79,9 +82,11 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let marker = FlightMarker::of(bus.paths());
-            if context.config.safety.arm_at_start && !marker.set() {
+            let stays = context.config.safety.arm_at_start && !marker.set();
+            if stays {
                 cycle.stay_at_start();
             }
+            ports.announce_start(started_at, stays)?;
             context.enter_realtime();
             process_loop::run(&mut DaemonTurn { ports, cycle, warmup, handle }, &mut clock, None)?;
             marker.remove();

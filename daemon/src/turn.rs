@@ -1,14 +1,18 @@
 //! One turn of the daemon over its ports: take the pose, compute, publish the command; telemetry and status afterwards.
 
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, PoseV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{
+    CommandV1, ControlResponseV1, InputV1, PoseV1, Stamps, TelemetryV1, VehicleV1,
+};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, POSE, TELEMETRY, VEHICLE};
+use oqtal_bus::topic::{COMMAND, INPUT, POSE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::background::{Condition, LoopHandle};
 use crate::cycle::Cycle;
+use crate::intake;
 use crate::warmup::CacheWarmup;
 
 /// The daemon's ports in the loop.
@@ -18,6 +22,7 @@ pub struct DaemonPorts<T: Transport> {
     vehicles: T::Reader<VehicleV1>,
     commands: T::Writer<CommandV1>,
     telemetry: T::Writer<TelemetryV1>,
+    inputs: T::Writer<InputV1>,
 }
 
 impl<T: Transport> DaemonPorts<T> {
@@ -32,7 +37,16 @@ impl<T: Transport> DaemonPorts<T> {
             poses: bus.reader(&POSE)?,
             vehicles: bus.reader(&VEHICLE)?,
             telemetry: bus.writer(&TELEMETRY)?,
+            inputs: bus.writer(&INPUT)?,
         })
+    }
+
+    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn announce_start(&mut self, now: Time, stays: bool) -> Result<(), BusError> {
+        self.inputs.send(0, Stamps::default(), intake::start(now, stays)).map(drop)
     }
 }
 
@@ -49,6 +63,22 @@ pub struct DaemonTurn<T: Transport> {
     pub handle: LoopHandle,
 }
 
+impl<T: Transport> DaemonTurn<T> {
+    /// Executes an operator's request that came between two turns and records it.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn request(
+        &mut self,
+        now: Time,
+        command: OperatorCommand,
+    ) -> Result<ControlResponseV1, BusError> {
+        let response = self.cycle.request(now, command);
+        self.ports.inputs.send(0, Stamps::default(), intake::request(now, command, &response))?;
+        Ok(response)
+    }
+}
+
 impl<T: Transport> Turn for DaemonTurn<T> {
     fn next_event(&self, _now: Time) -> Option<Time> {
         Some(self.warmup.or(self.cycle.next_event()))
@@ -59,9 +89,11 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         let arrival = ports.poses.latest()?;
         // Read after the pose was taken, so that no later stamp is earlier than the pose.
         let now = clock.now();
-        if let Some((header, vehicle)) = ports.vehicles.latest()? {
-            cycle.hear(now, &header, &vehicle);
+        let heard = ports.vehicles.latest()?;
+        if let Some((header, vehicle)) = &heard {
+            cycle.hear(now, header, vehicle);
         }
+        let mut input = intake::of(now, arrival.as_ref(), heard.as_ref());
         if let Some(tick) = cycle.step(now, arrival.as_ref()) {
             let computed_at = clock.now();
             let stamps = Stamps { computed_at, command_published_at: clock.now(), ..tick.stamps };
@@ -69,6 +101,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             clock.announce(&ports.commands)?;
             let telemetry = cycle.report(&stamps, sequence);
             ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
+            input.command_sequence = sequence;
             handle.publish_status(Condition::of(&telemetry, cycle.at_start()));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
@@ -76,7 +109,14 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         if let Some(arrival) = &arrival {
             warmup.expect(now, arrival);
         }
-        while handle.poll_request(|command| cycle.request(now, command)) {}
+        if intake::is_worth_recording(&input) {
+            ports.inputs.send(0, Stamps::default(), input)?;
+        }
+        while let Some((command, response)) =
+            handle.poll_request(|command| cycle.request(now, command))
+        {
+            ports.inputs.send(0, Stamps::default(), intake::request(now, command, &response))?;
+        }
         Ok(())
     }
 

@@ -10,6 +10,8 @@ use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
+use oqtal_observe::recording::{McapRecorder, RecordingResult};
+use oqtal_observe::sink::Tee;
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
 use oqtal_runtime::pose_source::PoseTurn;
 use oqtal_runtime::process::{Exit, Failure, roles};
@@ -34,6 +36,7 @@ struct Simulation {
     daemon: DaemonTurn<MemoryBus>,
     observer: BusObserver<MemoryBus>,
     recorder: Recorder,
+    recording: Option<McapRecorder>,
 }
 
 /// Flies `mission` at the speed of this thread. Depends on nothing but the mission: the same configuration and seed give the
@@ -42,23 +45,25 @@ struct Simulation {
 /// # Errors
 /// An option of the law is invalid.
 pub fn fly(mission: &Mission) -> Result<Flight, Failure> {
-    fly_watched(mission, |_| None)
+    fly_recorded(mission, None, |_| None).map(|(flight, _)| flight)
 }
 
-/// Flies, and shows the recorder to `watch` every [`REVIEW`]; `watch` may return an operator's command.
+/// Flies, passes every sample to `recording` if there is one, and shows the recorder to `watch` every [`REVIEW`]; `watch` may
+/// return an operator's command.
 ///
 /// # Errors
 /// An option of the law is invalid, or an operator interrupted a flight that had not begun.
-pub fn fly_watched(
+pub fn fly_recorded(
     mission: &Mission,
+    recording: Option<McapRecorder>,
     mut watch: impl FnMut(&Recorder) -> Option<OperatorCommand>,
-) -> Result<Flight, Failure> {
+) -> Result<(Flight, Option<RecordingResult>), Failure> {
     let start = Time::VIRTUAL_START;
     let end = start + mission.patience();
-    let mut simulation = Simulation::new(mission, start)?;
+    let mut simulation = Simulation::new(mission, start, recording)?;
     let mut virtual_clock = VirtualClock::new(start, roles(&mission.config));
     if mission.recording.is_none() {
-        simulation.daemon.cycle.request(start, OperatorCommand::Fly);
+        simulation.daemon.request(start, OperatorCommand::Fly)?;
     }
     let began = Time::now();
     let mut now = start;
@@ -66,7 +71,9 @@ pub fn fly_watched(
         now = at;
         let result = if role == Role::Recorder {
             let command = simulation.review(now, &mut watch)?;
-            if command.is_some_and(|command| !simulation.obeys(now, command)) {
+            if let Some(command) = command
+                && !simulation.obeys(now, command)?
+            {
                 return Err(Failure::new(Exit::Flight, "interrupted"));
             }
             if simulation.recorder.outcome().is_some() || now >= end {
@@ -79,28 +86,35 @@ pub fn fly_watched(
         virtual_clock.done(role, result);
     }
     let speed = now.since(start).seconds() / Time::now().since(began).seconds().max(1e-9);
-    Ok(simulation.recorder.finish(mission.otherwise(), speed))
+    Ok(simulation.finish(mission, speed))
 }
 
 impl Simulation {
-    fn new(mission: &Mission, start: Time) -> Result<Self, Failure> {
+    fn new(
+        mission: &Mission,
+        start: Time,
+        recording: Option<McapRecorder>,
+    ) -> Result<Self, Failure> {
         let config = &mission.config;
         let bus = MemoryBus::new();
         let cycle = Cycle::new(config, mission.trajectory.clone(), start)
             .map_err(|error| config.locate(&error))?;
         // The background thread's end is dropped: nobody sends requests through it or reads notes from it.
         let (handle, _) = loop_handoff();
+        let topics = match recording {
+            Some(_) => McapRecorder::topics(),
+            None => Recorder::TOPICS.to_vec(),
+        };
+        let observer = BusObserver::open(&bus, &topics)?;
+        let mut ports = DaemonPorts::open(&bus)?;
+        ports.announce_start(start, false)?;
         Ok(Self {
             plant: PlantTurn::open(&bus, Plant::new(config, start), Stepping::Exact, false)?,
             poses: PoseProcess::open(mission, &bus, start)?,
-            daemon: DaemonTurn {
-                ports: DaemonPorts::open(&bus)?,
-                cycle,
-                warmup: CacheWarmup::never(),
-                handle,
-            },
-            observer: BusObserver::open(&bus, &Recorder::TOPICS)?,
+            daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
+            observer,
             recorder: Recorder::new(config),
+            recording,
         })
     }
 
@@ -114,7 +128,7 @@ impl Simulation {
             Role::Daemon => {
                 let result = step(&mut self.daemon, now)?;
                 // Once per tick, so that what waits for the recorder stays in the caches.
-                self.observer.poll(now, &mut self.recorder)?;
+                self.record(now)?;
                 Ok(result)
             }
             // They take no part in virtual time.
@@ -128,13 +142,28 @@ impl Simulation {
         now: Time,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
     ) -> Result<Option<OperatorCommand>, BusError> {
-        self.observer.poll(now, &mut self.recorder)?;
+        self.record(now)?;
         Ok(watch(&self.recorder))
     }
 
+    /// Records what was published since the last call.
+    fn record(&mut self, now: Time) -> Result<(), BusError> {
+        match &mut self.recording {
+            Some(recording) => self.observer.poll(now, &mut Tee(&mut self.recorder, recording)),
+            None => self.observer.poll(now, &mut self.recorder),
+        }
+    }
+
+    /// Closes the records.
+    fn finish(self, mission: &Mission, speed_factor: f64) -> (Flight, Option<RecordingResult>) {
+        let flight = self.recorder.finish(mission.otherwise(), speed_factor);
+        let recording = self.recording.map(|recording| recording.close(&flight));
+        (flight, recording)
+    }
+
     /// Passes an operator's command to the daemon; `false` if it is refused.
-    fn obeys(&mut self, now: Time, command: OperatorCommand) -> bool {
-        self.daemon.cycle.request(now, command).answer != Answer::Refused.code()
+    fn obeys(&mut self, now: Time, command: OperatorCommand) -> Result<bool, BusError> {
+        Ok(self.daemon.request(now, command)?.answer != Answer::Refused.code())
     }
 }
 

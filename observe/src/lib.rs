@@ -12,6 +12,7 @@ pub mod observer;
 pub mod page;
 pub mod plot;
 pub mod recorder;
+pub mod recording;
 pub mod report;
 pub mod sink;
 pub mod status;
