@@ -187,7 +187,7 @@ impl Observation {
 /// Asks the daemon to fly, and waits until the vehicle is told to.
 fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(), Failure> {
     let client = bus.control_client()?;
-    let request = ControlRequestV1 { command: OperatorCommand::Fly.code() };
+    let request = ControlRequestV1::of(OperatorCommand::Fly);
     let give_up = Time::now() + PATIENCE;
     let mut asked = false;
     while !observation.monitor.is_armed() {

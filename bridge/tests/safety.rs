@@ -10,6 +10,7 @@ use proptest::prelude::*;
 
 const PERIOD: Span = Span::from_nanos(16_666_667);
 const LIMITS: SafetyLimits = SafetyLimits {
+    accepts: Actuation::Sticks,
     command_age: Span::from_nanos(50_000_001),
     status_age: Span::from_millis(375),
     sequence: Span::from_millis(3000),
@@ -33,7 +34,7 @@ enum Stimulus {
 fn stimulus() -> impl Strategy<Value = Stimulus> {
     let stick = prop_oneof![-1.0..1.0, Just(f64::NAN), Just(f64::INFINITY)];
     let age = prop_oneof![4 => 0..2000_i64, 1 => 0..200_000_i64, 1 => -50_000..0_i64];
-    let command = (0..4_u8, stick, age);
+    let command = (0..5_u8, stick, age);
     prop_oneof![
         6 => command.prop_map(|(actuation, stick, age_us)| Stimulus::Command { actuation, stick, age_us }),
         3 => any::<bool>().prop_map(|running| Stimulus::Status { running }),

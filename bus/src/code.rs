@@ -43,6 +43,8 @@ code! {
         Sticks = 1 => "sticks",
         /// Torque and collective thrust.
         Torque = 2 => "torque",
+        /// Attitude and collective thrust, for a vehicle that holds the attitude by itself.
+        Attitude = 3 => "attitude",
     }
 }
 
@@ -90,7 +92,7 @@ code! {
         NotUnit = 5 => "quaternion not of unit norm",
         /// Sequence or capture time went back or stood still.
         Order = 6 => "pose out of order",
-        /// The pose jumped further than the vehicle can fly.
+        /// The pose is where the commands sent cannot have brought the vehicle.
         Jump = 7 => "pose jumped",
         /// The same pose came again under new sequence numbers.
         Frozen = 8 => "pose frozen",
@@ -101,6 +103,12 @@ code! {
         /// Neither plant nor bridge answers, or the vehicle behind the bridge does not, or its motors stopped in flight or never
         /// started, or another process took its place.
         NoVehicle = 11 => "vehicle silent",
+        /// Poses agree with each other and not with the motion: of another body, or of markers that were exchanged.
+        Relabel = 12 => "pose of another body",
+        /// The request was read after the operator had given up waiting for the answer.
+        Expired = 40 => "request came too late",
+        /// The operator expects the daemon to run with another configuration.
+        OtherConfig = 41 => "configurations differ",
     }
 }
 

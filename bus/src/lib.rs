@@ -17,6 +17,7 @@ pub mod port;
 mod ports;
 mod remains;
 pub mod shared;
+pub mod stop;
 pub mod time;
 pub mod topic;
 pub mod transport;

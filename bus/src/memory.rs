@@ -5,9 +5,11 @@ use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
 use std::rc::Rc;
+use std::sync::atomic::AtomicU32;
 
 use crate::error::BusError;
 use crate::message::{Header, Message, Stamps};
+use crate::stop::{self, StopSwitch};
 use crate::topic::Topic;
 use crate::transport::{Publish, Subscribe, Transport};
 
@@ -59,6 +61,7 @@ type SharedHistory<M> = Rc<RefCell<History<M>>>;
 #[derive(Default)]
 pub struct MemoryBus {
     topics: RefCell<HashMap<&'static str, Rc<dyn Any>>>,
+    stop: Rc<[AtomicU32; stop::WORDS]>,
 }
 
 impl fmt::Debug for MemoryBus {
@@ -103,6 +106,10 @@ impl Transport for MemoryBus {
 
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryReader<M>, BusError> {
         Ok(self.open_reader(topic, 1))
+    }
+
+    fn stop_switch(&self) -> Result<StopSwitch, BusError> {
+        Ok(StopSwitch::local(Rc::clone(&self.stop)))
     }
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryReader<M>, BusError> {

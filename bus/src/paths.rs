@@ -6,6 +6,7 @@ use iceoryx2::prelude::{Config, FileName, SemanticString};
 
 use crate::error::{BusError, system};
 use crate::message::{FNV_OFFSET, fnv1a};
+use crate::remains;
 
 /// Name and root directory of an instance. Buses with different paths are separate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,6 +43,11 @@ impl InstancePaths {
         let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
         let root = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());
         format!("oqtal_{}_{root:016x}_", self.instance)
+    }
+
+    /// Path of the file `name` of this instance in shared memory.
+    pub(crate) fn shared_file(&self, name: &str) -> PathBuf {
+        remains::shared_file(&self.prefix(), name)
     }
 
     /// Directory of the instance.

@@ -5,7 +5,6 @@
 //! between two waits is never lost, and a process that dies between any two instructions leaves nothing to repair.
 
 use std::cell::Cell;
-use std::io;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -59,12 +58,7 @@ impl EventPorts {
     fn open(&self, topic: &str) -> Result<SharedWords, BusError> {
         let _lock = self.membership.lock()?;
         let path = self.path(topic);
-        SharedWords::open(&path, 1).map_err(|error| match error.kind() {
-            io::ErrorKind::InvalidData => BusError::Version { topic: topic.to_owned() },
-            io::ErrorKind::PermissionDenied => BusError::Permission { path },
-            io::ErrorKind::StorageFull => BusError::full(1),
-            _ => system(format!("opening event `{topic}`"), &error),
-        })
+        SharedWords::open(&path, 1).map_err(|error| BusError::of_shared_file(topic, path, &error))
     }
 
     pub(crate) fn path(&self, topic: &str) -> PathBuf {

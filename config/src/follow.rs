@@ -7,7 +7,7 @@
 use toml::{Table, Value};
 
 /// The keys of `[plant]` that follow the key of the same name in `[vehicle]`.
-const AIRFRAME: [&str; 11] = [
+const AIRFRAME: [&str; 12] = [
     "interface",
     "mass-kg",
     "gravity-m-s2",
@@ -16,6 +16,7 @@ const AIRFRAME: [&str; 11] = [
     "rate-authority-rad-s",
     "max-torque-nm",
     "rate-lag-ms",
+    "attitude-gain-per-s",
     "thrust-lag-ms",
     "command-delay-ms",
     "drag-per-s",

@@ -34,7 +34,7 @@ mod setting;
 mod vehicle;
 
 pub use airframe::Interface;
-pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns, AsctecSticks};
+pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns};
 pub use bridge::BridgeOptions;
 pub use config::{Config, DEFAULTS};
 pub use error::ConfigError;

@@ -1,6 +1,7 @@
 //! `[safety]`: which poses the daemon accepts, when it flies, and when it stops the motors.
 
 use oqtal_control::options::{OptionError, Rule, check_options};
+use oqtal_control::predictive::FilterOptions;
 use serde::{Deserialize, Serialize};
 
 /// `[safety]`.
@@ -11,12 +12,16 @@ pub struct SafetyOptions {
     pub pose_rate_hz: f64,
     /// Greatest age of a pose that is accepted \[ms since its capture\].
     pub max_pose_age_ms: f64,
-    /// Greatest speed between two poses \[m/s\]; a faster pose is a jump.
+    /// Greatest speed between two poses on the ground \[m/s\]; a faster pose is a jump.
     pub max_speed_m_s: f64,
-    /// Greatest rate of turn between two poses \[rad/s\]; a faster pose is a jump.
+    /// Greatest rate of turn between two poses on the ground \[rad/s\]; a faster pose is a jump.
     pub max_rate_rad_s: f64,
+    /// Greatest distance in flight of a pose from the motion that the commands sent predict \[standard deviations\].
+    pub gate_sigma: f64,
     /// Good poses in a row after which poses are accepted again.
     pub recovery_poses: u32,
+    /// Time without accepted poses during which the vehicle is flown on the predicted motion \[ms\].
+    pub predict_ms: f64,
     /// Time without accepted poses after which the motors stop \[ms\].
     pub coast_ms: f64,
     /// Time without a reply after which the vehicle counts as silent \[ms\]: no take-off, and in flight the motors stop.
@@ -28,6 +33,8 @@ pub struct SafetyOptions {
     /// Whether the daemon flies once without an operator, as soon as poses and vehicle allow it. Only a simulated vehicle is
     /// flown so.
     pub arm_at_start: bool,
+    /// `[safety.filter]`: noise of poses and of the motion, for the gate.
+    pub filter: FilterOptions,
 }
 
 impl SafetyOptions {
@@ -37,11 +44,14 @@ impl SafetyOptions {
             ("max-pose-age-ms", self.max_pose_age_ms, Rule::Positive),
             ("max-speed-m-s", self.max_speed_m_s, Rule::Positive),
             ("max-rate-rad-s", self.max_rate_rad_s, Rule::Positive),
+            ("gate-sigma", self.gate_sigma, Rule::Positive),
             ("recovery-poses", f64::from(self.recovery_poses), Rule::Between(1.0, f64::MAX)),
+            ("predict-ms", self.predict_ms, Rule::NotNegative),
             ("coast-ms", self.coast_ms, Rule::Positive),
             ("vehicle-silence-ms", self.vehicle_silence_ms, Rule::Positive),
             ("motor-start-ms", self.motor_start_ms, Rule::Positive),
         ])
-        .map_err(|error| error.within("safety"))
+        .map_err(|error| error.within("safety"))?;
+        self.filter.check().map_err(|error| error.within("safety.filter"))
     }
 }

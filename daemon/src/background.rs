@@ -6,6 +6,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::control::ControlServer;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, TelemetryV1};
+use oqtal_bus::time::Time;
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
 use oqtal_runtime::health::{Health, Heartbeat};
@@ -56,7 +57,9 @@ impl Condition {
 
 /// Number by which a request and its reply find each other.
 type RequestNumber = u64;
-type NumberedRequest = (RequestNumber, OperatorCommand);
+type NumberedRequest = (RequestNumber, OperatorCommand, ValidUntil);
+/// Instant after which a request must not begin a flight; unset for no limit.
+type ValidUntil = Time;
 type NumberedReply = (RequestNumber, ControlResponseV1);
 
 /// The real-time thread's end of the hand-off.
@@ -72,6 +75,7 @@ pub struct OperatorRequests {
     queues: BackgroundHandle<Condition, NumberedRequest, NumberedReply>,
     count: RequestNumber,
     last: Condition,
+    config_hash: u64,
 }
 
 /// Both ends.
@@ -80,19 +84,30 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
     let (realtime, background) = handoff();
     (
         LoopHandle { queues: realtime, last: Condition::default() },
-        OperatorRequests { queues: background, count: 0, last: Condition::default() },
+        OperatorRequests {
+            queues: background,
+            count: 0,
+            last: Condition::default(),
+            config_hash: 0,
+        },
     )
 }
 
 impl LoopHandle {
     /// Replies to the operator's request that waits, if any, with the result of `answer`; returns request and reply, `None` if
-    /// none waits.
+    /// none waits. A request to fly that is read too late is refused. The operator waits by the machine's clock, also for a flight
+    /// in virtual time.
     pub fn poll_request(
         &self,
-        answer: impl FnOnce(OperatorCommand) -> ControlResponseV1,
+        mut answer: impl FnMut(OperatorCommand) -> ControlResponseV1,
     ) -> Option<(OperatorCommand, ControlResponseV1)> {
-        let (number, command) = self.queues.request()?;
-        let response = answer(command);
+        let (number, command, valid_until) = self.queues.request()?;
+        let is_late = valid_until.is_set() && Time::now() > valid_until;
+        let response = if is_late && begins_flight(command) {
+            refused(Cause::Expired, answer(OperatorCommand::Status))
+        } else {
+            answer(command)
+        };
         self.queues.reply((number, response));
         Some((command, response))
     }
@@ -122,21 +137,29 @@ impl OperatorRequests {
 
     /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still.
     fn ask(&mut self, request: ControlRequestV1) -> ControlResponseV1 {
-        let Condition { mode, state, cause, .. } = self.last;
-        let reply =
-            |answer: Answer| ControlResponseV1 { answer: answer.code(), mode, state, cause };
+        let (Condition { mode, state, cause, .. }, config_hash) = (self.last, self.config_hash);
+        let reply = |answer: Answer| {
+            let answer = answer.code();
+            ControlResponseV1 { answer, mode, state, cause, config_hash }
+        };
         let Some(command) = OperatorCommand::from_code(request.command) else {
             return reply(Answer::Refused);
         };
+        let is_other = request.config_hash != 0 && request.config_hash != config_hash;
+        if is_other && begins_flight(command) {
+            return refused(Cause::OtherConfig, reply(Answer::Refused));
+        }
         self.count += 1;
-        if self.queues.send((self.count, command)).is_err() {
+        if self.queues.send((self.count, command, request.valid_until)).is_err() {
             return reply(Answer::Refused);
         }
         let timeout = crossbeam_channel::after(REPLY_TIMEOUT);
         loop {
             crossbeam_channel::select! {
                 recv(self.queues.replies()) -> answer => match answer {
-                    Ok((number, response)) if number == self.count => return response,
+                    Ok((number, response)) if number == self.count => {
+                        return ControlResponseV1 { config_hash, ..response };
+                    }
                     // The late reply to an earlier request.
                     Ok(_) => {}
                     Err(_) => return reply(Answer::Refused),
@@ -145,6 +168,16 @@ impl OperatorRequests {
             }
         }
     }
+}
+
+/// Whether motors may start because of `command`: it must not be executed late, or under another configuration than expected.
+fn begins_flight(command: OperatorCommand) -> bool {
+    matches!(command, OperatorCommand::Arm | OperatorCommand::Fly)
+}
+
+/// The refusal for the reason `cause`, with mode and state as in `present`.
+fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
+    ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
 }
 
 /// The background thread of the daemon: logs, health, operator requests.
@@ -164,6 +197,7 @@ impl DaemonWorker {
     /// Another daemon serves the instance, or the bus refuses.
     pub fn open(context: &ProcessContext, requests: OperatorRequests) -> Result<Self, Failure> {
         let bus = context.bus()?;
+        let requests = OperatorRequests { config_hash: context.config.hash(), ..requests };
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         Ok(Self { requests, server, heartbeat, health: context.health.clone(), _bus: bus })
     }
@@ -203,7 +237,7 @@ mod tests {
     use super::*;
 
     fn asks(command: OperatorCommand) -> ControlRequestV1 {
-        ControlRequestV1 { command: command.code() }
+        ControlRequestV1::of(command)
     }
 
     fn answers(answer: Answer) -> ControlResponseV1 {
@@ -229,6 +263,47 @@ mod tests {
         let second = second.join().unwrap().answer;
         // Accepted: this machine took longer for the above than an operator waits.
         assert!([Answer::Done, Answer::Accepted].map(Answer::code).contains(&second));
+    }
+
+    #[test]
+    fn a_request_to_fly_is_refused_once_the_operator_has_given_up_and_a_stop_never() {
+        let (handle, requests) = loop_handoff();
+        let long_ago = Time::now();
+        for (command, is_executed) in [
+            (OperatorCommand::Arm, false),
+            (OperatorCommand::Fly, false),
+            (OperatorCommand::Land, true),
+            (OperatorCommand::Stop, true),
+        ] {
+            requests.queues.send((0, command, long_ago)).unwrap();
+            let mut executed = false;
+            while Time::now() == long_ago {}
+            let asked = handle.poll_request(|asked| {
+                executed |= asked == command;
+                answers(Answer::Done)
+            });
+            assert_eq!(asked.map(|(command, _)| command), Some(command));
+            let (_, response) = requests.queues.replies().recv().unwrap();
+            assert_eq!(executed, is_executed, "{command}");
+            let is_refused = response.cause == Cause::Expired.code();
+            assert_eq!(is_refused, !is_executed, "{command}");
+        }
+    }
+
+    #[test]
+    fn a_request_to_fly_with_another_configuration_is_refused() {
+        let (_handle, requests) = loop_handoff();
+        let mut requests = OperatorRequests { config_hash: 7, ..requests };
+        let request = ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Arm) };
+        let response = requests.ask(request);
+        assert_eq!((response.answer, response.config_hash), (Answer::Refused.code(), 7));
+        assert_eq!(response.cause, Cause::OtherConfig.code());
+        for config_hash in [0, 7] {
+            let response = requests.ask(ControlRequestV1 { config_hash, ..request });
+            assert_eq!(response.answer, Answer::Accepted.code());
+        }
+        let stop = requests.ask(ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Stop) });
+        assert_eq!(stop.answer, Answer::Accepted.code());
     }
 
     #[test]

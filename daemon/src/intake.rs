@@ -48,6 +48,6 @@ pub fn request(now: Time, command: OperatorCommand, response: &ControlResponseV1
 
 /// Whether the turn changed the state of the daemon: a sample was taken, or a tick made.
 pub fn is_worth_recording(input: &InputV1) -> bool {
-    let InputV1 { pose_number, vehicle_number, command_sequence, .. } = *input;
-    [pose_number, vehicle_number, command_sequence].iter().any(|number| *number != 0)
+    let InputV1 { pose_number, vehicle_number, command_sequence, stop, .. } = *input;
+    [pose_number, vehicle_number, command_sequence, u64::from(stop)].iter().any(|&word| word != 0)
 }

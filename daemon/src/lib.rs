@@ -7,7 +7,9 @@
 //! | `cycle/report.rs` | telemetry of a tick |
 //! | `cycle/mode.rs`, `cycle/safety.rs` | modes, and the safety conditions of a tick |
 //! | `command.rs` | the command in SI units, and its message |
-//! | `guard.rs` | the gate for poses |
+//! | `command_model.rs` | the effect of commands on the vehicle |
+//! | `guard.rs` | the checks that a pose must pass |
+//! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
 //! | `vehicle.rs` | the state of the vehicle, as heard |
 //! | `supervisor.rs` | the table of safety states |
 //! | `mission.rs` | the flight under way |
@@ -24,8 +26,10 @@
 
 mod background;
 mod command;
+mod command_model;
 mod cycle;
 mod flight_marker;
+mod gate;
 mod guard;
 mod intake;
 mod mission;
@@ -50,8 +54,10 @@ use oqtal_runtime::process_loop;
 use background::DaemonWorker;
 pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
+pub use command_model::CommandModel;
 pub use cycle::{AtStart, Cycle, Tick};
 use flight_marker::FlightMarker;
+pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
 pub use mission::ActiveMission;
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};

@@ -1,10 +1,11 @@
 //! One turn of the daemon over its ports: take the pose, compute, publish the command; telemetry and status afterwards.
 
-use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::code::{Actuation, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{
     CommandV1, ControlResponseV1, InputV1, PoseV1, Stamps, TelemetryV1, VehicleV1,
 };
+use oqtal_bus::stop::ControllerStop;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, INPUT, POSE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -22,6 +23,7 @@ pub struct DaemonPorts<T: Transport> {
     vehicles: T::Reader<VehicleV1>,
     commands: T::Writer<CommandV1>,
     telemetry: T::Writer<TelemetryV1>,
+    stop: ControllerStop,
     inputs: T::Writer<InputV1>,
 }
 
@@ -37,6 +39,7 @@ impl<T: Transport> DaemonPorts<T> {
             poses: bus.reader(&POSE)?,
             vehicles: bus.reader(&VEHICLE)?,
             telemetry: bus.writer(&TELEMETRY)?,
+            stop: ControllerStop::new(bus.stop_switch()?),
             inputs: bus.writer(&INPUT)?,
         })
     }
@@ -94,11 +97,18 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             cycle.hear(now, header, vehicle);
         }
         let mut input = intake::of(now, arrival.as_ref(), heard.as_ref());
+        if ports.stop.is_newly_raised() {
+            cycle.request(now, OperatorCommand::Stop);
+            input.stop = 1;
+        }
         if let Some(tick) = cycle.step(now, arrival.as_ref()) {
             let computed_at = clock.now();
             let stamps = Stamps { computed_at, command_published_at: clock.now(), ..tick.stamps };
             let sequence = ports.commands.send(tick.pose_sequence, stamps, tick.command)?;
             clock.announce(&ports.commands)?;
+            if tick.command.actuation == Actuation::Disarmed.code() {
+                ports.stop.confirm();
+            }
             let telemetry = cycle.report(&stamps, sequence);
             ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
             input.command_sequence = sequence;

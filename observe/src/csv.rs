@@ -21,7 +21,7 @@ const WORDS: [WordColumn; 4] = [
 /// Adjacent columns of numbers: names, and values of a tick, of which as many are used as there are names.
 type NumberColumns = (&'static [&'static str], fn(&FlightSample) -> [f64; 4]);
 
-const NUMBERS: [NumberColumns; 20] = [
+const NUMBERS: [NumberColumns; 21] = [
     (&["tick", "mission_s"], |s| two(s.telemetry.tick as f64, s.telemetry.mission_s)),
     (&["scored", "fresh", "saturated"], |s| {
         three([s.telemetry.scored, s.telemetry.fresh, s.telemetry.saturated].map(f64::from))
@@ -45,6 +45,7 @@ const NUMBERS: [NumberColumns; 20] = [
     (&["cmd_qx", "cmd_qy", "cmd_qz", "cmd_qw"], |s| s.telemetry.attitude_command),
     (&["stick_roll", "stick_pitch", "stick_yaw"], |s| three(s.telemetry.sticks)),
     (&["torque_x_nm", "torque_y_nm", "torque_z_nm"], |s| three(s.telemetry.torque)),
+    (&["sent_qx", "sent_qy", "sent_qz", "sent_qw"], |s| s.telemetry.attitude_sent),
     (&["thrust"], |s| two(s.telemetry.thrust, f64::NAN)),
     (&["pose_age_ms", "wakeup_lateness_us"], |s| {
         two(s.telemetry.pose_age_s * 1e3, s.telemetry.wakeup_lateness_ns as f64 * 1e-3)

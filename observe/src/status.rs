@@ -176,6 +176,7 @@ pub struct VehicleStatus {
     link: bool,
     armed: bool,
     starting: bool,
+    stopped: bool,
     battery_v: Option<f64>,
     link_quality: Option<f64>,
 }
@@ -188,6 +189,7 @@ impl VehicleStatus {
             link: vehicle.link != 0,
             armed: vehicle.armed != 0,
             starting: vehicle.starting != 0,
+            stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),
         }
@@ -203,7 +205,8 @@ impl fmt::Display for VehicleStatus {
             (false, true) => "motors running",
             (false, false) => "motors off",
         };
-        write!(f, "{:<10} {kind}, {link}, {motors}", "vehicle")?;
+        let stop = if self.stopped { ", stopped by an operator" } else { "" };
+        write!(f, "{:<10} {kind}, {link}, {motors}{stop}", "vehicle")?;
         if let Some(volts) = self.battery_v {
             write!(f, ", battery {volts:.1} V")?;
         }

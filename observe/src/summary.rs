@@ -166,7 +166,7 @@ fn vehicle_name(flight: &Flight) -> String {
     let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
     match (&flight.command_path, plant.interface) {
         (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
-        (CommandPath::Bus, Interface::Rate) => {
+        (CommandPath::Bus, Interface::Rate | Interface::Attitude) => {
             format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
         }
         (path, _) => path.to_string(),
@@ -195,8 +195,11 @@ fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigu
     })
 }
 
-/// The effort of Table II: the integral of the norm of the input.
+/// The effort of Table II: the integral of the norm of the input. `None` for a vehicle whose input is an attitude.
 fn effort(flight: &Flight) -> Option<f64> {
+    if flight.config.vehicle.interface.holds_attitude() {
+        return None;
+    }
     let period_s = 1.0 / flight.config.control.rate_hz;
     let norms = flight.scored().map(|sample| {
         Vector3::from(sample.telemetry.sticks).norm()

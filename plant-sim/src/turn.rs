@@ -1,7 +1,8 @@
-//! One turn of the plant over its ports: integrate to the present instant, take the command, publish truth and vehicle.
+//! One turn of the plant over its ports: integrate to the present instant, obey a stop, take the command, publish truth and vehicle.
 
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
+use oqtal_bus::stop::VehicleStop;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -55,6 +56,7 @@ impl<T: Transport> Outputs<T> {
 pub struct PlantTurn<T: Transport> {
     commands: T::Reader<CommandV1>,
     outputs: Outputs<T>,
+    stop: VehicleStop,
     plant: Plant,
     stepping: Stepping,
     health: Health,
@@ -77,6 +79,7 @@ impl<T: Transport> PlantTurn<T> {
                 truths: bus.writer(&TRUTH)?,
                 vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
             },
+            stop: VehicleStop::new(bus.stop_switch()?),
             plant,
             stepping,
             health: Health::default(),
@@ -87,6 +90,30 @@ impl<T: Transport> PlantTurn<T> {
     #[must_use]
     pub fn counted_in(self, health: Health) -> Self {
         Self { health, ..self }
+    }
+
+    /// Obeys an operator's stop, and lifts it with the "disarmed" of the daemon that `arrival` may be. A shadow keeps its motors off
+    /// as well, but the vehicle behind the bridge is not in its hands: it confirms and lifts nothing.
+    fn obey_stop<C: TurnClock>(
+        &mut self,
+        arrival: Option<&(Header, CommandV1)>,
+        clock: &mut C,
+    ) -> Result<(), BusError> {
+        let Self { stop, plant, outputs, .. } = self;
+        let mut changed = plant.keep_stopped(stop.is_in_force(clock.now()));
+        if outputs.vehicles.is_some() {
+            stop.confirm(true);
+            if let Some((header, command)) = arrival {
+                stop.hear(header, command);
+            }
+            changed |= plant.keep_stopped(stop.since().is_some());
+        }
+        if changed {
+            let vehicle = plant.vehicle();
+            let stamps = Stamps { received_at: clock.now(), ..Stamps::default() };
+            outputs.publish(PlantOutput::Applied(0, stamps, vehicle), clock)?;
+        }
+        Ok(())
     }
 }
 
@@ -110,6 +137,8 @@ impl<T: Transport> Turn for PlantTurn<T> {
             }
         });
         published?;
+        self.obey_stop(arrival.as_ref(), clock)?;
+        let Self { plant, outputs, .. } = self;
         if let Some((header, command)) = arrival {
             self.health.count_input();
             plant.receive(now, header, command, self.commands.lost());

@@ -1,6 +1,7 @@
 //! What every process of oqtal has: context, real-time set-up, loop clock, virtual clock, health, logs, signals, exit codes.
 #![forbid(unsafe_code)]
 
+pub mod actuation;
 mod args;
 pub mod background;
 mod context;

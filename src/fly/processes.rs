@@ -116,7 +116,7 @@ fn report_missing_rights(flight: &Flight) {
 
 /// Fails if a daemon already runs on this instance: it was not started by this flight and must not be made to fly.
 fn refuse_running_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
-    let status = ControlRequestV1 { command: OperatorCommand::Status.code() };
+    let status = ControlRequestV1::of(OperatorCommand::Status);
     match bus.control_client()?.ask(status, Span::from_millis(100))? {
         None => Ok(()),
         Some(_) => {

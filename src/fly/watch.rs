@@ -9,6 +9,7 @@ use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Span;
+use oqtal_bus::transport::Transport;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
 
@@ -41,13 +42,19 @@ impl<'a> ProcessWatch<'a> {
         // Without a watch there is no flight, however the watch ended.
         let _stop = self.stop.set_on_drop();
         let client = Bus::open(self.paths).and_then(|bus| Ok((bus.control_client()?, bus)));
+        let stop = client.as_ref().map(|(_, bus)| bus.stop_switch());
         while !self.over.is_set() {
             if let Some(failure) = processes.failure() {
                 self.fail(failure);
                 return;
             }
             let client = client.as_ref().ok().map(|(client, _)| client);
-            if interrupts.next().is_some_and(|command| !pass_on(client, command)) {
+            let command = interrupts.next();
+            if let (Some(OperatorCommand::Stop), Ok(Ok(stop))) = (command, &stop) {
+                // Obeyed by the vehicle's process, whatever the daemon does.
+                stop.raise();
+            }
+            if command.is_some_and(|command| !pass_on(client, command)) {
                 self.fail(Failure::new(Exit::Flight, "interrupted"));
                 return;
             }
@@ -76,7 +83,7 @@ impl<'a> ProcessWatch<'a> {
 
 /// Passes an operator's command to the daemon; `false` if no flight is under way that it could end.
 fn pass_on(client: Option<&ControlClient>, command: OperatorCommand) -> bool {
-    let request = ControlRequestV1 { command: command.code() };
+    let request = ControlRequestV1::of(command);
     let response = client.and_then(|client| client.ask(request, Span::from_millis(500)).ok());
     response.flatten().is_some_and(|response| response.answer != Answer::Refused.code())
 }

@@ -45,12 +45,13 @@ message! {
     CommandV1 = "oqtal.Command.v1" {
         /// [`crate::code::Actuation`]: meaning of the numbers.
         actuation: u8 ["code"],
-        /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61); zero for other actuations.
+        /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61); zero for torque. With an attitude: the rates that bring it
+        /// about, for an axis whose rate the vehicle takes in place of its angle.
         sticks: [f64; 3] ["-1..1, body"],
         /// Torque; zero for other actuations.
         torque: [f64; 3] ["N m, body"],
-        /// Attitude that sticks or torque are to bring about, scalar last, for a vehicle that holds an attitude by itself;
-        /// zeros if motors are off.
+        /// Attitude that the vehicle is to hold, or that sticks or torque are to bring about, scalar last; zeros if motors are
+        /// off.
         attitude: [f64; 4] ["body to world"],
         /// Collective thrust `delta_c` of Eq. (61), as a share of the vehicle's greatest thrust.
         thrust: f64 ["0..1"],
@@ -79,6 +80,8 @@ message! {
         starting: u8 ["flag"],
         /// 1 if the vehicle answers.
         link: u8 ["flag"],
+        /// 1 while an operator's stop keeps the motors off, whatever is commanded.
+        stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
         simulated: u8 ["flag"],
     }
@@ -113,6 +116,8 @@ message! {
         sticks: [f64; 3] ["-1..1, body"],
         /// Torque sent.
         torque: [f64; 3] ["N m, body"],
+        /// Attitude sent, scalar last; zeros if motors are off.
+        attitude_sent: [f64; 4] ["body to world"],
         /// Collective thrust sent, as a share of the vehicle's greatest thrust.
         thrust: f64 ["0..1"],
         /// Age of the newest accepted pose at this tick; NaN if there was none yet.
@@ -173,6 +178,8 @@ message! {
         answer: u8 ["code"],
         /// [`crate::code::Cause`] of a refusal.
         cause: u8 ["code"],
+        /// 1 if the operator's stop was raised since the turn before.
+        stop: u8 ["flag"],
         /// At the start: 1 if the automatic flight at start-up was cancelled.
         stays: u8 ["flag"],
     }

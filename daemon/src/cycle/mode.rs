@@ -58,6 +58,7 @@ impl Cycle {
 
     /// Ends the flight: motors off.
     pub(super) fn end_flight(&mut self) {
+        self.guard.motion.end();
         self.mission = None;
         self.mode = Mode::Disarmed;
     }
@@ -70,6 +71,7 @@ impl Cycle {
         let plan = FlightPlan::new(&self.options, self.trajectory.clone(), start);
         self.stack.active_mut().reset();
         self.vehicle.begin_flight(now);
+        self.guard.begin_flight();
         self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
         self.mode = Mode::Flying;
         if self.requests.at_start == AtStart::Awaited {

@@ -55,6 +55,7 @@ impl Cycle {
             mode: self.mode.code(),
             state: self.supervisor.state().code(),
             cause: cause.code(),
+            ..ControlResponseV1::default()
         }
     }
 
@@ -66,6 +67,8 @@ impl Cycle {
             Err(self.memory.missing)
         } else if !self.vehicle.answers(now) {
             Err(Cause::NoVehicle)
+        } else if self.vehicle.is_stopped() {
+            Err(Cause::Operator)
         } else {
             Ok(self.wait_for_flight(true))
         }
