@@ -1,6 +1,7 @@
 //! `oqtal fly`: one flight, from the command line to the report.
 
 mod directory;
+mod fault;
 mod flight_record;
 mod process_group;
 mod processes;
@@ -12,7 +13,7 @@ mod watch;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_config::{ClockKind, Config, Fault, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
@@ -55,6 +56,8 @@ pub struct FlyArgs {
     /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
+    #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
+    faults: Vec<Fault>,
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -119,6 +122,7 @@ impl FlyArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         let link = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
+        fault::check(&config, &link)?;
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
         let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
@@ -167,6 +171,8 @@ impl FlyArgs {
             MocapSource::Replay(file) => file.as_str().into(),
         });
         set("--mocap", "mocap.replay", replay);
+        let faults: Vec<String> = self.faults.iter().map(ToString::to_string).collect();
+        set("--fault", "fault.inject", (!faults.is_empty()).then(|| faults.into()));
         if let Some(vehicle) = &self.vehicle {
             vehicle.settings(&mut settings);
         }

@@ -125,7 +125,7 @@ impl CommandGate {
     pub fn keep_stopped(&mut self, since: Option<Time>) {
         self.stopped_since = since;
         if since.is_some() {
-            self.newest = self.newest.filter(|newest| !is_flight(&newest.command));
+            self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
         }
     }
 

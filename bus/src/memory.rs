@@ -20,6 +20,8 @@ struct History<M> {
     /// Samples sent before the first of `samples` \[-\].
     discarded: u64,
     cursors: Vec<Rc<Cursor>>,
+    /// Writers opened so far \[-\]: one that takes the place of another has another source.
+    writers: u64,
 }
 
 /// The position of a reader.
@@ -82,7 +84,12 @@ impl MemoryBus {
         let history = topics.entry(topic.name).or_insert_with(|| {
             // Room for what a reader of the newest sample needs: publishing to it does not allocate.
             let samples = VecDeque::with_capacity(4);
-            Rc::new(RefCell::new(History::<M> { samples, discarded: 0, cursors: Vec::new() }))
+            Rc::new(RefCell::new(History::<M> {
+                samples,
+                discarded: 0,
+                cursors: Vec::new(),
+                writers: 0,
+            }))
         });
         Rc::clone(history).downcast().expect("a topic's name determines its message type")
     }
@@ -101,7 +108,10 @@ impl Transport for MemoryBus {
     type Reader<M: Message> = MemoryReader<M>;
 
     fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryWriter<M>, BusError> {
-        Ok(MemoryWriter { history: self.history(topic), sequence: 0 })
+        let history = self.history(topic);
+        let source = history.borrow().writers;
+        history.borrow_mut().writers += 1;
+        Ok(MemoryWriter { history, sequence: 0, source })
     }
 
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryReader<M>, BusError> {
@@ -122,6 +132,7 @@ impl Transport for MemoryBus {
 pub struct MemoryWriter<M> {
     history: SharedHistory<M>,
     sequence: u64,
+    source: u64,
 }
 
 impl<M: Message> MemoryWriter<M> {
@@ -138,7 +149,8 @@ impl<M: Message> Publish<M> for MemoryWriter<M> {
     fn send(&mut self, pose_sequence: u64, stamps: Stamps, body: M) -> Result<u64, BusError> {
         self.sequence += 1;
         let sequence = self.sequence;
-        let header = Header { sequence, pose_sequence, schema: M::SCHEMA, source: 0, stamps };
+        let source = self.source;
+        let header = Header { sequence, pose_sequence, schema: M::SCHEMA, source, stamps };
         let mut history = self.history.borrow_mut();
         history.discard_read();
         history.samples.push_back((header, body));

@@ -12,6 +12,7 @@ use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
 use crate::error::ConfigError;
+use crate::fault::FaultOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::mocap::MocapOptions;
 use crate::origin::Origins;
@@ -56,6 +57,8 @@ pub struct Config {
     pub realtime: RealtimeOptions,
     /// `[log]`: what is logged.
     pub log: LogOptions,
+    /// `[fault]`: faults that are injected by hand.
+    pub fault: FaultOptions,
     /// Where the values were set.
     #[serde(skip)]
     pub(crate) origins: Origins,

@@ -40,14 +40,17 @@ mod vehicle;
 mod warmup;
 mod waypoint_file;
 
+use std::rc::Rc;
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::HealthV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{POSE, Role};
 use oqtal_bus::transport::{Subscribe, Transport};
-use oqtal_config::Config;
+use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::background::with_background;
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
@@ -73,8 +76,9 @@ pub use waypoint_file::trajectory;
 /// Another controller holds the command topic, the configuration is invalid, or the bus refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = trajectory(&context.config)?;
-    let bus = context.bus()?;
-    let mut ports = DaemonPorts::open(&bus).map_err(|error| name_holder(&bus, error))?;
+    let bus = Rc::new(context.bus()?);
+    let faulty = FaultyTransport::new(&bus, &context.config)?;
+    let mut ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
     let started_at = clock.now();
     let mut cycle = Cycle::new(&context.config, trajectory, started_at)
@@ -94,7 +98,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             }
             ports.announce_start(started_at, stays)?;
             context.enter_realtime();
-            process_loop::run(&mut DaemonTurn { ports, cycle, warmup, handle }, &mut clock, None)?;
+            let turn = DaemonTurn { ports, cycle, warmup, handle };
+            process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;
             marker.remove();
             Ok(())
         },

@@ -67,6 +67,17 @@ pub struct DaemonTurn<T: Transport> {
 }
 
 impl<T: Transport> DaemonTurn<T> {
+    /// Executes the operators' requests that wait, and records them.
+    fn execute_requests(&mut self, now: Time) -> Result<(), BusError> {
+        let Self { ports, cycle, handle, .. } = self;
+        while let Some((command, response)) =
+            handle.poll_request(|command| cycle.request(now, command))
+        {
+            ports.inputs.send(0, Stamps::default(), intake::request(now, command, &response))?;
+        }
+        Ok(())
+    }
+
     /// Executes an operator's request that came between two turns and records it.
     ///
     /// # Errors
@@ -122,12 +133,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         if intake::is_worth_recording(&input) {
             ports.inputs.send(0, Stamps::default(), input)?;
         }
-        while let Some((command, response)) =
-            handle.poll_request(|command| cycle.request(now, command))
-        {
-            ports.inputs.send(0, Stamps::default(), intake::request(now, command, &response))?;
-        }
-        Ok(())
+        self.execute_requests(now)
     }
 
     /// Motors off.

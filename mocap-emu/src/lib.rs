@@ -17,10 +17,12 @@ mod replay;
 mod source;
 
 use std::path::Path;
+use std::rc::Rc;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::topic::{COMMAND, TRUTH};
-use oqtal_config::Config;
+use oqtal_config::{Config, FaultTarget};
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::pose_source::{PoseSource, PoseTurn};
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
@@ -53,29 +55,32 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// # Errors
 /// The bus refuses or breaks; the recording is bad.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    let bus = context.bus()?;
+    let bus = Rc::new(context.bus()?);
     if context.config.is_replay() {
         let recording = read_recording(&context.config.mocap.replay)?;
         let clock = context.loop_clock(&bus, &COMMAND)?;
         // In virtual time nobody acts before everybody is there. In real time the first command shows that a daemon listens.
         let start = if clock.is_virtual() { Start::At(clock.now()) } else { Start::FirstCommand };
         context.health.set_status("playing a recording");
-        publish_from(context, &bus, (Playback::open(&bus, recording, start)?, clock))
+        publish_from(context, &bus, (Playback::open(bus.as_ref(), recording, start)?, clock))
     } else {
         let clock = context.loop_clock(&bus, &TRUTH)?;
         let cameras = Cameras::new(&context.config.mocap, context.config.clock.seed);
-        let source = EmulatedCameras::open(&bus, cameras)?.counted_in(context.health.clone());
+        let source =
+            EmulatedCameras::open(bus.as_ref(), cameras)?.counted_in(context.health.clone());
         publish_from(context, &bus, (source, clock))
     }
 }
 
 fn publish_from(
     context: &ProcessContext,
-    bus: &Bus,
+    bus: &Rc<Bus>,
     (source, mut clock): (impl PoseSource, LoopClock),
 ) -> Result<(), Failure> {
     let mut heartbeat = context.heartbeat(bus)?;
-    let mut turn = PoseTurn::open(bus, source)?;
+    let faulty = FaultyTransport::new(bus, &context.config)?;
+    let turn = PoseTurn::open(&faulty, source)?;
+    let mut turn = faulty.turn(FaultTarget::MocapEmu, turn);
     context.enter_realtime();
     Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
 }

@@ -9,6 +9,9 @@ use oqtal_bus::time::{Grid, Span, Time};
 use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::actuation::actuation_of;
+use oqtal_runtime::faults::RadioDisturbance;
+use oqtal_runtime::random::{Generator, RandomSource, stream};
+use rand::RngExt;
 
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
 use crate::spread::drawn;
@@ -52,6 +55,8 @@ pub struct Plant {
     constant_acceleration: Vector3<f64>,
     radio: VecDeque<OnAir>,
     radio_delay: Span,
+    /// Faults of the radio, and the random numbers that they need.
+    disturbed: (RadioDisturbance, Generator),
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
@@ -83,6 +88,7 @@ impl Plant {
             constant_acceleration,
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
+            disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
             input: PlantInput::default(),
             accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
@@ -124,7 +130,21 @@ impl Plant {
         header.stamps.received_at = now;
         self.commands_lost = lost;
         let command = if self.stopped { CommandV1::default() } else { command };
-        self.radio.push_back(OnAir { acts_at: now + self.radio_delay, header, command });
+        let (disturbance, generator) = &mut self.disturbed;
+        if disturbance.loss_probability > 0.0
+            && generator.random::<f64>() < disturbance.loss_probability
+        {
+            return;
+        }
+        // Commands keep their order, also behind one that a fault delays.
+        let arrival = now + self.radio_delay + disturbance.delay;
+        let acts_at = self.radio.back().map_or(arrival, |last| arrival.max(last.acts_at));
+        self.radio.push_back(OnAir { acts_at, header, command });
+    }
+
+    /// Disturbs the radio from now on.
+    pub fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
+        self.disturbed.0 = disturbance;
     }
 
     /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.

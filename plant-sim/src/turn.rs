@@ -6,6 +6,8 @@ use oqtal_bus::stop::VehicleStop;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_config::Config;
+use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Health;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
@@ -60,10 +62,12 @@ pub struct PlantTurn<T: Transport> {
     plant: Plant,
     stepping: Stepping,
     health: Health,
+    radio: RadioFaults<T>,
 }
 
 impl<T: Transport> PlantTurn<T> {
-    /// Opens the ports of `plant`. A shadow of a vehicle behind a bridge does not publish the vehicle's state.
+    /// Opens the ports of `plant`, the vehicle of `config`. A shadow of a vehicle behind a bridge does not publish the vehicle's
+    /// state.
     ///
     /// # Errors
     /// Another plant or bridge holds a topic, or the transport failed.
@@ -71,8 +75,9 @@ impl<T: Transport> PlantTurn<T> {
         bus: &T,
         plant: Plant,
         stepping: Stepping,
-        is_shadow: bool,
+        config: &Config,
     ) -> Result<Self, BusError> {
+        let is_shadow = config.plant.shadow;
         Ok(Self {
             commands: bus.reader(&COMMAND)?,
             outputs: Outputs {
@@ -83,6 +88,7 @@ impl<T: Transport> PlantTurn<T> {
             plant,
             stepping,
             health: Health::default(),
+            radio: RadioFaults::open(bus, config)?,
         })
     }
 
@@ -129,6 +135,7 @@ impl<T: Transport> Turn for PlantTurn<T> {
         let arrival = self.commands.latest()?;
         // Read after the command was taken, so that it is not received before it was sent.
         let now = clock.now();
+        self.plant.disturb_radio(self.radio.at(now)?);
         let Self { plant, outputs, .. } = self;
         let mut published = Ok(());
         plant.advance(now, |output| {

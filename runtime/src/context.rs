@@ -78,7 +78,7 @@ impl ProcessContext {
         let clock = if self.config.clock.kind == ClockKind::Real {
             LoopClock::real(bus, wakes_on, stop)
         } else if self.role == roles[0] {
-            LoopClock::leader(bus, self.role, roles, stop)
+            LoopClock::leader(bus, roles, &self.config, stop)
         } else {
             LoopClock::follower(bus, self.role, stop)
         };

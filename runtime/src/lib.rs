@@ -6,6 +6,7 @@ mod args;
 pub mod background;
 mod context;
 mod exit;
+pub mod faults;
 pub mod handoff;
 pub mod health;
 mod lockstep;

@@ -14,6 +14,7 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::{Role, Topic};
 use oqtal_bus::transport::Publish;
 use oqtal_bus::wake::Listener;
+use oqtal_config::Config;
 
 /// Waits for the next event of one process.
 #[derive(Debug)]
@@ -45,12 +46,17 @@ impl LoopClock {
         Ok(Self::new(Clock::Real(Box::new(bus.listener(wakes_on)?)), stop, Time::now()))
     }
 
-    /// Virtual time, advanced by this process, `role`, for all of `roles`.
+    /// Virtual time of the flight under `config`, advanced by this process for all of `roles`, of which it is the first.
     ///
     /// # Errors
     /// The bus refuses, or another process leads virtual time already.
-    pub fn leader(bus: &Bus, role: Role, roles: &[Role], stop: StopFlag) -> Result<Self, BusError> {
-        let leader = Leader::open(bus, role, roles)?;
+    pub fn leader(
+        bus: &Bus,
+        roles: &[Role],
+        config: &Config,
+        stop: StopFlag,
+    ) -> Result<Self, BusError> {
+        let leader = Leader::open(bus, roles, config)?;
         Ok(Self::new(Clock::Leader(Box::new(leader)), stop, Time::VIRTUAL_START))
     }
 

@@ -29,6 +29,10 @@ pub enum RandomSource {
     DownlinkErrors = 7,
     /// Deviations of the simulated vehicle's parameters from their nominal values.
     Spread = 8,
+    /// Faults by hand.
+    Fault = 20,
+    /// Loss of commands on a radio with a fault, one draw per command.
+    RadioFault = 21,
 }
 
 /// The stream of `source` under `seed`.

@@ -1,16 +1,12 @@
 //! The recording of a flight, `flight.mcap`.
 
 use oqtal_lab::mission::Mission;
-use oqtal_observe::flight::Flight;
 use oqtal_observe::recording::{McapRecorder, RecordingPlan, RecordingResult};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
 use super::directory::FlightDirectory;
 use crate::provenance::PROVENANCE;
-
-/// A flight, and its recording if there is one.
-pub type RecordedFlight = (Flight, Option<RecordingResult>);
 
 /// Begins the recording of a flight in place of an older one in the same directory.
 ///

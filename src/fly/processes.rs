@@ -7,7 +7,7 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Span;
 use oqtal_config::{ClockKind, RecordedFlights};
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
+use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::kernel::OneProcessor;
 use oqtal_observe::observer::BusObserver;
@@ -18,7 +18,7 @@ use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 
 use super::directory::FlightDirectory;
-use super::flight_record::{self, RecordedFlight};
+use super::flight_record;
 use super::process_group::ProcessGroup;
 use super::progress::{FlightProgress, Interrupts};
 use super::recording::FlightRecording;
@@ -87,7 +87,7 @@ impl BusFlight<'_> {
         let _one_processor = lockstep.then(OneProcessor::stay);
         let mut processes = ProcessGroup::start((self.mission, self.link), self.directory)?;
         let stop = StopFlag::default();
-        let watch = ProcessWatch::new(paths, &stop);
+        let watch = ProcessWatch::new(paths, config, &stop);
         let flight = std::thread::scope(|threads| {
             let (watch, processes, interrupts) = (&watch, &mut processes, self.interrupts);
             threads.spawn(move || watch.run(processes, interrupts));

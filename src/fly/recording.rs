@@ -11,7 +11,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation::REVIEW;
+use oqtal_lab::simulation::{REVIEW, RecordedFlight};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::kernel::ProcessUsage;
 use oqtal_observe::observer::BusObserver;
@@ -24,7 +24,6 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 
-use super::flight_record::RecordedFlight;
 use super::process_group::START_TIMEOUT;
 use super::progress::FlightProgress;
 use super::vehicle::CommandLink;
