@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod command_path;
+pub mod compare;
 pub mod csv;
 pub mod fault;
 pub mod flight;

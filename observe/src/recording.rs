@@ -17,12 +17,18 @@
 //! | `writer.rs` | one MCAP file |
 //! | `file.rs` | a recording that is read |
 //! | `playback.rs` | a recording as samples for a sink, and as a flight |
+//! | `history.rs` | what the daemon took in, turn by turn, from a recording |
+//! | `export.rs` | a recording as text |
+//! | `overview.rs` | what a recording holds, for people |
 
 mod cdr;
 mod channel;
 mod closing;
+mod export;
 mod facts;
 mod file;
+mod history;
+mod overview;
 mod playback;
 mod scene;
 mod schema;
@@ -33,8 +39,11 @@ mod writer;
 
 pub use cdr::{decode, encode};
 pub use closing::ClosingFacts;
-pub use facts::{Facts, Provenance};
+pub use export::{CsvExport, Tables, TumExport};
+pub use facts::{Facts, Provenance, WAYPOINTS_FILE};
 pub use file::{RecordedChannel, RecordedMessage, RecordingError, RecordingFile};
+pub use history::{DaemonHistory, InputHistory, RecordedTurn};
+pub use overview::{RecordingOverview, TopicOverview};
 pub use playback::{flight, play};
 pub use sink::{McapRecorder, RecordingPlan};
 pub use thread::RecordingResult;

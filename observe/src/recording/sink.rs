@@ -104,6 +104,12 @@ impl McapRecorder {
         self.thread.facts(facts);
     }
 
+    /// Whether nothing more can be written.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.thread.has_failed()
+    }
+
     /// Records the offset of the wall clock, once a second in real time; `now` is an instant of the monotonic clock.
     pub fn note_clock(&mut self, now: Time) {
         if !self.is_real || now < self.clock_due {

@@ -2,6 +2,8 @@
 
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -59,6 +61,7 @@ pub struct RecordingThread {
     thread: Option<JoinHandle<RecordingResult>>,
     waits: bool,
     dropped: u64,
+    failed: Arc<AtomicBool>,
 }
 
 impl RecordingThread {
@@ -70,11 +73,14 @@ impl RecordingThread {
         let waits = plan.waits;
         let file = McapFile::create(&plan.path, &preamble).map_err(to_io)?;
         let (queue, records) = sync_channel(QUEUE);
-        let files = Files { plan, preamble, file: Some(file), result: RecordingResult::default() };
+        let (failed, result) = (Arc::new(AtomicBool::new(false)), RecordingResult::default());
+        let has_failed = Arc::clone(&failed);
+        let files = Files { plan, preamble, file: Some(file), result, failed };
         let thread = std::thread::Builder::new()
             .name("recording".to_owned())
             .spawn(move || files.run(&records))?;
-        Ok(Self { queue: Some(queue), thread: Some(thread), waits, dropped: 0 })
+        let (queue, thread) = (Some(queue), Some(thread));
+        Ok(Self { queue, thread, waits, dropped: 0, failed: has_failed })
     }
 
     /// Queues a message.
@@ -85,6 +91,12 @@ impl RecordingThread {
     /// Queues a table of facts.
     pub fn facts(&mut self, facts: Facts) {
         self.send(QueuedRecord::Facts(facts));
+    }
+
+    /// Whether nothing more can be written.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Acquire)
     }
 
     fn send(&mut self, record: QueuedRecord) {
@@ -128,6 +140,7 @@ struct Files {
     /// `None` after an error.
     file: Option<McapFile>,
     result: RecordingResult,
+    failed: Arc<AtomicBool>,
 }
 
 impl Files {
@@ -187,6 +200,7 @@ impl Files {
             other => other.to_string(),
         };
         let message = format!("{path}: {reason}; the recording ends here");
+        self.failed.store(true, Ordering::Release);
         (self.plan.complain)(&message);
         self.result.failure = Some(message);
     }
