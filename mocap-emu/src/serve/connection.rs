@@ -84,3 +84,26 @@ impl Connection {
 fn is_transient(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    #[test]
+    fn a_client_that_never_reads_is_cut_off_and_held_in_bounds_until_then() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let _silent = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let mut connection = Connection::new(listener.accept().unwrap().0).unwrap();
+        // More than any socket's own buffers and the queue.
+        for _ in 0..1 << 14 {
+            connection.queue().extend_from_slice(&[0; 4096]);
+            connection.flush();
+            assert!(connection.queued.len() <= 2 * MAX_QUEUED);
+            if connection.is_broken() {
+                return;
+            }
+        }
+        panic!("64 MiB were queued for a client that does not read");
+    }
+}
