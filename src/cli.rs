@@ -12,6 +12,7 @@ use crate::ctl::CtlArgs;
 use crate::doctor::DoctorArgs;
 use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::latency::{LatencyArgs, Part};
+use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
 use oqtal_lab::tune::TuneArgs;
@@ -38,6 +39,9 @@ enum Command {
     Reproduce(ReproduceArgs),
     /// Tune gains on simulated flights
     Tune(TuneArgs),
+    /// Hold the emulated cameras against recordings of real ones, and estimators against both
+    #[command(subcommand)]
+    Cameras(CamerasCommand),
     /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
     /// Measure the latency of each hop of the loop beside that of the bare operating system
@@ -78,6 +82,7 @@ impl Cli {
             }
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),
+            Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Latency(args)) => args.execute(),
             Some(Command::Doctor(args)) => args.execute(),

@@ -1,13 +1,15 @@
 //! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
 mod status;
+mod stop;
 
 use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::time::Span;
+use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
@@ -66,6 +68,9 @@ struct ControlReport {
     mode: String,
     state: String,
     cause: String,
+    /// What keeps a flight from beginning; empty in flight.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    obstacles: Vec<String>,
     /// Health of the processes; like the fields below, with `status` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessHealth>,
@@ -89,8 +94,11 @@ impl CtlArgs {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let place = instance_paths(&config)?;
         place.become_owner()?;
+        if let Request::Stop = self.command {
+            return stop::raise(&place, self.json);
+        }
         let bus = Bus::open(&place)?;
-        let asked = self.ask(&bus);
+        let asked = self.ask(&bus, &config);
         drop(bus);
         let (response, heard) = asked?;
         let Some(response) = response else {
@@ -106,8 +114,16 @@ impl CtlArgs {
         let lines = heard.lines();
         let report = ControlReport::new(self.command.command(), &response, heard);
         if response.answer == Answer::Refused.code() {
-            let ControlReport { command, cause, mode, .. } = report;
-            let message = format!("{command} refused: {cause} (daemon is {mode})");
+            let ControlReport { command, cause, mode, obstacles, .. } = report;
+            let reasons = if obstacles.is_empty() { cause } else { obstacles.join("; ") };
+            let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
+            if response.cause == Cause::OtherConfig.code() {
+                message += &format!(
+                    "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
+                    response.config_hash,
+                    config.hash()
+                );
+            }
             return Err(Failure::new(Exit::Flight, message));
         }
         print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
@@ -115,8 +131,16 @@ impl CtlArgs {
     }
 
     /// The answer of the daemon, `None` if none answers, and the status of the instance if that was asked for.
-    fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
-        let request = ControlRequestV1 { command: self.command.command().code() };
+    fn ask(
+        &self,
+        bus: &Bus,
+        config: &Config,
+    ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
+        let request = ControlRequestV1 {
+            valid_until: Time::now() + ANSWER_TIMEOUT,
+            config_hash: self.common.config.as_ref().map_or(0, |_| config.hash()),
+            ..ControlRequestV1::of(self.command.command())
+        };
         let response = bus.control_client()?.ask(request, ANSWER_TIMEOUT)?;
         let heard = match self.command {
             Request::Status => status::observe(bus)?,
@@ -136,6 +160,10 @@ impl ControlReport {
             mode: word(Mode::from_code(response.mode)),
             state: word(SafetyState::from_code(response.state)),
             cause: word(Cause::from_code(response.cause)),
+            obstacles: ArmingObstacles::from_bits(response.obstacles)
+                .iter()
+                .map(|obstacle| obstacle.to_string())
+                .collect(),
             processes,
             config_agrees,
             vehicle,
@@ -152,6 +180,12 @@ impl ControlReport {
         let Self { command, answer, mode, state, cause, .. } = self;
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
         let first = format!("{command}: {answer}; {mode}, {state}{because}");
-        [&[first], lines].concat().join("\n")
+        let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
+        [first]
+            .into_iter()
+            .chain(against)
+            .chain(lines.iter().cloned())
+            .collect::<Vec<_>>()
+            .join("\n")
     }
 }

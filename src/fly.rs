@@ -2,6 +2,7 @@
 
 mod cameras;
 mod directory;
+mod fault;
 mod process_group;
 mod processes;
 mod progress;
@@ -12,7 +13,7 @@ mod watch;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_config::{ClockKind, Config, Fault, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
@@ -58,6 +59,8 @@ pub struct FlyArgs {
     /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
+    #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
+    faults: Vec<Fault>,
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -107,6 +110,7 @@ impl FlyArgs {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
         let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
+        fault::check(&config, &commands)?;
         let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
@@ -148,6 +152,8 @@ impl FlyArgs {
         set("--duration", "trajectory.duration-s", self.duration.map(Into::into));
         set("--seed", "clock.seed", self.seed.map(Into::into));
         set("--clock", "clock.kind", self.clock.map(|clock| clock.name().into()));
+        let faults: Vec<String> = self.faults.iter().map(ToString::to_string).collect();
+        set("--fault", "fault.inject", (!faults.is_empty()).then(|| faults.into()));
         if let Some(source) = &self.mocap {
             source.settings(&mut settings);
         }

@@ -12,6 +12,8 @@ use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
 use crate::error::ConfigError;
+use crate::fault::FaultOptions;
+use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::mocap::MocapOptions;
 use crate::origin::Origins;
@@ -48,6 +50,8 @@ pub struct Config {
     pub trajectory: TrajectoryOptions,
     /// `[safety]`: which poses are accepted, and when the motors stop.
     pub safety: SafetyOptions,
+    /// `[fence]`: the space in which the vehicle may fly.
+    pub fence: FenceOptions,
     /// `[bridge]`: the way to a real vehicle.
     pub bridge: BridgeOptions,
     /// `[receiver]`: the way of poses from a real camera system.
@@ -56,6 +60,8 @@ pub struct Config {
     pub realtime: RealtimeOptions,
     /// `[log]`: what is logged.
     pub log: LogOptions,
+    /// `[fault]`: faults that are injected by hand.
+    pub fault: FaultOptions,
     /// Where the values were set.
     #[serde(skip)]
     pub(crate) origins: Origins,

@@ -1,20 +1,22 @@
-//! The gate for poses: accepts those that are fresh, in order, finite, of unit norm, and that move as a vehicle can.
+//! The guard of the poses: accepts those that are fresh, in order, finite, of unit norm, and where a vehicle can be.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
 use oqtal_bus::message::{Header, PoseV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::SafetyOptions;
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::MeasuredPose;
 use oqtal_control::quaternion::Attitude;
+
+use crate::gate::MotionGate;
 
 /// Distance added to what a vehicle can fly between two poses, so that noise is no jump \[m\].
 const JUMP_MARGIN_M: f64 = 0.05;
 /// Angle added to what a vehicle can turn between two poses, so that noise is no jump \[rad\].
 const JUMP_MARGIN_RAD: f64 = 0.1;
-/// Identical poses in a row, under new sequence numbers, after which the source counts as frozen: real poses carry noise.
-const FROZEN_AFTER: u32 = 3;
 
-/// A pose that passed the gate.
+/// A pose that passed the guard.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Accepted {
     /// Instant of its capture.
@@ -23,11 +25,23 @@ pub struct Accepted {
     pub position: Vector3<f64>,
     /// Attitude \[body to world\].
     pub attitude: Attitude,
+    /// Whether it is emulated or from a recording.
+    pub simulated: bool,
 }
 
-/// The gate for poses.
+impl Accepted {
+    /// The pose itself.
+    #[must_use]
+    pub fn pose(&self) -> MeasuredPose {
+        MeasuredPose { position: self.position, attitude: self.attitude }
+    }
+}
+
+/// The guard of the poses.
 #[derive(Clone, Debug)]
 pub struct Guard {
+    /// Compares poses with the motion that the commands sent can have caused.
+    pub motion: MotionGate,
     max_age: Span,
     max_speed: f64,
     max_rate: f64,
@@ -46,10 +60,14 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A gate with the limits of `safety`.
-    #[must_use]
-    pub fn new(safety: &SafetyOptions) -> Self {
-        Self {
+    /// The guard of `config`.
+    ///
+    /// # Errors
+    /// The vehicle has no model.
+    pub fn new(config: &Config) -> Result<Self, OptionError> {
+        let safety = &config.safety;
+        Ok(Self {
+            motion: MotionGate::new(config)?,
             max_age: Span::from_seconds(safety.max_pose_age_ms * 1e-3),
             max_speed: safety.max_speed_m_s,
             max_rate: safety.max_rate_rad_s,
@@ -64,11 +82,17 @@ impl Guard {
             superseded: 0,
             refused: 0,
             good_in_a_row: 0,
+        })
+    }
+
+    /// Begins a flight at the last accepted pose.
+    pub fn begin_flight(&mut self) {
+        if let Some(last) = self.last {
+            self.motion.begin(seconds(last.captured_at), &last.pose());
         }
     }
 
-    /// Checks a pose that the daemon takes at `now`. Frozen poses are refused in flight only: of a body on the floor perfect
-    /// cameras report the same pose again and again.
+    /// Checks a pose that the daemon takes at `now`, `flying` or not.
     ///
     /// # Errors
     /// Why the pose is refused.
@@ -155,15 +179,20 @@ impl Guard {
             return Err(Cause::NotFinite);
         }
         let attitude = Attitude::from_xyzw(pose.attitude).ok_or(Cause::NotUnit)?;
-        if self.is_frozen(pose) && flying {
-            return Err(Cause::Frozen);
-        }
+        self.repeats = if *pose == self.last_pose { self.repeats.saturating_add(1) } else { 0 };
+        self.last_pose = *pose;
         let captured_at = header.stamps.captured_at;
         if now.since(captured_at) > self.max_age {
             return Err(Cause::Stale);
         }
-        let accepted = Accepted { captured_at, position: pose.position.into(), attitude };
-        self.check_motion(&accepted)?;
+        let position = pose.position.into();
+        let simulated = pose.simulated != 0;
+        let accepted = Accepted { captured_at, position, attitude, simulated };
+        if self.motion.is_flying() {
+            self.motion.judge(seconds(captured_at), &accepted.pose(), self.repeats)?;
+        } else {
+            self.check_motion(&accepted)?;
+        }
         Ok(accepted)
     }
 
@@ -192,14 +221,8 @@ impl Guard {
         }
     }
 
-    fn is_frozen(&mut self, pose: &PoseV1) -> bool {
-        self.repeats = if *pose == self.last_pose { self.repeats + 1 } else { 0 };
-        self.last_pose = *pose;
-        self.repeats >= FROZEN_AFTER - 1
-    }
-
-    /// Checks that the vehicle moved no further than its limits allow since the last accepted pose. Time that passes while poses
-    /// jump does not count: a body with swapped markers must not become acceptable by waiting.
+    /// Checks, where no motion is predicted, that the vehicle moved no further than its limits allow since the last accepted
+    /// pose. Time that passes while poses jump does not count: a body with swapped markers must not become acceptable by waiting.
     fn check_motion(&mut self, pose: &Accepted) -> Result<(), Cause> {
         let Some(last) = self.last else { return Ok(()) };
         let elapsed_s = pose.captured_at.since(last.captured_at).seconds();
@@ -214,6 +237,11 @@ impl Guard {
         }
         Ok(())
     }
+}
+
+/// An instant as filters take it \[s since the clock's origin\]: a century is resolved to a microsecond.
+pub(crate) fn seconds(time: Time) -> f64 {
+    time.since(Time::UNSET).seconds()
 }
 
 #[cfg(test)]

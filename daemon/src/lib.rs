@@ -5,11 +5,17 @@
 //! | `cycle.rs` | the control cycle: poses and time in, command out |
 //! | `cycle/operator.rs` | requests of operators |
 //! | `cycle/report.rs` | telemetry of a tick |
-//! | `cycle/mode.rs`, `cycle/safety.rs` | modes, and the safety conditions of a tick |
+//! | `cycle/mode.rs`, `cycle/safety.rs`, `cycle/watch.rs` | modes, the safety conditions of a tick, its limits |
 //! | `command.rs` | the command in SI units, and its message |
-//! | `guard.rs` | the gate for poses |
+//! | `command_model.rs` | the effect of commands on the vehicle |
+//! | `guard.rs` | the checks that a pose must pass |
+//! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
+//! | `limits.rs`, `fence.rs` | the limits of a flight |
+//! | `arming.rs` | what keeps a flight from beginning |
+//! | `setpoint.rs` | the check of the reference |
+//! | `loop_health.rs` | age and losses of poses, late ticks |
 //! | `vehicle.rs` | the state of the vehicle, as heard |
-//! | `supervisor.rs` | the table of safety states |
+//! | `supervisor.rs` | the table of limits, and the safety state |
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stacks: everything between poses and command |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
@@ -21,12 +27,19 @@
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
 #![forbid(unsafe_code)]
 
+mod arming;
 mod background;
 mod command;
+mod command_model;
 mod cycle;
+mod fence;
 mod flight_marker;
+mod gate;
 mod guard;
+mod limits;
+mod loop_health;
 mod mission;
+mod setpoint;
 mod stack;
 mod supervisor;
 mod turn;
@@ -34,26 +47,36 @@ mod vehicle;
 mod warmup;
 mod waypoint_file;
 
+use std::rc::Rc;
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::HealthV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{POSE, Role};
 use oqtal_bus::transport::{Subscribe, Transport};
-use oqtal_config::Config;
+use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::background::with_background;
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
+pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
 pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
+pub use command_model::CommandModel;
 pub use cycle::{AtStart, Cycle, Tick};
+pub use fence::Fence;
 use flight_marker::FlightMarker;
+pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
+pub use limits::{FlightLimits, FlightView, LimitConditions};
+pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
+pub use setpoint::SetpointGuard;
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
-pub use supervisor::{SafetyConditions, Supervisor};
+pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;
@@ -65,8 +88,9 @@ pub use waypoint_file::trajectory;
 /// Another controller holds the command topic, the configuration is invalid, or the bus refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = trajectory(&context.config)?;
-    let bus = context.bus()?;
-    let ports = DaemonPorts::open(&bus).map_err(|error| name_holder(&bus, error))?;
+    let bus = Rc::new(context.bus()?);
+    let faulty = FaultyTransport::new(&bus, &context.config)?;
+    let ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
     let mut cycle = Cycle::new(&context.config, trajectory, clock.now())
         .map_err(|error| context.config.locate(&error))?;
@@ -83,7 +107,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
                 cycle.stay_at_start();
             }
             context.enter_realtime();
-            process_loop::run(&mut DaemonTurn { ports, cycle, warmup, handle }, &mut clock, None)?;
+            let turn = DaemonTurn { ports, cycle, warmup, handle };
+            process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;
             marker.remove();
             Ok(())
         },

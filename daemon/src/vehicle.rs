@@ -77,6 +77,12 @@ impl VehicleWatch {
             && self.heard.is_some_and(|(_, vehicle)| vehicle.link != 0)
     }
 
+    /// The last message about the vehicle, if it answers.
+    #[must_use]
+    pub fn answer(&self, now: Time) -> Option<&VehicleV1> {
+        self.heard.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))
+    }
+
     /// Whether a flight must end: no reply for too long, motors that stopped or do not start, or a bridge that was restarted and
     /// does not know of the flight.
     #[must_use]
@@ -100,6 +106,12 @@ impl VehicleWatch {
         };
         let given_up = self.were_starting && vehicle.starting == 0;
         vehicle.simulated == 0 && (given_up || now.since(since) > self.start)
+    }
+
+    /// Whether an operator's stop keeps the motors off, by the last message.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.heard.is_some_and(|(_, vehicle)| vehicle.stopped != 0)
     }
 
     /// Whether the vehicle is simulated; `None` before the first message.
@@ -127,6 +139,7 @@ mod tests {
         air_ns: 0,
         armed: 0,
         starting: 0,
+        stopped: 0,
         link: 1,
         simulated: 0,
     };

@@ -2,8 +2,14 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `cameras.rs` | emulated cameras |
+//! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
+//! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
+//! | `markers.rs` | measurement from the markers up |
+//! | `transit.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
+//! | `capture.rs` | estimated captures of a recording's poses |
+//! | `statistics.rs` | a recording in figures |
+//! | `emulation.rs` | recordings made by the emulated cameras |
 //! | `replay.rs` | playback of a recording |
 //! | `source.rs` | both as pose sources over their ports |
 //! | `serve.rs` | poses over the network, as QTM, VRPN and NatNet |
@@ -14,19 +20,28 @@
 
 mod body;
 mod cameras;
+pub mod capture;
+mod drift;
+pub mod emulation;
+pub mod markers;
+mod pose_noise;
 pub mod recording;
 mod replay;
 mod scene;
 pub mod serve;
 mod source;
+pub mod statistics;
+mod transit;
 
 use std::path::Path;
 use std::process::ExitCode;
+use std::rc::Rc;
 
 use clap::{Args, Subcommand};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::topic::{COMMAND, Role, TRUTH};
-use oqtal_config::{ClockKind, Config};
+use oqtal_config::{ClockKind, Config, FaultTarget};
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::pose_source::{PoseSource, PoseTurn};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
@@ -111,18 +126,19 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// # Errors
 /// The bus refuses or breaks; the recording is bad.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    let bus = context.bus()?;
+    let bus = Rc::new(context.bus()?);
     if context.config.is_replay() {
         let recording = read_recording(&context.config.mocap.replay)?;
         let clock = context.loop_clock(&bus, &COMMAND)?;
         // In virtual time nobody acts before everybody is there. In real time the first command shows that a daemon listens.
         let start = if clock.is_virtual() { Start::At(clock.now()) } else { Start::FirstCommand };
         context.health.set_status("playing a recording");
-        publish_from(context, &bus, (Playback::open(&bus, recording, start)?, clock))
+        publish_from(context, &bus, (Playback::open(bus.as_ref(), recording, start)?, clock))
     } else {
         let clock = context.loop_clock(&bus, &TRUTH)?;
         let cameras = Cameras::new(&context.config.mocap, context.config.clock.seed);
-        let source = EmulatedCameras::open(&bus, cameras)?.counted_in(context.health.clone());
+        let source =
+            EmulatedCameras::open(bus.as_ref(), cameras)?.counted_in(context.health.clone());
         publish_from(context, &bus, (source, clock))
     }
 }
@@ -139,12 +155,14 @@ fn serves(config: &Config) -> Result<bool, Failure> {
 
 fn publish_from(
     context: &ProcessContext,
-    bus: &Bus,
+    bus: &Rc<Bus>,
     (source, clock): (impl PoseSource, LoopClock),
 ) -> Result<(), Failure> {
     let options = &context.config.mocap.serve;
+    let faulty = FaultyTransport::new(bus, &context.config)?;
     if !serves(&context.config)? {
-        return turn(context, bus, (PoseTurn::open(bus, source)?, clock));
+        let turn = faulty.turn(FaultTarget::MocapEmu, PoseTurn::open(&faulty, source)?);
+        return run_loop(context, bus, (turn, clock));
     }
     let bodies = [options.body.clone()];
     let (feed, network) = serve::open(options, &bodies, context.config.mocap.rate_hz)?;
@@ -157,14 +175,16 @@ fn publish_from(
         let _stop = context.stop.set_on_drop();
         threads.spawn(|| network.run(&context.stop));
         if options.publish {
-            turn(context, bus, (PoseTurn::open(bus, served)?, clock))
+            let turn = faulty.turn(FaultTarget::MocapEmu, PoseTurn::open(&faulty, served)?);
+            run_loop(context, bus, (turn, clock))
         } else {
-            turn(context, bus, (ServeTurn(served), clock))
+            let turn = faulty.turn(FaultTarget::MocapEmu, ServeTurn(served));
+            run_loop(context, bus, (turn, clock))
         }
     })
 }
 
-fn turn(
+fn run_loop(
     context: &ProcessContext,
     bus: &Bus,
     (mut turn, mut clock): (impl Turn, LoopClock),

@@ -80,7 +80,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let sockets = SocketSet::new().map_err(refused)?;
     let descriptor = sockets.descriptor().map_err(refused)?;
     let clock = LoopClock::polled(descriptor, context.stop.clone());
-    let mut clock = clock.counted_in(context.health.clone());
+    let period = Span::period_of(context.config.control.rate_hz);
+    let mut clock = clock.counted_in(context.health.clone(), period);
     let (handle, background) = handoff();
     let options = &context.config.receiver;
     let parts = ReceiverParts {

@@ -10,6 +10,7 @@ use rustix::io::Errno;
 
 use crate::health::Health;
 use crate::lockstep::{Follower, Leader};
+use crate::overrun::OverrunMonitor;
 use crate::stop::{STOP_CHECK, StopFlag};
 use crate::turn::TurnClock;
 use crate::virtual_clock::TurnResult;
@@ -20,6 +21,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{Role, Topic};
 use oqtal_bus::transport::Publish;
 use oqtal_bus::wake::Listener;
+use oqtal_config::Config;
 
 /// Waits for the next event of one process.
 #[derive(Debug)]
@@ -27,6 +29,9 @@ pub struct LoopClock {
     clock: Clock,
     stop: StopFlag,
     health: Health,
+    overruns: OverrunMonitor,
+    /// Instant at which the turn under way was due; `None` before the first.
+    due: Option<Time>,
     now: Time,
     published: bool,
 }
@@ -58,12 +63,17 @@ impl LoopClock {
         Self::new(Clock::Polled(descriptor), stop, Time::now())
     }
 
-    /// Virtual time, advanced by this process, `role`, for all of `roles`.
+    /// Virtual time of the flight under `config`, advanced by this process for all of `roles`, of which it is the first.
     ///
     /// # Errors
     /// The bus refuses, or another process leads virtual time already.
-    pub fn leader(bus: &Bus, role: Role, roles: &[Role], stop: StopFlag) -> Result<Self, BusError> {
-        let leader = Leader::open(bus, role, roles)?;
+    pub fn leader(
+        bus: &Bus,
+        roles: &[Role],
+        config: &Config,
+        stop: StopFlag,
+    ) -> Result<Self, BusError> {
+        let leader = Leader::open(bus, roles, config)?;
         Ok(Self::new(Clock::Leader(Box::new(leader)), stop, Time::VIRTUAL_START))
     }
 
@@ -77,13 +87,14 @@ impl LoopClock {
     }
 
     fn new(clock: Clock, stop: StopFlag, now: Time) -> Self {
-        Self { clock, stop, health: Health::default(), now, published: false }
+        let overruns = OverrunMonitor::new(Span::from_millis(1000));
+        Self { clock, stop, health: Health::default(), overruns, due: None, now, published: false }
     }
 
-    /// Counts the turns in `health`.
+    /// Counts the turns in `health`; one that ends more than `period` after it was due is late.
     #[must_use]
-    pub fn counted_in(self, health: Health) -> Self {
-        Self { health, ..self }
+    pub fn counted_in(self, health: Health, period: Span) -> Self {
+        Self { health, overruns: OverrunMonitor::new(period), ..self }
     }
 
     /// The present instant: read from the clock, or as virtual time was last advanced.
@@ -101,6 +112,14 @@ impl LoopClock {
         !matches!(self.clock, Clock::Real(_) | Clock::Polled(_))
     }
 
+    /// Looks whether the turn that has just ended was late. Virtual time waits for every turn.
+    fn watch_overruns(&mut self) {
+        if let (false, Some(due)) = (self.is_virtual(), self.due) {
+            self.overruns.turn_ended(due, Time::now());
+            self.health.set_overruns(&self.overruns);
+        }
+    }
+
     /// Waits until `next` or until an arrival; returns the present instant, or `None` once the process is asked to stop. May
     /// return early: the caller checks what is due.
     ///
@@ -108,6 +127,7 @@ impl LoopClock {
     /// The bus broke.
     pub fn wait(&mut self, next: Option<Time>) -> Result<Option<Time>, BusError> {
         self.health.count_turn();
+        self.watch_overruns();
         if self.stop.is_set() {
             return Ok(None);
         }
@@ -125,6 +145,7 @@ impl LoopClock {
             Clock::Follower(follower) => follower.wait(result, &self.stop)?,
         };
         self.now = woken.unwrap_or(self.now);
+        self.due = Some(next.map_or(self.now, |next| next.min(self.now)));
         Ok(woken.filter(|_| !self.stop.is_set()))
     }
 }
@@ -152,7 +173,12 @@ impl TurnClock for LoopClock {
         LoopClock::now(self)
     }
 
+    fn runs_late(&self) -> bool {
+        self.overruns.runs_late()
+    }
+
     fn announce<M: Message>(&mut self, writer: &impl Publish<M>) -> Result<(), BusError> {
+        self.health.count_output();
         if self.is_virtual() {
             self.published = true;
             Ok(())

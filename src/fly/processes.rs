@@ -68,7 +68,7 @@ impl BusFlight<'_> {
         let _one_processor = lockstep.then(OneProcessor::stay);
         let mut processes = ProcessGroup::start((self.mission, self.paths), self.directory)?;
         let stop = StopFlag::default();
-        let watch = ProcessWatch::new(paths, &stop);
+        let watch = ProcessWatch::new(paths, config, &stop);
         let flight = std::thread::scope(|threads| {
             let (watch, processes, interrupts) = (&watch, &mut processes, self.interrupts);
             threads.spawn(move || watch.run(processes, interrupts));
@@ -96,7 +96,7 @@ fn report_missing_rights(flight: &Flight) {
 
 /// Fails if a daemon already runs on this instance: it was not started by this flight and must not be made to fly.
 fn refuse_running_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
-    let status = ControlRequestV1 { command: OperatorCommand::Status.code() };
+    let status = ControlRequestV1::of(OperatorCommand::Status);
     match bus.control_client()?.ask(status, Span::from_millis(100))? {
         None => Ok(()),
         Some(_) => {

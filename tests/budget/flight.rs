@@ -64,7 +64,7 @@ impl Flight {
         let ports = DaemonPorts::open(&bus).unwrap();
         let plant = Plant::new(config, start);
         Self {
-            plant: PlantTurn::open(&bus, plant, Stepping::Exact, false).unwrap(),
+            plant: PlantTurn::open(&bus, plant, Stepping::Exact, config).unwrap(),
             cameras: PoseTurn::open(&bus, cameras).unwrap(),
             daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
             _requests: requests,

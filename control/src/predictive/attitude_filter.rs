@@ -5,11 +5,12 @@
 //! the error `[theta; omega; d]` follows the model; the coupling of the axes, of the size of the angle turned between
 //! two poses, is neglected.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix3x1, Vector3};
 
 use super::kalman::{Covariance, StateTransition};
 use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
+use crate::linear::discretise;
 use crate::quaternion::Attitude;
 
 /// Standard deviations at take-off: of rate \[rad/s\] and bias \[as the demand\].
@@ -43,6 +44,11 @@ impl AttitudeFilter {
         }
     }
 
+    /// Sets the bias to zero.
+    pub fn forget_bias(&mut self) {
+        self.bias = Vector3::zeros();
+    }
+
     /// `d`: the bias of the demand \[rad/s or rad/s^2, body axes\].
     #[must_use]
     pub fn bias(&self) -> &Vector3<f64> {
@@ -70,6 +76,14 @@ impl AttitudeFilter {
                     0.0, 0.0, 1.0,
                 )
             }
+            Rotation::AttitudeLoop { gain_per_s: gain, lag_s, .. } => {
+                let a = Matrix3::new(
+                    0.0, 1.0, 0.0,
+                    -gain / lag_s, -1.0 / lag_s, 1.0 / lag_s,
+                    0.0, 0.0, 0.0,
+                );
+                discretise(&a, &Matrix3x1::zeros(), h).0
+            }
             Rotation::RigidBody { .. } => Matrix3::new(
                 1.0, h, h * h / 2.0,
                 0.0, 1.0, h,
@@ -85,10 +99,26 @@ impl AttitudeFilter {
         self.covariance.predict(&transition);
     }
 
+    /// Variance of the next innovation about each axis \[rad^2\].
+    #[must_use]
+    pub fn innovation_variance(&self) -> f64 {
+        self.covariance.0[(0, 0)] + self.noise * self.noise
+    }
+
     /// Corrects `motion` by the attitude measured; returns the innovation \[rad, body axes\].
     pub fn correct(&mut self, motion: &mut Motion, measured: &Attitude) -> Vector3<f64> {
+        self.correct_with(motion, measured, self.noise)
+    }
+
+    /// As [`correct`](Self::correct), for a measurement with standard deviation `noise` \[rad\].
+    pub fn correct_with(
+        &mut self,
+        motion: &mut Motion,
+        measured: &Attitude,
+        noise: f64,
+    ) -> Vector3<f64> {
         let innovation = motion.attitude.rotation_to(measured);
-        let gain = self.covariance.correct(self.noise);
+        let gain = self.covariance.correct(noise);
         motion.attitude = motion.attitude.turned_by(innovation * gain.x);
         motion.rate += innovation * gain.y;
         self.bias = (self.bias + innovation * gain.z).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));

@@ -10,7 +10,7 @@ use super::options::FilterOptions;
 const INITIAL_VELOCITY: f64 = 0.05;
 const INITIAL_ACCELERATION: f64 = 0.3;
 
-/// Limit of each component of the external acceleration \[m/s^2\]: more than wind can cause.
+/// Limit of each component of the external acceleration of an autopilot \[m/s^2\].
 const BIAS_LIMIT: f64 = 3.0;
 
 /// Kalman filter of the position error. The motion that it corrects is passed in.
@@ -19,6 +19,7 @@ pub struct PositionFilter {
     noise: f64,
     velocity_walk: f64,
     bias_walk: f64,
+    bias_limit: f64,
     covariance: Covariance,
     bias: Vector3<f64>,
 }
@@ -32,9 +33,21 @@ impl PositionFilter {
             noise,
             velocity_walk: options.velocity_walk_m_s,
             bias_walk: options.acceleration_walk_m_s2,
+            bias_limit: BIAS_LIMIT,
             covariance: Covariance::of([noise, INITIAL_VELOCITY, INITIAL_ACCELERATION]),
             bias: Vector3::zeros(),
         }
+    }
+
+    /// The filter with another limit of each component of the external acceleration \[m/s^2\].
+    #[must_use]
+    pub fn with_bias_limit(self, bias_limit: f64) -> Self {
+        Self { bias_limit, ..self }
+    }
+
+    /// Sets the external acceleration to zero.
+    pub fn forget_bias(&mut self) {
+        self.bias = Vector3::zeros();
     }
 
     /// Estimated external acceleration \[m/s^2, world\].
@@ -68,13 +81,30 @@ impl PositionFilter {
         self.covariance.predict(&transition);
     }
 
+    /// Variance of the next innovation along each axis \[m^2\].
+    #[must_use]
+    pub fn innovation_variance(&self) -> f64 {
+        self.covariance.0[(0, 0)] + self.noise * self.noise
+    }
+
     /// Corrects `motion` by the position measured \[m, world\]; returns the innovation \[m\].
     pub fn correct(&mut self, motion: &mut Motion, measured: &Vector3<f64>) -> Vector3<f64> {
+        self.correct_with(motion, measured, self.noise)
+    }
+
+    /// As [`correct`](Self::correct), for a measurement with standard deviation `noise` \[m\].
+    pub fn correct_with(
+        &mut self,
+        motion: &mut Motion,
+        measured: &Vector3<f64>,
+        noise: f64,
+    ) -> Vector3<f64> {
         let innovation = measured - motion.position;
-        let gain = self.covariance.correct(self.noise);
+        let gain = self.covariance.correct(noise);
         motion.position += innovation * gain.x;
         motion.velocity += innovation * gain.y;
-        self.bias = (self.bias + innovation * gain.z).map(|b| b.clamp(-BIAS_LIMIT, BIAS_LIMIT));
+        let limit = self.bias_limit;
+        self.bias = (self.bias + innovation * gain.z).map(|b| b.clamp(-limit, limit));
         innovation
     }
 }

@@ -15,7 +15,7 @@ struct Feed {
 impl Feed {
     /// A guard that has accepted a few poses at the origin.
     fn settled() -> Self {
-        let guard = Guard::new(&Config::default().safety);
+        let guard = Guard::new(&Config::default()).unwrap();
         let mut feed = Self { guard, frame: 0, time: Time::VIRTUAL_START };
         for _ in 0..4 {
             assert!(feed.show(pose_at(0.0)).is_ok());
@@ -72,7 +72,7 @@ fn missing_frames_are_counted_by_their_numbers() {
 
 #[test]
 fn a_burst_of_which_the_last_is_seen_is_superseded_and_not_lost() {
-    let mut guard = Guard::new(&Config::default().safety);
+    let mut guard = Guard::new(&Config::default()).unwrap();
     let mut show = |frame: u64, message: u64| {
         let now = Time::VIRTUAL_START + Span::from_millis(17 * frame.cast_signed());
         let stamps = Stamps { captured_at: now, ..Stamps::default() };

@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
 use oqtal_control::controller::{ControllerName, RateInput, TorqueInput};
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::Rotation;
 
 use super::flight_stack::FlightStack;
 use super::paper::PaperStack;
 use super::predictive::PredictiveStack;
+use crate::command_model::inertia;
 
 /// Greatest stick \[-\].
 const MAX_STICK: f64 = 1.0;
@@ -18,11 +18,11 @@ const MAX_STICK: f64 = 1.0;
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)]
 pub enum ControlStack {
-    /// The paper's loops, sticks out.
+    /// The paper's loops, sticks and the attitude that they bring about out.
     PaperRate(PaperStack<RateInput>),
     /// The paper's loops, torque out.
     PaperTorque(PaperStack<TorqueInput>),
-    /// The predictive autopilot, sticks out.
+    /// The predictive autopilot, sticks and the attitude that they bring about out.
     PredictiveRate(PredictiveStack<RateInput>),
     /// The predictive autopilot, torque out.
     PredictiveTorque(PredictiveStack<TorqueInput>),
@@ -36,7 +36,7 @@ impl ControlStack {
     pub fn new(config: &Config) -> Result<Self, OptionError> {
         let is_predictive = config.control.controller == ControllerName::OqtalDt;
         match config.vehicle.interface {
-            Interface::Rate => Self::rate(config, is_predictive),
+            Interface::Rate | Interface::Attitude => Self::rate(config, is_predictive),
             Interface::Torque => Self::torque(config, is_predictive),
         }
     }
@@ -46,27 +46,26 @@ impl ControlStack {
         let of_vehicle = |error: OptionError| error.within("vehicle");
         let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s));
         let input = input.map_err(of_vehicle)?;
+        let holds_attitude = vehicle.interface.holds_attitude();
+        // The attitude loop on board takes the place of the sticks, which limit nothing then.
+        let limit = if holds_attitude { f64::INFINITY } else { MAX_STICK };
         if !is_predictive {
-            return PaperStack::new(config, input, MAX_STICK).map(Self::PaperRate);
+            return PaperStack::new(config, input, limit).map(Self::PaperRate);
         }
         let lag_s = vehicle.rate_lag_ms * 1e-3;
         let input = input.with_lag(lag_s, 1.0 / config.control.rate_hz).map_err(of_vehicle)?;
-        let rotation = Rotation::RateLoop { lag_s };
-        PredictiveStack::new(config, input, rotation, MAX_STICK).map(Self::PredictiveRate)
+        PredictiveStack::new(config, input, limit).map(Self::PredictiveRate)
     }
 
     fn torque(config: &Config, is_predictive: bool) -> Result<Self, OptionError> {
         let vehicle = &config.vehicle;
-        let inertia = vehicle.inertia().map_err(|error| {
-            OptionError::new("vehicle.inertia-kg-m2", "unusable", format!("an inertia: {error}"))
-        })?;
+        let inertia = inertia(vehicle)?;
         let limit = vehicle.max_torque_nm;
         let input = TorqueInput::new(inertia, limit).map_err(|error| error.within("vehicle"))?;
         if !is_predictive {
             return PaperStack::new(config, input, limit).map(Self::PaperTorque);
         }
-        let rotation = Rotation::RigidBody { inertia };
-        PredictiveStack::new(config, input, rotation, limit).map(Self::PredictiveTorque)
+        PredictiveStack::new(config, input, limit).map(Self::PredictiveTorque)
     }
 
     /// The stack behind its interface.

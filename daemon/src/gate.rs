@@ -1,0 +1,205 @@
+//! The gate on the innovation: in flight a pose is believed if it lies where the commands sent can have brought the vehicle.
+
+use nalgebra::Vector3;
+use oqtal_bus::code::Cause;
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_control::predictive::{CommandHistory, FilterOptions, MeasuredPose, Surroundings, Track};
+
+use crate::command::VehicleCommand;
+use crate::command_model::CommandModel;
+
+/// Poses in a row that agree with each other and not with the motion, after which they are of another body or of markers that
+/// were exchanged \[-\].
+const RELABEL_POSES: u32 = 3;
+/// Distance within which two refused poses agree, each relative to the predicted motion \[m\].
+const AGREED_M: f64 = 0.015;
+/// Angle within which they agree \[rad\].
+const AGREED_RAD: f64 = 0.05;
+/// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
+const DOUBT_SIGMA: f64 = 3.0;
+/// Repetitions of a pose from which on its source may count as frozen \[-\].
+const FROZEN_REPEATS: u32 = 2;
+/// Predicted motion during which a pose cannot stay the same \[m\]: many times the resolution of a coarse source.
+const CHANGED_M: f64 = 0.02;
+/// Predicted rotation during which it cannot \[rad\].
+const CHANGED_RAD: f64 = 0.06;
+/// Time during which it cannot, whatever is predicted \[s\].
+const CHANGED_S: f64 = 0.5;
+
+/// A refused pose relative to the predicted motion, and how many agreed with it in a row.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stranger {
+    offset: Vector3<f64>,
+    turn: Vector3<f64>,
+    poses: u32,
+}
+
+impl Stranger {
+    fn of(expected: &Track, pose: &MeasuredPose) -> Self {
+        Self {
+            offset: pose.position - expected.motion.position,
+            turn: expected.motion.attitude.rotation_to(&pose.attitude),
+            poses: 1,
+        }
+    }
+
+    fn agrees(&self, other: &Self) -> bool {
+        (self.offset - other.offset).norm() <= AGREED_M
+            && (self.turn - other.turn).norm() <= AGREED_RAD
+    }
+}
+
+/// The gate on the innovation.
+#[derive(Clone, Debug)]
+pub struct MotionGate {
+    commands: CommandModel,
+    history: CommandHistory,
+    options: FilterOptions,
+    /// Greatest innovation of a pose that is believed \[standard deviations\].
+    sigma: f64,
+    /// The motion at the last pose that was believed; `None` on the ground.
+    track: Option<Track>,
+    /// The motion without the last believed pose, if that pose is doubted: it was believed for the uncertainty after a gap, and was
+    /// wrong if the next one contradicts it.
+    without: Option<Track>,
+    /// The motion when the last pose that differed from the one before was believed.
+    changed: Option<Track>,
+    /// Height of the floor from which the flight began \[m, world z\].
+    floor_m: f64,
+    stranger: Option<Stranger>,
+}
+
+impl MotionGate {
+    /// The gate of `config`, on the ground.
+    ///
+    /// # Errors
+    /// The vehicle has no model.
+    pub fn new(config: &Config) -> Result<Self, OptionError> {
+        Ok(Self {
+            commands: CommandModel::new(config)?,
+            history: CommandHistory::new(config.vehicle.command_delay_ms * 1e-3),
+            options: config.safety.filter,
+            sigma: config.safety.gate_sigma,
+            track: None,
+            without: None,
+            changed: None,
+            floor_m: 0.0,
+            stranger: None,
+        })
+    }
+
+    /// Begins a flight with the vehicle at rest on the floor in `pose`, measured at `t_s` \[s\].
+    pub fn begin(&mut self, t_s: f64, pose: &MeasuredPose) {
+        self.end();
+        self.track = Some(Track::at_rest(self.options, t_s, pose));
+        (self.floor_m, self.changed) = (pose.position.z, self.track);
+    }
+
+    /// Ends it: on the ground no motion is predicted.
+    pub fn end(&mut self) {
+        (self.track, self.without, self.changed, self.stranger) = (None, None, None, None);
+    }
+
+    /// Records the command that was sent at `sent_s` \[s\].
+    pub fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand) {
+        self.history.push(sequence, sent_s, self.commands.input(command));
+    }
+
+    /// Records that a command took effect at `applied_s` \[s\].
+    pub fn applied(&mut self, sequence: u64, applied_s: f64) {
+        self.history.applied(sequence, applied_s);
+    }
+
+    /// Delay from sending a command to its effect, as measured \[s\].
+    #[must_use]
+    pub fn delay_s(&self) -> f64 {
+        self.history.delay_s()
+    }
+
+    /// Whether a flight is under way, so that poses are compared with the predicted motion.
+    #[must_use]
+    pub fn is_flying(&self) -> bool {
+        self.track.is_some()
+    }
+
+    /// Height of the floor from which the flight began \[m, world z\].
+    #[must_use]
+    pub fn floor_m(&self) -> f64 {
+        self.floor_m
+    }
+
+    /// The motion predicted for `t_s` \[s\]; `None` on the ground.
+    #[must_use]
+    pub fn predict(&self, t_s: f64) -> Option<Track> {
+        self.track.map(|track| track.advanced(t_s, &self.surroundings()))
+    }
+
+    /// Judges a pose in flight, measured at `t_s` \[s\], that came `repeats` times before under other sequence numbers. On the
+    /// ground every pose passes.
+    ///
+    /// # Errors
+    /// Why the pose is not believed.
+    pub fn judge(&mut self, t_s: f64, pose: &MeasuredPose, repeats: u32) -> Result<(), Cause> {
+        let Some(mut expected) = self.predict(t_s) else { return Ok(()) };
+        if !self.lies_on(&expected, pose, self.sigma) {
+            let Some(other) = self.without.map(|track| track.advanced(t_s, &self.surroundings()))
+            else {
+                return Err(self.refuse(&expected, pose));
+            };
+            if !self.lies_on(&other, pose, DOUBT_SIGMA) {
+                return Err(self.refuse(&expected, pose));
+            }
+            expected = other;
+        }
+        if repeats >= FROZEN_REPEATS && self.must_have_changed(t_s) {
+            return Err(Cause::Frozen);
+        }
+        let is_doubted = !Stranger::of(&expected, pose).agrees(&Stranger::default());
+        (self.without, self.stranger) = (is_doubted.then_some(expected), None);
+        self.track = Some(expected.corrected(pose, self.floor_m));
+        if repeats == 0 {
+            self.changed = self.track;
+        }
+        Ok(())
+    }
+
+    /// Whether `pose` agrees with the motion `expected`, and not with the poses refused before it: what was refused is not
+    /// believed because the uncertainty has grown since.
+    fn lies_on(&self, expected: &Track, pose: &MeasuredPose, sigma: f64) -> bool {
+        let stranger = Stranger::of(expected, pose);
+        // A comparison with NaN is false.
+        expected.innovation(pose).sigma() <= sigma
+            && !self.stranger.is_some_and(|known| known.agrees(&stranger))
+    }
+
+    /// Records a refused pose, and returns why.
+    fn refuse(&mut self, expected: &Track, pose: &MeasuredPose) -> Cause {
+        let stranger = Stranger::of(expected, pose);
+        let agreed = self.stranger.filter(|known| known.agrees(&stranger));
+        let poses = agreed.map_or(1, |known| known.poses.saturating_add(1));
+        self.stranger = Some(Stranger { poses, ..stranger });
+        if poses >= RELABEL_POSES { Cause::Relabel } else { Cause::Jump }
+    }
+
+    /// Whether the vehicle moved so far by `t_s` \[s\] that a pose cannot have stayed the same, by a prediction that does not use
+    /// the poses that did.
+    fn must_have_changed(&self, t_s: f64) -> bool {
+        let Some(before) = &self.changed else { return false };
+        let after = before.advanced(t_s, &self.surroundings());
+        has_changed(before, &after) && !after.is_at_floor(self.floor_m)
+    }
+
+    fn surroundings(&self) -> Surroundings<'_> {
+        let Self { commands, history, floor_m, .. } = self;
+        Surroundings { model: &commands.model, history, floor_m: *floor_m }
+    }
+}
+
+/// Whether a vehicle moved from `before` to `after` so that a pose cannot have stayed the same.
+fn has_changed(before: &Track, after: &Track) -> bool {
+    let (from, to) = (&before.motion, &after.motion);
+    (to.position - from.position).norm() > CHANGED_M
+        || from.attitude.angle_to(&to.attitude) > CHANGED_RAD
+        || after.t_s - before.t_s > CHANGED_S
+}
