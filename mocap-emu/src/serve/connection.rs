@@ -73,10 +73,11 @@ impl Connection {
         self.broken
     }
 
-    /// What to wait for.
-    pub fn poll_fd(&self) -> PollFd<'_> {
-        let waiting = self.sent < self.queued.len();
-        let flags = if waiting { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
+    /// What to wait for; `reads` says whether the client's bytes are read when they come.
+    pub fn poll_fd(&self, reads: bool) -> PollFd<'_> {
+        let mut flags = PollFlags::empty();
+        flags.set(PollFlags::IN, reads);
+        flags.set(PollFlags::OUT, self.sent < self.queued.len());
         PollFd::new(&self.stream, flags)
     }
 }
