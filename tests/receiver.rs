@@ -252,3 +252,96 @@ fn real_cameras_do_not_look_at_a_simulated_vehicle() {
     assert_eq!(output.status.code(), Some(64), "{}", stderr(&output));
     assert!(stderr(&output).contains("--vehicle link:LINK"), "{}", stderr(&output));
 }
+
+/// A network of its own for a server, behind a cable of two virtual ends; removed when dropped.
+struct Network {
+    name: String,
+    cable: String,
+}
+
+impl Network {
+    const HERE: &str = "10.213.77.1/24";
+    const THERE: &str = "10.213.77.2";
+
+    /// `None` where this user may not make one.
+    fn new() -> Option<Self> {
+        let id = std::process::id();
+        let network = Self { name: format!("oqtal-{id}"), cable: format!("oq{id}") };
+        let (name, cable, there) = (&network.name, &network.cable, format!("oq{id}b"));
+        let address = format!("{}/24", Self::THERE);
+        let steps: [&[&str]; 6] = [
+            &["netns", "add", name],
+            &["link", "add", cable, "type", "veth", "peer", "name", &there, "netns", name],
+            &["addr", "add", Self::HERE, "dev", cable],
+            &["-n", name, "addr", "add", &address, "dev", &there],
+            &["-n", name, "link", "set", &there, "up"],
+            &["link", "set", cable, "up"],
+        ];
+        steps.iter().all(|words| ip(words)).then_some(network)
+    }
+
+    fn server(&self, port: u16) -> Server {
+        let mut command = Command::new("ip");
+        command.args([
+            "netns",
+            "exec",
+            &self.name,
+            env!("CARGO_BIN_EXE_oqtal"),
+            "mocap-emu",
+            "serve",
+        ]);
+        command.args(["--listen", Self::THERE, "--protocol", &format!("qtm:{port}")]);
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        assert!(line.contains(Self::THERE), "{line}");
+        Server { child, port, kind: "qtm" }
+    }
+}
+
+impl Drop for Network {
+    fn drop(&mut self) {
+        // The cable goes with one of its ends.
+        ip(&["link", "delete", &self.cable]);
+        ip(&["netns", "delete", &self.name]);
+    }
+}
+
+fn ip(words: &[&str]) -> bool {
+    let done = Command::new("ip").args(words).stdin(Stdio::null()).stderr(Stdio::null()).status();
+    done.is_ok_and(|status| status.success())
+}
+
+#[test]
+fn f56_a_pulled_cable_is_survived() {
+    let Some(network) = Network::new() else {
+        eprintln!("skipped: this user may not make a network namespace");
+        return;
+    };
+    let testbed = Testbed::new("cable");
+    let bus = testbed.bus();
+    let mut poses = bus.observer(&POSE).unwrap();
+    let server = network.server(22223);
+    let link = format!("qtm:{},body=quad", Network::THERE);
+    let log = testbed.path("receiver.log");
+    let mut command = testbed.oqtal(&["receiver", "run", "--link", &link]);
+    let stderr = std::fs::File::create(&log).unwrap();
+    let _receiver = Running::start_with_stderr(&mut command, stderr.into());
+    next_pose("poses", &mut poses);
+    assert!(ip(&["link", "set", &network.cable, "down"]));
+    wait_for("the message of silence", || {
+        let text = std::fs::read_to_string(&log).unwrap();
+        text.contains("no frames come").then_some(())
+    });
+    drain(&mut poses);
+    let plugged_at = Time::now();
+    assert!(ip(&["link", "set", &network.cable, "up"]));
+    let (header, _) = next_pose("poses after the cable is back", &mut poses);
+    assert!(header.stamps.captured_at > plugged_at, "an old pose");
+    drop(server);
+}
