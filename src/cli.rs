@@ -62,6 +62,9 @@ enum Command {
     /// Run the bridge process: a real vehicle over a radio
     #[command(subcommand)]
     Bridge(oqtal_bridge::BridgeCommand),
+    /// Run the receiver process: poses of a real camera system; find and examine camera systems
+    #[command(subcommand)]
+    Receiver(oqtal_receiver::ReceiverCommand),
     /// Run a measuring process of `latency`
     #[command(subcommand, hide = true)]
     LatencyPart(Part),
@@ -90,6 +93,7 @@ impl Cli {
             }
             Some(Command::PlantSim(command)) => return command.execute(),
             Some(Command::Bridge(command)) => return command.execute(),
+            Some(Command::Receiver(command)) => return command.execute(),
             Some(Command::MocapEmu(command)) => return command.execute(),
         };
         finish(result)

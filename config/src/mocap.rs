@@ -21,7 +21,7 @@ pub enum MocapModel {
 /// The instant that a pose carries as that of its capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum StampSource {
+pub enum CaptureStamp {
     /// The capture itself.
     Exact,
     /// The arrival of the pose, as of a receiver without a clock model.
@@ -39,7 +39,7 @@ pub struct MocapOptions {
     /// How a pose is made.
     pub model: MocapModel,
     /// What a pose carries as its capture.
-    pub stamp: StampSource,
+    pub stamp: CaptureStamp,
     /// Rate of the cameras \[Hz\].
     pub rate_hz: f64,
     /// Standard deviation of the position \[mm, per axis\].

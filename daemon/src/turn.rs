@@ -60,6 +60,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         let Self { ports, cycle, warmup, handle } = self;
+        cycle.notice_configurations(handle.configs_differ());
         let arrival = ports.poses.latest()?;
         // Read after the pose was taken, so that no later stamp is earlier than the pose.
         let now = clock.now();

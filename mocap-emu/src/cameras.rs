@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{MocapModel, MocapOptions, StampSource};
+use oqtal_config::{CaptureStamp, MocapModel, MocapOptions};
 use oqtal_runtime::pose_source::Delivery;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
@@ -103,9 +103,9 @@ impl Cameras {
     /// What a pose says of its capture.
     fn stamp(&self, captured_at: Time, deliver_at: Time) -> Time {
         match self.mocap.stamp {
-            StampSource::Exact => captured_at,
-            StampSource::Arrival => deliver_at,
-            StampSource::Clock => {
+            CaptureStamp::Exact => captured_at,
+            CaptureStamp::Arrival => deliver_at,
+            CaptureStamp::Clock => {
                 let room = &self.mocap.room;
                 let since = captured_at.since(self.began.unwrap_or(captured_at));
                 let gained = since.scaled(room.clock_drift_ppm * 1e-6);

@@ -98,6 +98,7 @@ impl MarkerCameras {
                 residual_m: fit.residual_m,
                 body: BODY,
                 tracked: 1,
+                ..PoseV1::default()
             },
             None => PoseV1 {
                 position: [f64::NAN; 3],
@@ -105,6 +106,7 @@ impl MarkerCameras {
                 residual_m: f64::NAN,
                 body: BODY,
                 tracked: 0,
+                ..PoseV1::default()
             },
         }
     }

@@ -69,6 +69,8 @@ impl Replay {
                 residual_m: f64::NAN,
                 body: BODY,
                 tracked: 1,
+                simulated: 1,
+                ..PoseV1::default()
             },
         })
     }

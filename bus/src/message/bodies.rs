@@ -33,10 +33,15 @@ message! {
         attitude: [f64; 4] ["body to world"],
         /// Mean distance of the markers from the rigid body fitted to them; NaN if unknown.
         residual_m: f64 ["m"],
+        /// Error of `captured_at` that 99 poses of 100 do not exceed, where it is estimated from a camera system's own clock; 0
+        /// where it is exact.
+        capture_uncertainty_s: f64 ["s"],
         /// Number of the rigid body, from 1, as the camera system counts.
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
         tracked: u8 ["flag"],
+        /// 1 if the pose is emulated or from a recording, 0 if cameras measured it.
+        simulated: u8 ["flag"],
     }
 }
 
@@ -162,6 +167,8 @@ message! {
         innovation_attitude: [f64; 3] ["rad, body"],
         /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
         nis: [f64; 2] ["-"],
+        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
+        obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
         /// [`crate::code::SafetyState`] of the daemon.
@@ -182,7 +189,7 @@ message! {
 message! {
     /// Topics `health/NAME`: health of a process, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
-        /// Instant of this message, by the monotonic clock of the machine, whatever clock drives the flight.
+        /// Instant of this message, by the clock of the machine, whatever clock drives the flight.
         time: Time ["ns"],
         /// Hash of the effective configuration: processes that disagree were started from different files.
         config_hash: u64 ["-"],
@@ -194,6 +201,12 @@ message! {
         cause: u8 ["code"],
         /// Changes of the daemon's condition that are missing in its log.
         unlogged: u64 ["-"],
+        /// Turns of the loop that ended more than a control period after they were due, in total.
+        late_turns: u64 ["-"],
+        /// 1 while the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
+        runs_late: u8 ["flag"],
+        /// [`crate::obstacle::ArmingObstacles`] of the daemon.
+        obstacles: u32 ["-"],
     }
 }
 
