@@ -136,7 +136,10 @@ fn another_implementation_reads_every_message() {
         assert_eq!(read["indexed"][topic], overview["messages"], "{topic}");
         assert_eq!(read["schemas"][topic], overview["schema"], "{topic}");
     }
-    assert_eq!((&read["ordered"], &read["last_tick"]), (&true.into(), &read["messages"]["telemetry"]));
+    assert_eq!(
+        (&read["ordered"], &read["last_tick"]),
+        (&true.into(), &read["messages"]["telemetry"])
+    );
 }
 
 /// The history of the only daemon of a recording.
@@ -158,7 +161,8 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
         let path = testbed.path("d/flight.mcap");
         // At sizes that differ from kill to kill, and from the sizes of chunks.
         let size = 150_000 + kill * 217_131;
-        let is_there = || std::fs::metadata(&path).is_ok_and(|file| file.len() > size).then_some(());
+        let is_there =
+            || std::fs::metadata(&path).is_ok_and(|file| file.len() > size).then_some(());
         wait_for("a recording of some size", is_there);
         flying.signal(Signal::KILL);
         flying.wait();
