@@ -7,6 +7,7 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -43,7 +44,7 @@ impl Child {
     /// The log cannot be created, or the process cannot be started.
     pub fn start(name: &'static str, command: Command, logs: &Path) -> Result<Self, Failure> {
         let log = logs.join(format!("{name}.log"));
-        let file = File::create(&log).map_err(|e| failed_to_start(name, &log, &e))?;
+        let file = files::create(&log).map_err(|e| failed_to_start(name, &log, &e))?;
         Ok(Self { name, process: spawn(name, command, file)?, log })
     }
 

@@ -1,5 +1,6 @@
 //! `oqtal fly`: one flight, from the command line to the report.
 
+mod cameras;
 mod directory;
 mod fault;
 mod flight_record;
@@ -24,8 +25,9 @@ use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
 
+use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
-use processes::BusFlight;
+use processes::{BusFlight, FlightPaths};
 use progress::Interrupts;
 use vehicle::{CommandLink, VehicleChoice};
 
@@ -49,8 +51,9 @@ pub struct FlyArgs {
     /// Clock of the flight: real time, or virtual time through processes or in this process
     #[arg(long, value_enum)]
     clock: Option<ClockKind>,
-    /// Source of the poses: emulated, or replay:FILE for a recording
-    #[arg(long, value_name = "SOURCE", value_parser = parse_mocap)]
+    /// Source of the poses: emulated; replay:FILE, a recording; qtm, vrpn or natnet, emulated cameras over the network; or
+    /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
+    #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
     /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its radio protocol,
     /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
@@ -66,20 +69,6 @@ pub struct FlyArgs {
     json: bool,
     #[command(flatten)]
     common: CommonArgs,
-}
-
-#[derive(Clone, Debug)]
-enum MocapSource {
-    Emulated,
-    Replay(String),
-}
-
-fn parse_mocap(text: &str) -> Result<MocapSource, String> {
-    match text.split_once(':') {
-        None if text == "emulated" => Ok(MocapSource::Emulated),
-        Some(("replay", file)) if !file.is_empty() => Ok(MocapSource::Replay(file.to_owned())),
-        _ => Err("expected `emulated` or `replay:FILE`".to_owned()),
-    }
 }
 
 /// A series of flights through processes, one after another.
@@ -103,8 +92,8 @@ impl FlightSeries for BusFlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
         let directory = self.directory.as_ref().map(|directory| directory.join(name));
         let directory = FlightDirectory::create(directory.as_deref(), &mission.config)?;
-        let (link, interrupts) = (&CommandLink::Bus, &self.interrupts);
-        let bus_flight = BusFlight { mission, link, directory: &directory, interrupts };
+        let (paths, interrupts) = (&FlightPaths::default(), &self.interrupts);
+        let bus_flight = BusFlight { mission, paths, directory: &directory, interrupts };
         let (flight, recording) = bus_flight.fly()?;
         if interrupts.any() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
@@ -121,14 +110,15 @@ impl FlyArgs {
     /// The flight could not be flown or its results not be written. A flight that ended badly is no error but an exit code.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
-        let link = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
-        fault::check(&config, &link)?;
+        let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
+        let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
+        fault::check(&config, &commands)?;
+        let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
         let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
         let interrupts = &Interrupts::listen()?;
-        let bus_flight =
-            BusFlight { mission: &mission, link: &link, directory: &directory, interrupts };
+        let bus_flight = BusFlight { mission: &mission, paths, directory: &directory, interrupts };
         let (flight, recording) = match mission.config.clock.kind {
             ClockKind::InProcess => bus_flight.fly_in_process()?,
             ClockKind::Real | ClockKind::Lockstep => bus_flight.fly()?,
@@ -166,13 +156,11 @@ impl FlyArgs {
         set("--duration", "trajectory.duration-s", self.duration.map(Into::into));
         set("--seed", "clock.seed", self.seed.map(Into::into));
         set("--clock", "clock.kind", self.clock.map(|clock| clock.name().into()));
-        let replay = self.mocap.as_ref().map(|source| match source {
-            MocapSource::Emulated => "".into(),
-            MocapSource::Replay(file) => file.as_str().into(),
-        });
-        set("--mocap", "mocap.replay", replay);
         let faults: Vec<String> = self.faults.iter().map(ToString::to_string).collect();
         set("--fault", "fault.inject", (!faults.is_empty()).then(|| faults.into()));
+        if let Some(source) = &self.mocap {
+            source.settings(&mut settings);
+        }
         if let Some(vehicle) = &self.vehicle {
             vehicle.settings(&mut settings);
         }

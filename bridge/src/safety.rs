@@ -124,9 +124,7 @@ impl CommandGate {
     /// once, without the rest time. A flight command that arrived before it ends is never sent.
     pub fn keep_stopped(&mut self, since: Option<Time>) {
         self.stopped_since = since;
-        if since.is_some() {
-            self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
-        }
+        self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
     }
 
     /// Whether a status that arrived since an operator's stop reports motors off.
@@ -198,6 +196,9 @@ impl CommandGate {
     /// The newest command, if it is a flight command within its timeout at `now`.
     fn flight(&self, now: Time) -> Option<CommandV1> {
         let newest = self.newest.filter(|newest| self.is_flight(&newest.command))?;
+        if self.stopped_since.is_some() {
+            return None;
+        }
         let Stamps { command_published_at, received_at, .. } = newest.forwarded.stamps;
         let within = |since| is_within(now, since, self.limits.command_age);
         (within(command_published_at) && within(received_at)).then_some(newest.command)

@@ -65,7 +65,7 @@ pub struct BridgeTurn<T: Transport> {
     pub link: Option<Box<dyn VehicleLink>>,
     /// The hand-off to the background thread.
     pub handle: BridgeHandle,
-    /// Counts the commands received.
+    /// Counts the commands received and the reports published.
     pub health: Health,
 }
 
@@ -145,13 +145,15 @@ impl<T: Transport> BridgeTurn<T> {
         }
     }
 
-    /// Writes what is due: the rest of a frame, a set-point, and the frame behind it.
+    /// Writes what is due: the rest of a frame, a set-point, and the frame behind it. Counts an output if it reports, or discards what
+    /// the port does not send.
     fn write_due(&mut self, clock: &impl TurnClock) -> Result<(), BusError> {
         self.discard_if_stuck(clock);
         self.write_outbox(clock)?;
         let handle = &mut self.handle;
         let without_port = self.bridge.turn(clock.now(), &mut |note| handle.note(note));
         if let Some(report) = without_port {
+            self.health.count_output();
             self.ports.report(report)?;
         }
         if !self.bridge.outbox().is_empty() {
@@ -175,6 +177,7 @@ impl<T: Transport> BridgeTurn<T> {
             Ok(()) => {
                 self.bridge.discard_outgoing();
                 self.handle.note(Note::Stuck);
+                self.health.count_output();
             }
             Err(_) => self.close_link(clock.now()),
         }
@@ -188,6 +191,7 @@ impl<T: Transport> BridgeTurn<T> {
                 Ok(count) => {
                     // Read after the bytes were taken: the instant at which they were handed over.
                     if let Some(report) = self.bridge.handed_over(clock.now(), count) {
+                        self.health.count_output();
                         self.ports.report(report)?;
                     }
                 }

@@ -108,8 +108,13 @@ impl InstancePaths {
     /// Refuses a root directory of another user: all processes of an instance run as one user, because another one, the
     /// superuser included, would leave files that they cannot open. iceoryx2 would report an internal error.
     fn refuse_another_user(&self) -> Result<(), BusError> {
-        let root = rustix::fs::stat(&self.root)
-            .map_err(|error| system(format!("looking at {}", self.root.display()), &error))?;
+        let failed = |error| system(format!("looking at {}", self.root.display()), &error);
+        // A link in a directory that everybody may write to can lead to any directory of this user.
+        let link = rustix::fs::lstat(&self.root).map_err(failed)?;
+        if link.st_uid != 0 && link.st_uid != rustix::process::geteuid().as_raw() {
+            return Err(BusError::Permission { path: self.root.clone() });
+        }
+        let root = rustix::fs::stat(&self.root).map_err(failed)?;
         let ours = rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK;
         if root.st_uid == rustix::process::geteuid().as_raw()
             && rustix::fs::access(&self.root, ours).is_ok()

@@ -65,7 +65,7 @@ impl<M: Message> Topic<M> {
 
 /// Plant to mocap and observers: every integration millisecond; notifies at camera instants only.
 pub const TRUTH: Topic<TruthV1> = Topic::new("truth", STREAM);
-/// Mocap to daemon and observers, at the cameras' rate.
+/// Mocap or receiver to daemon and observers, at the cameras' rate.
 pub const POSE: Topic<PoseV1> = Topic::new("pose", STREAM);
 /// Daemon to plant or bridge and observers, at the loop's rate. Its single writer is the lock against a second controller.
 pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
@@ -80,7 +80,7 @@ pub const INPUT: Topic<InputV1> = Topic::new("input", RECORDED);
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";
 
-/// Processes of the loop, in the order in which they act at equal virtual times; the last takes no part in virtual time.
+/// Processes of the loop, in the order in which they act at equal virtual times; the last two take no part in virtual time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
     /// The vehicle: plant-sim.
@@ -93,6 +93,8 @@ pub enum Role {
     Recorder,
     /// The link to a real vehicle: bridge.
     Bridge,
+    /// The link to a real camera system: receiver.
+    Receiver,
 }
 
 impl Role {
@@ -108,6 +110,7 @@ impl Role {
             Self::Daemon => "daemon",
             Self::Recorder => "recorder",
             Self::Bridge => "bridge",
+            Self::Receiver => "receiver",
         }
     }
 
@@ -120,6 +123,7 @@ impl Role {
             Self::Daemon => "health/daemon",
             Self::Recorder => "health/recorder",
             Self::Bridge => "health/bridge",
+            Self::Receiver => "health/receiver",
         };
         Topic::new(name, STATE)
     }
@@ -133,6 +137,7 @@ impl Role {
             Self::Daemon => "clock/daemon/advance",
             Self::Recorder => "clock/recorder/advance",
             Self::Bridge => "clock/bridge/advance",
+            Self::Receiver => "clock/receiver/advance",
         };
         Topic::new(name, EXCHANGE)
     }
@@ -146,6 +151,7 @@ impl Role {
             Self::Daemon => "clock/daemon/done",
             Self::Recorder => "clock/recorder/done",
             Self::Bridge => "clock/bridge/done",
+            Self::Receiver => "clock/receiver/done",
         };
         Topic::new(name, EXCHANGE)
     }

@@ -17,6 +17,7 @@ use rustix::thread::futex;
 use crate::error::{BusError, system};
 use crate::membership::Membership;
 use crate::shared::SharedWords;
+use crate::suspend::ClockReadings;
 use crate::time::{Span, Time};
 
 /// Matches every waker.
@@ -91,7 +92,7 @@ impl FutexWaiter {
         let count = &self.words[0];
         let seen = self.seen.get();
         if count.load(Ordering::Acquire) == seen && Time::now() < deadline {
-            let deadline = timespec(deadline);
+            let deadline = timespec(ClockReadings::now().on_monotonic(deadline));
             match futex::wait_bitset(count, futex::Flags::empty(), seen, Some(&deadline), ANY) {
                 Ok(()) | Err(Errno::AGAIN | Errno::TIMEDOUT | Errno::INTR) => {}
                 Err(error) => return Err(error),
@@ -102,7 +103,7 @@ impl FutexWaiter {
     }
 }
 
-/// The instant as the kernel takes absolute deadlines, on `CLOCK_MONOTONIC`.
+/// An instant of `CLOCK_MONOTONIC` as the kernel takes absolute deadlines.
 fn timespec(instant: Time) -> Timespec {
     const NANOS_PER_SECOND: u64 = 1_000_000_000;
     Timespec {

@@ -13,11 +13,13 @@ use toml::{Table, Value};
 use crate::bridge::BridgeOptions;
 use crate::error::ConfigError;
 use crate::fault::FaultOptions;
+use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::mocap::MocapOptions;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
+use crate::receiver::ReceiverOptions;
 use crate::record::RecordOptions;
 use crate::safety::SafetyOptions;
 use crate::setting::Setting;
@@ -49,10 +51,14 @@ pub struct Config {
     pub trajectory: TrajectoryOptions,
     /// `[safety]`: which poses are accepted, and when the motors stop.
     pub safety: SafetyOptions,
+    /// `[fence]`: the space in which the vehicle may fly.
+    pub fence: FenceOptions,
     /// `[bridge]`: the way to a real vehicle.
     pub bridge: BridgeOptions,
     /// `[record]`: what is recorded.
     pub record: RecordOptions,
+    /// `[receiver]`: the way of poses from a real camera system.
+    pub receiver: ReceiverOptions,
     /// `[realtime]`: scheduling of the loops.
     pub realtime: RealtimeOptions,
     /// `[log]`: what is logged.

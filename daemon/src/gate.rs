@@ -16,7 +16,7 @@ const RELABEL_POSES: u32 = 3;
 const AGREED_M: f64 = 0.015;
 /// Angle within which they agree \[rad\].
 const AGREED_RAD: f64 = 0.05;
-/// Innovation above which a pose is believed but doubted: if the next one contradicts, it was wrong \[standard deviations\].
+/// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
 const DOUBT_SIGMA: f64 = 3.0;
 /// Repetitions of a pose from which on its source may count as frozen \[-\].
 const FROZEN_REPEATS: u32 = 2;
@@ -28,7 +28,7 @@ const CHANGED_RAD: f64 = 0.06;
 const CHANGED_S: f64 = 0.5;
 
 /// A refused pose relative to the predicted motion, and how many agreed with it in a row.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Stranger {
     offset: Vector3<f64>,
     turn: Vector3<f64>,
@@ -60,7 +60,8 @@ pub struct MotionGate {
     sigma: f64,
     /// The motion at the last pose that was believed; `None` on the ground.
     track: Option<Track>,
-    /// The motion without the last believed pose, if that pose is doubted.
+    /// The motion without the last believed pose, if that pose is doubted: it was believed for the uncertainty after a gap, and was
+    /// wrong if the next one contradicts it.
     without: Option<Track>,
     /// The motion when the last pose that differed from the one before was believed.
     changed: Option<Track>,
@@ -122,6 +123,12 @@ impl MotionGate {
         self.track.is_some()
     }
 
+    /// Height of the floor from which the flight began \[m, world z\].
+    #[must_use]
+    pub fn floor_m(&self) -> f64 {
+        self.floor_m
+    }
+
     /// The motion predicted for `t_s` \[s\]; `None` on the ground.
     #[must_use]
     pub fn predict(&self, t_s: f64) -> Option<Track> {
@@ -148,7 +155,7 @@ impl MotionGate {
         if repeats >= FROZEN_REPEATS && self.must_have_changed(t_s) {
             return Err(Cause::Frozen);
         }
-        let is_doubted = expected.innovation(pose).sigma() > DOUBT_SIGMA;
+        let is_doubted = !Stranger::of(&expected, pose).agrees(&Stranger::default());
         (self.without, self.stranger) = (is_doubted.then_some(expected), None);
         self.track = Some(expected.corrected(pose, self.floor_m));
         if repeats == 0 {

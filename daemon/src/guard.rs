@@ -25,6 +25,8 @@ pub struct Accepted {
     pub position: Vector3<f64>,
     /// Attitude \[body to world\].
     pub attitude: Attitude,
+    /// Whether it is emulated or from a recording.
+    pub simulated: bool,
 }
 
 impl Accepted {
@@ -183,7 +185,9 @@ impl Guard {
         if now.since(captured_at) > self.max_age {
             return Err(Cause::Stale);
         }
-        let accepted = Accepted { captured_at, position: pose.position.into(), attitude };
+        let position = pose.position.into();
+        let simulated = pose.simulated != 0;
+        let accepted = Accepted { captured_at, position, attitude, simulated };
         if self.motion.is_flying() {
             self.motion.judge(seconds(captured_at), &accepted.pose(), self.repeats)?;
         } else {

@@ -5,13 +5,17 @@
 //! | `cycle.rs` | the control cycle: poses and time in, command out |
 //! | `cycle/operator.rs` | requests of operators |
 //! | `cycle/report.rs` | telemetry of a tick |
-//! | `cycle/mode.rs`, `cycle/safety.rs` | modes, and the safety conditions of a tick |
+//! | `cycle/mode.rs`, `cycle/safety.rs`, `cycle/watch.rs` | modes, the safety conditions of a tick, its limits |
 //! | `command.rs` | the command in SI units, and its message |
 //! | `command_model.rs` | the effect of commands on the vehicle |
 //! | `guard.rs` | the checks that a pose must pass |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
+//! | `limits.rs`, `fence.rs` | the limits of a flight |
+//! | `arming.rs` | what keeps a flight from beginning |
+//! | `setpoint.rs` | the check of the reference |
+//! | `loop_health.rs` | age and losses of poses, late ticks |
 //! | `vehicle.rs` | the state of the vehicle, as heard |
-//! | `supervisor.rs` | the table of safety states |
+//! | `supervisor.rs` | the table of limits, and the safety state |
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stacks: everything between poses and command |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
@@ -24,15 +28,20 @@
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
 #![forbid(unsafe_code)]
 
+mod arming;
 mod background;
 mod command;
 mod command_model;
 mod cycle;
+mod fence;
 mod flight_marker;
 mod gate;
 mod guard;
 mod intake;
+mod limits;
+mod loop_health;
 mod mission;
+mod setpoint;
 mod stack;
 mod supervisor;
 mod turn;
@@ -54,17 +63,22 @@ use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
+pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
 pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
 pub use cycle::{AtStart, Cycle, Tick};
+pub use fence::Fence;
 use flight_marker::FlightMarker;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
+pub use limits::{FlightLimits, FlightView, LimitConditions};
+pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
+pub use setpoint::SetpointGuard;
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
-pub use supervisor::{SafetyConditions, Supervisor};
+pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;

@@ -3,7 +3,7 @@
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::stop::VehicleStop;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
@@ -12,6 +12,9 @@ use oqtal_runtime::health::Health;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::plant::{Plant, PlantOutput};
+
+/// Time between two publications of the state of a stopped vehicle.
+const STOP_PUBLICATION: Span = Span::from_millis(100);
 
 /// The instants at which the plant acts without an arrival.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +62,8 @@ pub struct PlantTurn<T: Transport> {
     commands: T::Reader<CommandV1>,
     outputs: Outputs<T>,
     stop: VehicleStop,
+    /// When the state of the vehicle was last published because of a stop.
+    stop_published_at: Time,
     plant: Plant,
     stepping: Stepping,
     health: Health,
@@ -85,6 +90,7 @@ impl<T: Transport> PlantTurn<T> {
                 vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
             },
             stop: VehicleStop::new(bus.stop_switch()?),
+            stop_published_at: Time::UNSET,
             plant,
             stepping,
             health: Health::default(),
@@ -105,8 +111,9 @@ impl<T: Transport> PlantTurn<T> {
         arrival: Option<&(Header, CommandV1)>,
         clock: &mut C,
     ) -> Result<(), BusError> {
+        let now = clock.now();
         let Self { stop, plant, outputs, .. } = self;
-        let mut changed = plant.keep_stopped(stop.is_in_force(clock.now()));
+        let mut changed = plant.keep_stopped(stop.is_in_force(now));
         if outputs.vehicles.is_some() {
             stop.confirm(true);
             if let Some((header, command)) = arrival {
@@ -114,9 +121,13 @@ impl<T: Transport> PlantTurn<T> {
             }
             changed |= plant.keep_stopped(stop.since().is_some());
         }
-        if changed {
+        // Without commands nothing else tells a late observer that the vehicle is stopped.
+        let is_due =
+            stop.since().is_some() && now.since(self.stop_published_at) >= STOP_PUBLICATION;
+        if changed || is_due {
+            self.stop_published_at = now;
             let vehicle = plant.vehicle();
-            let stamps = Stamps { received_at: clock.now(), ..Stamps::default() };
+            let stamps = Stamps { received_at: now, ..Stamps::default() };
             outputs.publish(PlantOutput::Applied(0, stamps, vehicle), clock)?;
         }
         Ok(())

@@ -71,6 +71,9 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
         vehicle.disturb_radio(radio.at(now)?);
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));
+        if !outputs.is_empty() {
+            context.health.count_output();
+        }
         publish_truth(&mut truths, outputs.drain(..))?;
         vehicle.host_reads(now, &mut answer);
         if !answer.is_empty() {

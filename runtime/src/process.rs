@@ -100,7 +100,10 @@ fn stop_on_panics(stop: &StopFlag) {
 }
 
 /// A flag that SIGINT and SIGTERM set.
-fn stop_on_signals() -> Result<StopFlag, Failure> {
+///
+/// # Errors
+/// The operating system refuses, or signals are handled already.
+pub fn stop_on_signals() -> Result<StopFlag, Failure> {
     let stop = StopFlag::default();
     let flag = stop.clone();
     ctrlc::set_handler(move || flag.set())

@@ -90,7 +90,7 @@ const fn reader_of(role: Role) -> Option<Role> {
         Role::Plant => Some(Role::Mocap),
         Role::Mocap => Some(Role::Daemon),
         Role::Daemon => Some(Role::Plant),
-        Role::Recorder | Role::Bridge => None,
+        Role::Recorder | Role::Bridge | Role::Receiver => None,
     }
 }
 

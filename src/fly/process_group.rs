@@ -9,11 +9,13 @@ use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure};
 
 use oqtal_lab::mission::Mission;
+use oqtal_receiver::connect_to_all;
+use oqtal_receiver::link::CameraLink;
 use rustix::process::Signal;
 
 use super::directory::FlightDirectory;
 use super::fault::ProcessAction;
-use super::vehicle::CommandLink;
+use super::processes::FlightPaths;
 use crate::child::{Child, command};
 
 /// Start-up time-out: a process that is not ready after this time counts as failed.
@@ -41,14 +43,17 @@ impl ProcessGroup {
     /// # Errors
     /// A process cannot be started, or ends before the link that the next one opens exists.
     pub fn start(
-        (mission, link): (&Mission, &CommandLink),
+        (mission, paths): (&Mission, &FlightPaths),
         directory: &FlightDirectory,
     ) -> Result<Self, Failure> {
         let mut processes = Self { members: Vec::new(), config: directory.config() };
-        let roles = link.roles(&mission.config).iter();
-        for &role in roles.filter(|&&role| role != Role::Recorder) {
-            if let (Role::Bridge, Some(path)) = (role, link.awaited()) {
-                processes.wait_for(path)?;
+        let FlightPaths { commands, poses } = paths;
+        let roles = poses.roles(commands.roles(&mission.config));
+        for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
+            match (role, commands.awaited(), poses.awaited()) {
+                (Role::Bridge, Some(path), _) => processes.wait_for(path)?,
+                (Role::Receiver, _, Some(link)) => processes.wait_for_cameras(link)?,
+                _ => {}
             }
             let command = command(&[role.name()], &processes.config)?;
             let child = Child::start(role.name(), command, directory.path())?;
@@ -102,6 +107,22 @@ impl ProcessGroup {
         Ok(())
     }
 
+    /// Waits until emulated cameras serve their body.
+    fn wait_for_cameras(&mut self, link: &CameraLink) -> Result<(), Failure> {
+        let deadline = Time::now() + START_TIMEOUT;
+        while let Err(error) = connect_to_all(link) {
+            if let Some(failure) = self.failure() {
+                return Err(failure);
+            }
+            if Time::now() >= deadline {
+                let message = format!("{error}; see mocap-emu.log beside the report");
+                return Err(Failure::new(Exit::Peer, message));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        Ok(())
+    }
+
     /// The failure of the first process found to have ended; `None` while all run.
     pub fn failure(&mut self) -> Option<Failure> {
         let up = self.members.iter_mut().filter(|member| !member.is_down);
@@ -110,7 +131,7 @@ impl ProcessGroup {
 
     /// Ends all processes and waits for each: the daemon first, which disarms the vehicle, then the bridge, which transmits that.
     pub fn shut_down(&mut self) {
-        for leaving in [Role::Daemon, Role::Bridge, Role::Mocap, Role::Plant] {
+        for leaving in [Role::Daemon, Role::Bridge, Role::Receiver, Role::Mocap, Role::Plant] {
             for member in self.members.iter_mut().filter(|member| member.role == leaving) {
                 member.child.shut_down();
             }

@@ -36,7 +36,7 @@ pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) ->
             Role::Plant => step(&mut flight.plant, now).unwrap(),
             Role::Mocap => step(&mut flight.cameras, now).unwrap(),
             Role::Daemon => flight.daemon_turn(now, &mut count),
-            Role::Recorder | Role::Bridge => TurnResult::default(),
+            Role::Recorder | Role::Bridge | Role::Receiver => TurnResult::default(),
         };
         virtual_clock.done(role, result);
     }

@@ -33,10 +33,15 @@ message! {
         attitude: [f64; 4] ["body to world"],
         /// Mean distance of the markers from the rigid body fitted to them; NaN if unknown.
         residual_m: f64 ["m"],
+        /// Error of `captured_at` that 99 poses of 100 do not exceed, where it is estimated from a camera system's own clock; 0
+        /// where it is exact.
+        capture_uncertainty_s: f64 ["s"],
         /// Number of the rigid body, from 1, as the camera system counts.
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
         tracked: u8 ["flag"],
+        /// 1 if the pose is emulated or from a recording, 0 if cameras measured it.
+        simulated: u8 ["flag"],
     }
 }
 
@@ -98,7 +103,7 @@ message! {
         command_sequence: u64 ["-"],
         /// Time since the mission began; NaN before.
         mission_s: f64 ["s"],
-        /// Estimated position.
+        /// Estimated position at the capture of the newest accepted pose, `pose_captured_at`; so are the next three.
         position: [f64; 3] ["m, world"],
         /// Estimated velocity.
         velocity: [f64; 3] ["m/s, world"],
@@ -136,6 +141,34 @@ message! {
         poses_superseded: u64 ["-"],
         /// Poses refused by the guard, in total.
         poses_refused: u64 ["-"],
+        /// Capture of the newest accepted pose, as the pose says; [`Time::UNSET`] before the first.
+        pose_captured_at: Time ["ns"],
+        /// Publication of that pose.
+        pose_published_at: Time ["ns"],
+        /// Number of its camera frame.
+        pose_sequence: u64 ["-"],
+        /// Position as measured.
+        pose_position: [f64; 3] ["m, world"],
+        /// Attitude as measured, scalar last.
+        pose_attitude: [f64; 4] ["body to world"],
+        /// Distance of the markers from the fitted body, as measured; NaN if unknown.
+        pose_residual_m: f64 ["m"],
+        /// Position at that capture by the filter of the control stack itself; NaN if it has none, as the next three.
+        filter_position: [f64; 3] ["m, world"],
+        /// Velocity by that filter.
+        filter_velocity: [f64; 3] ["m/s, world"],
+        /// Attitude by that filter, scalar last.
+        filter_attitude: [f64; 4] ["body to world"],
+        /// Body rate by that filter.
+        filter_rate: [f64; 3] ["rad/s, body"],
+        /// Measured position minus the one that filter expected; NaN without a filter and on the floor, as the next two.
+        innovation_position: [f64; 3] ["m, world"],
+        /// Rotation from the attitude that filter expected to the measured one.
+        innovation_attitude: [f64; 3] ["rad, body"],
+        /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
+        nis: [f64; 2] ["-"],
+        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
+        obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
         /// [`crate::code::SafetyState`] of the daemon.
@@ -180,6 +213,8 @@ message! {
         cause: u8 ["code"],
         /// 1 if the operator's stop was raised since the turn before.
         stop: u8 ["flag"],
+        /// 1 if the daemon knew that the processes of the instance run with different configurations.
+        configs_differ: u8 ["flag"],
         /// At the start: 1 if the automatic flight at start-up was cancelled.
         stays: u8 ["flag"],
     }
@@ -188,7 +223,7 @@ message! {
 message! {
     /// Topics `health/NAME`: health of a process, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
-        /// Instant of this message, by the monotonic clock of the machine, whatever clock drives the flight.
+        /// Instant of this message, by the clock of the machine, whatever clock drives the flight.
         time: Time ["ns"],
         /// Hash of the effective configuration: processes that disagree were started from different files.
         config_hash: u64 ["-"],
@@ -200,6 +235,12 @@ message! {
         cause: u8 ["code"],
         /// Changes of the daemon's condition that are missing in its log.
         unlogged: u64 ["-"],
+        /// Turns of the loop that ended more than a control period after they were due, in total.
+        late_turns: u64 ["-"],
+        /// 1 while the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
+        runs_late: u8 ["flag"],
+        /// [`crate::obstacle::ArmingObstacles`] of the daemon.
+        obstacles: u32 ["-"],
     }
 }
 

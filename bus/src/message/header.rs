@@ -16,6 +16,8 @@ structure! {
     Stamps {
         /// The truth sample that the cameras used was taken.
         captured_at: Time ["ns"],
+        /// The frame of a real camera system arrived at this machine; unset for emulated cameras.
+        pose_received_at: Time ["ns"],
         /// The pose was handed to the bus.
         pose_published_at: Time ["ns"],
         /// The daemon woke to it.
@@ -56,9 +58,10 @@ impl Stamps {
 
     /// The instants in the order of [`Stamps::FIELDS`] \[ns\].
     #[must_use]
-    pub fn to_words(&self) -> [u64; 7] {
+    pub fn to_words(&self) -> [u64; 8] {
         [
             self.captured_at,
+            self.pose_received_at,
             self.pose_published_at,
             self.woken_at,
             self.computed_at,
@@ -71,9 +74,10 @@ impl Stamps {
 
     /// The stamps of the instants that [`Stamps::to_words`] returns \[ns\].
     #[must_use]
-    pub fn from_words(words: [u64; 7]) -> Self {
+    pub fn from_words(words: [u64; 8]) -> Self {
         let [
             captured_at,
+            pose_received_at,
             pose_published_at,
             woken_at,
             computed_at,
@@ -83,6 +87,7 @@ impl Stamps {
         ] = words.map(Time::from_nanos);
         Self {
             captured_at,
+            pose_received_at,
             pose_published_at,
             woken_at,
             computed_at,

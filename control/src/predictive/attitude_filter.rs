@@ -99,6 +99,12 @@ impl AttitudeFilter {
         self.covariance.predict(&transition);
     }
 
+    /// Variance of the next innovation about each axis \[rad^2\].
+    #[must_use]
+    pub fn innovation_variance(&self) -> f64 {
+        self.covariance.0[(0, 0)] + self.noise * self.noise
+    }
+
     /// Corrects `motion` by the attitude measured; returns the innovation \[rad, body axes\].
     pub fn correct(&mut self, motion: &mut Motion, measured: &Attitude) -> Vector3<f64> {
         self.correct_with(motion, measured, self.noise)

@@ -62,7 +62,7 @@ pub use history::CommandHistory;
 pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
 pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
-pub use observer::MotionObserver;
+pub use observer::{FilterInnovation, MotionObserver};
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
@@ -189,6 +189,13 @@ impl<I: InputForm + Copy> Autopilot<I> {
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.history.delay_s()
+    }
+
+    /// The motion that the filters estimate at the capture of the last pose, and the innovation of that pose; `None` before the
+    /// first pose.
+    #[must_use]
+    pub fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
+        self.observer.latest().map(|(_, motion)| (motion, self.observer.innovation()))
     }
 
     /// Returns the command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the first

@@ -4,7 +4,9 @@ use oqtal_config::Config;
 use oqtal_control::controller::InputForm;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{Autopilot, Design, PredictiveCommand, PredictiveOutput};
+use oqtal_control::predictive::{
+    Autopilot, Design, FilterInnovation, Motion, PredictiveCommand, PredictiveOutput,
+};
 use oqtal_control::trajectory::Reference;
 
 use super::flight_stack::{ControlOutput, ControlStep, FlightStack, SATURATED};
@@ -62,6 +64,10 @@ where
         let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
         let saturated = rotation.vector().amax() / self.limit >= SATURATED;
         Some(ControlOutput { setpoint, command, saturated })
+    }
+
+    fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
+        self.autopilot.filtered()
     }
 
     fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand) {

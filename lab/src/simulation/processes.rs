@@ -62,7 +62,7 @@ impl<'a> Processes<'a> {
             Role::Plant => self.plant = plant(mission, bus, now)?,
             Role::Mocap => self.poses = PoseProcess::open(mission, bus, now)?,
             Role::Daemon => self.daemon = daemon(mission, bus, now)?,
-            Role::Recorder | Role::Bridge => {}
+            Role::Recorder | Role::Bridge | Role::Receiver => {}
         }
         Ok(())
     }
@@ -77,7 +77,7 @@ impl<'a> Processes<'a> {
             },
             Role::Daemon => step(&mut self.daemon, now),
             // They take no part in virtual time.
-            Role::Recorder | Role::Bridge => Ok(TurnResult::default()),
+            Role::Recorder | Role::Bridge | Role::Receiver => Ok(TurnResult::default()),
         }
     }
 

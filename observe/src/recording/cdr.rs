@@ -124,7 +124,7 @@ mod tests {
     use oqtal_bus::time::Time;
 
     fn header() -> Header {
-        let stamps = Stamps::from_words([1, 2, 3, 4, 5, 6, u64::MAX]);
+        let stamps = Stamps::from_words([1, 2, 3, 4, 5, 6, 7, u64::MAX]);
         Header { sequence: 11, pose_sequence: 12, schema: 13, source: 14, stamps }
     }
 
