@@ -21,7 +21,7 @@ use oqtal_runtime::stop::StopFlag;
 use crate::provenance::PROVENANCE;
 
 /// Period of polling: the resolution of the times of reception.
-const POLL_PERIOD: Duration = Duration::from_millis(5);
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 /// Time within which a running daemon answers.
 const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
 /// Highest number of a file `recordings/INSTANCE-N.mcap`.

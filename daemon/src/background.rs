@@ -141,6 +141,11 @@ impl LoopHandle {
 }
 
 impl OperatorRequests {
+    /// Tells the loop whether the processes of the instance run with different configurations.
+    pub fn note_configs_differ(&self, differ: bool) {
+        self.configs_differ.store(differ, Ordering::Relaxed);
+    }
+
     /// Takes in and logs the changes of the condition.
     fn take_changes(&mut self) {
         for condition in self.queues.notes() {
@@ -261,7 +266,7 @@ impl BackgroundWorker for DaemonWorker {
         requests.take_changes();
         let differs = |peer: &mut Peer| peer.has_other_config(*config_hash);
         let differ = peers.iter_mut().fold(false, |any, peer| differs(peer) || any);
-        requests.configs_differ.store(differ, Ordering::Relaxed);
+        requests.note_configs_differ(differ);
         if let Some((text, ..)) = requests.last.text() {
             health.set_status(text);
         }

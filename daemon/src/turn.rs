@@ -68,12 +68,17 @@ pub struct DaemonTurn<T: Transport> {
 
 impl<T: Transport> DaemonTurn<T> {
     /// Executes the operators' requests that wait, and records them.
-    fn execute_requests(&mut self, now: Time) -> Result<(), BusError> {
+    fn execute_requests(&mut self, now: Time, configs_differ: bool) -> Result<(), BusError> {
         let Self { ports, cycle, handle, .. } = self;
         while let Some((command, response)) =
             handle.poll_request(|command| cycle.request(now, command))
         {
-            ports.inputs.send(0, Stamps::default(), intake::request(now, command, &response))?;
+            let request = intake::request(now, command, &response);
+            ports.inputs.send(
+                0,
+                Stamps::default(),
+                InputV1 { configs_differ: u8::from(configs_differ), ..request },
+            )?;
         }
         Ok(())
     }
@@ -100,7 +105,8 @@ impl<T: Transport> Turn for DaemonTurn<T> {
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         let Self { ports, cycle, warmup, handle } = self;
-        cycle.notice_configurations(handle.configs_differ());
+        let configs_differ = handle.configs_differ();
+        cycle.notice_configurations(configs_differ);
         let arrival = ports.poses.latest()?;
         // Read after the pose was taken, so that no later stamp is earlier than the pose.
         let now = clock.now();
@@ -109,6 +115,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             cycle.hear(now, header, vehicle);
         }
         let mut input = intake::of(now, arrival.as_ref(), heard.as_ref());
+        input.configs_differ = u8::from(configs_differ);
         if ports.stop.is_newly_raised() {
             cycle.request(now, OperatorCommand::Stop);
             input.stop = 1;
@@ -134,7 +141,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         if intake::is_worth_recording(&input) {
             ports.inputs.send(0, Stamps::default(), input)?;
         }
-        self.execute_requests(now)
+        self.execute_requests(now, configs_differ)
     }
 
     /// Motors off.

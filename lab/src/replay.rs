@@ -17,7 +17,7 @@ use oqtal_bus::topic::{COMMAND, POSE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_control::trajectory::Trajectory;
-use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, loop_handoff};
+use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, OperatorRequests, loop_handoff};
 use oqtal_observe::recording::{DaemonHistory, RecordedTurn};
 use oqtal_runtime::process::Failure;
 use oqtal_runtime::turn::{Turn, TurnClock};
@@ -89,6 +89,7 @@ struct ReplayBench {
     vehicles: MemoryWriter<VehicleV1>,
     stop: StopSwitch,
     daemon: DaemonTurn<MemoryBus>,
+    requests: OperatorRequests,
     commands: MemoryReader<CommandV1>,
     telemetry: MemoryReader<TelemetryV1>,
     result: ReplayResult,
@@ -106,14 +107,14 @@ impl ReplayBench {
         if start.input.stays == 1 {
             cycle.stay_at_start();
         }
-        // The background thread's end is dropped: requests come from the recording.
-        let (handle, _) = loop_handoff();
+        let (handle, requests) = loop_handoff();
         let ports = DaemonPorts::open(&bus)?;
         Ok(Self {
             poses: bus.writer(&POSE)?,
             vehicles: bus.writer(&VEHICLE)?,
             stop: bus.stop_switch()?,
             daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
+            requests,
             commands: bus.observer(&COMMAND)?,
             telemetry: bus.observer(&TELEMETRY)?,
             result: ReplayResult::default(),
@@ -133,6 +134,7 @@ impl ReplayBench {
         if let Some((header, vehicle)) = vehicle {
             self.vehicles.forward(*header, *vehicle);
         }
+        self.requests.note_configs_differ(input.configs_differ == 1);
         if input.stop == 1 {
             self.stop.raise();
         }
@@ -172,6 +174,7 @@ impl ReplayBench {
         if let Some(command) = OperatorCommand::from_code(input.request)
             && input.cause != Cause::Expired.code()
         {
+            self.daemon.cycle.notice_configurations(input.configs_differ == 1);
             self.daemon.cycle.request(input.time, command);
             self.result.requests += 1;
         }

@@ -33,6 +33,8 @@ mod playback;
 mod scene;
 mod schema;
 mod sink;
+#[cfg(test)]
+mod tests;
 mod thread;
 mod truth;
 mod writer;

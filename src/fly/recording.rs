@@ -29,7 +29,7 @@ use super::progress::FlightProgress;
 use super::vehicle::CommandLink;
 
 /// Period of polling in real time: the resolution of the times of reception.
-const POLL_PERIOD: Duration = Duration::from_millis(5);
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 
 /// What a recording needs.
 #[derive(Debug)]

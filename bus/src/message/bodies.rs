@@ -213,6 +213,8 @@ message! {
         cause: u8 ["code"],
         /// 1 if the operator's stop was raised since the turn before.
         stop: u8 ["flag"],
+        /// 1 if the daemon knew that the processes of the instance run with different configurations.
+        configs_differ: u8 ["flag"],
         /// At the start: 1 if the automatic flight at start-up was cancelled.
         stays: u8 ["flag"],
     }

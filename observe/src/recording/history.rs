@@ -60,13 +60,51 @@ impl InputHistory {
     /// The histories, one for each daemon, in order.
     #[must_use]
     pub fn finish(mut self) -> Vec<DaemonHistory> {
-        for history in &mut self.histories {
+        let mut histories = std::mem::take(&mut self.histories);
+        for history in &mut histories {
             for turn in &mut history.turns {
-                turn.telemetry =
-                    self.telemetry.get(&(history.source, turn.input.time.nanos())).copied();
+                self.complete(history.source, turn);
             }
+            let end =
+                history.turns.iter().position(|turn| self.is_beyond_end(history.source, turn));
+            history.turns.truncate(end.unwrap_or(history.turns.len()));
         }
-        self.histories
+        histories
+    }
+
+    /// Whether a turn names a message after the last one recorded: the recording ended between the two.
+    fn is_beyond_end(&self, source: u64, turn: &RecordedTurn) -> bool {
+        fn is_last<M>(messages: &HashMap<Identity, M>, (source, number): Identity) -> bool {
+            !messages.keys().any(|(other, later)| *other == source && *later >= number)
+        }
+        let InputV1 { pose_source, pose_number, vehicle_source, vehicle_number, .. } = turn.input;
+        let command = (source, turn.input.command_sequence);
+        (pose_number > 0 && turn.pose.is_none() && is_last(&self.poses, (pose_source, pose_number)))
+            || (vehicle_number > 0
+                && turn.vehicle.is_none()
+                && is_last(&self.vehicles, (vehicle_source, vehicle_number)))
+            || (command.1 > 0 && turn.command.is_none() && is_last(&self.commands, command))
+    }
+
+    /// Finds what a turn names and was recorded after it: a message may be published, taken and recorded as taken while an
+    /// observer is between two topics.
+    fn complete(&self, source: u64, turn: &mut RecordedTurn) {
+        let named = self.named(source, turn.input);
+        turn.pose = turn.pose.or(named.pose);
+        turn.vehicle = turn.vehicle.or(named.vehicle);
+        turn.command = turn.command.or(named.command);
+        turn.telemetry = self.telemetry.get(&(source, turn.input.time.nanos())).copied();
+    }
+
+    /// A record with the messages that it names, as far as they are known.
+    fn named(&self, source: u64, input: InputV1) -> RecordedTurn {
+        RecordedTurn {
+            input,
+            pose: self.poses.get(&(input.pose_source, input.pose_number)).copied(),
+            vehicle: self.vehicles.get(&(input.vehicle_source, input.vehicle_number)).copied(),
+            command: self.commands.get(&(source, input.command_sequence)).copied(),
+            telemetry: None,
+        }
     }
 }
 
@@ -92,24 +130,18 @@ impl Sink for InputHistory {
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {
         let Header { source, sequence, .. } = reception.header;
+        // Now, not at the end: in a flight in one process numbers begin anew when a process does.
+        let turn = self.named(source, *input);
         let starts = input.kind == InputKind::Start.code();
         let is_other = self.histories.last().is_none_or(|history| history.source != source);
         if starts || is_other {
-            // A daemon counts its records from 1.
-            let number = if starts { sequence - 1 } else { 0 };
+            let number = sequence.saturating_sub(1);
             self.histories.push(DaemonHistory { source, number, ..DaemonHistory::default() });
         }
         let Some(history) = self.histories.last_mut() else { return };
         history.missing += sequence.saturating_sub(history.number + 1);
         history.number = sequence;
-        // The messages were recorded before the record that names them: numbers begin anew when a process does.
-        history.turns.push(RecordedTurn {
-            input: *input,
-            pose: self.poses.get(&(input.pose_source, input.pose_number)).copied(),
-            vehicle: self.vehicles.get(&(input.vehicle_source, input.vehicle_number)).copied(),
-            command: self.commands.get(&(source, input.command_sequence)).copied(),
-            telemetry: None,
-        });
+        history.turns.push(turn);
     }
 
     /// Losses show as gaps in the numbers.

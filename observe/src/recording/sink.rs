@@ -272,8 +272,9 @@ impl Sink for McapRecorder {
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let at = telemetry.time;
-        self.record(ObservedTopic::Telemetry, (reception, telemetry), at);
+        // The truth first: whoever reads the file knows it when the tick comes.
         self.choose_truth(|selection, choose| selection.tick(at, choose));
+        self.record(ObservedTopic::Telemetry, (reception, telemetry), at);
         let received_at = reception.received_at;
         let TelemetryV1 { position, attitude, reference_position, attitude_command, .. } =
             *telemetry;

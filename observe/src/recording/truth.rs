@@ -48,19 +48,21 @@ impl TruthSelection {
         self.join(choose);
     }
 
-    /// Takes a sample; passes chosen samples to `choose`.
+    /// Takes a sample; passes chosen samples to `choose`, those of earlier ticks first.
     pub fn sample(&mut self, sample: TrueSample, choose: &mut dyn FnMut(&TrueSample)) {
-        let due = self.spacing.is_some_and(|_| sample.1.time >= self.due);
-        if let (true, Some(spacing)) = (due, self.spacing) {
-            let next = self.due + spacing;
-            self.due = if next > sample.1.time { next } else { sample.1.time + spacing };
-            choose(&sample);
-        }
         if self.newest.len() == KEPT {
             self.newest.pop_front();
         }
-        self.newest.push_back((sample, due));
+        self.newest.push_back((sample, false));
         self.join(choose);
+        let time = sample.1.time;
+        let Some(spacing) = self.spacing.filter(|_| time >= self.due) else { return };
+        let next = self.due + spacing;
+        self.due = if next > time { next } else { time + spacing };
+        if let Some((newest, chosen @ false)) = self.newest.back_mut() {
+            *chosen = true;
+            choose(newest);
+        }
     }
 
     /// Passes the newest sample to `choose`, so that the last ticks are known to lie before it.
