@@ -152,7 +152,8 @@ unregister() {
 
 remove_files() {
     rm -f "$bin/oqtal" "$units"/oqtal-daemon.service "$units"/oqtal-plant-sim.service \
-        "$units"/oqtal-mocap-emu.service "$units"/oqtal-bridge.service "$units"/oqtal-sim.target \
+        "$units"/oqtal-mocap-emu.service "$units"/oqtal-receiver.service "$units"/oqtal-bridge.service \
+        "$units"/oqtal-sim.target \
         "$units"/oqtal-flight.target "$lib/sysusers.d/oqtal.conf" "$lib/tmpfiles.d/oqtal.conf" \
         "$lib/udev/rules.d/70-oqtal-radio.rules" "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
         "$made_user"

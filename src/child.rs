@@ -7,6 +7,7 @@ use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -41,24 +42,22 @@ impl Child {
     ///
     /// # Errors
     /// The log cannot be created, or the process cannot be started.
-    pub fn start(name: &'static str, mut command: Command, logs: &Path) -> Result<Self, Failure> {
-        let failed = |what: &Path, error: &dyn std::fmt::Display| {
-            let message = format!("starting {name} failed: {}: {error}", what.display());
-            Failure::new(Exit::System, message)
-        };
+    pub fn start(name: &'static str, command: Command, logs: &Path) -> Result<Self, Failure> {
         let log = logs.join(format!("{name}.log"));
-        let file = File::create(&log).map_err(|e| failed(&log, &e))?;
-        // The configuration file already contains variables and flags; a variable must not override a flag again.
-        for (variable, _) in std::env::vars_os() {
-            if variable.as_encoded_bytes().starts_with(b"OQTAL_") {
-                command.env_remove(variable);
-            }
-        }
-        // A group of its own: Ctrl-C in the terminal reaches this process only.
-        command.stdout(Stdio::null()).stderr(file).process_group(0);
-        let spawned = command.spawn();
-        let process = spawned.map_err(|e| failed(Path::new(command.get_program()), &e))?;
-        Ok(Self { name, process, log })
+        let file = files::create(&log).map_err(|e| failed_to_start(name, &log, &e))?;
+        Ok(Self { name, process: spawn(name, command, file)?, log })
+    }
+
+    /// Starts `command` in the place of this process, which has been killed; its log goes on.
+    ///
+    /// # Errors
+    /// As [`Child::start`].
+    pub fn restart(&mut self, command: Command) -> Result<(), Failure> {
+        self.shut_down();
+        let opened = File::options().append(true).open(&self.log);
+        let file = opened.map_err(|e| failed_to_start(self.name, &self.log, &e))?;
+        self.process = spawn(self.name, command, file)?;
+        Ok(())
     }
 
     /// Process id.
@@ -73,13 +72,20 @@ impl Child {
         Some(self.exit_report(status))
     }
 
+    /// Sends `signal` to the process; does nothing if it has ended.
+    pub fn signal(&self, signal: Signal) {
+        if let Some(pid) = i32::try_from(self.id()).ok().and_then(Pid::from_raw) {
+            // The process may have ended meanwhile.
+            let _ = kill_process(pid, signal);
+        }
+    }
+
     /// Asks the process to end and waits for it; kills it after the shutdown timeout.
     pub fn shut_down(&mut self) {
         if let Ok(None) = self.process.try_wait() {
-            if let Some(pid) = i32::try_from(self.id()).ok().and_then(Pid::from_raw) {
-                // The process may have ended meanwhile.
-                let _ = kill_process(pid, Signal::TERM);
-            }
+            self.signal(Signal::TERM);
+            // A stopped process obeys once it is continued.
+            self.signal(Signal::CONT);
             let _ = self.ends_within(SHUTDOWN_TIMEOUT);
         }
         // Both fail if the process has ended, which is the purpose.
@@ -121,6 +127,24 @@ impl Drop for Child {
     fn drop(&mut self) {
         self.shut_down();
     }
+}
+
+/// Starts `command` with the log `file`.
+fn spawn(name: &str, mut command: Command, file: File) -> Result<std::process::Child, Failure> {
+    // The configuration file already contains variables and flags; a variable must not override a flag again.
+    for (variable, _) in std::env::vars_os() {
+        if variable.as_encoded_bytes().starts_with(b"OQTAL_") {
+            command.env_remove(variable);
+        }
+    }
+    // A group of its own: Ctrl-C in the terminal reaches this process only.
+    command.stdout(Stdio::null()).stderr(file).process_group(0);
+    let spawned = command.spawn();
+    spawned.map_err(|e| failed_to_start(name, Path::new(command.get_program()), &e))
+}
+
+fn failed_to_start(name: &str, what: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::new(Exit::System, format!("starting {name} failed: {}: {error}", what.display()))
 }
 
 /// The exit code for a process that ended with `status`: its own if it is one of [`Exit`], else that of a failed flight.

@@ -12,6 +12,7 @@ use crate::ctl::CtlArgs;
 use crate::doctor::DoctorArgs;
 use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::latency::{LatencyArgs, Part};
+use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
 use oqtal_lab::tune::TuneArgs;
@@ -38,6 +39,9 @@ enum Command {
     Reproduce(ReproduceArgs),
     /// Tune gains on simulated flights
     Tune(TuneArgs),
+    /// Hold the emulated cameras against recordings of real ones, and estimators against both
+    #[command(subcommand)]
+    Cameras(CamerasCommand),
     /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
     /// Measure the latency of each hop of the loop beside that of the bare operating system
@@ -54,10 +58,13 @@ enum Command {
     PlantSim(oqtal_plant_sim::PlantCommand),
     /// Run the motion-capture process: emulated cameras, or a recording
     #[command(subcommand)]
-    MocapEmu(ProcessCommand),
+    MocapEmu(oqtal_mocap_emu::MocapCommand),
     /// Run the bridge process: a real vehicle over a radio
     #[command(subcommand)]
     Bridge(oqtal_bridge::BridgeCommand),
+    /// Run the receiver process: poses of a real camera system; find and examine camera systems
+    #[command(subcommand)]
+    Receiver(oqtal_receiver::ReceiverCommand),
     /// Run a measuring process of `latency`
     #[command(subcommand, hide = true)]
     LatencyPart(Part),
@@ -75,6 +82,7 @@ impl Cli {
             }
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),
+            Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Latency(args)) => args.execute(),
             Some(Command::Doctor(args)) => args.execute(),
@@ -85,10 +93,8 @@ impl Cli {
             }
             Some(Command::PlantSim(command)) => return command.execute(),
             Some(Command::Bridge(command)) => return command.execute(),
-            Some(Command::MocapEmu(command)) => {
-                use oqtal_mocap_emu::{check, run};
-                return execute(Role::Mocap, &command, run, check);
-            }
+            Some(Command::Receiver(command)) => return command.execute(),
+            Some(Command::MocapEmu(command)) => return command.execute(),
         };
         finish(result)
     }

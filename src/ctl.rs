@@ -1,6 +1,7 @@
 //! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
 mod status;
+mod stop;
 
 use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
@@ -8,7 +9,7 @@ use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::ArmingObstacles;
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
@@ -93,8 +94,11 @@ impl CtlArgs {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
         let place = instance_paths(&config)?;
         place.become_owner()?;
+        if let Request::Stop = self.command {
+            return stop::raise(&place, self.json);
+        }
         let bus = Bus::open(&place)?;
-        let asked = self.ask(&bus);
+        let asked = self.ask(&bus, &config);
         drop(bus);
         let (response, heard) = asked?;
         let Some(response) = response else {
@@ -112,7 +116,14 @@ impl CtlArgs {
         if response.answer == Answer::Refused.code() {
             let ControlReport { command, cause, mode, obstacles, .. } = report;
             let reasons = if obstacles.is_empty() { cause } else { obstacles.join("; ") };
-            let message = format!("{command} refused: {reasons} (daemon is {mode})");
+            let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
+            if response.cause == Cause::OtherConfig.code() {
+                message += &format!(
+                    "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
+                    response.config_hash,
+                    config.hash()
+                );
+            }
             return Err(Failure::new(Exit::Flight, message));
         }
         print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
@@ -120,8 +131,16 @@ impl CtlArgs {
     }
 
     /// The answer of the daemon, `None` if none answers, and the status of the instance if that was asked for.
-    fn ask(&self, bus: &Bus) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
-        let request = ControlRequestV1 { command: self.command.command().code() };
+    fn ask(
+        &self,
+        bus: &Bus,
+        config: &Config,
+    ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
+        let request = ControlRequestV1 {
+            valid_until: Time::now() + ANSWER_TIMEOUT,
+            config_hash: self.common.config.as_ref().map_or(0, |_| config.hash()),
+            ..ControlRequestV1::of(self.command.command())
+        };
         let response = bus.control_client()?.ask(request, ANSWER_TIMEOUT)?;
         let heard = match self.command {
             Request::Status => status::observe(bus)?,
@@ -162,6 +181,11 @@ impl ControlReport {
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
         let first = format!("{command}: {answer}; {mode}, {state}{because}");
         let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
-        [first].into_iter().chain(against).chain(lines.iter().cloned()).collect::<Vec<_>>().join("\n")
+        [first]
+            .into_iter()
+            .chain(against)
+            .chain(lines.iter().cloned())
+            .collect::<Vec<_>>()
+            .join("\n")
     }
 }

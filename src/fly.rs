@@ -1,6 +1,8 @@
 //! `oqtal fly`: one flight, from the command line to the report.
 
+mod cameras;
 mod directory;
+mod fault;
 mod process_group;
 mod processes;
 mod progress;
@@ -11,7 +13,7 @@ mod watch;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_config::{ClockKind, Config, Setting};
+use oqtal_config::{ClockKind, Config, Fault, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
@@ -23,8 +25,9 @@ use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
 
+use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
-use processes::BusFlight;
+use processes::{BusFlight, FlightPaths};
 use progress::{FlightProgress, Interrupts};
 use vehicle::{CommandLink, VehicleChoice};
 
@@ -48,13 +51,16 @@ pub struct FlyArgs {
     /// Clock of the flight: real time, or virtual time through processes or in this process
     #[arg(long, value_enum)]
     clock: Option<ClockKind>,
-    /// Source of the poses: emulated, or replay:FILE for a recording
-    #[arg(long, value_name = "SOURCE", value_parser = parse_mocap)]
+    /// Source of the poses: emulated; replay:FILE, a recording; qtm, vrpn or natnet, emulated cameras over the network; or
+    /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
+    #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
     /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its radio protocol,
     /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
+    #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
+    faults: Vec<Fault>,
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -63,20 +69,6 @@ pub struct FlyArgs {
     json: bool,
     #[command(flatten)]
     common: CommonArgs,
-}
-
-#[derive(Clone, Debug)]
-enum MocapSource {
-    Emulated,
-    Replay(String),
-}
-
-fn parse_mocap(text: &str) -> Result<MocapSource, String> {
-    match text.split_once(':') {
-        None if text == "emulated" => Ok(MocapSource::Emulated),
-        Some(("replay", file)) if !file.is_empty() => Ok(MocapSource::Replay(file.to_owned())),
-        _ => Err("expected `emulated` or `replay:FILE`".to_owned()),
-    }
 }
 
 /// A series of flights through processes, one after another.
@@ -100,8 +92,8 @@ impl FlightSeries for BusFlightSeries {
     fn fly(&self, mission: &Mission, name: &str) -> Result<Flight, Failure> {
         let directory = self.directory.as_ref().map(|directory| directory.join(name));
         let directory = FlightDirectory::create(directory.as_deref(), &mission.config)?;
-        let (link, interrupts) = (&CommandLink::Bus, &self.interrupts);
-        let flight = BusFlight { mission, link, directory: &directory, interrupts }.fly()?;
+        let (paths, interrupts) = (&FlightPaths::default(), &self.interrupts);
+        let flight = BusFlight { mission, paths, directory: &directory, interrupts }.fly()?;
         if interrupts.any() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
         }
@@ -116,7 +108,10 @@ impl FlyArgs {
     /// The flight could not be flown or its results not be written. A flight that ended badly is no error but an exit code.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
-        let link = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
+        let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
+        let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
+        fault::check(&config, &commands)?;
+        let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
         let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
@@ -124,8 +119,7 @@ impl FlyArgs {
         let flight = match mission.config.clock.kind {
             ClockKind::InProcess => fly_in_process(&mission, interrupts)?,
             ClockKind::Real | ClockKind::Lockstep => {
-                BusFlight { mission: &mission, link: &link, directory: &directory, interrupts }
-                    .fly()?
+                BusFlight { mission: &mission, paths, directory: &directory, interrupts }.fly()?
             }
         };
         self.conclude(&flight, &directory)
@@ -158,11 +152,11 @@ impl FlyArgs {
         set("--duration", "trajectory.duration-s", self.duration.map(Into::into));
         set("--seed", "clock.seed", self.seed.map(Into::into));
         set("--clock", "clock.kind", self.clock.map(|clock| clock.name().into()));
-        let replay = self.mocap.as_ref().map(|source| match source {
-            MocapSource::Emulated => "".into(),
-            MocapSource::Replay(file) => file.as_str().into(),
-        });
-        set("--mocap", "mocap.replay", replay);
+        let faults: Vec<String> = self.faults.iter().map(ToString::to_string).collect();
+        set("--fault", "fault.inject", (!faults.is_empty()).then(|| faults.into()));
+        if let Some(source) = &self.mocap {
+            source.settings(&mut settings);
+        }
         if let Some(vehicle) = &self.vehicle {
             vehicle.settings(&mut settings);
         }

@@ -5,11 +5,13 @@
 //! | `rig.rs` | the processes of a measurement |
 //! | `camera.rs`, `vehicle.rs` | stand-ins at the two ends of the chain |
 //! | `bare.rs`, `bare/` | other ways to hand a message over |
+//! | `condition.rs` | with and without cache warm-up, with cameras that jitter |
 //! | `pairs.rs`, `sleep.rs` | periodic wake-up against cyclictest |
 //! | `figures.rs`, `show.rs` | JSON and tables |
 
 mod bare;
 mod camera;
+mod condition;
 mod figures;
 mod pairs;
 mod part;
@@ -32,7 +34,8 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
-use figures::LatencyFigures;
+use condition::RigCondition;
+use figures::{ConditionFigures, LatencyFigures};
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::loop_monitor::LoopMonitor;
 use oqtal_observe::observer::BusObserver;
@@ -58,7 +61,7 @@ pub struct LatencyArgs {
     /// With --attach: measure the bare mechanisms, too
     #[arg(long, requires = "attach")]
     bare: bool,
-    /// How long [s]
+    /// How long under each condition [s]
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3000))]
     seconds: u32,
     /// Print one JSON document instead of tables
@@ -89,17 +92,17 @@ impl LatencyArgs {
         Span::from_millis(i64::from(self.seconds) * 1000)
     }
 
-    /// The chain at rest beside the bare mechanisms, then our periodic wake-up against cyclictest.
+    /// The chain at rest beside the bare mechanisms, under each condition, then our periodic wake-up against cyclictest.
     fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
-        let mut rig = Rig::new(config)?;
-        let bus = Bus::open(rig.place())?;
-        let mut observation = Observation::open(&bus)?;
-        rig.start_chain()?;
-        rig.start_bare()?;
-        say(&format!("the chain at rest, and bare: {} s", self.seconds));
-        take_off(&bus, &mut observation, &mut rig)?;
-        let figures = self.listen(&mut observation, Some(&mut rig), stop)?;
-        rig.stop_chain();
+        let [regular, others @ ..] = RigCondition::ALL;
+        let (rig, mut figures) = self.under(regular, config, stop)?;
+        figures.conditions = vec![ConditionFigures::of(regular, &figures)];
+        for condition in others {
+            if !stop.is_set() {
+                let (_, measured) = self.under(condition, config, stop)?;
+                figures.conditions.push(ConditionFigures::of(condition, &measured));
+            }
+        }
         if !pairs::is_installed() {
             say("cyclictest is not installed (package rt-tests): periodic wake-up is not compared");
             return Ok(figures);
@@ -110,6 +113,25 @@ impl LatencyArgs {
         say(&format!("periodic wake-up and cyclictest side by side: {all:.0} s"));
         let pairs = pairs::run(&rig, each, &figures.realtime, stop)?;
         Ok(figures.with_pairs(pairs))
+    }
+
+    /// The chain at rest beside the bare mechanisms under `condition`; the chain has ended, its directory remains with the rig.
+    fn under(
+        &self,
+        condition: RigCondition,
+        config: &Config,
+        stop: &StopFlag,
+    ) -> Result<(Rig, LatencyFigures), Failure> {
+        let mut rig = Rig::new(&condition.applied_to(config))?;
+        let bus = Bus::open(rig.place())?;
+        let mut observation = Observation::open(&bus)?;
+        rig.start_chain()?;
+        rig.start_bare()?;
+        say(&format!("the chain at rest {}, and bare: {} s", condition.name(), self.seconds));
+        take_off(&bus, &mut observation, &mut rig)?;
+        let figures = self.listen(&mut observation, Some(&mut rig), stop)?;
+        rig.stop_chain();
+        Ok((rig, figures))
     }
 
     /// A running instance.
@@ -187,7 +209,7 @@ impl Observation {
 /// Asks the daemon to fly, and waits until the vehicle is told to.
 fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(), Failure> {
     let client = bus.control_client()?;
-    let request = ControlRequestV1 { command: OperatorCommand::Fly.code() };
+    let request = ControlRequestV1::of(OperatorCommand::Fly);
     let give_up = Time::now() + PATIENCE;
     let mut asked = false;
     while !observation.monitor.is_armed() {

@@ -165,8 +165,8 @@ fn a_check_names_the_line_of_a_value_that_only_a_process_reads() {
 
 #[test]
 fn the_interfaces_that_a_vehicle_can_have_are_named() {
-    let words = ["--set", "vehicle.interface=attitude"];
-    refused(&words, 78, &["vehicle.interface", "attitude", "rate", "torque"]);
+    let words = ["--set", "vehicle.interface=thrust"];
+    refused(&words, 78, &["vehicle.interface", "thrust", "rate", "torque", "attitude"]);
 }
 
 #[test]

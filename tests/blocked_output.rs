@@ -1,8 +1,11 @@
-//! Processes whose standard error is a full pipe that nobody reads: operators, loops and signals must not wait for the log.
+//! Processes whose log cannot be written: operators, loops and signals must not wait for it.
 
 mod common;
 
+use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, PipeReader, PipeWriter, Write, pipe};
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::net::UnixDatagram;
 use std::process::{Command, Stdio};
 
 use common::{Running, Testbed, wait_for};
@@ -30,27 +33,26 @@ fn full_pipe() -> (PipeReader, PipeWriter) {
     (reader, writer)
 }
 
-/// Starts `command` with its standard error connected to `pipe`.
-fn start_into(pipe: &PipeWriter, command: &mut Command) -> Running {
-    Running::start_with_stderr(command, Stdio::from(pipe.try_clone().unwrap()))
-}
-
-#[test]
-fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log() {
-    let testbed = Testbed::new("blocked");
-    let (_reader, pipe) = full_pipe();
+/// Flies with processes that `start` starts: an operator lands and stops them, and a signal ends each in good order.
+fn all_obey(name: &str, start: impl Fn(&mut Command) -> Running) {
+    let testbed = Testbed::new(name);
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     let mut vehicle = bus.observer(&VEHICLE).unwrap();
     let processes = ["plant-sim", "mocap-emu", "daemon"].map(|process| {
         let arguments = [process, "run", "--set", "log.level=trace"];
-        start_into(&pipe, &mut testbed.oqtal(&arguments))
+        start(&mut testbed.oqtal(&arguments))
     });
     let operator = |command| testbed.oqtal(&["ctl", command]).output().unwrap();
     wait_for("arming", || operator("arm").status.success().then_some(()));
     wait_for("flight", || {
         let (_, tick) = telemetry.latest().unwrap()?;
         (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
+    });
+    let output = operator("land");
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    wait_for("the landing", || {
+        telemetry.latest().unwrap().filter(|(_, tick)| tick.mode == Mode::Landing.code())
     });
     let output = operator("stop");
     assert!(output.status.success(), "{}", common::stderr(&output));
@@ -62,4 +64,53 @@ fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log()
         process.signal(Signal::TERM);
         assert_eq!(process.wait().status.code(), Some(0));
     }
+}
+
+#[test]
+fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log() {
+    let (_reader, pipe) = full_pipe();
+    all_obey("blocked", |command| {
+        Running::start_with_stderr(command, Stdio::from(pipe.try_clone().unwrap()))
+    });
+}
+
+#[test]
+fn f34_an_operator_is_obeyed_and_processes_end_although_the_disk_is_full() {
+    all_obey("full-disk", |command| {
+        let full = OpenOptions::new().write(true).open("/dev/full").unwrap();
+        Running::start_with_stderr(command, Stdio::from(full))
+    });
+}
+
+#[test]
+fn f34_an_operator_is_obeyed_and_processes_end_although_standard_error_is_closed() {
+    all_obey("closed", |command| {
+        let mut shell = Command::new("sh");
+        shell.args(["-c", "exec \"$0\" \"$@\" 2>&-"]).arg(command.get_program());
+        Running::start(shell.args(command.get_args()))
+    });
+}
+
+#[test]
+fn f34_an_operator_is_obeyed_and_processes_end_although_the_journal_hangs() {
+    let directory = tempfile::tempdir().unwrap();
+    let socket = directory.path().join("socket");
+    let _hung = UnixDatagram::bind(&socket).unwrap();
+    let sender = UnixDatagram::unbound().unwrap();
+    sender.set_nonblocking(true).unwrap();
+    while sender.send_to(b"filled", &socket).is_ok() {}
+    let log = File::create(directory.path().join("stderr")).unwrap();
+    let metadata = log.metadata().unwrap();
+    let stream = format!("{}:{}", metadata.dev(), metadata.ino());
+    // A private mount for one process; the user namespace makes it possible without privileges.
+    let script = "mkdir -p /run/systemd && mount -t tmpfs tmpfs /run/systemd && \
+        mkdir /run/systemd/journal && ln -s \"$SOCKET\" /run/systemd/journal/socket && \
+        exec \"$0\" \"$@\"";
+    all_obey("hung-journal", |command| {
+        let mut private = Command::new("unshare");
+        private.args(["--map-root-user", "--mount", "sh", "-c", script]).arg(command.get_program());
+        private.args(command.get_args()).env("SOCKET", &socket).env("JOURNAL_STREAM", &stream);
+        Running::start_with_stderr(&mut private, Stdio::from(log.try_clone().unwrap()))
+    });
+    assert_eq!(std::fs::read_to_string(directory.path().join("stderr")).unwrap(), "");
 }

@@ -106,6 +106,32 @@ fn assert_few_then_zero(setpoints: &[ControlInput]) {
 }
 
 #[test]
+fn f15_a_stop_passes_a_daemon_that_goes_on_commanding_flight() {
+    let (mut flight, mut commander) = airborne("stop");
+    flight.vehicle.clear_log();
+    let stop = flight.testbed.oqtal(&["ctl", "stop", "--json"]);
+    let mut stop = common::Running::start(&mut { stop });
+    let vehicle = &flight.vehicle;
+    commander.until("motors to stop", stick(0.2), || (!vehicle.log().motors_run).then_some(()));
+    commander.until("the operator's answer", stick(0.2), || (!stop.runs()).then_some(()));
+    assert_eq!(stop.wait().status.code(), Some(0));
+    flight.until("the stop", |vehicle| (vehicle.armed, vehicle.stopped) == (0, 1));
+    let vehicle = &flight.vehicle;
+    vehicle.clear_log();
+    commander
+        .until("set-points", stick(0.2), || (vehicle.log().setpoints.len() > 60).then_some(()));
+    assert!(vehicle.log().setpoints.iter().all(is_zero));
+    // An operator arms again: the daemon has commanded "disarmed" before.
+    let zero = CommandV1::default();
+    let reports = &mut flight.reports;
+    commander.until("the end of the stop", zero, || {
+        reports.latest().unwrap().filter(|(_, vehicle)| vehicle.stopped == 0)
+    });
+    commander.until("motors again", stick(0.2), || vehicle.log().motors_run.then_some(()));
+    assert_eq!(vehicle.log().emergency_stops, 0);
+}
+
+#[test]
 fn a_command_that_is_old_when_it_arrives_is_never_sent() {
     let (flight, mut commander) = airborne("old");
     std::thread::sleep(4 * PERIOD);

@@ -34,6 +34,7 @@ fn the_clocks_agree_with_every_law_camera_and_vehicle() {
         &["--controller", "lqr", "--set", "mocap.rate-hz=240"],
         &["--vehicle", "sim:hummingbird,fidelity=rotors", "--set", "plant.battery.sag=true"],
         &["--vehicle", "sim:spacecraft", "--set", "mocap.latency-ms=0"],
+        &["--controller", "oqtal-dt", "--set", "vehicle.interface=attitude"],
     ] {
         let words = [&SHORT[..], words].concat();
         assert_eq!(hash("lockstep", "3", &words), hash("in-process", "3", &words), "{words:?}");

@@ -202,6 +202,29 @@ fn every_fault_has_a_response_and_a_test_and_every_test_of_a_fault_its_row() {
     assert_none("docs/faults.md is out of step", &wrong);
 }
 
+#[test]
+fn every_fault_is_shown_by_a_line_that_a_test_executes_or_has_none_for_a_reason() {
+    let tables = Table::all(&read("docs/faults.md"));
+    let shown = tables.iter().find(|table| table.has("line")).expect("a table of lines");
+    let executed = read("tests/faults_injected.rs");
+    let mut wrong = Vec::new();
+    for fault in tables[0].rows() {
+        let id = &fault["id"];
+        let rows: Vec<_> = shown.rows().filter(|row| row["row"] == *id).collect();
+        if rows.is_empty() || rows.iter().any(|row| row["shows"].is_empty()) {
+            wrong.push(format!("{id}: neither a line nor a reason"));
+        }
+        for line in rows.iter().flat_map(|row| quoted(&row["line"])) {
+            let options = line.strip_prefix("oqtal fly --trajectory hover --duration ");
+            let options = options.and_then(|rest| rest.split_once(' ')).map(|(_, options)| options);
+            if !options.is_some_and(|options| executed.contains(&format!("\"{options}\""))) {
+                wrong.push(format!("{id}: no test executes {line}"));
+            }
+        }
+    }
+    assert_none("docs/faults.md shows faults that are not tested so", &wrong);
+}
+
 /// Names of the tests of faults, as in `f14_...`.
 fn fault_tests(text: &str) -> impl Iterator<Item = &str> {
     let names = text.lines().filter_map(|line| line.trim().strip_prefix("fn ")?.split('(').next());
@@ -256,6 +279,7 @@ fn every_preset_is_what_its_name_gives() {
         ("vehicle.preset", "spacecraft", "spacecraft"),
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
+        ("mocap.preset", "room", "mocap-room"),
     ] {
         let by_name = [oqtal_config::Setting::flag("test", key, name)];
         let by_file = root().join(format!("deploy/presets/{file}.toml"));

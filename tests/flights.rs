@@ -45,6 +45,43 @@ fn oqtal_dt_flies_the_square_inside_its_bounds() {
     assert_eq!(number(&summary, "/riccati_solves"), 1.0);
 }
 
+/// The attitude loop on board has no delay: position errors are those of a vehicle commanded by rates, with both stacks.
+#[test]
+fn a_vehicle_that_holds_attitudes_flies_as_closely_as_one_commanded_by_rates() {
+    for controller in ["oqtal", "oqtal-dt"] {
+        for trajectory in ["square", "hover", "circle"] {
+            let error = |words: &[&str]| {
+                let flight = ["--controller", controller, "--trajectory", trajectory];
+                let summary = fly(&[&flight, words].concat());
+                assert_eq!(summary["outcome"], "landed", "{controller} {trajectory} {words:?}");
+                number(&summary, "/position_error_m/mean")
+            };
+            let (attitude, rate) = (error(&["--set", "vehicle.interface=attitude"]), error(&[]));
+            assert!(
+                attitude <= 1.2 * rate + 2e-3,
+                "{controller} {trajectory}: {attitude} m, {rate} m"
+            );
+        }
+    }
+    let rotors = ["--set", "vehicle.interface=attitude", "--set", "plant.fidelity=rotors"];
+    let summary = fly(&rotors);
+    assert!(number(&summary, "/position_error_m/mean") <= 0.33);
+    assert!(number(&summary, "/attitude_error_deg/mean") <= 2.2);
+}
+
+/// The estimated drift of the on-board loop is part of the command: the attitude is held as closely as with rates.
+#[test]
+fn oqtal_dt_compensates_the_drift_of_an_attitude_loop() {
+    let interface = "vehicle.interface=attitude";
+    let error = |controller| {
+        let summary =
+            fly(&["--controller", controller, "--trajectory", "hover", "--set", interface]);
+        number(&summary, "/attitude_error_deg/mean")
+    };
+    let (ours, paper) = (error("oqtal-dt"), error("oqtal"));
+    assert!(ours < 0.15 && ours < paper / 3.0, "{ours} deg, {paper} deg");
+}
+
 #[test]
 fn oqtal_dt_hovers_within_millimetres() {
     let summary = fly(&["--controller", "oqtal-dt", "--trajectory", "hover"]);

@@ -1,9 +1,11 @@
-//! Processes killed at random instants of their first half second, on one instance: the next start succeeds.
+//! Processes killed at random instants of their first half second, on one instance: the next start succeeds. The lengths of the
+//! study come from OQTAL_TEST_KILLS, the kills under each seed, and OQTAL_TEST_KILL_SEEDS.
 
 mod common;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use common::random::{Random, length};
 use common::{Running, Testbed, wait_for};
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::topic::TELEMETRY;
@@ -12,20 +14,9 @@ use rustix::process::Signal;
 
 const PROCESSES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];
 
-/// Generator of pseudo-random numbers (Knuth's MMIX) with a fixed seed, so that a failure can be repeated.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, limit: u64) -> u64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 33) % limit
-    }
-
-    /// Waits for up to half a second.
-    fn pause(&mut self) {
-        std::thread::sleep(Duration::from_micros(self.below(500_000)));
-    }
+/// Waits for up to half a second.
+fn pause(random: &mut Random) {
+    std::thread::sleep(Duration::from_micros(random.below(500_000)));
 }
 
 fn start(testbed: &Testbed, process: &str) -> Running {
@@ -54,34 +45,118 @@ fn kill(process: Option<Running>) {
     assert_eq!(output.status.code(), None, "ended by itself: {}", common::stderr(&output));
 }
 
+/// How many are killed under each seed, `short` unless the study of docs/faults.md is run, and under how many seeds.
+fn study(short: u64) -> (u64, u64) {
+    (length("OQTAL_TEST_KILLS", short), length("OQTAL_TEST_KILL_SEEDS", 1))
+}
+
+/// Starts everything again, and says how long it took; in the study of docs/faults.md it must not take more than 5 s.
+fn starts_again(testbed: &Testbed, running: &mut [Option<Running>; 3], what: &str) {
+    let began = Instant::now();
+    all_work(testbed, running);
+    let took = began.elapsed();
+    println!("{what}: the next start took {} ms", took.as_millis());
+    assert!(
+        length("OQTAL_TEST_KILLS", 0) == 0 || took < Duration::from_secs(5),
+        "{what}: {took:?}"
+    );
+}
+
+/// Ends everything, and looks for what is left.
+fn nothing_is_left(testbed: &Testbed, running: [Option<Running>; 3]) {
+    for process in running.into_iter().flatten().rev() {
+        process.signal(Signal::TERM);
+        let output = process.wait();
+        assert!(output.status.success(), "{}", common::stderr(&output));
+    }
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+    assert!(!testbed.paths().directory().exists());
+}
+
+/// Process ids of the children of a process.
+fn children(pid: u32) -> Vec<u32> {
+    let list = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
+    list.unwrap_or_default().split_whitespace().map(|pid| pid.parse().unwrap()).collect()
+}
+
+/// Kills a flight: its front door, one of its children, all children, or everything; waits until all have ended.
+fn kill_flight(flight: Running, random: &mut Random) {
+    let mut family = children(flight.id());
+    let door = flight.id();
+    let victims: Vec<u32> = match (random.below(4), family.is_empty()) {
+        (0, _) | (_, true) => vec![door],
+        (1, false) => vec![random.pick(&family)],
+        (2, false) => family.clone(),
+        (_, false) => family.iter().copied().chain([door]).collect(),
+    };
+    for &victim in &victims {
+        // It may have ended with another one.
+        let pid = rustix::process::Pid::from_raw(victim.cast_signed()).unwrap();
+        let _ = rustix::process::kill_process(pid, Signal::KILL);
+    }
+    let output = flight.wait();
+    let by_itself = output.status.code().is_some() && victims.contains(&door);
+    assert!(!by_itself, "ended by itself: {}", common::stderr(&output));
+    family.retain(|&pid| common::is_alive(pid));
+    wait_for("the end of the children", || {
+        family.iter().all(|&pid| !common::is_alive(pid)).then_some(())
+    });
+}
+
+#[test]
+fn f29_flights_killed_while_they_start_do_not_hinder_the_next() {
+    let (kills, seeds) = study(4);
+    for seed in 1..=seeds {
+        let testbed = Testbed::new("doors");
+        let mut random = Random(seed);
+        for _ in 0..kills {
+            let flight = testbed.start(&["fly", "--trajectory", "hover", "--duration", "60"]);
+            pause(&mut random);
+            kill_flight(flight, &mut random);
+        }
+        let mut running = [None, None, None];
+        starts_again(&testbed, &mut running, &format!("{kills} flights, seed {seed}"));
+        nothing_is_left(&testbed, running);
+    }
+}
+
 #[test]
 fn f29_processes_killed_while_they_start_do_not_hinder_the_next() {
-    let testbed = Testbed::new("kills");
-    let mut random = Random(29);
-    for _ in 0..6 {
-        let started = PROCESSES.map(|process| start(&testbed, process));
-        random.pause();
-        for process in started {
-            kill(Some(process));
+    let (kills, seeds) = study(6);
+    for seed in 1..=seeds {
+        let testbed = Testbed::new("kills");
+        let mut random = Random(seed + 28);
+        for _ in 0..kills {
+            let started = PROCESSES.map(|process| start(&testbed, process));
+            pause(&mut random);
+            for process in started {
+                kill(Some(process));
+            }
         }
+        let mut running = [None, None, None];
+        starts_again(&testbed, &mut running, &format!("{kills} times all processes, seed {seed}"));
+        nothing_is_left(&testbed, running);
     }
-    all_work(&testbed, &mut [None, None, None]);
 }
 
 #[test]
 fn f29_a_process_killed_while_it_starts_does_not_hinder_the_others() {
-    let testbed = Testbed::new("singles");
-    let mut random = Random(7);
-    let mut running = [None, None, None];
-    all_work(&testbed, &mut running);
-    for _ in 0..15 {
-        let which = random.below(3) as usize;
-        kill(running[which].take());
-        let started = start(&testbed, PROCESSES[which]);
-        random.pause();
-        kill(Some(started));
+    let (kills, seeds) = study(15);
+    for seed in 1..=seeds {
+        let testbed = Testbed::new("singles");
+        let mut random = Random(seed + 6);
+        let mut running = [None, None, None];
+        all_work(&testbed, &mut running);
+        for _ in 0..kills {
+            let which = random.below(3) as usize;
+            kill(running[which].take());
+            let started = start(&testbed, PROCESSES[which]);
+            pause(&mut random);
+            kill(Some(started));
+        }
+        starts_again(&testbed, &mut running, &format!("{kills} single processes, seed {seed}"));
+        nothing_is_left(&testbed, running);
     }
-    all_work(&testbed, &mut running);
 }
 
 #[test]
@@ -89,10 +164,5 @@ fn a_process_that_leaves_last_leaves_nothing() {
     let testbed = Testbed::new("last");
     let mut running = [None, None, None];
     all_work(&testbed, &mut running);
-    for process in running.into_iter().flatten() {
-        process.signal(Signal::TERM);
-        assert!(process.wait().status.success());
-    }
-    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
-    assert!(!testbed.paths().directory().exists());
+    nothing_is_left(&testbed, running);
 }

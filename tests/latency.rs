@@ -45,6 +45,17 @@ fn remains(pid: u32) -> Vec<String> {
     names.filter(|name| own.iter().any(|own| name.contains(own))).collect()
 }
 
+/// Name of the instance that the measurement of the process `pid` has made; it ends with a number that nobody can guess.
+fn instance_of(testbed: &Testbed, pid: u32) -> String {
+    let entries = std::fs::read_dir(testbed.path("run")).unwrap().flatten();
+    let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    names.into_iter().find(|name| name.starts_with(&format!("latency-{pid}-"))).unwrap()
+}
+
+fn paths_of(testbed: &Testbed, instance: &str) -> InstancePaths {
+    InstancePaths::new(instance, Some(&testbed.path("run"))).unwrap()
+}
+
 /// The child processes of `pid`.
 fn children(pid: u32) -> Vec<u32> {
     let file = format!("/proc/{pid}/task/{pid}/children");
@@ -76,6 +87,16 @@ fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
         let ratio = p50("hops", hop) / p50("bare", "iceoryx2_listener");
         assert!((number(&figures, &format!("/ratio/{hop}/p50")) - ratio).abs() < 1e-9, "{hop}");
         number(&figures, &format!("/ratio/{hop}/p99"));
+    }
+    let conditions: Vec<&str> =
+        (0..3).filter_map(|k| figures["conditions"][k]["condition"].as_str()).collect();
+    let names = ["with warm-up", "without warm-up", "with warm-up, cameras that jitter"];
+    assert_eq!(conditions, names);
+    for (k, name) in names.iter().enumerate() {
+        for hop in ["publish_to_daemon", "command_to_vehicle"] {
+            let ratio = number(&figures, &format!("/conditions/{k}/ratio/{hop}/p50"));
+            assert!(ratio > 0.0, "{name}: {hop}");
+        }
     }
     assert_eq!(figures["realtime"]["policy"], "other");
     assert_eq!(number(&figures, "/counters/commands_lost"), 0.0);
@@ -128,8 +149,7 @@ fn an_interrupted_measurement_says_what_it_has_and_leaves_nothing() {
     let pid = running.id();
     wait_for("the chain and the bare mechanisms", || (children(pid).len() == 7).then_some(()));
     // Two seconds of samples.
-    let paths = InstancePaths::new(&format!("latency-{pid}"), Some(&testbed.path("run"))).unwrap();
-    let bus = Bus::open(&paths).unwrap();
+    let bus = Bus::open(&paths_of(&testbed, &instance_of(&testbed, pid))).unwrap();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     wait_for("a hover", || {
         telemetry.latest().unwrap().filter(|(_, t)| t.mode == Mode::Flying.code() && t.tick > 120)
@@ -153,10 +173,10 @@ fn a_killed_measurement_leaves_no_orphans() {
         wait_for("an orphan to end", || (!is_alive(child)).then_some(()));
     }
     // A killed process does not clean up; the next process that joins does.
-    for name in [format!("latency-{pid}"), format!("b-{pid}")] {
-        let paths = InstancePaths::new(&name, Some(&testbed.path("run"))).unwrap();
-        drop(Bus::open(&paths).unwrap());
+    let instance = instance_of(&testbed, pid);
+    for name in [&instance, &format!("b-{pid}")] {
+        drop(Bus::open(&paths_of(&testbed, name)).unwrap());
     }
-    std::fs::remove_dir_all(Path::new("/dev/shm").join(format!("oqtal-latency-{pid}"))).unwrap();
+    std::fs::remove_dir_all(Path::new("/dev/shm").join(format!("oqtal-{instance}"))).unwrap();
     assert!(remains(pid).is_empty(), "{:?}", remains(pid));
 }

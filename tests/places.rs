@@ -44,6 +44,53 @@ fn f32_processes_find_each_other_in_whatever_order_they_start() {
     }
 }
 
+/// All orders in which four processes can be started.
+fn orders_of_four() -> Vec<[usize; 4]> {
+    let mut orders = Vec::new();
+    for order in ORDERS {
+        for place in 0..4 {
+            let mut four: Vec<usize> = order.to_vec();
+            four.insert(place, 3);
+            orders.push(four.try_into().unwrap());
+        }
+    }
+    orders
+}
+
+#[test]
+fn f32_a_daemon_finds_cameras_vehicle_and_bridge_in_all_24_orders() {
+    let orders = orders_of_four();
+    assert_eq!(orders.len(), 24);
+    // Each pair in either order in the short version; `TEST_LONG=1` all.
+    let is_long = std::env::var_os("TEST_LONG").is_some();
+    let step = if is_long { 1 } else { 7 };
+    for order in orders.into_iter().step_by(step) {
+        let testbed = Testbed::new("wired");
+        let link = format!("asctec:{}", testbed.path("port").display());
+        let commands: [Vec<&str>; 4] = [
+            vec!["plant-sim", "run", "--wire", &link],
+            vec!["mocap-emu", "run"],
+            vec!["daemon", "run"],
+            vec!["bridge", "run", "--link", &link],
+        ];
+        let bus = testbed.bus();
+        let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+        let mut running: [Option<Running>; 4] = [None, None, None, None];
+        for k in order {
+            running[k] = Some(testbed.start(&commands[k]));
+        }
+        wait_for(&format!("Nominal with the order {order:?}"), || {
+            // Without its port the bridge ends; the service manager starts it again.
+            let bridge = running[3].as_mut().unwrap();
+            if !bridge.runs() {
+                running[3] = Some(testbed.start(&commands[3]));
+            }
+            let (_, tick) = telemetry.latest().unwrap()?;
+            (tick.state == SafetyState::Nominal.code()).then_some(())
+        });
+    }
+}
+
 #[test]
 fn f29_what_killed_processes_leave_behind_does_not_hinder_the_next() {
     let testbed = Testbed::new("remains");
@@ -69,6 +116,40 @@ fn f27_too_little_shared_memory_is_said_before_it_kills() {
     let message = stderr(&output);
     assert_eq!(output.status.code(), Some(71), "{message}");
     assert!(message.contains("/dev/shm has 64 KiB free"), "{message}");
+}
+
+/// Runs in a private `/dev/shm` of the size `$1`: three processes and an observer that is stopped for two seconds while a file fills
+/// what is left. Prints the exit code of each process after it was asked to end.
+const FULL_MEMORY: &str = r#"
+set -e
+mount -t tmpfs -o size=$1 tmpfs /dev/shm
+shift
+for process in plant-sim mocap-emu daemon; do
+    "$@" $process run $PLACE 2>/dev/null & pids="$pids $!"
+done
+until "$@" ctl arm $PLACE >/dev/null 2>&1; do sleep 0.1; done
+"$@" latency --attach --seconds 60 $PLACE >/dev/null 2>&1 & observer=$!
+sleep 1
+kill -STOP $observer
+dd if=/dev/zero of=/dev/shm/filler bs=4k 2>/dev/null || true
+sleep 2
+kill -CONT $observer
+sleep 1
+kill $observer
+wait $observer || true
+for pid in $pids; do kill $pid; code=0; wait $pid || code=$?; echo $code; done
+"#;
+
+#[test]
+fn f27_a_full_memory_and_an_observer_that_sleeps_kill_nobody() {
+    let testbed = Testbed::new("filled");
+    let mut private = Command::new("unshare");
+    private.args(["--map-root-user", "--mount", "--pid", "--fork", "sh", "-c", FULL_MEMORY]);
+    private.args(["sh", "64m", env!("CARGO_BIN_EXE_oqtal")]);
+    let root = testbed.path("run").display().to_string();
+    let place = format!("--instance {} --root {root}", testbed.instance());
+    let output = private.env("PLACE", place).output().unwrap();
+    assert_eq!(String::from_utf8_lossy(&output.stdout), "0\n0\n0\n", "{}", stderr(&output));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The predictor's model of the vehicle agrees with the simulator where both know the same parameters and biases.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
-use oqtal_config::{Config, Setting};
+use oqtal_config::{Config, Interface, Setting};
 use oqtal_control::predictive::{Bias, ModelInput, Motion, Rotation, VehicleModel};
 use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Disturbance, Dynamics, State};
@@ -78,10 +78,40 @@ proptest! {
         let input = ModelInput {
             demand: sticks.component_mul(&authority),
             thrust_n: thrust * config.vehicle.max_thrust_n,
+            ..ModelInput::default()
         };
         let bias = Bias { demand: drift, acceleration: push };
         let disturbance = Disturbance { acceleration: push, rate_drift: drift, voltage_ratio: 1.0 };
         let told = oqtal_plant_sim::PlantInput { sticks, thrust, ..Default::default() };
+        let predicted = model.advance(&motion, &input, &bias, 0.035);
+        assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
+    }
+
+    #[test]
+    fn the_prediction_is_what_a_vehicle_that_holds_an_attitude_does(
+        (velocity, turn, rate) in (vector(2.0), vector(1.0), vector(1.0)),
+        // Within the rate authority, at whose limit the demand has a kink.
+        (left, thrust, thrust_n) in (vector(0.25), 0.0..1.0_f64, 0.0..20.0_f64),
+        (drift, push) in (vector(0.1), vector(0.5)),
+    ) {
+        let mut config = config("hummingbird");
+        config.plant.interface = Interface::Attitude;
+        let vehicle = &config.vehicle;
+        let rotation = Rotation::AttitudeLoop {
+            gain_per_s: vehicle.attitude_gain_per_s,
+            greatest_rate: Vector3::from(vehicle.rate_authority_rad_s),
+            lag_s: vehicle.rate_lag_ms * 1e-3,
+        };
+        let model = model(&config, rotation);
+        let attitude = Attitude::from_rotation_vector(turn);
+        let commanded = attitude.turned_by(left);
+        let motion = Motion { position: Vector3::z(), velocity, attitude, rate, thrust_n };
+        let thrust_n = thrust * vehicle.max_thrust_n;
+        let input = ModelInput { attitude: commanded, thrust_n, ..ModelInput::default() };
+        let bias = Bias { demand: drift, acceleration: push };
+        let disturbance = Disturbance { acceleration: push, rate_drift: drift, voltage_ratio: 1.0 };
+        let attitude = **commanded.unit_quaternion();
+        let told = oqtal_plant_sim::PlantInput { attitude, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);
         assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
     }
@@ -96,7 +126,8 @@ proptest! {
         let model = model(&config, Rotation::RigidBody { inertia });
         let attitude = Attitude::from_rotation_vector(turn);
         let motion = Motion { position: Vector3::z(), velocity, attitude, rate, thrust_n: 1.6 };
-        let input = ModelInput { demand: inertia.inverse() * torque, thrust_n: 1.6 };
+        let demand = inertia.inverse() * torque;
+        let input = ModelInput { demand, thrust_n: 1.6, ..ModelInput::default() };
         let bias = Bias { demand: Vector3::zeros(), acceleration: push };
         let disturbance =
             Disturbance { acceleration: push, rate_drift: Vector3::zeros(), voltage_ratio: 1.0 };

@@ -5,10 +5,10 @@
 //!
 //! The status request is the protocol's one periodic word, sent at `bridge.status-rate-hz`.
 //!
-//! | sticks command | roll and pitch stick | yaw stick |
+//! | `vehicle.interface` | roll and pitch stick | yaw stick |
 //! |---|---|---|
-//! | a body rate, Eq. (61) | the command's sticks | the command's stick |
-//! | an attitude | roll and pitch of the commanded attitude, as 3-2-1 angles | the rate that the command's stick stands for |
+//! | `rate`, Eq. (61) | the command's sticks | the command's stick |
+//! | `attitude` | roll and pitch of the commanded attitude, as 3-2-1 angles | the rate that the command's stick stands for |
 //!
 //! A vehicle that holds an attitude does so relative to its own heading: the commanded roll and pitch are right as far as its yaw
 //! is held.
@@ -195,7 +195,7 @@ mod tests {
     #[test]
     fn a_vehicle_that_holds_attitudes_is_told_the_commanded_one_at_forty_counts_a_degree() {
         let mut config = Config::default();
-        config.bridge.asctec.sticks = oqtal_config::AsctecSticks::Attitude;
+        config.vehicle.interface = oqtal_config::Interface::Attitude;
         let mut protocol = Asctec::new(&config).unwrap();
         // 10 degrees about x, whatever the rate sticks ask for; 0.1 of 2 rad/s is 11.46 deg/s, at 120 mdeg/s 95.5 counts.
         let half = 5.0_f64.to_radians();

@@ -4,6 +4,7 @@
 use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_runtime::actuation::actuation_of;
 
 use crate::line::LineOccupancy;
 use crate::monitor::VehicleMonitor;
@@ -45,6 +46,11 @@ pub struct Bridge {
     emergency_stop_waits: bool,
     last_command: u64,
     commands_lost: u64,
+    /// Instant since which an operator's stop is in force.
+    stopped_since: Option<Time>,
+    /// Whether the set-point on its way was chosen since, and whether one was handed to the port: such a set-point does not fly.
+    stop_begun: bool,
+    stop_sent: bool,
     was_answering: bool,
     rejected: u64,
     rejected_at: Time,
@@ -88,6 +94,9 @@ impl Bridge {
             emergency_stop_waits: false,
             last_command: 0,
             commands_lost: 0,
+            stopped_since: None,
+            stop_begun: false,
+            stop_sent: false,
             was_answering: false,
             rejected: 0,
             rejected_at: Time::UNSET,
@@ -127,6 +136,24 @@ impl Bridge {
     pub fn receive_command(&mut self, now: Time, header: &Header, command: CommandV1, lost: u64) {
         self.commands_lost = lost;
         self.command_waits |= self.gate.receive(now, header, command);
+    }
+
+    /// Obeys the operator's stop that is in force since this instant; `None` without one. Returns whether this is a change.
+    pub fn keep_stopped(&mut self, since: Option<Time>) -> bool {
+        let changed = std::mem::replace(&mut self.stopped_since, since) != since;
+        if changed {
+            self.gate.keep_stopped(since);
+            (self.stop_begun, self.stop_sent) = (false, false);
+            self.command_waits = true;
+        }
+        changed
+    }
+
+    /// Who obeys the stop that is in force: whether a set-point without flight was sent since, and whether the vehicle has reported
+    /// since that its motors are off.
+    #[must_use]
+    pub fn stop_state(&self) -> (bool, bool) {
+        (self.stop_sent, self.stop_sent && self.gate.motors_are_off())
     }
 
     /// Takes bytes, or one packet, that the port received.
@@ -202,6 +229,7 @@ impl Bridge {
         let (kind, on_wire) = self.outbox.handed_over(now, bytes)?;
         match kind {
             FrameKind::Setpoint(forwarded) => {
+                self.stop_sent |= self.stop_begun;
                 self.monitor.count_request(now);
                 Some(self.report(now, forwarded, on_wire))
             }
@@ -270,6 +298,7 @@ impl Bridge {
             air_ns: self.air.nanos(),
             armed: u8::from(self.is_answering(now) && self.gate.last_status_running()),
             starting: u8::from(self.gate.is_starting()),
+            stopped: u8::from(self.stopped_since.is_some()),
             link: u8::from(self.is_answering(now)),
             simulated: 0,
         };
@@ -303,6 +332,9 @@ impl Bridge {
     }
 
     fn begin(&mut self, now: Time, kind: FrameKind, frame: &VehicleFrame) {
+        if let FrameKind::Setpoint(_) = kind {
+            self.stop_begun = self.stopped_since.is_some();
+        }
         self.outbox.begin(now, kind, self.transport.wrap(frame));
     }
 }
@@ -311,12 +343,13 @@ fn millis(millis: f64) -> Span {
     Span::from_seconds(millis * 1e-3)
 }
 
-/// Timeouts of `config`, where periodic words are `spacing` apart.
+/// Limits of `config`, where periodic words are `spacing` apart.
 fn limits(config: &Config, spacing: Span) -> SafetyLimits {
     let options = &config.bridge;
     let period = Span::period_of(config.control.rate_hz);
     let status_period = Span::period_of(options.status_rate_hz).max(spacing);
     SafetyLimits {
+        accepts: actuation_of(config.vehicle.interface),
         command_age: period.scaled(options.command_timeout_periods),
         status_age: status_period.scaled(STATUS_PERIODS),
         sequence: millis(options.motor_sequence_ms),

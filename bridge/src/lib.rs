@@ -39,10 +39,13 @@ mod transport;
 mod turn;
 mod xbee;
 
+use std::rc::Rc;
+
 use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
-use oqtal_config::Config;
+use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::background::with_background;
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::handoff::handoff;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
@@ -123,8 +126,9 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);
     let VehicleSetup { spec, protocol, transport, port } = setup;
-    let bus = context.bus()?;
-    let ports = BridgePorts::open(&bus)?;
+    let bus = Rc::new(context.bus()?);
+    let faulty = FaultyTransport::new(&bus, &context.config)?;
+    let ports = BridgePorts::open(&faulty)?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
     let link = port.open()?;
@@ -138,7 +142,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         || {
             context.enter_realtime();
             let health = context.health.clone();
-            let mut turn = BridgeTurn { ports, bridge, link: Some(link), handle, health };
+            let turn = BridgeTurn { ports, bridge, link: Some(link), handle, health };
+            let mut turn = faulty.turn(FaultTarget::Bridge, turn);
             Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
         },
     )

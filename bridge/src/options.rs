@@ -2,7 +2,7 @@
 
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_wire::asctec::{InvalidScale, Scales};
+use oqtal_wire::asctec::{InvalidScale, Scales, StickMeaning};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
 use oqtal_wire::xbee::Address;
 
@@ -46,7 +46,10 @@ pub fn address(config: &Config) -> Result<Address, OptionError> {
 /// # Errors
 /// A scale of `[bridge.asctec]` cannot be used.
 pub fn scales(config: &Config) -> Result<Scales, OptionError> {
-    let scales: Scales = config.bridge.asctec.convert("bridge.asctec")?;
+    let mut scales: Scales = config.bridge.asctec.convert("bridge.asctec")?;
+    if config.vehicle.interface.holds_attitude() {
+        scales.sticks = StickMeaning::Attitude;
+    }
     let checked = scales.check();
     let refused = |error: InvalidScale| {
         OptionError::new(format!("bridge.asctec.{}", error.key), "unusable", error.rule)

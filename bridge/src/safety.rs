@@ -32,9 +32,11 @@ pub struct MotorStatus {
     pub running: bool,
 }
 
-/// Timeouts of the command gate.
+/// Kind of command that passes the command gate, and its timeouts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SafetyLimits {
+    /// Actuation of commands that the vehicle takes.
+    pub accepts: Actuation,
     /// Command timeout: a command published longer ago is never sent.
     pub command_age: Span,
     /// Status timeout: an older status does not count for a motor sequence.
@@ -64,6 +66,8 @@ pub struct CommandGate {
     last_request: Time,
     /// Instant since which "disarmed" has been commanded.
     disarmed_since: Option<Time>,
+    /// Instant since which an operator's stop is in force.
+    stopped_since: Option<Time>,
     rejected: u64,
 }
 
@@ -78,6 +82,7 @@ impl CommandGate {
             status: None,
             last_request: now,
             disarmed_since: None,
+            stopped_since: None,
             rejected: 0,
         }
     }
@@ -96,7 +101,8 @@ impl CommandGate {
             .newest
             .is_none_or(|last| published_at >= last.forwarded.stamps.command_published_at);
         // The final "disarmed" of a daemon carries no stamps; it is safe whatever its age.
-        let is_final = !is_flight(&command) && !published_at.is_set();
+        let is_flight = self.is_flight(&command);
+        let is_final = !is_flight && !published_at.is_set();
         let accepted = is_final || newer && is_within(now, published_at, self.limits.command_age);
         if !accepted {
             self.rejected += 1;
@@ -106,12 +112,27 @@ impl CommandGate {
         let forwarded =
             ForwardedCommand { command: header.sequence, pose: header.pose_sequence, stamps };
         self.newest = Some(Newest { forwarded, command, is_forwarded: false });
-        if is_flight(&command) {
+        if is_flight {
             self.disarmed_since = None;
         } else {
             self.disarmed_since = self.disarmed_since.or(Some(now));
         }
         true
+    }
+
+    /// Sets the instant since which an operator's stop is in force: no flight command is forwarded, and the motors are stopped at
+    /// once, without the rest time. A flight command that arrived before it ends is never sent.
+    pub fn keep_stopped(&mut self, since: Option<Time>) {
+        self.stopped_since = since;
+        self.newest = self.newest.filter(|newest| !self.is_flight(&newest.command));
+    }
+
+    /// Whether a status that arrived since an operator's stop reports motors off.
+    #[must_use]
+    pub fn motors_are_off(&self) -> bool {
+        let (Some(since), Some(status)) = (self.stopped_since, self.status) else { return false };
+        // A toggle that was sent may still take effect.
+        status.received_at > since && !status.running && !self.is_in_sequence()
     }
 
     /// Takes the motor state that the vehicle reports.
@@ -174,7 +195,10 @@ impl CommandGate {
 
     /// The newest command, if it is a flight command within its timeout at `now`.
     fn flight(&self, now: Time) -> Option<CommandV1> {
-        let newest = self.newest.filter(|newest| is_flight(&newest.command))?;
+        let newest = self.newest.filter(|newest| self.is_flight(&newest.command))?;
+        if self.stopped_since.is_some() {
+            return None;
+        }
         let Stamps { command_published_at, received_at, .. } = newest.forwarded.stamps;
         let within = |since| is_within(now, since, self.limits.command_age);
         (within(command_published_at) && within(received_at)).then_some(newest.command)
@@ -184,12 +208,14 @@ impl CommandGate {
         let fresh = self.status.filter(|s| is_within(now, s.received_at, self.limits.status_age));
         let without_request = now.since(self.last_request);
         let rested = |since: Time| now.since(since) >= self.limits.rest;
-        let silent = self.disarmed_since.is_none() && without_request >= self.limits.rest;
+        let is_stopped = self.stopped_since.is_some();
+        let silent =
+            !is_stopped && self.disarmed_since.is_none() && without_request >= self.limits.rest;
         MotorConditions {
             requested,
             idle: without_request > self.limits.command_age,
-            disarmed: self.disarmed_since.is_some(),
-            rest_over: self.disarmed_since.is_some_and(rested) && !requested,
+            disarmed: self.disarmed_since.is_some() || is_stopped,
+            rest_over: (self.disarmed_since.is_some_and(rested) || is_stopped) && !requested,
             daemon_silent: silent && !requested,
             running: fresh.is_some_and(|status| status.running),
             stopped: fresh.is_some_and(|status| !status.running),
@@ -199,25 +225,27 @@ impl CommandGate {
 
     /// The newest command, if `setpoint` is the first that carries it out.
     fn forward(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<ForwardedCommand> {
-        let newest = self.newest.as_mut().filter(|newest| !newest.is_forwarded)?;
+        let mut newest = self.newest.filter(|newest| !newest.is_forwarded)?;
         let published_at = newest.forwarded.stamps.command_published_at;
         let within = is_within(now, published_at, self.limits.command_age);
         let carries_it_out = match setpoint {
             VehicleSetpoint::Fly(_) => true,
-            VehicleSetpoint::Zero => !is_flight(&newest.command) && within,
+            VehicleSetpoint::Zero => !self.is_flight(&newest.command) && within,
             VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => false,
         };
-        newest.is_forwarded |= carries_it_out;
+        newest.is_forwarded = carries_it_out;
+        self.newest = Some(newest);
         carries_it_out.then_some(newest.forwarded)
     }
-}
 
-/// Whether `command` is a flight command: sticks, all numbers finite. Every other command counts as "disarmed".
-fn is_flight(command: &CommandV1) -> bool {
-    let CommandV1 { sticks, attitude, thrust, .. } = command;
-    let numbers = sticks.iter().chain(attitude).chain([thrust]);
-    Actuation::from_code(command.actuation) == Some(Actuation::Sticks)
-        && numbers.into_iter().all(|number| number.is_finite())
+    /// Whether `command` is a flight command: of the vehicle's actuation, all numbers finite. Every other command counts as
+    /// "disarmed".
+    fn is_flight(&self, command: &CommandV1) -> bool {
+        let CommandV1 { sticks, attitude, thrust, .. } = command;
+        let numbers = sticks.iter().chain(attitude).chain([thrust]);
+        Actuation::from_code(command.actuation) == Some(self.limits.accepts)
+            && numbers.into_iter().all(|number| number.is_finite())
+    }
 }
 
 /// Whether the stamp `since` is set, not in the future, and no older than `age`.

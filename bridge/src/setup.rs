@@ -43,8 +43,8 @@ impl VehicleSetup {
             let reason = "a bridge runs in real time only; set `clock.kind = \"real\"`";
             return Err(Failure::new(Exit::Usage, reason));
         }
-        if config.vehicle.interface != Interface::Rate {
-            let reason = "a bridge forwards sticks, not torque; set `vehicle.interface = \"rate\"`";
+        if config.vehicle.interface == Interface::Torque {
+            let reason = "a bridge forwards sticks or an attitude, not torque; set `vehicle.interface` to \"rate\" or \"attitude\"";
             return Err(Failure::new(Exit::Config, reason));
         }
         let located = |error: OptionError| Failure::from(config.locate(&error));

@@ -6,6 +6,7 @@ use std::time::Duration;
 use oqtal_bus::code::Cause;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, HealthV1, VehicleV1};
+use oqtal_bus::stop::VehicleStop;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -33,6 +34,7 @@ const SHUTDOWN_TIMEOUT: Span = Span::from_millis(60);
 pub struct BridgePorts<T: Transport> {
     commands: T::Reader<CommandV1>,
     vehicles: T::Writer<VehicleV1>,
+    stop: VehicleStop,
 }
 
 impl<T: Transport> BridgePorts<T> {
@@ -42,7 +44,8 @@ impl<T: Transport> BridgePorts<T> {
     /// Another bridge or a plant holds the vehicle topic, or the transport failed.
     pub fn open(bus: &T) -> Result<Self, BusError> {
         let vehicles = bus.writer(&VEHICLE)?;
-        Ok(Self { vehicles, commands: bus.reader(&COMMAND)? })
+        let stop = VehicleStop::new(bus.stop_switch()?);
+        Ok(Self { vehicles, commands: bus.reader(&COMMAND)?, stop })
     }
 
     fn report(&mut self, report: VehicleReport) -> Result<(), BusError> {
@@ -62,7 +65,7 @@ pub struct BridgeTurn<T: Transport> {
     pub link: Option<Box<dyn VehicleLink>>,
     /// The hand-off to the background thread.
     pub handle: BridgeHandle,
-    /// Counts the commands received.
+    /// Counts the commands received and the reports published.
     pub health: Health,
 }
 
@@ -77,13 +80,23 @@ impl<T: Transport> Turn for BridgeTurn<T> {
             self.bridge.open(clock.now());
         }
         self.read_link(clock);
-        if let Some((header, command)) = self.ports.commands.latest()? {
+        let BridgePorts { commands, stop, .. } = &mut self.ports;
+        let arrival = commands.latest()?;
+        if stop.is_in_force(clock.now())
+            && let Some((header, command)) = &arrival
+        {
+            stop.hear(header, command);
+        }
+        self.bridge.keep_stopped(stop.since());
+        if let Some((header, command)) = arrival {
             self.health.count_input();
             // Read after the command was taken, so that it is not received before it was sent.
             let (now, lost) = (clock.now(), self.ports.commands.lost());
             self.bridge.receive_command(now, &header, command, lost);
         }
-        self.write_due(clock)
+        self.write_due(clock)?;
+        self.confirm_stop();
+        Ok(())
     }
 
     /// Sends zero set-points, and the emergency stop if motors run; waits until they have left. Errors cannot be reported any
@@ -111,6 +124,13 @@ impl<T: Transport> Turn for BridgeTurn<T> {
 }
 
 impl<T: Transport> BridgeTurn<T> {
+    /// Confirms a stop once a set-point without flight has left for the vehicle.
+    fn confirm_stop(&mut self) {
+        if let (true, motors_off) = self.bridge.stop_state() {
+            self.ports.stop.confirm(motors_off);
+        }
+    }
+
     /// Reads what the vehicle sent.
     fn read_link(&mut self, clock: &impl TurnClock) {
         let mut buffer = [0; READ_BUFFER];
@@ -125,13 +145,15 @@ impl<T: Transport> BridgeTurn<T> {
         }
     }
 
-    /// Writes what is due: the rest of a frame, a set-point, and the frame behind it.
+    /// Writes what is due: the rest of a frame, a set-point, and the frame behind it. Counts an output if it reports, or discards what
+    /// the port does not send.
     fn write_due(&mut self, clock: &impl TurnClock) -> Result<(), BusError> {
         self.discard_if_stuck(clock);
         self.write_outbox(clock)?;
         let handle = &mut self.handle;
         let without_port = self.bridge.turn(clock.now(), &mut |note| handle.note(note));
         if let Some(report) = without_port {
+            self.health.count_output();
             self.ports.report(report)?;
         }
         if !self.bridge.outbox().is_empty() {
@@ -155,6 +177,7 @@ impl<T: Transport> BridgeTurn<T> {
             Ok(()) => {
                 self.bridge.discard_outgoing();
                 self.handle.note(Note::Stuck);
+                self.health.count_output();
             }
             Err(_) => self.close_link(clock.now()),
         }
@@ -168,6 +191,7 @@ impl<T: Transport> BridgeTurn<T> {
                 Ok(count) => {
                     // Read after the bytes were taken: the instant at which they were handed over.
                     if let Some(report) = self.bridge.handed_over(clock.now(), count) {
+                        self.health.count_output();
                         self.ports.report(report)?;
                     }
                 }

@@ -10,6 +10,7 @@ use proptest::prelude::*;
 
 const PERIOD: Span = Span::from_nanos(16_666_667);
 const LIMITS: SafetyLimits = SafetyLimits {
+    accepts: Actuation::Sticks,
     command_age: Span::from_nanos(50_000_001),
     status_age: Span::from_millis(375),
     sequence: Span::from_millis(3000),
@@ -33,7 +34,7 @@ enum Stimulus {
 fn stimulus() -> impl Strategy<Value = Stimulus> {
     let stick = prop_oneof![-1.0..1.0, Just(f64::NAN), Just(f64::INFINITY)];
     let age = prop_oneof![4 => 0..2000_i64, 1 => 0..200_000_i64, 1 => -50_000..0_i64];
-    let command = (0..4_u8, stick, age);
+    let command = (0..5_u8, stick, age);
     prop_oneof![
         6 => command.prop_map(|(actuation, stick, age_us)| Stimulus::Command { actuation, stick, age_us }),
         3 => any::<bool>().prop_map(|running| Stimulus::Status { running }),
@@ -272,4 +273,32 @@ fn the_final_disarmed_command_of_a_daemon_is_accepted_without_stamps() {
     let mut flying = Flying::new();
     flying.gate.receive(flying.now, &header(100, Time::UNSET), CommandV1::default());
     assert_eq!(flying.frame(), VehicleSetpoint::Zero);
+}
+
+#[test]
+fn f15_an_operators_stop_ends_flight_at_once_and_stops_the_motors_without_rest() {
+    let mut player = Player::new();
+    let flown = |player: &mut Player, running: bool| {
+        player.play(1000, Stimulus::Command { actuation: 1, stick: 0.1, age_us: 0 });
+        player.play(100, Stimulus::Status { running });
+        player.play(15_000, Stimulus::Frame).unwrap().0
+    };
+    // No flight is requested for a command timeout, then motors that run are flown.
+    player.play(100_000, Stimulus::Status { running: true });
+    player.play(0, Stimulus::Frame);
+    flown(&mut player, true);
+    assert!(matches!(flown(&mut player, true), VehicleSetpoint::Fly(_)));
+    let stopped_at = player.now;
+    player.gate.keep_stopped(Some(stopped_at));
+    for _ in 0..30 {
+        let setpoint = flown(&mut player, true);
+        assert_eq!(setpoint, VehicleSetpoint::StopMotors);
+        assert!(!player.gate.motors_are_off());
+    }
+    for _ in 0..60 {
+        assert_eq!(flown(&mut player, false), VehicleSetpoint::Zero);
+    }
+    assert!(player.gate.motors_are_off());
+    player.gate.keep_stopped(None);
+    assert!(matches!(flown(&mut player, false), VehicleSetpoint::StartMotors));
 }

@@ -9,6 +9,7 @@ use crate::message::Message;
 use crate::node::{InstanceNode, OpenPorts};
 use crate::paths::InstancePaths;
 use crate::port::{Reader, Writer};
+use crate::stop::StopSwitch;
 use crate::topic::Topic;
 use crate::transport::Transport;
 use crate::wake::{EventPorts, Listener};
@@ -23,6 +24,7 @@ pub struct Bus {
     node: Box<dyn OpenPorts>,
     events: EventPorts,
     place: InstancePaths,
+    membership: Rc<Membership>,
 }
 
 impl Bus {
@@ -35,7 +37,8 @@ impl Bus {
         check_free_memory()?;
         let membership = Membership::join(place)?;
         let node = Box::new(InstanceNode::join(place, &membership)?);
-        Ok(Self { node, events: EventPorts::new(Rc::clone(&membership)), place: place.clone() })
+        let events = EventPorts::new(Rc::clone(&membership));
+        Ok(Self { node, events, place: place.clone(), membership })
     }
 
     /// Paths and names of the instance.
@@ -80,6 +83,11 @@ impl Transport for Bus {
 
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
         Ok(Reader::new(self.node.reader(&topic.spec(), 1)?, topic.name))
+    }
+
+    fn stop_switch(&self) -> Result<StopSwitch, BusError> {
+        let _lock = self.membership.lock()?;
+        StopSwitch::open(&self.place)
     }
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {

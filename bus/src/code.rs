@@ -43,6 +43,8 @@ code! {
         Sticks = 1 => "sticks",
         /// Torque and collective thrust.
         Torque = 2 => "torque",
+        /// Attitude and collective thrust, for a vehicle that holds the attitude by itself.
+        Attitude = 3 => "attitude",
     }
 }
 
@@ -141,6 +143,10 @@ code! {
         HeldTooLong = 27 => "held for too long",
         /// Something keeps a flight from beginning: the reply lists it.
         NotReady = 28 => "not ready",
+        /// The request was read after the operator had given up waiting for the answer.
+        Expired = 40 => "request came too late",
+        /// The operator expects the daemon to run with another configuration.
+        OtherConfig = 41 => "another configuration expected",
     }
 }
 

@@ -1,5 +1,6 @@
 //! Errors of the bus.
 
+use std::io;
 use std::path::PathBuf;
 
 /// Error of the bus; the message names the object and the remedy.
@@ -74,6 +75,16 @@ pub(crate) fn system(action: impl Into<String>, reason: &dyn std::fmt::Debug) ->
 }
 
 impl BusError {
+    /// The error of opening the file of `name` at `path` in shared memory.
+    pub(crate) fn of_shared_file(name: &str, path: PathBuf, error: &io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::InvalidData => Self::Version { topic: name.to_owned() },
+            io::ErrorKind::PermissionDenied => Self::Permission { path },
+            io::ErrorKind::StorageFull => Self::full(1),
+            _ => system(format!("opening {}", path.display()), error),
+        }
+    }
+
     /// Shared memory has too little room for a file of `needed_kib`.
     pub(crate) fn full(needed_kib: u64) -> Self {
         let free = rustix::fs::statvfs("/dev/shm").map_or(0, |s| s.f_bavail * s.f_frsize);

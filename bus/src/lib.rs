@@ -18,6 +18,8 @@ pub mod port;
 mod ports;
 mod remains;
 pub mod shared;
+pub mod stop;
+pub mod suspend;
 pub mod time;
 pub mod topic;
 pub mod transport;

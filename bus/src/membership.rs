@@ -92,7 +92,7 @@ impl Membership {
 
     /// Path of the file `name` of this instance in shared memory.
     pub(crate) fn shared_file(&self, name: &str) -> PathBuf {
-        Path::new(remains::SHARED_MEMORY).join(format!("{}{name}", self.prefix))
+        remains::shared_file(&self.prefix, name)
     }
 
     /// Removes what dead processes left half-made; the lock is held.

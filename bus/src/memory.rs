@@ -5,9 +5,11 @@ use std::cell::{Cell, RefCell};
 use std::collections::{HashMap, VecDeque};
 use std::fmt;
 use std::rc::Rc;
+use std::sync::atomic::AtomicU32;
 
 use crate::error::BusError;
 use crate::message::{Header, Message, Stamps};
+use crate::stop::{self, StopSwitch};
 use crate::topic::Topic;
 use crate::transport::{Publish, Subscribe, Transport};
 
@@ -18,6 +20,8 @@ struct History<M> {
     /// Samples sent before the first of `samples` \[-\].
     discarded: u64,
     cursors: Vec<Rc<Cursor>>,
+    /// Writers opened so far \[-\]: one that takes the place of another has another source.
+    writers: u64,
 }
 
 /// The position of a reader.
@@ -59,6 +63,7 @@ type SharedHistory<M> = Rc<RefCell<History<M>>>;
 #[derive(Default)]
 pub struct MemoryBus {
     topics: RefCell<HashMap<&'static str, Rc<dyn Any>>>,
+    stop: Rc<[AtomicU32; stop::WORDS]>,
 }
 
 impl fmt::Debug for MemoryBus {
@@ -79,7 +84,12 @@ impl MemoryBus {
         let history = topics.entry(topic.name).or_insert_with(|| {
             // Room for what a reader of the newest sample needs: publishing to it does not allocate.
             let samples = VecDeque::with_capacity(4);
-            Rc::new(RefCell::new(History::<M> { samples, discarded: 0, cursors: Vec::new() }))
+            Rc::new(RefCell::new(History::<M> {
+                samples,
+                discarded: 0,
+                cursors: Vec::new(),
+                writers: 0,
+            }))
         });
         Rc::clone(history).downcast().expect("a topic's name determines its message type")
     }
@@ -98,11 +108,18 @@ impl Transport for MemoryBus {
     type Reader<M: Message> = MemoryReader<M>;
 
     fn writer<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryWriter<M>, BusError> {
-        Ok(MemoryWriter { history: self.history(topic), sequence: 0 })
+        let history = self.history(topic);
+        let source = history.borrow().writers;
+        history.borrow_mut().writers += 1;
+        Ok(MemoryWriter { history, sequence: 0, source })
     }
 
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryReader<M>, BusError> {
         Ok(self.open_reader(topic, 1))
+    }
+
+    fn stop_switch(&self) -> Result<StopSwitch, BusError> {
+        Ok(StopSwitch::local(Rc::clone(&self.stop)))
     }
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<MemoryReader<M>, BusError> {
@@ -115,13 +132,15 @@ impl Transport for MemoryBus {
 pub struct MemoryWriter<M> {
     history: SharedHistory<M>,
     sequence: u64,
+    source: u64,
 }
 
 impl<M: Message> Publish<M> for MemoryWriter<M> {
     fn send(&mut self, pose_sequence: u64, stamps: Stamps, body: M) -> Result<u64, BusError> {
         self.sequence += 1;
         let sequence = self.sequence;
-        let header = Header { sequence, pose_sequence, schema: M::SCHEMA, source: 0, stamps };
+        let source = self.source;
+        let header = Header { sequence, pose_sequence, schema: M::SCHEMA, source, stamps };
         let mut history = self.history.borrow_mut();
         history.discard_read();
         history.samples.push_back((header, body));

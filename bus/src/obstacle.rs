@@ -46,6 +46,8 @@ obstacles! {
     PathOutsideFence = 8 => "the trajectory leaves the fence from here ([fence])",
     /// Processes of the instance run with different configurations.
     Configuration = 9 => "processes run with different configurations",
+    /// An operator's stop keeps the motors off until the controller has commanded them off.
+    Stopped = 10 => "an operator's stop is in force until the vehicle is disarmed",
 }
 
 /// A set of reasons against arming.

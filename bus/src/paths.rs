@@ -6,6 +6,7 @@ use iceoryx2::prelude::{Config, FileName, SemanticString};
 
 use crate::error::{BusError, system};
 use crate::message::{FNV_OFFSET, fnv1a};
+use crate::remains;
 
 /// Name and root directory of an instance. Buses with different paths are separate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,6 +43,11 @@ impl InstancePaths {
         let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());
         let root = fnv1a(FNV_OFFSET, root.as_os_str().as_encoded_bytes());
         format!("oqtal_{}_{root:016x}_", self.instance)
+    }
+
+    /// Path of the file `name` of this instance in shared memory.
+    pub(crate) fn shared_file(&self, name: &str) -> PathBuf {
+        remains::shared_file(&self.prefix(), name)
     }
 
     /// Directory of the instance.
@@ -102,8 +108,13 @@ impl InstancePaths {
     /// Refuses a root directory of another user: all processes of an instance run as one user, because another one, the
     /// superuser included, would leave files that they cannot open. iceoryx2 would report an internal error.
     fn refuse_another_user(&self) -> Result<(), BusError> {
-        let root = rustix::fs::stat(&self.root)
-            .map_err(|error| system(format!("looking at {}", self.root.display()), &error))?;
+        let failed = |error| system(format!("looking at {}", self.root.display()), &error);
+        // A link in a directory that everybody may write to can lead to any directory of this user.
+        let link = rustix::fs::lstat(&self.root).map_err(failed)?;
+        if link.st_uid != 0 && link.st_uid != rustix::process::geteuid().as_raw() {
+            return Err(BusError::Permission { path: self.root.clone() });
+        }
+        let root = rustix::fs::stat(&self.root).map_err(failed)?;
         let ours = rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK;
         if root.st_uid == rustix::process::geteuid().as_raw()
             && rustix::fs::access(&self.root, ours).is_ok()

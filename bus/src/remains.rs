@@ -8,7 +8,12 @@ use rustix::fs::{FallocateFlags, fallocate};
 use rustix::io::Errno;
 
 /// Where shared memory has its names.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Path of the file `name` in shared memory of the instance with this prefix.
+pub(crate) fn shared_file(prefix: &str, name: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(format!("{prefix}{name}"))
+}
 
 /// Directories of iceoryx2 in an instance's directory.
 const DIRECTORIES: [&str; 2] = ["nodes", "services"];

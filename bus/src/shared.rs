@@ -28,16 +28,27 @@ impl SharedWords {
     /// The file cannot be opened or is a link; [`io::ErrorKind::PermissionDenied`] if it belongs to another user;
     /// [`io::ErrorKind::InvalidData`] if it has another size; [`io::ErrorKind::StorageFull`] if there is no memory.
     pub fn open(path: &Path, count: usize) -> io::Result<Self> {
-        let file = open_private(path)?;
+        Self::map(&open_private(path, true)?, count)
+    }
+
+    /// As [`SharedWords::open`], for a file that exists.
+    ///
+    /// # Errors
+    /// As [`SharedWords::open`]; [`io::ErrorKind::NotFound`] if there is no such file.
+    pub fn open_existing(path: &Path, count: usize) -> io::Result<Self> {
+        Self::map(&open_private(path, false)?, count)
+    }
+
+    fn map(file: &File, count: usize) -> io::Result<Self> {
         let size = count * size_of::<AtomicU32>();
         match usize::try_from(file.metadata()?.len()) {
-            Ok(0) => fallocate(&file, FallocateFlags::empty(), 0, size as u64)?,
+            Ok(0) => fallocate(file, FallocateFlags::empty(), 0, size as u64)?,
             Ok(present) if present == size => {}
             _ => return Err(io::ErrorKind::InvalidData.into()),
         }
         let access = ProtFlags::READ | ProtFlags::WRITE;
         // SAFETY: no address is asked for, so the kernel maps where nothing is; no existing mapping is touched.
-        let memory = unsafe { mmap(ptr::null_mut(), size, access, MapFlags::SHARED, &file, 0)? };
+        let memory = unsafe { mmap(ptr::null_mut(), size, access, MapFlags::SHARED, file, 0)? };
         let memory = NonNull::new(memory.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
         Ok(Self { memory, count })
     }
@@ -66,11 +77,11 @@ impl Drop for SharedWords {
     }
 }
 
-/// Opens or creates a file that belongs to this user, without following a link.
-fn open_private(path: &Path) -> io::Result<File> {
+/// Opens a file, or creates it if `creates`, that belongs to this user, without following a link.
+fn open_private(path: &Path, creates: bool) -> io::Result<File> {
     let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
     let mut options = OpenOptions::new();
-    options.read(true).write(true).create(true).truncate(false).mode(0o600).custom_flags(flags);
+    options.read(true).write(true).create(creates).truncate(false).mode(0o600).custom_flags(flags);
     let file = options.open(path)?;
     if file.metadata()?.uid() != rustix::process::geteuid().as_raw() {
         return Err(io::ErrorKind::PermissionDenied.into());

@@ -1,4 +1,7 @@
-//! Instants and spans of time in all processes: nanoseconds of `CLOCK_MONOTONIC`, or of virtual time.
+//! Instants and spans of time in all processes: nanoseconds of `CLOCK_BOOTTIME`, or of virtual time.
+//!
+//! The boot-time clock is monotonic, is common to all processes of the machine, and counts the time in which the machine is
+//! suspended: what was young before a suspension is old after it.
 //!
 //! Only [`Time::now`] reads a clock, and only the process context and the pacers call it; everything below takes `now` as an
 //! argument. `dt` becomes an `f64` once, by [`Span::seconds`], on its way into a law.
@@ -55,11 +58,11 @@ impl Time {
         self.0
     }
 
-    /// Reads `CLOCK_MONOTONIC` (through the vDSO, no system call).
+    /// Reads `CLOCK_BOOTTIME` (through the vDSO, no system call).
     #[must_use]
     pub fn now() -> Self {
-        let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Monotonic);
-        // The monotonic clock counts up from boot: both parts are non-negative.
+        let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Boottime);
+        // The clock counts up from boot: both parts are non-negative.
         Self(tv_sec.unsigned_abs() * NANOS_PER_SECOND + tv_nsec.unsigned_abs())
     }
 

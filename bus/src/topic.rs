@@ -63,7 +63,7 @@ impl<M: Message> Topic<M> {
 
 /// Plant to mocap and observers: every integration millisecond; notifies at camera instants only.
 pub const TRUTH: Topic<TruthV1> = Topic::new("truth", STREAM);
-/// Mocap to daemon and observers, at the cameras' rate.
+/// Mocap or receiver to daemon and observers, at the cameras' rate.
 pub const POSE: Topic<PoseV1> = Topic::new("pose", STREAM);
 /// Daemon to plant or bridge and observers, at the loop's rate. Its single writer is the lock against a second controller.
 pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
@@ -75,7 +75,7 @@ pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";
 
-/// Processes of the loop, in the order in which they act at equal virtual times; the last takes no part in virtual time.
+/// Processes of the loop, in the order in which they act at equal virtual times; the last two take no part in virtual time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Role {
     /// The vehicle: plant-sim.
@@ -88,6 +88,8 @@ pub enum Role {
     Recorder,
     /// The link to a real vehicle: bridge.
     Bridge,
+    /// The link to a real camera system: receiver.
+    Receiver,
 }
 
 impl Role {
@@ -103,6 +105,7 @@ impl Role {
             Self::Daemon => "daemon",
             Self::Recorder => "recorder",
             Self::Bridge => "bridge",
+            Self::Receiver => "receiver",
         }
     }
 
@@ -115,6 +118,7 @@ impl Role {
             Self::Daemon => "health/daemon",
             Self::Recorder => "health/recorder",
             Self::Bridge => "health/bridge",
+            Self::Receiver => "health/receiver",
         };
         Topic::new(name, STATE)
     }
@@ -128,6 +132,7 @@ impl Role {
             Self::Daemon => "clock/daemon/advance",
             Self::Recorder => "clock/recorder/advance",
             Self::Bridge => "clock/bridge/advance",
+            Self::Receiver => "clock/receiver/advance",
         };
         Topic::new(name, EXCHANGE)
     }
@@ -141,6 +146,7 @@ impl Role {
             Self::Daemon => "clock/daemon/done",
             Self::Recorder => "clock/recorder/done",
             Self::Bridge => "clock/bridge/done",
+            Self::Receiver => "clock/receiver/done",
         };
         Topic::new(name, EXCHANGE)
     }

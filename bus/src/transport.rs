@@ -3,6 +3,7 @@
 
 use crate::error::BusError;
 use crate::message::{Header, Message, Stamps};
+use crate::stop::StopSwitch;
 use crate::topic::Topic;
 
 /// The writing end of a topic.
@@ -76,6 +77,12 @@ pub trait Transport {
     /// # Errors
     /// The topic has a different message schema, or the transport failed.
     fn reader<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Reader<M>, BusError>;
+
+    /// Opens the operator's stop.
+    ///
+    /// # Errors
+    /// There is no memory, or the transport failed.
+    fn stop_switch(&self) -> Result<StopSwitch, BusError>;
 
     /// Opens a reader that keeps as many samples as the topic allows, for an observer that must not miss one.
     ///

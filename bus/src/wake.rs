@@ -5,7 +5,6 @@
 //! between two waits is never lost, and a process that dies between any two instructions leaves nothing to repair.
 
 use std::cell::Cell;
-use std::io;
 use std::num::NonZeroU32;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -18,6 +17,7 @@ use rustix::thread::futex;
 use crate::error::{BusError, system};
 use crate::membership::Membership;
 use crate::shared::SharedWords;
+use crate::suspend::ClockReadings;
 use crate::time::{Span, Time};
 
 /// Matches every waker.
@@ -59,12 +59,7 @@ impl EventPorts {
     fn open(&self, topic: &str) -> Result<SharedWords, BusError> {
         let _lock = self.membership.lock()?;
         let path = self.path(topic);
-        SharedWords::open(&path, 1).map_err(|error| match error.kind() {
-            io::ErrorKind::InvalidData => BusError::Version { topic: topic.to_owned() },
-            io::ErrorKind::PermissionDenied => BusError::Permission { path },
-            io::ErrorKind::StorageFull => BusError::full(1),
-            _ => system(format!("opening event `{topic}`"), &error),
-        })
+        SharedWords::open(&path, 1).map_err(|error| BusError::of_shared_file(topic, path, &error))
     }
 
     pub(crate) fn path(&self, topic: &str) -> PathBuf {
@@ -97,7 +92,7 @@ impl FutexWaiter {
         let count = &self.words[0];
         let seen = self.seen.get();
         if count.load(Ordering::Acquire) == seen && Time::now() < deadline {
-            let deadline = timespec(deadline);
+            let deadline = timespec(ClockReadings::now().on_monotonic(deadline));
             match futex::wait_bitset(count, futex::Flags::empty(), seen, Some(&deadline), ANY) {
                 Ok(()) | Err(Errno::AGAIN | Errno::TIMEDOUT | Errno::INTR) => {}
                 Err(error) => return Err(error),
@@ -108,7 +103,7 @@ impl FutexWaiter {
     }
 }
 
-/// The instant as the kernel takes absolute deadlines, on `CLOCK_MONOTONIC`.
+/// An instant of `CLOCK_MONOTONIC` as the kernel takes absolute deadlines.
 fn timespec(instant: Time) -> Timespec {
     const NANOS_PER_SECOND: u64 = 1_000_000_000;
     Timespec {

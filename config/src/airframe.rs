@@ -15,6 +15,17 @@ pub enum Interface {
     Rate,
     /// Torque and thrust.
     Torque,
+    /// An attitude and thrust; the vehicle's own loops hold the attitude.
+    Attitude,
+}
+
+impl Interface {
+    /// Whether the vehicle holds a commanded attitude by itself: it stays level without the daemon's attitude law, and without
+    /// new poses.
+    #[must_use]
+    pub const fn holds_attitude(self) -> bool {
+        matches!(self, Self::Attitude)
+    }
 }
 
 /// The values of one section as they are checked.
@@ -35,6 +46,8 @@ pub(crate) struct Airframe<'a> {
     pub(crate) max_torque_nm: f64,
     /// Time constant of the on-board rate loop \[ms\].
     pub(crate) rate_lag_ms: f64,
+    /// Gain of the on-board attitude loop \[1/s\].
+    pub(crate) attitude_gain_per_s: f64,
     /// Time constant of the thrust \[ms\].
     pub(crate) thrust_lag_ms: f64,
     /// From a command received to its effect \[ms\].
@@ -76,6 +89,7 @@ impl Airframe<'_> {
             ("rate-authority-rad-s", pitch, Rule::Positive),
             ("rate-authority-rad-s", yaw, Rule::Positive),
             ("rate-lag-ms", self.rate_lag_ms, A_STEP),
+            ("attitude-gain-per-s", self.attitude_gain_per_s, Rule::Positive),
             ("thrust-lag-ms", self.thrust_lag_ms, Rule::NotNegative),
             ("command-delay-ms", self.command_delay_ms, Rule::NotNegative),
             ("drag-per-s", self.drag_per_s, Rule::NotNegative),

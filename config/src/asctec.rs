@@ -6,16 +6,6 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-/// What the roll and pitch sticks mean to the vehicle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum AsctecSticks {
-    /// A body rate, as a fraction of that at full stick, Eq. (61): the paper's vehicle.
-    BodyRate,
-    /// An angle; yaw is a rate: a Hummingbird with AutoPilot.
-    Attitude,
-}
-
 /// One integer for each stick of an axis, roll, pitch and yaw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -42,15 +32,14 @@ pub struct AsctecLimits {
     pub thrust: i16,
 }
 
-/// `[bridge.asctec]` or `[plant.wire.asctec]`.
+/// `[bridge.asctec]` or `[plant.wire.asctec]`. What the roll and pitch sticks mean is not among them: it follows from how the
+/// vehicle is commanded, `vehicle.interface` and `plant.interface`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct AsctecOptions {
-    /// What the sticks mean.
-    pub sticks: AsctecSticks,
-    /// Roll and pitch angle of a count \[mdeg\], where sticks mean an attitude.
+    /// Roll and pitch angle of a count \[mdeg\], for a vehicle commanded by attitude.
     pub angle_per_count_mdeg: f64,
-    /// Yaw rate of a count \[mdeg/s\], where sticks mean an attitude.
+    /// Yaw rate of a count \[mdeg/s\], for a vehicle commanded by attitude.
     pub yaw_rate_per_count_mdeg_s: f64,
     /// Signs of commands: the vehicle's axes against x forward, y left, z up.
     pub command_signs: AsctecSigns,

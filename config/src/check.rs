@@ -29,6 +29,7 @@ impl Config {
         self.safety.check()?;
         self.fence.check()?;
         self.bridge.check()?;
+        self.receiver.check()?;
         Ok(self.realtime.check()?)
     }
 
@@ -54,7 +55,21 @@ impl Config {
             let others = &["vehicle.gravity-m-s2", "vehicle.preset"];
             return Err(BrokenRule { error: OptionError::new(key, lift, allowed), others });
         }
+        self.check_faults()?;
         self.check_motor_start()
+    }
+
+    /// Faults never reach a real vehicle by mistake: a bridge's link must lead to the simulated one.
+    fn check_faults(&self) -> Result<(), BrokenRule> {
+        let is_real = !self.bridge.link.is_empty() && self.plant.wire.link.is_empty();
+        let Some(first) = self.fault.inject.first() else { return Ok(()) };
+        if !is_real || self.fault.with_real_vehicle {
+            return Ok(());
+        }
+        let allowed =
+            "empty with a real vehicle at bridge.link, unless fault.with-real-vehicle = true";
+        let error = OptionError::new("fault.inject", format!("`{first}`"), allowed);
+        Err(BrokenRule { error, others: &["bridge.link", "fault.with-real-vehicle"] })
     }
 
     /// The daemon must not give up a start of motors that the bridge still reports on.

@@ -12,12 +12,14 @@ use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
 use crate::error::ConfigError;
+use crate::fault::FaultOptions;
 use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
 use crate::mocap::MocapOptions;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
+use crate::receiver::ReceiverOptions;
 use crate::safety::SafetyOptions;
 use crate::setting::Setting;
 use crate::vehicle::VehicleOptions;
@@ -52,10 +54,14 @@ pub struct Config {
     pub fence: FenceOptions,
     /// `[bridge]`: the way to a real vehicle.
     pub bridge: BridgeOptions,
+    /// `[receiver]`: the way of poses from a real camera system.
+    pub receiver: ReceiverOptions,
     /// `[realtime]`: scheduling of the loops.
     pub realtime: RealtimeOptions,
     /// `[log]`: what is logged.
     pub log: LogOptions,
+    /// `[fault]`: faults that are injected by hand.
+    pub fault: FaultOptions,
     /// Where the values were set.
     #[serde(skip)]
     pub(crate) origins: Origins,

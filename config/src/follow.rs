@@ -7,7 +7,7 @@
 use toml::{Table, Value};
 
 /// The keys of `[plant]` that follow the key of the same name in `[vehicle]`.
-const AIRFRAME: [&str; 11] = [
+const AIRFRAME: [&str; 12] = [
     "interface",
     "mass-kg",
     "gravity-m-s2",
@@ -16,13 +16,16 @@ const AIRFRAME: [&str; 11] = [
     "rate-authority-rad-s",
     "max-torque-nm",
     "rate-lag-ms",
+    "attitude-gain-per-s",
     "thrust-lag-ms",
     "command-delay-ms",
     "drag-per-s",
 ];
 
 /// Further keys that may follow another: (key, key followed).
-const OTHERS: [(&str, &str); 4] = [
+const OTHERS: [(&str, &str); 6] = [
+    ("control.predictive.filter.attitude-noise-deg", "mocap.attitude-noise-deg"),
+    ("control.predictive.filter.position-noise-mm", "mocap.position-noise-mm"),
     ("plant.frame-rate-hz", "mocap.rate-hz"),
     ("plant.wire.xbee-address", "bridge.xbee-address"),
     ("plant.wire.asctec", "bridge.asctec"),

@@ -16,7 +16,7 @@ pub struct InstanceOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum ClockKind {
-    /// The machine's monotonic clock.
+    /// The machine's boot-time clock.
     Real,
     /// Virtual time, the same processes.
     Lockstep,

@@ -3,7 +3,32 @@
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
+use crate::mocap_cameras::{CameraOptions, MarkerOptions};
+use crate::mocap_room::RoomOptions;
+use crate::mocap_serve::ServeOptions;
 use crate::preset;
+
+/// How a pose is made from the true state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MocapModel {
+    /// The true pose with noise as configured.
+    Pose,
+    /// Markers seen by cameras, triangulated, and a rigid body fitted to them.
+    Markers,
+}
+
+/// The instant that a pose carries as that of its capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CaptureStamp {
+    /// The capture itself.
+    Exact,
+    /// The arrival of the pose, as of a receiver without a clock model.
+    Arrival,
+    /// The capture by a clock with an offset and a drift, as of a receiver that takes a foreign clock for its own.
+    Clock,
+}
 
 /// `[mocap]`. Noise is Gaussian, per axis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -11,6 +36,10 @@ use crate::preset;
 pub struct MocapOptions {
     /// Name of the preset that these values started from.
     pub preset: String,
+    /// How a pose is made.
+    pub model: MocapModel,
+    /// What a pose carries as its capture.
+    pub stamp: CaptureStamp,
     /// Rate of the cameras \[Hz\].
     pub rate_hz: f64,
     /// Standard deviation of the position \[mm, per axis\].
@@ -37,6 +66,14 @@ pub struct MocapOptions {
     pub attitude_quantum_deg: f64,
     /// A recording to play instead of the cameras; empty for none.
     pub replay: String,
+    /// `[mocap.room]`.
+    pub room: RoomOptions,
+    /// `[mocap.cameras]`.
+    pub cameras: CameraOptions,
+    /// `[mocap.markers]`.
+    pub markers: MarkerOptions,
+    /// `[mocap.serve]`: poses over the network.
+    pub serve: ServeOptions,
 }
 
 impl MocapOptions {
@@ -57,6 +94,9 @@ impl MocapOptions {
             ("position-quantum-mm", self.position_quantum_mm, Rule::NotNegative),
             ("attitude-quantum-deg", self.attitude_quantum_deg, Rule::NotNegative),
         ])
-        .map_err(|error| error.within("mocap"))
+        .map_err(|error| error.within("mocap"))?;
+        self.room.check().map_err(|error| error.within("mocap.room"))?;
+        self.cameras.check().map_err(|error| error.within("mocap.cameras"))?;
+        self.markers.check().map_err(|error| error.within("mocap.markers"))
     }
 }

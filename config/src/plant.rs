@@ -8,7 +8,7 @@ use crate::airframe::{A_STEP, Airframe, Interface, inertia};
 use crate::error::BrokenRule;
 use crate::plant_wire::PlantWireOptions;
 
-/// How finely a vehicle that is commanded by rates is modelled.
+/// How finely a vehicle with an on-board rate loop is modelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fidelity {
@@ -24,7 +24,7 @@ pub enum Fidelity {
 pub struct PlantOptions {
     /// How the simulated vehicle is commanded; it ignores commands of another interface.
     pub interface: Interface,
-    /// How finely the vehicle is modelled, where it is commanded by rates.
+    /// How finely the vehicle is modelled, unless it is commanded by torque.
     pub fidelity: Fidelity,
     /// Mass \[kg\].
     pub mass_kg: f64,
@@ -40,6 +40,8 @@ pub struct PlantOptions {
     pub max_torque_nm: f64,
     /// Time constant of the on-board rate loop \[ms\].
     pub rate_lag_ms: f64,
+    /// Gain of the on-board attitude loop, from an attitude error to a body rate \[1/s\]; for `interface = "attitude"`.
+    pub attitude_gain_per_s: f64,
     /// Time constant of the thrust \[ms\]; 0 for none.
     pub thrust_lag_ms: f64,
     /// From a command received over the bus to its effect \[ms\]; the delay of a wire is in `[plant.wire]`.
@@ -130,11 +132,12 @@ impl PlantOptions {
         self.rotors.check().map_err(|error| error.within("plant.rotors"))?;
         self.battery.check().map_err(|error| error.within("plant.battery"))?;
         self.wire.check().map_err(|error| error.within("plant.wire"))?;
-        if self.interface == Interface::Rate || self.wire.link.is_empty() {
+        if self.interface != Interface::Torque || self.wire.link.is_empty() {
             return Ok(());
         }
         let link = format!("`{}`", self.wire.link);
-        let allowed = "empty unless the vehicle is commanded by rates (plant.interface = \"rate\")";
+        let allowed =
+            "empty for a vehicle that is commanded by torque (plant.interface = \"torque\")";
         Err(BrokenRule {
             error: OptionError::new("plant.wire.link", link, allowed),
             others: &["plant.interface", "vehicle.interface", "vehicle.preset"],
@@ -151,6 +154,7 @@ impl PlantOptions {
             rate_authority_rad_s: self.rate_authority_rad_s,
             max_torque_nm: self.max_torque_nm,
             rate_lag_ms: self.rate_lag_ms,
+            attitude_gain_per_s: self.attitude_gain_per_s,
             thrust_lag_ms: self.thrust_lag_ms,
             command_delay_ms: self.command_delay_ms,
             drag_per_s: self.drag_per_s,

@@ -25,8 +25,6 @@ pub struct PlantWireOptions {
     pub motor_switch_ms: f64,
     /// Time without a command after which the vehicle stops its motors \[ms\].
     pub time_out_ms: f64,
-    /// From an attitude error to a body rate \[1/s\], where sticks mean an attitude.
-    pub attitude_gain_per_s: f64,
     /// The host's XBee as the vehicle addresses it, 4 or 16 hexadecimal digits; API modes only. Parsed by plant-sim.
     pub xbee_address: String,
     /// `[plant.wire.asctec]`: what counts mean to the emulated vehicle.
@@ -41,7 +39,6 @@ impl PlantWireOptions {
             ("bit-error-rate", self.bit_error_rate, Rule::Between(0.0, 1.0)),
             ("motor-switch-ms", self.motor_switch_ms, Rule::NotNegative),
             ("time-out-ms", self.time_out_ms, Rule::Positive),
-            ("attitude-gain-per-s", self.attitude_gain_per_s, Rule::Positive),
         ])
     }
 }

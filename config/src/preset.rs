@@ -17,7 +17,7 @@ struct Preset {
 }
 
 /// All presets. A further one is a row and a file.
-const PRESETS: [Preset; 5] = [
+const PRESETS: [Preset; 6] = [
     Preset { key: "vehicle.preset", name: "hummingbird", text: "" },
     Preset {
         key: "vehicle.preset",
@@ -34,6 +34,11 @@ const PRESETS: [Preset; 5] = [
         key: "mocap.preset",
         name: "measured",
         text: include_str!("../../deploy/presets/mocap-measured.toml"),
+    },
+    Preset {
+        key: "mocap.preset",
+        name: "room",
+        text: include_str!("../../deploy/presets/mocap-room.toml"),
     },
 ];
 

@@ -3,10 +3,15 @@
 use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
-/// Highest priority of a loop under SCHED_FIFO: watchdogs and the kernel's own threads stay above.
-const MAX_PRIORITY: u8 = 80;
+/// Highest priority of the daemon under SCHED_FIFO: the bridge is one above it, watchdogs and the kernel's own threads stay above
+/// both.
+const MAX_PRIORITY: u8 = 79;
+/// Lowest priority of the daemon: cameras and simulator are one and two below it.
+const MIN_PRIORITY: u8 = 3;
 /// Highest number of a CPU that the kernel's CPU set can hold.
 const MAX_CPU: usize = 1023;
+
+const PRIORITIES: Rule = Rule::Between(MIN_PRIORITY as f64, MAX_PRIORITY as f64);
 
 /// Longest time between cache warm-up and pose \[us\]: after it the caches are cold again.
 const MAX_WARMUP_US: f64 = 5000.0;
@@ -27,7 +32,7 @@ pub enum Scheduling {
 pub struct RealtimeOptions {
     /// Scheduling of the loops.
     pub scheduling: Scheduling,
-    /// Priority under SCHED_FIFO, 1 to 80.
+    /// Priority of the daemon under SCHED_FIFO, 3 to 79; the bridge has one more, the cameras one less, the simulator two less.
     pub priority: u8,
     /// Numbers of the CPUs that the loops may run on; empty for all.
     pub cpus: Vec<usize>,
@@ -43,7 +48,7 @@ pub struct RealtimeOptions {
 impl RealtimeOptions {
     pub(crate) fn check(&self) -> Result<(), OptionError> {
         let table = [
-            ("priority", f64::from(self.priority), Rule::Between(1.0, f64::from(MAX_PRIORITY))),
+            ("priority", f64::from(self.priority), PRIORITIES),
             ("warmup-us", self.warmup_us, Rule::Between(0.0, MAX_WARMUP_US)),
             ("timer-slack-us", self.timer_slack_us, Rule::Positive),
         ];

@@ -29,6 +29,8 @@ pub struct VehicleOptions {
     pub max_torque_nm: f64,
     /// Time constant of the on-board rate loop \[ms\].
     pub rate_lag_ms: f64,
+    /// Gain of the on-board attitude loop, from an attitude error to a body rate \[1/s\]; for `interface = "attitude"`.
+    pub attitude_gain_per_s: f64,
     /// Time constant of the thrust \[ms\]; 0 for none.
     pub thrust_lag_ms: f64,
     /// From a command received by the vehicle to its effect \[ms\]; the predictor starts from it until it has measured the
@@ -58,6 +60,7 @@ impl VehicleOptions {
             rate_authority_rad_s: self.rate_authority_rad_s,
             max_torque_nm: self.max_torque_nm,
             rate_lag_ms: self.rate_lag_ms,
+            attitude_gain_per_s: self.attitude_gain_per_s,
             thrust_lag_ms: self.thrust_lag_ms,
             command_delay_ms: self.command_delay_ms,
             drag_per_s: self.drag_per_s,

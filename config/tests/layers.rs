@@ -85,8 +85,8 @@ fn a_value_that_follows_is_blamed_on_what_it_follows() {
 
 #[test]
 fn an_interface_or_a_preset_that_is_none_is_told_those_there_are() {
-    let interface = error(&["vehicle.interface=attitude"]);
-    assert!(interface.contains("`rate` or `torque`"), "{interface}");
+    let interface = error(&["vehicle.interface=thrust"]);
+    assert!(interface.contains("`rate`, `torque`, `attitude`"), "{interface}");
     let preset = error(&["vehicle.preset=boat"]);
     assert!(preset.contains("`boat`, it must be hummingbird or spacecraft"), "{preset}");
 }

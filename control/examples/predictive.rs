@@ -7,8 +7,8 @@ use oqtal_control::controller::{InputForm, OqtalDtOptions, RateInput};
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
-    Autopilot, Bias, CommandHistory, Design, ModelInput, Motion, PredictiveOptions, Rotation,
-    VehicleModel,
+    Autopilot, Bias, CommandHistory, Design, ModelInput, Motion, PredictiveCommand,
+    PredictiveOptions, Rotation, VehicleModel,
 };
 use oqtal_control::quantity::BodyRate;
 use oqtal_control::trajectory::{Phase, Reference};
@@ -43,9 +43,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         let pose = Estimate { position, velocity, attitude, rate: BodyRate(rate) };
         autopilot.observe(now_s, &pose);
         let output = autopilot.decide(now_s, &reference).ok_or("no command")?;
-        let thrust_n = output.setpoint.thrust_n;
-        autopilot.sent(tick, now_s, (&output.u, thrust_n));
-        on_the_way.push(tick, now_s, ModelInput { demand: input.demand_of(&output.u), thrust_n });
+        let command = output.command();
+        autopilot.sent(tick, now_s, &command);
+        let PredictiveCommand { u, attitude, thrust_n } = command;
+        on_the_way.push(
+            tick,
+            now_s,
+            ModelInput { demand: input.demand_of(&u), attitude, thrust_n },
+        );
         motion = on_the_way.propagate(&model, (&motion, &wind), (now_s, now_s + PERIOD_S));
     }
     let left_m = (motion.position - reference.position).norm();

@@ -100,7 +100,7 @@ fn the_autopilot_does_not_allocate_in_a_step() {
             autopilot.observe(now_s - 0.015, &Estimate::default());
             if let Some(decision) = autopilot.decide(now_s, &reference) {
                 decided += 1;
-                autopilot.sent(tick, now_s, (&decision.u, decision.setpoint.thrust_n));
+                autopilot.sent(tick, now_s, &decision.command());
                 autopilot.applied(tick, now_s + 0.02);
             }
         }

@@ -54,8 +54,7 @@ impl ArmingCheck {
     #[must_use]
     pub fn new(config: &Config, trajectory: &Trajectory) -> Self {
         let safety = &config.safety;
-        let plan =
-            FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+        let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
         let step_s = plan.end_s() / f64::from(PATH_POINTS);
         let point = |index| plan.sample(f64::from(index) * step_s).position;
         Self {
@@ -90,7 +89,8 @@ impl ArmingCheck {
             .with(O::NoPoses, !view.poses_good || view.last.is_none())
             .with(O::VehicleSilent, view.vehicle.is_none())
             .with(O::BatteryLow, low)
-            .with(O::Configuration, view.configs_differ);
+            .with(O::Configuration, view.configs_differ)
+            .with(O::Stopped, view.vehicle.is_some_and(|vehicle| vehicle.stopped != 0));
         let Some(last) = view.last else { return general };
         let upright = last.attitude.to_world(&Vector3::z()).z;
         let [low, high] = self.heights;

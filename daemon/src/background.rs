@@ -65,7 +65,9 @@ impl Condition {
 
 /// Number by which a request and its reply find each other.
 type RequestNumber = u64;
-type NumberedRequest = (RequestNumber, OperatorCommand);
+type NumberedRequest = (RequestNumber, OperatorCommand, ValidUntil);
+/// Instant after which a request must not begin a flight; unset for no limit.
+type ValidUntil = Time;
 type NumberedReply = (RequestNumber, ControlResponseV1);
 
 /// The real-time thread's end of the hand-off.
@@ -83,6 +85,7 @@ pub struct OperatorRequests {
     configs_differ: Arc<AtomicBool>,
     count: RequestNumber,
     last: Condition,
+    config_hash: u64,
 }
 
 /// Both ends.
@@ -93,7 +96,13 @@ pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
     let last = Condition::default();
     (
         LoopHandle { queues: realtime, configs_differ: Arc::clone(&differ), last },
-        OperatorRequests { queues: background, configs_differ: differ, count: 0, last },
+        OperatorRequests {
+            queues: background,
+            configs_differ: differ,
+            count: 0,
+            last,
+            config_hash: 0,
+        },
     )
 }
 
@@ -104,10 +113,20 @@ impl LoopHandle {
         self.configs_differ.load(Ordering::Relaxed)
     }
 
-    /// Replies to the operator's request that waits, if any, with the result of `answer`; `false` if none waits.
-    pub fn poll_request(&self, answer: impl FnOnce(OperatorCommand) -> ControlResponseV1) -> bool {
-        let Some((number, command)) = self.queues.request() else { return false };
-        self.queues.reply((number, answer(command)));
+    /// Replies to the operator's request that waits, if any, with the result of `answer`; `false` if none waits. A request to fly
+    /// that is read too late is refused. The operator waits by the machine's clock, also for a flight in virtual time.
+    pub fn poll_request(
+        &self,
+        mut answer: impl FnMut(OperatorCommand) -> ControlResponseV1,
+    ) -> bool {
+        let Some((number, command, valid_until)) = self.queues.request() else { return false };
+        let is_late = valid_until.is_set() && Time::now() > valid_until;
+        let response = if is_late && begins_flight(command) {
+            refused(Cause::Expired, answer(OperatorCommand::Status))
+        } else {
+            answer(command)
+        };
+        self.queues.reply((number, response));
         true
     }
 
@@ -137,25 +156,29 @@ impl OperatorRequests {
     /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still.
     fn ask(&mut self, request: ControlRequestV1) -> ControlResponseV1 {
         let Condition { mode, state, cause, obstacles, .. } = self.last;
-        let reply = |answer: Answer| ControlResponseV1 {
-            answer: answer.code(),
-            mode,
-            state,
-            cause,
-            obstacles,
+        let config_hash = self.config_hash;
+        let reply = |answer: Answer| {
+            let answer = answer.code();
+            ControlResponseV1 { answer, mode, state, cause, config_hash, obstacles }
         };
         let Some(command) = OperatorCommand::from_code(request.command) else {
             return reply(Answer::Refused);
         };
+        let is_other = request.config_hash != 0 && request.config_hash != config_hash;
+        if is_other && begins_flight(command) {
+            return refused(Cause::OtherConfig, reply(Answer::Refused));
+        }
         self.count += 1;
-        if self.queues.send((self.count, command)).is_err() {
+        if self.queues.send((self.count, command, request.valid_until)).is_err() {
             return reply(Answer::Refused);
         }
         let timeout = crossbeam_channel::after(REPLY_TIMEOUT);
         loop {
             crossbeam_channel::select! {
                 recv(self.queues.replies()) -> answer => match answer {
-                    Ok((number, response)) if number == self.count => return response,
+                    Ok((number, response)) if number == self.count => {
+                        return ControlResponseV1 { config_hash, ..response };
+                    }
                     // The late reply to an earlier request.
                     Ok(_) => {}
                     Err(_) => return reply(Answer::Refused),
@@ -166,8 +189,18 @@ impl OperatorRequests {
     }
 }
 
+/// Whether motors may start because of `command`: it must not be executed late, or under another configuration than expected.
+fn begins_flight(command: OperatorCommand) -> bool {
+    matches!(command, OperatorCommand::Arm | OperatorCommand::Fly)
+}
+
+/// The refusal for the reason `cause`, with mode and state as in `present`.
+fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
+    ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
+}
+
 /// The processes whose configuration must be that of the daemon.
-const PEERS: [Role; 3] = [Role::Plant, Role::Mocap, Role::Bridge];
+const PEERS: [Role; 4] = [Role::Plant, Role::Mocap, Role::Receiver, Role::Bridge];
 /// Time after which the health of a process that ended no longer counts.
 const PEER_TIMEOUT: Span = Span::from_millis(3000);
 
@@ -213,6 +246,7 @@ impl DaemonWorker {
     /// Another daemon serves the instance, or the bus refuses.
     pub fn open(context: &ProcessContext, requests: OperatorRequests) -> Result<Self, Failure> {
         let bus = context.bus()?;
+        let requests = OperatorRequests { config_hash: context.config.hash(), ..requests };
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
         let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
         let (health, config_hash) = (context.health.clone(), context.config.hash());
@@ -257,7 +291,7 @@ mod tests {
     use super::*;
 
     fn asks(command: OperatorCommand) -> ControlRequestV1 {
-        ControlRequestV1 { command: command.code() }
+        ControlRequestV1::of(command)
     }
 
     fn answers(answer: Answer) -> ControlResponseV1 {
@@ -282,6 +316,46 @@ mod tests {
         let second = second.join().unwrap().answer;
         // Accepted: this machine took longer for the above than an operator waits.
         assert!([Answer::Done, Answer::Accepted].map(Answer::code).contains(&second));
+    }
+
+    #[test]
+    fn a_request_to_fly_is_refused_once_the_operator_has_given_up_and_a_stop_never() {
+        let (handle, requests) = loop_handoff();
+        let long_ago = Time::now();
+        for (command, is_executed) in [
+            (OperatorCommand::Arm, false),
+            (OperatorCommand::Fly, false),
+            (OperatorCommand::Land, true),
+            (OperatorCommand::Stop, true),
+        ] {
+            requests.queues.send((0, command, long_ago)).unwrap();
+            let mut executed = false;
+            while Time::now() == long_ago {}
+            assert!(handle.poll_request(|asked| {
+                executed |= asked == command;
+                answers(Answer::Done)
+            }));
+            let (_, response) = requests.queues.replies().recv().unwrap();
+            assert_eq!(executed, is_executed, "{command}");
+            let is_refused = response.cause == Cause::Expired.code();
+            assert_eq!(is_refused, !is_executed, "{command}");
+        }
+    }
+
+    #[test]
+    fn a_request_to_fly_with_another_configuration_is_refused() {
+        let (_handle, requests) = loop_handoff();
+        let mut requests = OperatorRequests { config_hash: 7, ..requests };
+        let request = ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Arm) };
+        let response = requests.ask(request);
+        assert_eq!((response.answer, response.config_hash), (Answer::Refused.code(), 7));
+        assert_eq!(response.cause, Cause::OtherConfig.code());
+        for config_hash in [0, 7] {
+            let response = requests.ask(ControlRequestV1 { config_hash, ..request });
+            assert_eq!(response.answer, Answer::Accepted.code());
+        }
+        let stop = requests.ask(ControlRequestV1 { config_hash: 8, ..asks(OperatorCommand::Stop) });
+        assert_eq!(stop.answer, Answer::Accepted.code());
     }
 
     #[test]

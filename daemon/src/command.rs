@@ -1,11 +1,11 @@
 //! The command to the vehicle in SI units, and the message that carries it.
 
 use nalgebra::Vector3;
-use oqtal_bus::code::Actuation;
 use oqtal_bus::message::CommandV1;
 use oqtal_config::Interface;
 use oqtal_control::quantity::{StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
+use oqtal_runtime::actuation::actuation_of;
 
 /// A command about the vehicle's rotation, in the form that the vehicle takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,20 +50,23 @@ pub enum VehicleCommand {
         rotation: RotationCommand,
         /// Thrust along body z \[N\].
         thrust_n: f64,
-        /// The attitude that `rotation` is to bring about \[body to world\], for a vehicle that holds attitudes by itself.
+        /// The attitude that `rotation` is to bring about \[body to world\]: the command itself for a vehicle that holds
+        /// attitudes.
         attitude: Attitude,
     },
 }
 
 impl VehicleCommand {
-    /// The command that keeps the rotors idling: motors on, level attitude, zero rotation command, no thrust.
+    /// The command that keeps the rotors idling: motors on, level at the heading `yaw_rad` \[rad, world\], zero rotation command,
+    /// no thrust.
     #[must_use]
-    pub fn idle(interface: Interface) -> Self {
+    pub fn idle(interface: Interface, yaw_rad: f64) -> Self {
         let rotation = match interface {
-            Interface::Rate => StickCommand::default().into(),
+            Interface::Rate | Interface::Attitude => StickCommand::default().into(),
             Interface::Torque => Torque::default().into(),
         };
-        Self::Armed { rotation, thrust_n: 0.0, attitude: Attitude::default() }
+        let attitude = Attitude::from_rotation_vector(Vector3::z() * yaw_rad);
+        Self::Armed { rotation, thrust_n: 0.0, attitude }
     }
 
     /// The last check before a command is sent: [`Self::Disarmed`] in place of a command with a number that is not finite.
@@ -75,21 +78,24 @@ impl VehicleCommand {
         if numbers.into_iter().all(f64::is_finite) { self } else { Self::Disarmed }
     }
 
-    /// The message of this command, for a vehicle with the greatest thrust `max_thrust_n` \[N\].
+    /// The message of this command, for a vehicle commanded through `interface`, with the greatest thrust `max_thrust_n` \[N\].
     #[must_use]
-    pub fn to_message(&self, max_thrust_n: f64) -> CommandV1 {
+    pub fn to_message(&self, interface: Interface, max_thrust_n: f64) -> CommandV1 {
         let Self::Armed { rotation, thrust_n, attitude } = self else {
             return CommandV1::default();
         };
-        let thrust = collective(*thrust_n, max_thrust_n);
-        let attitude = attitude.xyzw();
-        let base = CommandV1 { attitude, thrust, ..CommandV1::default() };
+        let base = CommandV1 {
+            actuation: actuation_of(interface).code(),
+            attitude: attitude.xyzw(),
+            thrust: collective(*thrust_n, max_thrust_n),
+            ..CommandV1::default()
+        };
         match rotation {
             RotationCommand::Sticks(StickCommand(sticks)) => {
-                CommandV1 { actuation: Actuation::Sticks.code(), sticks: (*sticks).into(), ..base }
+                CommandV1 { sticks: (*sticks).into(), ..base }
             }
             RotationCommand::Torque(Torque(torque)) => {
-                CommandV1 { actuation: Actuation::Torque.code(), torque: (*torque).into(), ..base }
+                CommandV1 { torque: (*torque).into(), ..base }
             }
         }
     }
@@ -105,6 +111,7 @@ pub fn collective(thrust_n: f64, max_thrust_n: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use oqtal_bus::code::Actuation;
 
     fn armed(rotation: RotationCommand, thrust_n: f64) -> VehicleCommand {
         VehicleCommand::Armed { rotation, thrust_n, attitude: Attitude::default() }
@@ -113,13 +120,28 @@ mod tests {
     #[test]
     fn a_command_is_converted_to_the_fractions_of_the_message() {
         let sticks = StickCommand(Vector3::new(0.1, -0.2, 0.3));
-        let message = armed(sticks.into(), 5.0).to_message(20.0);
+        let rate = |command: VehicleCommand| command.to_message(Interface::Rate, 20.0);
+        let message = rate(armed(sticks.into(), 5.0));
         assert_eq!(message.actuation, Actuation::Sticks.code());
         assert_eq!((message.sticks, message.torque), ([0.1, -0.2, 0.3], [0.0; 3]));
         assert_eq!((message.thrust, message.attitude), (0.25, [0.0, 0.0, 0.0, 1.0]));
-        assert_eq!(armed(sticks.into(), 30.0).to_message(20.0).thrust, 1.0);
-        assert_eq!(armed(sticks.into(), -3.0).to_message(20.0).thrust, 0.0);
-        assert_eq!(VehicleCommand::Disarmed.to_message(20.0), CommandV1::default());
+        assert_eq!(rate(armed(sticks.into(), 30.0)).thrust, 1.0);
+        assert_eq!(rate(armed(sticks.into(), -3.0)).thrust, 0.0);
+        assert_eq!(rate(VehicleCommand::Disarmed), CommandV1::default());
+        let held = armed(sticks.into(), 5.0).to_message(Interface::Attitude, 20.0);
+        assert_eq!(held, CommandV1 { actuation: Actuation::Attitude.code(), ..message });
+    }
+
+    #[test]
+    fn idle_rotors_keep_the_heading() {
+        let idle = VehicleCommand::idle(Interface::Attitude, 0.7);
+        let VehicleCommand::Armed { rotation, thrust_n, attitude } = idle else {
+            panic!("{idle:?}")
+        };
+        assert_eq!((rotation.vector(), thrust_n), (Vector3::zeros(), 0.0));
+        assert!(
+            attitude.rotation_to(&Attitude::LEVEL).metric_distance(&(Vector3::z() * -0.7)) < 1e-12
+        );
     }
 
     #[test]

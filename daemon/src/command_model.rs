@@ -24,8 +24,14 @@ impl CommandModel {
     /// The inertia has no meaning.
     pub fn new(config: &Config) -> Result<Self, OptionError> {
         let vehicle = &config.vehicle;
+        let lag_s = vehicle.rate_lag_ms * 1e-3;
         let rotation = match vehicle.interface {
-            Interface::Rate => Rotation::RateLoop { lag_s: vehicle.rate_lag_ms * 1e-3 },
+            Interface::Rate => Rotation::RateLoop { lag_s },
+            Interface::Attitude => Rotation::AttitudeLoop {
+                gain_per_s: vehicle.attitude_gain_per_s,
+                greatest_rate: vehicle.rate_authority_rad_s.into(),
+                lag_s,
+            },
             Interface::Torque => Rotation::RigidBody { inertia: inertia(vehicle)? },
         };
         Ok(Self {
@@ -44,7 +50,7 @@ impl CommandModel {
     /// The input of the model under `command`. The thrust is that of the message, a fraction of the greatest.
     #[must_use]
     pub fn input(&self, command: &VehicleCommand) -> ModelInput {
-        let VehicleCommand::Armed { rotation, thrust_n, .. } = command else {
+        let VehicleCommand::Armed { rotation, thrust_n, attitude } = command else {
             return ModelInput::default();
         };
         let demand = match (rotation, &self.model.rotation) {
@@ -54,7 +60,7 @@ impl CommandModel {
             _ => rotation.vector().component_mul(&self.rate_authority),
         };
         let thrust_n = collective(*thrust_n, self.max_thrust_n) * self.max_thrust_n;
-        ModelInput { demand, thrust_n }
+        ModelInput { demand, attitude: *attitude, thrust_n }
     }
 }
 

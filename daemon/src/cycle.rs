@@ -15,6 +15,7 @@ use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
 use oqtal_control::estimator::{Estimate, Estimator};
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryOptions};
 
@@ -183,11 +184,7 @@ impl Cycle {
             mission: None,
             requests: Requests { at_start, ..Requests::default() },
             memory: Memory::starting_at(now),
-            telemetry: TelemetryV1 {
-                mission_s: f64::NAN,
-                pose_age_s: f64::NAN,
-                ..TelemetryV1::default()
-            },
+            telemetry: report::without_pose(),
             trajectory,
         })
     }
@@ -220,6 +217,7 @@ impl Cycle {
     pub fn hear(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
         self.notice_speaker(header.source);
         self.vehicle.hear(now, header.source, vehicle);
+        self.requests.stop |= vehicle.stopped != 0 && self.is_flying();
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
             let still_to_go = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);
@@ -258,6 +256,7 @@ impl Cycle {
                     self.estimator.update(captured_s, accepted.position, accepted.attitude);
                 self.stack.active_mut().observe(captured_s, &estimate);
                 self.memory.fresh = Some(*header);
+                self.record_pose(header, pose);
                 if !flying {
                     self.arming.take(&accepted);
                 }
@@ -311,14 +310,15 @@ impl Cycle {
         };
         let command = match &output {
             _ if reference.is_none() => VehicleCommand::Disarmed,
-            _ if is_held => VehicleCommand::idle(self.interface),
+            _ if is_held => self.idle(),
             Some(output) => output.command.finite_or_disarmed(),
             None => self.memory.held,
         };
         self.record(now, reference.as_ref(), output.as_ref(), fresh);
-        let message = command.to_message(self.max_thrust_n);
+        let message = command.to_message(self.interface, self.max_thrust_n);
         self.telemetry.sticks = message.sticks;
         self.telemetry.torque = message.torque;
+        self.telemetry.attitude_sent = message.attitude;
         self.telemetry.thrust = message.thrust;
         self.memory.held = command;
         // Telemetry has the command that would have been sent.
@@ -328,6 +328,12 @@ impl Cycle {
         };
         self.memory.sent = sent;
         message
+    }
+
+    /// The command that keeps the rotors idling, at the present heading.
+    fn idle(&self) -> VehicleCommand {
+        let heading = EulerAngles::from_attitude(&self.estimator.latest().attitude).yaw;
+        VehicleCommand::idle(self.interface, heading)
     }
 
     /// The reference of this tick, or the last valid one in place of an absurd one; `None` without a mission.

@@ -4,9 +4,7 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Cause;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{
-    CommandHistory, FilterOptions, MeasuredPose, Surroundings, Track,
-};
+use oqtal_control::predictive::{CommandHistory, FilterOptions, MeasuredPose, Surroundings, Track};
 
 use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;

@@ -49,25 +49,28 @@ mod vehicle;
 mod warmup;
 mod waypoint_file;
 
+use std::rc::Rc;
+
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::HealthV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{POSE, Role};
 use oqtal_bus::transport::{Subscribe, Transport};
-use oqtal_config::Config;
+use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::background::with_background;
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
+pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
 pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
-pub use arming::{ArmingCheck, ArmingView};
 pub use command::{RotationCommand, VehicleCommand};
-pub use cycle::{AtStart, Cycle, Tick};
-use flight_marker::FlightMarker;
 pub use command_model::CommandModel;
+pub use cycle::{AtStart, Cycle, Tick};
 pub use fence::Fence;
+use flight_marker::FlightMarker;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
 pub use limits::{FlightLimits, FlightView, LimitConditions};
@@ -88,8 +91,9 @@ pub use waypoint_file::trajectory;
 /// Another controller holds the command topic, the configuration is invalid, or the bus refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = trajectory(&context.config)?;
-    let bus = context.bus()?;
-    let ports = DaemonPorts::open(&bus).map_err(|error| name_holder(&bus, error))?;
+    let bus = Rc::new(context.bus()?);
+    let faulty = FaultyTransport::new(&bus, &context.config)?;
+    let ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
     let mut cycle = Cycle::new(&context.config, trajectory, clock.now())
         .map_err(|error| context.config.locate(&error))?;
@@ -106,7 +110,8 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
                 cycle.stay_at_start();
             }
             context.enter_realtime();
-            process_loop::run(&mut DaemonTurn { ports, cycle, warmup, handle }, &mut clock, None)?;
+            let turn = DaemonTurn { ports, cycle, warmup, handle };
+            process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;
             marker.remove();
             Ok(())
         },

@@ -41,9 +41,7 @@ impl SetpointGuard {
 
 fn turns_round(last: &Reference, next: &Reference) -> bool {
     match (&last.attitude, &next.attitude) {
-        (Some(last), Some(next)) => {
-            last.attitude.angle_to(&next.attitude) > LARGEST_TURN_RAD
-        }
+        (Some(last), Some(next)) => last.attitude.angle_to(&next.attitude) > LARGEST_TURN_RAD,
         (None, None) => {
             let turn = next.yaw_rad - last.yaw_rad;
             turn.sin().atan2(turn.cos()).abs() > LARGEST_TURN_RAD
@@ -60,10 +58,7 @@ mod tests {
     use oqtal_control::trajectory::Phase;
 
     fn at(x: f64, yaw_rad: f64) -> Reference {
-        Reference {
-            yaw_rad,
-            ..Reference::rest(Vector3::new(x, 0.0, 1.0), Phase::Trajectory)
-        }
+        Reference { yaw_rad, ..Reference::rest(Vector3::new(x, 0.0, 1.0), Phase::Trajectory) }
     }
 
     #[test]

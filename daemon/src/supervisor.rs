@@ -128,8 +128,10 @@ pub struct Supervisor {
 impl Default for Supervisor {
     /// Coast: neither poses nor a vehicle yet.
     fn default() -> Self {
-        let rows = LIMITS
-            .map(|row| RowState { is_active: row.ends == Ending::PosesGood, ..RowState::default() });
+        let rows = LIMITS.map(|row| RowState {
+            is_active: row.ends == Ending::PosesGood,
+            ..RowState::default()
+        });
         let lead = rows.iter().position(|row| row.is_active);
         Self { rows, lead, cause: Cause::NoPose }
     }
@@ -150,8 +152,7 @@ impl Supervisor {
         let worst = (0..LIMITS.len()).filter(active).map(|index| LIMITS[index].action).max();
         let lead = self.lead.filter(active).map(|lead| LIMITS[lead].action);
         if lead.is_none() || lead != worst {
-            self.lead =
-                (0..LIMITS.len()).filter(active).find(|i| Some(LIMITS[*i].action) == worst);
+            self.lead = (0..LIMITS.len()).filter(active).find(|i| Some(LIMITS[*i].action) == worst);
             self.cause = match self.lead {
                 Some(lead) => LIMITS[lead].cause.unwrap_or(pose_cause),
                 None => Cause::None,

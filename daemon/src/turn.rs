@@ -1,7 +1,9 @@
 //! One turn of the daemon over its ports: take the pose, compute, publish the command; telemetry and status afterwards.
 
+use oqtal_bus::code::{Actuation, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, PoseV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::stop::ControllerStop;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::{COMMAND, POSE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -18,6 +20,7 @@ pub struct DaemonPorts<T: Transport> {
     vehicles: T::Reader<VehicleV1>,
     commands: T::Writer<CommandV1>,
     telemetry: T::Writer<TelemetryV1>,
+    stop: ControllerStop,
 }
 
 impl<T: Transport> DaemonPorts<T> {
@@ -32,6 +35,7 @@ impl<T: Transport> DaemonPorts<T> {
             poses: bus.reader(&POSE)?,
             vehicles: bus.reader(&VEHICLE)?,
             telemetry: bus.writer(&TELEMETRY)?,
+            stop: ControllerStop::new(bus.stop_switch()?),
         })
     }
 }
@@ -63,11 +67,17 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         if let Some((header, vehicle)) = ports.vehicles.latest()? {
             cycle.hear(now, &header, &vehicle);
         }
+        if ports.stop.is_newly_raised() {
+            cycle.request(now, OperatorCommand::Stop);
+        }
         if let Some(tick) = cycle.step(now, arrival.as_ref()) {
             let computed_at = clock.now();
             let stamps = Stamps { computed_at, command_published_at: clock.now(), ..tick.stamps };
             let sequence = ports.commands.send(tick.pose_sequence, stamps, tick.command)?;
             clock.announce(&ports.commands)?;
+            if tick.command.actuation == Actuation::Disarmed.code() {
+                ports.stop.confirm();
+            }
             let telemetry = cycle.report(&stamps, sequence);
             ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
             handle.publish_status(Condition::of(&telemetry, cycle.at_start()));

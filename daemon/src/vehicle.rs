@@ -108,6 +108,12 @@ impl VehicleWatch {
         vehicle.simulated == 0 && (given_up || now.since(since) > self.start)
     }
 
+    /// Whether an operator's stop keeps the motors off, by the last message.
+    #[must_use]
+    pub fn is_stopped(&self) -> bool {
+        self.heard.is_some_and(|(_, vehicle)| vehicle.stopped != 0)
+    }
+
     /// Whether the vehicle is simulated; `None` before the first message.
     #[must_use]
     pub fn is_simulated(&self) -> Option<bool> {
@@ -133,6 +139,7 @@ mod tests {
         air_ns: 0,
         armed: 0,
         starting: 0,
+        stopped: 0,
         link: 1,
         simulated: 0,
     };

@@ -1,6 +1,7 @@
 //! Studies in virtual time: flights in one process, campaigns, tuning, and the experiments of the paper.
 #![forbid(unsafe_code)]
 
+pub mod cameras;
 pub mod campaign;
 pub mod mission;
 pub mod progress;

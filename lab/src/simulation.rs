@@ -1,37 +1,34 @@
 //! A flight in one process: the turns of the very processes, over topics in memory, in the order of the virtual clock.
 
-use oqtal_bus::code::{Answer, OperatorCommand};
-use oqtal_bus::error::BusError;
+mod processes;
+
+use std::rc::Rc;
+
+use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
-use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, loop_handoff};
-use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
-use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
-use oqtal_runtime::pose_source::PoseTurn;
+use oqtal_runtime::faults::outage::{Outage, TurnFaults};
 use oqtal_runtime::process::{Exit, Failure, roles};
-use oqtal_runtime::turn::step;
 use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
 
 use crate::mission::Mission;
+use processes::Processes;
 
 /// How often a flight looks whether it is over.
 pub const REVIEW: Span = Span::from_millis(250);
 
-/// The process that publishes poses.
-enum PoseProcess {
-    Cameras(Box<PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>>),
-    Playback(PoseTurn<MemoryBus, Playback<MemoryBus>>),
-}
-
-/// The processes of a flight.
-struct Simulation {
-    plant: PlantTurn<MemoryBus>,
-    poses: PoseProcess,
-    daemon: DaemonTurn<MemoryBus>,
+/// A flight under way.
+struct Simulation<'a> {
+    mission: &'a Mission,
+    processes: Processes<'a>,
+    virtual_clock: VirtualClock,
+    faults: TurnFaults<MemoryBus>,
+    /// The kills after which a process is to be opened anew.
+    kills: Vec<Outage>,
     observer: BusObserver<MemoryBus>,
     recorder: Recorder,
 }
@@ -53,104 +50,101 @@ pub fn fly_watched(
     mission: &Mission,
     mut watch: impl FnMut(&Recorder) -> Option<OperatorCommand>,
 ) -> Result<Flight, Failure> {
-    let start = Time::VIRTUAL_START;
-    let end = start + mission.patience();
-    let mut simulation = Simulation::new(mission, start)?;
-    let mut virtual_clock = VirtualClock::new(start, roles(&mission.config));
-    if mission.recording.is_none() {
-        simulation.daemon.cycle.request(start, OperatorCommand::Fly);
-    }
-    let began = Time::now();
-    let mut now = start;
-    while let Some((role, at)) = virtual_clock.turn() {
-        now = at;
-        let result = if role == Role::Recorder {
-            let command = simulation.review(now, &mut watch)?;
-            if command.is_some_and(|command| !simulation.obeys(now, command)) {
-                return Err(Failure::new(Exit::Flight, "interrupted"));
-            }
-            if simulation.recorder.outcome().is_some() || now >= end {
-                break;
-            }
-            TurnResult { next: Some(end.min(now + REVIEW)), published: false }
-        } else {
-            simulation.step(role, now)?
-        };
-        virtual_clock.done(role, result);
-    }
-    let speed = now.since(start).seconds() / Time::now().since(began).seconds().max(1e-9);
-    Ok(simulation.recorder.finish(mission.otherwise(), speed))
+    Simulation::new(mission)?.run(Span::ZERO, &mut watch)
 }
 
-impl Simulation {
-    fn new(mission: &Mission, start: Time) -> Result<Self, Failure> {
-        let config = &mission.config;
-        let bus = MemoryBus::new();
-        let cycle = Cycle::new(config, mission.trajectory.clone(), start)
-            .map_err(|error| config.locate(&error))?;
-        // The background thread's end is dropped: nobody sends requests through it or reads notes from it.
-        let (handle, _) = loop_handoff();
+/// Flies, and records what happens for `aftermath` once the outcome is decided: whether the motors of a vehicle that has turned
+/// over stop, for example.
+///
+/// # Errors
+/// An option of the law is invalid.
+pub fn fly_past_the_end(mission: &Mission, aftermath: Span) -> Result<Flight, Failure> {
+    Simulation::new(mission)?.run(aftermath, &mut |_| None)
+}
+
+impl<'a> Simulation<'a> {
+    fn new(mission: &'a Mission) -> Result<Self, Failure> {
+        let (config, start) = (&mission.config, Time::VIRTUAL_START);
+        let bus = Rc::new(MemoryBus::new());
         Ok(Self {
-            plant: PlantTurn::open(&bus, Plant::new(config, start), Stepping::Exact, false)?,
-            poses: PoseProcess::open(mission, &bus, start)?,
-            daemon: DaemonTurn {
-                ports: DaemonPorts::open(&bus)?,
-                cycle,
-                warmup: CacheWarmup::never(),
-                handle,
-            },
-            observer: BusObserver::open(&bus, &Recorder::TOPICS)?,
+            mission,
+            faults: TurnFaults::open(bus.as_ref(), config)?,
+            kills: Vec::new(),
+            processes: Processes::open(mission, &bus, start)?,
+            virtual_clock: VirtualClock::new(start, roles(config)),
+            observer: BusObserver::open(bus.as_ref(), &Recorder::TOPICS)?,
             recorder: Recorder::new(config),
         })
     }
 
-    fn step(&mut self, role: Role, now: Time) -> Result<TurnResult, BusError> {
-        match role {
-            Role::Plant => step(&mut self.plant, now),
-            Role::Mocap => match &mut self.poses {
-                PoseProcess::Cameras(turn) => step(turn.as_mut(), now),
-                PoseProcess::Playback(turn) => step(turn, now),
-            },
-            Role::Daemon => {
-                let result = step(&mut self.daemon, now)?;
-                // Once per tick, so that what waits for the recorder stays in the caches.
-                self.observer.poll(now, &mut self.recorder)?;
-                Ok(result)
-            }
-            // They take no part in virtual time.
-            Role::Recorder | Role::Bridge => Ok(TurnResult::default()),
+    /// Flies to the end, and on for `aftermath`.
+    fn run(
+        mut self,
+        aftermath: Span,
+        watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
+    ) -> Result<Flight, Failure> {
+        let start = Time::VIRTUAL_START;
+        let mut end = start + self.mission.patience();
+        if self.mission.recording.is_none() {
+            self.processes.obey(start, OperatorCommand::Fly);
         }
+        let began = Time::now();
+        let mut now = start;
+        while let Some((role, at)) = self.virtual_clock.turn() {
+            now = at;
+            let result = if role == Role::Recorder {
+                self.review(now, watch)?;
+                if self.recorder.outcome().is_some() {
+                    end = end.min(now + aftermath);
+                }
+                if now >= end {
+                    break;
+                }
+                TurnResult { next: Some(end.min(now + REVIEW)), published: false }
+            } else {
+                self.step(role, now)?
+            };
+            self.virtual_clock.done(role, result);
+            if let Some(outages) = self.faults.begin()? {
+                self.begin_outages(outages);
+            }
+        }
+        let speed = now.since(start).seconds() / Time::now().since(began).seconds().max(1e-9);
+        Ok(self.recorder.finish(self.mission.otherwise(), speed))
     }
 
-    /// Records what was published, and shows the recorder to `watch`.
+    fn begin_outages(&mut self, outages: Vec<Outage>) {
+        self.kills = outages.iter().copied().filter(|outage| outage.is_kill).collect();
+        self.virtual_clock.set_outages(outages);
+    }
+
+    fn step(&mut self, role: Role, now: Time) -> Result<TurnResult, Failure> {
+        let is_over =
+            |kill: &Outage| kill.role == role && kill.until.is_some_and(|until| until <= now);
+        if let Some(index) = self.kills.iter().position(is_over) {
+            self.kills.swap_remove(index);
+            self.processes.reopen(role, now)?;
+        }
+        let result = self.processes.step(role, now)?;
+        if role == Role::Daemon {
+            // Once per tick, so that what waits for the recorder stays in the caches.
+            self.observer.poll(now, &mut self.recorder)?;
+        }
+        Ok(result)
+    }
+
+    /// Records what was published, shows the recorder to `watch`, and passes on the operator's command that it returns.
     fn review(
         &mut self,
         now: Time,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
-    ) -> Result<Option<OperatorCommand>, BusError> {
+    ) -> Result<(), Failure> {
         self.observer.poll(now, &mut self.recorder)?;
-        Ok(watch(&self.recorder))
-    }
-
-    /// Passes an operator's command to the daemon; `false` if it is refused.
-    fn obeys(&mut self, now: Time, command: OperatorCommand) -> bool {
-        self.daemon.cycle.request(now, command).answer != Answer::Refused.code()
-    }
-}
-
-impl PoseProcess {
-    fn open(mission: &Mission, bus: &MemoryBus, start: Time) -> Result<Self, BusError> {
-        Ok(match &mission.recording {
-            Some(recording) => {
-                let source = Playback::open(bus, recording.clone(), Start::At(start))?;
-                Self::Playback(PoseTurn::open(bus, source)?)
+        match watch(&self.recorder) {
+            Some(command) if !self.processes.obey(now, command) => {
+                Err(Failure::new(Exit::Flight, "interrupted"))
             }
-            None => {
-                let config = &mission.config;
-                let cameras = Cameras::new(&config.mocap, config.clock.seed);
-                let source = EmulatedCameras::open(bus, cameras)?;
-                Self::Cameras(Box::new(PoseTurn::open(bus, source)?))
-            }
-        })
+            _ => Ok(()),
+        }
     }
 }

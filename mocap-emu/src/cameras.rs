@@ -1,18 +1,19 @@
-//! Emulated cameras: the pose of the true state with noise, quantisation, latency, dropouts and outliers.
+//! Emulated cameras, from the true state to the delivery of a pose: a model of the measurement, of the transit, and of the
+//! stamp.
 
 use std::collections::VecDeque;
 
-use nalgebra::Vector3;
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::MocapOptions;
-use oqtal_control::quaternion::Attitude;
-use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
-use rand::RngExt;
-use rand_distr::{Distribution, Geometric};
-
-use crate::body::BODY;
+use oqtal_config::{CaptureStamp, MocapModel, MocapOptions};
 use oqtal_runtime::pose_source::Delivery;
+use oqtal_runtime::random::{Generator, RandomSource, stream};
+use rand::RngExt;
+
+use crate::drift::Drift;
+use crate::markers::MarkerCameras;
+use crate::pose_noise;
+use crate::transit::{FrameSender, Transit};
 
 /// Random words reserved for each frame: the noise of a frame does not depend on earlier frames.
 const WORDS_PER_FRAME: u128 = 256;
@@ -22,38 +23,58 @@ const WORDS_PER_FRAME: u128 = 256;
 pub struct Cameras {
     mocap: MocapOptions,
     generator: Generator,
+    room: Generator,
+    drift: Drift,
+    /// For `mocap.model = "markers"`.
+    markers: Option<MarkerCameras>,
+    sender: FrameSender,
+    transit: Transit,
     in_flight: VecDeque<(Time, Delivery)>,
-    /// Remaining frames of the current dropout.
-    gap: u64,
+    /// Instant of the first frame.
+    began: Option<Time>,
 }
 
 impl Cameras {
     /// The cameras of a configuration.
     #[must_use]
     pub fn new(mocap: &MocapOptions, seed: u64) -> Self {
+        let transit = Transit::new(mocap);
         Self {
-            mocap: mocap.clone(),
             generator: stream(seed, RandomSource::Cameras),
-            in_flight: VecDeque::with_capacity(64),
-            gap: 0,
+            room: stream(seed, RandomSource::Room),
+            drift: Drift::new(mocap),
+            markers: (mocap.model == MocapModel::Markers).then(|| MarkerCameras::new(mocap, seed)),
+            sender: FrameSender::new(mocap),
+            in_flight: VecDeque::with_capacity(transit.capacity()),
+            transit,
+            began: None,
+            mocap: mocap.clone(),
         }
     }
 
-    /// Captures a frame of the true state; its pose is queued for delivery unless the frame is dropped.
+    /// Captures a frame of the true state; its pose is queued for delivery unless the frame is not sent or dropped.
     pub fn capture(&mut self, truth: &TruthV1) {
-        self.generator.set_word_pos(u128::from(truth.capture) * WORDS_PER_FRAME);
+        for generator in [&mut self.generator, &mut self.room] {
+            generator.set_word_pos(u128::from(truth.capture) * WORDS_PER_FRAME);
+        }
+        self.began.get_or_insert(truth.time);
         let pose = self.measure(truth);
         let jitter: f64 = self.generator.random();
         let latency_ms = self.mocap.latency_ms + jitter * self.mocap.jitter_ms;
-        if self.loses_frame() {
+        let latency = Span::from_seconds(latency_ms * 1e-3);
+        let is_lost = self.transit.loses_frame(&mut self.generator);
+        self.transit.advance(truth.time, &mut self.room);
+        let Some(sent) = self.sender.send(truth.capture, truth.time, &mut self.room) else {
+            return;
+        };
+        if is_lost {
             return;
         }
-        // Frames share one connection and keep their order; frames behind a late one arrive with it, as a burst.
-        let arrival = self.polled(truth.time + Span::from_seconds(latency_ms * 1e-3));
-        let deliver_at =
-            self.in_flight.back().map_or(arrival, |(previous, _)| arrival.max(*previous));
-        let stamps = Stamps { captured_at: truth.time, ..Stamps::default() };
-        self.in_flight.push_back((deliver_at, Delivery { frame: truth.capture, stamps, pose }));
+        if let Some(deliver_at) = self.transit.arrival(sent.at, latency, &mut self.room) {
+            let captured_at = self.stamp(truth.time, deliver_at);
+            let stamps = Stamps { captured_at, ..Stamps::default() };
+            self.in_flight.push_back((deliver_at, Delivery { frame: sent.number, stamps, pose }));
+        }
     }
 
     /// Arrival of the next pose.
@@ -71,58 +92,25 @@ impl Cameras {
         self.in_flight.pop_front().map(|(_, delivery)| delivery)
     }
 
-    /// The first instant of the receiver's polling (`mocap.poll-ms`) not before `arrival`.
-    fn polled(&self, arrival: Time) -> Time {
-        let period = Span::from_seconds(self.mocap.poll_ms * 1e-3).nanos().unsigned_abs();
-        if period == 0 {
-            return arrival;
-        }
-        Time::from_nanos(arrival.nanos().div_ceil(period) * period)
-    }
-
     fn measure(&mut self, truth: &TruthV1) -> PoseV1 {
-        let mocap = &self.mocap;
-        let generator = &mut self.generator;
-        let position_noise = normal3(generator) * (mocap.position_noise_mm * 1e-3);
-        let attitude_noise = normal3(generator) * mocap.attitude_noise_deg.to_radians();
-        let mut position = Vector3::from(truth.position) + position_noise;
-        let wrong: f64 = generator.random();
-        let direction = normal3(generator);
-        if wrong < mocap.outlier_probability && direction.norm() > 0.0 {
-            position += direction.normalize() * mocap.outlier_m;
-        }
-        let position = position.map(|x| quantised(x, mocap.position_quantum_mm * 1e-3));
-        let attitude = Attitude::from_xyzw(truth.attitude).map(|attitude| {
-            let rotation = Attitude::LEVEL.rotation_to(&attitude.turned_by(attitude_noise));
-            let step = mocap.attitude_quantum_deg.to_radians();
-            Attitude::from_rotation_vector(rotation.map(|angle| quantised(angle, step)))
-        });
-        PoseV1 {
-            position: position.into(),
-            attitude: attitude.map_or([f64::NAN; 4], |attitude| attitude.xyzw()),
-            // The markers scatter about the fitted body as much as the fit about the truth.
-            residual_m: position_noise.norm(),
-            body: BODY,
-            tracked: u8::from(attitude.is_some()),
-            simulated: 1,
+        let drift = self.drift.advance(&mut self.room);
+        match &mut self.markers {
+            Some(markers) => markers.pose(truth),
+            None => pose_noise::measure(&self.mocap, truth, drift, &mut self.generator),
         }
     }
 
-    /// Whether this frame is dropped. Dropouts begin at random and have a geometrically distributed length.
-    fn loses_frame(&mut self) -> bool {
-        let begins: f64 = self.generator.random();
-        if self.gap == 0 && begins < self.mocap.dropout_probability {
-            let further = Geometric::new(1.0 / self.mocap.dropout_frames)
-                .map_or(0, |length| length.sample(&mut self.generator));
-            self.gap = 1 + further;
+    /// What a pose says of its capture.
+    fn stamp(&self, captured_at: Time, deliver_at: Time) -> Time {
+        match self.mocap.stamp {
+            CaptureStamp::Exact => captured_at,
+            CaptureStamp::Arrival => deliver_at,
+            CaptureStamp::Clock => {
+                let room = &self.mocap.room;
+                let since = captured_at.since(self.began.unwrap_or(captured_at));
+                let gained = since.scaled(room.clock_drift_ppm * 1e-6);
+                captured_at + gained + Span::from_seconds(room.clock_offset_ms * 1e-3)
+            }
         }
-        let lost = self.gap > 0;
-        self.gap = self.gap.saturating_sub(1);
-        lost
     }
-}
-
-/// `value` rounded to the nearest multiple of `step`; unchanged if `step` is zero.
-fn quantised(value: f64, step: f64) -> f64 {
-    if step > 0.0 { (value / step).round() * step } else { value }
 }

@@ -2,29 +2,53 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `cameras.rs` | emulated cameras |
+//! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
+//! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
+//! | `markers.rs` | measurement from the markers up |
+//! | `transit.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
+//! | `capture.rs` | estimated captures of a recording's poses |
+//! | `statistics.rs` | a recording in figures |
+//! | `emulation.rs` | recordings made by the emulated cameras |
 //! | `replay.rs` | playback of a recording |
 //! | `source.rs` | both as pose sources over their ports |
+//! | `serve.rs` | poses over the network, as QTM, VRPN and NatNet |
+//! | `scene.rs` | bodies that move without a plant, for the command `serve` |
 //!
 //! [`Cameras`] and [`Replay`] are pure; [`run`] connects one of them to the bus.
 #![forbid(unsafe_code)]
 
 mod body;
 mod cameras;
+pub mod capture;
+mod drift;
+pub mod emulation;
+pub mod markers;
+mod pose_noise;
 pub mod recording;
 mod replay;
+mod scene;
+pub mod serve;
 mod source;
+pub mod statistics;
+mod transit;
 
 use std::path::Path;
+use std::process::ExitCode;
+use std::rc::Rc;
 
+use clap::{Args, Subcommand};
 use oqtal_bus::bus::Bus;
-use oqtal_bus::topic::{COMMAND, TRUTH};
-use oqtal_config::Config;
+use oqtal_bus::topic::{COMMAND, Role, TRUTH};
+use oqtal_config::{ClockKind, Config, FaultTarget};
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::pose_source::{PoseSource, PoseTurn};
-use oqtal_runtime::process::{Exit, Failure, ProcessContext};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
+use oqtal_runtime::program::conclude;
+use oqtal_runtime::turn::Turn;
+use serve::{ServeArgs, ServeSpec, ServeTurn, ServedPoses};
 
 pub use cameras::Cameras;
 pub use oqtal_runtime::pose_source::Delivery;
@@ -40,11 +64,60 @@ pub fn read_recording(file: &str) -> Result<Recording, Failure> {
     Recording::read(Path::new(file)).map_err(|error| Failure::new(Exit::Data, error.to_string()))
 }
 
+/// What can be done with the motion capture.
+#[derive(Subcommand, Clone, Debug)]
+pub enum MocapCommand {
+    /// Run the process until SIGINT or SIGTERM
+    Run(MocapArgs),
+    /// Check the configuration the process would run with, and print it
+    Check(MocapArgs),
+    /// Serve moving bodies over the network without plant, daemon or bus, until SIGINT or SIGTERM
+    Serve(ServeArgs),
+}
+
+/// What the motion capture can be told on its command line.
+#[derive(Args, Clone, Debug)]
+pub struct MocapArgs {
+    /// Serve the poses over the network as well: qtm[:PORT],vrpn[:PORT],natnet[:PORT]
+    #[arg(long, value_name = "PROTOCOLS")]
+    serve: Option<String>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl MocapCommand {
+    /// Does it, and says how it ended.
+    #[must_use]
+    pub fn execute(self) -> ExitCode {
+        let command = match self {
+            Self::Run(args) => ProcessCommand::Run(args.common()),
+            Self::Check(args) => ProcessCommand::Check(args.common()),
+            Self::Serve(args) => {
+                return match args.execute() {
+                    Ok(exit) => exit.into(),
+                    Err(failure) => conclude("oqtal mocap-emu serve", &failure),
+                };
+            }
+        };
+        execute(Role::Mocap, &command, run, check)
+    }
+}
+
+impl MocapArgs {
+    /// The same for any process: what is served is a setting.
+    fn common(self) -> CommonArgs {
+        let Self { serve, mut common } = self;
+        common.settings.extend(serve.map(|text| format!("mocap.serve.protocols={text}")));
+        common
+    }
+}
+
 /// Whether the cameras could work with `config`.
 ///
 /// # Errors
-/// The recording that it names is bad (exit code 65).
+/// The recording that it names is bad (exit code 65), or what is to be served.
 pub fn check(config: &Config) -> Result<(), Failure> {
+    serves(config)?;
     if config.is_replay() { read_recording(&config.mocap.replay).map(drop) } else { Ok(()) }
 }
 
@@ -53,29 +126,70 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// # Errors
 /// The bus refuses or breaks; the recording is bad.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    let bus = context.bus()?;
+    let bus = Rc::new(context.bus()?);
     if context.config.is_replay() {
         let recording = read_recording(&context.config.mocap.replay)?;
         let clock = context.loop_clock(&bus, &COMMAND)?;
         // In virtual time nobody acts before everybody is there. In real time the first command shows that a daemon listens.
         let start = if clock.is_virtual() { Start::At(clock.now()) } else { Start::FirstCommand };
         context.health.set_status("playing a recording");
-        publish_from(context, &bus, (Playback::open(&bus, recording, start)?, clock))
+        publish_from(context, &bus, (Playback::open(bus.as_ref(), recording, start)?, clock))
     } else {
         let clock = context.loop_clock(&bus, &TRUTH)?;
         let cameras = Cameras::new(&context.config.mocap, context.config.clock.seed);
-        let source = EmulatedCameras::open(&bus, cameras)?.counted_in(context.health.clone());
+        let source =
+            EmulatedCameras::open(bus.as_ref(), cameras)?.counted_in(context.health.clone());
         publish_from(context, &bus, (source, clock))
     }
 }
 
+/// Whether poses are served over the network.
+fn serves(config: &Config) -> Result<bool, Failure> {
+    let serves = !config.mocap.serve.protocols.parse::<ServeSpec>()?.is_empty();
+    if serves && config.clock.kind != ClockKind::Real {
+        let reason = "mocap.serve.protocols: clients live in real time; set clock.kind = \"real\"";
+        return Err(Failure::new(Exit::Usage, reason));
+    }
+    Ok(serves)
+}
+
 fn publish_from(
     context: &ProcessContext,
+    bus: &Rc<Bus>,
+    (source, clock): (impl PoseSource, LoopClock),
+) -> Result<(), Failure> {
+    let options = &context.config.mocap.serve;
+    let faulty = FaultyTransport::new(bus, &context.config)?;
+    if !serves(&context.config)? {
+        let turn = faulty.turn(FaultTarget::MocapEmu, PoseTurn::open(&faulty, source)?);
+        return run_loop(context, bus, (turn, clock));
+    }
+    let bodies = [options.body.clone()];
+    let (feed, network) = serve::open(options, &bodies, context.config.mocap.rate_hz)?;
+    for endpoint in network.endpoints() {
+        tracing::info!("serving {endpoint}");
+    }
+    let served = ServedPoses::new(source, feed);
+    std::thread::scope(|threads| {
+        // Set however the loop ends, also by a panic.
+        let _stop = context.stop.set_on_drop();
+        threads.spawn(|| network.run(&context.stop));
+        if options.publish {
+            let turn = faulty.turn(FaultTarget::MocapEmu, PoseTurn::open(&faulty, served)?);
+            run_loop(context, bus, (turn, clock))
+        } else {
+            let turn = faulty.turn(FaultTarget::MocapEmu, ServeTurn(served));
+            run_loop(context, bus, (turn, clock))
+        }
+    })
+}
+
+fn run_loop(
+    context: &ProcessContext,
     bus: &Bus,
-    (source, mut clock): (impl PoseSource, LoopClock),
+    (mut turn, mut clock): (impl Turn, LoopClock),
 ) -> Result<(), Failure> {
     let mut heartbeat = context.heartbeat(bus)?;
-    let mut turn = PoseTurn::open(bus, source)?;
     context.enter_realtime();
     Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
 }

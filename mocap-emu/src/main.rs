@@ -4,8 +4,6 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use oqtal_bus::topic::Role;
-use oqtal_runtime::process::{ProcessCommand, execute};
 use oqtal_runtime::program;
 
 /// The motion-capture process of oqtal: emulated cameras, or a recording
@@ -13,11 +11,9 @@ use oqtal_runtime::program;
 #[command(version)]
 struct Cli {
     #[command(subcommand)]
-    command: ProcessCommand,
+    command: oqtal_mocap_emu::MocapCommand,
 }
 
 fn main() -> ExitCode {
-    program::run(|cli: Cli| {
-        execute(Role::Mocap, &cli.command, oqtal_mocap_emu::run, oqtal_mocap_emu::check)
-    })
+    program::run(|cli: Cli| cli.command.execute())
 }

@@ -73,6 +73,15 @@ impl Recording {
         parse_lines(text).map_err(|(line, kind)| RecordingError::new(path, Some(line), kind))
     }
 
+    /// A recording of `poses`, in the order of their arrival; `None` if they do not span any time, or are out of order.
+    #[must_use]
+    pub fn from_poses(mut poses: Vec<RecordedPose>) -> Option<Self> {
+        let first_ns = poses.first()?.time_ns;
+        let is_ordered = poses.is_sorted_by_key(|pose| pose.time_ns);
+        poses.iter_mut().for_each(|pose| pose.time_ns = pose.time_ns.saturating_sub(first_ns));
+        (is_ordered && poses.last()?.time_ns > 0).then_some(Self { poses })
+    }
+
     /// The poses in the order of their arrival.
     #[must_use]
     pub fn poses(&self) -> &[RecordedPose] {

@@ -3,12 +3,16 @@
 //! A recording contains only the frames that arrived. Frame numbers are reconstructed from arrival times and the nominal
 //! rate of the recording, so that a gap leaves out as many numbers as frames were lost. Poses that arrived late, as in the
 //! burst after a stall, do not count as lost: each pose has the greatest number that its arrival and the poses after it allow.
+//!
+//! Poses arrive when they arrived; what stands in `captured_at` is the capture that [`Captures`] estimates, never after the
+//! arrival.
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::pose_source::Delivery;
 
 use crate::body::BODY;
+use crate::capture::Captures;
 use crate::recording::Recording;
 
 /// A recording during playback. Pure: time is an argument.
@@ -17,6 +21,8 @@ pub struct Replay {
     recording: Recording,
     /// Frame number of each pose, from 1 \[-\].
     frames: Vec<u64>,
+    /// Time from the capture of each pose to its arrival.
+    ages: Vec<Span>,
     start: Time,
     played: usize,
 }
@@ -26,7 +32,12 @@ impl Replay {
     #[must_use]
     pub fn new(recording: Recording, start: Time) -> Self {
         let frames = number_frames(&recording);
-        Self { recording, frames, start, played: 0 }
+        let captured = Captures::of(&recording).captured_s;
+        let ages = recording.poses().iter().zip(&captured).map(|(pose, captured_s)| {
+            Span::from_nanos(pose.time_ns.cast_signed()) - Span::from_seconds(*captured_s)
+        });
+        let ages = ages.map(|age| age.max(Span::ZERO)).collect();
+        Self { recording, frames, ages, start, played: 0 }
     }
 
     /// Arrival of the next pose; `None` at the end of the recording.
@@ -36,16 +47,21 @@ impl Replay {
         Some(self.start + Span::from_nanos(pose.time_ns.cast_signed()))
     }
 
+    /// The same playback from `start` on.
+    #[must_use]
+    pub fn starting_at(self, start: Time) -> Self {
+        Self { start, ..self }
+    }
+
     /// The next pose that has arrived by `now`; one per call, `None` when there is none.
     pub fn deliver(&mut self, now: Time) -> Option<Delivery> {
         let arrives_at = self.next_event().filter(|arrives_at| *arrives_at <= now)?;
         let pose = self.recording.poses()[self.played];
-        let frame = self.frames[self.played];
+        let (frame, age) = (self.frames[self.played], self.ages[self.played]);
         self.played += 1;
         Some(Delivery {
             frame,
-            // A recording contains the arrival of a pose, not its capture.
-            stamps: Stamps { captured_at: arrives_at, ..Stamps::default() },
+            stamps: Stamps { captured_at: arrives_at - age, ..Stamps::default() },
             pose: PoseV1 {
                 position: pose.position.into(),
                 attitude: pose.attitude.xyzw(),
@@ -54,6 +70,7 @@ impl Replay {
                 body: BODY,
                 tracked: 1,
                 simulated: 1,
+                ..PoseV1::default()
             },
         })
     }

@@ -76,7 +76,8 @@ pub enum Start {
 #[derive(Debug)]
 pub struct Playback<T: Transport> {
     commands: T::Reader<CommandV1>,
-    recording: Option<Recording>,
+    /// What is played once a daemon listens; made beforehand, because it takes its time.
+    waiting: Option<Replay>,
     replay: Option<Replay>,
 }
 
@@ -89,9 +90,12 @@ impl<T: Transport> Playback<T> {
         let commands = bus.reader(&COMMAND)?;
         Ok(match start {
             Start::At(start) => {
-                Self { commands, recording: None, replay: Some(Replay::new(recording, start)) }
+                Self { commands, waiting: None, replay: Some(Replay::new(recording, start)) }
             }
-            Start::FirstCommand => Self { commands, recording: Some(recording), replay: None },
+            Start::FirstCommand => {
+                let waiting = Some(Replay::new(recording, Time::UNSET));
+                Self { commands, waiting, replay: None }
+            }
         })
     }
 }
@@ -102,8 +106,8 @@ impl<T: Transport> PoseSource for Playback<T> {
     }
 
     fn gather(&mut self, now: Time) -> Result<(), BusError> {
-        if self.recording.is_some() && self.commands.latest()?.is_some() {
-            self.replay = self.recording.take().map(|recording| Replay::new(recording, now));
+        if self.waiting.is_some() && self.commands.latest()?.is_some() {
+            self.replay = self.waiting.take().map(|replay| replay.starting_at(now));
         }
         Ok(())
     }

@@ -1,9 +1,13 @@
 //! `telemetry.csv`: one row for each tick, units in the column names, an empty cell for an unknown value.
+//!
+//! `t_s` is the instant of the tick, and that of `true_*`, `ref_*`, `cmd_*` and of what was sent. `pose_*`, `est_*`, `filter_*`
+//! and `innovation_*` are for the capture of the newest accepted pose, `pose_captured_s`, on the same time axis.
 
 use std::io::Write;
 
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
+use oqtal_bus::time::Time;
 use oqtal_control::trajectory::Phase;
 
 use crate::flight::{Flight, FlightSample};
@@ -21,7 +25,7 @@ const WORDS: [WordColumn; 4] = [
 /// Adjacent columns of numbers: names, and values of a tick, of which as many are used as there are names.
 type NumberColumns = (&'static [&'static str], fn(&FlightSample) -> [f64; 4]);
 
-const NUMBERS: [NumberColumns; 20] = [
+const NUMBERS: [NumberColumns; 31] = [
     (&["tick", "mission_s"], |s| two(s.telemetry.tick as f64, s.telemetry.mission_s)),
     (&["scored", "fresh", "saturated"], |s| {
         three([s.telemetry.scored, s.telemetry.fresh, s.telemetry.saturated].map(f64::from))
@@ -45,6 +49,7 @@ const NUMBERS: [NumberColumns; 20] = [
     (&["cmd_qx", "cmd_qy", "cmd_qz", "cmd_qw"], |s| s.telemetry.attitude_command),
     (&["stick_roll", "stick_pitch", "stick_yaw"], |s| three(s.telemetry.sticks)),
     (&["torque_x_nm", "torque_y_nm", "torque_z_nm"], |s| three(s.telemetry.torque)),
+    (&["sent_qx", "sent_qy", "sent_qz", "sent_qw"], |s| s.telemetry.attitude_sent),
     (&["thrust"], |s| two(s.telemetry.thrust, f64::NAN)),
     (&["pose_age_ms", "wakeup_lateness_us"], |s| {
         two(s.telemetry.pose_age_s * 1e3, s.telemetry.wakeup_lateness_ns as f64 * 1e-3)
@@ -58,7 +63,30 @@ const NUMBERS: [NumberColumns; 20] = [
         three([poses_lost, poses_superseded, poses_refused].map(|count| count as f64))
     }),
     (&["command_sequence"], |s| two(s.telemetry.command_sequence as f64, f64::NAN)),
+    (&["pose_x_m", "pose_y_m", "pose_z_m"], |s| three(s.telemetry.pose_position)),
+    (&["pose_qx", "pose_qy", "pose_qz", "pose_qw"], |s| s.telemetry.pose_attitude),
+    (&["pose_sequence", "pose_residual_mm"], |s| {
+        two(s.telemetry.pose_sequence as f64, s.telemetry.pose_residual_m * 1e3)
+    }),
+    (&["filter_x_m", "filter_y_m", "filter_z_m"], |s| three(s.telemetry.filter_position)),
+    (&["filter_vx_m_s", "filter_vy_m_s", "filter_vz_m_s"], |s| three(s.telemetry.filter_velocity)),
+    (&["filter_qx", "filter_qy", "filter_qz", "filter_qw"], |s| s.telemetry.filter_attitude),
+    (&["filter_rate_x_rad_s", "filter_rate_y_rad_s", "filter_rate_z_rad_s"], |s| {
+        three(s.telemetry.filter_rate)
+    }),
+    (&["innovation_x_m", "innovation_y_m", "innovation_z_m"], |s| {
+        three(s.telemetry.innovation_position)
+    }),
+    (&["innovation_roll_rad", "innovation_pitch_rad", "innovation_yaw_rad"], |s| {
+        three(s.telemetry.innovation_attitude)
+    }),
+    (&["nis_position", "nis_attitude"], |s| two(s.telemetry.nis[0], s.telemetry.nis[1])),
 ];
+
+/// Adjacent columns of instants, on the time axis of `t_s`: names, and instants of a tick, of which as many are used as there are
+/// names.
+const INSTANTS: (&[&str], fn(&TelemetryV1) -> [Time; 2]) =
+    (&["pose_captured_s", "pose_published_s"], |t| [t.pose_captured_at, t.pose_published_at]);
 
 const UNKNOWN: [f64; 3] = [f64::NAN; 3];
 
@@ -77,6 +105,7 @@ fn three([x, y, z]: [f64; 3]) -> [f64; 4] {
 pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
     let mut writer = ::csv::Writer::from_writer(out);
     let names = NUMBERS.iter().flat_map(|(names, _)| names.iter());
+    let names = INSTANTS.0.iter().chain(names);
     writer.write_record(["t_s"].iter().chain(WORDS.iter().map(|(name, _)| name)).chain(names))?;
     let origin = flight.origin();
     for sample in &flight.samples {
@@ -85,7 +114,10 @@ pub fn write(flight: &Flight, out: impl Write) -> ::csv::Result<()> {
         let numbers = NUMBERS
             .iter()
             .flat_map(|(names, numbers)| numbers(sample).into_iter().take(names.len()).map(number));
-        writer.write_record(std::iter::once(number(t_s)).chain(words).chain(numbers))?;
+        let instants = (INSTANTS.1)(&sample.telemetry)
+            .map(|at| number(if at.is_set() { at.since(origin).seconds() } else { f64::NAN }));
+        let cells = std::iter::once(number(t_s)).chain(words).chain(instants).chain(numbers);
+        writer.write_record(cells)?;
     }
     writer.flush()?;
     Ok(())

@@ -21,6 +21,9 @@ pub const HOPS: [&str; 5] = [
     "vehicle_to_applied",
 ];
 
+/// The parts of the first hop where a receiver publishes the poses of a real camera system.
+pub const RECEIVER: [&str; 2] = ["capture_to_receive", "receive_to_publish"];
+
 /// Name of the hop over a wire, which follows the others.
 pub const WIRE: &str = "wire";
 
@@ -28,8 +31,8 @@ pub const WIRE: &str = "wire";
 pub const WHOLE: &str = "sensor_to_actuator";
 
 /// Names of all distributions, in the order of the stations.
-pub const NAMES: [&str; HOPS.len() + 2] =
-    [HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, WHOLE];
+pub const NAMES: [&str; HOPS.len() + RECEIVER.len() + 2] =
+    [HOPS[0], RECEIVER[0], RECEIVER[1], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, WHOLE];
 
 /// Upper end of the histogram's range \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
@@ -48,6 +51,15 @@ pub fn hops(stamps: &Stamps) -> Option<[Span; HOPS.len()]> {
     let ordered = stations.windows(2).all(|pair| pair[0] <= pair[1]);
     let complete = stations.iter().all(|station| station.is_set());
     (ordered && complete).then(|| std::array::from_fn(|i| stations[i + 1].since(stations[i])))
+}
+
+/// The parts of the first hop; `None` without a receiver.
+#[must_use]
+pub fn receiver_hops(stamps: &Stamps) -> Option<[Span; RECEIVER.len()]> {
+    let Stamps { captured_at, pose_received_at, pose_published_at, .. } = *stamps;
+    let ordered = captured_at <= pose_received_at && pose_received_at <= pose_published_at;
+    let parts = [pose_received_at.since(captured_at), pose_published_at.since(pose_received_at)];
+    (ordered && captured_at.is_set()).then_some(parts)
 }
 
 /// Time from capture to effect.
@@ -133,6 +145,7 @@ pub struct DistributionSummary {
 #[derive(Clone, Debug, Default)]
 pub struct HopDistributions {
     hops: [Distribution; HOPS.len()],
+    receiver: [Distribution; RECEIVER.len()],
     wire: Distribution,
     whole: Distribution,
 }
@@ -144,6 +157,9 @@ impl HopDistributions {
             for (distribution, span) in self.hops.iter_mut().zip(spans) {
                 distribution.add(span);
             }
+            if let Some(spans) = receiver_hops(stamps) {
+                self.receiver.iter_mut().zip(spans).for_each(|(hop, span)| hop.add(span));
+            }
             if wire > Span::ZERO {
                 self.wire.add(wire);
             }
@@ -151,10 +167,12 @@ impl HopDistributions {
         }
     }
 
-    /// The distributions by name: every hop, the wire if there was one, the sum.
+    /// The distributions by name: every hop, the parts of the first one if there was a receiver, the wire if there was one, the
+    /// sum.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         let wire = (self.wire.count() > 0).then_some((WIRE, &self.wire));
-        HOPS.into_iter().zip(&self.hops).chain(wire).chain([(WHOLE, &self.whole)])
+        let received = RECEIVER.into_iter().zip(&self.receiver).filter(|(_, hop)| hop.count() > 0);
+        HOPS.into_iter().zip(&self.hops).chain(received).chain(wire).chain([(WHOLE, &self.whole)])
     }
 }
 
@@ -180,7 +198,21 @@ mod tests {
             command_published_at,
             received_at,
             applied_at,
+            ..Stamps::default()
         }
+    }
+
+    #[test]
+    fn the_first_hop_has_two_parts_where_there_is_a_receiver() {
+        let emulated = stamps([10, 25, 27, 40, 41, 99]);
+        let received = Stamps { pose_received_at: Time::from_nanos(22), ..emulated };
+        assert_eq!(receiver_hops(&emulated), None);
+        assert_eq!(receiver_hops(&received).unwrap(), [12, 3].map(Span::from_nanos));
+        let mut hops = HopDistributions::default();
+        hops.add(&emulated, Span::ZERO);
+        assert_eq!(hops.iter().count(), HOPS.len() + 1);
+        hops.add(&received, Span::ZERO);
+        assert_eq!(hops.iter().count(), HOPS.len() + RECEIVER.len() + 1);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 
 pub mod command_path;
 pub mod csv;
+pub mod fault;
 pub mod flight;
 pub mod kernel;
 pub mod latency;

@@ -34,6 +34,8 @@ pub struct Recorder {
     config: Config,
     /// Process id of the daemon; `None` before its first tick.
     daemon_pid: Option<u64>,
+    /// Source of the daemon's messages; `None` before its first tick.
+    daemon_source: Option<u64>,
     /// Samples that were lost before the recorder received them, by topic.
     lost: Vec<(ObservedTopic, u64)>,
     samples: Vec<FlightSample>,
@@ -71,6 +73,7 @@ impl Recorder {
         Self {
             config: config.clone(),
             daemon_pid: None,
+            daemon_source: None,
             lost: Vec::new(),
             samples: Vec::with_capacity(4096),
             arrivals: Vec::with_capacity(4096),
@@ -174,6 +177,14 @@ impl Recorder {
         }
     }
 
+    /// The daemon that flew has died: another one starts disarmed, and the vehicle has fallen.
+    fn daemon_replaced(&mut self) {
+        let in_flight = self.samples.last().is_some_and(FlightSample::is_armed);
+        if in_flight && self.outcome.is_none() {
+            self.outcome = Some(Outcome::Crashed);
+        }
+    }
+
     fn judge(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             self.flown = true;
@@ -209,6 +220,10 @@ impl Sink for Recorder {
     }
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        let source = reception.header.source;
+        if self.daemon_source.replace(source).is_some_and(|last| last != source) {
+            self.daemon_replaced();
+        }
         self.daemon_pid = Some(u64::from(reception.header.origin().process()));
         self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
         if let Some(last) = self.last_tick.replace(telemetry.time) {

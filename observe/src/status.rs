@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use crate::sink::{ObservedTopic, Reception, Sink};
 
-/// The processes of an instance. Either the plant or the bridge runs, or both.
-const PROCESSES: [Role; 4] = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge];
+/// The processes of an instance. Either the plant or the bridge runs, or both; either emulated cameras or a receiver.
+const PROCESSES: [Role; 5] = [Role::Plant, Role::Mocap, Role::Receiver, Role::Daemon, Role::Bridge];
 
 /// Collects what the processes of one instance publish about themselves.
 #[derive(Debug)]
@@ -26,13 +26,14 @@ pub struct StatusMonitor {
 
 impl StatusMonitor {
     /// The topics that carry the status of an instance.
-    pub const TOPICS: [ObservedTopic; 6] = [
+    pub const TOPICS: [ObservedTopic; 7] = [
         ObservedTopic::Telemetry,
         ObservedTopic::Vehicle,
         ObservedTopic::Health(PROCESSES[0]),
         ObservedTopic::Health(PROCESSES[1]),
         ObservedTopic::Health(PROCESSES[2]),
         ObservedTopic::Health(PROCESSES[3]),
+        ObservedTopic::Health(PROCESSES[4]),
     ];
 
     /// A monitor that counts a process as silent after `timeout` without a health message.
@@ -72,6 +73,8 @@ impl StatusMonitor {
         match role {
             Role::Plant => self.has(Role::Bridge),
             Role::Bridge => self.has(Role::Plant),
+            Role::Mocap => self.has(Role::Receiver),
+            Role::Receiver => self.has(Role::Mocap),
             _ => false,
         }
     }
@@ -158,6 +161,10 @@ struct HealthReport {
     /// Of the bridge only: whether the vehicle answers.
     #[serde(skip_serializing_if = "Option::is_none")]
     vehicle_answers: Option<bool>,
+    /// Whether three turns in a row were late, the last less than a second ago.
+    runs_late: bool,
+    /// Turns that ended more than a period after they were due \[-\].
+    late_turns: u64,
 }
 
 /// The fields of a health message that only the daemon sets.
@@ -176,6 +183,7 @@ pub struct VehicleStatus {
     link: bool,
     armed: bool,
     starting: bool,
+    stopped: bool,
     battery_v: Option<f64>,
     link_quality: Option<f64>,
 }
@@ -188,6 +196,7 @@ impl VehicleStatus {
             link: vehicle.link != 0,
             armed: vehicle.armed != 0,
             starting: vehicle.starting != 0,
+            stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),
         }
@@ -203,7 +212,8 @@ impl fmt::Display for VehicleStatus {
             (false, true) => "motors running",
             (false, false) => "motors off",
         };
-        write!(f, "{:<10} {kind}, {link}, {motors}", "vehicle")?;
+        let stop = if self.stopped { ", stopped by an operator" } else { "" };
+        write!(f, "{:<10} {kind}, {link}, {motors}{stop}", "vehicle")?;
         if let Some(volts) = self.battery_v {
             write!(f, ", battery {volts:.1} V")?;
         }
@@ -228,6 +238,8 @@ impl HealthReport {
             config_hash: format!("{:016x}", health.config_hash),
             daemon,
             vehicle_answers: (role == Role::Bridge).then_some(health.cause == Cause::None.code()),
+            runs_late: health.runs_late != 0,
+            late_turns: health.late_turns,
         }
     }
 
@@ -250,6 +262,9 @@ impl fmt::Display for ProcessHealth {
         let HealthReport { pid, age_ms, config_hash, daemon, .. } = heard;
         let (name, state) = (self.name, heard.state());
         write!(f, "{name:<10} {state:<8} {age_ms:>4.0} ms ago  config {config_hash}  pid {pid}")?;
+        if heard.runs_late {
+            write!(f, "  runs late")?;
+        }
         match daemon {
             Some(daemon) if daemon.unlogged > 0 => {
                 write!(f, "  {} changes not logged", daemon.unlogged)
@@ -291,6 +306,9 @@ mod tests {
         let lines = fresh.status(Time::VIRTUAL_START).lines();
         assert_eq!(lines[0], "plant-sim  not started");
         assert!(lines[1].contains("20 ms ago"), "{lines:?}");
+        let late = HealthV1 { time: Time::VIRTUAL_START, runs_late: 1, ..HealthV1::default() };
+        fresh.health(&Reception::default(), Role::Mocap, &late);
+        assert!(fresh.status(Time::VIRTUAL_START).lines()[1].ends_with("runs late"));
         let stale = monitor(&roles, Span::from_millis(101));
         assert_eq!(stale.status(Time::VIRTUAL_START).lines()[1], "mocap-emu  silent");
     }

@@ -11,6 +11,7 @@ use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
+use crate::fault::InjectedFault;
 use crate::flight::{Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
 use crate::wire::WireFigures;
@@ -67,6 +68,8 @@ pub struct Summary {
     pub repeated: TopicCounts,
     /// Poses replaced by a newer one before the daemon read them \[-\]: bursts, or a late daemon.
     pub poses_superseded: u64,
+    /// Poses that the guard refused \[-\].
+    pub poses_refused: u64,
     pub hops: BTreeMap<&'static str, DistributionSummary>,
     /// The wire to the vehicle; `None` without one.
     pub wire: Option<WireFigures>,
@@ -78,6 +81,8 @@ pub struct Summary {
     pub daemon: Option<ProcessUsage>,
     /// The safety states passed through, in order.
     pub state_sequence: Vec<String>,
+    /// The faults that were injected, in the order of their beginnings.
+    pub faults: Vec<InjectedFault>,
     pub config_hash: String,
     pub trajectory_hash: Option<String>,
 }
@@ -122,12 +127,14 @@ impl Summary {
             lost: TopicCounts::new(last.poses_lost, flight.commands_lost),
             repeated: TopicCounts::new(flight.poses_repeated, flight.commands_repeated),
             poses_superseded: last.poses_superseded,
+            poses_refused: last.poses_refused,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wire: flight.wire.figures(),
             wakeup_lateness: real(&flight.wakeup_lateness),
             period_jitter: real(&flight.period_jitter),
             daemon: flight.daemon.clone(),
             state_sequence: state_sequence(flight),
+            faults: InjectedFault::all(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
         }
@@ -166,7 +173,7 @@ fn vehicle_name(flight: &Flight) -> String {
     let (preset, plant) = (&flight.config.vehicle.preset, &flight.config.plant);
     match (&flight.command_path, plant.interface) {
         (CommandPath::Bus, Interface::Torque) => format!("sim:{preset}"),
-        (CommandPath::Bus, Interface::Rate) => {
+        (CommandPath::Bus, Interface::Rate | Interface::Attitude) => {
             format!("sim:{preset},fidelity={}", name_of(&plant.fidelity))
         }
         (path, _) => path.to_string(),
@@ -195,8 +202,11 @@ fn error_figures(errors: impl Iterator<Item = Vector3<f64>>) -> Option<ErrorFigu
     })
 }
 
-/// The effort of Table II: the integral of the norm of the input.
+/// The effort of Table II: the integral of the norm of the input. `None` for a vehicle whose input is an attitude.
 fn effort(flight: &Flight) -> Option<f64> {
+    if flight.config.vehicle.interface.holds_attitude() {
+        return None;
+    }
     let period_s = 1.0 / flight.config.control.rate_hz;
     let norms = flight.scored().map(|sample| {
         Vector3::from(sample.telemetry.sticks).norm()

@@ -97,10 +97,16 @@ fn wire(wire: &WireFigures) -> String {
 
 fn counts(summary: &Summary) -> String {
     let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
+    let faults: Vec<&str> = summary.faults.iter().map(|fault| fault.fault.as_str()).collect();
+    let faults = match faults.is_empty() {
+        true => String::new(),
+        false => format!("\nfaults: {}", faults.join("\n        ")),
+    };
     format!(
-        "Riccati solves {riccati_solves}, deadlines missed {deadline_misses}, \
-         poses lost {}, commands lost {}\nstates: {}",
+        "Riccati solves {riccati_solves}, deadlines missed {deadline_misses}\n\
+         poses lost {}, refused {}, commands lost {}\nstates: {}{faults}",
         lost.pose,
+        summary.poses_refused,
         lost.command,
         summary.states()
     )

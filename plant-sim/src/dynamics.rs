@@ -1,6 +1,6 @@
 //! Equations of motion of the simulated vehicles: state and input in, derivative out.
 
-use nalgebra::{Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix4, Quaternion, Vector3, Vector4};
 use oqtal_config::{Fidelity, Interface, PlantOptions};
 use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::rigid_body::Inertia;
@@ -14,6 +14,8 @@ pub struct PlantInput {
     pub sticks: Vector3<f64>,
     /// Torque \[N m, body\].
     pub torque: Vector3<f64>,
+    /// Attitude that the vehicle is to hold \[body to world\]; zero for none.
+    pub attitude: Quaternion<f64>,
     /// Collective thrust `delta_c` of Eq. (61) \[0..1\].
     pub thrust: f64,
 }
@@ -31,24 +33,42 @@ pub struct Disturbance {
 
 /// The equations of motion of a vehicle.
 #[derive(Clone, Debug)]
-pub enum Dynamics {
+pub struct Dynamics {
+    translation: Translation,
+    body: Body,
+}
+
+/// What turns and lifts the vehicle.
+#[derive(Clone, Debug)]
+enum Body {
     /// Table I: torque in.
     Spacecraft(Spacecraft),
-    /// Eq. (61): the rate follows the sticks.
+    /// Eq. (61): the rate follows its command.
     Eq61(Eq61),
     /// Four rotors and the on-board rate loop.
     Rotors(Box<Rotors>),
+}
+
+/// The response of a body to its input.
+struct Response {
+    /// Thrust along body z \[N\].
+    thrust: f64,
+    /// Angular acceleration \[rad/s^2, body\].
+    rate: Vector3<f64>,
+    /// Change of the actuators \[N/s\] or \[rad/s^2\].
+    actuators: Vector4<f64>,
 }
 
 impl Dynamics {
     /// The equations of motion of the simulated vehicle that `plant` describes.
     #[must_use]
     pub fn new(plant: &PlantOptions) -> Self {
-        match (plant.interface, plant.fidelity) {
-            (Interface::Torque, _) => Self::Spacecraft(Spacecraft::new(plant)),
-            (Interface::Rate, Fidelity::Eq61) => Self::Eq61(Eq61::new(plant)),
-            (Interface::Rate, Fidelity::Rotors) => Self::Rotors(Box::new(Rotors::new(plant))),
-        }
+        let body = match (plant.interface, plant.fidelity) {
+            (Interface::Torque, _) => Body::Spacecraft(Spacecraft::new(plant)),
+            (_, Fidelity::Eq61) => Body::Eq61(Eq61::new(plant)),
+            (_, Fidelity::Rotors) => Body::Rotors(Box::new(Rotors::new(plant))),
+        };
+        Self { translation: Translation::new(plant), body }
     }
 
     /// The state `h` seconds after `state`, under a constant input and disturbance.
@@ -60,20 +80,21 @@ impl Dynamics {
         input: &PlantInput,
         disturbance: &Disturbance,
     ) -> State {
+        let moved = |s: &State, response| self.translation.derivative(s, response, disturbance);
         // One dispatch a step in place of one at each of the four Runge-Kutta stages.
-        match self {
-            Self::Spacecraft(it) => state.step(h, |s| it.derivative(s, input, disturbance)),
-            Self::Eq61(it) => state.step(h, |s| it.derivative(s, input, disturbance)),
-            Self::Rotors(it) => state.step(h, |s| it.derivative(s, input, disturbance)),
+        match &self.body {
+            Body::Spacecraft(it) => state.step(h, |s| moved(s, it.response(s, input))),
+            Body::Eq61(it) => state.step(h, |s| moved(s, it.response(s, input, disturbance))),
+            Body::Rotors(it) => state.step(h, |s| moved(s, it.response(s, input, disturbance))),
         }
     }
 
     /// Thrust now \[N\].
     #[must_use]
     pub fn thrust(&self, state: &State) -> f64 {
-        match self {
-            Self::Spacecraft(_) | Self::Eq61(_) => state.actuators.x,
-            Self::Rotors(vehicle) => vehicle.thrust_coefficient * state.actuators.norm_squared(),
+        match &self.body {
+            Body::Spacecraft(_) | Body::Eq61(_) => state.actuators.x,
+            Body::Rotors(rotors) => rotors.thrust_coefficient * state.actuators.norm_squared(),
         }
     }
 }
@@ -92,6 +113,23 @@ impl Translation {
         Self { per_mass, gravity: plant.gravity_m_s2, drag: plant.drag_per_s }
     }
 
+    /// The derivative of `state` for a body that responds by `response`.
+    #[inline]
+    fn derivative(
+        &self,
+        state: &State,
+        response: Response,
+        disturbance: &Disturbance,
+    ) -> Derivative {
+        Derivative {
+            position: state.velocity,
+            velocity: self.acceleration(state, response.thrust, disturbance),
+            attitude: state.attitude_rate(),
+            rate: response.rate,
+            actuators: response.actuators,
+        }
+    }
+
     /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
     #[inline]
     fn acceleration(&self, state: &State, thrust: f64, disturbance: &Disturbance) -> Vector3<f64> {
@@ -102,90 +140,113 @@ impl Translation {
     }
 }
 
-/// Bandwidth \[1/s\] of a first-order lag \[ms\]. A lag below a millisecond, the integration step, is taken as a millisecond:
-/// the integrator is stable down to it, and thrust stays a state.
-fn bandwidth(lag_ms: f64) -> f64 {
-    1e3 / lag_ms.max(1.0)
+/// Thrust that follows its command with a first-order lag.
+#[derive(Clone, Debug)]
+struct LaggedThrust {
+    greatest: f64,
+    bandwidth: f64,
+}
+
+impl LaggedThrust {
+    fn new(plant: &PlantOptions) -> Self {
+        // A lag below a millisecond, the integration step, is taken as a millisecond: the integrator is stable down to it, and
+        // thrust stays a state.
+        Self { greatest: plant.max_thrust_n, bandwidth: 1e3 / plant.thrust_lag_ms.max(1.0) }
+    }
+
+    /// Change of the actuators towards the collective thrust `delta_c`, whose greatest value is scaled by `share` \[-\].
+    #[inline]
+    fn change(&self, thrust: f64, delta_c: f64, share: f64) -> Vector4<f64> {
+        Vector4::x() * ((delta_c * (self.greatest * share) - thrust) * self.bandwidth)
+    }
 }
 
 /// A rigid body with torque input, as the lander of Table I.
 #[derive(Clone, Debug)]
-pub struct Spacecraft {
-    translation: Translation,
+struct Spacecraft {
     inertia: Inertia,
-    max_thrust: f64,
-    thrust_bandwidth: f64,
+    thrust: LaggedThrust,
 }
 
 impl Spacecraft {
     fn new(plant: &PlantOptions) -> Self {
-        Self {
-            translation: Translation::new(plant),
-            inertia: plant.inertia().expect("the configuration was checked"),
-            max_thrust: plant.max_thrust_n,
-            thrust_bandwidth: bandwidth(plant.thrust_lag_ms),
-        }
+        let inertia = plant.inertia().expect("the configuration was checked");
+        Self { inertia, thrust: LaggedThrust::new(plant) }
     }
 
     #[inline]
-    fn derivative(
-        &self,
-        state: &State,
-        input: &PlantInput,
-        disturbance: &Disturbance,
-    ) -> Derivative {
+    fn response(&self, state: &State, input: &PlantInput) -> Response {
         let thrust = state.actuators.x;
-        Derivative {
-            position: state.velocity,
-            velocity: self.translation.acceleration(state, thrust, disturbance),
-            attitude: state.attitude_rate(),
+        Response {
+            thrust,
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(input.torque)).0,
-            actuators: Vector4::x()
-                * ((input.thrust * self.max_thrust - thrust) * self.thrust_bandwidth),
+            actuators: self.thrust.change(thrust, input.thrust, 1.0),
         }
+    }
+}
+
+/// The on-board loop that commands the body rate: the sticks, or the rate that turns the body to the commanded attitude.
+#[derive(Clone, Debug)]
+struct RateCommand {
+    authority: Vector3<f64>,
+    /// From an attitude error to a rate \[1/s\]; `None` where the sticks command the rate.
+    attitude_gain: Option<f64>,
+}
+
+impl RateCommand {
+    fn new(plant: &PlantOptions) -> Self {
+        Self {
+            authority: Vector3::from(plant.rate_authority_rad_s),
+            attitude_gain: plant.interface.holds_attitude().then_some(plant.attitude_gain_per_s),
+        }
+    }
+
+    /// The rate that the on-board rate loop follows, its bias included \[rad/s, body\].
+    #[inline]
+    fn rate(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Vector3<f64> {
+        let command = match self.attitude_gain {
+            // Eq. (61), erratum E-61.
+            None => self.authority.component_mul(&input.sticks),
+            Some(gain) => self.towards(&input.attitude, state, gain),
+        };
+        command + disturbance.rate_drift
+    }
+
+    /// The rate in proportion to the angle that is left to `attitude`, the short way round, within the authority.
+    fn towards(&self, attitude: &Quaternion<f64>, state: &State, gain: f64) -> Vector3<f64> {
+        let error = state.attitude.conjugate() * attitude;
+        let rate = error.imag() * (2.0 * gain).copysign(error.w);
+        rate.zip_map(&self.authority, |rate, limit| rate.clamp(-limit, limit))
     }
 }
 
 /// The Hummingbird by Eq. (61), with the lags of a real vehicle.
 #[derive(Clone, Debug)]
-pub struct Eq61 {
-    translation: Translation,
-    authority: Vector3<f64>,
+struct Eq61 {
+    command: RateCommand,
     rate_bandwidth: f64,
-    max_thrust: f64,
-    thrust_bandwidth: f64,
+    thrust: LaggedThrust,
 }
 
 impl Eq61 {
     fn new(plant: &PlantOptions) -> Self {
         Self {
-            translation: Translation::new(plant),
-            authority: Vector3::from(plant.rate_authority_rad_s),
+            command: RateCommand::new(plant),
             rate_bandwidth: 1e3 / plant.rate_lag_ms,
-            max_thrust: plant.max_thrust_n,
-            thrust_bandwidth: bandwidth(plant.thrust_lag_ms),
+            thrust: LaggedThrust::new(plant),
         }
     }
 
     #[inline]
-    fn derivative(
-        &self,
-        state: &State,
-        input: &PlantInput,
-        disturbance: &Disturbance,
-    ) -> Derivative {
+    fn response(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Response {
         let thrust = state.actuators.x;
-        // Eq. (61), erratum E-61: the rate that the on-board loop follows, its bias included.
-        let rate_command = self.authority.component_mul(&input.sticks) + disturbance.rate_drift;
         // The thrust of a rotor is proportional to the square of its voltage.
-        let greatest = self.max_thrust * disturbance.voltage_ratio.powi(2);
-        Derivative {
-            position: state.velocity,
-            velocity: self.translation.acceleration(state, thrust, disturbance),
-            attitude: state.attitude_rate(),
-            rate: (rate_command - state.rate) * self.rate_bandwidth,
-            actuators: Vector4::x() * ((input.thrust * greatest - thrust) * self.thrust_bandwidth),
+        let share = disturbance.voltage_ratio.powi(2);
+        Response {
+            thrust,
+            rate: (self.command.rate(state, input, disturbance) - state.rate) * self.rate_bandwidth,
+            actuators: self.thrust.change(thrust, input.thrust, share),
         }
     }
 }
@@ -193,10 +254,9 @@ impl Eq61 {
 /// The Hummingbird as four rotors on two crossed arms along body x and y, with its on-board rate loop. Front and back rotor turn
 /// one way, left and right rotor the other.
 #[derive(Clone, Debug)]
-pub struct Rotors {
-    translation: Translation,
+struct Rotors {
     inertia: Inertia,
-    authority: Vector3<f64>,
+    command: RateCommand,
     rate_lag: f64,
     max_thrust: f64,
     thrust_coefficient: f64,
@@ -221,9 +281,8 @@ impl Rotors {
             -d, d, -d, d,
         );
         Self {
-            translation: Translation::new(plant),
             inertia: plant.inertia().expect("the configuration was checked"),
-            authority: Vector3::from(plant.rate_authority_rad_s),
+            command: RateCommand::new(plant),
             rate_lag: plant.rate_lag_ms * 1e-3,
             max_thrust: plant.max_thrust_n,
             thrust_coefficient: k,
@@ -235,20 +294,13 @@ impl Rotors {
     }
 
     #[inline]
-    fn derivative(
-        &self,
-        state: &State,
-        input: &PlantInput,
-        disturbance: &Disturbance,
-    ) -> Derivative {
+    fn response(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Response {
         let speeds = state.actuators;
         let wrench = self.mix * speeds.component_mul(&speeds);
         let torque = wrench.fixed_rows::<3>(1).into_owned();
         let targets = self.on_board_loop(state, input, disturbance);
-        Derivative {
-            position: state.velocity,
-            velocity: self.translation.acceleration(state, wrench.x, disturbance),
-            attitude: state.attitude_rate(),
+        Response {
+            thrust: wrench.x,
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
             actuators: (targets - speeds) / self.rotor_lag,
@@ -266,8 +318,7 @@ impl Rotors {
         if input.thrust <= 0.0 {
             return Vector4::zeros();
         }
-        // Eq. (61), erratum E-61.
-        let rate_command = self.authority.component_mul(&input.sticks) + disturbance.rate_drift;
+        let rate_command = self.command.rate(state, input, disturbance);
         let torque = self.inertia.matrix() * ((rate_command - state.rate) / self.rate_lag)
             + self.inertia.gyroscopic_torque(BodyRate(state.rate)).0;
         let wrench = Vector4::new(input.thrust * self.max_thrust, torque.x, torque.y, torque.z);

@@ -11,9 +11,12 @@ mod turn;
 pub mod wire;
 mod world;
 
+use std::rc::Rc;
+
 use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
-use oqtal_config::Config;
+use oqtal_config::{Config, FaultTarget};
+use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
@@ -89,14 +92,14 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 
 /// Flies by the commands on the bus.
 fn fly(context: &ProcessContext) -> Result<(), Failure> {
-    let bus = context.bus()?;
+    let bus = Rc::new(context.bus()?);
+    let faulty = FaultyTransport::new(&bus, &context.config)?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
     let stepping = if clock.is_virtual() { Stepping::Exact } else { Stepping::Sampled };
     let plant = Plant::new(&context.config, clock.now());
-    let shadow = context.config.plant.shadow;
-    let mut turn =
-        PlantTurn::open(&bus, plant, stepping, shadow)?.counted_in(context.health.clone());
+    let turn = PlantTurn::open(&faulty, plant, stepping, &context.config)?;
+    let mut turn = faulty.turn(FaultTarget::PlantSim, turn.counted_in(context.health.clone()));
     context.enter_realtime();
     Ok(process_loop::run(&mut turn, &mut clock, Some(&mut heartbeat))?)
 }

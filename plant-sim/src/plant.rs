@@ -6,7 +6,12 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
-use oqtal_config::{Config, Interface};
+use oqtal_config::Config;
+use oqtal_control::quaternion::Attitude;
+use oqtal_runtime::actuation::actuation_of;
+use oqtal_runtime::faults::RadioDisturbance;
+use oqtal_runtime::random::{Generator, RandomSource, stream};
+use rand::RngExt;
 
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
 use crate::spread::drawn;
@@ -50,12 +55,17 @@ pub struct Plant {
     constant_acceleration: Vector3<f64>,
     radio: VecDeque<OnAir>,
     radio_delay: Span,
+    /// Faults of the radio, and the random numbers that they need.
+    disturbed: (RadioDisturbance, Generator),
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
     /// Instant at which the motors stop unless a further command arrives; `None` while the motors are off.
     command_timeout_at: Option<Time>,
     armed: bool,
+    /// Whether an operator's stop keeps the motors off.
+    stopped: bool,
+    last_command: u64,
     commands_lost: u64,
 }
 
@@ -78,14 +88,14 @@ impl Plant {
             constant_acceleration,
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
+            disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
             input: PlantInput::default(),
-            accepts: match options.interface {
-                Interface::Rate => Actuation::Sticks,
-                Interface::Torque => Actuation::Torque,
-            },
+            accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
             command_timeout_at: None,
             armed: false,
+            stopped: false,
+            last_command: 0,
             commands_lost: 0,
         }
     }
@@ -103,13 +113,38 @@ impl Plant {
         self.millisecond.next().min(self.next_event())
     }
 
+    /// Keeps the motors off from now on, whatever is commanded, or ends that. Commands on the radio no longer take effect. Returns
+    /// whether this is a change.
+    pub fn keep_stopped(&mut self, stopped: bool) -> bool {
+        if stopped {
+            self.radio.iter_mut().for_each(|on_air| on_air.command = CommandV1::default());
+            self.act_on(&CommandV1::default());
+        }
+        std::mem::replace(&mut self.stopped, stopped) != stopped
+    }
+
     /// Takes a command off the bus at `now`; it takes effect after the radio's delay. `lost` is the number of commands that never
     /// arrived, in total.
     pub fn receive(&mut self, now: Time, header: Header, command: CommandV1, lost: u64) {
         let mut header = header;
         header.stamps.received_at = now;
         self.commands_lost = lost;
-        self.radio.push_back(OnAir { acts_at: now + self.radio_delay, header, command });
+        let command = if self.stopped { CommandV1::default() } else { command };
+        let (disturbance, generator) = &mut self.disturbed;
+        if disturbance.loss_probability > 0.0
+            && generator.random::<f64>() < disturbance.loss_probability
+        {
+            return;
+        }
+        // Commands keep their order, also behind one that a fault delays.
+        let arrival = now + self.radio_delay + disturbance.delay;
+        let acts_at = self.radio.back().map_or(arrival, |last| arrival.max(last.acts_at));
+        self.radio.push_back(OnAir { acts_at, header, command });
+    }
+
+    /// Disturbs the radio from now on.
+    pub fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
+        self.disturbed.0 = disturbance;
     }
 
     /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.
@@ -154,23 +189,30 @@ impl Plant {
         }
     }
 
+    /// State of the vehicle.
+    #[must_use]
+    pub fn vehicle(&self) -> VehicleV1 {
+        VehicleV1 {
+            command_sequence: self.last_command,
+            lost: self.commands_lost,
+            battery_v: self.battery.voltage(),
+            link_quality: f64::NAN,
+            armed: u8::from(self.armed),
+            stopped: u8::from(self.stopped),
+            link: 1,
+            simulated: 1,
+            ..VehicleV1::default()
+        }
+    }
+
     /// Applies the commands that are due.
     fn apply_due(&mut self, out: &mut impl FnMut(PlantOutput)) {
         while let Some(on_air) = self.radio.front().copied().filter(|c| c.acts_at <= self.time) {
             self.radio.pop_front();
             self.act_on(&on_air.command);
             let stamps = Stamps { applied_at: on_air.acts_at, ..on_air.header.stamps };
-            let vehicle = VehicleV1 {
-                command_sequence: on_air.header.sequence,
-                lost: self.commands_lost,
-                battery_v: self.battery.voltage(),
-                link_quality: f64::NAN,
-                armed: u8::from(self.armed),
-                link: 1,
-                simulated: 1,
-                ..VehicleV1::default()
-            };
-            out(PlantOutput::Applied(on_air.header.pose_sequence, stamps, vehicle));
+            self.last_command = on_air.header.sequence;
+            out(PlantOutput::Applied(on_air.header.pose_sequence, stamps, self.vehicle()));
         }
         if self.command_timeout_at.is_some_and(|at| at <= self.time) {
             self.act_on(&CommandV1::default());
@@ -187,19 +229,23 @@ impl Plant {
         let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
+        let thrusting = PlantInput { thrust: clamp(command.thrust, 0.0), ..PlantInput::default() };
         self.input = match actuation {
             Actuation::Disarmed => PlantInput::default(),
-            Actuation::Sticks => PlantInput {
-                sticks: Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0)),
-                thrust: clamp(command.thrust, 0.0),
-                ..PlantInput::default()
-            },
-            Actuation::Torque => PlantInput {
-                torque: Vector3::from(command.torque)
-                    .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 }),
-                thrust: clamp(command.thrust, 0.0),
-                ..PlantInput::default()
-            },
+            Actuation::Sticks => {
+                let sticks = Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0));
+                PlantInput { sticks, ..thrusting }
+            }
+            Actuation::Torque => {
+                let torque = Vector3::from(command.torque)
+                    .map(|t| if t.is_finite() { t.clamp(-limit, limit) } else { 0.0 });
+                PlantInput { torque, ..thrusting }
+            }
+            // Level in place of numbers that are no attitude.
+            Actuation::Attitude => {
+                let attitude = Attitude::from_xyzw(command.attitude).unwrap_or_default();
+                PlantInput { attitude: **attitude.unit_quaternion(), ..thrusting }
+            }
         };
     }
 

@@ -29,6 +29,7 @@ pub fn drawn(nominal: &PlantOptions, seed: u64) -> PlantOptions {
     spread.apply(&mut rotors.torque_coefficient);
     spread.apply(&mut rotors.lag_ms);
     spread.apply(&mut rotors.max_speed_rad_s);
+    spread.apply(&mut plant.attitude_gain_per_s);
     plant.rate_lag_ms = plant.rate_lag_ms.max(LEAST_LAG_MS);
     plant.rotors.lag_ms = plant.rotors.lag_ms.max(LEAST_LAG_MS);
     plant
@@ -78,7 +79,13 @@ mod tests {
                 [plant.mass_kg, plant.inertia_kg_m2[1][1], plant.max_thrust_n, roll, pitch, yaw];
             let loops =
                 [plant.rate_lag_ms, plant.thrust_lag_ms, plant.command_delay_ms, plant.drag_per_s];
-            let rest = [plant.max_torque_nm, rotors.arm_m, rotors.lag_ms, rotors.max_speed_rad_s];
+            let rest = [
+                plant.max_torque_nm,
+                plant.attitude_gain_per_s,
+                rotors.arm_m,
+                rotors.lag_ms,
+                rotors.max_speed_rad_s,
+            ];
             [&body[..], &loops, &rest, &[rotors.thrust_coefficient, rotors.torque_coefficient]]
                 .concat()
         };

@@ -1,14 +1,20 @@
-//! One turn of the plant over its ports: integrate to the present instant, take the command, publish truth and vehicle.
+//! One turn of the plant over its ports: integrate to the present instant, obey a stop, take the command, publish truth and vehicle.
 
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, TruthV1, VehicleV1};
-use oqtal_bus::time::Time;
+use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
+use oqtal_bus::stop::VehicleStop;
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_config::Config;
+use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Health;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::plant::{Plant, PlantOutput};
+
+/// Time between two publications of the state of a stopped vehicle.
+const STOP_PUBLICATION: Span = Span::from_millis(100);
 
 /// The instants at which the plant acts without an arrival.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,13 +61,18 @@ impl<T: Transport> Outputs<T> {
 pub struct PlantTurn<T: Transport> {
     commands: T::Reader<CommandV1>,
     outputs: Outputs<T>,
+    stop: VehicleStop,
+    /// When the state of the vehicle was last published because of a stop.
+    stop_published_at: Time,
     plant: Plant,
     stepping: Stepping,
     health: Health,
+    radio: RadioFaults<T>,
 }
 
 impl<T: Transport> PlantTurn<T> {
-    /// Opens the ports of `plant`. A shadow of a vehicle behind a bridge does not publish the vehicle's state.
+    /// Opens the ports of `plant`, the vehicle of `config`. A shadow of a vehicle behind a bridge does not publish the vehicle's
+    /// state.
     ///
     /// # Errors
     /// Another plant or bridge holds a topic, or the transport failed.
@@ -69,17 +80,21 @@ impl<T: Transport> PlantTurn<T> {
         bus: &T,
         plant: Plant,
         stepping: Stepping,
-        is_shadow: bool,
+        config: &Config,
     ) -> Result<Self, BusError> {
+        let is_shadow = config.plant.shadow;
         Ok(Self {
             commands: bus.reader(&COMMAND)?,
             outputs: Outputs {
                 truths: bus.writer(&TRUTH)?,
                 vehicles: (!is_shadow).then(|| bus.writer(&VEHICLE)).transpose()?,
             },
+            stop: VehicleStop::new(bus.stop_switch()?),
+            stop_published_at: Time::UNSET,
             plant,
             stepping,
             health: Health::default(),
+            radio: RadioFaults::open(bus, config)?,
         })
     }
 
@@ -87,6 +102,35 @@ impl<T: Transport> PlantTurn<T> {
     #[must_use]
     pub fn counted_in(self, health: Health) -> Self {
         Self { health, ..self }
+    }
+
+    /// Obeys an operator's stop, and lifts it with the "disarmed" of the daemon that `arrival` may be. A shadow keeps its motors off
+    /// as well, but the vehicle behind the bridge is not in its hands: it confirms and lifts nothing.
+    fn obey_stop<C: TurnClock>(
+        &mut self,
+        arrival: Option<&(Header, CommandV1)>,
+        clock: &mut C,
+    ) -> Result<(), BusError> {
+        let now = clock.now();
+        let Self { stop, plant, outputs, .. } = self;
+        let mut changed = plant.keep_stopped(stop.is_in_force(now));
+        if outputs.vehicles.is_some() {
+            stop.confirm(true);
+            if let Some((header, command)) = arrival {
+                stop.hear(header, command);
+            }
+            changed |= plant.keep_stopped(stop.since().is_some());
+        }
+        // Without commands nothing else tells a late observer that the vehicle is stopped.
+        let is_due =
+            stop.since().is_some() && now.since(self.stop_published_at) >= STOP_PUBLICATION;
+        if changed || is_due {
+            self.stop_published_at = now;
+            let vehicle = plant.vehicle();
+            let stamps = Stamps { received_at: now, ..Stamps::default() };
+            outputs.publish(PlantOutput::Applied(0, stamps, vehicle), clock)?;
+        }
+        Ok(())
     }
 }
 
@@ -102,6 +146,7 @@ impl<T: Transport> Turn for PlantTurn<T> {
         let arrival = self.commands.latest()?;
         // Read after the command was taken, so that it is not received before it was sent.
         let now = clock.now();
+        self.plant.disturb_radio(self.radio.at(now)?);
         let Self { plant, outputs, .. } = self;
         let mut published = Ok(());
         plant.advance(now, |output| {
@@ -110,6 +155,8 @@ impl<T: Transport> Turn for PlantTurn<T> {
             }
         });
         published?;
+        self.obey_stop(arrival.as_ref(), clock)?;
+        let Self { plant, outputs, .. } = self;
         if let Some((header, command)) = arrival {
             self.health.count_input();
             plant.receive(now, header, command, self.commands.lost());

@@ -23,6 +23,7 @@ use oqtal_bus::message::{HealthV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Publish, Transport};
+use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
@@ -53,6 +54,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let mut vehicle = WiredVehicle::new(&context.config, link, Time::now())
         .map_err(|error| context.config.locate(&error))?;
     let (mut outputs, mut answer) = (Vec::with_capacity(64), Vec::with_capacity(1024));
+    let mut radio = RadioFaults::open(&bus, &context.config)?;
     let mut released_at = Time::UNSET;
     let mut chunk = [0; CHUNK];
     tracing::info!(link = link.path(), "the emulated vehicle waits for a host");
@@ -66,8 +68,12 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
         if read > 0 {
             context.health.count_input();
         }
+        vehicle.disturb_radio(radio.at(now)?);
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));
+        if !outputs.is_empty() {
+            context.health.count_output();
+        }
         publish_truth(&mut truths, outputs.drain(..))?;
         vehicle.host_reads(now, &mut answer);
         if !answer.is_empty() {

@@ -1,9 +1,11 @@
 //! The simulated vehicle and its radio.
 
+use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
+use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Plant, PlantOutput};
 
 const START: Time = Time::VIRTUAL_START;
@@ -26,6 +28,32 @@ fn config(settings: &[(&str, toml::Value)]) -> Config {
 fn sticks(roll: f64, thrust: f64) -> CommandV1 {
     let actuation = Actuation::Sticks.code();
     CommandV1 { actuation, sticks: [roll, 0.0, 0.0], thrust, ..CommandV1::default() }
+}
+
+#[test]
+fn a_vehicle_that_holds_attitudes_turns_to_the_commanded_one_and_ignores_sticks() {
+    let wanted = Attitude::from_rotation_vector(Vector3::new(0.2, -0.1, 0.5));
+    let command = CommandV1 {
+        actuation: Actuation::Attitude.code(),
+        attitude: wanted.xyzw(),
+        thrust: 1.5 * HOVER,
+        ..CommandV1::default()
+    };
+    for fidelity in ["eq61", "rotors"] {
+        let settings =
+            [("plant.interface", "attitude".into()), ("plant.fidelity", fidelity.into())];
+        let mut bench = Bench::new(&config(&settings));
+        bench.hold(command, 2000);
+        let reached = Attitude::from_xyzw(bench.truth().attitude).unwrap();
+        assert!(reached.angle_to(&wanted) < 1e-3, "{fidelity}: {}", reached.angle_to(&wanted));
+        // q and -q are one attitude.
+        let mirrored = CommandV1 { attitude: wanted.xyzw().map(|part| -part), ..command };
+        bench.hold(mirrored, 200);
+        assert!(Attitude::from_xyzw(bench.truth().attitude).unwrap().angle_to(&wanted) < 1e-3);
+        assert_eq!(bench.applied.last().unwrap().1.armed, 1);
+        bench.hold(sticks(0.5, HOVER), 100);
+        assert_eq!(bench.applied.last().unwrap().1.armed, 0, "{fidelity}: sticks disarm it");
+    }
 }
 
 #[test]

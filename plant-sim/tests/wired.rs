@@ -1,12 +1,12 @@
 //! The emulated vehicle at the other end of a wire: switched on, flown and polled through bytes.
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{AsctecSticks, Config};
+use oqtal_config::{Config, Interface};
 use oqtal_plant_sim::wire::{LinkDirection, RadioModel, WiredVehicle};
 use oqtal_runtime::random::{RandomSource, stream};
 use oqtal_wire::asctec::{
     ControlInput, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent, LlStatus, Poll, Scales,
-    Sticks, VehicleDecoder, poll_frame,
+    StickMeaning, Sticks, VehicleDecoder, poll_frame,
 };
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::xbee::{Address, Carrier, RadioEvent, Side};
@@ -15,6 +15,15 @@ use rand::RngExt;
 
 const START: Time = Time::VIRTUAL_START;
 const PERIOD_US: i64 = 16_667;
+
+/// The scales of the vehicle's end, as its sticks mean rates or an attitude.
+fn scales_of(config: &Config) -> Scales {
+    let scales: Scales = config.plant.wire.asctec.convert("plant.wire.asctec").unwrap();
+    match config.plant.interface {
+        Interface::Attitude => Scales { sticks: StickMeaning::Attitude, ..scales },
+        _ => scales,
+    }
+}
 
 /// A host that writes and reads at 60 Hz.
 struct Host {
@@ -30,7 +39,7 @@ impl Host {
         let link = "asctec:/dev/null".parse().unwrap();
         Self {
             vehicle: WiredVehicle::new(config, &link, START).unwrap(),
-            scales: config.plant.wire.asctec.convert("plant.wire.asctec").unwrap(),
+            scales: scales_of(config),
             decoder: HostDecoder::new(),
             heard: Vec::new(),
             now: START,
@@ -167,7 +176,7 @@ fn both_api_modes_carry_commands_and_answers() {
 #[test]
 fn sticks_that_mean_an_attitude_are_followed_by_a_loop_on_board() {
     let mut config = Config::default();
-    config.plant.wire.asctec.sticks = AsctecSticks::Attitude;
+    config.plant.interface = Interface::Attitude;
     let mut host = Host::new(&config);
     host.start_motors();
     let tilt = 10.0_f64.to_radians();

@@ -35,6 +35,7 @@ pub fn with_background<W: BackgroundWorker>(
                 let _ = opened.send(Ok(()));
                 while !context.stop.is_set() {
                     worker.poll();
+                    context.health.count_poll();
                     std::thread::sleep(POLL_PERIOD);
                 }
                 worker.poll();

@@ -4,6 +4,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::Message;
 use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::time::Span;
 use oqtal_bus::topic::{Role, Topic};
 use oqtal_config::{ClockKind, Config};
 
@@ -39,7 +40,7 @@ impl ProcessContext {
     /// # Errors
     /// The process runs already, or the bus refuses.
     pub fn heartbeat(&self, bus: &Bus) -> Result<Heartbeat, BusError> {
-        Heartbeat::new(bus, self.role, self.config.hash())
+        Heartbeat::new(bus, self.role, self.config.hash(), self.health.clone())
     }
 
     /// Paths and names of the instance.
@@ -56,7 +57,7 @@ impl ProcessContext {
         if self.config.clock.kind != ClockKind::Real {
             return;
         }
-        let granted = realtime::enter(&self.config.realtime);
+        let granted = realtime::enter(&self.config.realtime, self.role);
         for refusal in &granted.refused {
             tracing::warn!("{refusal}");
         }
@@ -78,11 +79,12 @@ impl ProcessContext {
         let clock = if self.config.clock.kind == ClockKind::Real {
             LoopClock::real(bus, wakes_on, stop)
         } else if self.role == roles[0] {
-            LoopClock::leader(bus, self.role, roles, stop)
+            LoopClock::leader(bus, roles, &self.config, stop)
         } else {
             LoopClock::follower(bus, self.role, stop)
         };
-        Ok(clock?.counted_in(self.health.clone()))
+        let period = Span::period_of(self.config.control.rate_hz);
+        Ok(clock?.counted_in(self.health.clone(), period))
     }
 }
 

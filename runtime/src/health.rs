@@ -1,16 +1,19 @@
 //! The health of a process: a record that its threads share, and the heartbeat on its health topic. The loop itself sends the
 //! heartbeat, so that a hung loop sends none.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{HealthV1, Stamps};
 use oqtal_bus::port::Writer;
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::suspend::{ClockReadings, SuspendWatch};
+use oqtal_bus::time::Span;
 use oqtal_bus::topic::Role;
 use oqtal_bus::transport::{Publish, Transport};
+
+use crate::overrun::OverrunMonitor;
 
 /// The health record of a process, shared by its threads. Counting is wait-free.
 #[derive(Clone, Debug, Default)]
@@ -20,6 +23,10 @@ pub struct Health(Arc<HealthRecord>);
 struct HealthRecord {
     turns: AtomicU64,
     inputs: AtomicU64,
+    outputs: AtomicU64,
+    polls: AtomicU64,
+    late_turns: AtomicU64,
+    runs_late: AtomicBool,
     status: Mutex<String>,
 }
 
@@ -30,6 +37,10 @@ pub(crate) struct HealthSample {
     pub turns: u64,
     /// Inputs received so far \[-\].
     pub inputs: u64,
+    /// Outputs published so far \[-\].
+    pub outputs: u64,
+    /// Polls of the background thread so far; 0 without one \[-\].
+    pub polls: u64,
     /// The status text; empty if the process sets none.
     pub status: String,
 }
@@ -45,6 +56,22 @@ impl Health {
         self.0.inputs.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Counts an output: what the process is there for was published.
+    pub fn count_output(&self) {
+        self.0.outputs.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Counts a poll of the background thread.
+    pub(crate) fn count_poll(&self) {
+        self.0.polls.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Records the overruns of the loop.
+    pub(crate) fn set_overruns(&self, overruns: &OverrunMonitor) {
+        self.0.late_turns.store(overruns.late_turns(), Ordering::Relaxed);
+        self.0.runs_late.store(overruns.runs_late(), Ordering::Relaxed);
+    }
+
     /// Sets the status text. Takes a lock: not for a real-time loop.
     pub fn set_status(&self, status: impl Into<String>) {
         *self.0.status.lock().unwrap_or_else(PoisonError::into_inner) = status.into();
@@ -54,6 +81,8 @@ impl Health {
         HealthSample {
             turns: self.0.turns.load(Ordering::Relaxed),
             inputs: self.0.inputs.load(Ordering::Relaxed),
+            outputs: self.0.outputs.load(Ordering::Relaxed),
+            polls: self.0.polls.load(Ordering::Relaxed),
             status: self.0.status.lock().unwrap_or_else(PoisonError::into_inner).clone(),
         }
     }
@@ -67,29 +96,48 @@ pub const HEALTH_PERIOD: Span = Span::from_millis(500);
 pub struct Heartbeat {
     writer: Writer<HealthV1>,
     config_hash: u64,
+    health: Health,
+    suspend: SuspendWatch,
     last: HealthV1,
 }
 
 impl Heartbeat {
-    /// The heartbeat of `role`, whose configuration has this hash.
+    /// The heartbeat of `role`, whose configuration has this hash, with the overruns that `health` records.
     ///
     /// # Errors
     /// The process runs already, or the bus refuses.
-    pub fn new(bus: &Bus, role: Role, config_hash: u64) -> Result<Self, BusError> {
+    pub fn new(bus: &Bus, role: Role, config_hash: u64, health: Health) -> Result<Self, BusError> {
         let writer = bus.writer(&role.health())?;
-        Ok(Self { writer, config_hash, last: HealthV1::default() })
+        let suspend = SuspendWatch::new(&ClockReadings::now());
+        Ok(Self { writer, config_hash, health, suspend, last: HealthV1::default() })
     }
 
-    /// Publishes `health` once per [`HEALTH_PERIOD`] and on every change; fills in time and configuration hash. Reads the
-    /// machine's clock also in virtual time, since observers of health wait in real time.
+    /// Publishes `health` once per [`HEALTH_PERIOD`] and on every change; fills in time, configuration hash and overruns. Reads the
+    /// machine's clock also in virtual time, since observers of health wait in real time. Logs a suspension of the machine.
     ///
     /// # Errors
     /// The bus broke.
     pub fn beat(&mut self, health: HealthV1) -> Result<(), BusError> {
-        let (now, config_hash) = (Time::now(), self.config_hash);
-        let changed = self.last != HealthV1 { time: self.last.time, config_hash, ..health };
-        if changed || now.since(self.last.time) >= HEALTH_PERIOD {
-            self.last = HealthV1 { time: now, config_hash, ..health };
+        let readings = ClockReadings::now();
+        if let Some(length) = self.suspend.observe(&readings) {
+            tracing::warn!(
+                "the machine was suspended for {:.1} s: poses and commands from before are old",
+                length.seconds()
+            );
+        }
+        let record = &self.health.0;
+        let health = HealthV1 {
+            time: readings.boot,
+            config_hash: self.config_hash,
+            late_turns: record.late_turns.load(Ordering::Relaxed),
+            runs_late: u8::from(record.runs_late.load(Ordering::Relaxed)),
+            ..health
+        };
+        // A late turn more is no change worth a message.
+        let HealthV1 { time, late_turns, .. } = self.last;
+        let changed = self.last != HealthV1 { time, late_turns, ..health };
+        if changed || health.time.since(time) >= HEALTH_PERIOD {
+            self.last = health;
             self.writer.send(0, Stamps::default(), self.last)?;
         }
         Ok(())

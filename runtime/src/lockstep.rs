@@ -8,7 +8,9 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_bus::wake::Listener;
+use oqtal_config::Config;
 
+use crate::faults::outage::TurnFaults;
 use crate::stop::{STOP_CHECK, StopFlag};
 use crate::virtual_clock::{TurnResult, VirtualClock};
 
@@ -21,15 +23,17 @@ pub(crate) struct Leader {
     role: Role,
     followers: Vec<FollowerLink>,
     virtual_clock: VirtualClock,
+    faults: TurnFaults<Bus>,
     started: bool,
 }
 
 impl Leader {
-    /// Opens the links from `role` to the others of `roles`.
+    /// Opens the links from the first of `roles` to the others, with the faults of `config`.
     ///
     /// # Errors
     /// The bus refuses, or another process leads virtual time already.
-    pub fn open(bus: &Bus, role: Role, roles: &[Role]) -> Result<Self, BusError> {
+    pub fn open(bus: &Bus, roles: &[Role], config: &Config) -> Result<Self, BusError> {
+        let role = roles[0];
         let followers = roles.iter().filter(|&&other| other != role);
         Ok(Self {
             role,
@@ -37,6 +41,7 @@ impl Leader {
                 .map(|&other| FollowerLink::open(bus, other))
                 .collect::<Result<_, _>>()?,
             virtual_clock: VirtualClock::new(Time::VIRTUAL_START, roles),
+            faults: TurnFaults::open(bus, config)?,
             started: false,
         })
     }
@@ -66,6 +71,9 @@ impl Leader {
                 return Ok(None);
             };
             self.virtual_clock.done(role, answer);
+            if let Some(outages) = self.faults.begin()? {
+                self.virtual_clock.set_outages(outages);
+            }
         }
         Ok(None)
     }

@@ -1,19 +1,27 @@
-//! How a process waits for its next event: on the real clock and a listener, or for a time advance in virtual time.
+//! How a process waits for its next event: on the real clock and a listener or a descriptor, or for a time advance in virtual
+//! time.
 //!
 //! Under either clock a process is one loop: `while let Some(now) = clock.wait(next_event)? { act(now) }`.
 
+use std::os::fd::OwnedFd;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
 use crate::health::Health;
 use crate::lockstep::{Follower, Leader};
+use crate::overrun::OverrunMonitor;
 use crate::stop::{STOP_CHECK, StopFlag};
 use crate::turn::TurnClock;
 use crate::virtual_clock::TurnResult;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::Message;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{Role, Topic};
 use oqtal_bus::transport::Publish;
 use oqtal_bus::wake::Listener;
+use oqtal_config::Config;
 
 /// Waits for the next event of one process.
 #[derive(Debug)]
@@ -21,6 +29,9 @@ pub struct LoopClock {
     clock: Clock,
     stop: StopFlag,
     health: Health,
+    overruns: OverrunMonitor,
+    /// Instant at which the turn under way was due; `None` before the first.
+    due: Option<Time>,
     now: Time,
     published: bool,
 }
@@ -28,6 +39,7 @@ pub struct LoopClock {
 #[derive(Debug)]
 enum Clock {
     Real(Box<Listener>),
+    Polled(OwnedFd),
     Leader(Box<Leader>),
     Follower(Box<Follower>),
 }
@@ -45,12 +57,23 @@ impl LoopClock {
         Ok(Self::new(Clock::Real(Box::new(bus.listener(wakes_on)?)), stop, Time::now()))
     }
 
-    /// Virtual time, advanced by this process, `role`, for all of `roles`.
+    /// Real time: wakes at the next event, or when `descriptor` is readable, as an epoll set is when one of its sockets is.
+    #[must_use]
+    pub fn polled(descriptor: OwnedFd, stop: StopFlag) -> Self {
+        Self::new(Clock::Polled(descriptor), stop, Time::now())
+    }
+
+    /// Virtual time of the flight under `config`, advanced by this process for all of `roles`, of which it is the first.
     ///
     /// # Errors
     /// The bus refuses, or another process leads virtual time already.
-    pub fn leader(bus: &Bus, role: Role, roles: &[Role], stop: StopFlag) -> Result<Self, BusError> {
-        let leader = Leader::open(bus, role, roles)?;
+    pub fn leader(
+        bus: &Bus,
+        roles: &[Role],
+        config: &Config,
+        stop: StopFlag,
+    ) -> Result<Self, BusError> {
+        let leader = Leader::open(bus, roles, config)?;
         Ok(Self::new(Clock::Leader(Box::new(leader)), stop, Time::VIRTUAL_START))
     }
 
@@ -64,20 +87,21 @@ impl LoopClock {
     }
 
     fn new(clock: Clock, stop: StopFlag, now: Time) -> Self {
-        Self { clock, stop, health: Health::default(), now, published: false }
+        let overruns = OverrunMonitor::new(Span::from_millis(1000));
+        Self { clock, stop, health: Health::default(), overruns, due: None, now, published: false }
     }
 
-    /// Counts the turns in `health`.
+    /// Counts the turns in `health`; one that ends more than `period` after it was due is late.
     #[must_use]
-    pub fn counted_in(self, health: Health) -> Self {
-        Self { health, ..self }
+    pub fn counted_in(self, health: Health, period: Span) -> Self {
+        Self { health, overruns: OverrunMonitor::new(period), ..self }
     }
 
     /// The present instant: read from the clock, or as virtual time was last advanced.
     #[must_use]
     pub fn now(&self) -> Time {
         match self.clock {
-            Clock::Real(_) => Time::now(),
+            Clock::Real(_) | Clock::Polled(_) => Time::now(),
             Clock::Leader(_) | Clock::Follower(_) => self.now,
         }
     }
@@ -85,7 +109,15 @@ impl LoopClock {
     /// Whether this process runs under virtual time.
     #[must_use]
     pub fn is_virtual(&self) -> bool {
-        !matches!(self.clock, Clock::Real(_))
+        !matches!(self.clock, Clock::Real(_) | Clock::Polled(_))
+    }
+
+    /// Looks whether the turn that has just ended was late. Virtual time waits for every turn.
+    fn watch_overruns(&mut self) {
+        if let (false, Some(due)) = (self.is_virtual(), self.due) {
+            self.overruns.turn_ended(due, Time::now());
+            self.health.set_overruns(&self.overruns);
+        }
     }
 
     /// Waits until `next` or until an arrival; returns the present instant, or `None` once the process is asked to stop. May
@@ -95,6 +127,7 @@ impl LoopClock {
     /// The bus broke.
     pub fn wait(&mut self, next: Option<Time>) -> Result<Option<Time>, BusError> {
         self.health.count_turn();
+        self.watch_overruns();
         if self.stop.is_set() {
             return Ok(None);
         }
@@ -104,11 +137,34 @@ impl LoopClock {
                 listener.wait(next, STOP_CHECK)?;
                 Some(Time::now())
             }
+            Clock::Polled(descriptor) => {
+                wait_readable(descriptor, next, STOP_CHECK)?;
+                Some(Time::now())
+            }
             Clock::Leader(leader) => leader.wait(result, &self.stop)?,
             Clock::Follower(follower) => follower.wait(result, &self.stop)?,
         };
         self.now = woken.unwrap_or(self.now);
+        self.due = Some(next.map_or(self.now, |next| next.min(self.now)));
         Ok(woken.filter(|_| !self.stop.is_set()))
+    }
+}
+
+/// Sleeps until `descriptor` is readable or until `deadline`, at most for `longest`. May return early.
+fn wait_readable(
+    descriptor: &OwnedFd,
+    deadline: Option<Time>,
+    longest: Span,
+) -> Result<(), BusError> {
+    let timeout = deadline.map_or(longest, |deadline| deadline.since(Time::now()).min(longest));
+    let nanos = timeout.max(Span::ZERO).nanos();
+    let timeout = Timespec { tv_sec: nanos / 1_000_000_000, tv_nsec: nanos % 1_000_000_000 };
+    match poll(&mut [PollFd::new(descriptor, PollFlags::IN)], Some(&timeout)) {
+        Ok(_) | Err(Errno::INTR) => Ok(()),
+        Err(error) => {
+            let action = "waiting for the network".to_owned();
+            Err(BusError::System { action, reason: error.to_string() })
+        }
     }
 }
 
@@ -117,7 +173,12 @@ impl TurnClock for LoopClock {
         LoopClock::now(self)
     }
 
+    fn runs_late(&self) -> bool {
+        self.overruns.runs_late()
+    }
+
     fn announce<M: Message>(&mut self, writer: &impl Publish<M>) -> Result<(), BusError> {
+        self.health.count_output();
         if self.is_virtual() {
             self.published = true;
             Ok(())

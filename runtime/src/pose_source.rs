@@ -13,7 +13,7 @@ use crate::turn::{Turn, TurnClock};
 pub struct Delivery {
     /// Number of its camera frame, from 1 \[-\]; a gap is a lost frame.
     pub frame: u64,
-    /// Only `captured_at` is set: the instant of capture on the monotonic clock of this machine.
+    /// Only `captured_at` is set: the instant of capture on the clock of this machine.
     pub stamps: Stamps,
     /// The measured pose.
     pub pose: PoseV1,

@@ -39,10 +39,16 @@ pub fn execute(role: Role, command: &ProcessCommand, job: Job, check: Check) -> 
     }
 }
 
-/// The effective configuration as a file, below a comment with the rate of the loop.
+/// The effective configuration as a file, below comments with the rate of the loop and, for a vehicle that holds attitudes, with
+/// the part of the law that flies.
 #[must_use]
 pub fn describe(config: &Config) -> String {
-    format!("# {}\n{}", config.pace(), config.to_toml().trim_end())
+    let law = if config.vehicle.interface.holds_attitude() {
+        "# the vehicle holds the attitude: the attitude law only steers a yaw axis that is commanded by its rate\n"
+    } else {
+        ""
+    };
+    format!("# {}\n{law}{}", config.pace(), config.to_toml().trim_end())
 }
 
 fn load(args: &CommonArgs) -> Result<Config, Failure> {
@@ -94,7 +100,10 @@ fn stop_on_panics(stop: &StopFlag) {
 }
 
 /// A flag that SIGINT and SIGTERM set.
-fn stop_on_signals() -> Result<StopFlag, Failure> {
+///
+/// # Errors
+/// The operating system refuses, or signals are handled already.
+pub fn stop_on_signals() -> Result<StopFlag, Failure> {
     let stop = StopFlag::default();
     let flag = stop.clone();
     ctrlc::set_handler(move || flag.set())

@@ -29,6 +29,14 @@ pub enum RandomSource {
     DownlinkErrors = 7,
     /// Deviations of the simulated vehicle's parameters from their nominal values.
     Spread = 8,
+    /// Image points of markers, and the markers that vanish or are swapped, by frame.
+    Markers = 9,
+    /// Drift of the camera system's noise, the sending of its frames and the stalls of its connection, by frame.
+    Room = 10,
+    /// Faults by hand.
+    Fault = 20,
+    /// Loss of commands on a radio with a fault, one draw per command.
+    RadioFault = 21,
 }
 
 /// The stream of `source` under `seed`.

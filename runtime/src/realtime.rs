@@ -16,6 +16,7 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
+use oqtal_bus::topic::Role;
 use oqtal_config::{RealtimeOptions, Scheduling};
 
 /// Stack that is prefaulted \[bytes\].
@@ -40,9 +41,21 @@ pub struct GrantedSettings {
     pub refused: Vec<String>,
 }
 
-/// Applies `options` to the calling thread; memory is locked for the whole process.
+/// Priority of the loop of `role` under SCHED_FIFO, in the order of what must not wait: what keeps a real vehicle safe, what
+/// computes its commands, what sees it, what only simulates it. `daemon` is `realtime.priority`.
 #[must_use]
-pub fn enter(options: &RealtimeOptions) -> GrantedSettings {
+pub const fn priority_of(role: Role, daemon: u8) -> u8 {
+    match role {
+        Role::Bridge => daemon.saturating_add(1),
+        Role::Daemon => daemon,
+        Role::Mocap | Role::Receiver => daemon.saturating_sub(1),
+        Role::Plant | Role::Recorder => daemon.saturating_sub(2),
+    }
+}
+
+/// Applies `options` to the calling thread, the loop of `role`; memory is locked for the whole process.
+#[must_use]
+pub fn enter(options: &RealtimeOptions, role: Role) -> GrantedSettings {
     let mut granted = GrantedSettings { policy: "other", ..GrantedSettings::default() };
     let mut note = |result: Result<(), String>| match result {
         Ok(()) => true,
@@ -55,7 +68,7 @@ pub fn enter(options: &RealtimeOptions) -> GrantedSettings {
     note(sharpen(options.timer_slack_us));
     let locked = options.lock_memory && note(lock_memory());
     note(match options.scheduling {
-        Scheduling::Fifo => fifo(options.priority),
+        Scheduling::Fifo => fifo(priority_of(role, options.priority)),
         Scheduling::Other => other(),
     });
     granted.locked = locked;
@@ -175,6 +188,13 @@ mod tests {
     /// As Linux 6.18 prints it, under `chrt -f 7`, but for the name.
     const FIFO: &str = "310 (a (b) c) R 1 310 310 0 -1 4194304 97 0 0 0 0 0 0 0 -8 0 1 0 2395413 6201344 460 \
                         18446744073709551615 1 1 0 0 0 0 0 0 0 0 0 0 17 1 7 1 0 0 0 0 0 0 0 0 0 0 0";
+
+    #[test]
+    fn what_must_not_wait_has_the_higher_priority() {
+        let order = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge];
+        let priorities = order.map(|role| priority_of(role, 50));
+        assert_eq!(priorities, [48, 49, 50, 51]);
+    }
 
     #[test]
     fn the_scheduling_of_a_thread_is_read_behind_its_name() {

@@ -1,6 +1,10 @@
 //! Notifications to the service manager (sd_notify): ready, status, watchdog, stopping.
 //!
 //! A thread of its own sends them, never the loop. Without a service manager the thread is not started.
+//!
+//! The watchdog is fed while the process is healthy: its loop turns, its background thread polls, and it does what it is there for
+//! (the daemon commands, the simulator publishes the truth to the cameras, the cameras publish poses while they see the vehicle,
+//! the bridge writes set-points). A loop that runs late is no reason to end a process in flight: that is a safety state.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
@@ -76,8 +80,7 @@ struct ServiceNotifier {
     ready: bool,
     stopping: bool,
     status: String,
-    turns: u64,
-    inputs: u64,
+    last: HealthSample,
     samples_without_input: u32,
 }
 
@@ -88,16 +91,16 @@ impl ServiceNotifier {
             ready: false,
             stopping: false,
             status: String::new(),
-            turns: 0,
-            inputs: 0,
+            last: HealthSample::default(),
             samples_without_input: SAMPLES_WITHOUT_INPUT,
         }
     }
 
     fn notices(&mut self, sample: HealthSample, stopping: bool) -> Vec<Notice> {
         let mut notices = Vec::new();
-        let turns = std::mem::replace(&mut self.turns, sample.turns) != sample.turns;
-        let has_input = std::mem::replace(&mut self.inputs, sample.inputs) != sample.inputs;
+        let turns = self.last.turns != sample.turns;
+        let has_input = self.last.inputs != sample.inputs;
+        let is_healthy = self.is_healthy(&sample);
         self.samples_without_input =
             if has_input { 0 } else { self.samples_without_input.saturating_add(1) };
         // The first turn follows the opening of the ports.
@@ -105,18 +108,33 @@ impl ServiceNotifier {
             self.ready = true;
             notices.push(Notice::Ready);
         }
-        if turns {
+        if is_healthy {
             notices.push(Notice::Alive);
         }
         if stopping && !std::mem::replace(&mut self.stopping, true) {
             notices.push(Notice::Stopping);
         }
-        let status = self.status(sample.status);
+        let status = self.status(sample.status.clone());
+        self.last = sample;
         if self.ready && status != self.status {
             self.status.clone_from(&status);
             notices.push(Notice::Status(status));
         }
         notices
+    }
+
+    /// Whether loop, background thread and outputs went on since the last sample.
+    fn is_healthy(&self, sample: &HealthSample) -> bool {
+        let HealthSample { turns, inputs, outputs, polls, .. } = &self.last;
+        let loop_turns = sample.turns != *turns;
+        let background_polls = sample.polls == 0 || sample.polls != *polls;
+        // Without a vehicle in view, or with a recording, the cameras need not publish.
+        let may_rest = match self.role {
+            Role::Mocap | Role::Receiver => sample.inputs == *inputs,
+            Role::Recorder => true,
+            Role::Daemon | Role::Plant | Role::Bridge => false,
+        };
+        loop_turns && background_polls && (may_rest || sample.outputs != *outputs)
     }
 
     /// The status that the process set itself, or whether it receives input from its peers.
@@ -135,6 +153,8 @@ impl ServiceNotifier {
             (Role::Mocap, false) => "seeing the vehicle",
             (Role::Bridge, true) => "waiting for commands of a daemon",
             (Role::Bridge, false) => "passing commands on",
+            (Role::Receiver, true) => "waiting for frames of the camera system",
+            (Role::Receiver, false) => "passing poses on",
             (Role::Daemon | Role::Recorder, _) => "",
         };
         status.to_owned()
@@ -145,8 +165,32 @@ impl ServiceNotifier {
 mod tests {
     use super::*;
 
+    /// A sample of a loop that publishes something in every turn.
     fn sample(turns: u64, inputs: u64) -> HealthSample {
-        HealthSample { turns, inputs, ..HealthSample::default() }
+        HealthSample { turns, inputs, outputs: turns, ..HealthSample::default() }
+    }
+
+    /// Whether a process of `role` feeds its watchdog with `second` after `first`.
+    fn feeds(role: Role, first: &HealthSample, second: &HealthSample) -> bool {
+        let mut notifier = ServiceNotifier::new(role);
+        notifier.notices(first.clone(), false);
+        notifier.notices(second.clone(), false).contains(&Notice::Alive)
+    }
+
+    #[test]
+    fn f15_a_loop_that_turns_without_doing_its_work_does_not_feed_its_watchdog() {
+        let first = HealthSample { polls: 5, ..sample(10, 3) };
+        let well = HealthSample { polls: 6, ..sample(11, 4) };
+        let idle = HealthSample { outputs: first.outputs, ..well.clone() };
+        let hung_background = HealthSample { polls: first.polls, ..well.clone() };
+        for role in [Role::Daemon, Role::Plant, Role::Mocap, Role::Bridge] {
+            assert!(feeds(role, &first, &well), "{role:?}");
+            assert!(!feeds(role, &first, &idle), "{role:?}");
+            assert!(!feeds(role, &first, &hung_background), "{role:?}");
+        }
+        let unseen = HealthSample { inputs: first.inputs, ..idle };
+        assert!(feeds(Role::Mocap, &first, &unseen), "cameras without a vehicle in view");
+        assert!(!feeds(Role::Daemon, &first, &unseen));
     }
 
     fn statuses(notices: Vec<Notice>) -> Vec<String> {

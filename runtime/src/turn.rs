@@ -15,6 +15,11 @@ pub trait TurnClock {
     /// The present instant: in virtual time the instant of the turn, in real time read anew at every call.
     fn now(&self) -> Time;
 
+    /// Whether the loop runs late, as [`crate::overrun::OverrunMonitor::runs_late`]; never in virtual time.
+    fn runs_late(&self) -> bool {
+        false
+    }
+
     /// Lets the reader of what was just published act on it.
     ///
     /// # Errors

@@ -9,6 +9,8 @@
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::Role;
 
+use crate::faults::outage::Outage;
+
 /// The result of a turn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TurnResult {
@@ -24,7 +26,9 @@ pub struct VirtualClock {
     now: Time,
     roles: [bool; Role::ALL.len()],
     next: [Option<Time>; Role::ALL.len()],
-    unread: [bool; Role::ALL.len()],
+    /// Since when something published waits for the role.
+    unread: [Option<Time>; Role::ALL.len()],
+    outages: Vec<Outage>,
 }
 
 impl VirtualClock {
@@ -40,19 +44,25 @@ impl VirtualClock {
             roles: next.map(|first| first.is_some()),
             next,
             unread: Default::default(),
+            outages: Vec::new(),
         }
+    }
+
+    /// Leaves out the turns of processes that are stopped, and delays those of processes that are slow.
+    pub fn set_outages(&mut self, outages: Vec<Outage>) {
+        self.outages = outages;
     }
 
     /// The role that acts next, and the instant; `None` when no role has another event.
     pub fn turn(&mut self) -> Option<(Role, Time)> {
         let due = |&role: &Role| {
             let i = role as usize;
-            let at = if self.unread[i] { Some(self.now) } else { self.next[i] };
-            at.map(|at| (at.max(self.now), role))
+            let at = self.postponed(role, self.unread[i].or(self.next[i])?)?;
+            Some((at.max(self.now), role))
         };
         let (at, role) = Role::ALL.iter().filter_map(due).min()?;
         self.now = at;
-        self.unread[role as usize] = false;
+        self.unread[role as usize] = None;
         self.next[role as usize] = None;
         Some((role, at))
     }
@@ -63,8 +73,14 @@ impl VirtualClock {
         if result.published
             && let Some(reader) = reader_of(role).filter(|r| self.roles[*r as usize])
         {
-            self.unread[reader as usize] = true;
+            self.unread[reader as usize].get_or_insert(self.now);
         }
+    }
+
+    /// The instant at which a turn of `role` that is due `at` is executed; `None` for never.
+    fn postponed(&self, role: Role, at: Time) -> Option<Time> {
+        let mut outages = self.outages.iter().filter(|outage| outage.role == role);
+        outages.try_fold(at, |at, outage| outage.postpone(at))
     }
 }
 
@@ -74,7 +90,7 @@ const fn reader_of(role: Role) -> Option<Role> {
         Role::Plant => Some(Role::Mocap),
         Role::Mocap => Some(Role::Daemon),
         Role::Daemon => Some(Role::Plant),
-        Role::Recorder | Role::Bridge => None,
+        Role::Recorder | Role::Bridge | Role::Receiver => None,
     }
 }
 

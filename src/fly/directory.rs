@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use oqtal_config::Config;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
 use oqtal_observe::flight::Flight;
@@ -57,7 +58,7 @@ impl FlightDirectory {
         self.save("summary.json", &summary.to_json())?;
         self.save("report.html", &report::html(flight, summary))?;
         let path = self.directory.join("telemetry.csv");
-        let file = fs::File::create(&path).map_err(|e| failed(&path, &e))?;
+        let file = files::create(&path).map_err(|e| failed(&path, &e))?;
         csv::write(flight, std::io::BufWriter::new(file)).map_err(|e| failed(&path, &e))
     }
 
@@ -69,7 +70,7 @@ impl FlightDirectory {
 
     fn save(&self, name: &str, text: &str) -> Result<(), Failure> {
         let path = self.directory.join(name);
-        fs::write(&path, text).map_err(|e| failed(&path, &e))
+        files::write(&path, text).map_err(|e| failed(&path, &e))
     }
 }
 
@@ -77,6 +78,7 @@ impl FlightDirectory {
 fn next_free(instance: &str) -> Result<PathBuf, Failure> {
     let flights = Path::new("flights");
     fs::create_dir_all(flights).map_err(|e| failed(flights, &e))?;
+    files::check_own_directory(flights).map_err(|e| failed(flights, &e))?;
     for number in 1..MAX_NUMBER {
         let directory = flights.join(format!("{instance}-{number}"));
         match fs::create_dir(&directory) {

@@ -1,7 +1,7 @@
 //! The processes of one flight: started together, ended together.
 
 use std::fs::{self, Metadata};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use oqtal_bus::time::{Span, Time};
@@ -9,9 +9,13 @@ use oqtal_bus::topic::Role;
 use oqtal_runtime::process::{Exit, Failure};
 
 use oqtal_lab::mission::Mission;
+use oqtal_receiver::connect_to_all;
+use oqtal_receiver::link::CameraLink;
+use rustix::process::Signal;
 
 use super::directory::FlightDirectory;
-use super::vehicle::CommandLink;
+use super::fault::ProcessAction;
+use super::processes::FlightPaths;
 use crate::child::{Child, command};
 
 /// Start-up time-out: a process that is not ready after this time counts as failed.
@@ -20,7 +24,17 @@ pub const START_TIMEOUT: Span = Span::from_millis(10_000);
 /// The processes of a flight. They end when the group is dropped, and when this process dies.
 #[derive(Debug)]
 pub struct ProcessGroup {
-    members: Vec<(Role, Child)>,
+    members: Vec<Member>,
+    config: PathBuf,
+}
+
+/// A process of the group.
+#[derive(Debug)]
+struct Member {
+    role: Role,
+    child: Child,
+    /// Whether a fault killed it, and it is to be started again: its end is no failure.
+    is_down: bool,
 }
 
 impl ProcessGroup {
@@ -29,27 +43,54 @@ impl ProcessGroup {
     /// # Errors
     /// A process cannot be started, or ends before the link that the next one opens exists.
     pub fn start(
-        (mission, link): (&Mission, &CommandLink),
+        (mission, paths): (&Mission, &FlightPaths),
         directory: &FlightDirectory,
     ) -> Result<Self, Failure> {
-        let (config, logs) = (&directory.config(), directory.path());
-        let mut processes = Self { members: Vec::new() };
-        let roles = link.roles(&mission.config).iter();
-        for &role in roles.filter(|&&role| role != Role::Recorder) {
-            if let (Role::Bridge, Some(path)) = (role, link.awaited()) {
-                processes.wait_for(path, config)?;
+        let mut processes = Self { members: Vec::new(), config: directory.config() };
+        let FlightPaths { commands, poses } = paths;
+        let roles = poses.roles(commands.roles(&mission.config));
+        for role in roles.into_iter().filter(|role| *role != Role::Recorder) {
+            match (role, commands.awaited(), poses.awaited()) {
+                (Role::Bridge, Some(path), _) => processes.wait_for(path)?,
+                (Role::Receiver, _, Some(link)) => processes.wait_for_cameras(link)?,
+                _ => {}
             }
-            let member = Child::start(role.name(), command(&[role.name()], config)?, logs)?;
-            processes.members.push((role, member));
+            let command = command(&[role.name()], &processes.config)?;
+            let child = Child::start(role.name(), command, directory.path())?;
+            processes.members.push(Member { role, child, is_down: false });
         }
         Ok(processes)
     }
 
-    /// Waits until the plant has created `link`. A link that is older than the file `config` was left behind by a killed plant.
-    fn wait_for(&mut self, link: &Path, config: &Path) -> Result<(), Failure> {
+    /// Does what a fault does to a process.
+    ///
+    /// # Errors
+    /// The process cannot be started again.
+    pub fn apply(&mut self, role: Role, action: ProcessAction) -> Result<(), Failure> {
+        let Some(member) = self.members.iter_mut().find(|member| member.role == role) else {
+            return Ok(());
+        };
+        match action {
+            ProcessAction::Kill { is_restarted } => {
+                member.is_down = is_restarted;
+                member.child.signal(Signal::KILL);
+            }
+            ProcessAction::Stop => member.child.signal(Signal::STOP),
+            ProcessAction::Continue => member.child.signal(Signal::CONT),
+            ProcessAction::Start => {
+                member.child.restart(command(&[role.name()], &self.config)?)?;
+                member.is_down = false;
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until the plant has created `link`. A link that is older than the configuration file was left behind by a killed
+    /// plant.
+    fn wait_for(&mut self, link: &Path) -> Result<(), Failure> {
         let deadline = Time::now() + START_TIMEOUT;
         let made = |file: std::io::Result<Metadata>| file.and_then(|file| file.modified()).ok();
-        let begun = made(fs::metadata(config));
+        let begun = made(fs::metadata(&self.config));
         while made(fs::symlink_metadata(link)).is_none_or(|at| Some(at) < begun) {
             if let Some(failure) = self.failure() {
                 return Err(failure);
@@ -66,16 +107,33 @@ impl ProcessGroup {
         Ok(())
     }
 
+    /// Waits until emulated cameras serve their body.
+    fn wait_for_cameras(&mut self, link: &CameraLink) -> Result<(), Failure> {
+        let deadline = Time::now() + START_TIMEOUT;
+        while let Err(error) = connect_to_all(link) {
+            if let Some(failure) = self.failure() {
+                return Err(failure);
+            }
+            if Time::now() >= deadline {
+                let message = format!("{error}; see mocap-emu.log beside the report");
+                return Err(Failure::new(Exit::Peer, message));
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        Ok(())
+    }
+
     /// The failure of the first process found to have ended; `None` while all run.
     pub fn failure(&mut self) -> Option<Failure> {
-        self.members.iter_mut().find_map(|(_, member)| member.failure())
+        let up = self.members.iter_mut().filter(|member| !member.is_down);
+        up.into_iter().find_map(|member| member.child.failure())
     }
 
     /// Ends all processes and waits for each: the daemon first, which disarms the vehicle, then the bridge, which transmits that.
     pub fn shut_down(&mut self) {
-        for leaving in [Role::Daemon, Role::Bridge, Role::Mocap, Role::Plant] {
-            for (_, member) in self.members.iter_mut().filter(|(role, _)| *role == leaving) {
-                member.shut_down();
+        for leaving in [Role::Daemon, Role::Bridge, Role::Receiver, Role::Mocap, Role::Plant] {
+            for member in self.members.iter_mut().filter(|member| member.role == leaving) {
+                member.child.shut_down();
             }
         }
         self.members.clear();

@@ -15,6 +15,7 @@ use oqtal_runtime::process::{Exit, Failure, instance_paths};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 
+use super::cameras::PosePath;
 use super::directory::FlightDirectory;
 use super::process_group::ProcessGroup;
 use super::progress::Interrupts;
@@ -22,13 +23,22 @@ use super::recording::FlightRecording;
 use super::vehicle::CommandLink;
 use super::watch::ProcessWatch;
 
+/// How commands reach the vehicle, and poses the daemon.
+#[derive(Clone, Debug, Default)]
+pub struct FlightPaths {
+    /// The path of the commands.
+    pub commands: CommandLink,
+    /// The path of the poses.
+    pub poses: PosePath,
+}
+
 /// A flight through processes: what is flown, by which command path, where it is written, and who may end it.
 #[derive(Debug)]
 pub struct BusFlight<'a> {
     /// What is flown.
     pub mission: &'a Mission,
-    /// How commands reach the vehicle.
-    pub link: &'a CommandLink,
+    /// How commands reach the vehicle, and poses the daemon.
+    pub paths: &'a FlightPaths,
     /// Directory of configuration, logs and results.
     pub directory: &'a FlightDirectory,
     /// Interrupts of the operator.
@@ -56,16 +66,16 @@ impl BusFlight<'_> {
         refuse_running_daemon(&bus, &config.instance.name)?;
         let lockstep = config.clock.kind == ClockKind::Lockstep;
         let _one_processor = lockstep.then(OneProcessor::stay);
-        let mut processes = ProcessGroup::start((self.mission, self.link), self.directory)?;
+        let mut processes = ProcessGroup::start((self.mission, self.paths), self.directory)?;
         let stop = StopFlag::default();
-        let watch = ProcessWatch::new(paths, &stop);
+        let watch = ProcessWatch::new(paths, config, &stop);
         let flight = std::thread::scope(|threads| {
             let (watch, processes, interrupts) = (&watch, &mut processes, self.interrupts);
             threads.spawn(move || watch.run(processes, interrupts));
             // However the recording ends, the watch ends with it.
             let _over = watch.end_on_drop();
-            FlightRecording { mission: self.mission, link: self.link, bus: &bus, stop: &stop }
-                .run(observer)
+            let link = &self.paths.commands;
+            FlightRecording { mission: self.mission, link, bus: &bus, stop: &stop }.run(observer)
         });
         processes.shut_down();
         watch.into_failure().map_or(flight, Err).inspect(report_missing_rights)
@@ -86,7 +96,7 @@ fn report_missing_rights(flight: &Flight) {
 
 /// Fails if a daemon already runs on this instance: it was not started by this flight and must not be made to fly.
 fn refuse_running_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
-    let status = ControlRequestV1 { command: OperatorCommand::Status.code() };
+    let status = ControlRequestV1::of(OperatorCommand::Status);
     match bus.control_client()?.ask(status, Span::from_millis(100))? {
         None => Ok(()),
         Some(_) => {

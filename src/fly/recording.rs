@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::{Span, Time};
@@ -15,6 +15,7 @@ use oqtal_observe::flight::Flight;
 use oqtal_observe::kernel::ProcessUsage;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
+use oqtal_observe::status::word;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
@@ -59,7 +60,7 @@ impl FlightRecording<'_> {
     /// The daemon refuses or never answers, the vehicle never answers, or the bus failed.
     pub fn run(&self, mut observer: BusObserver<Bus>) -> Result<Flight, Failure> {
         if self.mission.recording.is_none() {
-            request_flight(&self.bus.control_client()?, self.stop)?;
+            request_flight(&self.bus.control_client()?, self.mission.config.hash(), self.stop)?;
         }
         let progress = FlightProgress::new(self.mission.expected());
         let mut clock = ReviewClock::new(self.mission, self.bus, self.stop)?;
@@ -163,13 +164,22 @@ impl ReviewClock {
 }
 
 /// Asks the daemon to fly until it answers.
-fn request_flight(client: &ControlClient, stop: &StopFlag) -> Result<(), Failure> {
+fn request_flight(
+    client: &ControlClient,
+    config_hash: u64,
+    stop: &StopFlag,
+) -> Result<(), Failure> {
     let deadline = Time::now() + START_TIMEOUT;
-    let request = ControlRequestV1 { command: OperatorCommand::Fly.code() };
+    let fly = ControlRequestV1::of(OperatorCommand::Fly);
+    let request = ControlRequestV1 { valid_until: deadline, config_hash, ..fly };
     while Time::now() < deadline && !stop.is_set() {
         match client.ask(request, Span::from_millis(200))? {
             Some(response) if response.answer == Answer::Refused.code() => {
-                return Err(Failure::new(Exit::Flight, "the daemon refuses to fly"));
+                let cause = word(Cause::from_code(response.cause));
+                return Err(Failure::new(
+                    Exit::Flight,
+                    format!("the daemon refuses to fly: {cause}"),
+                ));
             }
             Some(_) => return Ok(()),
             None => {}

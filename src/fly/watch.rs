@@ -1,27 +1,32 @@
 //! The watch over a flight: ends it when a process ends, and passes interrupts of the operator to the daemon.
 
 use std::sync::Mutex;
-use std::time::Duration;
+use std::thread::sleep;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::transport::Transport;
+use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::{SetOnDrop, StopFlag};
 
+use super::fault::ProcessFaults;
 use super::process_group::ProcessGroup;
 use super::progress::Interrupts;
 
 /// Period at which processes and interrupts are checked.
-const WATCH_PERIOD: Duration = Duration::from_millis(20);
+const WATCH_PERIOD: Span = Span::from_millis(20);
 
 /// Watches the processes and the operator while the flight is recorded.
 #[derive(Debug)]
 pub struct ProcessWatch<'a> {
     paths: &'a InstancePaths,
+    /// The configuration, with the faults of processes.
+    config: &'a Config,
     /// Stops the recording.
     stop: &'a StopFlag,
     /// Stops the watch.
@@ -30,29 +35,43 @@ pub struct ProcessWatch<'a> {
 }
 
 impl<'a> ProcessWatch<'a> {
-    /// A watch over the instance at `paths` that sets `stop` when the flight cannot go on.
+    /// A watch over the flight under `config` at `paths` that sets `stop` when the flight cannot go on.
     #[must_use]
-    pub fn new(paths: &'a InstancePaths, stop: &'a StopFlag) -> Self {
-        Self { paths, stop, over: StopFlag::default(), failure: Mutex::new(None) }
+    pub fn new(paths: &'a InstancePaths, config: &'a Config, stop: &'a StopFlag) -> Self {
+        Self { paths, config, stop, over: StopFlag::default(), failure: Mutex::new(None) }
     }
 
     /// Watches until a process ends, an interrupt cannot be passed on, or the flight is over.
     pub fn run(&self, processes: &mut ProcessGroup, interrupts: &Interrupts) {
+        if let Err(failure) = self.watch(processes, interrupts) {
+            self.fail(failure);
+        }
+    }
+
+    fn watch(&self, processes: &mut ProcessGroup, interrupts: &Interrupts) -> Result<(), Failure> {
         // Without a watch there is no flight, however the watch ended.
         let _stop = self.stop.set_on_drop();
-        let client = Bus::open(self.paths).and_then(|bus| Ok((bus.control_client()?, bus)));
+        let bus = Bus::open(self.paths)?;
+        let client = bus.control_client().ok();
+        let stop = bus.stop_switch().ok();
+        let mut faults = ProcessFaults::open(&bus, self.config)?;
         while !self.over.is_set() {
-            if let Some(failure) = processes.failure() {
-                self.fail(failure);
-                return;
+            processes.failure().map_or(Ok(()), Err)?;
+            while let Some((role, action)) = faults.due(Time::now())? {
+                processes.apply(role, action)?;
             }
-            let client = client.as_ref().ok().map(|(client, _)| client);
-            if interrupts.next().is_some_and(|command| !pass_on(client, command)) {
-                self.fail(Failure::new(Exit::Flight, "interrupted"));
-                return;
+            let command = interrupts.next();
+            if let (Some(OperatorCommand::Stop), Some(stop)) = (command, &stop) {
+                // Obeyed by the vehicle's process, whatever the daemon does.
+                stop.raise();
             }
-            std::thread::sleep(WATCH_PERIOD);
+            if command.is_some_and(|command| !pass_on(client.as_ref(), command)) {
+                return Err(Failure::new(Exit::Flight, "interrupted"));
+            }
+            let until_next = faults.next().map_or(WATCH_PERIOD, |next| next.since(Time::now()));
+            sleep(until_next.min(WATCH_PERIOD).to_duration());
         }
+        Ok(())
     }
 
     /// Ends the watch when the returned guard is dropped.
@@ -76,7 +95,7 @@ impl<'a> ProcessWatch<'a> {
 
 /// Passes an operator's command to the daemon; `false` if no flight is under way that it could end.
 fn pass_on(client: Option<&ControlClient>, command: OperatorCommand) -> bool {
-    let request = ControlRequestV1 { command: command.code() };
+    let request = ControlRequestV1::of(command);
     let response = client.and_then(|client| client.ask(request, Span::from_millis(500)).ok());
     response.flatten().is_some_and(|response| response.answer != Answer::Refused.code())
 }

@@ -1,4 +1,4 @@
-//! Stands in for the cameras: publishes poses of a hovering vehicle, and between them gives a message by each bare mechanism.
+//! Stands in for the cameras: publishes poses of a hovering vehicle, at regular instants or with jitter, and between them gives a message by each bare mechanism.
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::port::Writer;
@@ -8,6 +8,7 @@ use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 
 use super::bare::{Mechanism, Parcel, ParcelSender, directory, open_sender};
+use super::condition::delay_ms;
 use super::record::Record;
 use super::sleep::sleep_until;
 
@@ -27,13 +28,16 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         .collect::<Result<Vec<_>, _>>()?;
     let mut lateness = Record::with_room();
     context.enter_realtime();
+    let jitter_ms = context.config.mocap.jitter_ms;
     let turns = senders.len() as u64 + 1;
     let mut grid = Grid::new(
         Time::now() + Span::from_millis(50),
         context.config.control.rate_hz * turns as f64,
     );
     while !context.stop.is_set() {
-        let (at, round, turn) = (grid.next(), grid.index() / turns, grid.index() % turns);
+        let (on_grid, round, turn) = (grid.next(), grid.index() / turns, grid.index() % turns);
+        let delay_ms = if turn == 0 { delay_ms(round, jitter_ms) } else { 0.0 };
+        let at = on_grid + Span::from_seconds(delay_ms * 1e-3);
         grid.advance();
         sleep_until(at).map_err(|e| Failure::new(Exit::System, format!("sleeping failed: {e}")))?;
         lateness.add(at, Time::now());

@@ -6,6 +6,7 @@ use oqtal_observe::latency::DistributionSummary;
 use serde::Serialize;
 
 use super::bare::Mechanism;
+use super::condition::RigCondition;
 use super::pairs::Pair;
 use super::rig::Bare;
 use oqtal_observe::kernel::ThreadScheduling;
@@ -45,6 +46,29 @@ pub struct Wakeup {
     pub median_ratio: Option<f64>,
 }
 
+/// The hops under one condition.
+#[derive(Clone, Debug, Serialize)]
+pub struct ConditionFigures {
+    /// Name of the condition.
+    pub condition: &'static str,
+    /// Every hop, and the whole.
+    pub hops: BTreeMap<&'static str, DistributionSummary>,
+    /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2, measured under the same condition.
+    pub ratio: BTreeMap<&'static str, Ratio>,
+}
+
+impl ConditionFigures {
+    /// What was measured under `condition`.
+    #[must_use]
+    pub fn of(condition: RigCondition, figures: &LatencyFigures) -> Self {
+        Self {
+            condition: condition.name(),
+            hops: figures.hops.clone(),
+            ratio: figures.ratio.clone(),
+        }
+    }
+}
+
 /// The figures of `oqtal latency`, the document of `--json`.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct LatencyFigures {
@@ -54,6 +78,8 @@ pub struct LatencyFigures {
     pub bare: BTreeMap<&'static str, DistributionSummary>,
     /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2.
     pub ratio: BTreeMap<&'static str, Ratio>,
+    /// The same ratios under each condition; empty for a running instance.
+    pub conditions: Vec<ConditionFigures>,
     /// Wake-ups.
     pub wakeup: Wakeup,
     /// How the daemon is scheduled.
@@ -71,6 +97,7 @@ impl LatencyFigures {
             hops: monitor.hops().iter().map(|(name, hop)| (name, hop.summary())).collect(),
             bare: measured.map(|(name, spans)| (*name, spans.summary())).collect(),
             ratio: BTreeMap::new(),
+            conditions: Vec::new(),
             wakeup: Wakeup {
                 daemon: monitor.wakeup_lateness().summary(),
                 sleep: bare.map(|bare| bare.sleep.summary()),

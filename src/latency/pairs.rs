@@ -9,6 +9,7 @@ use std::time::Duration;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
 use oqtal_bus::time::{Span, Time};
 use oqtal_observe::latency::Distribution;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::stop::StopFlag;
 use rustix::thread::{CpuSet, sched_getaffinity};
@@ -54,7 +55,7 @@ impl Terms {
         let cpu = config.realtime.cpus.last().copied().map_or_else(last_cpu, Ok)?;
         config.realtime.cpus = vec![cpu];
         let file = rig.directory().join("periodic.toml");
-        std::fs::write(&file, config.to_toml())
+        files::write(&file, &config.to_toml())
             .map_err(|e| Failure::new(Exit::System, format!("{}: {e}", file.display())))?;
         let priority = (realtime.policy == "fifo").then_some(realtime.priority);
         Ok(Self { config: file, cpu, priority, length })

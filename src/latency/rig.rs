@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::hash::{BuildHasher, RandomState};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
@@ -17,6 +18,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config};
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::latency::Distribution;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure, instance_paths};
 
 use super::bare::{Mechanism, beside, counter, directory};
@@ -59,7 +61,7 @@ impl Rig {
         let root = instance_paths(&config)?.root;
         config.instance.root = root.display().to_string();
         // Never a running one: its vehicle may be real.
-        config.instance.name = format!("latency-{}", std::process::id());
+        config.instance.name = format!("latency-{}-{:016x}", std::process::id(), unguessable());
         config.clock.kind = ClockKind::Real;
         config.mocap.replay.clear();
         config.safety.observe_only = false;
@@ -69,8 +71,8 @@ impl Rig {
         let directory = directory(&config.instance.name);
         let rig =
             Self { config, place, directory, takers: Vec::new(), chain: Vec::new(), camera: None };
-        let written = fs::create_dir_all(&rig.directory)
-            .and_then(|()| fs::write(rig.config_file(), rig.config.to_toml()));
+        let written = files::create_private_directory(&rig.directory)
+            .and_then(|()| files::write(&rig.config_file(), &rig.config.to_toml()));
         written.map_err(|e| failed(&rig.directory, &e))?;
         Ok(rig)
     }
@@ -198,6 +200,12 @@ impl Drop for Rig {
         // Nothing is lost if it stays but a few kilobytes.
         let _ = fs::remove_dir_all(&self.directory);
     }
+}
+
+/// A number that another user cannot guess, so that he cannot take the names of the rig's files before it.
+fn unguessable() -> u64 {
+    // Keyed with random bytes of the operating system.
+    RandomState::new().hash_one(std::process::id())
 }
 
 /// The spans of a record between `from` and `to`.

@@ -13,6 +13,7 @@ use oqtal_observe::table::{align, latency_row, table};
 pub fn text(figures: &LatencyFigures) -> String {
     let mut parts = vec![format!("daemon: {}", figures.realtime), latencies(figures).to_string()];
     parts.extend(ratios(figures).map(|table| table.to_string()));
+    parts.extend(conditions(figures).map(|table| table.to_string()));
     parts.extend(pairs(figures));
     parts.push(counts(figures));
     parts.join("\n")
@@ -57,6 +58,32 @@ fn ratios(figures: &LatencyFigures) -> Option<Table> {
     Some(table)
 }
 
+/// Each transport hop over the bare listener of iceoryx2 under each condition, p50 and p99, and the computation.
+fn conditions(figures: &LatencyFigures) -> Option<Table> {
+    if figures.conditions.is_empty() {
+        return None;
+    }
+    let mut table = table(&[
+        "over the iceoryx2 listener, p50 / p99",
+        "publish to daemon",
+        "command to vehicle",
+        "compute p50 [us]",
+    ]);
+    for condition in &figures.conditions {
+        let mut row = vec![condition.condition.to_owned()];
+        row.extend(TRANSPORT.map(|name| {
+            condition.ratio.get(name).map_or_else(String::new, |ratio| {
+                format!("{} / {}", significant(ratio.p50), significant(ratio.p99))
+            })
+        }));
+        let compute = condition.hops.get("compute");
+        row.push(compute.map_or_else(String::new, |hop| significant(hop.p50_ns as f64 * 1e-3)));
+        table.add_row(row);
+    }
+    align(&mut table);
+    Some(table)
+}
+
 fn pairs(figures: &LatencyFigures) -> Option<String> {
     let wakeup = &figures.wakeup;
     let median = wakeup.median_ratio?;
@@ -89,6 +116,8 @@ fn counts(figures: &LatencyFigures) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::latency::condition::RigCondition;
+    use crate::latency::figures::ConditionFigures;
     use oqtal_observe::latency::DistributionSummary;
 
     #[test]
@@ -106,9 +135,17 @@ mod tests {
         figures.bare.extend(Mechanism::ALL.map(|mechanism| (mechanism.name(), summary)));
         figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
         figures.wakeup.sleep = Some(summary);
+        figures.conditions =
+            RigCondition::ALL.map(|condition| ConditionFigures::of(condition, &figures)).to_vec();
         let text = text(&figures);
         assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");
-        for word in ["publish to daemon", "bare futex", "bare iceoryx2 listener", "1.00 / 1.00"] {
+        for word in [
+            "publish to daemon",
+            "bare futex",
+            "bare iceoryx2 listener",
+            "1.00 / 1.00",
+            "without warm-up",
+        ] {
             assert!(text.contains(word), "{word} in\n{text}");
         }
         assert!(!text.contains("cyclictest"), "{text}");

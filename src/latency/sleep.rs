@@ -25,7 +25,7 @@ pub fn sleep_until(at: Time) -> rustix::io::Result<()> {
         tv_nsec: (nanos % 1_000_000_000).cast_signed(),
     };
     loop {
-        match clock_nanosleep_absolute(ClockId::Monotonic, &request) {
+        match clock_nanosleep_absolute(ClockId::Boottime, &request) {
             Err(Errno::INTR) => {}
             result => return result,
         }

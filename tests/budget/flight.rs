@@ -36,7 +36,7 @@ pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) ->
             Role::Plant => step(&mut flight.plant, now).unwrap(),
             Role::Mocap => step(&mut flight.cameras, now).unwrap(),
             Role::Daemon => flight.daemon_turn(now, &mut count),
-            Role::Recorder | Role::Bridge => TurnResult::default(),
+            Role::Recorder | Role::Bridge | Role::Receiver => TurnResult::default(),
         };
         virtual_clock.done(role, result);
     }
@@ -64,7 +64,7 @@ impl Flight {
         let ports = DaemonPorts::open(&bus).unwrap();
         let plant = Plant::new(config, start);
         Self {
-            plant: PlantTurn::open(&bus, plant, Stepping::Exact, false).unwrap(),
+            plant: PlantTurn::open(&bus, plant, Stepping::Exact, config).unwrap(),
             cameras: PoseTurn::open(&bus, cameras).unwrap(),
             daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
             _requests: requests,

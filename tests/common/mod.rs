@@ -1,6 +1,8 @@
 //! Testbeds: each test has an instance, a root directory and an output directory of its own, so that tests run in parallel.
 #![allow(dead_code)]
 
+pub mod random;
+
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -57,6 +59,12 @@ impl Testbed {
         command.args(words.iter().map(AsRef::as_ref));
         command.arg("--instance").arg(&self.instance).arg("--root").arg(self.path("run"));
         command.current_dir(self.directory.path()).stdin(Stdio::null());
+        // The lengths of studies are no settings of the configuration.
+        for (name, _) in std::env::vars_os() {
+            if name.as_encoded_bytes().starts_with(b"OQTAL_TEST_") {
+                command.env_remove(name);
+            }
+        }
         command
     }
 
@@ -115,6 +123,11 @@ impl Running {
 
     pub fn signal(&self, signal: rustix::process::Signal) {
         self::signal(self.id(), signal);
+    }
+
+    /// Whether the process has not ended.
+    pub fn runs(&mut self) -> bool {
+        matches!(self.child.as_mut().unwrap().try_wait(), Ok(None))
     }
 
     pub fn wait(mut self) -> Output {

@@ -15,6 +15,7 @@ const ORDER: &[(&str, &[&str])] = &[
     ("plant-sim", &["control", "bus", "config", "runtime", "wire"]),
     ("mocap-emu", &["control", "bus", "config", "runtime", "wire"]),
     ("bridge", &["control", "bus", "config", "runtime", "wire"]),
+    ("receiver", &["control", "bus", "config", "runtime", "wire"]),
     ("observe", &["control", "bus", "config"]),
     (
         "lab",

@@ -1,12 +1,15 @@
-//! Wire formats between oqtal and a vehicle, for both ends: the bridge is the host, an emulated vehicle the other end.
+//! Wire formats between oqtal and a vehicle or a camera system, for both ends: the bridge and the receiver are clients, emulated
+//! vehicles and cameras the other end.
 //!
-//! Pure: no I/O, clock or thread, and no allocation in encoding and decoding. A format has two layers:
+//! Pure: no I/O, clock or thread. A format has two layers:
 //!
-//! - *packet*: checked views of bytes. `new_checked` checks length, type and checksum once; accessors then return the fields as
-//!   they are on the wire, in counts.
+//! - *packet*: checked views of bytes. Length, type and checksum are checked once; accessors then return the fields as they are on
+//!   the wire, in counts.
 //! - *meaning*: SI units and radians, body axes x forward, y left, z up. Where sources disagree, the meaning is configured.
 //!
-//! A [`stream::Decoder`] finds the frames in a stream of bytes, whatever else the stream carries.
+//! The formats of vehicles do not allocate. A [`stream::Decoder`] finds their frames in a stream of bytes, whatever else the stream
+//! carries. Those of camera systems come over reliable streams and in datagrams: their frames are decoded in place, what names the
+//! bodies allocates, and every size is checked against the bytes that are there.
 //!
 //! | module | what |
 //! |---|---|
@@ -14,9 +17,20 @@
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
 //! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
+//! | [`motion`] | what a camera system measures: poses of bodies, positions of markers |
+//! | [`qtm`] | the RT protocol of Qualisys Track Manager |
+//! | [`vrpn`] | VRPN, as Vicon Tracker, Motive and others serve it |
+//! | [`natnet`] | OptiTrack's NatNet |
 #![forbid(unsafe_code)]
 
 pub mod asctec;
+mod bytes;
 pub mod link;
+pub mod motion;
+pub mod natnet;
+pub mod qtm;
 pub mod stream;
+pub mod vrpn;
 pub mod xbee;
+
+pub use bytes::ByteOrder;

@@ -33,6 +33,9 @@ message! {
         attitude: [f64; 4] ["body to world"],
         /// Mean distance of the markers from the rigid body fitted to them; NaN if unknown.
         residual_m: f64 ["m"],
+        /// Error of `captured_at` that 99 poses of 100 do not exceed, where it is estimated from a camera system's own clock; 0
+        /// where it is exact.
+        capture_uncertainty_s: f64 ["s"],
         /// Number of the rigid body, from 1, as the camera system counts.
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
@@ -47,12 +50,13 @@ message! {
     CommandV1 = "oqtal.Command.v1" {
         /// [`crate::code::Actuation`]: meaning of the numbers.
         actuation: u8 ["code"],
-        /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61); zero for other actuations.
+        /// Attitude sticks `[delta_r, delta_p, delta_y]` of Eq. (61); zero for torque. With an attitude: the rates that bring it
+        /// about, for an axis whose rate the vehicle takes in place of its angle.
         sticks: [f64; 3] ["-1..1, body"],
         /// Torque; zero for other actuations.
         torque: [f64; 3] ["N m, body"],
-        /// Attitude that sticks or torque are to bring about, scalar last, for a vehicle that holds an attitude by itself;
-        /// zeros if motors are off.
+        /// Attitude that the vehicle is to hold, or that sticks or torque are to bring about, scalar last; zeros if motors are
+        /// off.
         attitude: [f64; 4] ["body to world"],
         /// Collective thrust `delta_c` of Eq. (61), as a share of the vehicle's greatest thrust.
         thrust: f64 ["0..1"],
@@ -81,6 +85,8 @@ message! {
         starting: u8 ["flag"],
         /// 1 if the vehicle answers.
         link: u8 ["flag"],
+        /// 1 while an operator's stop keeps the motors off, whatever is commanded.
+        stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
         simulated: u8 ["flag"],
     }
@@ -97,7 +103,7 @@ message! {
         command_sequence: u64 ["-"],
         /// Time since the mission began; NaN before.
         mission_s: f64 ["s"],
-        /// Estimated position.
+        /// Estimated position at the capture of the newest accepted pose, `pose_captured_at`; so are the next three.
         position: [f64; 3] ["m, world"],
         /// Estimated velocity.
         velocity: [f64; 3] ["m/s, world"],
@@ -115,6 +121,8 @@ message! {
         sticks: [f64; 3] ["-1..1, body"],
         /// Torque sent.
         torque: [f64; 3] ["N m, body"],
+        /// Attitude sent, scalar last; zeros if motors are off.
+        attitude_sent: [f64; 4] ["body to world"],
         /// Collective thrust sent, as a share of the vehicle's greatest thrust.
         thrust: f64 ["0..1"],
         /// Age of the newest accepted pose at this tick; NaN if there was none yet.
@@ -133,6 +141,32 @@ message! {
         poses_superseded: u64 ["-"],
         /// Poses refused by the guard, in total.
         poses_refused: u64 ["-"],
+        /// Capture of the newest accepted pose, as the pose says; [`Time::UNSET`] before the first.
+        pose_captured_at: Time ["ns"],
+        /// Publication of that pose.
+        pose_published_at: Time ["ns"],
+        /// Number of its camera frame.
+        pose_sequence: u64 ["-"],
+        /// Position as measured.
+        pose_position: [f64; 3] ["m, world"],
+        /// Attitude as measured, scalar last.
+        pose_attitude: [f64; 4] ["body to world"],
+        /// Distance of the markers from the fitted body, as measured; NaN if unknown.
+        pose_residual_m: f64 ["m"],
+        /// Position at that capture by the filter of the control stack itself; NaN if it has none, as the next three.
+        filter_position: [f64; 3] ["m, world"],
+        /// Velocity by that filter.
+        filter_velocity: [f64; 3] ["m/s, world"],
+        /// Attitude by that filter, scalar last.
+        filter_attitude: [f64; 4] ["body to world"],
+        /// Body rate by that filter.
+        filter_rate: [f64; 3] ["rad/s, body"],
+        /// Measured position minus the one that filter expected; NaN without a filter and on the floor, as the next two.
+        innovation_position: [f64; 3] ["m, world"],
+        /// Rotation from the attitude that filter expected to the measured one.
+        innovation_attitude: [f64; 3] ["rad, body"],
+        /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
+        nis: [f64; 2] ["-"],
         /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
         obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
@@ -155,7 +189,7 @@ message! {
 message! {
     /// Topics `health/NAME`: health of a process, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
-        /// Instant of this message, by the monotonic clock of the machine, whatever clock drives the flight.
+        /// Instant of this message, by the clock of the machine, whatever clock drives the flight.
         time: Time ["ns"],
         /// Hash of the effective configuration: processes that disagree were started from different files.
         config_hash: u64 ["-"],
@@ -167,6 +201,10 @@ message! {
         cause: u8 ["code"],
         /// Changes of the daemon's condition that are missing in its log.
         unlogged: u64 ["-"],
+        /// Turns of the loop that ended more than a control period after they were due, in total.
+        late_turns: u64 ["-"],
+        /// 1 while the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
+        runs_late: u8 ["flag"],
         /// [`crate::obstacle::ArmingObstacles`] of the daemon.
         obstacles: u32 ["-"],
     }

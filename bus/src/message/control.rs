@@ -4,12 +4,27 @@ use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
+use crate::code::OperatorCommand;
+use crate::time::Time;
 
 message! {
     /// Service `control`: an operator's request to the daemon.
     ControlRequestV1 = "oqtal.ControlRequest.v1" {
         /// [`crate::code::OperatorCommand`].
         command: u8 ["code"],
+        /// Instant until which a request that begins a flight may be executed, by the clock of the machine: the operator has given
+        /// up waiting by then. [`Time::UNSET`] for no limit.
+        valid_until: Time ["ns"],
+        /// Hash of the configuration that a flight is to begin with; 0 for any.
+        config_hash: u64 ["-"],
+    }
+}
+
+impl ControlRequestV1 {
+    /// A request without conditions.
+    #[must_use]
+    pub const fn of(command: OperatorCommand) -> Self {
+        Self { command: command.code(), valid_until: Time::UNSET, config_hash: 0 }
     }
 }
 
@@ -24,6 +39,8 @@ message! {
         state: u8 ["code"],
         /// [`crate::code::Cause`] of the state, or of the refusal.
         cause: u8 ["code"],
+        /// Hash of the daemon's configuration.
+        config_hash: u64 ["-"],
         /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning.
         obstacles: u32 ["-"],
     }

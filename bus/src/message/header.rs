@@ -16,6 +16,8 @@ structure! {
     Stamps {
         /// The truth sample that the cameras used was taken.
         captured_at: Time ["ns"],
+        /// The frame of a real camera system arrived at this machine; unset for emulated cameras.
+        pose_received_at: Time ["ns"],
         /// The pose was handed to the bus.
         pose_published_at: Time ["ns"],
         /// The daemon woke to it.

@@ -5,11 +5,12 @@
 //! the error `[theta; omega; d]` follows the model; the coupling of the axes, of the size of the angle turned between
 //! two poses, is neglected.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix3x1, Vector3};
 
 use super::kalman::{Covariance, StateTransition};
 use super::model::{Motion, Rotation};
 use super::options::FilterOptions;
+use crate::linear::discretise;
 use crate::quaternion::Attitude;
 
 /// Standard deviations at take-off: of rate \[rad/s\] and bias \[as the demand\].
@@ -75,6 +76,14 @@ impl AttitudeFilter {
                     0.0, 0.0, 1.0,
                 )
             }
+            Rotation::AttitudeLoop { gain_per_s: gain, lag_s, .. } => {
+                let a = Matrix3::new(
+                    0.0, 1.0, 0.0,
+                    -gain / lag_s, -1.0 / lag_s, 1.0 / lag_s,
+                    0.0, 0.0, 0.0,
+                );
+                discretise(&a, &Matrix3x1::zeros(), h).0
+            }
             Rotation::RigidBody { .. } => Matrix3::new(
                 1.0, h, h * h / 2.0,
                 0.0, 1.0, h,
@@ -88,6 +97,12 @@ impl AttitudeFilter {
     pub fn predict(&mut self, rotation: &Rotation, dt_s: f64) {
         let transition = self.transition(rotation, dt_s);
         self.covariance.predict(&transition);
+    }
+
+    /// Variance of the next innovation about each axis \[rad^2\].
+    #[must_use]
+    pub fn innovation_variance(&self) -> f64 {
+        self.covariance.0[(0, 0)] + self.noise * self.noise
     }
 
     /// Corrects `motion` by the attitude measured; returns the innovation \[rad, body axes\].

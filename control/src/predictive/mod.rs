@@ -52,6 +52,8 @@ use crate::estimator::Estimate;
 use crate::options::OptionError;
 use crate::position::{PositionCommand, PositionOptions};
 use crate::quantity::BodyRate;
+use crate::quaternion::Attitude;
+use crate::tracking_error::AttitudeError;
 use crate::trajectory::Reference;
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
@@ -60,7 +62,7 @@ pub use history::CommandHistory;
 pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
 pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
-pub use observer::MotionObserver;
+pub use observer::{FilterInnovation, MotionObserver};
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
@@ -94,6 +96,28 @@ pub struct PredictiveOutput {
     pub setpoint: PositionCommand,
     /// Input of the rotation, within the vehicle's range \[N m, body axes, in rate form -1..1\].
     pub u: Vector3<f64>,
+    /// Command to a vehicle that holds an attitude, body to world.
+    pub attitude: Attitude,
+}
+
+impl PredictiveOutput {
+    /// The command, as [`Autopilot::sent`] takes it.
+    #[must_use]
+    pub fn command(&self) -> PredictiveCommand {
+        let Self { setpoint, u, attitude } = *self;
+        PredictiveCommand { u, attitude, thrust_n: setpoint.thrust_n }
+    }
+}
+
+/// A command to the vehicle. The default is that of motors that are off.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PredictiveCommand {
+    /// Input of the rotation \[N m, body axes, in rate form -1..1\].
+    pub u: Vector3<f64>,
+    /// Attitude, where the vehicle holds one, body to world.
+    pub attitude: Attitude,
+    /// Thrust along body z \[N\]; a negative one counts as 0.
+    pub thrust_n: f64,
 }
 
 /// Estimation, prediction, position law and attitude law in one. No step allocates.
@@ -147,11 +171,13 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.observer.take(t_s, measured, &self.history);
     }
 
-    /// Records a command sent at `t_s` \[s\]: `u` and the thrust \[N\]; a negative thrust counts as 0.
-    pub fn sent(&mut self, sequence: u64, t_s: f64, (u, thrust_n): (&Vector3<f64>, f64)) {
-        let demand = self.design.input.demand_of(&self.design.input.saturate(u));
+    /// Records a command sent at `t_s` \[s\].
+    pub fn sent(&mut self, sequence: u64, t_s: f64, command: &PredictiveCommand) {
+        let PredictiveCommand { u, attitude, thrust_n } = *command;
+        let demand = self.design.input.demand_of(&self.design.input.saturate(&u));
+        let attitude = if attitude.is_finite() { attitude } else { Attitude::LEVEL };
         let thrust_n = if thrust_n.is_finite() { thrust_n.max(0.0) } else { 0.0 };
-        self.history.push(sequence, t_s, ModelInput { demand, thrust_n });
+        self.history.push(sequence, t_s, ModelInput { demand, attitude, thrust_n });
     }
 
     /// Records that a command took effect at `t_s` \[s\].
@@ -163,6 +189,13 @@ impl<I: InputForm + Copy> Autopilot<I> {
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.history.delay_s()
+    }
+
+    /// The motion that the filters estimate at the capture of the last pose, and the innovation of that pose; `None` before the
+    /// first pose.
+    #[must_use]
+    pub fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
+        self.observer.latest().map(|(_, motion)| (motion, self.observer.innovation()))
     }
 
     /// Returns the command at `now_s` \[s\] for a vehicle that should be at `reference`. `None` before the first
@@ -177,6 +210,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         }
         let setpoint = self.setpoint(&motion, reference, (dt_s, delay_s))?;
         let u = self.rotate(&motion, &setpoint.attitude);
+        let attitude = self.attitude_command(&setpoint.attitude);
         self.setpoint_buffer.push(now_s + delay_s, setpoint);
         self.last_s = Some(now_s);
         let mut now = self.setpoint_buffer.at(now_s)?;
@@ -184,6 +218,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         Some(PredictiveOutput {
             setpoint: PositionCommand { thrust_n: setpoint.thrust_n, ..now },
             u,
+            attitude,
         })
     }
 
@@ -219,6 +254,19 @@ impl<I: InputForm + Copy> Autopilot<I> {
     #[must_use]
     pub fn riccati_solves(&self) -> u32 {
         self.attitude.riccati_solves()
+    }
+
+    /// The attitude to command to a vehicle that holds it, so that the vehicle is at `wanted` when the command acts: ahead of it
+    /// by the angle from which the on-board loop makes the rate of the reference, less the estimated bias.
+    fn attitude_command(&self, wanted: &AttitudeReference) -> Attitude {
+        let Rotation::AttitudeLoop { gain_per_s, .. } = self.design.model.rotation else {
+            return wanted.attitude;
+        };
+        let input = &self.design.input;
+        let on_reference = AttitudeError::between(&wanted.attitude, &wanted.attitude);
+        let u = input.feed_forward(&on_reference, &Vector3::zeros(), wanted);
+        let rate = input.demand_of(&u) - self.observer.bias().demand;
+        wanted.attitude.turned_by(rate / gain_per_s)
     }
 
     /// The law's input minus the estimated bias.

@@ -1,9 +1,10 @@
 //! Model of the vehicle for prediction: a point mass under thrust, weight and drag, whose rate follows its command.
 //! Not in the paper.
 //!
-//! One model serves both input forms. The *demand* is the effect of an input on the rotation: the rate that the
-//! on-board loop follows, Eq. (61), or the angular acceleration produced by a torque, Eq. (3). The [`Bias`] is a
-//! constant error of the demand and a constant external acceleration.
+//! One model serves all vehicles. The *demand* is the effect of an input on the rotation: the rate that the
+//! on-board loop follows, Eq. (61), or the angular acceleration produced by a torque, Eq. (3). Where the vehicle holds
+//! a commanded attitude, its attitude loop makes the demanded rate. The [`Bias`] is a constant error of the demand and
+//! a constant external acceleration.
 
 use nalgebra::{Quaternion, SVector, UnitQuaternion, Vector3};
 
@@ -11,6 +12,7 @@ use crate::estimator::Estimate;
 use crate::quantity::BodyRate;
 use crate::quaternion::Attitude;
 use crate::rigid_body::{Inertia, quaternion_rate};
+use crate::tracking_error::AttitudeError;
 
 /// Longest step of the integration \[s\]. With a lag of 50 ms the error of a step is then below `1e-7` of the change
 /// in that step.
@@ -28,6 +30,15 @@ pub enum Rotation {
     /// The rate follows the demanded rate with this lag \[s\].
     RateLoop {
         /// Time constant \[s\], positive.
+        lag_s: f64,
+    },
+    /// The rate follows, with a lag, the rate that the on-board attitude loop demands.
+    AttitudeLoop {
+        /// From the attitude error to the demanded rate \[1/s\], positive.
+        gain_per_s: f64,
+        /// Greatest demanded rate about each axis \[rad/s, body axes\].
+        greatest_rate: Vector3<f64>,
+        /// Time constant of the rate \[s\], positive.
         lag_s: f64,
     },
     /// The angular acceleration is the demand minus the gyroscopic term.
@@ -57,6 +68,8 @@ pub struct VehicleModel {
 pub struct ModelInput {
     /// The demand: a rate \[rad/s, body axes\] or an angular acceleration \[rad/s^2, body axes\].
     pub demand: Vector3<f64>,
+    /// The attitude that a vehicle holds in place of the demand, body to world.
+    pub attitude: Attitude,
     /// Thrust along body z \[N\].
     pub thrust_n: f64,
 }
@@ -147,13 +160,19 @@ impl VehicleModel {
     }
 
     fn derivative(&self, motion: &Motion, input: &ModelInput, bias: &Bias) -> Vector13 {
-        let demand = input.demand + bias.demand;
         let rate_dot = match &self.rotation {
             // Eq. (61), erratum E-61, with the lag of the on-board loop
-            Rotation::RateLoop { lag_s } => (demand - motion.rate) / *lag_s,
+            Rotation::RateLoop { lag_s } => (input.demand + bias.demand - motion.rate) / *lag_s,
+            Rotation::AttitudeLoop { gain_per_s, greatest_rate, lag_s } => {
+                let left = 2.0 * AttitudeError::between(&motion.attitude, &input.attitude).eps();
+                let demand = (left * *gain_per_s)
+                    .zip_map(greatest_rate, |rate, limit| rate.clamp(-limit, limit));
+                (demand + bias.demand - motion.rate) / *lag_s
+            }
             // Eq. (3), erratum E-03
             Rotation::RigidBody { inertia } => {
-                demand - inertia.inverse() * inertia.gyroscopic_torque(BodyRate(motion.rate)).0
+                input.demand + bias.demand
+                    - inertia.inverse() * inertia.gyroscopic_torque(BodyRate(motion.rate)).0
             }
         };
         // Newton's law, in the world frame

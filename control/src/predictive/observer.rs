@@ -1,5 +1,7 @@
 //! Estimate of the vehicle's motion from poses and from the commands already sent.
 
+use nalgebra::Vector3;
+
 use super::attitude_filter::AttitudeFilter;
 use super::history::CommandHistory;
 use super::model::{Bias, Motion, VehicleModel};
@@ -13,6 +15,20 @@ const LIFTING: f64 = 0.9;
 /// Distance of a pose from the predicted position beyond which the filters restart \[m\].
 const LOST_M: f64 = 1.0;
 
+/// Difference of a pose from what the filters expected of it. Of filters that know their noise, innovations are white and their
+/// normalised squares 1 in the mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FilterInnovation {
+    /// Measured position minus the expected one \[m, world\].
+    pub position: Vector3<f64>,
+    /// Rotation from the expected attitude to the measured one \[rad, body axes\].
+    pub attitude: Vector3<f64>,
+    /// Square of the position's innovation over its expected variance, mean of the axes \[-\].
+    pub position_nis: f64,
+    /// Square of the attitude's innovation over its expected variance, mean of the axes \[-\].
+    pub attitude_nis: f64,
+}
+
 /// Attitude and position filter around one model of the vehicle.
 ///
 /// On the floor the model does not hold, because the floor pushes too. Until lift-off, position and attitude are
@@ -25,6 +41,8 @@ pub struct MotionObserver {
     position: PositionFilter,
     /// Time of the last pose \[s\] and the motion at that time.
     last: Option<(f64, Motion)>,
+    /// Innovation of the last pose; `None` on the floor.
+    innovation: Option<FilterInnovation>,
     airborne: bool,
 }
 
@@ -38,6 +56,7 @@ impl MotionObserver {
             attitude: AttitudeFilter::new(&options),
             position: PositionFilter::new(&options),
             last: None,
+            innovation: None,
             airborne: false,
         }
     }
@@ -51,6 +70,12 @@ impl MotionObserver {
     #[must_use]
     pub fn latest(&self) -> Option<(f64, &Motion)> {
         self.last.as_ref().map(|(t_s, motion)| (*t_s, motion))
+    }
+
+    /// Innovation of the last pose; `None` on the floor, and after a pose from which the filters restarted.
+    #[must_use]
+    pub fn innovation(&self) -> Option<&FilterInnovation> {
+        self.innovation.as_ref()
     }
 
     /// The estimated bias.
@@ -83,9 +108,16 @@ impl MotionObserver {
     fn correct(&mut self, mut motion: Motion, dt_s: f64, measured: &Estimate) -> Motion {
         self.attitude.predict(&self.model.rotation, dt_s);
         self.position.predict(self.model.drag_per_s, dt_s);
-        self.attitude.correct(&mut motion, &measured.attitude);
-        let innovation = self.position.correct(&mut motion, &measured.position);
-        if motion.is_finite() && innovation.norm() <= LOST_M {
+        let expected = [self.position.innovation_variance(), self.attitude.innovation_variance()];
+        let attitude = self.attitude.correct(&mut motion, &measured.attitude);
+        let position = self.position.correct(&mut motion, &measured.position);
+        if motion.is_finite() && position.norm() <= LOST_M {
+            self.innovation = Some(FilterInnovation {
+                position,
+                attitude,
+                position_nis: position.norm_squared() / 3.0 / expected[0],
+                attitude_nis: attitude.norm_squared() / 3.0 / expected[1],
+            });
             return motion;
         }
         *self = Self { airborne: true, ..Self::new(self.model, self.options) };

@@ -81,6 +81,12 @@ impl PositionFilter {
         self.covariance.predict(&transition);
     }
 
+    /// Variance of the next innovation along each axis \[m^2\].
+    #[must_use]
+    pub fn innovation_variance(&self) -> f64 {
+        self.covariance.0[(0, 0)] + self.noise * self.noise
+    }
+
     /// Corrects `motion` by the position measured \[m, world\]; returns the innovation \[m\].
     pub fn correct(&mut self, motion: &mut Motion, measured: &Vector3<f64>) -> Vector3<f64> {
         self.correct_with(motion, measured, self.noise)

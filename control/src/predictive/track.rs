@@ -104,7 +104,8 @@ impl Track {
         let mut next = Self { t_s, ..*self };
         next.motion = if self.is_at_floor(surroundings.floor_m) {
             let Motion { position, velocity, attitude, rate, .. } = self.motion;
-            let (position, attitude) = (position + velocity * dt_s, attitude.turned_by(rate * dt_s));
+            let (position, attitude) =
+                (position + velocity * dt_s, attitude.turned_by(rate * dt_s));
             Motion { position, attitude, thrust_n: flown.thrust_n, ..self.motion }
         } else {
             flown

@@ -2,7 +2,7 @@
 
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::estimator::Estimate;
-use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion};
+use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion, PredictiveCommand};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{Phase, Reference};
 
@@ -46,11 +46,13 @@ impl Bench {
         let sent_s = captured_s + LATENCY_S;
         self.autopilot.observe(captured_s, &self.estimate());
         let decision = self.autopilot.decide(sent_s, reference);
-        let (u, thrust_n) =
-            decision.map_or((Vector3::zeros(), 0.5 * 9.81), |d| (d.u, d.setpoint.thrust_n));
+        let hovering = PredictiveCommand { thrust_n: 0.5 * 9.81, ..PredictiveCommand::default() };
+        let command = decision.map_or(hovering, |decision| decision.command());
         self.tick += 1;
-        self.autopilot.sent(self.tick, sent_s, (&u, thrust_n));
-        self.history.push(self.tick, sent_s, ModelInput { demand: u * AUTHORITY, thrust_n });
+        self.autopilot.sent(self.tick, sent_s, &command);
+        let PredictiveCommand { u, attitude, thrust_n } = command;
+        let input = ModelInput { demand: u * AUTHORITY, attitude, thrust_n };
+        self.history.push(self.tick, sent_s, input);
         let span = (captured_s, self.now_s());
         self.motion = self.history.propagate(&quadrotor(), (&self.motion, &self.bias), span);
         decision.map(|decision| decision.u)
@@ -184,7 +186,9 @@ proptest! {
             };
             bench.autopilot.observe(bench.now_s() + g.abs().min(1e-3), &estimate);
             bench.tick += 1;
-            bench.autopilot.sent(bench.tick, bench.now_s(), (&Vector3::new(a, b, c), d));
+            let u = Vector3::new(a, b, c);
+            let command = PredictiveCommand { u, attitude: Attitude::LEVEL, thrust_n: d };
+            bench.autopilot.sent(bench.tick, bench.now_s(), &command);
             bench.autopilot.applied(bench.tick, h);
             let reference = Reference { position: Vector3::new(f, g, h), ..hover() };
             if let Some(decision) = bench.autopilot.decide(bench.now_s(), &reference) {

@@ -59,8 +59,12 @@ fn check_dual(transition: &StateTransition, sd: f64) {
 #[test]
 fn the_covariances_settle_where_our_own_riccati_solver_says() {
     let options = options();
-    let attitude = AttitudeFilter::new(&options).transition(&quadrotor().rotation, PERIOD_S);
-    check_dual(&attitude, options.attitude_noise_deg.to_radians());
+    let (gain_per_s, greatest_rate) = (5.0, Vector3::repeat(AUTHORITY));
+    let attitude_loop = Rotation::AttitudeLoop { gain_per_s, greatest_rate, lag_s: LAG_S };
+    for rotation in [quadrotor().rotation, attitude_loop] {
+        let attitude = AttitudeFilter::new(&options).transition(&rotation, PERIOD_S);
+        check_dual(&attitude, options.attitude_noise_deg.to_radians());
+    }
     let position = PositionFilter::new(&options).transition(0.25, PERIOD_S);
     check_dual(&position, options.position_noise_mm * 1e-3);
 }

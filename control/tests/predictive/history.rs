@@ -5,7 +5,7 @@ use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion};
 use super::*;
 
 fn thrust(thrust_n: f64) -> ModelInput {
-    ModelInput { demand: Vector3::zeros(), thrust_n }
+    ModelInput { thrust_n, ..ModelInput::default() }
 }
 
 /// The thrust that a vehicle without lag has at `t_s`.
@@ -62,7 +62,8 @@ proptest! {
     ) {
         let mut history = CommandHistory::new(DELAY_S);
         for (k, demand) in (0_u32..).zip(&demands) {
-            let input = ModelInput { demand: *demand, thrust_n: 4.0 + f64::from(k) };
+            let thrust_n = 4.0 + f64::from(k);
+            let input = ModelInput { demand: *demand, thrust_n, ..ModelInput::default() };
             history.push(u64::from(k), f64::from(k) * PERIOD_S, input);
         }
         let (model, bias) = (quadrotor(), Bias::default());

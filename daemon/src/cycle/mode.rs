@@ -37,9 +37,7 @@ impl Cycle {
             {
                 self.begin_flight(now, &estimate);
             }
-            (Mode::Disarmed, SafetyState::Nominal | SafetyState::Degraded)
-                if self.observe_only =>
-            {
+            (Mode::Disarmed, SafetyState::Nominal | SafetyState::Degraded) if self.observe_only => {
                 self.stack.active_mut().reset();
                 self.mission = Some(ActiveMission::observe(estimate.position, now));
                 self.mode = Mode::Flying;

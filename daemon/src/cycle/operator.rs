@@ -57,6 +57,7 @@ impl Cycle {
             state: self.supervisor.state().code(),
             cause: cause.code(),
             obstacles: self.obstacles(now).bits(),
+            ..ControlResponseV1::default()
         }
     }
 
@@ -74,6 +75,7 @@ impl Cycle {
                 None => Ok(self.wait_for_flight(true)),
                 Some(ArmingObstacle::NoPoses) => Err(self.memory.missing),
                 Some(ArmingObstacle::VehicleSilent) => Err(Cause::NoVehicle),
+                Some(ArmingObstacle::Stopped) => Err(Cause::Operator),
                 Some(_) => Err(Cause::NotReady),
             }
         }

@@ -1,13 +1,53 @@
 //! Telemetry of a tick, for observers.
 
-use oqtal_bus::message::TelemetryV1;
+use oqtal_bus::message::{Header, PoseV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Reference;
 
 use super::Cycle;
 use crate::stack::ControlOutput;
 
+/// Telemetry before the first pose.
+pub(super) fn without_pose() -> TelemetryV1 {
+    let unknown = [f64::NAN; 3];
+    TelemetryV1 {
+        mission_s: f64::NAN,
+        pose_age_s: f64::NAN,
+        pose_position: unknown,
+        pose_attitude: [f64::NAN; 4],
+        pose_residual_m: f64::NAN,
+        filter_position: unknown,
+        filter_velocity: unknown,
+        filter_attitude: [f64::NAN; 4],
+        filter_rate: unknown,
+        innovation_position: unknown,
+        innovation_attitude: unknown,
+        nis: [f64::NAN; 2],
+        ..TelemetryV1::default()
+    }
+}
+
 impl Cycle {
+    /// Fills in an accepted pose, as it was measured, and what the control stack's own filter made of it.
+    pub(super) fn record_pose(&mut self, header: &Header, pose: &PoseV1) {
+        let telemetry = &mut self.telemetry;
+        telemetry.pose_captured_at = header.stamps.captured_at;
+        telemetry.pose_published_at = header.stamps.pose_published_at;
+        telemetry.pose_sequence = header.pose_sequence;
+        telemetry.pose_position = pose.position;
+        telemetry.pose_attitude = pose.attitude;
+        telemetry.pose_residual_m = pose.residual_m;
+        let Some((motion, innovation)) = self.stack.active().filtered() else { return };
+        telemetry.filter_position = motion.position.into();
+        telemetry.filter_velocity = motion.velocity.into();
+        telemetry.filter_attitude = motion.attitude.xyzw();
+        telemetry.filter_rate = motion.rate.into();
+        let unknown = [f64::NAN; 3];
+        telemetry.innovation_position = innovation.map_or(unknown, |i| i.position.into());
+        telemetry.innovation_attitude = innovation.map_or(unknown, |i| i.attitude.into());
+        telemetry.nis = innovation.map_or([f64::NAN; 2], |i| [i.position_nis, i.attitude_nis]);
+    }
+
     /// Fills in the telemetry of this tick.
     pub(super) fn record(
         &mut self,

@@ -18,11 +18,11 @@ const MAX_STICK: f64 = 1.0;
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)]
 pub enum ControlStack {
-    /// The paper's loops, sticks out.
+    /// The paper's loops, sticks and the attitude that they bring about out.
     PaperRate(PaperStack<RateInput>),
     /// The paper's loops, torque out.
     PaperTorque(PaperStack<TorqueInput>),
-    /// The predictive autopilot, sticks out.
+    /// The predictive autopilot, sticks and the attitude that they bring about out.
     PredictiveRate(PredictiveStack<RateInput>),
     /// The predictive autopilot, torque out.
     PredictiveTorque(PredictiveStack<TorqueInput>),
@@ -36,7 +36,7 @@ impl ControlStack {
     pub fn new(config: &Config) -> Result<Self, OptionError> {
         let is_predictive = config.control.controller == ControllerName::OqtalDt;
         match config.vehicle.interface {
-            Interface::Rate => Self::rate(config, is_predictive),
+            Interface::Rate | Interface::Attitude => Self::rate(config, is_predictive),
             Interface::Torque => Self::torque(config, is_predictive),
         }
     }
@@ -46,12 +46,15 @@ impl ControlStack {
         let of_vehicle = |error: OptionError| error.within("vehicle");
         let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s));
         let input = input.map_err(of_vehicle)?;
+        let holds_attitude = vehicle.interface.holds_attitude();
+        // The attitude loop on board takes the place of the sticks, which limit nothing then.
+        let limit = if holds_attitude { f64::INFINITY } else { MAX_STICK };
         if !is_predictive {
-            return PaperStack::new(config, input, MAX_STICK).map(Self::PaperRate);
+            return PaperStack::new(config, input, limit).map(Self::PaperRate);
         }
         let lag_s = vehicle.rate_lag_ms * 1e-3;
         let input = input.with_lag(lag_s, 1.0 / config.control.rate_hz).map_err(of_vehicle)?;
-        PredictiveStack::new(config, input, MAX_STICK).map(Self::PredictiveRate)
+        PredictiveStack::new(config, input, limit).map(Self::PredictiveRate)
     }
 
     fn torque(config: &Config, is_predictive: bool) -> Result<Self, OptionError> {

@@ -2,6 +2,7 @@
 
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::PositionCommand;
+use oqtal_control::predictive::{FilterInnovation, Motion};
 use oqtal_control::trajectory::Reference;
 
 use crate::command::VehicleCommand;
@@ -42,6 +43,12 @@ pub trait FlightStack {
         estimate: &Estimate,
         reference: &Reference,
     ) -> Option<ControlOutput>;
+
+    /// The motion that a filter of the stack itself estimates at the capture of the last pose, and the innovation of that pose;
+    /// `None` if the stack has no filter or no pose.
+    fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
+        None
+    }
 
     /// Records the command that was sent at `sent_s` \[s since the clock's origin\], for predictions.
     fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand);

@@ -1,11 +1,12 @@
 //! The predictive control stack: Kalman filters, prediction over the measured delay, reference model and `oqtal-dt`.
 
-use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::controller::InputForm;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{Autopilot, Design};
+use oqtal_control::predictive::{
+    Autopilot, Design, FilterInnovation, Motion, PredictiveCommand, PredictiveOutput,
+};
 use oqtal_control::trajectory::Reference;
 
 use super::flight_stack::{ControlOutput, ControlStep, FlightStack, SATURATED};
@@ -58,24 +59,28 @@ where
         reference: &Reference,
     ) -> Option<ControlOutput> {
         let decision = self.autopilot.decide(step.now_s, reference)?;
-        let setpoint = decision.setpoint;
-        let rotation: RotationCommand = I::command_from(decision.u).into();
-        let attitude = setpoint.attitude.attitude;
+        let PredictiveOutput { setpoint, u, attitude } = decision;
+        let rotation: RotationCommand = I::command_from(u).into();
         let command = VehicleCommand::Armed { rotation, thrust_n: setpoint.thrust_n, attitude };
         let saturated = rotation.vector().amax() / self.limit >= SATURATED;
         Some(ControlOutput { setpoint, command, saturated })
     }
 
+    fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
+        self.autopilot.filtered()
+    }
+
     fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand) {
-        let (u, thrust_n) = match command {
-            VehicleCommand::Disarmed => (Vector3::zeros(), 0.0),
+        let command = match command {
+            VehicleCommand::Disarmed => PredictiveCommand::default(),
             // The thrust as the message carries it, a fraction of the greatest.
-            VehicleCommand::Armed { rotation, thrust_n, .. } => {
+            VehicleCommand::Armed { rotation, thrust_n, attitude } => {
                 let fraction = collective(*thrust_n, self.max_thrust_n);
-                (rotation.vector(), fraction * self.max_thrust_n)
+                let thrust_n = fraction * self.max_thrust_n;
+                PredictiveCommand { u: rotation.vector(), attitude: *attitude, thrust_n }
             }
         };
-        self.autopilot.sent(sequence, sent_s, (&u, thrust_n));
+        self.autopilot.sent(sequence, sent_s, &command);
     }
 
     fn applied(&mut self, sequence: u64, applied_s: f64) {

@@ -185,10 +185,8 @@ fn every_limit_acts_within_its_bound_and_tells_its_cause() {
 
 #[test]
 fn a_condition_that_chatters_neither_acts_nor_lets_go() {
-    let tipped = SafetyConditions {
-        limits: LimitConditions { tipped: true, ..NO_LIMITS },
-        ..FLYING
-    };
+    let tipped =
+        SafetyConditions { limits: LimitConditions { tipped: true, ..NO_LIMITS }, ..FLYING };
     let margin = SafetyConditions {
         limits: LimitConditions { in_fence_margin: true, ..NO_LIMITS },
         ..FLYING

@@ -43,6 +43,7 @@ pub const WELL: VehicleV1 = VehicleV1 {
     air_ns: 0,
     armed: 0,
     starting: 0,
+    stopped: 0,
     link: 1,
     simulated: 1,
 };

@@ -36,24 +36,34 @@ const PHASES: [(Phase, &str, Ink); 4] = [
 
 /// The section of the events.
 pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
-    let refused = timeline.samples.last().map_or(0, |sample| sample.telemetry.poses_refused);
     let pairs = timeline.samples.windows(2);
     let events = pairs.flat_map(|pair| {
         let at = timeline.at(&pair[1]);
         changes(&pair[0].telemetry, &pair[1].telemetry).into_iter().map(move |what| (at, what))
     });
+    let mut events: Vec<(f64, String)> = events.chain(faults(summary)).collect();
+    events.sort_by(|a, b| a.0.total_cmp(&b.0));
     section(
         "Events",
         html! {
             (strip(timeline))
             p.note.wide {
-                "Poses lost: " (summary.lost.pose) ", refused: " (refused)
+                "Poses lost: " (summary.lost.pose) ", refused: " (summary.poses_refused)
                 ". Commands lost: " (summary.lost.command)
                 ". Deadlines missed: " (summary.deadline_misses) "."
             }
-            (list(events))
+            (list(events.into_iter()))
         },
     )
+}
+
+/// Beginnings and ends of the faults that were injected.
+fn faults(summary: &Summary) -> impl Iterator<Item = (f64, String)> {
+    summary.faults.iter().flat_map(|fault| {
+        let begins = (fault.from_s, format!("fault {} begins", fault.fault));
+        let ends = fault.until_s.map(|at| (at, format!("fault {} ends", fault.fault)));
+        std::iter::once(begins).chain(ends)
+    })
 }
 
 /// The list of events with their instants \[s\]; empty markup without events.

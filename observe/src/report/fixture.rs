@@ -178,6 +178,7 @@ fn stamps(captured_at: Time, noise: &mut Noise) -> Stamps {
     let command_published_at = after(woken_at, 70_000);
     let received_at = after(command_published_at, 45_000);
     Stamps {
+        pose_received_at: Time::UNSET,
         captured_at,
         pose_published_at,
         woken_at,

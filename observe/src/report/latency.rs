@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::latency::{Distribution, DistributionSummary, NAMES, WHOLE};
+use crate::latency::{Distribution, DistributionSummary, NAMES, RECEIVER, WHOLE};
 use maud::{Markup, html};
 use oqtal_config::ClockKind;
 
@@ -19,8 +19,17 @@ use crate::plot::trace::Point;
 use crate::plot::unit::{significant, span, words};
 
 /// Colours of [`NAMES`].
-const INKS: [Ink; NAMES.len()] =
-    [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Sixth, Ink::Reference];
+const INKS: [Ink; NAMES.len()] = [
+    Ink::Actual,
+    Ink::Actual,
+    Ink::Actual,
+    Ink::Second,
+    Ink::Third,
+    Ink::Fourth,
+    Ink::Fifth,
+    Ink::Sixth,
+    Ink::Reference,
+];
 /// Number of quantiles from which a distribution is drawn.
 const QUANTILES: u32 = 400;
 /// Bars of a histogram in each decade.
@@ -86,7 +95,9 @@ fn wire(figures: &WireFigures) -> Markup {
 fn budget(summary: &Summary) -> Markup {
     let hops: Vec<&str> = NAMES
         .into_iter()
-        .filter(|name| *name != WHOLE && summary.hops.contains_key(name))
+        .filter(|name| {
+            *name != WHOLE && !RECEIVER.contains(name) && summary.hops.contains_key(name)
+        })
         .collect();
     let median = |name: &str| summary.hops.get(name).map_or(0, |hop| hop.p50_ns);
     let total: u64 = hops.iter().map(|name| median(name)).sum();

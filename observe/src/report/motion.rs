@@ -94,12 +94,16 @@ pub fn command(timeline: &Timeline<'_>) -> Markup {
     )
 }
 
-/// Sticks or torque, as the vehicle is commanded.
+/// Sticks, torque or attitude, as the vehicle is commanded.
 fn rotation_command(timeline: &Timeline<'_>) -> Markup {
     let (title, vector): (_, fn(&FlightSample) -> [f64; 3]) =
         match timeline.flight.config.vehicle.interface {
             Interface::Rate => ("Sticks [-1..1]", |s| s.telemetry.sticks),
             Interface::Torque => ("Torque [N m, body]", |s| s.telemetry.torque),
+            Interface::Attitude => ("Attitude sent [deg]", |s| {
+                let attitude = Attitude::from_xyzw(s.telemetry.attitude_sent);
+                attitude.map_or([f64::NAN; 3], |q| euler_angles(&q).map(f64::to_degrees))
+            }),
         };
     by_component(timeline, title, ["roll", "pitch", "yaw"], vector)
 }

@@ -6,7 +6,6 @@
 //! (`six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred`): one every eleven seconds at 60 Hz, which acts until the
 //! next one is decoded.
 
-use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
@@ -36,7 +35,7 @@ pub struct Measured {
 #[derive(Clone, Debug)]
 pub struct OnBoard {
     scales: Scales,
-    authority: Vector3<f64>,
+    /// Gain of the vehicle's attitude loop \[1/s\].
     attitude_gain: f64,
     timeout: Span,
     motors: MotorSwitch,
@@ -51,8 +50,7 @@ impl OnBoard {
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         Self {
             scales,
-            authority: Vector3::from(plant.rate_authority_rad_s),
-            attitude_gain: plant.wire.attitude_gain_per_s,
+            attitude_gain: plant.attitude_gain_per_s,
             timeout: millis(plant.wire.time_out_ms),
             motors: MotorSwitch::new(millis(plant.wire.motor_switch_ms)),
             sticks: Sticks::default(),
@@ -98,11 +96,20 @@ impl OnBoard {
         if !self.motors.is_running() {
             return CommandV1::default();
         }
-        CommandV1 {
-            actuation: Actuation::Sticks.code(),
-            sticks: self.rates(truth).into(),
-            thrust: self.sticks.thrust,
-            ..CommandV1::default()
+        let Sticks { roll, pitch, yaw, thrust } = self.sticks;
+        let base = CommandV1 { thrust, ..CommandV1::default() };
+        match self.scales.sticks {
+            StickMeaning::BodyRate => CommandV1 {
+                actuation: Actuation::Sticks.code(),
+                sticks: [roll, pitch, yaw],
+                ..base
+            },
+            StickMeaning::Attitude => {
+                // The heading ahead of the present one towards which the attitude loop turns at the commanded yaw rate.
+                let yaw = angles(truth).yaw + yaw / self.attitude_gain;
+                let attitude = EulerAngles { roll, pitch, yaw }.xyzw();
+                CommandV1 { actuation: Actuation::Attitude.code(), attitude, ..base }
+            }
         }
     }
 
@@ -133,18 +140,6 @@ impl OnBoard {
     fn halt(&mut self) {
         self.motors.stop();
         self.sticks = Sticks::default();
-    }
-
-    /// Body rates as fractions of the authority: the sticks themselves, or the rates that turn the vehicle to the attitude that the
-    /// sticks command.
-    fn rates(&self, truth: &TruthV1) -> Vector3<f64> {
-        let Sticks { roll, pitch, yaw, .. } = self.sticks;
-        if self.scales.sticks == StickMeaning::BodyRate {
-            return Vector3::new(roll, pitch, yaw);
-        }
-        let is = angles(truth);
-        let turn = |wanted: f64, is: f64| self.attitude_gain * (wanted - is);
-        Vector3::new(turn(roll, is.roll), turn(pitch, is.pitch), yaw).component_div(&self.authority)
     }
 
     fn report(&self, now: Time, poll: Poll, measured: &Measured, answer: &mut Vec<u8>) {

@@ -2,7 +2,7 @@
 
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_wire::asctec::{InvalidScale, Scales};
+use oqtal_wire::asctec::{InvalidScale, Scales, StickMeaning};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
 use oqtal_wire::xbee::Address;
 
@@ -32,7 +32,10 @@ pub(super) fn address(config: &Config) -> Result<Address, OptionError> {
 
 /// What counts mean to the vehicle.
 pub(super) fn scales(config: &Config) -> Result<Scales, OptionError> {
-    let scales: Scales = config.plant.wire.asctec.convert("plant.wire.asctec")?;
+    let mut scales: Scales = config.plant.wire.asctec.convert("plant.wire.asctec")?;
+    if config.plant.interface.holds_attitude() {
+        scales.sticks = StickMeaning::Attitude;
+    }
     let checked = scales.check();
     let refused = |error: InvalidScale| {
         OptionError::new(format!("plant.wire.asctec.{}", error.key), "unusable", error.rule)

@@ -13,6 +13,7 @@ use std::collections::VecDeque;
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::PlantWireOptions;
+use oqtal_runtime::faults::RadioDisturbance;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
@@ -41,6 +42,8 @@ pub struct RadioModel {
     half_duplex: bool,
     up: Lane,
     down: Lane,
+    /// What faults add to `latency`.
+    delay: Span,
 }
 
 impl RadioModel {
@@ -56,6 +59,15 @@ impl RadioModel {
             half_duplex: options.half_duplex,
             up: lane(RandomSource::UplinkLoss, RandomSource::UplinkErrors),
             down: lane(RandomSource::DownlinkLoss, RandomSource::DownlinkErrors),
+            delay: Span::ZERO,
+        }
+    }
+
+    /// Disturbs both directions from now on: a longer latency, further losses.
+    pub fn disturb(&mut self, disturbance: RadioDisturbance) {
+        self.delay = disturbance.delay;
+        for lane in [&mut self.up, &mut self.down] {
+            lane.disturbed_loss_probability = disturbance.loss_probability;
         }
     }
 
@@ -70,14 +82,14 @@ impl RadioModel {
 
     /// Appends to `out` the bytes that have arrived by `now`.
     pub fn receive(&mut self, direction: LinkDirection, now: Time, out: &mut Vec<u8>) {
-        let (byte, sent_by) = (self.byte, now - self.latency);
+        let (byte, sent_by) = (self.byte, now - self.latency - self.delay);
         self.lane_mut(direction).receive(sent_by, byte, out);
     }
 
     /// Instant at which the next frame in this direction has arrived completely.
     #[must_use]
     pub fn next_arrival(&self, direction: LinkDirection) -> Option<Time> {
-        self.lane(direction).frames.front().map(|frame| frame.end + self.latency)
+        self.lane(direction).frames.front().map(|frame| frame.end + self.latency + self.delay)
     }
 
     /// Whether the send queue is below its high-water mark; otherwise the sender should wait.
@@ -142,6 +154,8 @@ struct QueuedFrame {
 #[derive(Clone, Debug)]
 struct Lane {
     loss_probability: f64,
+    /// As `loss_probability`, by faults.
+    disturbed_loss_probability: f64,
     losses: Generator,
     errors: BitErrors,
     free_at: Time,
@@ -154,6 +168,7 @@ impl Lane {
     fn new(options: &PlantWireOptions, losses: Generator, errors: Generator) -> Self {
         Self {
             loss_probability: options.loss_probability,
+            disturbed_loss_probability: 0.0,
             losses,
             errors: BitErrors::new(options.bit_error_rate, errors),
             free_at: Time::UNSET,
@@ -165,7 +180,7 @@ impl Lane {
 
     fn send(&mut self, start: Time, byte: Span, bytes: &[u8]) {
         let draw: f64 = self.losses.random();
-        let lost = draw < self.loss_probability;
+        let lost = draw < self.loss_probability.max(self.disturbed_loss_probability);
         let end = start + Span::from_nanos(byte.nanos() * bytes.len() as i64);
         self.frames.push_back(QueuedFrame { start, end, bytes: bytes.len(), arrived: 0, lost });
         self.free_at = end;

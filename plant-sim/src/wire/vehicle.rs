@@ -3,6 +3,7 @@
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
+use oqtal_runtime::faults::RadioDisturbance;
 use oqtal_wire::asctec::{HostCommand, VehicleDecoder};
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::stream::DecoderCounters;
@@ -63,6 +64,11 @@ impl WiredVehicle {
     #[must_use]
     pub fn has_room(&self, now: Time) -> bool {
         self.radio.has_room(LinkDirection::Up, now)
+    }
+
+    /// Disturbs the radio from now on.
+    pub fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
+        self.radio.disturb(disturbance);
     }
 
     /// Takes bytes that the host wrote together.

@@ -86,11 +86,12 @@ impl ParcelReceiver for IceoryxReceiver {
 type Services =
     (publish_subscribe::PortFactory<ipc::Service, Parcel, ()>, event::PortFactory<ipc::Service>);
 
-/// Paths of the bare services, beside the instance `latency-PID` at `place`: nothing of the bus is shared with them. The name is
-/// short because iceoryx2 puts it twice into the path of a socket, which the kernel limits to 107 bytes.
+/// Paths of the bare services, beside the instance `latency-PID-NUMBER` at `place`: nothing of the bus is shared with them. The
+/// name is short because iceoryx2 puts it twice into the path of a socket, which the kernel limits to 107 bytes.
 #[must_use]
 pub fn beside(place: &InstancePaths) -> InstancePaths {
-    let instance = place.instance.replace("latency", "b");
+    let process = place.instance.split('-').nth(1).unwrap_or_default();
+    let instance = format!("b-{process}");
     InstancePaths { instance, ..place.clone() }
 }
 

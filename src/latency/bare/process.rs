@@ -57,7 +57,8 @@ fn open_receiver(
     })
 }
 
-/// Directory in which the measuring processes of an instance exchange files: in memory, so that no disk is waited for.
+/// Directory in which the measuring processes of an instance exchange files: in memory, so that no disk is waited for. It is made new
+/// for each measurement, with a name that nobody can guess and for this user only.
 #[must_use]
 pub fn directory(instance: &str) -> PathBuf {
     Path::new("/dev/shm").join(format!("oqtal-{instance}"))

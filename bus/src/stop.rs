@@ -1,0 +1,290 @@
+//! The operator's stop: words in shared memory that the process of the vehicle and the daemon read in every turn.
+//!
+//! An operator raises a stop by incrementing a number. The process of the vehicle (plant or bridge) keeps the motors off while
+//! the newest stop is not lifted, whatever the daemon does, and lifts it once the daemon has commanded "disarmed" after it: the
+//! daemon then knows that the flight is over, and a new one needs an operator. Each of the two confirms the number that it obeys.
+//! Reading needs no lock and no other process; a stop survives the death of whoever raised it or obeyed it.
+
+use std::ops::Deref;
+use std::rc::Rc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use crate::code::Actuation;
+use crate::error::BusError;
+use crate::message::{CommandV1, Header};
+use crate::paths::InstancePaths;
+use crate::shared::SharedWords;
+use crate::time::Time;
+
+/// Number of stops raised so far.
+const RAISED: usize = 0;
+/// The newest stop that the vehicle's process has lifted.
+const LIFTED: usize = 1;
+/// The newest stop that the vehicle's process obeys: no command of the daemon reaches the motors.
+const OBEYED: usize = 2;
+/// The newest stop for which the motors are known to be off.
+const MOTORS_OFF: usize = 3;
+/// The newest stop that the daemon obeys: it commands "disarmed".
+const DAEMON: usize = 4;
+/// Number of words.
+pub(crate) const WORDS: usize = 5;
+
+/// Name of the file in shared memory, behind the prefix of the instance.
+const FILE: &str = "stop";
+
+/// The words between processes, or in one process.
+#[derive(Clone, Debug)]
+enum StopWords {
+    Shared(Rc<SharedWords>),
+    Local(Rc<[AtomicU32; WORDS]>),
+}
+
+impl Deref for StopWords {
+    type Target = [AtomicU32];
+
+    fn deref(&self) -> &[AtomicU32] {
+        match self {
+            Self::Shared(words) => words,
+            Self::Local(words) => &words[..],
+        }
+    }
+}
+
+/// The operator's stop of an instance, as everybody sees it.
+#[derive(Clone, Debug)]
+pub struct StopSwitch(StopWords);
+
+/// Who obeys a stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StopReport {
+    /// The process of the vehicle passes no command on to the motors.
+    pub vehicle_obeys: bool,
+    /// The vehicle's motors are known to be off.
+    pub motors_off: bool,
+    /// The daemon commands "disarmed".
+    pub daemon_obeys: bool,
+}
+
+impl StopSwitch {
+    pub(crate) fn local(words: Rc<[AtomicU32; WORDS]>) -> Self {
+        Self(StopWords::Local(words))
+    }
+
+    /// The stop of the instance at `paths`; made if it does not exist. The lock of the instance is held.
+    pub(crate) fn open(paths: &InstancePaths) -> Result<Self, BusError> {
+        let path = paths.shared_file(FILE);
+        let words = SharedWords::open(&path, WORDS)
+            .map_err(|error| BusError::of_shared_file(FILE, path, &error))?;
+        Ok(Self(StopWords::Shared(Rc::new(words))))
+    }
+
+    /// The stop of the instance at `paths`, without a lock that another process may hold; `None` if no process that could obey
+    /// has ever joined.
+    ///
+    /// # Errors
+    /// It belongs to another user or another version.
+    pub fn existing(paths: &InstancePaths) -> Result<Option<Self>, BusError> {
+        let path = paths.shared_file(FILE);
+        match SharedWords::open_existing(&path, WORDS) {
+            Ok(words) => Ok(Some(Self(StopWords::Shared(Rc::new(words))))),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(BusError::of_shared_file(FILE, path, &error)),
+        }
+    }
+
+    /// Raises a stop and returns its number. Takes effect in the next turn of whoever obeys.
+    pub fn raise(&self) -> u32 {
+        self.0[RAISED].fetch_add(1, Ordering::AcqRel).wrapping_add(1)
+    }
+
+    /// Who obeys the stop `number`, or a later one.
+    #[must_use]
+    pub fn report(&self, number: u32) -> StopReport {
+        // Numbers wrap: the later of two is the one less than half of all numbers ahead.
+        let reached = |word| self.word(word).wrapping_sub(number) < u32::MAX / 2;
+        StopReport {
+            vehicle_obeys: reached(OBEYED),
+            motors_off: reached(MOTORS_OFF),
+            daemon_obeys: reached(DAEMON),
+        }
+    }
+
+    fn word(&self, word: usize) -> u32 {
+        self.0[word].load(Ordering::Acquire)
+    }
+
+    fn set(&self, word: usize, value: u32) {
+        self.0[word].store(value, Ordering::Release);
+    }
+}
+
+/// A stop that the vehicle's process has seen and not lifted.
+#[derive(Clone, Copy, Debug)]
+struct StopInForce {
+    number: u32,
+    /// When it was first seen.
+    since: Time,
+    is_confirmed: bool,
+}
+
+/// The vehicle's end: obeys and lifts stops.
+#[derive(Debug)]
+pub struct VehicleStop {
+    switch: StopSwitch,
+    in_force: Option<StopInForce>,
+}
+
+impl VehicleStop {
+    /// The end of the process that alone controls the motors.
+    #[must_use]
+    pub fn new(switch: StopSwitch) -> Self {
+        Self { switch, in_force: None }
+    }
+
+    /// Whether the motors must be off at `now`. To be called in every turn.
+    pub fn is_in_force(&mut self, now: Time) -> bool {
+        let raised = self.switch.word(RAISED);
+        if raised == self.switch.word(LIFTED) {
+            self.in_force = None;
+        } else if self.in_force.is_none_or(|stop| stop.number != raised) {
+            self.in_force = Some(StopInForce { number: raised, since: now, is_confirmed: false });
+        }
+        self.in_force.is_some()
+    }
+
+    /// When the stop in force was first seen; `None` without one.
+    #[must_use]
+    pub fn since(&self) -> Option<Time> {
+        self.in_force.map(|stop| stop.since)
+    }
+
+    /// Confirms that the stop in force is obeyed, and whether the motors are known to be off.
+    pub fn confirm(&mut self, motors_off: bool) {
+        let Some(stop) = &mut self.in_force else { return };
+        stop.is_confirmed = true;
+        self.switch.set(OBEYED, stop.number);
+        if motors_off {
+            self.switch.set(MOTORS_OFF, stop.number);
+        }
+    }
+
+    /// Takes a command of the daemon: "disarmed", published since the stop in force was seen, lifts it once it is confirmed. The
+    /// last command of a daemon that ends has no stamps and lifts it as well.
+    pub fn hear(&mut self, header: &Header, command: &CommandV1) {
+        let Some(stop) = self.in_force.filter(|stop| stop.is_confirmed) else { return };
+        let published_at = header.stamps.command_published_at;
+        let is_disarmed = command.actuation == Actuation::Disarmed.code();
+        if is_disarmed && (!published_at.is_set() || published_at >= stop.since) {
+            self.switch.set(LIFTED, stop.number);
+            self.in_force = None;
+        }
+    }
+}
+
+/// The daemon's end: sees each stop once.
+#[derive(Debug)]
+pub struct ControllerStop {
+    switch: StopSwitch,
+    seen: u32,
+}
+
+impl ControllerStop {
+    /// The end of a daemon that starts: a stop that no vehicle has lifted is seen as a new one.
+    #[must_use]
+    pub fn new(switch: StopSwitch) -> Self {
+        let seen = switch.word(LIFTED);
+        Self { switch, seen }
+    }
+
+    /// Whether a stop was raised since the last call.
+    pub fn is_newly_raised(&mut self) -> bool {
+        let raised = self.switch.word(RAISED);
+        std::mem::replace(&mut self.seen, raised) != raised
+    }
+
+    /// Confirms that "disarmed" was commanded after the last stop seen.
+    pub fn confirm(&self) {
+        self.switch.set(DAEMON, self.seen);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::Stamps;
+    use crate::time::Span;
+
+    const NOW: Time = Time::VIRTUAL_START;
+
+    fn switch() -> StopSwitch {
+        StopSwitch::local(Rc::default())
+    }
+
+    /// A command of this actuation, published `millis` after [`NOW`].
+    fn command(actuation: Actuation, millis: i64) -> (Header, CommandV1) {
+        let command_published_at = NOW + Span::from_millis(millis);
+        let stamps = Stamps { command_published_at, ..Stamps::default() };
+        let body = CommandV1 { actuation: actuation.code(), ..CommandV1::default() };
+        (Header { stamps, ..Header::default() }, body)
+    }
+
+    #[test]
+    fn a_stop_is_in_force_until_disarmed_is_commanded_after_it() {
+        let switch = switch();
+        let mut vehicle = VehicleStop::new(switch.clone());
+        assert!(!vehicle.is_in_force(NOW));
+        let number = switch.raise();
+        assert!(vehicle.is_in_force(NOW));
+        let (header, body) = command(Actuation::Disarmed, 5);
+        vehicle.hear(&header, &body);
+        assert!(vehicle.is_in_force(NOW), "lifted before it was obeyed");
+        assert_eq!(switch.report(number), StopReport::default());
+        vehicle.confirm(true);
+        for (actuation, millis) in [(Actuation::Sticks, 5), (Actuation::Disarmed, -1)] {
+            let (header, body) = command(actuation, millis);
+            vehicle.hear(&header, &body);
+            assert!(vehicle.is_in_force(NOW), "{actuation} at {millis} ms");
+        }
+        let (header, body) = command(Actuation::Disarmed, 0);
+        vehicle.hear(&header, &body);
+        assert!(!vehicle.is_in_force(NOW));
+        let report = switch.report(number);
+        assert!(report.vehicle_obeys && report.motors_off && !report.daemon_obeys);
+    }
+
+    #[test]
+    fn each_stop_must_be_lifted_however_many_operators_raise_one() {
+        let switch = switch();
+        let mut vehicle = VehicleStop::new(switch.clone());
+        let first = switch.raise();
+        assert!(vehicle.is_in_force(NOW));
+        let second = switch.raise();
+        let later = NOW + Span::from_millis(3);
+        assert!(vehicle.is_in_force(later));
+        vehicle.confirm(false);
+        // Published before the second was seen.
+        let (header, body) = command(Actuation::Disarmed, 2);
+        vehicle.hear(&header, &body);
+        assert!(vehicle.is_in_force(later));
+        assert!(switch.report(first).vehicle_obeys && switch.report(second).vehicle_obeys);
+        assert!(!switch.report(second).motors_off);
+    }
+
+    #[test]
+    fn a_stop_without_a_vehicle_waits_for_one_and_a_restarted_daemon_sees_it_again() {
+        let switch = switch();
+        let mut daemon = ControllerStop::new(switch.clone());
+        let number = switch.raise();
+        assert!(daemon.is_newly_raised() && !daemon.is_newly_raised());
+        daemon.confirm();
+        assert!(switch.report(number).daemon_obeys);
+        assert!(ControllerStop::new(switch.clone()).is_newly_raised());
+        let mut vehicle = VehicleStop::new(switch.clone());
+        assert!(vehicle.is_in_force(NOW));
+        vehicle.confirm(true);
+        let (header, body) = command(Actuation::Disarmed, 1);
+        vehicle.hear(&header, &body);
+        assert!(!ControllerStop::new(switch.clone()).is_newly_raised());
+        assert!(!VehicleStop::new(switch).is_in_force(NOW));
+    }
+}

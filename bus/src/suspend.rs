@@ -1,0 +1,107 @@
+//! Suspension of the machine, by comparison of two clocks of the kernel: one counts the time in which the machine was suspended,
+//! the other stands still meanwhile.
+
+use rustix::time::{ClockId, Timespec, clock_gettime};
+
+use crate::time::{Span, Time};
+
+/// Shortest suspension that is reported; a processor that is taken away between two readings of the clocks looks like a shorter
+/// one.
+const SHORTEST: Span = Span::from_millis(10);
+
+/// Readings of both clocks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClockReadings {
+    /// `CLOCK_MONOTONIC`, which stands still in suspension.
+    pub monotonic: Time,
+    /// `CLOCK_BOOTTIME`, the clock of [`Time::now`].
+    pub boot: Time,
+    /// Greatest time between the two readings.
+    pub apart: Span,
+}
+
+impl ClockReadings {
+    /// Reads both clocks.
+    #[must_use]
+    pub fn now() -> Self {
+        let before = Time::now();
+        let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::Monotonic);
+        let monotonic =
+            Time::from_nanos(tv_sec.unsigned_abs() * 1_000_000_000 + tv_nsec.unsigned_abs());
+        let boot = Time::now();
+        Self { monotonic, boot, apart: boot.since(before) }
+    }
+
+    /// The instant `at` of the boot-time clock as an instant of the monotonic clock, as which the kernel takes a deadline; earlier by
+    /// up to the time between the readings, never later.
+    #[must_use]
+    pub fn on_monotonic(&self, at: Time) -> Time {
+        self.monotonic + at.since(self.boot)
+    }
+}
+
+/// Detects suspensions between its calls.
+#[derive(Clone, Copy, Debug)]
+pub struct SuspendWatch {
+    /// Time in suspension since the machine was started, as known so far.
+    suspended: Span,
+}
+
+impl SuspendWatch {
+    /// A watch that begins at `readings`.
+    #[must_use]
+    pub fn new(readings: &ClockReadings) -> Self {
+        Self { suspended: readings.boot.since(readings.monotonic) }
+    }
+
+    /// The length of a suspension since the last call; `None` without one.
+    pub fn observe(&mut self, readings: &ClockReadings) -> Option<Span> {
+        let suspended = readings.boot.since(readings.monotonic);
+        let longer = suspended - self.suspended;
+        // The readings are apart by chance: a later pair tells more.
+        if longer <= SHORTEST + readings.apart {
+            return None;
+        }
+        self.suspended = suspended;
+        Some(longer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Readings `run_ms` after a start of the clocks, of which the machine was suspended for `suspended_ms`.
+    fn readings(run_ms: i64, suspended_ms: i64) -> ClockReadings {
+        let monotonic = Time::from_nanos(1) + Span::from_millis(run_ms);
+        let boot = monotonic + Span::from_millis(suspended_ms);
+        ClockReadings { monotonic, boot, apart: Span::from_nanos(80) }
+    }
+
+    #[test]
+    fn f12_a_suspension_is_noticed_once_and_time_that_passes_is_none() {
+        let mut watch = SuspendWatch::new(&readings(0, 5000));
+        assert_eq!(watch.observe(&readings(3_600_000, 5000)), None);
+        assert_eq!(watch.observe(&readings(3_600_001, 5009)), None);
+        let night = watch.observe(&readings(3_600_002, 5000 + 28_800_000));
+        assert_eq!(night, Some(Span::from_millis(28_800_000)));
+        assert_eq!(watch.observe(&readings(3_600_003, 5000 + 28_800_000)), None);
+    }
+
+    #[test]
+    fn f12_a_processor_taken_away_between_two_readings_is_no_suspension() {
+        let mut watch = SuspendWatch::new(&readings(0, 0));
+        let torn = ClockReadings { apart: Span::from_millis(300), ..readings(50, 299) };
+        assert_eq!(watch.observe(&torn), None);
+        assert_eq!(watch.observe(&readings(400, 0)), None);
+    }
+
+    #[test]
+    fn a_deadline_is_as_far_away_on_either_clock() {
+        let now = readings(1000, 70_000);
+        let deadline = now.boot + Span::from_millis(25);
+        assert_eq!(now.on_monotonic(deadline), now.monotonic + Span::from_millis(25));
+        let real = ClockReadings::now();
+        assert!(real.boot >= real.monotonic || real.apart > Span::ZERO);
+    }
+}

@@ -1,0 +1,175 @@
+//! The targets and kinds of faults: which kind a target can have, with which magnitude.
+
+/// Words of a command line that stand for the variants of an enumeration.
+macro_rules! words {
+    ($(#[$meta:meta])* $name:ident { $($(#[$variant_meta:meta])* $variant:ident = $word:literal,)* }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum $name { $($(#[$variant_meta])* $variant,)* }
+
+        impl $name {
+            /// Every variant, in order.
+            pub const ALL: [Self; [$($word),*].len()] = [$(Self::$variant),*];
+
+            /// The word on the command line.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $word,)* }
+            }
+        }
+    };
+}
+
+words! {
+    /// What a fault affects.
+    FaultTarget {
+        /// The poses that the daemon reads.
+        Pose = "pose",
+        /// The commands that plant-sim or bridge reads.
+        Command = "command",
+        /// The states of the vehicle that the daemon reads.
+        Vehicle = "vehicle",
+        /// The simulated radio between a command received and its effect.
+        Radio = "radio",
+        /// The process daemon.
+        Daemon = "daemon",
+        /// The process plant-sim.
+        PlantSim = "plant-sim",
+        /// The process mocap-emu.
+        MocapEmu = "mocap-emu",
+        /// The process bridge.
+        Bridge = "bridge",
+    }
+}
+
+words! {
+    /// In which way the target fails.
+    FaultKind {
+        /// Nothing arrives.
+        Off = "off",
+        /// The last value arrives again and again, under new sequence numbers.
+        Stuck = "stuck",
+        /// Every number is arbitrary: random bits, not a number, infinities.
+        Garbage = "garbage",
+        /// Plausible but false: a pose shifted or turned, a command scaled, a vehicle whose motors are said to stand.
+        Wrong = "wrong",
+        /// Samples arrive at this rate at most; a process takes longer for each turn by this time.
+        Slow = "slow",
+        /// Everything arrives later by this time.
+        Delayed = "delayed",
+        /// Each sample is missing with this probability.
+        Intermittent = "intermittent",
+        /// The process is killed, and started again at the end of the fault.
+        Kill = "kill",
+        /// The process is stopped, and continued at the end of the fault.
+        Stop = "stop",
+    }
+}
+
+words! {
+    /// Unit of a magnitude.
+    FaultUnit {
+        /// Metres.
+        Metre = "m",
+        /// Degrees.
+        Degree = "deg",
+        /// Percent.
+        Percent = "%",
+        /// Milliseconds.
+        Millisecond = "ms",
+        /// Hertz.
+        Hertz = "Hz",
+    }
+}
+
+/// Magnitude of a fault.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Magnitude {
+    /// The number \[unit of the next field\].
+    pub value: f64,
+    /// Its unit.
+    pub unit: FaultUnit,
+}
+
+impl FaultTarget {
+    /// Whether the target is a process.
+    #[must_use]
+    pub const fn is_process(self) -> bool {
+        matches!(self, Self::Daemon | Self::PlantSim | Self::MocapEmu | Self::Bridge)
+    }
+}
+
+/// A magnitude that a kind may have: unit, default, least and greatest value \[unit\].
+type Allowed = (FaultUnit, f64, f64, f64);
+
+/// A kind of fault that some targets can have.
+pub(super) struct KindRule {
+    pub(super) kind: FaultKind,
+    targets: &'static [FaultTarget],
+    /// The magnitudes that it may have, the one without a value first; empty for none.
+    magnitudes: &'static [Allowed],
+}
+
+const TOPICS: &[FaultTarget] = &[FaultTarget::Pose, FaultTarget::Command, FaultTarget::Vehicle];
+const LOSSY: &[FaultTarget] =
+    &[FaultTarget::Pose, FaultTarget::Command, FaultTarget::Vehicle, FaultTarget::Radio];
+const PROCESSES: &[FaultTarget] =
+    &[FaultTarget::Daemon, FaultTarget::PlantSim, FaultTarget::MocapEmu, FaultTarget::Bridge];
+
+const RULES: [KindRule; 12] = {
+    use FaultKind::{Delayed, Garbage, Intermittent, Kill, Off, Slow, Stop, Stuck, Wrong};
+    use FaultTarget::{Command, Pose, Vehicle};
+    use FaultUnit::{Degree, Hertz, Metre, Millisecond, Percent};
+    const DISTANCE: Allowed = (Metre, 0.3, 0.0, 1000.0);
+    const ANGLE: Allowed = (Degree, 180.0, -180.0, 180.0);
+    const SHARE: Allowed = (Percent, 50.0, -1000.0, 1000.0);
+    const RATE: Allowed = (Hertz, 10.0, 0.001, 1000.0);
+    const DELAY: Allowed = (Millisecond, 60.0, 0.0, 10_000.0);
+    const LOSS: Allowed = (Percent, 50.0, 0.0, 100.0);
+    const LATE: Allowed = (Millisecond, 30.0, 0.0, 10_000.0);
+    [
+        KindRule { kind: Off, targets: LOSSY, magnitudes: &[] },
+        KindRule { kind: Stuck, targets: TOPICS, magnitudes: &[] },
+        KindRule { kind: Garbage, targets: TOPICS, magnitudes: &[] },
+        KindRule { kind: Wrong, targets: &[Pose], magnitudes: &[DISTANCE, ANGLE] },
+        KindRule { kind: Wrong, targets: &[Command], magnitudes: &[SHARE] },
+        KindRule { kind: Wrong, targets: &[Vehicle], magnitudes: &[] },
+        KindRule { kind: Slow, targets: TOPICS, magnitudes: &[RATE] },
+        KindRule { kind: Delayed, targets: LOSSY, magnitudes: &[DELAY] },
+        KindRule { kind: Intermittent, targets: LOSSY, magnitudes: &[LOSS] },
+        KindRule { kind: Kill, targets: PROCESSES, magnitudes: &[] },
+        KindRule { kind: Stop, targets: PROCESSES, magnitudes: &[] },
+        KindRule { kind: Slow, targets: PROCESSES, magnitudes: &[LATE] },
+    ]
+};
+
+/// The kinds that `target` can have.
+pub(super) fn kinds_of(target: FaultTarget) -> impl Iterator<Item = &'static KindRule> {
+    static TABLE: [KindRule; RULES.len()] = RULES;
+    TABLE.iter().filter(move |rule| rule.targets.contains(&target))
+}
+
+impl KindRule {
+    /// The kind as the grammar shows it, with its defaults.
+    pub(super) fn form(&self) -> String {
+        let values =
+            self.magnitudes.iter().map(|(unit, value, ..)| format!("={value}{}", unit.name()));
+        let values: Vec<String> = values.collect();
+        match values.is_empty() {
+            true => self.kind.name().to_owned(),
+            false => format!("{}[{}]", self.kind.name(), values.join("|")),
+        }
+    }
+
+    /// The magnitude that `text` gives, or the default without a text; `None` if it is not allowed.
+    pub(super) fn magnitude(&self, text: Option<&str>) -> Option<Option<Magnitude>> {
+        let Some(text) = text else {
+            let default = self.magnitudes.first();
+            return Some(default.map(|&(unit, value, ..)| Magnitude { value, unit }));
+        };
+        self.magnitudes.iter().find_map(|&(unit, _, least, greatest)| {
+            let value: f64 = text.strip_suffix(unit.name())?.parse().ok()?;
+            (least..=greatest).contains(&value).then_some(Some(Magnitude { value, unit }))
+        })
+    }
+}

@@ -1,0 +1,62 @@
+//! An operator's stop at the daemon: seen by the loop itself, without its background thread.
+
+mod common;
+
+use common::{Bench, FRAME};
+use oqtal_bus::code::{Actuation, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::memory::MemoryBus;
+use oqtal_bus::message::VehicleV1;
+use oqtal_bus::topic::{COMMAND, TELEMETRY};
+use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_daemon::{CacheWarmup, DaemonPorts, DaemonTurn, loop_handoff};
+use oqtal_runtime::turn::step;
+
+#[test]
+fn the_tick_after_a_stop_commands_disarmed_and_the_state_is_latched() {
+    let bench = Bench::flying(&[]);
+    let bus = MemoryBus::new();
+    let stop = bus.stop_switch().unwrap();
+    let mut commands = bus.observer(&COMMAND).unwrap();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let mut turn = DaemonTurn {
+        ports: DaemonPorts::open(&bus).unwrap(),
+        cycle: bench.cycle,
+        warmup: CacheWarmup::never(),
+        handle: loop_handoff().0,
+    };
+    let now = turn.cycle.next_event();
+    step(&mut turn, now).unwrap();
+    assert_eq!(commands.latest().unwrap().unwrap().1.actuation, Actuation::Sticks.code());
+    let number = stop.raise();
+    assert!(!stop.report(number).daemon_obeys);
+    let now = turn.cycle.next_event();
+    step(&mut turn, now).unwrap();
+    assert_eq!(commands.latest().unwrap().unwrap().1.actuation, Actuation::Disarmed.code());
+    assert!(stop.report(number).daemon_obeys);
+    for _ in 0..5 {
+        let now = turn.cycle.next_event();
+        step(&mut turn, now).unwrap();
+        let (_, tick) = telemetry.latest().unwrap().unwrap();
+        assert_eq!((tick.mode, tick.state), (Mode::Disarmed.code(), SafetyState::Stop.code()));
+        assert_eq!(tick.cause, Cause::Operator.code());
+    }
+}
+
+#[test]
+fn a_vehicle_that_says_it_was_stopped_ends_the_flight_and_is_not_armed() {
+    let mut bench = Bench::flying(&[]);
+    bench.vehicle = VehicleV1 { stopped: 1, ..bench.vehicle };
+    bench.miss();
+    bench.miss();
+    assert_eq!((bench.state(), bench.mode()), (Some(SafetyState::Stop), Some(Mode::Disarmed)));
+    for _ in 0..10 {
+        bench.show(common::still(bench.frame));
+    }
+    let refusal = bench.cycle.request(bench.now + FRAME, OperatorCommand::Arm);
+    assert_eq!(refusal.cause, Cause::Operator.code());
+    bench.vehicle = VehicleV1 { stopped: 0, ..bench.vehicle };
+    bench.show(common::still(bench.frame));
+    bench.cycle.request(bench.now + FRAME, OperatorCommand::Arm);
+    bench.show(common::still(bench.frame));
+    assert_eq!(bench.mode(), Some(Mode::Flying));
+}

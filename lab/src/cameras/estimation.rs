@@ -1,0 +1,242 @@
+//! What the estimators make of the emulated cameras' poses: a flight is flown once, and its poses are estimated from again with
+//! each kind of stamp.
+
+use nalgebra::Vector3;
+use oqtal_bus::time::Time;
+use oqtal_config::Config;
+use oqtal_control::controller::ControllerName;
+use oqtal_control::estimator::{Estimate, Estimator};
+use oqtal_control::predictive::{
+    CommandHistory, FilterInnovation, ModelInput, MotionObserver, Rotation, VehicleModel,
+};
+use oqtal_control::quaternion::Attitude;
+use oqtal_mocap_emu::capture::Captures;
+use oqtal_mocap_emu::recording::{RecordedPose, Recording};
+use oqtal_observe::flight::{Flight, FlightSample};
+use oqtal_runtime::process::{Exit, Failure};
+use serde_json::{Value, json};
+
+use crate::mission::Mission;
+use crate::simulation;
+
+/// Poses at the beginning of a flight in which the filters settle.
+const SETTLING: usize = 120;
+
+/// The figures of one kind of stamp.
+#[derive(Clone, Debug)]
+pub struct StampFigures {
+    /// Name of the kind.
+    pub stamp: &'static str,
+    /// Root mean square error of the estimator's velocity, against the truth at the stamp \[m/s\].
+    pub velocity_m_s: f64,
+    /// Of its body rate \[rad/s\].
+    pub rate_rad_s: f64,
+    /// Of the velocity of `oqtal-dt`'s filter \[m/s\].
+    pub filter_velocity_m_s: f64,
+    /// Of its body rate \[rad/s\].
+    pub filter_rate_rad_s: f64,
+    /// Mean normalised innovation squared, position and attitude \[-\]: 1 for a filter that knows its noise.
+    pub nis_ratio: [f64; 2],
+    /// Correlation of an innovation with the next, position and attitude \[-\]: 0 for white innovations.
+    pub next_ratio: [f64; 2],
+}
+
+/// A pose with its stamp, and the tick at which the daemon took it.
+struct StampedPose {
+    stamp_s: f64,
+    sample: FlightSample,
+}
+
+/// Flies the trajectory of `config` with `oqtal-dt`, and estimates from its poses with exact, arrival and estimated stamps.
+///
+/// # Errors
+/// The flight cannot be flown, or ends before the filters have settled.
+pub fn study(config: Config) -> Result<Vec<StampFigures>, Failure> {
+    let mut config = config;
+    config.control.controller = ControllerName::OqtalDt;
+    let flight = simulation::fly(&Mission::new(config)?)?;
+    let poses = poses(&flight);
+    if poses.len() < 2 * SETTLING {
+        let reason = format!(
+            "the flight {} after {} poses: too few to judge; try another --seed, or --set mocap.room.stalls-per-1000-s=0",
+            flight.outcome,
+            poses.len()
+        );
+        return Err(Failure::new(Exit::Flight, reason));
+    }
+    let published = |sample: &FlightSample| sample.telemetry.pose_published_at;
+    let captured = |sample: &FlightSample| sample.telemetry.pose_captured_at;
+    let with = |stamps: &[f64]| -> Vec<StampedPose> {
+        let pairs = stamps.iter().zip(&poses);
+        pairs.map(|(stamp_s, sample)| StampedPose { stamp_s: *stamp_s, sample: *sample }).collect()
+    };
+    let exact: Vec<f64> = poses.iter().map(|sample| seconds(captured(sample))).collect();
+    let arrival: Vec<f64> = poses.iter().map(|sample| seconds(published(sample))).collect();
+    let estimated = estimated(&poses);
+    let kinds = [("exact", exact), ("arrival", arrival), ("estimated", estimated)];
+    Ok(kinds.iter().map(|(name, stamps)| estimate(&flight, name, &with(stamps))).collect())
+}
+
+/// The ticks in the air that took a new pose.
+fn poses(flight: &Flight) -> Vec<FlightSample> {
+    let mut last = 0;
+    let is_new = |sample: &&FlightSample| {
+        let is_new = sample.telemetry.pose_sequence != last && sample.telemetry.fresh == 1;
+        last = sample.telemetry.pose_sequence;
+        is_new && sample.is_armed() && sample.truth.is_some()
+    };
+    flight.samples.iter().filter(is_new).copied().collect()
+}
+
+/// Captures estimated from the arrivals and the motion alone \[s\].
+fn estimated(poses: &[FlightSample]) -> Vec<f64> {
+    let recorded = poses.iter().map(|sample| RecordedPose {
+        time_ns: sample.telemetry.pose_published_at.nanos(),
+        position: sample.telemetry.pose_position.into(),
+        attitude: Attitude::from_xyzw(sample.telemetry.pose_attitude).unwrap_or_default(),
+    });
+    let first_s = poses.first().map_or(0.0, |s| seconds(s.telemetry.pose_published_at));
+    Recording::from_poses(recorded.collect()).map_or_else(Vec::new, |recording| {
+        Captures::of(&recording).captured_s.iter().map(|captured_s| captured_s + first_s).collect()
+    })
+}
+
+/// Runs both estimators over `poses`, in the order of the flight's ticks.
+fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> StampFigures {
+    let config = &flight.config;
+    let mut estimator = Estimator::new(config.control.estimator);
+    let mut filter = MotionObserver::new(model(config), config.control.predictive.filter);
+    let mut history = CommandHistory::new(config.vehicle.command_delay_ms * 1e-3);
+    let mut errors: [Vec<Vector3<f64>>; 4] = Default::default();
+    let mut innovations: Vec<FilterInnovation> = Vec::new();
+    let mut next = poses.iter().enumerate().peekable();
+    for sample in &flight.samples {
+        let is_taken =
+            |(_, pose): &(usize, &StampedPose)| pose.sample.telemetry.tick == sample.telemetry.tick;
+        if let Some((k, pose)) = next.next_if(is_taken) {
+            let measured = take(&mut estimator, pose);
+            filter.take(pose.stamp_s, &measured, &history);
+            let truth = truth_at(&flight.samples, pose.stamp_s);
+            if let (Some((_, motion)), Some((velocity, rate))) = (filter.latest(), truth)
+                && k >= SETTLING
+            {
+                let by = [measured.velocity - velocity, measured.rate.0 - rate];
+                let of_filter = [motion.velocity - velocity, motion.rate - rate];
+                for (errors, error) in errors.iter_mut().zip(by.into_iter().chain(of_filter)) {
+                    errors.push(error);
+                }
+                innovations.extend(filter.innovation());
+            }
+        }
+        history.push(
+            sample.telemetry.command_sequence,
+            seconds(sample.telemetry.time),
+            input(config, sample),
+        );
+    }
+    figures(stamp, &errors, &innovations)
+}
+
+fn figures(
+    stamp: &'static str,
+    errors: &[Vec<Vector3<f64>>; 4],
+    innovations: &[FilterInnovation],
+) -> StampFigures {
+    let rms = |values: &[Vector3<f64>]| {
+        let squares = values.iter().map(Vector3::norm_squared).sum::<f64>();
+        (squares / values.len().max(1) as f64).sqrt()
+    };
+    let mean = |of: &dyn Fn(&FilterInnovation) -> f64| {
+        innovations.iter().map(of).sum::<f64>() / innovations.len().max(1) as f64
+    };
+    let next = |of: &dyn Fn(&FilterInnovation) -> Vector3<f64>| {
+        let products = innovations.windows(2).map(|pair| of(&pair[0]).dot(&of(&pair[1])));
+        let squares = innovations.iter().map(|innovation| of(innovation).norm_squared());
+        products.sum::<f64>() / squares.sum::<f64>().max(f64::MIN_POSITIVE)
+    };
+    StampFigures {
+        stamp,
+        velocity_m_s: rms(&errors[0]),
+        rate_rad_s: rms(&errors[1]),
+        filter_velocity_m_s: rms(&errors[2]),
+        filter_rate_rad_s: rms(&errors[3]),
+        nis_ratio: [mean(&|i| i.position_nis), mean(&|i| i.attitude_nis)],
+        next_ratio: [next(&|i| i.position), next(&|i| i.attitude)],
+    }
+}
+
+fn take(estimator: &mut Estimator, pose: &StampedPose) -> Estimate {
+    let telemetry = &pose.sample.telemetry;
+    let attitude = Attitude::from_xyzw(telemetry.pose_attitude).unwrap_or_default();
+    estimator.update(pose.stamp_s, telemetry.pose_position.into(), attitude)
+}
+
+/// The vehicle as the controller believes it is, commanded by rates.
+fn model(config: &Config) -> VehicleModel {
+    let vehicle = &config.vehicle;
+    VehicleModel {
+        rotation: Rotation::RateLoop { lag_s: vehicle.rate_lag_ms * 1e-3 },
+        mass_kg: vehicle.mass_kg,
+        gravity_m_s2: vehicle.gravity_m_s2,
+        drag_per_s: vehicle.drag_per_s,
+        thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
+    }
+}
+
+fn input(config: &Config, sample: &FlightSample) -> ModelInput {
+    let authority = Vector3::from(config.vehicle.rate_authority_rad_s);
+    ModelInput {
+        demand: Vector3::from(sample.telemetry.sticks).component_mul(&authority),
+        thrust_n: sample.telemetry.thrust * config.vehicle.max_thrust_n,
+        ..ModelInput::default()
+    }
+}
+
+/// True velocity \[m/s, world\] and rate \[rad/s, body\] at `t_s`, between those of two ticks.
+fn truth_at(samples: &[FlightSample], t_s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let after = samples.partition_point(|sample| seconds(sample.telemetry.time) < t_s);
+    let (from, to) = (samples.get(after.checked_sub(1)?)?, samples.get(after)?);
+    let (a, b) = (from.truth?, to.truth?);
+    let step_s = to.telemetry.time.since(from.telemetry.time).seconds();
+    let share = (t_s - seconds(from.telemetry.time)) / step_s;
+    let between = |a: [f64; 3], b: [f64; 3]| Vector3::from(a).lerp(&Vector3::from(b), share);
+    Some((between(a.velocity, b.velocity), between(a.rate, b.rate)))
+}
+
+fn seconds(time: Time) -> f64 {
+    time.nanos() as f64 * 1e-9
+}
+
+/// The figures as a table in Markdown.
+#[must_use]
+pub fn to_text(rows: &[StampFigures]) -> String {
+    let mut text = "| stamps | velocity, rms error [m/s] | rate, rms error [rad/s] | filter: velocity [m/s] | \
+        filter: rate [rad/s] | NIS position, attitude | next innovation: position, attitude |\n|---|---|---|---|---|---|---|"
+        .to_owned();
+    for row in rows {
+        text += &format!(
+            "\n| {} | {:.3} | {:.3} | {:.3} | {:.3} | {:.2}, {:.2} | {:.2}, {:.2} |",
+            row.stamp,
+            row.velocity_m_s,
+            row.rate_rad_s,
+            row.filter_velocity_m_s,
+            row.filter_rate_rad_s,
+            row.nis_ratio[0],
+            row.nis_ratio[1],
+            row.next_ratio[0],
+            row.next_ratio[1],
+        );
+    }
+    text
+}
+
+/// The figures as JSON.
+#[must_use]
+pub fn to_json(rows: &[StampFigures]) -> Value {
+    let row = |row: &StampFigures| {
+        json!({ "stamps": row.stamp, "velocity_m_s": row.velocity_m_s, "rate_rad_s": row.rate_rad_s,
+            "filter_velocity_m_s": row.filter_velocity_m_s, "filter_rate_rad_s": row.filter_rate_rad_s,
+            "nis": row.nis_ratio, "next": row.next_ratio })
+    };
+    json!({ "stamps": rows.iter().map(row).collect::<Vec<Value>>() })
+}

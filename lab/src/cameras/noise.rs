@@ -1,0 +1,119 @@
+//! Noise of a pose from the markers up, by place in the room.
+
+use nalgebra::Vector3;
+use oqtal_bus::message::TruthV1;
+use oqtal_config::Config;
+use oqtal_control::quaternion::Attitude;
+use oqtal_mocap_emu::markers::{MarkerCameras, MarkerFrame};
+use serde_json::{Value, json};
+
+/// The places: name and position \[m, world\].
+const PLACES: [(&str, [f64; 3]); 6] = [
+    ("centre", [0.0, 0.0, 1.0]),
+    ("centre, on the floor", [0.0, 0.0, 0.05]),
+    ("centre, high", [0.0, 0.0, 1.8]),
+    ("corner of the square", [0.65, 0.65, 1.0]),
+    ("half way to the edge", [1.3, 0.0, 1.0]),
+    ("edge", [2.3, 0.0, 1.0]),
+];
+
+/// Noise at a place.
+#[derive(Clone, Copy, Debug)]
+pub struct PlaceNoise {
+    /// Name of the place.
+    pub name: &'static str,
+    /// The place \[m, world\].
+    pub position_m: [f64; 3],
+    /// Standard deviation of the position along each axis \[mm, world\].
+    pub position_mm: [f64; 3],
+    /// Standard deviation of the attitude about each axis \[deg, body\].
+    pub attitude_deg: [f64; 3],
+    /// Mean number of cameras that see a marker \[-\].
+    pub cameras_ratio: f64,
+    /// Pixel noise estimated from the reprojection \[px\]; the one asked for, if all is well.
+    pub reprojection_ratio: f64,
+    /// Root mean square distance of the markers from the fitted body \[mm\].
+    pub residual_mm: f64,
+    /// Share of the frames in which the body is tracked \[percent\].
+    pub tracked_percent: f64,
+}
+
+/// Noise at every place, each from `frames` frames of a level body at rest.
+#[must_use]
+pub fn map(config: &Config, frames: u64) -> Vec<PlaceNoise> {
+    PLACES.iter().map(|(name, place)| at(config, frames, (name, *place))).collect()
+}
+
+fn at(config: &Config, frames: u64, (name, place): (&'static str, [f64; 3])) -> PlaceNoise {
+    let mut cameras = MarkerCameras::new(&config.mocap, config.clock.seed);
+    let truth = |capture| TruthV1 {
+        capture,
+        position: place,
+        attitude: Attitude::LEVEL.xyzw(),
+        ..TruthV1::default()
+    };
+    let seen: Vec<MarkerFrame> = (1..=frames).map(|frame| cameras.observe(&truth(frame))).collect();
+    let bodies: Vec<_> = seen.iter().filter_map(|frame| frame.body).collect();
+    let points: Vec<_> = seen.iter().flat_map(|frame| frame.markers).flatten().collect();
+    let sum = |of: &dyn Fn(usize) -> f64, count: usize| (0..count).map(of).sum::<f64>();
+    let mean = |of: &dyn Fn(usize) -> f64, count: usize| sum(of, count) / count as f64;
+    let freedom: f64 = points.iter().map(|point| 2.0 * point.cameras as f64 - 3.0).sum();
+    let places: Vec<_> = bodies.iter().map(|body| body.position).collect();
+    let turns: Vec<_> =
+        bodies.iter().map(|body| Attitude::LEVEL.rotation_to(&body.attitude)).collect();
+    PlaceNoise {
+        name,
+        position_m: place,
+        position_mm: (deviation(&places) * 1e3).into(),
+        attitude_deg: deviation(&turns).map(f64::to_degrees).into(),
+        cameras_ratio: mean(&|k| points[k].cameras as f64, points.len()),
+        reprojection_ratio: (sum(&|k| points[k].squared_px, points.len()) / freedom).sqrt(),
+        residual_mm: mean(&|k| bodies[k].residual_m.powi(2), bodies.len()).sqrt() * 1e3,
+        tracked_percent: 100.0 * bodies.len() as f64 / seen.len() as f64,
+    }
+}
+
+/// Standard deviation of each component.
+fn deviation(values: &[Vector3<f64>]) -> Vector3<f64> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<Vector3<f64>>() / count;
+    let squares = values.iter().map(|v| (v - mean).component_mul(&(v - mean)));
+    (squares.sum::<Vector3<f64>>() / count).map(f64::sqrt)
+}
+
+/// The map as a table in Markdown.
+#[must_use]
+pub fn to_text(map: &[PlaceNoise]) -> String {
+    let mut text = "| place | x, y, z [m] | position, SD x, y, z [mm] | attitude, SD roll, pitch, yaw [deg] | \
+        cameras per marker | reprojection [px] | residual [mm] | tracked [%] |\n|---|---|---|---|---|---|---|---|"
+        .to_owned();
+    for row in map {
+        let three = |numbers: [f64; 3], places: usize| {
+            numbers.map(|number| format!("{number:.places$}")).join(", ")
+        };
+        text += &format!(
+            "\n| {} | {} | {} | {} | {:.1} | {:.3} | {:.2} | {:.1} |",
+            row.name,
+            three(row.position_m, 2),
+            three(row.position_mm, 3),
+            three(row.attitude_deg, 3),
+            row.cameras_ratio,
+            row.reprojection_ratio,
+            row.residual_mm,
+            row.tracked_percent,
+        );
+    }
+    text
+}
+
+/// The map as JSON.
+#[must_use]
+pub fn to_json(map: &[PlaceNoise]) -> Value {
+    let row = |row: &PlaceNoise| {
+        json!({ "place": row.name, "position_m": row.position_m, "position_mm": row.position_mm,
+            "attitude_deg": row.attitude_deg, "cameras": row.cameras_ratio,
+            "reprojection_px": row.reprojection_ratio, "residual_mm": row.residual_mm,
+            "tracked_percent": row.tracked_percent })
+    };
+    json!({ "places": map.iter().map(row).collect::<Vec<Value>>() })
+}

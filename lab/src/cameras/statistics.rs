@@ -1,0 +1,150 @@
+//! The emulated cameras in figures, beside recordings.
+
+use std::path::Path;
+
+use oqtal_bus::message::TruthV1;
+use oqtal_config::Config;
+use oqtal_control::quaternion::Attitude;
+use oqtal_mocap_emu::emulation::record;
+use oqtal_mocap_emu::recording::Recording;
+use oqtal_mocap_emu::statistics::{GridStatistics, RestStatistics, RoomStatistics};
+use oqtal_runtime::process::{Exit, Failure};
+use serde_json::{Value, json};
+
+/// A figure of a recording: name, and value; `None` if the recording does not show it.
+type NamedFigure = (&'static str, fn(&RoomStatistics) -> Option<f64>);
+
+/// Everything that is compared.
+const FIGURES: [NamedFigure; 21] = [
+    ("rate [Hz]", |s| Some(s.rate_hz)),
+    ("arrival intervals, SD [ms]", |s| Some(s.interval_ms)),
+    ("shorter than 5 ms [%]", |s| Some(s.shares_percent[0])),
+    ("5 to 15 ms [%]", |s| Some(s.shares_percent[1])),
+    ("15 to 25 ms [%]", |s| Some(s.shares_percent[2])),
+    ("25 to 35 ms [%]", |s| Some(s.shares_percent[3])),
+    ("35 to 50 ms [%]", |s| Some(s.shares_percent[4])),
+    ("over 50 ms [per 1000 s]", |s| Some(s.gaps[0])),
+    ("over 80 ms [per 1000 s]", |s| Some(s.gaps[1])),
+    ("over 250 ms [per 1000 s]", |s| Some(s.gaps[2])),
+    ("capture grid [Hz]", |s| grid(s, |g| g.rate_hz)),
+    ("coherence with the grid", |s| grid(s, |g| g.coherence_ratio)),
+    ("capture intervals, SD [ms]", |s| grid(s, |g| g.interval_ms)),
+    ("correlation, capture and arrival", |s| grid(s, |g| g.correlation_ratio)),
+    ("capture to arrival, SD [ms]", |s| grid(s, |g| g.latency_ms)),
+    ("position at rest, SD [mm]", |s| rest(s, |r| r.position_mm)),
+    ("attitude at rest, SD [deg]", |s| rest(s, |r| r.attitude_deg)),
+    ("Allan slope, position", |s| rest(s, |r| r.position_slope_ratio)),
+    ("Allan slope, attitude", |s| rest(s, |r| r.attitude_slope_ratio)),
+    ("correlation, position and attitude", |s| rest(s, |r| r.coupling_ratio)),
+    ("greatest kurtosis", |s| rest(s, |r| r.kurtosis_ratio)),
+];
+
+fn grid(statistics: &RoomStatistics, of: fn(&GridStatistics) -> f64) -> Option<f64> {
+    statistics.grid.as_ref().map(of)
+}
+
+fn rest(statistics: &RoomStatistics, of: fn(&RestStatistics) -> f64) -> Option<f64> {
+    statistics.rest.as_ref().map(of)
+}
+
+/// The figures of the emulated cameras and of recordings.
+#[derive(Clone, Debug)]
+pub struct Study {
+    emulated: [Option<f64>; FIGURES.len()],
+    recordings: Vec<(String, [Option<f64>; FIGURES.len()])>,
+}
+
+impl Study {
+    /// Lets the cameras of `config` watch a body at rest and one in motion for `seconds`, and reads `files`.
+    ///
+    /// # Errors
+    /// A file cannot be read or is no recording (exit code 65), or the cameras see nothing.
+    pub fn of(config: &Config, seconds: f64, files: &[&Path]) -> Result<Self, Failure> {
+        let watch = |motion: fn(f64) -> TruthV1| {
+            let watched = record((&config.mocap, config.clock.seed), seconds, motion);
+            let watched = watched.ok_or_else(|| {
+                Failure::new(
+                    Exit::Flight,
+                    "no pose arrives: check [mocap] for dropouts and markers",
+                )
+            })?;
+            Ok::<_, Failure>(RoomStatistics::of(&watched.recording))
+        };
+        let (still, moving) = (watch(at_rest)?, watch(lemniscate)?);
+        let emulated = RoomStatistics { grid: moving.grid, ..still };
+        let read = |file: &&Path| {
+            let recording = Recording::read(file)
+                .map_err(|error| Failure::new(Exit::Data, error.to_string()))?;
+            let name = file.file_stem().unwrap_or(file.as_os_str());
+            Ok((name.to_string_lossy().into_owned(), figures(&RoomStatistics::of(&recording))))
+        };
+        let recordings = files.iter().map(read).collect::<Result<_, Failure>>()?;
+        Ok(Self { emulated: figures(&emulated), recordings })
+    }
+
+    /// Whether a figure of the emulated cameras is within those of the recordings; `None` without at least two of them.
+    #[must_use]
+    pub fn is_within(&self, figure: usize) -> Option<bool> {
+        let found: Vec<f64> = self.recordings.iter().filter_map(|(_, all)| all[figure]).collect();
+        let value = self.emulated[figure].filter(|_| found.len() > 1)?;
+        let least = found.iter().copied().fold(f64::INFINITY, f64::min);
+        let greatest = found.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        Some((least..=greatest).contains(&value))
+    }
+
+    /// The study as a table in Markdown.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let names = self.recordings.iter().map(|(name, _)| name.as_str());
+        let head: Vec<&str> = ["figure", "emulated"].into_iter().chain(names).collect();
+        let mut text =
+            format!("| {} | within |\n|{}", head.join(" | "), "---|".repeat(head.len() + 1));
+        for (k, (name, _)) in FIGURES.iter().enumerate() {
+            let values = self.recordings.iter().map(|(_, all)| all[k]);
+            let values = std::iter::once(self.emulated[k]).chain(values).map(cell);
+            let within = match self.is_within(k) {
+                Some(true) => "yes",
+                Some(false) => "no",
+                None => "-",
+            };
+            let cells: Vec<String> = values.collect();
+            text += &format!("\n| {name} | {} | {within} |", cells.join(" | "));
+        }
+        text
+    }
+
+    /// The study as JSON: `{"figures": [{"name", "emulated", "recordings": {NAME: value}, "within"}]}`.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let figures = FIGURES.iter().enumerate().map(|(k, (name, _))| {
+            let recordings: serde_json::Map<String, Value> =
+                self.recordings.iter().map(|(name, all)| (name.clone(), json!(all[k]))).collect();
+            json!({ "name": name, "emulated": self.emulated[k], "recordings": recordings,
+                "within": self.is_within(k) })
+        });
+        json!({ "figures": figures.collect::<Vec<Value>>() })
+    }
+}
+
+fn figures(statistics: &RoomStatistics) -> [Option<f64>; FIGURES.len()] {
+    FIGURES.map(|(_, of)| of(statistics))
+}
+
+fn cell(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
+}
+
+/// A body at rest in the middle of the room.
+fn at_rest(_: f64) -> TruthV1 {
+    TruthV1 { position: [0.0, 0.0, 1.0], attitude: Attitude::LEVEL.xyzw(), ..TruthV1::default() }
+}
+
+/// A lemniscate of up to 1 m/s.
+fn lemniscate(t_s: f64) -> TruthV1 {
+    let angle = 1.1 * t_s;
+    TruthV1 {
+        position: [0.65 * angle.sin(), 0.325 * (2.0 * angle).sin(), 1.0],
+        velocity: [0.715 * angle.cos(), 0.715 * (2.0 * angle).cos(), 0.0],
+        ..at_rest(t_s)
+    }
+}

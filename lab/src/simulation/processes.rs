@@ -1,0 +1,139 @@
+//! The processes of a flight in this process: their turns over topics in memory, opened at the start and again after a kill.
+
+use std::rc::Rc;
+
+use oqtal_bus::code::{Answer, OperatorCommand};
+use oqtal_bus::error::BusError;
+use oqtal_bus::memory::MemoryBus;
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::Role;
+use oqtal_config::FaultTarget;
+use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, loop_handoff};
+use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
+use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
+use oqtal_runtime::faults::{FaultyTransport, FaultyTurn};
+use oqtal_runtime::pose_source::PoseTurn;
+use oqtal_runtime::process::Failure;
+use oqtal_runtime::turn::step;
+use oqtal_runtime::virtual_clock::TurnResult;
+
+use crate::mission::Mission;
+
+/// The ports of a process.
+type Ports = FaultyTransport<MemoryBus>;
+/// The turn of a process.
+type Process<R> = FaultyTurn<MemoryBus, R>;
+
+/// The process that publishes poses.
+enum PoseProcess {
+    Cameras(Box<Process<PoseTurn<Ports, EmulatedCameras<MemoryBus>>>>),
+    Playback(Process<PoseTurn<Ports, Playback<MemoryBus>>>),
+}
+
+/// The processes of a flight.
+pub(super) struct Processes<'a> {
+    mission: &'a Mission,
+    bus: Rc<MemoryBus>,
+    plant: Process<PlantTurn<Ports>>,
+    poses: PoseProcess,
+    daemon: Process<DaemonTurn<Ports>>,
+}
+
+impl<'a> Processes<'a> {
+    /// Opens all of them.
+    pub(super) fn open(
+        mission: &'a Mission,
+        bus: &Rc<MemoryBus>,
+        start: Time,
+    ) -> Result<Self, Failure> {
+        Ok(Self {
+            mission,
+            bus: Rc::clone(bus),
+            plant: plant(mission, bus, start)?,
+            poses: PoseProcess::open(mission, bus, start)?,
+            daemon: daemon(mission, bus, start)?,
+        })
+    }
+
+    /// Opens the process `role` anew, as after a kill.
+    pub(super) fn reopen(&mut self, role: Role, now: Time) -> Result<(), Failure> {
+        let Self { mission, bus, .. } = self;
+        match role {
+            Role::Plant => self.plant = plant(mission, bus, now)?,
+            Role::Mocap => self.poses = PoseProcess::open(mission, bus, now)?,
+            Role::Daemon => self.daemon = daemon(mission, bus, now)?,
+            Role::Recorder | Role::Bridge | Role::Receiver => {}
+        }
+        Ok(())
+    }
+
+    /// Executes a turn of `role`.
+    pub(super) fn step(&mut self, role: Role, now: Time) -> Result<TurnResult, BusError> {
+        match role {
+            Role::Plant => step(&mut self.plant, now),
+            Role::Mocap => match &mut self.poses {
+                PoseProcess::Cameras(turn) => step(turn.as_mut(), now),
+                PoseProcess::Playback(turn) => step(turn, now),
+            },
+            Role::Daemon => step(&mut self.daemon, now),
+            // They take no part in virtual time.
+            Role::Recorder | Role::Bridge | Role::Receiver => Ok(TurnResult::default()),
+        }
+    }
+
+    /// Passes an operator's command to the daemon; `false` if it is refused.
+    pub(super) fn obey(&mut self, now: Time, command: OperatorCommand) -> bool {
+        self.daemon.turn.cycle.request(now, command).answer != Answer::Refused.code()
+    }
+}
+
+fn plant(
+    mission: &Mission,
+    bus: &Rc<MemoryBus>,
+    start: Time,
+) -> Result<Process<PlantTurn<Ports>>, Failure> {
+    let config = &mission.config;
+    let faulty = FaultyTransport::new(bus, config)?;
+    let turn = PlantTurn::open(&faulty, Plant::new(config, start), Stepping::Exact, config)?;
+    Ok(faulty.turn(FaultTarget::PlantSim, turn))
+}
+
+fn daemon(
+    mission: &Mission,
+    bus: &Rc<MemoryBus>,
+    start: Time,
+) -> Result<Process<DaemonTurn<Ports>>, Failure> {
+    let config = &mission.config;
+    let faulty = FaultyTransport::new(bus, config)?;
+    let cycle = Cycle::new(config, mission.trajectory.clone(), start)
+        .map_err(|error| config.locate(&error))?;
+    // The background thread's end is dropped: nobody sends requests through it or reads notes from it.
+    let (handle, _) = loop_handoff();
+    let turn = DaemonTurn {
+        ports: DaemonPorts::open(&faulty)?,
+        cycle,
+        warmup: CacheWarmup::never(),
+        handle,
+    };
+    Ok(faulty.turn(FaultTarget::Daemon, turn))
+}
+
+impl PoseProcess {
+    fn open(mission: &Mission, bus: &Rc<MemoryBus>, start: Time) -> Result<Self, Failure> {
+        let config = &mission.config;
+        let faulty = FaultyTransport::new(bus, config)?;
+        Ok(match &mission.recording {
+            Some(recording) => {
+                let source = Playback::open(bus.as_ref(), recording.clone(), Start::At(start))?;
+                let turn = PoseTurn::open(&faulty, source)?;
+                Self::Playback(faulty.turn(FaultTarget::MocapEmu, turn))
+            }
+            None => {
+                let cameras = Cameras::new(&config.mocap, config.clock.seed);
+                let source = EmulatedCameras::open(bus.as_ref(), cameras)?;
+                let turn = PoseTurn::open(&faulty, source)?;
+                Self::Cameras(Box::new(faulty.turn(FaultTarget::MocapEmu, turn)))
+            }
+        })
+    }
+}

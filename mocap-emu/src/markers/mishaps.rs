@@ -1,0 +1,63 @@
+//! Markers that vanish for a while, and two that are taken for each other.
+
+use oqtal_config::MarkerOptions;
+use oqtal_runtime::random::Generator;
+use rand::RngExt;
+use rand_distr::{Distribution, Geometric};
+
+use super::MOST_MARKERS;
+
+/// State of the mishaps, advanced once a frame.
+#[derive(Clone, Debug, Default)]
+pub struct Mishaps {
+    /// Frames for which each marker stays away \[-\].
+    away: [u64; MOST_MARKERS],
+    /// The markers that are swapped, and for how many frames.
+    swapped: Option<(usize, usize)>,
+    swapped_frames: u64,
+}
+
+impl Mishaps {
+    /// Draws the mishaps of a frame with `markers` markers. The number of draws does not depend on the outcome of earlier frames.
+    pub fn advance(&mut self, options: &MarkerOptions, markers: usize, random: &mut Generator) {
+        for away in &mut self.away[..markers] {
+            let begins: f64 = random.random();
+            let frames = frames(options.vanish_frames, random);
+            *away = away.saturating_sub(1);
+            if *away == 0 && begins < options.vanish_probability {
+                *away = frames;
+            }
+        }
+        let begins: f64 = random.random();
+        let frames = frames(options.swap_frames, random);
+        let first = random.random_range(0..markers);
+        let second = (first + random.random_range(1..markers)) % markers;
+        self.swapped_frames = self.swapped_frames.saturating_sub(1);
+        if self.swapped_frames == 0 {
+            let swaps = begins < options.swap_probability;
+            self.swapped = swaps.then_some((first, second));
+            self.swapped_frames = if swaps { frames } else { 0 };
+        }
+    }
+
+    /// Whether `marker` is there.
+    #[must_use]
+    pub fn shows(&self, marker: usize) -> bool {
+        self.away[marker] == 0
+    }
+
+    /// The marker that `marker` is taken for.
+    #[must_use]
+    pub fn taken_for(&self, marker: usize) -> usize {
+        match self.swapped {
+            Some((a, b)) if marker == a => b,
+            Some((a, b)) if marker == b => a,
+            _ => marker,
+        }
+    }
+}
+
+/// A duration, 1 or more, with the mean `mean` \[frames\].
+fn frames(mean: f64, random: &mut Generator) -> u64 {
+    1 + Geometric::new(1.0 / mean).map_or(0, |length| length.sample(random))
+}

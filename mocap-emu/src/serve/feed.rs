@@ -1,0 +1,88 @@
+//! Frames on their way from the loop to the network thread: a bounded queue and a wake-up, neither of which blocks.
+
+use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crossbeam_channel::{Receiver, Sender};
+use oqtal_bus::time::Time;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_wire::motion::BodySample;
+use rustix::event::{EventfdFlags, eventfd};
+
+use super::model::MAX_BODIES;
+
+/// Frames that wait at most; further ones are dropped and counted.
+const CAPACITY: usize = 64;
+
+/// A frame without memory of its own.
+#[derive(Clone, Copy, Debug)]
+pub struct ServedFrame {
+    /// Number \[-\].
+    pub number: u64,
+    /// Instant of capture.
+    pub captured_at: Time,
+    bodies: [BodySample; MAX_BODIES],
+    count: usize,
+}
+
+impl ServedFrame {
+    /// A frame without bodies.
+    pub fn new(number: u64, captured_at: Time) -> Self {
+        Self { number, captured_at, bodies: [BodySample::LOST; MAX_BODIES], count: 0 }
+    }
+
+    /// Adds a body, up to [`MAX_BODIES`].
+    pub fn push(&mut self, body: BodySample) {
+        if let Some(place) = self.bodies.get_mut(self.count) {
+            *place = body;
+            self.count += 1;
+        }
+    }
+
+    /// The bodies.
+    pub fn bodies(&self) -> &[BodySample] {
+        &self.bodies[..self.count]
+    }
+}
+
+/// The loop's end of the queue.
+#[derive(Clone, Debug)]
+pub struct FrameFeed {
+    frames: Sender<ServedFrame>,
+    bell: Arc<OwnedFd>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// The network thread's end of the queue.
+#[derive(Debug)]
+pub struct FrameQueue {
+    /// Frames.
+    pub frames: Receiver<ServedFrame>,
+    /// Readable when there are frames.
+    pub bell: Arc<OwnedFd>,
+    /// Frames for which there was no place \[-\].
+    pub dropped: Arc<AtomicU64>,
+}
+
+/// A queue of frames.
+pub fn frame_queue() -> Result<(FrameFeed, FrameQueue), Failure> {
+    let bell = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(|error| {
+        Failure::new(Exit::System, format!("creating an eventfd failed: {error}"))
+    })?;
+    let (bell, dropped) = (Arc::new(bell), Arc::new(AtomicU64::new(0)));
+    let (sender, receiver) = crossbeam_channel::bounded(CAPACITY);
+    let feed = FrameFeed { frames: sender, bell: bell.clone(), dropped: dropped.clone() };
+    Ok((feed, FrameQueue { frames: receiver, bell, dropped }))
+}
+
+impl FrameFeed {
+    /// Hands a frame on; drops it if the queue is full. Neither blocks nor allocates.
+    pub fn send(&self, frame: ServedFrame) {
+        if self.frames.try_send(frame).is_err() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        // Fails only when the counter is full: then the bell rings already.
+        let _ = rustix::io::write(&*self.bell, &1_u64.to_ne_bytes());
+    }
+}

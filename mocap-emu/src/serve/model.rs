@@ -1,0 +1,80 @@
+//! The bodies that are served: names, markers in body axes, and the markers' positions in a frame.
+
+use oqtal_wire::motion::{BodySample, MarkerSample};
+use oqtal_wire::natnet::BodyDefinition;
+use oqtal_wire::qtm::{QtmBody, QtmParameters, QtmPoint};
+
+/// Greatest number of bodies \[-\].
+pub const MAX_BODIES: usize = 32;
+
+/// Markers of every body \[m, body\]: on the four arms of a Hummingbird, at heights that no turn maps onto each other.
+const MARKERS_M: [[f64; 3]; 4] =
+    [[0.17, 0.0, 0.02], [0.0, 0.17, 0.035], [-0.14, 0.03, 0.05], [0.02, -0.17, 0.025]];
+
+/// The bodies that are served.
+#[derive(Clone, Debug)]
+pub struct BodyModels {
+    names: Vec<String>,
+    rate_hz: f64,
+}
+
+impl BodyModels {
+    /// Bodies of these names, at most [`MAX_BODIES`], at this rate \[Hz\].
+    pub fn new(names: &[String], rate_hz: f64) -> Self {
+        Self { names: names.iter().take(MAX_BODIES).cloned().collect(), rate_hz }
+    }
+
+    /// Names in the order of every frame.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Rate of the frames \[Hz\].
+    pub fn rate_hz(&self) -> f64 {
+        self.rate_hz
+    }
+
+    /// The parameters of a QTM server.
+    pub fn to_qtm(&self) -> QtmParameters {
+        let points = |name: &str| {
+            let points = (1..).zip(MARKERS_M);
+            points.map(|(number, at)| point(format!("{name} - {number}"), at)).collect::<Vec<_>>()
+        };
+        let body = |name: &String| QtmBody {
+            name: name.clone(),
+            color: 0x0000_FF00,
+            points: points(name),
+        };
+        let labels = self.names.iter().flat_map(|name| points(name)).map(|point| point.name);
+        QtmParameters {
+            frequency_hz: Some(self.rate_hz.round() as u32),
+            markers: Some(labels.collect()),
+            bodies: Some(self.names.iter().map(body).collect()),
+        }
+    }
+
+    /// The definitions of a NatNet server; numbers from 1.
+    pub fn to_natnet(&self) -> Vec<BodyDefinition> {
+        let definition = |(id, name): (i32, &String)| BodyDefinition {
+            name: name.clone(),
+            id,
+            markers_m: MARKERS_M.to_vec(),
+        };
+        (1..).zip(&self.names).map(definition).collect()
+    }
+
+    /// The markers of a frame: those of a body that is not seen are not seen either.
+    pub fn markers(&self, bodies: &[BodySample], markers: &mut Vec<MarkerSample>) {
+        markers.clear();
+        for BodySample { pose, residual_m } in bodies {
+            markers.extend(MARKERS_M.map(|at| MarkerSample {
+                position_m: pose.map(|pose| pose.transformed(at)),
+                residual_m: *residual_m,
+            }));
+        }
+    }
+}
+
+fn point(name: String, at_m: [f64; 3]) -> QtmPoint {
+    QtmPoint { name, position_mm: at_m.map(|x| x * 1e3) }
+}

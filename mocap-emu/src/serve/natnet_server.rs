@@ -1,0 +1,109 @@
+//! Socket of the NatNet server: requests, and frames by multicast and unicast.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+
+use oqtal_bus::time::Time;
+use oqtal_runtime::process::Failure;
+use oqtal_wire::motion::MotionFrame;
+use oqtal_wire::natnet::{NatNetServer, NatNetServerOptions, NatNetVersion};
+use rustix::event::{PollFd, PollFlags};
+
+use super::address::datagrams;
+use super::model::BodyModels;
+use super::server::{Endpoint, FrameServer};
+
+/// Requests answered at a time.
+const MAX_REQUESTS: usize = 64;
+
+/// How NatNet is served.
+#[derive(Clone, Copy, Debug)]
+pub struct NatNetSettings {
+    /// Version of the protocol.
+    pub version: NatNetVersion,
+    /// Group of frames by multicast; `None` for unicast alone.
+    pub multicast: Option<Ipv4Addr>,
+}
+
+/// The NatNet server.
+#[derive(Debug)]
+pub struct NatNetSocket {
+    socket: UdpSocket,
+    server: NatNetServer,
+    group: Option<SocketAddr>,
+    clients: Vec<SocketAddr>,
+    answer: Vec<u8>,
+    input: Vec<u8>,
+}
+
+impl NatNetSocket {
+    /// Opens the server: requests at `port`, frames by multicast to the next port.
+    pub fn open(
+        ip: IpAddr,
+        port: u16,
+        settings: NatNetSettings,
+        models: &BodyModels,
+    ) -> Result<Self, Failure> {
+        let socket = datagrams("natnet", SocketAddr::new(ip, port))?;
+        let port = socket.local_addr().map_or(port, |address| address.port());
+        let data_port = port.saturating_add(1);
+        // Frames leave by the interface of the address that is served, since the socket is bound to it.
+        let group = settings.multicast.map(|group| SocketAddr::from((group, data_port)));
+        let options = NatNetServerOptions {
+            version: settings.version,
+            multicast: settings.multicast,
+            data_port,
+            rate_hz: models.rate_hz() as f32,
+            bodies: models.to_natnet(),
+        };
+        Ok(Self {
+            socket,
+            server: NatNetServer::new(options),
+            group,
+            clients: Vec::new(),
+            answer: Vec::new(),
+            input: vec![0; 1 << 16],
+        })
+    }
+}
+
+impl FrameServer for NatNetSocket {
+    fn endpoints(&self) -> Vec<Endpoint> {
+        let endpoint =
+            |what, address| Endpoint { protocol: "natnet", what, transport: "udp", address };
+        let requests = self.socket.local_addr().map_or(String::new(), |at| at.to_string());
+        let frames = self.group.map(|group| endpoint("frames", group.to_string()));
+        std::iter::once(endpoint("requests", requests)).chain(frames).collect()
+    }
+
+    fn add_sockets<'a>(&'a self, sockets: &mut Vec<PollFd<'a>>) {
+        sockets.push(PollFd::new(&self.socket, PollFlags::IN));
+    }
+
+    fn serve(&mut self, now: Time) {
+        for _ in 0..MAX_REQUESTS {
+            let Ok((length, from)) = self.socket.recv_from(&mut self.input) else { break };
+            self.answer.clear();
+            self.server.receive(&self.input[..length], from, now.nanos(), &mut self.answer);
+            if !self.answer.is_empty() {
+                let _ = self.socket.send_to(&self.answer, from);
+            }
+        }
+        self.clients.clear();
+        self.clients.extend(self.server.unicast_clients(now.nanos()));
+    }
+
+    fn broadcast(&mut self, frame: &MotionFrame<'_>) {
+        let unicast = self.clients.iter().copied().map(|client| (client, Some(client)));
+        let multicast = self.group.map(|group| (group, None));
+        for (to, client) in multicast.into_iter().chain(unicast) {
+            self.answer.clear();
+            self.server.write_frame(frame, client, &mut self.answer);
+            // A datagram that finds no place is lost, as on any network.
+            let _ = self.socket.send_to(&self.answer, to);
+        }
+    }
+
+    fn clients(&self) -> usize {
+        self.clients.len()
+    }
+}

@@ -1,0 +1,102 @@
+//! The network thread: waits for sockets and frames, serves both.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+
+use oqtal_bus::time::Time;
+use oqtal_runtime::stop::StopFlag;
+use oqtal_wire::motion::{MarkerSample, MotionFrame};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::feed::{FrameQueue, ServedFrame};
+use super::model::BodyModels;
+use super::server::{Endpoint, FrameServer};
+
+/// Longest wait, after which the stop flag is checked.
+const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
+
+/// Counters of the network thread.
+#[derive(Debug, Default)]
+pub struct ServeCounters {
+    /// Frames handed to the servers \[-\].
+    pub frames: AtomicU64,
+    /// Clients now: of QTM and VRPN, and of NatNet by unicast \[-\].
+    pub clients: AtomicUsize,
+}
+
+/// The servers and their queue of frames, to be run on a thread of their own.
+pub struct NetworkThread {
+    servers: Vec<Box<dyn FrameServer>>,
+    queue: FrameQueue,
+    models: BodyModels,
+    counters: Arc<ServeCounters>,
+    markers: Vec<MarkerSample>,
+}
+
+impl NetworkThread {
+    pub(super) fn new(
+        servers: Vec<Box<dyn FrameServer>>,
+        queue: FrameQueue,
+        models: BodyModels,
+    ) -> Self {
+        Self { servers, queue, models, counters: Arc::default(), markers: Vec::new() }
+    }
+
+    /// What is served, and where.
+    #[must_use]
+    pub fn endpoints(&self) -> Vec<Endpoint> {
+        self.servers.iter().flat_map(|server| server.endpoints()).collect()
+    }
+
+    /// Counters, which stay up to date while the thread runs.
+    #[must_use]
+    pub fn counters(&self) -> Arc<ServeCounters> {
+        self.counters.clone()
+    }
+
+    /// Serves until asked to stop. What a client does ends at most its own connection.
+    pub fn run(mut self, stop: &StopFlag) {
+        let mut clients = 0;
+        while !stop.is_set() {
+            self.wait();
+            let mut count = [0; 8];
+            // Resets the counter; nothing to read is no error.
+            let _ = rustix::io::read(&*self.queue.bell, &mut count);
+            let now = Time::now();
+            self.servers.iter_mut().for_each(|server| server.serve(now));
+            while let Ok(frame) = self.queue.frames.try_recv() {
+                self.broadcast(&frame);
+            }
+            let connected = self.servers.iter().map(|server| server.clients()).sum();
+            if connected != clients {
+                clients = connected;
+                self.counters.clients.store(clients, Ordering::Relaxed);
+                tracing::info!(clients, "clients of the served poses");
+            }
+        }
+        let dropped = self.queue.dropped.load(Ordering::Relaxed);
+        if dropped > 0 {
+            tracing::warn!(dropped, "frames were not served: the network thread had no time");
+        }
+    }
+
+    fn wait(&self) {
+        let mut sockets = vec![PollFd::new(&*self.queue.bell, PollFlags::IN)];
+        self.servers.iter().for_each(|server| server.add_sockets(&mut sockets));
+        // An interrupted wait is a short one.
+        let _ = poll(&mut sockets, Some(&WAIT));
+    }
+
+    fn broadcast(&mut self, frame: &ServedFrame) {
+        self.models.markers(frame.bodies(), &mut self.markers);
+        let frame = MotionFrame {
+            number: frame.number as u32,
+            captured_ns: frame.captured_at.nanos(),
+            sent_ns: Time::now().nanos(),
+            bodies: frame.bodies(),
+            markers: &self.markers,
+        };
+        self.servers.iter_mut().for_each(|server| server.broadcast(&frame));
+        self.counters.frames.fetch_add(1, Ordering::Relaxed);
+    }
+}

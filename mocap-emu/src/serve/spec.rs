@@ -1,0 +1,114 @@
+//! What is served, as text: `qtm[:PORT],vrpn[:PORT],natnet[:PORT]`.
+
+use std::net::IpAddr;
+use std::str::FromStr;
+
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_wire::natnet::COMMAND_PORT;
+use oqtal_wire::qtm::LITTLE_ENDIAN_PORT;
+use oqtal_wire::vrpn::VRPN_PORT;
+
+use super::model::BodyModels;
+use super::natnet_server::{NatNetSettings, NatNetSocket};
+use super::qtm_server::QtmServer;
+use super::server::FrameServer;
+use super::vrpn_server::VrpnServer;
+
+/// Protocols to serve, each with its port; 0 is any free port.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ServeSpec {
+    qtm: Option<u16>,
+    vrpn: Option<u16>,
+    natnet: Option<u16>,
+}
+
+impl ServeSpec {
+    /// Whether nothing is served.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Opens the servers.
+    pub(super) fn open(
+        &self,
+        ip: IpAddr,
+        natnet: NatNetSettings,
+        models: &BodyModels,
+    ) -> Result<Vec<Box<dyn FrameServer>>, Failure> {
+        let mut servers: Vec<Box<dyn FrameServer>> = Vec::new();
+        if let Some(port) = self.qtm {
+            servers.push(Box::new(QtmServer::open(ip, port, models)?));
+        }
+        if let Some(port) = self.vrpn {
+            servers.push(Box::new(VrpnServer::open(ip, port, models)?));
+        }
+        if let Some(port) = self.natnet {
+            servers.push(Box::new(NatNetSocket::open(ip, port, natnet, models)?));
+        }
+        Ok(servers)
+    }
+}
+
+/// Error in the text of [`ServeSpec`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum InvalidServeSpec {
+    /// Unknown protocol.
+    #[error(
+        "unknown protocol `{0}`; write qtm[:PORT], vrpn[:PORT] and natnet[:PORT], separated by commas"
+    )]
+    Protocol(String),
+    /// Port that is no number up to 65535.
+    #[error("`{0}` is no port of {1}; write a number up to 65535, or 0 for any free port")]
+    Port(String, String),
+    /// Protocol that is named twice.
+    #[error("{0} is named twice")]
+    Twice(String),
+}
+
+impl From<InvalidServeSpec> for Failure {
+    fn from(error: InvalidServeSpec) -> Self {
+        Self::new(Exit::Config, format!("mocap.serve.protocols: {error}"))
+    }
+}
+
+impl FromStr for ServeSpec {
+    type Err = InvalidServeSpec;
+
+    fn from_str(text: &str) -> Result<Self, InvalidServeSpec> {
+        let mut spec = Self::default();
+        for item in text.split(',').map(str::trim).filter(|item| !item.is_empty()) {
+            let (name, port) = match item.split_once(':') {
+                Some((name, port)) => (name, Some(port)),
+                None => (item, None),
+            };
+            let (place, default) = match name {
+                "qtm" => (&mut spec.qtm, LITTLE_ENDIAN_PORT),
+                "vrpn" => (&mut spec.vrpn, VRPN_PORT),
+                "natnet" => (&mut spec.natnet, COMMAND_PORT),
+                _ => return Err(InvalidServeSpec::Protocol(name.to_owned())),
+            };
+            let wrong = |port: &str| InvalidServeSpec::Port(port.to_owned(), name.to_owned());
+            let port = port.map_or(Ok(default), |port| port.parse().map_err(|_| wrong(port)))?;
+            if place.replace(port).is_some() {
+                return Err(InvalidServeSpec::Twice(name.to_owned()));
+            }
+        }
+        Ok(spec)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn protocols_are_named_with_and_without_a_port() {
+        let spec: ServeSpec = "qtm,vrpn:0, natnet:4000".parse().unwrap();
+        assert_eq!(spec, ServeSpec { qtm: Some(22223), vrpn: Some(0), natnet: Some(4000) });
+        assert!("".parse::<ServeSpec>().unwrap().is_empty());
+        for wrong in ["vicon", "qtm:", "qtm:65536", "qtm,qtm:1"] {
+            assert!(wrong.parse::<ServeSpec>().is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! Statistics of a recording by which an emulated room is held against real ones: arrivals, captures, gaps, noise at rest.
+
+mod grid;
+mod rest;
+
+use crate::recording::Recording;
+pub use grid::GridStatistics;
+pub use rest::{RestStatistics, allan_deviation};
+
+/// Upper ends of the classes of intervals between arrivals \[ms\].
+pub const CLASSES_MS: [f64; 5] = [5.0, 15.0, 25.0, 35.0, 50.0];
+
+/// Lengths of gaps that are counted \[ms\].
+pub const GAPS_MS: [f64; 3] = [50.0, 80.0, 250.0];
+
+/// Statistics of one recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoomStatistics {
+    /// Mean rate of arrivals \[Hz\].
+    pub rate_hz: f64,
+    /// Standard deviation of the intervals between arrivals, gaps of more than [`GAPS_MS`]'s first left out \[ms\].
+    pub interval_ms: f64,
+    /// Share of the intervals in each of [`CLASSES_MS`] \[percent\].
+    pub shares_percent: [f64; 5],
+    /// Intervals in 1000 s longer than each of [`GAPS_MS`] \[-\].
+    pub gaps: [f64; 3],
+    /// Captures, where the body moves.
+    pub grid: Option<GridStatistics>,
+    /// Noise, where the body rests.
+    pub rest: Option<RestStatistics>,
+}
+
+impl RoomStatistics {
+    /// Statistics of `recording`.
+    #[must_use]
+    pub fn of(recording: &Recording) -> Self {
+        let poses = recording.poses();
+        let intervals: Vec<f64> = poses
+            .windows(2)
+            .map(|pair| (pair[1].time_ns - pair[0].time_ns) as f64 * 1e-6)
+            .collect();
+        let share = |from: f64, to: f64| {
+            let count = intervals.iter().filter(|ms| (from..to).contains(*ms)).count();
+            100.0 * count as f64 / intervals.len() as f64
+        };
+        let mut from = 0.0;
+        let shares_percent = CLASSES_MS.map(|to| share(std::mem::replace(&mut from, to), to));
+        let timing = recording.timing();
+        let per_1000_s = 1e12 / timing.duration_ns as f64;
+        let usual: Vec<f64> = intervals.iter().copied().filter(|ms| *ms <= GAPS_MS[0]).collect();
+        Self {
+            rate_hz: timing.mean_rate_hz,
+            interval_ms: deviation(&usual),
+            shares_percent,
+            gaps: GAPS_MS.map(|least| {
+                intervals.iter().filter(|ms| **ms > least).count() as f64 * per_1000_s
+            }),
+            grid: GridStatistics::of(recording),
+            rest: RestStatistics::of(recording),
+        }
+    }
+}
+
+/// Standard deviation of `values`; 0 for fewer than two.
+fn deviation(values: &[f64]) -> f64 {
+    let count = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count).sqrt()
+}
+
+/// Correlation of two series of equal length \[-\]; 0 if one of them is constant.
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let count = a.len().max(1) as f64;
+    let (mean_a, mean_b) = (a.iter().sum::<f64>() / count, b.iter().sum::<f64>() / count);
+    let products = a.iter().zip(b).map(|(a, b)| (a - mean_a) * (b - mean_b));
+    let scale = deviation(a) * deviation(b);
+    if scale > 0.0 { products.sum::<f64>() / count / scale } else { 0.0 }
+}

@@ -1,0 +1,131 @@
+//! Search for camera systems in the network: by the broadcasts of QTM and NatNet, and on hosts that are named.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_wire::natnet::NatNetClient;
+use oqtal_wire::qtm::{DISCOVERY_PORT, DiscoveryReply, DiscoveryRequest};
+use serde::Serialize;
+
+use crate::connect::connect;
+use crate::link::CameraLink;
+
+/// Port of NatNet's commands \[-\].
+const NATNET_PORT: u16 = 1510;
+/// Longest time between two looks at a socket.
+const LOOK: Span = Span::from_millis(20);
+
+/// A camera system that was found.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FoundServer {
+    /// Link to it, without a body.
+    pub link: String,
+    /// The server in its own words.
+    pub server: String,
+    /// Names of its bodies.
+    pub bodies: Vec<String>,
+}
+
+impl fmt::Display for FoundServer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { link, server, bodies } = self;
+        write!(f, "{link}  {server}")?;
+        if bodies.is_empty() {
+            write!(f, "\n  no rigid body is defined")?;
+        }
+        for body in bodies {
+            write!(f, "\n  {link},body={body}")?;
+        }
+        Ok(())
+    }
+}
+
+/// Searches for `duration`, on this machine, in the network that broadcasts reach, and on `hosts`.
+///
+/// # Errors
+/// The operating system refuses to open a socket.
+pub fn discover(hosts: &[String], duration: Span) -> Result<Vec<FoundServer>, Failure> {
+    let mut links = BTreeSet::new();
+    for host in hosts.iter().map(String::as_str).chain(["127.0.0.1"]) {
+        links.extend(["qtm", "vrpn", "natnet"].map(|kind| format!("{kind}:{host}")));
+    }
+    let answered = broadcast(duration).map_err(|error| {
+        Failure::new(Exit::System, format!("searching by broadcast failed: {error}"))
+    })?;
+    for (link, ip) in answered {
+        links.insert(link);
+        // VRPN has no broadcast: a host of cameras may serve it beside what answered.
+        links.insert(format!("vrpn:{ip}"));
+    }
+    // Each host is asked on a thread of its own: those that are silent take their time.
+    let asked = links.into_iter().map(|link| std::thread::spawn(move || ask(&link)));
+    let asked: Vec<_> = asked.collect();
+    Ok(asked.into_iter().filter_map(|thread| thread.join().ok().flatten()).collect())
+}
+
+/// What the server at a link says of itself; `None` if there is none.
+fn ask(text: &str) -> Option<FoundServer> {
+    let link: CameraLink = text.parse().ok()?;
+    let connection = connect(&link).ok()?;
+    let bodies = connection.bodies.into_iter().map(|body| body.name).collect();
+    Some(FoundServer { link: link.to_string(), server: connection.server, bodies })
+}
+
+/// Asks everybody, and collects the links of those who answer.
+fn broadcast(duration: Span) -> io::Result<BTreeSet<(String, IpAddr)>> {
+    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
+    socket.set_broadcast(true)?;
+    socket.set_read_timeout(Some(LOOK.to_duration()))?;
+    let request = DiscoveryRequest { reply_port: socket.local_addr()?.port() }.to_datagram();
+    let ping = NatNetClient::new(false).poll_output(1).unwrap_or_default();
+    // A machine without a network has nobody to ask.
+    let _ = socket.send_to(&request, (Ipv4Addr::BROADCAST, DISCOVERY_PORT));
+    let _ = socket.send_to(&ping, (Ipv4Addr::BROADCAST, NATNET_PORT));
+    let mut found = BTreeSet::new();
+    let end = Time::now() + duration;
+    let mut buffer = [0; 2048];
+    while Time::now() < end {
+        if let Ok((count, from)) = socket.recv_from(&mut buffer) {
+            found.extend(answer(&buffer[..count], from).map(|link| (link, from.ip())));
+        }
+    }
+    Ok(found)
+}
+
+/// The link of a server that answered so.
+fn answer(datagram: &[u8], from: SocketAddr) -> Option<String> {
+    if from.port() == NATNET_PORT {
+        return Some(format!("natnet:{}", from.ip()));
+    }
+    let reply = DiscoveryReply::parse(datagram)?;
+    Some(format!("qtm:{}:{}", from.ip(), reply.base_port.checked_add(1)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn answers_are_told_apart_by_port_and_content() {
+        let reply = DiscoveryReply { description: "lab, QTM 2.17".to_owned(), base_port: 22222 };
+        let from = |port| SocketAddr::from(([10, 0, 0, 7], port));
+        let datagram = reply.to_datagram();
+        assert_eq!(answer(&datagram, from(22226)).as_deref(), Some("qtm:10.0.0.7:22223"));
+        assert_eq!(answer(&[1, 2, 3], from(1510)).as_deref(), Some("natnet:10.0.0.7"));
+        assert_eq!(answer(&[1, 2, 3], from(9)), None);
+    }
+
+    #[test]
+    fn what_is_found_is_printed_as_links_to_copy() {
+        let server = FoundServer {
+            link: "qtm:10.0.0.7".to_owned(),
+            server: "QTM".to_owned(),
+            bodies: vec!["quad".to_owned()],
+        };
+        assert_eq!(server.to_string(), "qtm:10.0.0.7  QTM\n  qtm:10.0.0.7,body=quad");
+    }
+}

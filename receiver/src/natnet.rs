@@ -1,0 +1,261 @@
+//! Connection to OptiTrack Motive by NatNet: a socket for commands, and frames on it or from a multicast group.
+
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::natnet::{
+    NatNetClient, NatNetClientError, NatNetEvent, NatNetFrame, NatNetStage, ServerInfo,
+};
+
+use crate::connect::{Attempt, CameraConnection, ConnectError};
+use crate::gate::FrameStamp;
+use crate::link::{CameraProtocol, NatnetDelivery};
+use crate::routes::{CameraBody, RouteTable};
+use crate::socket::{bind_group, receive_some};
+use crate::stream::{CameraStream, FrameSink, MeasuredBody};
+
+/// Size of the read buffer \[bytes\]: the longest datagram.
+const BUFFER: usize = 65_536;
+/// Most datagrams of one turn and socket \[-\].
+const MAX_READS: usize = 64;
+
+/// An open connection.
+#[derive(Debug)]
+pub struct NatnetConnection {
+    client: NatNetClient,
+    commands: UdpSocket,
+    /// Frames of a multicast group; those of a unicast server come to `commands`.
+    frames: Option<UdpSocket>,
+    server: IpAddr,
+    clock_hz: u64,
+    routes: RouteTable,
+    buffer: Vec<u8>,
+}
+
+/// Connects, reads the definitions of the bodies, and joins the group of the frames.
+///
+/// # Errors
+/// There is no server, or none that can be used; the port of the frames is taken.
+pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
+    let CameraProtocol::Natnet { delivery } = attempt.link.protocol else {
+        return Err(attempt.not_spoken("the link is of another kind"));
+    };
+    let mut connection = NatnetConnection::open(attempt, delivery == NatnetDelivery::Unicast)?;
+    let mut info = connection.shake_hands(attempt)?;
+    let group = match delivery {
+        NatnetDelivery::Announced => info.multicast,
+        NatnetDelivery::Multicast(group) => Some(group),
+        NatnetDelivery::Unicast => None,
+    };
+    match group {
+        Some(group) => {
+            let frames = connection.join(attempt, (group, info.data_port))?;
+            connection.frames = Some(frames);
+        }
+        None if delivery == NatnetDelivery::Announced => {
+            // A unicast server: we say that we want its frames.
+            connection.client = NatNetClient::new(true);
+            info = connection.shake_hands(attempt)?;
+        }
+        None => {}
+    }
+    let refused = |error: io::Error| attempt.refused(&error);
+    connection.commands.set_nonblocking(true).map_err(refused)?;
+    connection.clock_hz = info.clock_hz.max(1);
+    let [major, minor, ..] = info.app_version;
+    Ok(CameraConnection {
+        server: format!("{} {major}.{minor}, NatNet {}", info.name, info.version),
+        bodies: connection.routes.bodies().cloned().collect(),
+        wanted: connection.routes.wanted().to_vec(),
+        stream: Box::new(connection),
+    })
+}
+
+impl NatnetConnection {
+    fn open(attempt: &Attempt, unicast: bool) -> Result<Self, ConnectError> {
+        let any = if attempt.address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+        let open = || {
+            let socket = UdpSocket::bind(any)?;
+            socket.connect(attempt.address)?;
+            socket.set_read_timeout(Some(Span::from_millis(20).to_duration()))?;
+            Ok(socket)
+        };
+        Ok(Self {
+            client: NatNetClient::new(unicast),
+            commands: open().map_err(|error: io::Error| attempt.refused(&error))?,
+            frames: None,
+            server: attempt.address.ip(),
+            clock_hz: 1,
+            routes: attempt.routes(),
+            buffer: vec![0; BUFFER],
+        })
+    }
+
+    /// Joins the group of the frames, at the interface that leads to the server.
+    fn join(
+        &self,
+        attempt: &Attempt,
+        (group, port): (Ipv4Addr, u16),
+    ) -> Result<UdpSocket, ConnectError> {
+        let opened = self.commands.local_addr().and_then(|address| {
+            let IpAddr::V4(interface) = address.ip() else {
+                return Err(io::Error::other("the multicast group needs an IPv4 server"));
+            };
+            let socket = bind_group(group, port, interface)?;
+            socket.set_nonblocking(true)?;
+            Ok(socket)
+        });
+        opened.map_err(|error| match error.kind() {
+            io::ErrorKind::AddrInUse => ConnectError::PortInUse { port, reason: error.to_string() },
+            io::ErrorKind::PermissionDenied => {
+                ConnectError::Permission { what: format!("port {port}"), reason: error.to_string() }
+            }
+            _ => attempt.refused(&error),
+        })
+    }
+
+    /// Blocks until the definitions have come.
+    fn shake_hands(&mut self, attempt: &Attempt) -> Result<ServerInfo, ConnectError> {
+        while !attempt.is_over() {
+            if let Some(datagram) = self.client.poll_output(Time::now().nanos()) {
+                // Nobody may listen yet, or again: requests are repeated.
+                let _ = self.commands.send(&datagram);
+            }
+            let count = match self.commands.recv(&mut self.buffer) {
+                Ok(count) => count,
+                Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+                    return Err(attempt.refused(&error));
+                }
+                Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {
+                    return Err(attempt.refused(&error));
+                }
+                Err(_) => continue,
+            };
+            match self.client.receive(&self.buffer[..count]) {
+                Ok(NatNetEvent::Models(models)) => {
+                    self.routes.replace(
+                        models
+                            .bodies
+                            .into_iter()
+                            .map(|body| CameraBody { key: i64::from(body.id), name: body.name }),
+                    );
+                    if let Some(info) = self.client.info() {
+                        return Ok(info.clone());
+                    }
+                }
+                Ok(_) | Err(NatNetClientError::Datagram(_)) => {}
+                Err(error @ NatNetClientError::Version(_)) => {
+                    let address = attempt.address.to_string();
+                    return Err(ConnectError::Version { address, reason: error.to_string() });
+                }
+            }
+        }
+        let silent = if self.client.stage() == NatNetStage::Connecting {
+            io::Error::from(io::ErrorKind::TimedOut)
+        } else {
+            io::Error::other("it names no bodies")
+        };
+        Err(attempt.refused(&silent))
+    }
+
+    /// Reads one of the two sockets.
+    fn receive_from(
+        &mut self,
+        commands: bool,
+        now: &dyn Fn() -> Time,
+        sink: &mut dyn FrameSink,
+    ) -> io::Result<()> {
+        let Self { client, frames, routes, clock_hz, buffer, server, .. } = self;
+        let socket = if commands { Some(&self.commands) } else { frames.as_ref() };
+        let Some(socket) = socket else { return Ok(()) };
+        let mut changed = false;
+        for _ in 0..MAX_READS {
+            let count = receive_some(socket, *server, buffer)?;
+            if count == 0 {
+                break;
+            }
+            match client.receive(&buffer[..count]) {
+                Ok(NatNetEvent::Frame(frame)) => {
+                    changed |= frame.models_changed();
+                    pass_on(&frame, (routes, *clock_hz), (now(), &mut *sink));
+                }
+                Ok(NatNetEvent::Models(models)) => {
+                    routes.replace(
+                        models
+                            .bodies
+                            .into_iter()
+                            .map(|body| CameraBody { key: i64::from(body.id), name: body.name }),
+                    );
+                }
+                Ok(NatNetEvent::Connected(info)) => *clock_hz = info.clock_hz.max(1),
+                Ok(NatNetEvent::Other) => {}
+                Err(_) => sink.damaged(),
+            }
+        }
+        if changed {
+            client.request_models();
+        }
+        Ok(())
+    }
+}
+
+impl CameraStream for NatnetConnection {
+    fn sockets(&self) -> Vec<BorrowedFd<'_>> {
+        let frames = self.frames.as_ref().map(AsFd::as_fd);
+        std::iter::once(self.commands.as_fd()).chain(frames).collect()
+    }
+
+    fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()> {
+        self.receive_from(false, now, sink)?;
+        self.receive_from(true, now, sink)
+    }
+
+    fn maintain(&mut self, now: Time) -> io::Result<()> {
+        if let Some(datagram) = self.client.poll_output(now.nanos()) {
+            // A server that does not listen now may do so again; silence ends the connection.
+            let _ = self.commands.send(&datagram);
+        }
+        Ok(())
+    }
+
+    fn has(&self, route: usize) -> bool {
+        self.routes.has(route)
+    }
+}
+
+/// Passes on the wanted bodies of a frame.
+fn pass_on(
+    frame: &NatNetFrame<'_>,
+    (routes, clock_hz): (&RouteTable, u64),
+    (arrival, sink): (Time, &mut dyn FrameSink),
+) {
+    let stamp = FrameStamp {
+        number: Some(frame.number().cast_unsigned()),
+        stamp_ns: stamp_ns(frame, clock_hz),
+    };
+    sink.frame(0, stamp, arrival);
+    for body in frame.bodies() {
+        let Some(route) = routes.route(i64::from(body.id)) else { continue };
+        let measured = MeasuredBody {
+            number: body.id.unsigned_abs(),
+            pose: body.pose(),
+            residual_m: f64::from(body.mean_error_m),
+        };
+        sink.body(0, route, measured);
+    }
+}
+
+/// The middle of the exposure \[ns, server clock\]. Cameras that do not know it leave it at zero: the arrival of their data at the
+/// server, or the time since its start, stand in for it, and their constant delay belongs to the latency of the cameras.
+fn stamp_ns(frame: &NatNetFrame<'_>, clock_hz: u64) -> Option<u64> {
+    let times = frame.times();
+    let ticks = [times.mid_exposure, times.received].into_iter().find(|ticks| *ticks > 0);
+    let since_start_ns = (times.timestamp_s > 0.0).then_some((times.timestamp_s * 1e9) as u64);
+    let in_ns = |ticks: u64| {
+        let nanos = u128::from(ticks) * 1_000_000_000 / u128::from(clock_hz);
+        nanos as u64
+    };
+    ticks.map(in_ns).or(since_start_ns)
+}

@@ -1,0 +1,86 @@
+//! Events of the receiver that are logged.
+
+use oqtal_bus::time::Span;
+
+/// Event for the log, passed from the real-time thread to the background thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReceiverNote {
+    /// Frames come.
+    Receiving,
+    /// No frames come.
+    Silent,
+    /// The server's clock is known.
+    ClockKnown {
+        /// Error of an instant of capture that 99 of 100 do not exceed.
+        uncertainty: Span,
+    },
+    /// The server's clock is not known: no poses until it is.
+    ClockUnknown,
+    /// The cameras see a body.
+    BodySeen {
+        /// Route of the body.
+        route: usize,
+    },
+    /// The cameras do not see a body any more.
+    BodyLost {
+        /// Route of the body.
+        route: usize,
+    },
+    /// The server has no such body any more.
+    BodyMissing {
+        /// Route of the body.
+        route: usize,
+    },
+    /// Frames were lost, repeated, out of order, late or damaged in the last seconds.
+    Troubled {
+        /// Frames that never came \[-\].
+        lost: u64,
+        /// Frames that came twice \[-\].
+        repeated: u64,
+        /// Frames that came after a later one \[-\].
+        out_of_order: u64,
+        /// Frames that waited too long on their way \[-\].
+        late: u64,
+        /// Messages that could not be read \[-\].
+        damaged: u64,
+    },
+}
+
+impl ReceiverNote {
+    /// Writes the event to the log; `names` are those of the bodies.
+    pub fn log(self, names: &[String]) {
+        let name = |route: usize| names.get(route).map_or("?", String::as_str);
+        match self {
+            Self::Receiving => tracing::info!("frames come"),
+            Self::Silent => tracing::warn!("no frames come: connecting again"),
+            Self::ClockKnown { uncertainty } => {
+                tracing::info!(
+                    uncertainty_us = uncertainty.nanos() / 1000,
+                    "the server's clock is known"
+                );
+            }
+            Self::ClockUnknown => {
+                tracing::warn!(
+                    "the server's clock was set or restarted: no poses until it is known again"
+                );
+            }
+            Self::BodySeen { route } => tracing::info!("the cameras see `{}`", name(route)),
+            Self::BodyLost { route } => tracing::warn!(
+                "the cameras do not see `{}`: are its markers covered, is it in the volume?",
+                name(route)
+            ),
+            Self::BodyMissing { route } => tracing::warn!(
+                "the server has no body `{}` any more: was it renamed or switched off?",
+                name(route)
+            ),
+            Self::Troubled { lost, repeated, out_of_order, late, damaged } => tracing::warn!(
+                lost,
+                repeated,
+                out_of_order,
+                late,
+                damaged,
+                "frames of the last seconds; `oqtal receiver probe` examines the connection"
+            ),
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! The laboratory's check of its cameras: listens to a camera system for some seconds, and says whether it is fit to fly with.
+
+mod figures;
+mod listener;
+mod statistics;
+mod verdict;
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::ReceiverOptions;
+use oqtal_runtime::process::{Exit, Failure};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+use crate::connect::{CameraConnection, connect};
+use crate::link::CameraLink;
+use listener::ProbeListener;
+
+pub use figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures};
+pub use verdict::{ProbeFinding, Severity, Verdict};
+
+/// Longest wait for a frame, after which the end is checked \[ns\].
+const WAIT_NS: i64 = 20_000_000;
+
+/// Listens to the camera system at `link` for `duration`. Without bodies in the link, all are listened to.
+///
+/// # Errors
+/// There is no server, or none that can be used; it ends the connection.
+pub fn probe(
+    link: &CameraLink,
+    options: &ReceiverOptions,
+    duration: Span,
+) -> Result<ProbeFigures, Failure> {
+    let CameraConnection { mut stream, server, bodies, wanted } = connect(link)?;
+    let lost = |error: std::io::Error| {
+        let message = format!("{}:{}: {error}; start the probe again", link.host, link.port);
+        Failure::new(Exit::System, message)
+    };
+    let gates = if stream.gate_per_body() { wanted.len() } else { 1 };
+    let mut listener = ProbeListener::new(options, (gates, wanted.len()));
+    let end = Time::now() + duration;
+    while Time::now() < end {
+        wait(&*stream)?;
+        stream.receive(&Time::now, &mut listener).map_err(lost)?;
+        stream.maintain(Time::now()).map_err(lost)?;
+    }
+    let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();
+    let mut figures = listener.figures(duration);
+    figures.server = server;
+    figures.name_bodies(&wanted, &present, &bodies);
+    figures.judge();
+    Ok(figures)
+}
+
+/// Waits until a socket of the stream is readable, at most [`WAIT_NS`].
+fn wait(stream: &dyn crate::stream::CameraStream) -> Result<(), Failure> {
+    let sockets = stream.sockets();
+    let mut polled: Vec<PollFd<'_>> =
+        sockets.iter().map(|socket| PollFd::from_borrowed_fd(*socket, PollFlags::IN)).collect();
+    match poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: WAIT_NS })) {
+        Ok(_) | Err(Errno::INTR) => Ok(()),
+        Err(error) => {
+            Err(Failure::new(Exit::System, format!("waiting for the network failed: {error}")))
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! Figures of a probe, and their text.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::verdict::{ProbeFinding, Verdict, findings};
+use crate::gate::FrameCounts;
+use crate::routes::CameraBody;
+
+/// Figures of a probe, the document of `--json`.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ProbeFigures {
+    /// The server in its own words.
+    pub server: String,
+    /// Duration \[s\].
+    pub seconds: f64,
+    /// Mean rate of the frames \[Hz\].
+    pub rate_hz: f64,
+    /// Intervals between arrivals.
+    pub interval: IntervalFigures,
+    /// Intervals longer than three frames at 60 Hz \[-\].
+    pub gaps: usize,
+    /// Frames that never came, by the server's numbers \[-\].
+    pub lost: u64,
+    /// The server's clock.
+    pub clock: ClockFigures,
+    /// Noise of the bodies that rest; `None` if none does.
+    pub noise: Option<NoiseFigures>,
+    /// The bodies.
+    pub bodies: Vec<BodyFigures>,
+    /// Whether the camera system is fit to fly with.
+    pub verdict: Verdict,
+    /// What stands against it.
+    pub findings: Vec<ProbeFinding>,
+    /// All frames, by what became of them.
+    #[serde(skip)]
+    pub counts: FrameCounts,
+    /// Messages that could not be read \[-\].
+    #[serde(skip)]
+    pub damaged: u64,
+}
+
+/// Intervals between arrivals.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct IntervalFigures {
+    /// Shortest \[ns\].
+    pub min_ns: i64,
+    /// Median \[ns\].
+    pub p50_ns: i64,
+    /// 99th percentile \[ns\].
+    pub p99_ns: i64,
+    /// Longest \[ns\].
+    pub max_ns: i64,
+}
+
+/// The server's clock as seen from here.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct ClockFigures {
+    /// Whether it is known.
+    pub known: bool,
+    /// Our clock minus the server's, the least delay included \[ns\].
+    pub offset_ns: i64,
+    /// Rate of our clock against the server's \[ppm\].
+    pub drift_ppm: f64,
+    /// Delay beyond the least one that 99 frames of 100 do not exceed \[ns\].
+    pub residual_p99_ns: i64,
+    /// Error of an instant of capture that 99 of 100 do not exceed, the least delay excluded \[ns\].
+    pub uncertainty_ns: i64,
+    /// How often the clock was set meanwhile \[-\].
+    pub relearned: u64,
+}
+
+/// Standard deviations of a body at rest, the median over windows of a second.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct NoiseFigures {
+    /// Of the position \[mm, axes of the room\].
+    pub position_mm: [f64; 3],
+    /// Of the attitude \[deg, axes of the body\].
+    pub attitude_deg: [f64; 3],
+}
+
+/// A body.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct BodyFigures {
+    /// Name.
+    pub name: String,
+    /// Number in the camera system, from 1; 0 if no frame had it \[-\].
+    pub id: i64,
+    /// Share of its frames in which the cameras saw it \[0..1\].
+    pub tracked: f64,
+}
+
+impl ProbeFigures {
+    /// Names the bodies. One that is wanted and not there is named and never tracked.
+    pub(super) fn name_bodies(
+        &mut self,
+        wanted: &[String],
+        present: &[bool],
+        there: &[CameraBody],
+    ) {
+        for ((body, name), present) in self.bodies.iter_mut().zip(wanted).zip(present) {
+            body.name.clone_from(name);
+            if !present {
+                let names: Vec<&str> = there.iter().map(|body| body.name.as_str()).collect();
+                self.findings.push(ProbeFinding::missing(name, &names));
+            }
+        }
+    }
+
+    /// Judges the figures.
+    pub(super) fn judge(&mut self) {
+        let found = findings(self);
+        self.findings.extend(found);
+        self.verdict = Verdict::of(&self.findings);
+    }
+}
+
+impl fmt::Display for ProbeFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ms = |nanos: i64| nanos as f64 * 1e-6;
+        let IntervalFigures { min_ns, p50_ns, p99_ns, max_ns } = self.interval;
+        writeln!(f, "{}, heard for {:.0} s", self.server, self.seconds)?;
+        writeln!(
+            f,
+            "rate       {:.2} Hz, {} lost, {} gaps over 50 ms",
+            self.rate_hz, self.lost, self.gaps
+        )?;
+        writeln!(
+            f,
+            "interval   min {:.2}, median {:.2}, p99 {:.2}, max {:.2} ms",
+            ms(min_ns),
+            ms(p50_ns),
+            ms(p99_ns),
+            ms(max_ns)
+        )?;
+        let ClockFigures { offset_ns, drift_ppm, residual_p99_ns, uncertainty_ns, .. } = self.clock;
+        writeln!(
+            f,
+            "clock      offset {:.3} s, drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
+            offset_ns as f64 * 1e-9,
+            ms(residual_p99_ns),
+            ms(uncertainty_ns)
+        )?;
+        match &self.noise {
+            Some(NoiseFigures { position_mm: [x, y, z], attitude_deg: [a, b, c] }) => writeln!(
+                f,
+                "noise      x {x:.3}, y {y:.3}, z {z:.3} mm; about x {a:.3}, y {b:.3}, z {c:.3} deg"
+            )?,
+            None => writeln!(f, "noise      no body rests")?,
+        }
+        for BodyFigures { name, id, tracked } in &self.bodies {
+            writeln!(
+                f,
+                "body       {name}, number {id}, tracked {:.1} % of the time",
+                tracked * 100.0
+            )?;
+        }
+        for finding in &self.findings {
+            writeln!(f, "{finding}")?;
+        }
+        write!(f, "verdict    {}", self.verdict)
+    }
+}

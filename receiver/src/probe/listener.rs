@@ -1,0 +1,144 @@
+//! What a probe hears, frame by frame.
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::ReceiverOptions;
+
+use super::figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures};
+use super::statistics::{NoiseWindow, WindowNoise, median, percentile};
+use crate::gate::{FrameCounts, FrameGate, FrameRefusal, FrameStamp};
+use crate::stream::{FrameSink, MeasuredBody};
+
+/// Length of a window of noise: what moves slowly does not count as noise.
+const WINDOW: Span = Span::from_millis(1000);
+/// Deviation in a window above which a body does not rest \[mm\].
+const MOVES_MM: f64 = 20.0;
+/// An interval between two frames above this is a gap \[ns\]: three frames at 60 Hz.
+const GAP_NS: i64 = 50_000_000;
+/// Delays that are kept \[-\].
+const MAX_DELAYS: usize = 1 << 20;
+
+/// A body as it was heard.
+#[derive(Clone, Debug, Default)]
+struct HeardBody {
+    id: u32,
+    frames: u64,
+    tracked: u64,
+    window: NoiseWindow,
+    window_began: Time,
+    noise: Vec<WindowNoise>,
+}
+
+/// Takes the frames of a probe.
+#[derive(Debug)]
+pub struct ProbeListener {
+    gates: Vec<FrameGate>,
+    bodies: Vec<HeardBody>,
+    last_arrival: Time,
+    arrival: Time,
+    intervals: Vec<i64>,
+    delays: Vec<i64>,
+    damaged: u64,
+}
+
+impl ProbeListener {
+    /// A listener with so many gates and bodies.
+    pub fn new(options: &ReceiverOptions, (gates, bodies): (usize, usize)) -> Self {
+        Self {
+            gates: vec![FrameGate::new(options); gates.max(1)],
+            bodies: vec![HeardBody::default(); bodies],
+            last_arrival: Time::UNSET,
+            arrival: Time::UNSET,
+            intervals: Vec::new(),
+            delays: Vec::new(),
+            damaged: 0,
+        }
+    }
+
+    /// The figures of what was heard in `duration`.
+    pub fn figures(mut self, duration: Span) -> ProbeFigures {
+        let counts = self.gates.iter().map(FrameGate::counts);
+        let counts = counts.fold(FrameCounts::default(), FrameCounts::plus);
+        let clock = self.gates[0].clock();
+        let total_s = self.intervals.iter().sum::<i64>() as f64 * 1e-9;
+        let mut noise = Vec::new();
+        for body in &mut self.bodies {
+            body.noise.extend(body.window.finish());
+            let rests = |window: &&WindowNoise| window.position_mm.iter().all(|x| *x < MOVES_MM);
+            noise.extend(body.noise.iter().filter(rests));
+        }
+        let noise = median(|window| window.position_mm, &noise)
+            .zip(median(|window| window.attitude_deg, &noise))
+            .map(|(position_mm, attitude_deg)| NoiseFigures { position_mm, attitude_deg });
+        ProbeFigures {
+            seconds: duration.seconds(),
+            rate_hz: if total_s > 0.0 { self.intervals.len() as f64 / total_s } else { 0.0 },
+            gaps: self.intervals.iter().filter(|interval| **interval > GAP_NS).count(),
+            interval: IntervalFigures {
+                min_ns: self.intervals.iter().min().copied().unwrap_or(0),
+                p50_ns: percentile(&mut self.intervals, 50),
+                p99_ns: percentile(&mut self.intervals, 99),
+                max_ns: self.intervals.last().copied().unwrap_or(0),
+            },
+            lost: counts.lost,
+            counts,
+            damaged: self.damaged,
+            clock: ClockFigures {
+                known: clock.is_known,
+                offset_ns: clock.offset_ns,
+                drift_ppm: clock.drift_ppm,
+                residual_p99_ns: percentile(&mut self.delays, 99),
+                uncertainty_ns: clock.uncertainty.nanos(),
+                relearned: clock.relearned,
+            },
+            noise,
+            bodies: self.bodies.iter().map(HeardBody::figures).collect(),
+            ..ProbeFigures::default()
+        }
+    }
+}
+
+impl HeardBody {
+    fn figures(&self) -> BodyFigures {
+        let tracked = self.tracked as f64 / self.frames.max(1) as f64;
+        BodyFigures { name: String::new(), id: i64::from(self.id), tracked }
+    }
+}
+
+impl FrameSink for ProbeListener {
+    fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time) {
+        let Some(entrance) = self.gates.get_mut(gate) else { return };
+        let judged = entrance.judge(stamp, arrival);
+        self.arrival = arrival;
+        // Where each body has stamps of its own, the first one's intervals are those of the cameras.
+        let repeated = matches!(judged, Err(FrameRefusal::Repeated | FrameRefusal::OutOfOrder));
+        if gate > 0 || repeated {
+            return;
+        }
+        if self.last_arrival.is_set() && self.intervals.len() < MAX_DELAYS {
+            self.intervals.push(arrival.since(self.last_arrival).nanos());
+        }
+        self.last_arrival = arrival;
+        if let Ok(dated) = judged
+            && self.delays.len() < MAX_DELAYS
+        {
+            self.delays.push(dated.captured.delay.nanos());
+        }
+    }
+
+    fn body(&mut self, _gate: usize, route: usize, body: MeasuredBody) {
+        let Some(heard) = self.bodies.get_mut(route) else { return };
+        heard.id = body.number;
+        heard.frames += 1;
+        let Some(pose) = &body.pose else { return };
+        heard.tracked += 1;
+        if !heard.window_began.is_set() || self.arrival.since(heard.window_began) >= WINDOW {
+            heard.noise.extend(heard.window.finish());
+            heard.window_began = self.arrival;
+        }
+        heard.window.add(pose);
+    }
+
+    fn damaged(&mut self) {
+        self.damaged += 1;
+    }
+}

@@ -1,0 +1,105 @@
+//! Statistics of what a probe hears.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use oqtal_wire::motion::RigidPose;
+
+/// The value that `percent` of all do not exceed, by nearest rank; 0 without values. Sorts the values.
+pub fn percentile(values: &mut [i64], percent: usize) -> i64 {
+    values.sort_unstable();
+    let rank = (values.len() * percent).div_ceil(100);
+    values.get(rank.saturating_sub(1)).copied().unwrap_or(0)
+}
+
+/// Poses of one window of a second at most.
+#[derive(Clone, Debug, Default)]
+pub struct NoiseWindow {
+    poses: Vec<RigidPose>,
+}
+
+/// Standard deviations of one window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WindowNoise {
+    /// Of the position \[mm, axes of the room\].
+    pub position_mm: [f64; 3],
+    /// Of the attitude \[deg, axes of the body\].
+    pub attitude_deg: [f64; 3],
+}
+
+impl NoiseWindow {
+    /// Adds a pose.
+    pub fn add(&mut self, pose: &RigidPose) {
+        self.poses.push(*pose);
+    }
+
+    /// The noise of the window, which is then empty; `None` if it has too few poses.
+    pub fn finish(&mut self) -> Option<WindowNoise> {
+        let poses = std::mem::take(&mut self.poses);
+        let first = attitude(poses.first()?);
+        if poses.len() < 10 {
+            return None;
+        }
+        let positions = poses.iter().map(|pose| Vector3::from(pose.position_m) * 1e3);
+        let turns = poses.iter().map(|pose| (first.inverse() * attitude(pose)).scaled_axis());
+        let turns = turns.map(|turn| turn.map(f64::to_degrees));
+        Some(WindowNoise {
+            position_mm: deviation(positions.collect()),
+            attitude_deg: deviation(turns.collect()),
+        })
+    }
+}
+
+fn attitude(pose: &RigidPose) -> UnitQuaternion<f64> {
+    let [x, y, z, w] = pose.attitude;
+    UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
+}
+
+/// Standard deviation of each component.
+fn deviation(values: Vec<Vector3<f64>>) -> [f64; 3] {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<Vector3<f64>>() / count;
+    let squares = values.iter().map(|value| (value - mean).map(|x| x * x));
+    (squares.sum::<Vector3<f64>>() / (count - 1.0)).map(f64::sqrt).into()
+}
+
+/// The median of each component over the windows; `None` without windows.
+pub fn median(
+    mut of: impl FnMut(&WindowNoise) -> [f64; 3],
+    windows: &[WindowNoise],
+) -> Option<[f64; 3]> {
+    if windows.is_empty() {
+        return None;
+    }
+    let all: Vec<[f64; 3]> = windows.iter().map(&mut of).collect();
+    Some(std::array::from_fn(|axis| {
+        let mut values: Vec<f64> = all.iter().map(|value| value[axis]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_those_of_the_nearest_rank() {
+        let mut values: Vec<i64> = (1..=100).rev().collect();
+        assert_eq!((percentile(&mut values, 50), percentile(&mut values, 99)), (50, 99));
+        assert_eq!(percentile(&mut [], 50), 0);
+    }
+
+    #[test]
+    fn the_noise_of_a_body_at_rest_is_that_of_each_axis() {
+        let mut window = NoiseWindow::default();
+        for k in 0..100 {
+            let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+            let half = (sign * 0.2_f64.to_radians() / 2.0).sin();
+            let pose = RigidPose::new([1.0 + sign * 1e-3, 2.0, 3.0], [0.0, half, 0.0, 1.0]);
+            window.add(&pose.unwrap());
+        }
+        let noise = window.finish().unwrap();
+        assert!((noise.position_mm[0] - 1.0).abs() < 0.02 && noise.position_mm[1] < 1e-9);
+        assert!((noise.attitude_deg[1] - 0.2).abs() < 0.005, "{noise:?}");
+        assert_eq!(window.finish(), None);
+    }
+}

@@ -1,0 +1,267 @@
+//! Whether a camera system is fit to fly with at 60 Hz: findings, each with its remedy.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::figures::ProbeFigures;
+use crate::clock::MAX_DRIFT;
+
+/// Severity of a finding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Severity {
+    /// Flights are possible, less well than they could be.
+    Advice,
+    /// No flight.
+    Problem,
+}
+
+/// A finding: what was found, and what to do.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct ProbeFinding {
+    /// Name of the check.
+    pub name: &'static str,
+    /// Severity.
+    pub severity: Severity,
+    /// Fact found.
+    pub found: String,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+/// Verdict on a camera system.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Fit to fly with.
+    Fit,
+    /// Fit, less well than it could be.
+    Limited,
+    /// No flight.
+    #[default]
+    Unfit,
+}
+
+impl Verdict {
+    /// The verdict that these findings lead to.
+    #[must_use]
+    pub fn of(findings: &[ProbeFinding]) -> Self {
+        match findings.iter().map(|finding| finding.severity).max() {
+            None => Self::Fit,
+            Some(Severity::Advice) => Self::Limited,
+            Some(Severity::Problem) => Self::Unfit,
+        }
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Fit => "fit to fly at 60 Hz",
+            Self::Limited => "fit to fly at 60 Hz, with the limits above",
+            Self::Unfit => "not fit to fly",
+        })
+    }
+}
+
+impl fmt::Display for ProbeFinding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let severity = if self.severity == Severity::Problem { "PROBLEM" } else { "advice" };
+        write!(f, "{severity:<10} {}: {}; {}", self.name, self.found, self.remedy)
+    }
+}
+
+impl ProbeFinding {
+    /// The finding of a body that the server does not have.
+    #[must_use]
+    pub fn missing(name: &str, there: &[&str]) -> Self {
+        let found = format!("no body `{name}`; there are {}", there.join(", "));
+        let remedy = "name one of these, or define the body in the camera software";
+        Self { name: "bodies", severity: Severity::Problem, found, remedy }
+    }
+}
+
+/// A check: its name, severity and remedy, and what it finds.
+type Check = (&'static str, Severity, &'static str, fn(&ProbeFigures) -> Option<String>);
+
+/// The checks, in the order in which they are printed. Each is explained in docs/cameras.md.
+const CHECKS: &[Check] = &[
+    (
+        "frames",
+        Severity::Problem,
+        "start the real-time measurement, allow the data port in the firewall, or take another transport",
+        |f| (f.counts.arrived == 0).then(|| "none came".to_owned()),
+    ),
+    (
+        "rate",
+        Severity::Problem,
+        "raise the cameras' rate to 60 Hz or more, or lower control.rate-hz",
+        |f| (f.counts.arrived > 0 && f.rate_hz < 40.0).then(|| format!("{:.1} Hz", f.rate_hz)),
+    ),
+    ("rate", Severity::Advice, "raise the cameras' rate to 60 Hz or more", |f| {
+        (40.0..58.0).contains(&f.rate_hz).then(|| format!("{:.1} Hz", f.rate_hz))
+    }),
+    (
+        "longest gap",
+        Severity::Problem,
+        "connect by cable, not by radio; motors stop after safety.coast-ms without a pose",
+        |f| over(f.interval.max_ns, 250, i64::MAX),
+    ),
+    (
+        "longest gap",
+        Severity::Advice,
+        "connect by cable, not by radio; close other programs on the cameras' computer",
+        |f| over(f.interval.max_ns, 50, 250),
+    ),
+    (
+        "lost frames",
+        Severity::Advice,
+        "connect by cable to a switch of its own, or take transport=tcp",
+        |f| {
+            let share = f.lost as f64 / (f.counts.arrived + f.lost).max(1) as f64;
+            (share > 0.01).then(|| format!("{:.1} %", share * 100.0))
+        },
+    ),
+    (
+        "order of frames",
+        Severity::Advice,
+        "look for two paths or two servers in the network",
+        |f| {
+            let wrong = f.counts.repeated + f.counts.out_of_order;
+            (wrong > 0).then(|| format!("{wrong} frames came twice or too late"))
+        },
+    ),
+    (
+        "damaged messages",
+        Severity::Advice,
+        "look for another program that sends to this port",
+        |f| (f.damaged > 0).then(|| f.damaged.to_string()),
+    ),
+    (
+        "clock",
+        Severity::Problem,
+        "set receiver.stamps = \"arrival\" if the server's stamps mean nothing",
+        |f| {
+            (f.counts.arrived > 100 && !f.clock.known).then(|| "its stamps are no clock".to_owned())
+        },
+    ),
+    (
+        "clock",
+        Severity::Advice,
+        "let nothing set the clock of the cameras' computer while flying: each time there are no poses for half a second",
+        |f| (f.clock.relearned > 0).then(|| format!("it was set {} times", f.clock.relearned)),
+    ),
+    (
+        "drift",
+        Severity::Problem,
+        "a clock that runs so wrong is none: repair it, or set receiver.stamps = \"arrival\"",
+        |f| {
+            (f.clock.drift_ppm.abs() > 0.95e6 * MAX_DRIFT && f.seconds >= 5.0)
+                .then(|| format!("{:.0} ppm", f.clock.drift_ppm))
+        },
+    ),
+    (
+        "delays",
+        Severity::Advice,
+        "connect by cable; close other programs on the cameras' computer; take transport=udp",
+        |f| over(f.clock.residual_p99_ns, 10, i64::MAX),
+    ),
+    (
+        "tracking",
+        Severity::Problem,
+        "put the vehicle into the volume, look at its markers in the camera software",
+        |f| bodies(f, |tracked| tracked == 0.0),
+    ),
+    ("tracking", Severity::Advice, "add markers, uncover them, or recalibrate the cameras", |f| {
+        bodies(f, |tracked| tracked > 0.0 && tracked < 0.99)
+    }),
+    (
+        "noise",
+        Severity::Advice,
+        "recalibrate the cameras, enlarge the markers or their distances",
+        |f| {
+            let noise = f.noise?;
+            let position_mm = noise.position_mm.into_iter().fold(0.0, f64::max);
+            let attitude_deg = noise.attitude_deg.into_iter().fold(0.0, f64::max);
+            (position_mm > 2.0 || attitude_deg > 1.0)
+                .then(|| format!("{position_mm:.2} mm, {attitude_deg:.2} deg"))
+        },
+    ),
+];
+
+/// What stands against flying with these figures.
+pub(super) fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
+    let found = CHECKS.iter().filter_map(|(name, severity, remedy, check)| {
+        let found = check(figures)?;
+        Some(ProbeFinding { name, severity: *severity, found, remedy })
+    });
+    found.collect()
+}
+
+/// The duration in words if it is above `from_ms` and at most `to_ms`.
+fn over(nanos: i64, from_ms: i64, to_ms: i64) -> Option<String> {
+    let range = from_ms.saturating_mul(1_000_000)..=to_ms.saturating_mul(1_000_000);
+    (range.contains(&nanos) && nanos != *range.start())
+        .then(|| format!("{:.0} ms", nanos as f64 * 1e-6))
+}
+
+/// The bodies whose share of tracked frames is `wrong`, in words.
+fn bodies(figures: &ProbeFigures, wrong: fn(f64) -> bool) -> Option<String> {
+    let named = figures.bodies.iter().filter(|body| body.id > 0 && wrong(body.tracked));
+    let words: Vec<String> =
+        named.map(|body| format!("`{}` {:.0} %", body.name, body.tracked * 100.0)).collect();
+    (!words.is_empty()).then(|| words.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures};
+    use super::*;
+    use crate::gate::FrameCounts;
+
+    fn good() -> ProbeFigures {
+        ProbeFigures {
+            seconds: 10.0,
+            rate_hz: 100.0,
+            interval: IntervalFigures { max_ns: 12_000_000, ..IntervalFigures::default() },
+            clock: ClockFigures { known: true, ..ClockFigures::default() },
+            bodies: vec![BodyFigures { name: "a".to_owned(), id: 1, tracked: 1.0 }],
+            counts: FrameCounts { arrived: 1000, ..FrameCounts::default() },
+            ..ProbeFigures::default()
+        }
+    }
+
+    fn names(figures: &ProbeFigures) -> Vec<(&'static str, Severity)> {
+        findings(figures).into_iter().map(|finding| (finding.name, finding.severity)).collect()
+    }
+
+    #[test]
+    fn a_good_system_is_fit_and_each_fault_is_found() {
+        use Severity::{Advice, Problem};
+        assert_eq!(names(&good()), []);
+        assert_eq!(Verdict::of(&[]), Verdict::Fit);
+        assert_eq!(names(&ProbeFigures { rate_hz: 30.0, ..good() }), [("rate", Problem)]);
+        assert_eq!(names(&ProbeFigures { rate_hz: 50.0, ..good() }), [("rate", Advice)]);
+        assert_eq!(names(&ProbeFigures { lost: 30, ..good() }), [("lost frames", Advice)]);
+        for (max_ns, severity) in [(60_000_000, Advice), (300_000_000, Problem)] {
+            let interval = IntervalFigures { max_ns, ..IntervalFigures::default() };
+            assert_eq!(names(&ProbeFigures { interval, ..good() }), [("longest gap", severity)]);
+        }
+        let clock = ClockFigures { drift_ppm: 200.0, ..good().clock };
+        assert_eq!(names(&ProbeFigures { clock, ..good() }), [("drift", Problem)]);
+        let noise = Some(NoiseFigures { position_mm: [0.1, 3.0, 0.1], ..NoiseFigures::default() });
+        assert_eq!(names(&ProbeFigures { noise, ..good() }), [("noise", Advice)]);
+        for (tracked, severity) in [(0.0, Problem), (0.9, Advice)] {
+            let bodies = vec![BodyFigures { tracked, ..good().bodies[0].clone() }];
+            assert_eq!(names(&ProbeFigures { bodies, ..good() }), [("tracking", severity)]);
+        }
+    }
+
+    #[test]
+    fn silence_is_a_problem() {
+        let silent = ProbeFigures { counts: FrameCounts::default(), rate_hz: 0.0, ..good() };
+        assert_eq!(names(&silent), [("frames", Severity::Problem)]);
+        assert_eq!(Verdict::of(&findings(&silent)), Verdict::Unfit);
+    }
+}

@@ -1,0 +1,249 @@
+//! Connection to Qualisys Track Manager: the control connection, and frames over it or as datagrams.
+
+use std::io::{self, Read, Write};
+use std::net::{IpAddr, TcpStream, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
+
+use oqtal_bus::time::Time;
+use oqtal_wire::ByteOrder;
+use oqtal_wire::qtm::{
+    ComponentKind, ComponentSet, DataPacket, QtmClient, QtmClientError, QtmClientEvent,
+    QtmClientOptions, QtmEvent, QtmPacket, QtmParameters, QtmVersion, StreamRate, StreamRequest,
+    StreamTarget,
+};
+
+use crate::connect::{Attempt, CameraConnection, ConnectError};
+use crate::gate::FrameStamp;
+use crate::link::{CameraProtocol, QTM_VERSIONS};
+use crate::routes::{CameraBody, RouteTable};
+use crate::socket::{lost, read_some, receive_some, write_all};
+use crate::stream::{CameraStream, FrameSink, MeasuredBody};
+
+/// Port of the server whose packets are big endian.
+const BIG_ENDIAN_PORT: u16 = 22224;
+/// Size of the read buffer \[bytes\]: the longest datagram.
+const BUFFER: usize = 65_536;
+/// Most reads of one turn \[-\].
+const MAX_READS: usize = 64;
+
+/// An open connection.
+#[derive(Debug)]
+pub struct QtmConnection {
+    client: QtmClient,
+    control: TcpStream,
+    frames: Option<UdpSocket>,
+    order: ByteOrder,
+    routes: RouteTable,
+    server: IpAddr,
+    buffer: Vec<u8>,
+}
+
+/// Connects, agrees on a version, reads the names of the bodies and asks for frames.
+///
+/// # Errors
+/// There is no server, or none that can be used.
+pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
+    let mut connection = QtmConnection::open(attempt)?;
+    let parameters = connection.shake_hands(attempt)?;
+    let refused = |error: io::Error| attempt.refused(&error);
+    connection.control.set_nonblocking(true).map_err(refused)?;
+    connection.set_bodies(&parameters);
+    let version = connection.client.version();
+    let server = version.map_or_else(String::new, |version| format!("QTM RT protocol {version}"));
+    Ok(CameraConnection {
+        server,
+        bodies: connection.routes.bodies().cloned().collect(),
+        wanted: connection.routes.wanted().to_vec(),
+        stream: Box::new(connection),
+    })
+}
+
+impl QtmConnection {
+    fn open(attempt: &Attempt) -> Result<Self, ConnectError> {
+        let CameraProtocol::Qtm { udp, minor } = attempt.link.protocol else {
+            return Err(attempt.not_spoken("the link is of another kind"));
+        };
+        let control = attempt.tcp()?;
+        let frames = if udp { Some(open_datagrams(attempt)?) } else { None };
+        let port = frames.as_ref().and_then(|socket| socket.local_addr().ok());
+        let target = port.map_or(StreamTarget::Tcp, |address| StreamTarget::Udp {
+            address: None,
+            port: address.port(),
+        });
+        let order = if attempt.address.port() == BIG_ENDIAN_PORT {
+            ByteOrder::Big
+        } else {
+            ByteOrder::Little
+        };
+        let options = QtmClientOptions {
+            order,
+            newest: QtmVersion::new(1, minor),
+            oldest: QtmVersion::new(1, QTM_VERSIONS[0]),
+            stream: StreamRequest {
+                rate: StreamRate::AllFrames,
+                target,
+                components: ComponentSet::new().with(ComponentKind::BodiesResidual),
+            },
+        };
+        let client = QtmClient::new(options);
+        let routes = attempt.routes();
+        let (server, buffer) = (attempt.address.ip(), vec![0; BUFFER]);
+        Ok(Self { client, control, frames, order, routes, server, buffer })
+    }
+
+    /// Blocks until the parameters have come and the stream was asked for.
+    fn shake_hands(&mut self, attempt: &Attempt) -> Result<QtmParameters, ConnectError> {
+        loop {
+            if attempt.is_over() {
+                return Err(attempt.not_spoken("it says nothing"));
+            }
+            let count =
+                self.control.read(&mut self.buffer).map_err(|error| match error.kind() {
+                    io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => {
+                        attempt.not_spoken("it says nothing")
+                    }
+                    _ => attempt.refused(&error),
+                })?;
+            if count == 0 {
+                return Err(attempt.not_spoken("it closes the connection"));
+            }
+            self.client.receive(&self.buffer[..count]);
+            let parameters = self.next_parameters(attempt)?;
+            let output = self.client.take_output();
+            self.control.write_all(&output).map_err(|error| attempt.refused(&error))?;
+            if let Some(parameters) = parameters {
+                return Ok(parameters);
+            }
+        }
+    }
+
+    fn next_parameters(
+        &mut self,
+        attempt: &Attempt,
+    ) -> Result<Option<QtmParameters>, ConnectError> {
+        let address = attempt.address.to_string();
+        loop {
+            let event = self.client.poll().map_err(|error| match error {
+                QtmClientError::Version { .. } => {
+                    ConnectError::Version { address: address.clone(), reason: error.to_string() }
+                }
+                other => attempt.not_spoken(other),
+            })?;
+            match event {
+                Some(QtmClientEvent::Parameters(parameters)) => return Ok(Some(parameters)),
+                Some(QtmClientEvent::NoData) => return Err(ConnectError::Idle { address }),
+                Some(_) => {}
+                None => return Ok(None),
+            }
+        }
+    }
+
+    fn set_bodies(&mut self, parameters: &QtmParameters) {
+        let bodies = parameters.bodies.iter().flatten().zip(0..);
+        let bodies = bodies.map(|(body, key)| CameraBody { key, name: body.name.clone() });
+        self.routes.replace(bodies);
+    }
+
+    /// Reads the control connection.
+    fn receive_control(
+        &mut self,
+        now: &dyn Fn() -> Time,
+        sink: &mut dyn FrameSink,
+    ) -> io::Result<()> {
+        for _ in 0..MAX_READS {
+            let count = read_some(&mut self.control, &mut self.buffer)?;
+            if count == 0 {
+                break;
+            }
+            self.client.receive(&self.buffer[..count]);
+        }
+        let arrival = now();
+        let mut parameters = None;
+        let Self { client, routes, .. } = self;
+        while let Some(event) = client.poll().map_err(lost)? {
+            match event {
+                QtmClientEvent::Frame(data) => pass_on(&data, routes, (arrival, sink)),
+                QtmClientEvent::Parameters(changed) => parameters = Some(changed),
+                QtmClientEvent::Event(QtmEvent::ShuttingDown) => {
+                    return Err(lost("QTM is shutting down"));
+                }
+                QtmClientEvent::Handshake | QtmClientEvent::NoData | QtmClientEvent::Event(_) => {}
+            }
+        }
+        if let Some(parameters) = parameters {
+            self.set_bodies(&parameters);
+        }
+        Ok(())
+    }
+
+    fn receive_datagrams(
+        &mut self,
+        now: &dyn Fn() -> Time,
+        sink: &mut dyn FrameSink,
+    ) -> io::Result<()> {
+        let Some(socket) = &self.frames else { return Ok(()) };
+        for _ in 0..MAX_READS {
+            let count = receive_some(socket, self.server, &mut self.buffer)?;
+            if count == 0 {
+                break;
+            }
+            match QtmPacket::parse(&self.buffer[..count], self.order) {
+                Ok(QtmPacket::Data(data)) => pass_on(&data, &self.routes, (now(), &mut *sink)),
+                Ok(_) => {}
+                Err(_) => sink.damaged(),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl CameraStream for QtmConnection {
+    fn sockets(&self) -> Vec<BorrowedFd<'_>> {
+        let frames = self.frames.as_ref().map(AsFd::as_fd);
+        std::iter::once(self.control.as_fd()).chain(frames).collect()
+    }
+
+    fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()> {
+        self.receive_datagrams(now, sink)?;
+        self.receive_control(now, sink)
+    }
+
+    fn maintain(&mut self, _now: Time) -> io::Result<()> {
+        let output = self.client.take_output();
+        if output.is_empty() { Ok(()) } else { write_all(&mut self.control, &output) }
+    }
+
+    fn has(&self, route: usize) -> bool {
+        self.routes.has(route)
+    }
+}
+
+/// Opens the socket that datagrams come to, for datagrams of the server alone.
+fn open_datagrams(attempt: &Attempt) -> Result<UdpSocket, ConnectError> {
+    let any = if attempt.address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let open = || {
+        let socket = UdpSocket::bind(any)?;
+        socket.set_nonblocking(true)?;
+        Ok(socket)
+    };
+    open().map_err(|error: io::Error| attempt.refused(&error))
+}
+
+/// Passes on the wanted bodies of a frame.
+fn pass_on(
+    data: &DataPacket<'_>,
+    routes: &RouteTable,
+    (arrival, sink): (Time, &mut dyn FrameSink),
+) {
+    let stamp = FrameStamp {
+        number: Some(data.frame()),
+        stamp_ns: Some(data.timestamp_us().wrapping_mul(1000)),
+    };
+    sink.frame(0, stamp, arrival);
+    for (record, key) in data.bodies().zip(0_u32..) {
+        let Some(route) = routes.route(i64::from(key)) else { continue };
+        let residual_m = record.residual_mm.map_or(f64::NAN, |mm| f64::from(mm) * 1e-3);
+        let body = MeasuredBody { number: key + 1, pose: record.pose().ok(), residual_m };
+        sink.body(0, route, body);
+    }
+}

@@ -1,0 +1,149 @@
+//! The receiver between network and bus: from frames to the poses that are published. Pure.
+//!
+//! Of each body only the newest pose is kept until it is taken: however many frames arrive at once, one pose goes on.
+
+use oqtal_bus::message::{PoseV1, Stamps};
+use oqtal_bus::time::Time;
+use oqtal_config::ReceiverOptions;
+use oqtal_runtime::pose_source::Delivery;
+
+use crate::clock::ClockState;
+use crate::gate::{DatedFrame, FrameCounts, FrameGate, FrameStamp};
+use crate::stream::{FrameSink, MeasuredBody};
+use crate::transform::PoseTransform;
+
+/// A gate with the frame that arrived last; `None` if it does not go on.
+#[derive(Clone, Debug)]
+struct Entrance {
+    gate: FrameGate,
+    current: Option<(DatedFrame, Time)>,
+}
+
+/// What is known of one body.
+#[derive(Clone, Copy, Debug, Default)]
+struct BodyTrack {
+    /// The newest pose that was not taken yet.
+    pending: Option<Delivery>,
+    tracked: bool,
+    /// Arrival of its last frame.
+    seen_at: Time,
+    superseded: u64,
+}
+
+/// From frames to poses.
+#[derive(Clone, Debug)]
+pub struct PoseReceiver {
+    entrances: Vec<Entrance>,
+    bodies: Vec<BodyTrack>,
+    transform: PoseTransform,
+    damaged: u64,
+    arrived_at: Time,
+}
+
+impl PoseReceiver {
+    /// A receiver of so many bodies.
+    #[must_use]
+    pub fn new(options: &ReceiverOptions, bodies: usize) -> Self {
+        // A protocol has one gate, or one for each body.
+        let entrance = Entrance { gate: FrameGate::new(options), current: None };
+        Self {
+            entrances: vec![entrance; bodies.max(1)],
+            bodies: vec![BodyTrack::default(); bodies],
+            transform: PoseTransform::new(options),
+            damaged: 0,
+            arrived_at: Time::UNSET,
+        }
+    }
+
+    /// The newest pose of a body that was not taken before.
+    pub fn take(&mut self, route: usize) -> Option<Delivery> {
+        self.bodies[route].pending.take()
+    }
+
+    /// Whether the cameras saw a body in its last frame.
+    #[must_use]
+    pub fn is_tracked(&self, route: usize) -> bool {
+        self.bodies[route].tracked
+    }
+
+    /// Arrival of the last frame with this body; [`Time::UNSET`] before the first.
+    #[must_use]
+    pub fn seen_at(&self, route: usize) -> Time {
+        self.bodies[route].seen_at
+    }
+
+    /// Arrival of the last frame; [`Time::UNSET`] before the first.
+    #[must_use]
+    pub fn arrived_at(&self) -> Time {
+        self.arrived_at
+    }
+
+    /// The frames at a gate, by what became of them.
+    #[must_use]
+    pub fn counts(&self, gate: usize) -> FrameCounts {
+        self.entrances[gate].gate.counts()
+    }
+
+    /// The server's clock, as it is known at a gate.
+    #[must_use]
+    pub fn clock(&self, gate: usize) -> ClockState {
+        self.entrances[gate].gate.clock()
+    }
+
+    /// Datagrams and messages that could not be read \[-\].
+    #[must_use]
+    pub fn damaged(&self) -> u64 {
+        self.damaged
+    }
+
+    /// Poses that a newer one overtook before they were taken \[-\].
+    #[must_use]
+    pub fn superseded(&self) -> u64 {
+        self.bodies.iter().map(|body| body.superseded).sum()
+    }
+}
+
+impl FrameSink for PoseReceiver {
+    fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time) {
+        self.arrived_at = arrival;
+        if let Some(entrance) = self.entrances.get_mut(gate) {
+            let judged = entrance.gate.judge(stamp, arrival);
+            entrance.current = judged.ok().map(|dated| (dated, arrival));
+        }
+    }
+
+    fn body(&mut self, gate: usize, route: usize, body: MeasuredBody) {
+        let (Some(entrance), Some(track)) = (self.entrances.get(gate), self.bodies.get_mut(route))
+        else {
+            return;
+        };
+        track.tracked = body.pose.is_some();
+        track.seen_at = self.arrived_at;
+        let Some((DatedFrame { frame, captured }, arrival)) = entrance.current else { return };
+        let (position, attitude) = match &body.pose {
+            Some(pose) => self.transform.apply(pose),
+            None => ([0.0; 3], [0.0, 0.0, 0.0, 1.0]),
+        };
+        let pose = PoseV1 {
+            position,
+            attitude,
+            residual_m: body.residual_m,
+            capture_uncertainty_s: captured.uncertainty.seconds(),
+            body: body.number,
+            tracked: u8::from(body.pose.is_some()),
+            // Cameras measured it, as far as the protocol tells.
+            simulated: 0,
+        };
+        let stamps = Stamps {
+            captured_at: captured.captured_at,
+            pose_received_at: arrival,
+            ..Stamps::default()
+        };
+        track.superseded += u64::from(track.pending.is_some());
+        track.pending = Some(Delivery { frame, stamps, pose });
+    }
+
+    fn damaged(&mut self) {
+        self.damaged += 1;
+    }
+}

@@ -1,0 +1,60 @@
+//! Interface to the connection that frames come over: one implementation per protocol.
+
+use std::fmt::Debug;
+use std::io;
+use std::os::fd::BorrowedFd;
+
+use oqtal_bus::time::Time;
+use oqtal_wire::motion::RigidPose;
+
+use crate::gate::FrameStamp;
+
+/// A body in a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredBody {
+    /// Number of the body in the camera system, from 1 \[-\].
+    pub number: u32,
+    /// Pose; `None` while the cameras do not see the body.
+    pub pose: Option<RigidPose>,
+    /// Mean distance of the markers from the body fitted to them \[m\]; NaN if unknown.
+    pub residual_m: f64,
+}
+
+/// What takes the frames of a stream.
+pub trait FrameSink {
+    /// A frame has arrived. Frames that one counter numbers and one clock stamps have one gate: all frames of a server, or those
+    /// of one body.
+    fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time);
+
+    /// A body of the frame that arrived last at this gate.
+    fn body(&mut self, gate: usize, route: usize, body: MeasuredBody);
+
+    /// A datagram or message could not be read.
+    fn damaged(&mut self);
+}
+
+/// An open connection to a camera system. No method blocks.
+pub trait CameraStream: Debug + Send {
+    /// Sockets that become readable when something has arrived.
+    fn sockets(&self) -> Vec<BorrowedFd<'_>>;
+
+    /// Reads what has arrived, with bounded work; `now` reads the clock.
+    ///
+    /// # Errors
+    /// The connection is lost.
+    fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()>;
+
+    /// Sends what is due, such as a sign of life.
+    ///
+    /// # Errors
+    /// The connection is lost.
+    fn maintain(&mut self, now: Time) -> io::Result<()>;
+
+    /// Whether the body of a route is known to the server.
+    fn has(&self, route: usize) -> bool;
+
+    /// Whether every body has a gate of its own; otherwise there is one gate for all.
+    fn gate_per_body(&self) -> bool {
+        false
+    }
+}

@@ -1,0 +1,167 @@
+//! Connection to a VRPN server: one connection that carries names and poses.
+
+use std::io::{self, Read, Write};
+use std::net::TcpStream;
+use std::os::fd::{AsFd, BorrowedFd};
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::vrpn::{TrackerPose, VrpnClient, VrpnEvent, VrpnVersion};
+
+use crate::connect::{Attempt, CameraConnection, ConnectError};
+use crate::gate::FrameStamp;
+use crate::routes::{CameraBody, RouteTable};
+use crate::socket::{lost, read_some, write_all};
+use crate::stream::{CameraStream, FrameSink, MeasuredBody};
+
+/// Size of the read buffer \[bytes\].
+const BUFFER: usize = 65_536;
+/// Most reads of one turn \[-\].
+const MAX_READS: usize = 16;
+/// Names that do not come within this time after the greeting are not there.
+const NAMING_TIME: Span = Span::from_millis(800);
+/// Time between two signs of life.
+const PING_PERIOD: Span = Span::from_millis(1000);
+/// Sender of the server itself, no tracker.
+const CONTROL: &str = "VRPN Control";
+
+/// An open connection.
+#[derive(Debug)]
+pub struct VrpnConnection {
+    client: VrpnClient,
+    socket: TcpStream,
+    routes: RouteTable,
+    buffer: Vec<u8>,
+    ping_at: Time,
+    greeted: Option<String>,
+}
+
+/// Connects and waits for the names of the trackers.
+///
+/// # Errors
+/// There is no server, or none that can be used.
+pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
+    let mut connection = VrpnConnection {
+        client: VrpnClient::new(),
+        socket: attempt.tcp()?,
+        routes: attempt.routes(),
+        buffer: vec![0; BUFFER],
+        ping_at: Time::UNSET,
+        greeted: None,
+    };
+    connection.shake_hands(attempt)?;
+    connection.socket.set_nonblocking(true).map_err(|error| attempt.refused(&error))?;
+    Ok(CameraConnection {
+        server: connection.greeted.clone().unwrap_or_default(),
+        bodies: connection.routes.bodies().cloned().collect(),
+        wanted: connection.routes.wanted().to_vec(),
+        stream: Box::new(connection),
+    })
+}
+
+impl VrpnConnection {
+    /// Blocks until the server has greeted and named the wanted trackers, or says no more names.
+    fn shake_hands(&mut self, attempt: &Attempt) -> Result<(), ConnectError> {
+        let output = self.client.take_output();
+        self.socket.write_all(&output).map_err(|error| attempt.refused(&error))?;
+        let mut named_by = attempt.deadline;
+        let timeout = Some(Span::from_millis(20).to_duration());
+        self.socket.set_read_timeout(timeout).map_err(|error| attempt.refused(&error))?;
+        loop {
+            let wanted = self.routes.wanted().len();
+            let complete = wanted > 0 && (0..wanted).all(|route| self.routes.has(route));
+            if Time::now() >= named_by || (complete && !attempt.link.bodies.is_empty()) {
+                break;
+            }
+            match self.socket.read(&mut self.buffer) {
+                Ok(0) => return Err(attempt.not_spoken("it closes the connection")),
+                Ok(count) => self.client.receive(&self.buffer[..count]),
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut
+                    ) => {}
+                Err(error) => return Err(attempt.refused(&error)),
+            }
+            let before = self.greeted.is_some();
+            self.handle(&mut |_, _, _| ()).map_err(|error| attempt.not_spoken(error))?;
+            if self.greeted.is_some() && !before {
+                named_by = (Time::now() + NAMING_TIME).min(attempt.deadline);
+            }
+        }
+        if self.greeted.is_some() { Ok(()) } else { Err(attempt.not_spoken("it says nothing")) }
+    }
+
+    /// Handles the messages that were received; `pose` takes those of poses, with sender and time \[us, server clock\].
+    fn handle(
+        &mut self,
+        pose: &mut dyn FnMut(&RouteTable, (i32, u64), &TrackerPose),
+    ) -> io::Result<()> {
+        let Self { client, routes, greeted, .. } = self;
+        while let Some(event) = client.poll().map_err(lost)? {
+            match event {
+                VrpnEvent::Greeted(version) => *greeted = Some(version_name(version)),
+                VrpnEvent::Sender { number, name } if name != CONTROL => {
+                    routes.insert(CameraBody { key: i64::from(number), name: name.to_owned() });
+                }
+                VrpnEvent::Pose { sender, time_us, pose: measured } => {
+                    pose(routes, (sender, time_us), &measured);
+                }
+                VrpnEvent::Disconnected => return Err(lost("the server ends the connection")),
+                VrpnEvent::Sender { .. } | VrpnEvent::Pong | VrpnEvent::Other => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+fn version_name(version: VrpnVersion) -> String {
+    format!("VRPN {:02}.{:02}", version.major, version.minor)
+}
+
+impl CameraStream for VrpnConnection {
+    fn sockets(&self) -> Vec<BorrowedFd<'_>> {
+        vec![self.socket.as_fd()]
+    }
+
+    fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()> {
+        for _ in 0..MAX_READS {
+            let count = read_some(&mut self.socket, &mut self.buffer)?;
+            if count == 0 {
+                break;
+            }
+            self.client.receive(&self.buffer[..count]);
+        }
+        let arrival = now();
+        self.handle(&mut |routes, (sender, time_us), measured| {
+            let Some(route) = routes.route(i64::from(sender)) else { return };
+            // Further sensors of a tracker are other bodies of the same name.
+            if measured.sensor != 0 {
+                return;
+            }
+            let stamp_ns = (time_us > 0).then(|| time_us.wrapping_mul(1000));
+            sink.frame(route, FrameStamp { number: None, stamp_ns }, arrival);
+            let number = sender.unsigned_abs().saturating_add(1);
+            let body = MeasuredBody { number, pose: measured.pose(), residual_m: f64::NAN };
+            sink.body(route, route, body);
+        })
+    }
+
+    fn maintain(&mut self, now: Time) -> io::Result<()> {
+        if now >= self.ping_at {
+            self.ping_at = now + PING_PERIOD;
+            if let Some(name) = self.routes.wanted().first() {
+                self.client.ping(name);
+            }
+        }
+        let output = self.client.take_output();
+        if output.is_empty() { Ok(()) } else { write_all(&mut self.socket, &output) }
+    }
+
+    fn has(&self, route: usize) -> bool {
+        self.routes.has(route)
+    }
+
+    fn gate_per_body(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,220 @@
+//! The estimator of a server's clock in virtual time: against clocks whose truth is known.
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_receiver::clock::{CaptureTime, ServerClock, StampVerdict};
+
+/// Random numbers of the tests: a 64-bit generator (SplitMix64).
+struct Random(u64);
+
+impl Random {
+    /// A number in 0..1.
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn exponential_ms(&mut self, mean_ms: f64) -> f64 {
+        -mean_ms * (1.0 - self.uniform()).ln()
+    }
+}
+
+/// A server with a clock of its own behind a network with delays.
+struct Server {
+    rate_hz: f64,
+    /// Rate of the server's clock minus one.
+    drift: f64,
+    /// Server clock at the true time zero.
+    offset_ns: u64,
+    jitter: Jitter,
+    random: Random,
+    /// Arrival of the frame before: a connection keeps the order.
+    last_arrival: Time,
+    frame: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Jitter {
+    /// Uniform from 0.1 to 5 ms.
+    Uniform,
+    /// 0.1 ms and an exponential delay of 1.5 ms.
+    Exponential,
+    /// As exponential, and a stall of 0.1 to 0.5 s every few seconds, after which all arrive at once.
+    Stalls,
+}
+
+const LEAST_DELAY: Span = Span::from_nanos(100_000);
+
+impl Server {
+    fn new(seed: u64, drift: f64, jitter: Jitter) -> Self {
+        let mut random = Random(seed);
+        let offset_ns = (1.7e18 * random.uniform()) as u64;
+        Self {
+            rate_hz: 60.0,
+            drift,
+            offset_ns,
+            jitter,
+            random,
+            last_arrival: Time::UNSET,
+            frame: 0,
+        }
+    }
+
+    /// The next frame: true instant of capture, stamp, arrival.
+    fn next(&mut self) -> (Time, u64, Time) {
+        self.frame += 1;
+        let true_s = self.frame as f64 / self.rate_hz;
+        let captured = Time::VIRTUAL_START + Span::from_seconds(true_s);
+        let stamp_ns = self.offset_ns + (true_s * (1.0 + self.drift) * 1e9) as u64;
+        let delay_ms = match self.jitter {
+            Jitter::Uniform => 4.9 * self.random.uniform(),
+            Jitter::Exponential => self.random.exponential_ms(1.5),
+            Jitter::Stalls if self.random.uniform() < 0.005 => {
+                100.0 + 400.0 * self.random.uniform()
+            }
+            Jitter::Stalls => self.random.exponential_ms(1.5),
+        };
+        let arrival = captured + LEAST_DELAY + Span::from_seconds(delay_ms * 1e-3);
+        self.last_arrival = arrival.max(self.last_arrival + Span::from_nanos(1000));
+        (captured, stamp_ns, self.last_arrival)
+    }
+}
+
+/// Errors \[ns\] of the frames after `from_s` seconds, beyond the least delay.
+fn errors_after(from_s: f64, server: &mut Server, clock: &mut ServerClock) -> Vec<i64> {
+    let mut errors = Vec::new();
+    let end = server.frame + (20.0 * server.rate_hz) as u64;
+    while server.frame < end {
+        let (captured, stamp_ns, arrival) = server.next();
+        if let StampVerdict::Known(CaptureTime { captured_at, .. }) =
+            clock.observe(stamp_ns, arrival)
+        {
+            assert!(captured_at <= arrival, "captured after it arrived");
+            if server.frame as f64 > from_s * server.rate_hz {
+                errors.push((captured_at.since(captured) - LEAST_DELAY).nanos().abs());
+            }
+        }
+    }
+    errors.sort_unstable();
+    errors
+}
+
+fn p99(sorted: &[i64]) -> i64 {
+    sorted[(sorted.len() - 1) * 99 / 100]
+}
+
+#[test]
+fn capture_is_known_within_300_us_after_five_seconds() {
+    for jitter in [Jitter::Uniform, Jitter::Exponential, Jitter::Stalls] {
+        for drift in [-100e-6, 0.0, 37e-6, 100e-6] {
+            for seed in 0..8 {
+                let mut server = Server::new(seed, drift, jitter);
+                let mut clock = ServerClock::new(Span::ZERO);
+                let errors = errors_after(5.0, &mut server, &mut clock);
+                assert!(errors.len() > 800);
+                let p99 = p99(&errors);
+                assert!(p99 <= 300_000, "{jitter:?} {drift} {seed}: {p99} ns");
+                let state = clock.state();
+                let expected_ppm = (1.0 / (1.0 + drift) - 1.0) * 1e6;
+                assert!((state.drift_ppm - expected_ppm).abs() < 15.0, "{jitter:?}: {state:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_uncertainty_is_kept_by_99_frames_of_100() {
+    for jitter in [Jitter::Uniform, Jitter::Exponential, Jitter::Stalls] {
+        let (mut within, mut all) = (0, 0);
+        for seed in 0..20 {
+            let mut server = Server::new(seed, 60e-6, jitter);
+            let mut clock = ServerClock::new(Span::ZERO);
+            for _ in 0..600 {
+                let (captured, stamp_ns, arrival) = server.next();
+                if let StampVerdict::Known(known) = clock.observe(stamp_ns, arrival) {
+                    let error = known.captured_at.since(captured) - LEAST_DELAY;
+                    all += 1;
+                    within += u32::from(error.nanos().abs() <= known.uncertainty.nanos());
+                }
+            }
+        }
+        assert!(f64::from(within) >= 0.99 * f64::from(all), "{jitter:?}: {within} of {all}");
+    }
+}
+
+#[test]
+fn a_jump_of_one_second_is_learned_anew_within_two_and_no_frame_is_dated_wrong() {
+    for (jump_ns, seed) in [(1_000_000_000_i64, 1), (-1_000_000_000, 2), (3_600_000_000_000, 3)] {
+        let mut server = Server::new(seed, 50e-6, Jitter::Uniform);
+        let mut clock = ServerClock::new(Span::ZERO);
+        errors_after(5.0, &mut server, &mut clock);
+        server.offset_ns = server.offset_ns.wrapping_add_signed(jump_ns);
+        let jumped = server.frame;
+        let mut known_again = None;
+        for _ in 0..600 {
+            let (captured, stamp_ns, arrival) = server.next();
+            if let StampVerdict::Known(known) = clock.observe(stamp_ns, arrival) {
+                let error = known.captured_at.since(captured).nanos().abs();
+                assert!(error < 5_000_000, "{jump_ns}: dated wrong by {error} ns");
+                known_again.get_or_insert(server.frame);
+            }
+        }
+        let frames = known_again.expect("the clock is learned anew") - jumped;
+        assert!(frames <= 2 * 60, "{jump_ns}: {frames} frames");
+        assert_eq!(clock.state().relearned, 1);
+    }
+}
+
+#[test]
+fn a_single_wrong_stamp_and_frames_out_of_order_are_held_back_and_change_nothing() {
+    let mut server = Server::new(4, 0.0, Jitter::Exponential);
+    let mut clock = ServerClock::new(Span::ZERO);
+    errors_after(5.0, &mut server, &mut clock);
+    let before = clock.state();
+    let (_, stamp_ns, arrival) = server.next();
+    let (_, _, later) = server.next();
+    assert_eq!(clock.observe(stamp_ns + 800_000_000, arrival), StampVerdict::Suspect);
+    assert_eq!(clock.observe(stamp_ns - 900_000_000, later), StampVerdict::Suspect);
+    assert_eq!(clock.state(), before);
+    let (_, stamp_ns, arrival) = server.next();
+    assert!(matches!(clock.observe(stamp_ns, arrival), StampVerdict::Known(_)));
+}
+
+#[test]
+fn a_queue_that_is_never_drained_is_old_and_not_a_clock_that_was_set() {
+    let mut server = Server::new(5, 0.0, Jitter::Exponential);
+    let mut clock = ServerClock::new(Span::ZERO);
+    errors_after(5.0, &mut server, &mut clock);
+    for _ in 0..300 {
+        let (captured, stamp_ns, arrival) = server.next();
+        let verdict = clock.observe(stamp_ns, arrival + Span::from_millis(80));
+        let StampVerdict::Known(known) = verdict else { panic!("{verdict:?}") };
+        assert!(known.captured_at.since(captured).nanos().abs() < 400_000, "{known:?}");
+    }
+}
+
+#[test]
+fn the_configured_latency_lies_between_capture_and_the_fastest_arrival() {
+    let mut server = Server::new(6, 0.0, Jitter::Exponential);
+    let mut clock = ServerClock::new(Span::from_millis(12));
+    for _ in 0..600 {
+        let (captured, stamp_ns, arrival) = server.next();
+        if let StampVerdict::Known(known) = clock.observe(stamp_ns, arrival) {
+            let early = captured.since(known.captured_at) + LEAST_DELAY;
+            assert!((early.nanos() - 12_000_000).abs() < 2_500_000, "{early:?}");
+        }
+    }
+}
+
+#[test]
+fn a_server_that_was_silent_is_learned_anew() {
+    let mut server = Server::new(7, 0.0, Jitter::Uniform);
+    let mut clock = ServerClock::new(Span::ZERO);
+    errors_after(5.0, &mut server, &mut clock);
+    server.frame += 90;
+    let (_, stamp_ns, arrival) = server.next();
+    assert_eq!(clock.observe(stamp_ns, arrival), StampVerdict::Learning);
+    assert_eq!(clock.state().relearned, 1);
+}

@@ -1,0 +1,14 @@
+//! The kind of command that a vehicle takes, by its interface.
+
+use oqtal_bus::code::Actuation;
+use oqtal_config::Interface;
+
+/// The actuation of commands to a vehicle with this interface.
+#[must_use]
+pub const fn actuation_of(interface: Interface) -> Actuation {
+    match interface {
+        Interface::Rate => Actuation::Sticks,
+        Interface::Torque => Actuation::Torque,
+        Interface::Attitude => Actuation::Attitude,
+    }
+}

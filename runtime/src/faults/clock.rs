@@ -1,0 +1,122 @@
+//! The clock of faults: the present instant of a turn, and the first command that arms, from which the times of faults count.
+
+use std::cell::{Cell, RefCell};
+
+use oqtal_bus::code::Actuation;
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{CommandV1, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_config::Fault;
+
+/// Watches topic `command` for the first command that arms.
+#[derive(Debug)]
+pub struct ArmingWatch<T: Transport> {
+    commands: T::Reader<CommandV1>,
+    armed_at: Option<Time>,
+}
+
+impl<T: Transport> ArmingWatch<T> {
+    /// Opens a reader of topic `command`.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn open(bus: &T) -> Result<Self, BusError> {
+        Ok(Self { commands: bus.observer(&COMMAND)?, armed_at: None })
+    }
+
+    /// The instant at which the daemon published its first command that arms; `None` before. The stamp is the daemon's, so that
+    /// all processes agree on it.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn armed_at(&mut self) -> Result<Option<Time>, BusError> {
+        while self.armed_at.is_none() {
+            let Some((header, command)) = self.commands.receive()? else { break };
+            if command.actuation != Actuation::Disarmed.code() {
+                self.armed_at = Some(header.stamps.command_published_at);
+            }
+        }
+        Ok(self.armed_at)
+    }
+}
+
+/// The clock of one process's faults.
+#[derive(Debug)]
+pub(super) struct FaultClock<T: Transport> {
+    now: Cell<Time>,
+    armed_at: Cell<Option<Time>>,
+    arming: RefCell<ArmingWatch<T>>,
+    /// The states of the vehicle, to keep faults from one that is not simulated; `None` where they are allowed to act.
+    vehicles: RefCell<Option<T::Reader<VehicleV1>>>,
+    /// Whether the vehicle turned out not to be simulated.
+    is_refused: Cell<bool>,
+    /// Instants at which delayed samples are due, by port.
+    due: RefCell<Vec<Option<Time>>>,
+}
+
+impl<T: Transport> FaultClock<T> {
+    /// A clock for faults that act on any vehicle, or else (`any_vehicle` false) on a simulated one alone.
+    pub(super) fn open(bus: &T, any_vehicle: bool) -> Result<Self, BusError> {
+        let vehicles = (!any_vehicle).then(|| bus.reader(&VEHICLE)).transpose()?;
+        Ok(Self {
+            now: Cell::new(Time::UNSET),
+            armed_at: Cell::new(None),
+            arming: RefCell::new(ArmingWatch::open(bus)?),
+            vehicles: RefCell::new(vehicles),
+            is_refused: Cell::new(false),
+            due: RefCell::new(Vec::new()),
+        })
+    }
+
+    /// Begins a turn at `now`.
+    pub(super) fn begin(&self, now: Time) -> Result<(), BusError> {
+        self.now.set(now);
+        if self.armed_at.get().is_none() {
+            self.armed_at.set(self.arming.borrow_mut().armed_at()?);
+        }
+        if let Some(vehicles) = self.vehicles.borrow_mut().as_mut() {
+            while let Some((_, vehicle)) = vehicles.receive()? {
+                self.is_refused.set(self.is_refused.get() || vehicle.simulated == 0);
+            }
+        }
+        Ok(())
+    }
+
+    /// The instant of the turn.
+    pub(super) fn now(&self) -> Time {
+        self.now.get()
+    }
+
+    /// Whether `fault` acts in this turn.
+    pub(super) fn acts(&self, fault: &Fault) -> bool {
+        let Some(armed_at) = self.armed_at.get().filter(|_| !self.is_refused.get()) else {
+            return false;
+        };
+        is_within(fault, armed_at, self.now())
+    }
+
+    /// A new port, whose delayed samples [`FaultClock::set_due`] reports.
+    pub(super) fn add_port(&self) -> usize {
+        self.due.borrow_mut().push(None);
+        self.due.borrow().len() - 1
+    }
+
+    /// Reports when the next delayed sample of `port` is due.
+    pub(super) fn set_due(&self, port: usize, due: Option<Time>) {
+        self.due.borrow_mut()[port] = due;
+    }
+
+    /// The instant at which the first delayed sample is due.
+    pub(super) fn next_due(&self) -> Option<Time> {
+        self.due.borrow().iter().flatten().min().copied()
+    }
+}
+
+/// Whether `fault` acts at `now` in a flight that was armed at `armed_at`.
+pub(super) fn is_within(fault: &Fault, armed_at: Time, now: Time) -> bool {
+    let from = armed_at + Span::from_seconds(fault.at_s);
+    let until = fault.duration_s.map(|duration| from + Span::from_seconds(duration));
+    from <= now && until.is_none_or(|until| now < until)
+}

@@ -1,0 +1,97 @@
+//! Processes that are stopped, killed or slow, in virtual time: the scheduler leaves their turns out, or executes them late.
+
+use oqtal_bus::error::BusError;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
+use oqtal_bus::transport::Transport;
+use oqtal_config::{Config, Fault, FaultKind, FaultTarget};
+
+use super::clock::ArmingWatch;
+
+/// The time in which a process does not act, or acts late.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outage {
+    /// The process.
+    pub role: Role,
+    /// Its beginning.
+    pub from: Time,
+    /// Its end; `None` for never.
+    pub until: Option<Time>,
+    /// `None` while the process does not act at all, otherwise by how much it acts late.
+    pub lateness: Option<Span>,
+    /// Whether the process is killed and has to be started anew at the end.
+    pub is_kill: bool,
+}
+
+impl Outage {
+    /// The outage by `fault` in a flight that was armed at `armed_at`; `None` if the target is no process.
+    #[must_use]
+    pub fn of(fault: &Fault, armed_at: Time) -> Option<Self> {
+        let from = armed_at + Span::from_seconds(fault.at_s);
+        Some(Self {
+            role: role_of(fault.target)?,
+            from,
+            until: fault.duration_s.map(|duration| from + Span::from_seconds(duration)),
+            lateness: (fault.kind == FaultKind::Slow)
+                .then(|| Span::from_seconds(fault.value() * 1e-3)),
+            is_kill: fault.kind == FaultKind::Kill,
+        })
+    }
+
+    /// The instant at which a turn of the role that is due `at` is executed; `None` for never.
+    #[must_use]
+    pub fn postpone(&self, at: Time) -> Option<Time> {
+        let acts = self.from <= at && self.until.is_none_or(|until| at < until);
+        match (acts, self.lateness) {
+            (false, _) => Some(at),
+            (true, Some(lateness)) => Some(at + lateness),
+            (true, None) => self.until,
+        }
+    }
+}
+
+/// The process that is the target of a fault; `None` if the target is none.
+#[must_use]
+pub const fn role_of(target: FaultTarget) -> Option<Role> {
+    match target {
+        FaultTarget::Daemon => Some(Role::Daemon),
+        FaultTarget::PlantSim => Some(Role::Plant),
+        FaultTarget::MocapEmu => Some(Role::Mocap),
+        FaultTarget::Bridge => Some(Role::Bridge),
+        FaultTarget::Pose | FaultTarget::Command | FaultTarget::Vehicle | FaultTarget::Radio => {
+            None
+        }
+    }
+}
+
+/// The faults of processes in one flight in virtual time.
+#[derive(Debug)]
+pub struct TurnFaults<T: Transport> {
+    /// `None` without faults, and once armed.
+    arming: Option<ArmingWatch<T>>,
+    faults: Vec<Fault>,
+}
+
+impl<T: Transport> TurnFaults<T> {
+    /// The faults of processes in `config`.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn open(bus: &T, config: &Config) -> Result<Self, BusError> {
+        let all = config.fault.inject.iter();
+        let faults: Vec<Fault> = all.filter(|fault| fault.target.is_process()).cloned().collect();
+        let arming = (!faults.is_empty()).then(|| ArmingWatch::open(bus)).transpose()?;
+        Ok(Self { arming, faults })
+    }
+
+    /// The outages of the flight, once, as soon as it is armed; to be asked for after each turn of the daemon.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn begin(&mut self) -> Result<Option<Vec<Outage>>, BusError> {
+        let armed_at = self.arming.as_mut().map_or(Ok(None), ArmingWatch::armed_at)?;
+        let Some(armed_at) = armed_at else { return Ok(None) };
+        self.arming = None;
+        Ok(Some(self.faults.iter().filter_map(|fault| Outage::of(fault, armed_at)).collect()))
+    }
+}

@@ -1,0 +1,61 @@
+//! Faults of the simulated radio between a command received and its effect.
+
+use oqtal_bus::error::BusError;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::transport::Transport;
+use oqtal_config::{Config, Fault, FaultKind, FaultTarget};
+
+use super::clock::{ArmingWatch, is_within};
+
+/// How the radio is disturbed at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RadioDisturbance {
+    /// Addition to the latency.
+    pub delay: Span,
+    /// Probability that a command or a frame is lost, beyond that of the radio itself \[0..1\].
+    pub loss_probability: f64,
+}
+
+/// The faults of the radio in one flight.
+#[derive(Debug)]
+pub struct RadioFaults<T: Transport> {
+    /// `None` without faults.
+    arming: Option<ArmingWatch<T>>,
+    faults: Vec<Fault>,
+}
+
+impl<T: Transport> RadioFaults<T> {
+    /// The faults of `config` with the target `radio`.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn open(bus: &T, config: &Config) -> Result<Self, BusError> {
+        let all = config.fault.inject.iter();
+        let faults: Vec<Fault> =
+            all.filter(|fault| fault.target == FaultTarget::Radio).cloned().collect();
+        let arming = (!faults.is_empty()).then(|| ArmingWatch::open(bus)).transpose()?;
+        Ok(Self { arming, faults })
+    }
+
+    /// The disturbance at `now`.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn at(&mut self, now: Time) -> Result<RadioDisturbance, BusError> {
+        let armed_at = self.arming.as_mut().map_or(Ok(None), ArmingWatch::armed_at)?;
+        let mut disturbance = RadioDisturbance::default();
+        let Some(armed_at) = armed_at else { return Ok(disturbance) };
+        for fault in self.faults.iter().filter(|fault| is_within(fault, armed_at, now)) {
+            let RadioDisturbance { delay, loss_probability } = &mut disturbance;
+            match fault.kind {
+                FaultKind::Delayed => *delay = *delay + Span::from_seconds(fault.value() * 1e-3),
+                FaultKind::Off => *loss_probability = 1.0,
+                FaultKind::Intermittent => {
+                    *loss_probability = loss_probability.max(fault.value() / 100.0);
+                }
+                _ => {}
+            }
+        }
+        Ok(disturbance)
+    }
+}

@@ -1,0 +1,172 @@
+//! The reading end of a topic with faults.
+
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{Header, Message};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_config::{Fault, FaultKind};
+use rand::RngExt;
+
+use super::clock::FaultClock;
+use super::corrupt::{falsify, garble};
+use crate::random::{Generator, RandomSource, stream};
+
+/// Samples that may be delayed at a time; older ones are lost.
+const MOST_DELAYED: usize = 1024;
+/// Words of the random stream reserved for each fault.
+const WORDS_PER_FAULT: u128 = 1 << 40;
+
+/// A fault of this topic with its random numbers.
+#[derive(Debug)]
+struct ActiveFault {
+    fault: Fault,
+    generator: Generator,
+    /// The instant at which a slow topic last let a sample through.
+    passed_at: Option<Time>,
+}
+
+impl ActiveFault {
+    /// The fault number `index` of the configuration.
+    fn new(fault: &Fault, index: usize, seed: u64) -> Self {
+        let mut generator = stream(seed, RandomSource::Fault);
+        generator.set_word_pos(index as u128 * WORDS_PER_FAULT);
+        Self { fault: fault.clone(), generator, passed_at: None }
+    }
+
+    /// Whether a sample of `now` is missing.
+    fn is_missing(&mut self, now: Time) -> bool {
+        match self.fault.kind {
+            FaultKind::Off => true,
+            FaultKind::Intermittent => {
+                let draw: f64 = self.generator.random();
+                draw < self.fault.value() / 100.0
+            }
+            FaultKind::Slow => {
+                let period = Span::from_seconds(1.0 / self.fault.value());
+                let missing = self.passed_at.is_some_and(|passed| now.since(passed) < period);
+                self.passed_at = if missing { self.passed_at } else { Some(now) };
+                missing
+            }
+            _ => false,
+        }
+    }
+
+    /// Changes the numbers of a sample.
+    fn alter<M: Message>(&mut self, body: &mut M, last: Option<M>) {
+        match self.fault.kind {
+            FaultKind::Stuck => *body = last.unwrap_or(*body),
+            FaultKind::Garbage => garble(body, &mut self.generator),
+            FaultKind::Wrong => falsify(body, &self.fault, &mut self.generator.clone()),
+            _ => {}
+        }
+    }
+
+    /// By how much a sample is delayed.
+    fn delay(&self) -> Span {
+        match self.fault.kind {
+            FaultKind::Delayed => Span::from_seconds(self.fault.value() * 1e-3),
+            _ => Span::ZERO,
+        }
+    }
+}
+
+/// The faults of one port, and the samples that they delay.
+#[derive(Debug)]
+pub(super) struct Injector<T: Transport, M> {
+    clock: Rc<FaultClock<T>>,
+    faults: Vec<ActiveFault>,
+    port: usize,
+    delayed: VecDeque<(Time, Header, M)>,
+    /// The last value that no fault altered.
+    last: Option<M>,
+    missing: u64,
+}
+
+impl<T: Transport, M: Message> Injector<T, M> {
+    /// An injector of `faults`, given with their numbers in the configuration.
+    pub(super) fn new(
+        clock: &Rc<FaultClock<T>>,
+        faults: &[(usize, &Fault)],
+        seed: u64,
+    ) -> Box<Self> {
+        let faults = faults.iter().map(|&(index, fault)| ActiveFault::new(fault, index, seed));
+        Box::new(Self {
+            clock: Rc::clone(clock),
+            faults: faults.collect(),
+            port: clock.add_port(),
+            delayed: VecDeque::with_capacity(MOST_DELAYED),
+            last: None,
+            missing: 0,
+        })
+    }
+
+    /// Takes what has arrived, and returns the next sample that is due.
+    fn receive(&mut self, inner: &mut impl Subscribe<M>) -> Result<Option<(Header, M)>, BusError> {
+        while let Some((header, body)) = inner.receive()? {
+            self.take(header, body);
+        }
+        let now = self.clock.now();
+        let due = self.delayed.front().is_some_and(|(due, ..)| *due <= now);
+        let sample = if due { self.delayed.pop_front() } else { None };
+        self.clock.set_due(self.port, self.delayed.front().map(|(due, ..)| *due));
+        Ok(sample.map(|(_, header, body)| (header, body)))
+    }
+
+    /// Passes a sample through every fault that acts. Samples keep their order, also behind delayed ones.
+    fn take(&mut self, header: Header, mut body: M) {
+        let now = self.clock.now();
+        let (mut delay, mut altered) = (Span::ZERO, false);
+        for active in &mut self.faults {
+            if !self.clock.acts(&active.fault) {
+                continue;
+            }
+            if active.is_missing(now) {
+                self.missing += 1;
+                return;
+            }
+            active.alter(&mut body, self.last);
+            delay = delay + active.delay();
+            altered = true;
+        }
+        self.last = if altered { self.last } else { Some(body) };
+        let last_due = self.delayed.back().map_or(now, |(due, ..)| *due);
+        if self.delayed.len() == MOST_DELAYED {
+            self.delayed.pop_front();
+            self.missing += 1;
+        }
+        self.delayed.push_back(((now + delay).max(last_due), header, body));
+    }
+}
+
+/// The reading end of a topic, with its faults if it has any.
+#[derive(Debug)]
+pub struct FaultyReader<T: Transport, M: Message> {
+    pub(super) inner: T::Reader<M>,
+    pub(super) injector: Option<Box<Injector<T, M>>>,
+}
+
+impl<T: Transport + std::fmt::Debug, M: Message> Subscribe<M> for FaultyReader<T, M> {
+    fn receive(&mut self) -> Result<Option<(Header, M)>, BusError> {
+        match &mut self.injector {
+            Some(injector) => injector.receive(&mut self.inner),
+            None => self.inner.receive(),
+        }
+    }
+
+    fn lost(&self) -> u64 {
+        self.inner.lost() + self.injector.as_ref().map_or(0, |injector| injector.missing)
+    }
+
+    fn drain(&mut self, mut use_sample: impl FnMut(u64, &Header, &M)) -> Result<(), BusError> {
+        if self.injector.is_none() {
+            return self.inner.drain(use_sample);
+        }
+        while let Some((header, body)) = self.receive()? {
+            use_sample(self.lost(), &header, &body);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,73 @@
+//! Files that a process makes, so that no other user can choose what it writes: links are not followed, and directories of its own
+//! are new.
+
+use std::fs::{DirBuilder, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::Path;
+
+use rustix::fs::OFlags;
+
+/// Makes a directory that only this user can enter.
+///
+/// # Errors
+/// There is a file, a directory or a link of this name, or the directory cannot be made.
+pub fn create_private_directory(path: &Path) -> io::Result<()> {
+    DirBuilder::new().mode(0o700).create(path)
+}
+
+/// Refuses a directory that is a link, or that belongs to another user, who could replace what is made in it by a link.
+///
+/// # Errors
+/// The directory is refused, or does not exist.
+pub fn check_own_directory(path: &Path) -> io::Result<()> {
+    let metadata = std::fs::symlink_metadata(path)?;
+    let reason = if !metadata.is_dir() {
+        "not a directory"
+    } else if metadata.uid() != rustix::process::geteuid().as_raw() {
+        "belongs to another user"
+    } else {
+        return Ok(());
+    };
+    Err(io::Error::new(io::ErrorKind::PermissionDenied, reason))
+}
+
+/// Creates a file, or empties the one that is there; a link is not followed.
+///
+/// # Errors
+/// The path is a link, or the file cannot be created.
+pub fn create(path: &Path) -> io::Result<File> {
+    let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+    OpenOptions::new().write(true).create(true).truncate(true).custom_flags(flags).open(path)
+}
+
+/// Writes `text` to a file as [`create`] makes it.
+///
+/// # Errors
+/// As [`create`], or the disk is full.
+pub fn write(path: &Path, text: &str) -> io::Result<()> {
+    io::Write::write_all(&mut create(path)?, text.as_bytes())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_written_or_made_through_a_link() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = |name: &str| directory.path().join(name);
+        std::fs::write(path("target"), "kept").unwrap();
+        std::os::unix::fs::symlink(path("target"), path("link")).unwrap();
+        assert!(write(&path("link"), "lost").is_err());
+        assert_eq!(std::fs::read_to_string(path("target")).unwrap(), "kept");
+        write(&path("file"), "new").unwrap();
+        assert_eq!(std::fs::read_to_string(path("file")).unwrap(), "new");
+        std::os::unix::fs::symlink(directory.path(), path("place")).unwrap();
+        assert!(create_private_directory(&path("place")).is_err());
+        assert!(check_own_directory(&path("place")).is_err());
+        create_private_directory(&path("own")).unwrap();
+        check_own_directory(&path("own")).unwrap();
+        assert_eq!(std::fs::metadata(path("own")).unwrap().mode() & 0o777, 0o700);
+    }
+}

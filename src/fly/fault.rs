@@ -1,0 +1,126 @@
+//! The flag `--fault`: which faults a flight can have, and those of processes in real time.
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::error::BusError;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
+use oqtal_config::{ClockKind, Config, Fault, FaultKind, FaultTarget};
+use oqtal_runtime::faults::ArmingWatch;
+use oqtal_runtime::faults::outage::role_of;
+use oqtal_runtime::process::{Exit, Failure};
+
+use super::vehicle::CommandLink;
+
+/// The help of the flag.
+pub const HELP: &str = "Inject a fault, TIME seconds after arming, as in pose:off@5+0.1 or mocap-emu:stop@5+0.5; repeatable. \
+     A wrong one lists the targets and kinds";
+
+/// Checks that the flight can have its faults.
+///
+/// # Errors
+/// The fault and the reason, exit code 64.
+pub fn check(config: &Config, link: &CommandLink) -> Result<(), Failure> {
+    let refused = config.fault.inject.iter().find_map(|fault| {
+        let reason = obstacle(fault, config, link)?;
+        Some(Failure::new(Exit::Usage, format!("--fault {fault}: {reason}")))
+    });
+    refused.map_or(Ok(()), Err)
+}
+
+/// Why the flight cannot have `fault`; `None` if it can.
+fn obstacle(fault: &Fault, config: &Config, link: &CommandLink) -> Option<&'static str> {
+    if config.is_replay() {
+        return Some("a recording is never armed; leave out --mocap replay");
+    }
+    if fault.kind == FaultKind::Kill && config.clock.kind == ClockKind::Lockstep {
+        return Some(
+            "in lockstep time waits for every process; use --clock real or in-process, or `stop`",
+        );
+    }
+    let roles = link.roles(config);
+    let is_there = match fault.target {
+        FaultTarget::Radio => roles.contains(&Role::Plant) && !config.plant.shadow,
+        target => role_of(target).is_none_or(|role| roles.contains(&role)),
+    };
+    match (is_there, fault.target) {
+        (true, _) => None,
+        (false, FaultTarget::Bridge) => {
+            Some("the flight has no bridge; add --vehicle bridge:asctec, or name another process")
+        }
+        (false, _) => Some("the flight does not start that process; name another target"),
+    }
+}
+
+/// What happens to a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProcessAction {
+    /// It is killed; if it is to be started again, its end is no failure.
+    Kill {
+        /// Whether [`ProcessAction::Start`] follows.
+        is_restarted: bool,
+    },
+    /// It is started again.
+    Start,
+    /// It is stopped by SIGSTOP.
+    Stop,
+    /// It is continued.
+    Continue,
+}
+
+/// The faults of processes in a flight in real time, as actions at instants after arming.
+#[derive(Debug)]
+pub struct ProcessFaults {
+    /// Later actions first \[time after arming\].
+    actions: Vec<(Span, Role, ProcessAction)>,
+    /// `None` without faults.
+    arming: Option<ArmingWatch<Bus>>,
+    armed_at: Option<Time>,
+}
+
+impl ProcessFaults {
+    /// The faults of `config` that kill or stop processes in real time. In virtual time the turn scheduler acts on them.
+    ///
+    /// # Errors
+    /// The bus failed.
+    pub fn open(bus: &Bus, config: &Config) -> Result<Self, BusError> {
+        let is_real = config.clock.kind == ClockKind::Real;
+        let all = config.fault.inject.iter().filter(|_| is_real);
+        let mut actions: Vec<_> = all.flat_map(actions_of).collect();
+        actions.sort_by_key(|(at, ..)| std::cmp::Reverse(*at));
+        let arming = (!actions.is_empty()).then(|| ArmingWatch::open(bus)).transpose()?;
+        Ok(Self { actions, arming, armed_at: None })
+    }
+
+    /// The next action that is due at `now`; `None` if there is none.
+    ///
+    /// # Errors
+    /// The bus failed.
+    pub fn due(&mut self, now: Time) -> Result<Option<(Role, ProcessAction)>, BusError> {
+        if let (None, Some(arming)) = (self.armed_at, &mut self.arming) {
+            self.armed_at = arming.armed_at()?;
+        }
+        let is_due = self.next().is_some_and(|next| next <= now);
+        let action = if is_due { self.actions.pop() } else { None };
+        Ok(action.map(|(_, role, action)| (role, action)))
+    }
+
+    /// The instant of the next action; `None` before arming.
+    #[must_use]
+    pub fn next(&self) -> Option<Time> {
+        let (at, ..) = self.actions.last()?;
+        Some(self.armed_at? + *at)
+    }
+}
+
+/// The actions of a fault: its beginning, and its end if it has one.
+fn actions_of(fault: &Fault) -> Vec<(Span, Role, ProcessAction)> {
+    let is_restarted = fault.duration_s.is_some();
+    let (begin, end) = match fault.kind {
+        FaultKind::Kill => (ProcessAction::Kill { is_restarted }, ProcessAction::Start),
+        FaultKind::Stop => (ProcessAction::Stop, ProcessAction::Continue),
+        _ => return Vec::new(),
+    };
+    let Some(role) = role_of(fault.target) else { return Vec::new() };
+    let end = is_restarted.then(|| (Span::from_seconds(fault.end_s()), role, end));
+    std::iter::once((Span::from_seconds(fault.at_s), role, begin)).chain(end).collect()
+}

@@ -1,0 +1,73 @@
+//! What never happens in a flight, whatever fails.
+
+use nalgebra::Vector3;
+use oqtal_bus::code::SafetyState;
+use oqtal_bus::time::Span;
+use oqtal_observe::flight::{Flight, FlightSample};
+
+/// Time for which motors may run on after the vehicle has tipped.
+const TIPPED_LIMIT: Span = Span::from_millis(500);
+/// Distance from the origin beyond which the vehicle has left the room \[m\].
+const ROOM_M: f64 = 20.0;
+
+/// The invariants that `flight` breaks, one line for each.
+pub fn violations(flight: &Flight) -> Vec<String> {
+    [nonsense(flight), tipped(flight), outside(flight)].into_iter().flatten().collect()
+}
+
+/// The safety states worse than Nominal that the flight went through in the air.
+pub fn states_of(flight: &Flight) -> Vec<String> {
+    let mut states: Vec<u8> = flight.armed().map(|sample| sample.telemetry.state).collect();
+    states.sort_unstable();
+    states.dedup();
+    let names = states.into_iter().filter_map(SafetyState::from_code);
+    names.filter(|state| *state > SafetyState::Nominal).map(|state| state.to_string()).collect()
+}
+
+/// Whether the daemon commands thrust.
+fn is_powered(sample: &FlightSample) -> bool {
+    sample.is_armed() && sample.telemetry.thrust > 0.0
+}
+
+fn at(flight: &Flight, sample: &FlightSample) -> f64 {
+    sample.telemetry.time.since(flight.origin()).seconds()
+}
+
+/// A command that is not finite or not within its range.
+fn nonsense(flight: &Flight) -> Option<String> {
+    let wrong = flight.samples.iter().find(|sample| {
+        let telemetry = &sample.telemetry;
+        let sticks = telemetry.sticks.iter().all(|stick| (-1.0..=1.0).contains(stick));
+        let torque = telemetry.torque.iter().all(|torque| torque.is_finite());
+        !(sticks && torque && (0.0..=1.0).contains(&telemetry.thrust))
+    })?;
+    Some(format!("a command out of range at {:.3} s", at(flight, wrong)))
+}
+
+/// Motors that run on after the vehicle has tipped.
+fn tipped(flight: &Flight) -> Option<String> {
+    let is_tipped = |sample: &&FlightSample| {
+        sample.truth.is_some() && sample.attitude().to_world(&Vector3::z()).z < 0.0
+    };
+    let tipped = flight.armed().find(is_tipped)?.telemetry.time;
+    let on = |sample: &&FlightSample| {
+        is_powered(sample) && sample.telemetry.time.since(tipped) > TIPPED_LIMIT
+    };
+    let sample = flight.samples.iter().find(on)?;
+    Some(format!(
+        "power at {:.3} s, tipped at {:.3} s",
+        at(flight, sample),
+        tipped.since(flight.origin()).seconds()
+    ))
+}
+
+/// A vehicle that flies under power where it must not.
+fn outside(flight: &Flight) -> Option<String> {
+    let away = |sample: &&FlightSample| is_powered(sample) && sample.position().norm() > ROOM_M;
+    let sample = flight.samples.iter().find(away)?;
+    Some(format!(
+        "under power at {:.1?} at {:.3} s",
+        sample.position().as_slice(),
+        at(flight, sample)
+    ))
+}

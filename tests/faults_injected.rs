@@ -1,0 +1,265 @@
+//! Faults by hand, `oqtal fly --fault`, through processes: the lines that docs/faults.md names, and what each of them shows.
+
+mod common;
+
+use common::{Testbed, number, stderr};
+use serde_json::Value;
+
+/// A short flight: 3 s of hover, in all 13 s in virtual time. The faults begin in the hover.
+const HOVER: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "3", "--json"];
+/// A shorter one for faults that end it, in real time.
+const BRIEF: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "1", "--json"];
+
+/// What a flight with a fault was like.
+struct Flown {
+    code: Option<i32>,
+    summary: Value,
+    causes: Vec<String>,
+    message: String,
+}
+
+impl Flown {
+    fn passed(&self, state: &str) -> bool {
+        self.summary["state_sequence"].as_array().unwrap().iter().any(|passed| passed == state)
+    }
+
+    #[track_caller]
+    fn lands(&self) -> &Self {
+        assert_eq!(self.summary["outcome"], "landed", "{} {}", self.summary, self.message);
+        self
+    }
+
+    #[track_caller]
+    fn is_stopped_for(&self, cause: &str) -> &Self {
+        assert_eq!(self.summary["outcome"], "stopped", "{} {}", self.summary, self.message);
+        self.by(cause)
+    }
+
+    /// The fault was the cause of a state.
+    #[track_caller]
+    fn by(&self, cause: &str) -> &Self {
+        assert!(self.causes.iter().any(|named| named == cause), "{:?}", self.causes);
+        self
+    }
+
+    #[track_caller]
+    fn coasts(&self) -> &Self {
+        // The first Coast is that of the start.
+        let states = self.summary["state_sequence"].as_array().unwrap();
+        assert!(states.iter().filter(|state| *state == "Coast").count() > 1, "{states:?}");
+        self
+    }
+
+    #[track_caller]
+    fn refuses(&self, least: f64) -> &Self {
+        assert!(number(&self.summary, "/poses_refused") >= least, "{}", self.summary);
+        self
+    }
+}
+
+fn fly(flight: &[&str], line: &str) -> Flown {
+    let testbed = Testbed::new("injected");
+    let words: Vec<&str> = flight.iter().copied().chain(line.split_whitespace()).collect();
+    let mut command = testbed.oqtal(&[&words[..], &["--seed", "7"]].concat());
+    let output = command.arg("--out").arg(testbed.path("out")).output().unwrap();
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    let table = std::fs::read_to_string(testbed.path("out/telemetry.csv")).unwrap_or_default();
+    let column = table.lines().next().and_then(|head| head.split(',').position(|c| c == "cause"));
+    let cause = |row: &str| Some(row.split(',').nth(column?)?.to_owned());
+    let causes = table.lines().skip(1).filter_map(cause).collect();
+    assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+    Flown { code: output.status.code(), summary, causes, message: stderr(&output) }
+}
+
+#[test]
+fn f01_poses_that_are_off_for_a_moment_are_coasted_through() {
+    fly(&HOVER, "--clock lockstep --fault pose:off@4+0.1").coasts().by("no pose").lands();
+}
+
+#[test]
+fn f02_poses_that_stay_off_stop_the_motors() {
+    let flown = fly(&HOVER, "--clock lockstep --fault pose:off@4");
+    flown.is_stopped_for("no pose");
+    assert_eq!(flown.code, Some(1));
+    assert!((4.2..4.3).contains(&number(&flown.summary, "/duration_s")), "{}", flown.summary);
+}
+
+#[test]
+fn f03_stuck_poses_are_no_poses() {
+    fly(&HOVER, "--clock lockstep --fault pose:stuck@1+0.1").coasts().by("pose frozen").lands();
+}
+
+#[test]
+fn f04_delayed_poses_are_judged_by_their_capture() {
+    fly(&HOVER, "--clock lockstep --fault pose:delayed=70ms@4").is_stopped_for("stale pose");
+}
+
+#[test]
+fn f06_garbage_is_refused_and_flown_through() {
+    fly(&HOVER, "--clock lockstep --fault pose:garbage@4+0.1").refuses(5.0).coasts().lands();
+}
+
+#[test]
+fn f09_wrong_poses_are_refused_and_flown_through() {
+    let flown = fly(&HOVER, "--clock lockstep --fault pose:wrong=0.5m@4+0.04");
+    flown.refuses(2.0).lands();
+}
+
+#[test]
+fn f10_a_lasting_turn_is_never_believed() {
+    fly(&HOVER, "--clock lockstep --fault pose:wrong=180deg@4").is_stopped_for("pose jumped");
+}
+
+#[test]
+fn f11_poses_that_come_seldom_are_flown_with() {
+    let flown = fly(&HOVER, "--clock lockstep --fault pose:slow=30Hz@4+2");
+    flown.lands();
+    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 2);
+    fly(&HOVER, "--clock lockstep --fault pose:intermittent=30%@4+3").lands();
+}
+
+#[test]
+fn f13_cameras_that_die_are_replaced_in_flight() {
+    fly(&HOVER, "--clock in-process --fault mocap-emu:kill@4+0.1").coasts().lands();
+}
+
+#[test]
+fn f13_cameras_that_die_end_a_flight_through_processes() {
+    let flown = fly(&BRIEF, "--fault mocap-emu:kill@1");
+    assert_eq!(flown.code, Some(1));
+    assert!(flown.message.contains("mocap-emu was killed by signal 9"), "{}", flown.message);
+}
+
+#[test]
+fn f14_a_daemon_that_is_replaced_does_not_take_off_again() {
+    let flown = fly(&BRIEF, "--fault daemon:kill@1.5+0.3");
+    assert_eq!((flown.code, &flown.summary["outcome"]), (Some(1), &"crashed".into()));
+    fly(&HOVER, "--clock in-process --fault daemon:kill@4+0.3");
+}
+
+#[test]
+fn f15_a_daemon_that_stops_for_some_periods_flies_on() {
+    fly(&HOVER, "--clock lockstep --fault daemon:stop@4+0.1").lands();
+    fly(&BRIEF, "--fault daemon:stop@3+0.1").lands();
+}
+
+#[test]
+fn f17_a_plant_that_dies_leaves_no_truth() {
+    let flown = fly(&HOVER, "--clock in-process --fault plant-sim:kill@4+1");
+    flown.is_stopped_for("no pose");
+    fly(&HOVER, "--clock lockstep --fault plant-sim:stop@4+0.1").coasts().lands();
+}
+
+#[test]
+fn f18_a_vehicle_that_falls_silent_is_told_to_stop() {
+    let flown = fly(&HOVER, "--clock lockstep --fault vehicle:off@4");
+    flown.is_stopped_for("vehicle silent");
+    assert!(number(&flown.summary, "/duration_s") < 4.6);
+    fly(&HOVER, "--clock lockstep --fault vehicle:wrong@4").is_stopped_for("vehicle silent");
+    let line = "--vehicle bridge:asctec --fault bridge:kill@1.5+0.1";
+    fly(&BRIEF, line).is_stopped_for("vehicle silent");
+}
+
+#[test]
+fn f20_wrong_bits_on_the_wire_are_flown_through() {
+    fly(&BRIEF, "--vehicle bridge:asctec --set plant.wire.bit-error-rate=1e-4").lands();
+}
+
+#[test]
+fn f21_garbage_in_place_of_commands_moves_nothing_beyond_its_limits() {
+    let flown = fly(&HOVER, "--clock lockstep --fault command:garbage@4+0.05");
+    flown.lands();
+    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn f22_late_turns_act_on_the_newest_pose_and_are_not_made_up_for() {
+    let flown = fly(&HOVER, "--clock lockstep --fault daemon:slow=20ms@4+0.5");
+    flown.lands();
+    assert!(number(&flown.summary, "/poses_superseded") > 2.0, "{}", flown.summary);
+}
+
+#[test]
+fn f36_motors_that_never_start_end_the_flight() {
+    let flown = fly(&BRIEF, "--vehicle bridge:asctec --fault radio:off@0");
+    flown.is_stopped_for("vehicle silent");
+}
+
+/// The command, the vehicle and the radio fail in every way that they can without the flight being lost.
+#[test]
+fn a_flight_survives_short_faults_of_every_kind() {
+    for fault in [
+        "command:off@4+0.15",
+        "command:stuck@4+0.1",
+        "command:wrong=80%@4+0.5",
+        "command:slow=30Hz@4+1",
+        "command:delayed=20ms@4+2",
+        "command:intermittent@4+1",
+        "vehicle:stuck@4+0.3",
+        "vehicle:garbage@4+0.1",
+        "vehicle:slow=20Hz@4+1",
+        "vehicle:delayed@4+1",
+        "vehicle:intermittent@4+1",
+        "radio:off@4+0.15",
+        "radio:delayed=20ms@4+2",
+        "radio:intermittent@4+1",
+        "mocap-emu:stop@4+0.1",
+        "mocap-emu:slow=10ms@4+1",
+        "plant-sim:slow=5ms@4+0.5",
+    ] {
+        let flown = fly(&HOVER, &format!("--clock in-process --fault {fault}"));
+        flown.lands();
+        assert_eq!(flown.summary["faults"].as_array().unwrap().len(), 1, "{fault}");
+    }
+}
+
+#[test]
+fn the_clocks_agree_with_every_fault_bit_for_bit() {
+    let line = "--fault pose:garbage@3+0.05 --fault pose:intermittent@4+1 --fault pose:wrong@5.5+0.03 \
+                --fault pose:delayed=40ms@6+0.5 --fault command:delayed=25ms@4+1 \
+                --fault command:intermittent@6+0.3 --fault radio:intermittent@7+0.3 \
+                --fault vehicle:slow@4 --fault daemon:stop@7.5+0.07 --fault mocap-emu:slow=7ms@8+0.5 \
+                --fault plant-sim:stop@9+0.05";
+    let hash = |clock: &str| {
+        let flown = fly(&HOVER, &format!("--clock {clock} {line}"));
+        flown.lands();
+        assert!(flown.passed("Nominal"));
+        flown.summary["trajectory_hash"].clone()
+    };
+    let first = hash("lockstep");
+    assert_eq!(first, hash("lockstep"));
+    assert_eq!(first, hash("in-process"));
+}
+
+#[test]
+fn the_configuration_of_a_flight_repeats_its_faults() {
+    let testbed = Testbed::new("repeat");
+    let words = ["--clock", "in-process", "--trajectory", "hover", "--duration", "3"];
+    let faulty = [&words[..], &["--fault", "pose:intermittent@4+1", "--out", "first"]].concat();
+    let first = testbed.summary(&faulty);
+    let again = testbed.summary(&["--config", "first/config.toml"]);
+    assert_eq!(first["trajectory_hash"], again["trajectory_hash"]);
+    assert_eq!(again["faults"][0]["fault"], "pose:intermittent=50%@4+1");
+    assert_ne!(first["trajectory_hash"], testbed.summary(&words)["trajectory_hash"]);
+}
+
+#[test]
+fn faults_that_a_flight_cannot_have_are_refused() {
+    let testbed = Testbed::new("refused");
+    for (words, code, reason) in [
+        (&["--fault", "pose:broken@1"][..], 64, "pose       off | stuck | garbage"),
+        (&["--fault", "pose:off"], 64, "TARGET:KIND[=VALUE]@TIME[+DURATION]"),
+        (&["--fault", "bridge:stop@1"], 64, "the flight has no bridge"),
+        (&["--fault", "daemon:kill@1", "--clock", "lockstep"], 64, "time waits for every process"),
+        (&["--set", "fault.inject=[\"pose:off\"]"], 78, "TARGET:KIND[=VALUE]@TIME[+DURATION]"),
+        (
+            &["--fault", "pose:off@1", "--vehicle", "link:asctec:/dev/null"],
+            78,
+            "fault.with-real-vehicle",
+        ),
+    ] {
+        let output = testbed.fly(words);
+        assert_eq!(output.status.code(), Some(code), "{words:?} {}", stderr(&output));
+        assert!(stderr(&output).contains(reason), "{words:?} {}", stderr(&output));
+    }
+}

@@ -1,0 +1,131 @@
+//! Another user of the machine beside a running instance: what he may write, read, end or take the name of.
+
+mod common;
+
+use std::os::unix::fs::MetadataExt;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use common::{Testbed, stderr, wait_for};
+use oqtal_bus::topic::{TELEMETRY, VEHICLE};
+use oqtal_bus::transport::{Subscribe, Transport};
+
+/// The user `nobody`.
+const NOBODY: u32 = 65_534;
+
+fn is_root() -> bool {
+    let is_root = rustix::process::getuid().is_root();
+    if !is_root {
+        eprintln!("skipped: only root can become another user");
+    }
+    is_root
+}
+
+/// Runs `script` as nobody, with `paths` as its arguments.
+fn as_nobody(script: &str, paths: &[PathBuf]) -> std::process::Output {
+    let mut shell = Command::new("sh");
+    shell.arg("-c").arg(script).arg("sh").args(paths);
+    shell.uid(NOBODY).gid(NOBODY).current_dir("/").output().unwrap()
+}
+
+fn files_below(directory: &Path) -> Vec<PathBuf> {
+    let mut found = vec![directory.to_path_buf()];
+    for entry in std::fs::read_dir(directory).unwrap().flatten() {
+        match entry.file_type().unwrap().is_dir() {
+            true => found.extend(files_below(&entry.path())),
+            false => found.push(entry.path()),
+        }
+    }
+    found
+}
+
+#[test]
+fn nobody_can_write_read_or_remove_a_file_of_a_running_instance() {
+    if !is_root() {
+        return;
+    }
+    let testbed = Testbed::new("neighbour");
+    let bus = testbed.bus();
+    let mut vehicles = bus.observer(&VEHICLE).unwrap();
+    let _processes = ["plant-sim", "mocap-emu", "daemon"].map(|p| testbed.start(&[p, "run"]));
+    wait_for("the vehicle", || vehicles.latest().unwrap());
+    let shared = testbed.remains().into_iter().map(|name| Path::new("/dev/shm").join(name));
+    let shared: Vec<PathBuf> = shared.collect();
+    assert!(shared.len() > 10);
+    let files: Vec<PathBuf> =
+        shared.into_iter().chain(files_below(&testbed.paths().directory())).collect();
+    for file in &files {
+        let mode = std::fs::symlink_metadata(file).unwrap().mode();
+        assert_eq!(mode & 0o077, 0, "{} has mode {mode:o}", file.display());
+    }
+    let script = "for f; do \
+        (: >> \"$f\") 2>/dev/null && echo written: $f; \
+        head -c 1 \"$f\" >/dev/null 2>&1 && echo read: $f; \
+        rm -rf \"$f\" 2>/dev/null && [ ! -e \"$f\" ] && [ -x \"${f%/*}\" ] && echo removed: $f; \
+        mv \"$f\" \"$f.moved\" 2>/dev/null && echo moved: $f; done; true";
+    let output = as_nobody(script, &files);
+    let reached = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(reached.is_empty(), "{reached}{}", stderr(&output));
+    wait_for("the vehicle", || vehicles.latest().unwrap());
+}
+
+#[test]
+fn nobody_can_neither_stop_nor_ask_an_instance() {
+    if !is_root() {
+        return;
+    }
+    let testbed = Testbed::new("neighbour-ctl");
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let _daemon = testbed.start(&["daemon", "run"]);
+    wait_for("ticks", || telemetry.latest().unwrap());
+    for command in ["stop", "status", "arm"] {
+        let mut ctl = testbed.oqtal(&["ctl", command]);
+        let output = ctl.uid(NOBODY).gid(NOBODY).current_dir("/").output().unwrap();
+        assert_eq!(output.status.code(), Some(77), "{command}: {}", stderr(&output));
+    }
+    let (_, tick) = wait_for("a tick", || telemetry.latest().unwrap());
+    assert_ne!(tick.state, oqtal_bus::code::SafetyState::Stop.code());
+}
+
+#[test]
+fn no_link_of_another_user_is_followed() {
+    if !is_root() {
+        return;
+    }
+    let testbed = Testbed::new("links");
+    let place = tempfile::tempdir().unwrap();
+    rustix::fs::chmod(place.path(), 0o1777.into()).unwrap();
+    let kept = testbed.write("kept", "kept");
+    let path = |name: &str| place.path().join(name);
+    // Links from places that he may write to, to files and directories of root.
+    let links = [(path("root"), testbed.path("")), (path("flights"), testbed.path(""))];
+    for (link, target) in &links {
+        let made = as_nobody("ln -s \"$1\" \"$2\"", &[target.clone(), link.clone()]);
+        assert!(made.status.success(), "{}", stderr(&made));
+    }
+    let root = path("root").display().to_string();
+    let daemon = Command::new(env!("CARGO_BIN_EXE_oqtal"))
+        .args(["daemon", "run", "--root", &root, "--instance", testbed.instance()])
+        .output()
+        .unwrap();
+    assert_eq!(daemon.status.code(), Some(77), "{}", stderr(&daemon));
+    let mut fly = testbed.oqtal(&["fly", "--clock", "in-process", "--trajectory", "hover"]);
+    let fly = fly.current_dir(place.path()).output().unwrap();
+    assert_eq!(fly.status.code(), Some(71), "{}", stderr(&fly));
+    assert!(stderr(&fly).contains("flights"), "{}", stderr(&fly));
+    // In shared memory: a file with the name of one of the instance.
+    let words = Path::new("/dev/shm").join(format!("{}command.count", testbed.paths().prefix()));
+    std::os::unix::fs::symlink(&kept, &words).unwrap();
+    let mut daemon = testbed.oqtal(&["plant-sim", "run"]);
+    let mut plant = common::Running::start(&mut daemon);
+    // Joined alone, root removes it; nothing is written through it.
+    wait_for("the start or the refusal", || {
+        let is_replaced = std::fs::symlink_metadata(&words).is_ok_and(|file| file.is_file());
+        (is_replaced || !plant.runs()).then_some(())
+    });
+    assert_eq!(std::fs::read_to_string(&kept).unwrap(), "kept");
+    drop(plant);
+    let _ = std::fs::remove_file(words);
+}

@@ -1,0 +1,132 @@
+//! Soak: all processes in real time, flown again and again while processes are stopped, killed and started again and topics
+//! fail, by a seed. OQTAL_TEST_SOAK_S sets the duration \[s\], OQTAL_TEST_SOAK_SEED the seed.
+
+mod common;
+
+#[path = "soak/laboratory.rs"]
+mod laboratory;
+#[path = "soak/resources.rs"]
+mod resources;
+#[path = "soak/watch.rs"]
+mod watch;
+
+use std::time::{Duration, Instant};
+
+use common::random::{Random, length};
+use laboratory::{Laboratory, PROCESSES};
+use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
+use resources::ResourceRecord;
+use watch::Watch;
+
+/// Ticks that a flight waits for its take-off, and for its landing; after them it is ended as an operator would, by Stop.
+const PATIENCE_TICKS: u64 = 900;
+/// Ticks after which processes have let go of what belonged to a dead one.
+const SETTLING_TICKS: u64 = 60;
+
+/// How the flights ended, and what was done to them.
+#[derive(Debug, Default)]
+struct Count {
+    landed: u32,
+    stopped: u32,
+    refused: u32,
+    kills: u32,
+    stops: u32,
+}
+
+/// Waits by the ticks of the daemon, at most `ticks` of them, until `is_over`; false if it never was. A daemon that does not
+/// tick is waited for as long as any test waits.
+fn until(watch: &mut Watch, ticks: u64, mut is_over: impl FnMut(&Watch) -> bool) -> bool {
+    let (began, first) = (Instant::now(), watch.ticks);
+    loop {
+        watch.poll();
+        if is_over(watch) {
+            return true;
+        }
+        if watch.ticks > first + ticks {
+            return false;
+        }
+        assert!(began.elapsed() < common::WAIT_TIMEOUT, "the daemon stands still");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Lets the flight go on for up to two seconds.
+fn fly_on(watch: &mut Watch, random: &mut Random) {
+    let end = Instant::now() + Duration::from_millis(random.below(2000));
+    while Instant::now() < end {
+        watch.poll();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Kills a process and starts it again, or stops it for up to half a second.
+fn disturb(laboratory: &mut Laboratory, random: &mut Random, count: &mut Count) {
+    let process = random.below(PROCESSES.len() as u64) as usize;
+    if random.one_in(2) {
+        count.kills += 1;
+        laboratory.kill(process);
+        std::thread::sleep(Duration::from_millis(random.below(300)));
+        laboratory.start(process);
+    } else {
+        count.stops += 1;
+        laboratory.pause(process, Duration::from_millis(20 + random.below(480)));
+    }
+}
+
+/// One flight with up to three disturbances.
+fn flight(laboratory: &mut Laboratory, watch: &mut Watch, random: &mut Random, count: &mut Count) {
+    if !laboratory.ask(OperatorCommand::Fly) {
+        count.refused += 1;
+        return;
+    }
+    let in_the_air =
+        |watch: &Watch| watch.height_m > 0.5 || watch.state == SafetyState::Stop.code();
+    until(watch, PATIENCE_TICKS, in_the_air);
+    for _ in 0..random.below(4) {
+        fly_on(watch, random);
+        disturb(laboratory, random, count);
+    }
+    until(watch, 30, |_| false);
+    let was_flying = watch.mode != Mode::Disarmed.code();
+    laboratory.ask(OperatorCommand::Land);
+    let is_down = |watch: &Watch| watch.mode == Mode::Disarmed.code();
+    let landed = until(watch, PATIENCE_TICKS, is_down) && was_flying;
+    if landed && watch.state != SafetyState::Stop.code() {
+        count.landed += 1;
+    } else {
+        count.stopped += 1;
+        laboratory.ask(OperatorCommand::Stop);
+    }
+}
+
+#[test]
+fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() {
+    let seconds = length("OQTAL_TEST_SOAK_S", 8);
+    let mut random = Random(length("OQTAL_TEST_SOAK_SEED", 1));
+    let mut laboratory = Laboratory::new(&mut random, seconds);
+    let mut watch = Watch::new(&laboratory);
+    let mut count = Count::default();
+    let (began, mut flights) = (Instant::now(), 0);
+    let mut settled = ResourceRecord::default();
+    while flights == 0 || began.elapsed() < Duration::from_secs(seconds) {
+        laboratory.restart_plant();
+        let is_ready = |watch: &Watch| watch.is_fresh && watch.mode == Mode::Disarmed.code();
+        assert!(until(&mut watch, PATIENCE_TICKS, is_ready), "the daemon gets no poses");
+        until(&mut watch, SETTLING_TICKS, |_| false);
+        settled.add(laboratory.resources(), flights);
+        flight(&mut laboratory, &mut watch, &mut random, &mut count);
+        flights += 1;
+        watch.assert_sound();
+    }
+    println!(
+        "{flights} flights in {} s: {count:?}; {} commands, {} ticks, {} poses refused; {:?}",
+        began.elapsed().as_secs(),
+        watch.commands,
+        watch.ticks,
+        watch.refused,
+        settled,
+    );
+    // Its readers are a part of the instance, too.
+    drop(watch);
+    laboratory.end();
+}

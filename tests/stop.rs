@@ -1,0 +1,153 @@
+//! An operator's stop past a daemon that cannot obey: real processes, real signals.
+
+mod common;
+
+use common::{Running, Testbed, stderr, wait_for};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
+use oqtal_bus::message::{CommandV1, Stamps, VehicleV1};
+use oqtal_bus::port::Reader;
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::{COMMAND, TELEMETRY, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// Runs `oqtal ctl stop --json`; returns its exit code and what it printed.
+fn stop(testbed: &Testbed) -> (Option<i32>, Value, String) {
+    let output = testbed.oqtal(&["ctl", "stop", "--json"]).output().unwrap();
+    let answer = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output.status.code(), answer, stderr(&output))
+}
+
+/// Starts the three processes, arms, and waits until the vehicle is in the air.
+fn airborne(testbed: &Testbed, bus: &Bus) -> [Running; 3] {
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let processes =
+        ["plant-sim", "mocap-emu", "daemon"].map(|process| testbed.start(&[process, "run"]));
+    wait_for("arming", || {
+        let output = testbed.oqtal(&["ctl", "arm"]).output().unwrap();
+        output.status.success().then_some(())
+    });
+    wait_for("flight", || {
+        let (_, tick) = telemetry.latest().unwrap()?;
+        (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
+    });
+    processes
+}
+
+fn until(vehicles: &mut Reader<VehicleV1>, what: &str, holds: impl Fn(&VehicleV1) -> bool) {
+    wait_for(what, || vehicles.receive().unwrap().filter(|(_, vehicle)| holds(vehicle)));
+}
+
+#[test]
+fn f15_a_stop_passes_a_daemon_that_stands_still_and_is_latched_when_it_goes_on() {
+    let testbed = Testbed::new("stop-past");
+    let bus = testbed.bus();
+    let [_plant, _cameras, daemon] = airborne(&testbed, &bus);
+    let mut vehicles = bus.observer(&VEHICLE).unwrap();
+    daemon.signal(Signal::STOP);
+    let (code, answer, message) = stop(&testbed);
+    assert_eq!(code, Some(0), "{message}");
+    assert_eq!(answer["motors_off"], true);
+    assert_eq!(answer["daemon_obeys"], false);
+    until(&mut vehicles, "the stop", |vehicle| (vehicle.armed, vehicle.stopped) == (0, 1));
+    daemon.signal(Signal::CONT);
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("a latched stop", || {
+        let (_, tick) = telemetry.receive().unwrap()?;
+        let stopped = (Mode::Disarmed.code(), SafetyState::Stop.code(), Cause::Operator.code());
+        ((tick.mode, tick.state, tick.cause) == stopped).then_some(())
+    });
+    until(&mut vehicles, "the end of the stop", |vehicle| vehicle.stopped == 0);
+    wait_for("arming again", || {
+        let output = testbed.oqtal(&["ctl", "arm"]).output().unwrap();
+        output.status.success().then_some(())
+    });
+    until(&mut vehicles, "motors", |vehicle| vehicle.armed == 1);
+    let (code, answer, message) = stop(&testbed);
+    assert_eq!(code, Some(0), "{message}");
+    assert_eq!(answer["daemon_obeys"], true);
+}
+
+#[test]
+fn no_command_published_after_a_stop_acts_although_the_daemon_goes_on_commanding() {
+    let testbed = Testbed::new("stop-deaf");
+    let bus = testbed.bus();
+    let mut vehicles = bus.observer(&VEHICLE).unwrap();
+    let mut commands = bus.writer(&COMMAND).unwrap();
+    let _plant = testbed.start(&["plant-sim", "run"]);
+    let mut command = |actuation: Actuation| {
+        let stamps = Stamps { command_published_at: Time::now(), ..Stamps::default() };
+        let body = CommandV1 { actuation: actuation.code(), thrust: 0.3, ..CommandV1::default() };
+        commands.send(1, stamps, body).unwrap();
+        commands.notify().unwrap();
+    };
+    wait_for("motors", || {
+        command(Actuation::Sticks);
+        vehicles.latest().unwrap().filter(|(_, vehicle)| vehicle.armed == 1)
+    });
+    bus.stop_switch().unwrap().raise();
+    let raised_at = Time::now();
+    let mut seen = 0;
+    wait_for("twenty reports", || {
+        command(Actuation::Sticks);
+        while let Some((header, vehicle)) = vehicles.receive().unwrap() {
+            let is_later = header.stamps.command_published_at > raised_at;
+            assert!(!(is_later && vehicle.armed == 1), "{header:?}");
+            seen += u32::from(is_later && vehicle.stopped == 1);
+        }
+        (seen >= 20).then_some(())
+    });
+    wait_for("the end of the stop", || {
+        command(Actuation::Disarmed);
+        vehicles.latest().unwrap().filter(|(_, vehicle)| vehicle.stopped == 0)
+    });
+    wait_for("motors again", || {
+        command(Actuation::Sticks);
+        vehicles.latest().unwrap().filter(|(_, vehicle)| vehicle.armed == 1)
+    });
+}
+
+#[test]
+fn a_stop_that_nobody_obeys_is_reported_and_waits_for_the_vehicle() {
+    let testbed = Testbed::new("stop-nobody");
+    let (code, _, message) = stop(&testbed);
+    assert_eq!(code, Some(75));
+    assert!(message.contains("nobody to stop"), "{message}");
+    let bus = testbed.bus();
+    let _daemon = testbed.start(&["daemon", "run"]);
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("ticks", || telemetry.latest().unwrap());
+    let (code, answer, message) = stop(&testbed);
+    assert_eq!(code, Some(75), "{message}");
+    assert_eq!((&answer["vehicle_obeys"], &answer["daemon_obeys"]), (&false.into(), &true.into()));
+    // A vehicle that comes later is stopped until the daemon, which commands "disarmed", lifts the stop.
+    let mut vehicles = bus.observer(&VEHICLE).unwrap();
+    let _plant = testbed.start(&["plant-sim", "run"]);
+    until(&mut vehicles, "the stop", |vehicle| vehicle.stopped == 1);
+    until(&mut vehicles, "its end", |vehicle| (vehicle.armed, vehicle.stopped) == (0, 0));
+}
+
+#[test]
+fn in_lockstep_a_stop_waits_for_virtual_time_to_go_on() {
+    let testbed = Testbed::new("stop-lockstep");
+    let bus = testbed.bus();
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    let words = ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "600000"];
+    let flight = testbed.start(&[&words[..], &["--json"]].concat());
+    let daemon = wait_for("flight", || {
+        let (header, tick) = telemetry.latest().unwrap()?;
+        (tick.mode == Mode::Flying.code()).then_some(header.origin().process())
+    });
+    common::signal(daemon, Signal::STOP);
+    // The daemon stands still within its turn; the virtual time of the others ends there.
+    wait_for("the stand-still", || (common::state_of(daemon) == Some('T')).then_some(()));
+    let (code, _, message) = stop(&testbed);
+    common::signal(daemon, Signal::CONT);
+    assert_eq!(code, Some(75), "{message}");
+    assert!(message.contains("virtual time stands still"), "{message}");
+    let output = flight.wait();
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "stopped", "{}", stderr(&output));
+}

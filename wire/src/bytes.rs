@@ -1,0 +1,144 @@
+//! Reading and writing of numbers in either byte order.
+
+/// Byte order of numbers on a wire.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ByteOrder {
+    /// Least significant byte first.
+    #[default]
+    Little,
+    /// Most significant byte first.
+    Big,
+}
+
+/// Reader of fields, one after another; `None` where the bytes end.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ByteReader<'a> {
+    rest: &'a [u8],
+    order: ByteOrder,
+}
+
+macro_rules! read_number {
+    ($($name:ident: $type:ty),*) => {$(
+        #[doc = concat!("Reads one `", stringify!($type), "`.")]
+        pub(crate) fn $name(&mut self) -> Option<$type> {
+            let order = self.order;
+            self.take().map(|bytes| match order {
+                ByteOrder::Little => <$type>::from_le_bytes(bytes),
+                ByteOrder::Big => <$type>::from_be_bytes(bytes),
+            })
+        }
+    )*};
+}
+
+impl<'a> ByteReader<'a> {
+    pub(crate) fn new(bytes: &'a [u8], order: ByteOrder) -> Self {
+        Self { rest: bytes, order }
+    }
+
+    read_number!(u16: u16, i16: i16, u32: u32, i32: i32, u64: u64, f32: f32, f64: f64);
+
+    pub(crate) fn u8(&mut self) -> Option<u8> {
+        self.take().map(|[byte]| byte)
+    }
+
+    pub(crate) fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (field, rest) = self.rest.split_first_chunk()?;
+        self.rest = rest;
+        Some(*field)
+    }
+
+    /// Reads `count` bytes.
+    pub(crate) fn bytes(&mut self, count: usize) -> Option<&'a [u8]> {
+        let (field, rest) = self.rest.split_at_checked(count)?;
+        self.rest = rest;
+        Some(field)
+    }
+
+    /// Reads `N` numbers of 32 bits.
+    pub(crate) fn f32s<const N: usize>(&mut self) -> Option<[f32; N]> {
+        let mut numbers = [0.0; N];
+        for number in &mut numbers {
+            *number = self.f32()?;
+        }
+        Some(numbers)
+    }
+
+    /// Reads a text up to its NUL, which is consumed; `None` without a NUL or if the text is not UTF-8.
+    pub(crate) fn text(&mut self) -> Option<&'a str> {
+        let length = self.rest.iter().position(|byte| *byte == 0)?;
+        let text = self.bytes(length)?;
+        self.bytes(1)?;
+        std::str::from_utf8(text).ok()
+    }
+
+    /// The bytes that are not read yet.
+    pub(crate) fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+}
+
+/// Writer of fields to the end of a buffer.
+#[derive(Debug)]
+pub(crate) struct ByteWriter<'a> {
+    out: &'a mut Vec<u8>,
+    order: ByteOrder,
+}
+
+macro_rules! write_number {
+    ($($name:ident: $type:ty),*) => {$(
+        #[doc = concat!("Writes one `", stringify!($type), "`.")]
+        pub(crate) fn $name(&mut self, number: $type) -> &mut Self {
+            match self.order {
+                ByteOrder::Little => self.out.extend_from_slice(&number.to_le_bytes()),
+                ByteOrder::Big => self.out.extend_from_slice(&number.to_be_bytes()),
+            }
+            self
+        }
+    )*};
+}
+
+impl<'a> ByteWriter<'a> {
+    pub(crate) fn new(out: &'a mut Vec<u8>, order: ByteOrder) -> Self {
+        Self { out, order }
+    }
+
+    write_number!(u16: u16, i16: i16, u32: u32, i32: i32, u64: u64, f32: f32, f64: f64);
+
+    pub(crate) fn bytes(&mut self, bytes: &[u8]) -> &mut Self {
+        self.out.extend_from_slice(bytes);
+        self
+    }
+
+    pub(crate) fn f32s(&mut self, numbers: &[f32]) -> &mut Self {
+        for number in numbers {
+            self.f32(*number);
+        }
+        self
+    }
+
+    /// Writes a text and a NUL; the text ends at its first NUL.
+    pub(crate) fn text(&mut self, text: &str) -> &mut Self {
+        self.bytes(text.split('\0').next().unwrap_or_default().as_bytes()).bytes(&[0])
+    }
+
+    /// Number of bytes in the buffer.
+    pub(crate) fn len(&self) -> usize {
+        self.out.len()
+    }
+
+    /// Replaces the 32 bits at `place`, which were written before.
+    pub(crate) fn set_u32(&mut self, place: usize, number: u32) {
+        let bytes = match self.order {
+            ByteOrder::Little => number.to_le_bytes(),
+            ByteOrder::Big => number.to_be_bytes(),
+        };
+        if let Some(field) = self.out.get_mut(place..place + 4) {
+            field.copy_from_slice(&bytes);
+        }
+    }
+}
+
+/// Length as the 32-bit field of a format; no message of this crate comes near the limit.
+pub(crate) fn count_u32(length: usize) -> u32 {
+    u32::try_from(length).unwrap_or(u32::MAX)
+}

@@ -1,0 +1,145 @@
+//! The client's end: server info, model definitions, frames, in this order.
+
+use super::frame::NatNetFrame;
+use super::message::{MessageId, NatNetError, NatNetMessage, NatNetVersion, write_content};
+use super::model::ModelDefinitions;
+use super::server_info::ServerInfo;
+
+/// What the client waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NatNetStage {
+    /// The server info.
+    Connecting,
+    /// The definitions of the bodies.
+    Models,
+    /// Frames.
+    Streaming,
+}
+
+/// What a datagram of the server means to the client.
+#[derive(Clone, Debug)]
+pub enum NatNetEvent<'a> {
+    /// The server has answered; the definitions are asked for.
+    Connected(ServerInfo),
+    /// The definitions: names and numbers of the bodies.
+    Models(ModelDefinitions),
+    /// A frame. Frames before the server info are ignored: their layout is not known.
+    Frame(NatNetFrame<'a>),
+    /// Anything else.
+    Other,
+}
+
+/// Error of a client.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NatNetClientError {
+    /// Datagram that cannot be read; the next one may be good.
+    #[error(transparent)]
+    Datagram(#[from] NatNetError),
+    /// Server that is too old or too new.
+    #[error("the server speaks NatNet {0}, expected 3.0 to 4.x")]
+    Version(NatNetVersion),
+}
+
+/// The client's end: datagrams in, events and datagrams out. Datagrams of the command socket and of the multicast group are
+/// both given to [`NatNetClient::receive`].
+///
+/// [`NatNetClient::poll_output`] returns the datagram that is due: requests are repeated until they are answered, and a unicast client
+/// keeps its connection alive. Call it about twice a second and after every event.
+#[derive(Clone, Debug)]
+pub struct NatNetClient {
+    unicast: bool,
+    info: Option<ServerInfo>,
+    stage: NatNetStage,
+    /// Next time at which a datagram is due \[ns\].
+    due_ns: u64,
+}
+
+/// Interval between requests that are repeated, and between signs of life \[ns\].
+const INTERVAL_NS: u64 = 500_000_000;
+
+impl NatNetClient {
+    /// Client at the beginning; `unicast` asks for frames at the address of the command socket.
+    #[must_use]
+    pub fn new(unicast: bool) -> Self {
+        Self { unicast, info: None, stage: NatNetStage::Connecting, due_ns: 0 }
+    }
+
+    /// What the client waits for.
+    #[must_use]
+    pub fn stage(&self) -> NatNetStage {
+        self.stage
+    }
+
+    /// The server info, once the server has answered.
+    #[must_use]
+    pub fn info(&self) -> Option<&ServerInfo> {
+        self.info.as_ref()
+    }
+
+    /// Begins anew, as after a server that went silent: it may have been restarted with other bodies.
+    pub fn reconnect(&mut self) {
+        *self = Self::new(self.unicast);
+    }
+
+    /// Asks for the definitions again, as after [`NatNetFrame::models_changed`] or a body of an unknown number.
+    pub fn request_models(&mut self) {
+        if self.info.is_some() {
+            self.stage = NatNetStage::Models;
+            self.due_ns = 0;
+        }
+    }
+
+    /// The datagram to be sent to the server's command port now, if one is due.
+    pub fn poll_output(&mut self, now_ns: u64) -> Option<Vec<u8>> {
+        if now_ns < self.due_ns {
+            return None;
+        }
+        let mut out = Vec::new();
+        match self.stage {
+            NatNetStage::Connecting => {
+                write_content(&mut out, MessageId::Connect, |writer| {
+                    writer.text("Ping");
+                });
+            }
+            NatNetStage::Models => write_content(&mut out, MessageId::RequestModels, |_| ()),
+            NatNetStage::Streaming if self.unicast => {
+                write_content(&mut out, MessageId::KeepAlive, |_| ());
+            }
+            NatNetStage::Streaming => return None,
+        }
+        self.due_ns = now_ns + INTERVAL_NS;
+        Some(out)
+    }
+
+    /// Takes a datagram of the server.
+    ///
+    /// # Errors
+    /// The datagram cannot be read, or the server speaks another version.
+    pub fn receive<'a>(
+        &mut self,
+        datagram: &'a [u8],
+    ) -> Result<NatNetEvent<'a>, NatNetClientError> {
+        let message = NatNetMessage::parse(datagram)?;
+        match (message.id, &self.info) {
+            (MessageId::ServerInfo, _) => {
+                let info = ServerInfo::parse(message.content)?;
+                if !info.version.is_supported() {
+                    return Err(NatNetClientError::Version(info.version));
+                }
+                self.info = Some(info.clone());
+                self.request_models();
+                Ok(NatNetEvent::Connected(info))
+            }
+            (MessageId::Models, Some(info)) => {
+                let models = ModelDefinitions::parse(message.content, info.version)?;
+                self.stage = NatNetStage::Streaming;
+                self.due_ns = 0;
+                Ok(NatNetEvent::Models(models))
+            }
+            (MessageId::Frame, Some(info)) => {
+                Ok(NatNetEvent::Frame(NatNetFrame::parse(message.content, info.version)?))
+            }
+            _ => Ok(NatNetEvent::Other),
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! The client's end of a connection: greeting, version, parameters, stream, in this order.
+
+use super::command::QtmCommand;
+use super::component::{ComponentKind, ComponentSet};
+use super::data::DataPacket;
+use super::event::QtmEvent;
+use super::packet::{MAX_FROM_SERVER, QtmPacket, QtmPacketError, QtmStream};
+use super::parameters::{QtmParameters, QtmParametersError};
+use super::selection::ParameterSelection;
+use super::stream_request::{StreamRate, StreamRequest, StreamTarget};
+use super::version::QtmVersion;
+use super::writer::QtmWriter;
+use crate::bytes::ByteOrder;
+
+/// What a client wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct QtmClientOptions {
+    /// Byte order, that of the port.
+    pub order: ByteOrder,
+    /// Version that is asked for first.
+    pub newest: QtmVersion,
+    /// Oldest version that is asked for when the server refuses newer ones.
+    pub oldest: QtmVersion,
+    /// The stream.
+    pub stream: StreamRequest,
+}
+
+impl Default for QtmClientOptions {
+    fn default() -> Self {
+        Self {
+            order: ByteOrder::Little,
+            newest: QtmVersion::new(1, 25),
+            oldest: QtmVersion::OLDEST,
+            stream: StreamRequest {
+                rate: StreamRate::AllFrames,
+                target: StreamTarget::Tcp,
+                components: ComponentSet::new().with(ComponentKind::BodiesResidual),
+            },
+        }
+    }
+}
+
+/// What a packet of the server means to the client.
+#[derive(Clone, Debug, PartialEq)]
+pub enum QtmClientEvent<'a> {
+    /// The handshake goes on; there may be bytes to send.
+    Handshake,
+    /// Parameters: names of the bodies, rate. The stream has been asked for.
+    Parameters(QtmParameters),
+    /// A frame, if the stream goes over TCP.
+    Frame(DataPacket<'a>),
+    /// The server measures nothing; the stream is asked for again when it does.
+    NoData,
+    /// An event. Parameters and stream are asked for again if they may have changed.
+    Event(QtmEvent),
+}
+
+/// Error that ends a connection.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum QtmClientError {
+    /// Bytes that are no packets.
+    #[error(transparent)]
+    Packet(#[from] QtmPacketError),
+    /// Server of another kind, with what it said first.
+    #[error("the server is no QTM: it says `{0}`")]
+    NotQtm(String),
+    /// Server that is too old or too new.
+    #[error("the server speaks no version of the RT protocol from {oldest} to {newest}")]
+    Version {
+        /// Oldest version that was asked for.
+        oldest: QtmVersion,
+        /// Newest version that was asked for.
+        newest: QtmVersion,
+    },
+    /// Refusal, with the server's words.
+    #[error("the server refuses: {0}")]
+    Refused(String),
+    /// Parameters that cannot be read.
+    #[error(transparent)]
+    Parameters(#[from] QtmParametersError),
+}
+
+/// What the client waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    Greeting,
+    Version(QtmVersion),
+    Established,
+}
+
+/// The client's end of a connection: bytes of the server in, events and bytes to the server out.
+///
+/// Give received bytes to [`QtmClient::receive`], call [`QtmClient::poll`] until it returns `None`, send what
+/// [`QtmClient::take_output`] returns. Datagrams are parsed by [`QtmPacket::parse`].
+#[derive(Clone, Debug)]
+pub struct QtmClient {
+    stream: QtmStream,
+    dialogue: Dialogue,
+}
+
+#[derive(Clone, Debug)]
+struct Dialogue {
+    options: QtmClientOptions,
+    stage: Stage,
+    output: Vec<u8>,
+}
+
+impl QtmClient {
+    /// Client at the beginning of a connection.
+    #[must_use]
+    pub fn new(options: QtmClientOptions) -> Self {
+        let stream = QtmStream::new(options.order, MAX_FROM_SERVER);
+        let dialogue = Dialogue { options, stage: Stage::Greeting, output: Vec::new() };
+        Self { stream, dialogue }
+    }
+
+    /// Takes received bytes.
+    pub fn receive(&mut self, bytes: &[u8]) {
+        self.stream.push(bytes);
+    }
+
+    /// The next event; `None` if more bytes are needed.
+    ///
+    /// # Errors
+    /// The connection is of no use any more.
+    pub fn poll(&mut self) -> Result<Option<QtmClientEvent<'_>>, QtmClientError> {
+        match self.stream.take()? {
+            Some(packet) => self.dialogue.on_packet(packet).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Bytes to be sent to the server; empties the output.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.dialogue.output)
+    }
+
+    /// Version of the connection, once the server has agreed to it.
+    #[must_use]
+    pub fn version(&self) -> Option<QtmVersion> {
+        self.dialogue.version()
+    }
+
+    /// Asks for the parameters again: bodies may have been renamed without an event. The stream is asked for again too.
+    pub fn request_parameters(&mut self) {
+        if self.dialogue.stage == Stage::Established {
+            self.dialogue.request_parameters();
+        }
+    }
+
+    /// Ends the stream, as before a client disconnects.
+    pub fn stop(&mut self) {
+        self.dialogue.send(&QtmCommand::StreamStop);
+    }
+}
+
+impl Dialogue {
+    fn version(&self) -> Option<QtmVersion> {
+        (self.stage == Stage::Established).then_some(self.options.newest)
+    }
+
+    fn send(&mut self, command: &QtmCommand) {
+        QtmWriter::new(&mut self.output, self.options.order).command(&command.to_string());
+    }
+
+    fn request_version(&mut self, version: QtmVersion) {
+        self.stage = Stage::Version(version);
+        self.send(&QtmCommand::SetVersion(version));
+    }
+
+    fn request_parameters(&mut self) {
+        let selection = ParameterSelection { general: true, markers: false, bodies: true };
+        self.send(&QtmCommand::Parameters(selection));
+    }
+
+    fn on_packet<'a>(
+        &mut self,
+        packet: QtmPacket<'a>,
+    ) -> Result<QtmClientEvent<'a>, QtmClientError> {
+        match (self.stage, packet) {
+            (_, QtmPacket::Event(event)) => return Ok(self.on_event(event)),
+            (Stage::Greeting, QtmPacket::Command(text)) if text.starts_with("QTM RT Interface") => {
+                self.request_version(self.options.newest);
+            }
+            (Stage::Greeting, QtmPacket::Command(text)) => {
+                return Err(QtmClientError::NotQtm(text.to_owned()));
+            }
+            (Stage::Version(version), QtmPacket::Command(text))
+                if text.starts_with("Version set") =>
+            {
+                self.stage = Stage::Established;
+                self.options.newest = version;
+                self.request_parameters();
+            }
+            (Stage::Version(version), QtmPacket::Error(_)) => self.request_older(version)?,
+            (Stage::Established, QtmPacket::Xml(text)) => {
+                let parameters = QtmParameters::from_xml(text)?;
+                self.send(&QtmCommand::Stream(self.options.stream));
+                return Ok(QtmClientEvent::Parameters(parameters));
+            }
+            (Stage::Established, QtmPacket::Error("Parameters not available")) => {
+                return Ok(QtmClientEvent::NoData);
+            }
+            (_, QtmPacket::Error(text)) => return Err(QtmClientError::Refused(text.to_owned())),
+            (_, QtmPacket::NoMoreData) => return Ok(QtmClientEvent::NoData),
+            (_, QtmPacket::Data(data)) => return Ok(QtmClientEvent::Frame(data)),
+            (_, QtmPacket::Command(_) | QtmPacket::Xml(_) | QtmPacket::Other(_)) => {}
+        }
+        Ok(QtmClientEvent::Handshake)
+    }
+
+    fn on_event(&mut self, event: QtmEvent) -> QtmClientEvent<'static> {
+        let new_data = matches!(
+            event,
+            QtmEvent::Connected
+                | QtmEvent::CaptureStarted
+                | QtmEvent::CaptureStopped
+                | QtmEvent::RtFromFileStarted
+                | QtmEvent::Other(_)
+        );
+        if new_data && self.stage == Stage::Established {
+            self.request_parameters();
+        }
+        QtmClientEvent::Event(event)
+    }
+
+    fn request_older(&mut self, refused: QtmVersion) -> Result<(), QtmClientError> {
+        let QtmClientOptions { oldest, newest, .. } = self.options;
+        match refused.minor.checked_sub(1).map(|minor| QtmVersion::new(refused.major, minor)) {
+            Some(older) if older >= oldest => {
+                self.request_version(older);
+                Ok(())
+            }
+            _ => Err(QtmClientError::Version { oldest, newest }),
+        }
+    }
+}

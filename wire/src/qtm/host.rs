@@ -1,0 +1,76 @@
+//! What all connections of a server share: parameters, the state of the measurement, who is in control.
+
+use super::event::QtmEvent;
+use super::parameters::QtmParameters;
+
+/// A server without its connections.
+#[derive(Clone, Debug)]
+pub struct QtmHost {
+    parameters: QtmParameters,
+    state: QtmEvent,
+    /// The client in control, and how it is named to others.
+    master: Option<(u64, String)>,
+    /// Events that every client is to be told.
+    events: Vec<QtmEvent>,
+}
+
+impl QtmHost {
+    /// A server with an open measurement.
+    #[must_use]
+    pub fn new(parameters: QtmParameters) -> Self {
+        Self { parameters, state: QtmEvent::Connected, master: None, events: Vec::new() }
+    }
+
+    /// Parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &QtmParameters {
+        &self.parameters
+    }
+
+    /// State of the measurement.
+    #[must_use]
+    pub fn state(&self) -> QtmEvent {
+        self.state
+    }
+
+    /// Whether there are frames: a measurement is open.
+    #[must_use]
+    pub fn has_data(&self) -> bool {
+        self.state != QtmEvent::ConnectionClosed
+    }
+
+    /// Takes the events since the last call, which every client is to be told.
+    pub fn take_events(&mut self) -> Vec<QtmEvent> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// Tells every client an event, and enters the state that it leads to.
+    pub fn announce(&mut self, event: QtmEvent) {
+        if event.is_state() {
+            self.state = event;
+        }
+        self.events.push(event);
+    }
+
+    /// The client in control has gone, if it was `client`.
+    pub fn disconnected(&mut self, client: u64) {
+        if self.is_master(client) {
+            self.master = None;
+        }
+    }
+
+    pub(super) fn is_master(&self, client: u64) -> bool {
+        self.master.as_ref().is_some_and(|(master, _)| *master == client)
+    }
+
+    /// Gives control to a client unless another one has it; otherwise names the other one.
+    pub(super) fn take_control(&mut self, client: u64, name: &str) -> Result<(), String> {
+        match &self.master {
+            Some((master, other)) if *master != client => Err(other.clone()),
+            _ => {
+                self.master = Some((client, name.to_owned()));
+                Ok(())
+            }
+        }
+    }
+}

@@ -1,0 +1,28 @@
+//! Requests of clients that want to be called back.
+
+use std::net::{IpAddr, SocketAddr};
+
+/// Request of a client that listens on TCP and wants the server to connect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CallbackRequest {
+    /// Address at which the client listens.
+    pub address: SocketAddr,
+}
+
+impl CallbackRequest {
+    /// Parses a datagram; `None` if it is no request with a numeric address.
+    #[must_use]
+    pub fn parse(datagram: &[u8]) -> Option<Self> {
+        let end = datagram.iter().position(|byte| *byte == 0).unwrap_or(datagram.len());
+        let text = std::str::from_utf8(&datagram[..end]).ok()?;
+        let (ip, port) = text.trim().split_once(' ')?;
+        let (ip, port) = (ip.parse::<IpAddr>().ok()?, port.trim().parse().ok()?);
+        (port > 0).then_some(Self { address: SocketAddr::new(ip, port) })
+    }
+
+    /// The datagram.
+    #[must_use]
+    pub fn to_datagram(self) -> Vec<u8> {
+        format!("{} {}\0", self.address.ip(), self.address.port()).into_bytes()
+    }
+}

@@ -1,0 +1,180 @@
+//! The client's end of a connection.
+
+use super::cookie::{COOKIE_BYTES, CookieError, VrpnVersion};
+use super::message::{VrpnMessage, VrpnMessageError, VrpnStream, name_payload, write_message};
+use super::names::NameTable;
+use super::tracker::TrackerPose;
+use super::{PING_TYPE, PONG_TYPE, POSE_TYPE};
+
+/// Our numbers of the types, in the order of their description.
+const PING: i32 = 1;
+const PONG: i32 = 2;
+
+/// What a message of the server means to the client.
+#[derive(Clone, Debug, PartialEq)]
+pub enum VrpnEvent<'a> {
+    /// The server speaks VRPN of this version; the connection is open.
+    Greeted(VrpnVersion),
+    /// Name of a sender: a tracker, or the server itself. A new name for a known number is a renamed tracker.
+    Sender {
+        /// Number \[-\].
+        number: i32,
+        /// Name.
+        name: &'a str,
+    },
+    /// A pose.
+    Pose {
+        /// Number of the tracker \[-\].
+        sender: i32,
+        /// Time of the pose on the server's clock \[us\].
+        time_us: u64,
+        /// The pose.
+        pose: TrackerPose,
+    },
+    /// The server is alive: it answers a ping.
+    Pong,
+    /// The server closes the connection.
+    Disconnected,
+    /// Anything else.
+    Other,
+}
+
+/// Error that ends a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum VrpnClientError {
+    /// Error in the server's cookie.
+    #[error(transparent)]
+    Cookie(#[from] CookieError),
+    /// Bytes that are no messages.
+    #[error(transparent)]
+    Message(#[from] VrpnMessageError),
+}
+
+/// The client's end of a connection: bytes of the server in, events and bytes to the server out.
+///
+/// Give received bytes to [`VrpnClient::receive`], call [`VrpnClient::poll`] until it returns `None`, send what
+/// [`VrpnClient::take_output`] returns. It is the same for both kinds of connection.
+#[derive(Clone, Debug)]
+pub struct VrpnClient {
+    stream: VrpnStream,
+    state: ClientState,
+}
+
+#[derive(Clone, Debug, Default)]
+struct ClientState {
+    greeted: bool,
+    senders: NameTable,
+    types: NameTable,
+    output: Vec<u8>,
+    sequence: u32,
+}
+
+impl Default for VrpnClient {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl VrpnClient {
+    /// Client at the beginning of a connection.
+    #[must_use]
+    pub fn new() -> Self {
+        let output = VrpnVersion::OURS.to_cookie().to_vec();
+        let state = ClientState { output, ..ClientState::default() };
+        Self { stream: VrpnStream::new(), state }
+    }
+
+    /// Takes received bytes.
+    pub fn receive(&mut self, bytes: &[u8]) {
+        self.stream.push(bytes);
+    }
+
+    /// The next event; `None` if more bytes are needed.
+    ///
+    /// # Errors
+    /// The connection is of no use any more.
+    pub fn poll(&mut self) -> Result<Option<VrpnEvent<'_>>, VrpnClientError> {
+        let Self { stream, state } = self;
+        if !state.greeted {
+            let Some(cookie) = stream.take_bytes::<COOKIE_BYTES>() else { return Ok(None) };
+            let version = VrpnVersion::from_cookie(&cookie)?;
+            state.greet();
+            return Ok(Some(VrpnEvent::Greeted(version)));
+        }
+        Ok(stream.take()?.map(|message| state.on_message(&message)))
+    }
+
+    /// Bytes to be sent to the server; empties the output.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.state.output)
+    }
+
+    /// Names of the server's senders: its trackers, and `VRPN Control`.
+    #[must_use]
+    pub fn senders(&self) -> &NameTable {
+        &self.state.senders
+    }
+
+    /// Asks the tracker `name` whether the server is alive; about once a second is usual.
+    pub fn ping(&mut self, name: &str) {
+        if self.state.greeted {
+            self.state.describe((0, VrpnMessage::SENDER_DESCRIPTION), name);
+            self.state.send(&VrpnMessage::new(0, PING));
+        }
+    }
+}
+
+impl ClientState {
+    /// Describes our types to the server.
+    fn greet(&mut self) {
+        self.greeted = true;
+        for (number, name) in (0..).zip([POSE_TYPE, PING_TYPE, PONG_TYPE]) {
+            self.describe((number, VrpnMessage::TYPE_DESCRIPTION), name);
+        }
+    }
+
+    fn on_message<'a>(&mut self, message: &VrpnMessage<'a>) -> VrpnEvent<'a> {
+        match (message.kind, message.described_name()) {
+            (VrpnMessage::SENDER_DESCRIPTION, Some(name)) => {
+                let number = message.sender;
+                if self.senders.set(number, name) {
+                    return VrpnEvent::Sender { number, name };
+                }
+            }
+            (VrpnMessage::TYPE_DESCRIPTION, Some(name)) => {
+                self.types.set(message.sender, name);
+            }
+            (VrpnMessage::DISCONNECT, _) => return VrpnEvent::Disconnected,
+            (kind, _) => return self.on_typed(kind, message),
+        }
+        VrpnEvent::Other
+    }
+
+    fn on_typed(&mut self, kind: i32, message: &VrpnMessage<'_>) -> VrpnEvent<'static> {
+        match self.types.get(kind) {
+            Some(POSE_TYPE) => match TrackerPose::parse(message.payload) {
+                Some(pose) => {
+                    VrpnEvent::Pose { sender: message.sender, time_us: message.time_us(), pose }
+                }
+                None => VrpnEvent::Other,
+            },
+            Some(PONG_TYPE) => VrpnEvent::Pong,
+            // Either end may ask the other.
+            Some(PING_TYPE) => {
+                self.send(&VrpnMessage::new(0, PONG));
+                VrpnEvent::Other
+            }
+            _ => VrpnEvent::Other,
+        }
+    }
+
+    fn describe(&mut self, (number, kind): (i32, i32), name: &str) {
+        let payload = name_payload(name);
+        self.send(&VrpnMessage { payload: &payload, ..VrpnMessage::new(number, kind) });
+    }
+
+    fn send(&mut self, message: &VrpnMessage<'_>) {
+        write_message(&mut self.output, message, self.sequence);
+        self.sequence = self.sequence.wrapping_add(1);
+    }
+}

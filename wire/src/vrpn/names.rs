@@ -1,0 +1,42 @@
+//! Names by number, as one end describes them.
+
+/// Greatest number of names of one end; further ones are not kept \[-\].
+const MAX_NAMES: usize = 2000;
+
+/// Names of senders or types by the numbers of the end that describes them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct NameTable {
+    names: Vec<Option<String>>,
+}
+
+impl NameTable {
+    /// Enters a name; whether it was entered. Negative numbers and those above 1999 are not.
+    pub fn set(&mut self, number: i32, name: &str) -> bool {
+        let Some(index) = usize::try_from(number).ok().filter(|index| *index < MAX_NAMES) else {
+            return false;
+        };
+        if self.names.len() <= index {
+            self.names.resize(index + 1, None);
+        }
+        self.names[index] = Some(name.to_owned());
+        true
+    }
+
+    /// The name of a number.
+    #[must_use]
+    pub fn get(&self, number: i32) -> Option<&str> {
+        self.names.get(usize::try_from(number).ok()?)?.as_deref()
+    }
+
+    /// The number of a name.
+    #[must_use]
+    pub fn find(&self, name: &str) -> Option<i32> {
+        let index = self.names.iter().position(|known| known.as_deref() == Some(name))?;
+        i32::try_from(index).ok()
+    }
+
+    /// The names in the order of their numbers.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.names.iter().flatten().map(String::as_str)
+    }
+}

@@ -1,0 +1,140 @@
+//! Both ends of NatNet against each other.
+
+#[path = "common/scene.rs"]
+#[allow(dead_code, reason = "each test uses its part")]
+mod scene;
+
+use std::net::SocketAddr;
+
+use oqtal_wire::natnet::{
+    BodyDefinition, ModelDefinitions, NatNetClient, NatNetClientError, NatNetEvent, NatNetServer,
+    NatNetServerOptions, NatNetStage, NatNetVersion, ServerInfo,
+};
+use proptest::prelude::*;
+use scene::{agree, frame};
+
+const VERSIONS: [NatNetVersion; 4] = [
+    NatNetVersion::new(3, 0),
+    NatNetVersion::new(3, 1),
+    NatNetVersion::new(4, 1),
+    NatNetVersion::new(4, 2),
+];
+
+fn bodies(count: usize) -> Vec<BodyDefinition> {
+    let markers_m = vec![[0.125, 0.0, 0.5]; 4];
+    let body = |id| BodyDefinition { name: format!("body {id}"), id, markers_m: markers_m.clone() };
+    (1..).map(body).take(count).collect()
+}
+
+fn address() -> SocketAddr {
+    "10.0.0.2:50000".parse().unwrap()
+}
+
+/// A client and a server that have exchanged the definitions, and those.
+fn connected(
+    options: NatNetServerOptions,
+    unicast: bool,
+) -> (NatNetClient, NatNetServer, ModelDefinitions) {
+    let (mut client, mut server) = (NatNetClient::new(unicast), NatNetServer::new(options));
+    let mut models = None;
+    for now in 0..4 {
+        let Some(request) = client.poll_output(now) else { break };
+        let mut answer = Vec::new();
+        server.receive(&request, address(), now, &mut answer);
+        if !answer.is_empty() {
+            match client.receive(&answer).unwrap() {
+                NatNetEvent::Models(definitions) => models = Some(definitions),
+                event => assert!(matches!(event, NatNetEvent::Connected(_)), "{event:?}"),
+            }
+        }
+    }
+    assert_eq!(client.stage(), NatNetStage::Streaming);
+    (client, server, models.unwrap())
+}
+
+#[test]
+fn a_client_learns_the_bodies_in_every_version() {
+    for version in VERSIONS {
+        let options =
+            NatNetServerOptions { version, bodies: bodies(3), ..NatNetServerOptions::default() };
+        let (client, _, models) = connected(options, false);
+        assert_eq!(models, ModelDefinitions { bodies: bodies(3), incomplete: false }, "{version}");
+        assert_eq!(client.info().map(|info| info.version), Some(version));
+        assert_eq!(client.info().and_then(|info| info.multicast), Some([239, 255, 42, 99].into()));
+    }
+}
+
+#[test]
+fn a_unicast_client_is_served_while_it_keeps_alive() {
+    let (mut client, mut server, _) = connected(NatNetServerOptions::default(), true);
+    let second = 1_000_000_000;
+    assert_eq!(server.unicast_clients(second).collect::<Vec<_>>(), [address()]);
+    let alive = client.poll_output(5 * second).unwrap();
+    server.receive(&alive, address(), 5 * second, &mut Vec::new());
+    assert_eq!(server.unicast_clients(14 * second).count(), 1);
+    assert_eq!(server.unicast_clients(15 * second).count(), 0);
+    let (_, mut server, _) = connected(NatNetServerOptions::default(), false);
+    assert_eq!(server.unicast_clients(0).count(), 0);
+}
+
+#[test]
+fn requests_are_repeated_until_they_are_answered() {
+    let mut client = NatNetClient::new(false);
+    let sent = (0..40).filter(|step| client.poll_output(step * 100_000_000).is_some()).count();
+    assert_eq!(sent, 8);
+}
+
+#[test]
+fn a_version_that_is_not_spoken_is_named() {
+    let info = ServerInfo {
+        name: "old".to_owned(),
+        app_version: [1, 0, 0, 0],
+        version: NatNetVersion::new(2, 10),
+        clock_hz: 1,
+        data_port: 1511,
+        multicast: None,
+    };
+    let mut datagram = Vec::new();
+    info.write(&mut datagram);
+    let error = NatNetClient::new(false).receive(&datagram).unwrap_err();
+    assert_eq!(error, NatNetClientError::Version(info.version));
+}
+
+#[test]
+fn what_a_server_does_not_know_it_says() {
+    let mut server = NatNetServer::new(NatNetServerOptions::default());
+    let mut answer = |text: &[u8]| {
+        let mut out = Vec::new();
+        let head = [2, 0, text.len() as u8, 0];
+        server.receive(&[&head[..], text].concat(), address(), 0, &mut out);
+        out
+    };
+    assert_eq!(answer(b"FrameRate\0"), [&[3, 0, 4, 0][..], &100.0_f32.to_le_bytes()].concat());
+    assert_eq!(answer(b"SetLicence\0"), [100, 0, 0, 0]);
+}
+
+proptest! {
+    #[test]
+    fn frames_arrive_as_sent_in_every_version(frame in frame(), version in prop::sample::select(&VERSIONS)) {
+        let bodies = bodies(frame.bodies.len());
+        let options = NatNetServerOptions { version, bodies, ..NatNetServerOptions::default() };
+        let (mut client, server, _) = connected(options, false);
+        let mut datagram = Vec::new();
+        server.write_frame(&frame.as_frame(), None, &mut datagram);
+        let NatNetEvent::Frame(read) = client.receive(&datagram).unwrap() else {
+            panic!("not a frame")
+        };
+        prop_assert_eq!(read.number() as u32, frame.number);
+        // 10 MHz.
+        prop_assert_eq!(read.times().mid_exposure, frame.captured_ns / 100);
+        prop_assert_eq!(read.times().transmitted, (frame.captured_ns + 1_000_000) / 100);
+        prop_assert_eq!(read.bodies().count(), frame.bodies.len());
+        for ((id, body), exact) in (1..).zip(read.bodies()).zip(&frame.bodies) {
+            prop_assert_eq!(body.id, id);
+            prop_assert_eq!(body.tracked, exact.pose.is_some());
+            if let Some(pose) = &exact.pose {
+                prop_assert!(agree(&body.pose().unwrap(), pose, (1e-6, 1e-7)));
+            }
+        }
+    }
+}
