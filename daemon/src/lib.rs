@@ -10,6 +10,7 @@
 //! | `command_model.rs` | the effect of commands on the vehicle |
 //! | `guard.rs` | the checks that a pose must pass |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
+//! | `pose_noise.rs` | whether a source repeats poses |
 //! | `limits.rs`, `fence.rs` | the limits of a flight |
 //! | `arming.rs` | what keeps a flight from beginning |
 //! | `setpoint.rs` | the check of the reference |
@@ -41,6 +42,7 @@ mod intake;
 mod limits;
 mod loop_health;
 mod mission;
+mod pose_noise;
 mod setpoint;
 mod stack;
 mod supervisor;
@@ -76,6 +78,7 @@ pub use guard::{Accepted, Guard};
 pub use limits::{FlightLimits, FlightView, LimitConditions};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
+pub use pose_noise::PoseNoise;
 pub use setpoint::SetpointGuard;
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
 pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
