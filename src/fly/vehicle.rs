@@ -145,11 +145,14 @@ impl CommandLink {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link = link.to_string();
                 config.plant.shadow = false;
+                config.safety.allow_emulated_poses = true;
             }
             Self::Linked(link) => {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link.clear();
+                // A vehicle that publishes its truth is emulated, and its poses are its own.
                 config.plant.shadow = !is_truth_published(config)?;
+                config.safety.allow_emulated_poses |= !config.plant.shadow;
             }
         }
         Ok(())
