@@ -110,7 +110,7 @@ impl FlyArgs {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
         let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
-        fault::check(&config, &commands)?;
+        fault::check(&config, &poses.roles(commands.roles(&config)))?;
         let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
