@@ -8,6 +8,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
@@ -67,6 +68,9 @@ struct ControlReport {
     mode: String,
     state: String,
     cause: String,
+    /// What keeps a flight from beginning; empty in flight.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    obstacles: Vec<String>,
     /// Health of the processes; like the fields below, with `status` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     processes: Vec<ProcessHealth>,
@@ -110,8 +114,9 @@ impl CtlArgs {
         let lines = heard.lines();
         let report = ControlReport::new(self.command.command(), &response, heard);
         if response.answer == Answer::Refused.code() {
-            let ControlReport { command, cause, mode, .. } = report;
-            let mut message = format!("{command} refused: {cause} (daemon is {mode})");
+            let ControlReport { command, cause, mode, obstacles, .. } = report;
+            let reasons = if obstacles.is_empty() { cause } else { obstacles.join("; ") };
+            let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
             if response.cause == Cause::OtherConfig.code() {
                 message += &format!(
                     "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
@@ -155,6 +160,10 @@ impl ControlReport {
             mode: word(Mode::from_code(response.mode)),
             state: word(SafetyState::from_code(response.state)),
             cause: word(Cause::from_code(response.cause)),
+            obstacles: ArmingObstacles::from_bits(response.obstacles)
+                .iter()
+                .map(|obstacle| obstacle.to_string())
+                .collect(),
             processes,
             config_agrees,
             vehicle,
@@ -171,6 +180,12 @@ impl ControlReport {
         let Self { command, answer, mode, state, cause, .. } = self;
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
         let first = format!("{command}: {answer}; {mode}, {state}{because}");
-        [&[first], lines].concat().join("\n")
+        let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
+        [first]
+            .into_iter()
+            .chain(against)
+            .chain(lines.iter().cloned())
+            .collect::<Vec<_>>()
+            .join("\n")
     }
 }

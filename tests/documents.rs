@@ -279,6 +279,7 @@ fn every_preset_is_what_its_name_gives() {
         ("vehicle.preset", "spacecraft", "spacecraft"),
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
+        ("mocap.preset", "room", "mocap-room"),
     ] {
         let by_name = [oqtal_config::Setting::flag("test", key, name)];
         let by_file = root().join(format!("deploy/presets/{file}.toml"));

@@ -21,7 +21,7 @@ const HOPS: [&str; 6] = [
     "vehicle_to_applied",
     "sensor_to_actuator",
 ];
-const BARE: [&str; 4] = ["futex", "eventfd", "unix_datagram", "iceoryx2_listener"];
+const BARE: [&str; 5] = ["futex", "eventfd", "unix_datagram", "udp_socket", "iceoryx2_listener"];
 /// Ordinary scheduling: tests run in parallel on one machine.
 const ORDINARY: [&str; 2] = ["--set", "realtime.scheduling=other"];
 
@@ -147,7 +147,7 @@ fn an_interrupted_measurement_says_what_it_has_and_leaves_nothing() {
     let testbed = Testbed::new("interrupted");
     let running = measure(&testbed, &["--seconds", "600"]);
     let pid = running.id();
-    wait_for("the chain and the bare mechanisms", || (children(pid).len() == 7).then_some(()));
+    wait_for("the chain and the bare mechanisms", || (children(pid).len() == 8).then_some(()));
     // Two seconds of samples.
     let bus = Bus::open(&paths_of(&testbed, &instance_of(&testbed, pid))).unwrap();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
@@ -167,7 +167,7 @@ fn a_killed_measurement_leaves_no_orphans() {
     let running = measure(&testbed, &["--seconds", "600"]);
     let pid = running.id();
     let started =
-        wait_for("its processes", || Some(children(pid)).filter(|children| children.len() == 7));
+        wait_for("its processes", || Some(children(pid)).filter(|children| children.len() == 8));
     running.signal(Signal::KILL);
     for child in started {
         wait_for("an orphan to end", || (!is_alive(child)).then_some(()));

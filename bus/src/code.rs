@@ -67,11 +67,17 @@ code! {
     SafetyState {
         /// Poses are fresh and plausible, and the vehicle answers.
         Nominal = 0 => "Nominal",
-        /// In flight: the last command is held until poses come back. On the ground: no take-off until poses and the vehicle
-        /// are there.
-        Coast = 1 => "Coast",
+        /// Something is worse than it should be; the flight goes on.
+        Degraded = 1 => "Degraded",
+        /// In flight: the vehicle is flown on the predicted motion, then the last command is held, until poses come back. On the
+        /// ground: no take-off until poses and the vehicle are there.
+        Coast = 2 => "Coast",
+        /// The vehicle holds its position; the mission waits.
+        Hold = 3 => "Hold",
+        /// The vehicle lands where it is.
+        Land = 4 => "Land",
         /// Motors off until an operator arms again.
-        Stop = 2 => "Stop",
+        Stop = 5 => "Stop",
     }
 }
 
@@ -105,10 +111,42 @@ code! {
         NoVehicle = 11 => "vehicle silent",
         /// Poses agree with each other and not with the motion: of another body, or of markers that were exchanged.
         Relabel = 12 => "pose of another body",
+        /// The vehicle came too close to the fence, or crossed it.
+        Fence = 13 => "fence",
+        /// The vehicle is faster than allowed.
+        Speed = 14 => "too fast",
+        /// The vehicle is tilted further than allowed.
+        Tilt = 15 => "tipped",
+        /// The vehicle is too far from its reference for too long.
+        Tracking = 16 => "far from its reference",
+        /// Full thrust does not lift the vehicle.
+        NoLift = 17 => "thrust does not lift",
+        /// The battery voltage is low.
+        Battery = 18 => "battery low",
+        /// Too few requests to the vehicle are answered.
+        Link = 19 => "link poor",
+        /// Poses arrive, but late.
+        PosesLate = 20 => "poses late",
+        /// Too many frames are lost or refused.
+        PosesLost = 21 => "poses lost",
+        /// The landing does not end.
+        Landing = 22 => "landing does not end",
+        /// The vehicle lies on the floor with thrust.
+        Crash = 23 => "on the floor with thrust",
+        /// The loop was late several times in a row.
+        Overrun = 24 => "loop late",
+        /// Processes run with different configurations.
+        Configuration = 25 => "configurations differ",
+        /// The reference is absurd; the last valid one is held.
+        Setpoint = 26 => "set-point refused",
+        /// The position was held for too long.
+        HeldTooLong = 27 => "held for too long",
+        /// Something keeps a flight from beginning: the reply lists it.
+        NotReady = 28 => "not ready",
         /// The request was read after the operator had given up waiting for the answer.
         Expired = 40 => "request came too late",
         /// The operator expects the daemon to run with another configuration.
-        OtherConfig = 41 => "configurations differ",
+        OtherConfig = 41 => "another configuration expected",
     }
 }
 
@@ -142,6 +180,18 @@ code! {
     }
 }
 
+code! {
+    /// Kind of a record of the daemon's inputs.
+    InputKind {
+        /// The daemon started.
+        Start = 0 => "start",
+        /// A turn of the loop.
+        Turn = 1 => "turn",
+        /// A request of an operator, executed at the end of the turn before.
+        Request = 2 => "request",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,7 +203,7 @@ mod tests {
                 assert_eq!(cause.code(), code);
             }
         }
-        assert_eq!(SafetyState::from_code(3), None);
+        assert_eq!(SafetyState::from_code(6), None);
         assert!(SafetyState::Stop > SafetyState::Coast);
     }
 }

@@ -11,6 +11,7 @@ pub mod memory;
 pub mod message;
 mod mismatch;
 mod node;
+pub mod obstacle;
 pub mod origin;
 pub mod paths;
 pub mod port;

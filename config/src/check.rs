@@ -27,8 +27,10 @@ impl Config {
         self.position.check().map_err(|error| error.within("position"))?;
         self.trajectory.check().map_err(|error| error.within("trajectory"))?;
         self.safety.check()?;
+        self.fence.check()?;
         self.bridge.check()?;
         self.receiver.check()?;
+        self.record.check()?;
         Ok(self.realtime.check()?)
     }
 

@@ -28,6 +28,34 @@ pub struct SafetyOptions {
     pub vehicle_silence_ms: f64,
     /// Time within which the motors of a real vehicle must run once a flight begins \[ms\]; after it the flight is stopped.
     pub motor_start_ms: f64,
+    /// Greatest speed in flight \[m/s\].
+    pub speed_limit_m_s: f64,
+    /// Tilt in flight from which on the daemon warns \[deg\].
+    pub tilt_warning_deg: f64,
+    /// Greatest tilt in flight \[deg\].
+    pub tilt_limit_deg: f64,
+    /// Greatest distance from the reference position \[m\]; not where an attitude is prescribed.
+    pub tracking_limit_m: f64,
+    /// Battery voltage under load below which the daemon warns and arming is refused \[V\].
+    pub battery_low_v: f64,
+    /// Battery voltage under load below which the vehicle lands \[V\].
+    pub battery_empty_v: f64,
+    /// Share of answered requests to the vehicle below which the daemon warns \[0..1\].
+    pub link_poor: f64,
+    /// Share of answered requests to the vehicle below which the vehicle lands \[0..1\].
+    pub link_bad: f64,
+    /// Age of poses in use from which on the daemon warns \[ms since capture\].
+    pub pose_age_warning_ms: f64,
+    /// Age of poses in use from which on the vehicle lands \[ms since capture\].
+    pub pose_age_limit_ms: f64,
+    /// Share of frames lost or refused from which on the daemon warns \[0..1\].
+    pub pose_loss_warning: f64,
+    /// Least and greatest height of the vehicle's body at which it may be armed \[m, world z\].
+    pub arming_z_m: [f64; 2],
+    /// Greatest tilt at which the vehicle may be armed \[deg\].
+    pub arming_tilt_deg: f64,
+    /// Whether a real vehicle may be flown on emulated poses: work on the table, propellers off.
+    pub allow_emulated_poses: bool,
     /// Whether the daemon runs its loop and publishes telemetry but never flies. Set by itself where a recording is played.
     pub observe_only: bool,
     /// Whether the daemon flies once without an operator, as soon as poses and vehicle allow it. Only a simulated vehicle is
@@ -48,6 +76,18 @@ impl SafetyOptions {
             ("recovery-poses", f64::from(self.recovery_poses), Rule::Between(1.0, f64::MAX)),
             ("predict-ms", self.predict_ms, Rule::NotNegative),
             ("coast-ms", self.coast_ms, Rule::Positive),
+            ("speed-limit-m-s", self.speed_limit_m_s, Rule::Positive),
+            ("tilt-warning-deg", self.tilt_warning_deg, Rule::Between(0.0, 180.0)),
+            ("tilt-limit-deg", self.tilt_limit_deg, Rule::Between(0.0, 180.0)),
+            ("tracking-limit-m", self.tracking_limit_m, Rule::Positive),
+            ("battery-low-v", self.battery_low_v, Rule::NotNegative),
+            ("battery-empty-v", self.battery_empty_v, Rule::NotNegative),
+            ("link-poor", self.link_poor, Rule::Between(0.0, 1.0)),
+            ("link-bad", self.link_bad, Rule::Between(0.0, 1.0)),
+            ("pose-age-warning-ms", self.pose_age_warning_ms, Rule::Positive),
+            ("pose-age-limit-ms", self.pose_age_limit_ms, Rule::Positive),
+            ("pose-loss-warning", self.pose_loss_warning, Rule::Between(0.0, 1.0)),
+            ("arming-tilt-deg", self.arming_tilt_deg, Rule::Between(0.0, 180.0)),
             ("vehicle-silence-ms", self.vehicle_silence_ms, Rule::Positive),
             ("motor-start-ms", self.motor_start_ms, Rule::Positive),
         ])

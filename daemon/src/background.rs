@@ -1,12 +1,18 @@
 //! The background thread of the daemon: logs, health, operator requests.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::control::ControlServer;
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1, HealthV1, TelemetryV1};
-use oqtal_bus::time::Time;
+use oqtal_bus::port::Reader;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
+use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle, handoff};
 use oqtal_runtime::health::{Health, Heartbeat};
@@ -23,6 +29,8 @@ pub struct Condition {
     mode: u8,
     state: u8,
     cause: u8,
+    /// What keeps a flight from beginning.
+    obstacles: u32,
     /// Sequence of the command at which it changed.
     command_sequence: u64,
     /// Changes before it that found the queue full.
@@ -34,12 +42,12 @@ impl Condition {
     /// The condition that a tick's telemetry shows, and what became of a flight at start.
     #[must_use]
     pub fn of(telemetry: &TelemetryV1, at_start: AtStart) -> Self {
-        let TelemetryV1 { mode, state, cause, command_sequence, .. } = *telemetry;
-        Self { mode, state, cause, command_sequence, unlogged: 0, at_start }
+        let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;
+        Self { mode, state, cause, obstacles, command_sequence, unlogged: 0, at_start }
     }
 
     fn differs_from(&self, other: &Self) -> bool {
-        let changing = |c: &Self| (c.mode, c.state, c.cause, c.at_start);
+        let changing = |c: &Self| (c.mode, c.state, c.cause, c.obstacles, c.at_start);
         changing(self) != changing(other)
     }
 
@@ -66,6 +74,7 @@ type NumberedReply = (RequestNumber, ControlResponseV1);
 #[derive(Debug)]
 pub struct LoopHandle {
     queues: RtHandle<Condition, NumberedRequest, NumberedReply>,
+    configs_differ: Arc<AtomicBool>,
     last: Condition,
 }
 
@@ -73,6 +82,7 @@ pub struct LoopHandle {
 #[derive(Debug)]
 pub struct OperatorRequests {
     queues: BackgroundHandle<Condition, NumberedRequest, NumberedReply>,
+    configs_differ: Arc<AtomicBool>,
     count: RequestNumber,
     last: Condition,
     config_hash: u64,
@@ -82,25 +92,35 @@ pub struct OperatorRequests {
 #[must_use]
 pub fn loop_handoff() -> (LoopHandle, OperatorRequests) {
     let (realtime, background) = handoff();
+    let differ = Arc::new(AtomicBool::new(false));
+    let last = Condition::default();
     (
-        LoopHandle { queues: realtime, last: Condition::default() },
+        LoopHandle { queues: realtime, configs_differ: Arc::clone(&differ), last },
         OperatorRequests {
             queues: background,
+            configs_differ: differ,
             count: 0,
-            last: Condition::default(),
+            last,
             config_hash: 0,
         },
     )
 }
 
 impl LoopHandle {
-    /// Replies to the operator's request that waits, if any, with the result of `answer`; `false` if none waits. A request to fly
-    /// that is read too late is refused. The operator waits by the machine's clock, also for a flight in virtual time.
+    /// Whether the processes of the instance run with different configurations, as far as the background thread knows.
+    #[must_use]
+    pub fn configs_differ(&self) -> bool {
+        self.configs_differ.load(Ordering::Relaxed)
+    }
+
+    /// Replies to the operator's request that waits, if any, with the result of `answer`; returns request and reply, `None` if
+    /// none waits. A request to fly that is read too late is refused. The operator waits by the machine's clock, also for a flight
+    /// in virtual time.
     pub fn poll_request(
         &self,
         mut answer: impl FnMut(OperatorCommand) -> ControlResponseV1,
-    ) -> bool {
-        let Some((number, command, valid_until)) = self.queues.request() else { return false };
+    ) -> Option<(OperatorCommand, ControlResponseV1)> {
+        let (number, command, valid_until) = self.queues.request()?;
         let is_late = valid_until.is_set() && Time::now() > valid_until;
         let response = if is_late && begins_flight(command) {
             refused(Cause::Expired, answer(OperatorCommand::Status))
@@ -108,7 +128,7 @@ impl LoopHandle {
             answer(command)
         };
         self.queues.reply((number, response));
-        true
+        Some((command, response))
     }
 
     /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
@@ -121,6 +141,11 @@ impl LoopHandle {
 }
 
 impl OperatorRequests {
+    /// Tells the loop whether the processes of the instance run with different configurations.
+    pub fn note_configs_differ(&self, differ: bool) {
+        self.configs_differ.store(differ, Ordering::Relaxed);
+    }
+
     /// Takes in and logs the changes of the condition.
     fn take_changes(&mut self) {
         for condition in self.queues.notes() {
@@ -136,10 +161,11 @@ impl OperatorRequests {
 
     /// Passes a request to the loop and waits for the reply, at most [`REPLY_TIMEOUT`]: the loop may stand still.
     fn ask(&mut self, request: ControlRequestV1) -> ControlResponseV1 {
-        let (Condition { mode, state, cause, .. }, config_hash) = (self.last, self.config_hash);
+        let Condition { mode, state, cause, obstacles, .. } = self.last;
+        let config_hash = self.config_hash;
         let reply = |answer: Answer| {
             let answer = answer.code();
-            ControlResponseV1 { answer, mode, state, cause, config_hash }
+            ControlResponseV1 { answer, mode, state, cause, config_hash, obstacles }
         };
         let Some(command) = OperatorCommand::from_code(request.command) else {
             return reply(Answer::Refused);
@@ -179,12 +205,42 @@ fn refused(cause: Cause, present: ControlResponseV1) -> ControlResponseV1 {
     ControlResponseV1 { answer: Answer::Refused.code(), cause: cause.code(), ..present }
 }
 
+/// The processes whose configuration must be that of the daemon.
+const PEERS: [Role; 4] = [Role::Plant, Role::Mocap, Role::Receiver, Role::Bridge];
+/// Time after which the health of a process that ended no longer counts.
+const PEER_TIMEOUT: Span = Span::from_millis(3000);
+
+/// Health of another process of the instance.
+struct Peer {
+    reader: Reader<HealthV1>,
+    last: Option<HealthV1>,
+}
+
+impl Peer {
+    fn open(bus: &Bus, role: Role) -> Result<Self, BusError> {
+        Ok(Self { reader: bus.reader(&role.health())?, last: None })
+    }
+
+    /// Whether the process lives and runs with another configuration than that with `hash`. A message that cannot be read counts
+    /// as none.
+    fn has_other_config(&mut self, hash: u64) -> bool {
+        if let Ok(Some((_, health))) = self.reader.latest() {
+            self.last = Some(health);
+        }
+        self.last.is_some_and(|health| {
+            health.config_hash != hash && Time::now().since(health.time) < PEER_TIMEOUT
+        })
+    }
+}
+
 /// The background thread of the daemon: logs, health, operator requests.
 pub struct DaemonWorker {
     requests: OperatorRequests,
     server: ControlServer,
     heartbeat: Heartbeat,
     health: Health,
+    config_hash: u64,
+    peers: Vec<Peer>,
     // The ports live as long as the bus they were opened on.
     _bus: Bus,
 }
@@ -198,22 +254,27 @@ impl DaemonWorker {
         let bus = context.bus()?;
         let requests = OperatorRequests { config_hash: context.config.hash(), ..requests };
         let (server, heartbeat) = (bus.control_server()?, context.heartbeat(&bus)?);
-        Ok(Self { requests, server, heartbeat, health: context.health.clone(), _bus: bus })
+        let peers = PEERS.iter().map(|role| Peer::open(&bus, *role)).collect::<Result<_, _>>()?;
+        let (health, config_hash) = (context.health.clone(), context.config.hash());
+        Ok(Self { requests, server, heartbeat, health, config_hash, peers, _bus: bus })
     }
 }
 
 impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
-        let Self { requests, server, heartbeat, health, .. } = self;
+        let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
         requests.take_changes();
+        let differs = |peer: &mut Peer| peer.has_other_config(*config_hash);
+        let differ = peers.iter_mut().fold(false, |any, peer| differs(peer) || any);
+        requests.note_configs_differ(differ);
         if let Some((text, ..)) = requests.last.text() {
             health.set_status(text);
         }
         if let Err(error) = server.serve(|request| requests.ask(request)) {
             tracing::warn!("{error}");
         }
-        let Condition { mode, state, cause, unlogged, .. } = requests.last;
-        let health = HealthV1 { state, mode, cause, unlogged, ..HealthV1::default() };
+        let Condition { mode, state, cause, obstacles, unlogged, .. } = requests.last;
+        let health = HealthV1 { state, mode, cause, obstacles, unlogged, ..HealthV1::default() };
         if let Err(error) = heartbeat.beat(health) {
             tracing::warn!("{error}");
         }
@@ -250,12 +311,13 @@ mod tests {
         let first = requests.ask(asks(OperatorCommand::Status));
         assert_eq!(first.answer, Answer::Accepted.code());
         let second = std::thread::spawn(move || requests.ask(asks(OperatorCommand::Land)));
-        assert!(handle.poll_request(|_| answers(Answer::Refused)));
+        assert!(handle.poll_request(|_| answers(Answer::Refused)).is_some());
         // The loop goes on once the second request is there, too.
-        while !handle.poll_request(|command| {
+        let land = |command| {
             assert_eq!(command, OperatorCommand::Land);
             answers(Answer::Done)
-        }) {
+        };
+        while handle.poll_request(land).is_none() {
             std::thread::yield_now();
         }
         let second = second.join().unwrap().answer;
@@ -276,10 +338,11 @@ mod tests {
             requests.queues.send((0, command, long_ago)).unwrap();
             let mut executed = false;
             while Time::now() == long_ago {}
-            assert!(handle.poll_request(|asked| {
+            let asked = handle.poll_request(|asked| {
                 executed |= asked == command;
                 answers(Answer::Done)
-            }));
+            });
+            assert_eq!(asked.map(|(command, _)| command), Some(command));
             let (_, response) = requests.queues.replies().recv().unwrap();
             assert_eq!(executed, is_executed, "{command}");
             let is_refused = response.cause == Cause::Expired.code();

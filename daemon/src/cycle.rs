@@ -6,19 +6,26 @@ mod mode;
 mod operator;
 mod report;
 mod safety;
+mod watch;
 
+use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
-use oqtal_control::trajectory::{Trajectory, TrajectoryOptions};
+use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryOptions};
 
+use crate::arming::ArmingCheck;
 use crate::command::VehicleCommand;
 use crate::guard::{Guard, seconds};
+use crate::limits::FlightLimits;
+use crate::loop_health::LoopHealth;
 use crate::mission::ActiveMission;
+use crate::setpoint::SetpointGuard;
 use crate::stack::{ControlStack, ControlStep};
 use crate::supervisor::Supervisor;
 use crate::vehicle::VehicleWatch;
@@ -81,6 +88,12 @@ struct Memory {
     fresh: Option<Header>,
     /// Why the last pose that was due is missing.
     missing: Cause,
+    /// Whether the reference of the last tick was refused.
+    setpoint_refused: bool,
+    /// What keeps a flight from beginning, as of the last tick.
+    obstacles: ArmingObstacles,
+    /// The last position inside the soft border of the fence \[m, world\].
+    inside: Option<Vector3<f64>>,
     /// The last command of the control stack, repeated while poses are missing.
     held: VehicleCommand,
     /// The command of the last tick.
@@ -95,6 +108,9 @@ impl Memory {
             last_nominal: None,
             fresh: None,
             missing: Cause::NoPose,
+            setpoint_refused: false,
+            obstacles: ArmingObstacles::default(),
+            inside: None,
             held: VehicleCommand::Disarmed,
             sent: VehicleCommand::Disarmed,
         }
@@ -110,6 +126,8 @@ struct Requests {
     stop: bool,
     /// Whether another vehicle took the place of the one for which a flight was requested.
     vehicle_replaced: bool,
+    /// Whether processes of the instance run with different configurations.
+    configs_differ: bool,
 }
 
 /// The controller between its events.
@@ -126,6 +144,10 @@ pub struct Cycle {
     vehicle: VehicleWatch,
     estimator: Estimator,
     supervisor: Supervisor,
+    limits: FlightLimits,
+    arming: ArmingCheck,
+    setpoint: SetpointGuard,
+    health: LoopHealth,
     stack: ControlStack,
     mode: Mode,
     mission: Option<ActiveMission>,
@@ -140,6 +162,7 @@ impl Cycle {
     /// # Errors
     /// An option of the law or of the vehicle is not allowed.
     pub fn new(config: &Config, trajectory: Trajectory, now: Time) -> Result<Self, OptionError> {
+        let limits = FlightLimits::new(config);
         let awaited = config.safety.arm_at_start && !config.safety.observe_only;
         let at_start = if awaited { AtStart::Awaited } else { AtStart::Nothing };
         Ok(Self {
@@ -147,18 +170,22 @@ impl Cycle {
             observe_only: config.safety.observe_only,
             interface: config.vehicle.interface,
             max_thrust_n: config.vehicle.max_thrust_n,
-            trajectory,
             options: config.trajectory.clone(),
             guard: Guard::new(config)?,
             vehicle: VehicleWatch::new(&config.safety),
             estimator: Estimator::new(config.control.estimator),
             supervisor: Supervisor::default(),
+            arming: ArmingCheck::new(config, &trajectory),
+            setpoint: SetpointGuard::new(limits.fence.clone()),
+            health: LoopHealth::new(&config.safety),
+            limits,
             stack: ControlStack::new(config)?,
             mode: Mode::Disarmed,
             mission: None,
             requests: Requests { at_start, ..Requests::default() },
             memory: Memory::starting_at(now),
             telemetry: report::without_pose(),
+            trajectory,
         })
     }
 
@@ -208,6 +235,7 @@ impl Cycle {
         let late = stamps.pose_published_at.is_set()
             && stamps.command_published_at.since(stamps.pose_published_at) > self.timing.period;
         self.telemetry.deadline_misses += u64::from(late);
+        self.health.sent(late);
         self.telemetry.command_sequence = command_sequence;
         self.telemetry
     }
@@ -229,6 +257,9 @@ impl Cycle {
                 self.stack.active_mut().observe(captured_s, &estimate);
                 self.memory.fresh = Some(*header);
                 self.record_pose(header, pose);
+                if !flying {
+                    self.arming.take(&accepted);
+                }
             }
             Err(cause) => {
                 self.memory.missing = cause;
@@ -248,6 +279,7 @@ impl Cycle {
             self.memory.missing = Cause::NoPose;
         }
         self.supervise(now, fresh.is_some());
+        self.memory.obstacles = self.obstacles(now);
         self.change_mode(now, fresh.is_some());
         let step = ControlStep { now_s: seconds(now), dt_s: dt.seconds() };
         let command = self.command(now, step, fresh.is_some());
@@ -268,7 +300,7 @@ impl Cycle {
     /// not flying; idle rotors until the motors run.
     fn command(&mut self, now: Time, step: ControlStep, fresh: bool) -> CommandV1 {
         let estimate = if fresh { Some(self.estimator.latest()) } else { self.predicted(now) };
-        let reference = self.mission.as_ref().map(|mission| mission.reference(now));
+        let reference = self.reference(now);
         let is_held = self.is_held();
         let output = match (&reference, &estimate) {
             (Some(reference), Some(estimate)) if !is_held => {
@@ -302,6 +334,17 @@ impl Cycle {
     fn idle(&self) -> VehicleCommand {
         let heading = EulerAngles::from_attitude(&self.estimator.latest().attitude).yaw;
         VehicleCommand::idle(self.interface, heading)
+    }
+
+    /// The reference of this tick, or the last valid one in place of an absurd one; `None` without a mission.
+    fn reference(&mut self, now: Time) -> Option<Reference> {
+        let reference = self.mission.as_ref()?.reference(now);
+        if self.observe_only {
+            return Some(reference);
+        }
+        let (valid, refused) = self.setpoint.pass(&reference);
+        self.memory.setpoint_refused = refused;
+        valid
     }
 
     /// The motion to act on in a tick without a pose, as old as that of the last tick with one; `None` if poses have been missing

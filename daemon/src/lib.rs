@@ -5,16 +5,22 @@
 //! | `cycle.rs` | the control cycle: poses and time in, command out |
 //! | `cycle/operator.rs` | requests of operators |
 //! | `cycle/report.rs` | telemetry of a tick |
-//! | `cycle/mode.rs`, `cycle/safety.rs` | modes, and the safety conditions of a tick |
+//! | `cycle/mode.rs`, `cycle/safety.rs`, `cycle/watch.rs` | modes, the safety conditions of a tick, its limits |
 //! | `command.rs` | the command in SI units, and its message |
 //! | `command_model.rs` | the effect of commands on the vehicle |
 //! | `guard.rs` | the checks that a pose must pass |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
+//! | `pose_noise.rs` | whether a source repeats poses |
+//! | `limits.rs`, `fence.rs` | the limits of a flight |
+//! | `arming.rs` | what keeps a flight from beginning |
+//! | `setpoint.rs` | the check of the reference |
+//! | `loop_health.rs` | age and losses of poses, late ticks |
 //! | `vehicle.rs` | the state of the vehicle, as heard |
-//! | `supervisor.rs` | the table of safety states |
+//! | `supervisor.rs` | the table of limits, and the safety state |
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stacks: everything between poses and command |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
+//! | `intake.rs` | records of what the loop took in |
 //! | `turn.rs` | one turn of the process over its ports |
 //! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
@@ -23,14 +29,21 @@
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
 #![forbid(unsafe_code)]
 
+mod arming;
 mod background;
 mod command;
 mod command_model;
 mod cycle;
+mod fence;
 mod flight_marker;
 mod gate;
 mod guard;
+mod intake;
+mod limits;
+mod loop_health;
 mod mission;
+mod pose_noise;
+mod setpoint;
 mod stack;
 mod supervisor;
 mod turn;
@@ -52,17 +65,23 @@ use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_runtime::process_loop;
 
+pub use arming::{ArmingCheck, ArmingView};
 use background::DaemonWorker;
 pub use background::{Condition, LoopHandle, OperatorRequests, loop_handoff};
 pub use command::{RotationCommand, VehicleCommand};
 pub use command_model::CommandModel;
 pub use cycle::{AtStart, Cycle, Tick};
+pub use fence::Fence;
 use flight_marker::FlightMarker;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
+pub use limits::{FlightLimits, FlightView, LimitConditions};
+pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
+pub use pose_noise::PoseNoise;
+pub use setpoint::SetpointGuard;
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
-pub use supervisor::{SafetyConditions, Supervisor};
+pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;
@@ -76,9 +95,10 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = trajectory(&context.config)?;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
-    let ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
+    let mut ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
-    let mut cycle = Cycle::new(&context.config, trajectory, clock.now())
+    let started_at = clock.now();
+    let mut cycle = Cycle::new(&context.config, trajectory, started_at)
         .map_err(|error| context.config.locate(&error))?;
     let warmup =
         if clock.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
@@ -89,9 +109,11 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let marker = FlightMarker::of(bus.paths());
-            if context.config.safety.arm_at_start && !marker.set() {
+            let stays = context.config.safety.arm_at_start && !marker.set();
+            if stays {
                 cycle.stay_at_start();
             }
+            ports.announce_start(started_at, stays)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle };
             process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;

@@ -7,12 +7,16 @@ use oqtal_control::trajectory::{FlightPlan, Phase, Reference};
 
 /// Height above the floor below which a vehicle has landed, once its reference is below the floor \[m\].
 const LANDED_HEIGHT_M: f64 = 0.04;
+/// Time after the end of the landing's reference within which the vehicle must have landed \[s\].
+const LANDING_GRACE_S: f64 = 8.0;
 
 /// A flight under way.
 #[derive(Clone, Debug)]
 pub struct ActiveMission {
     began: Time,
     path: FlightPath,
+    /// Since when the mission waits, and the reference meanwhile.
+    held: Option<(Time, Reference)>,
 }
 
 #[derive(Clone, Debug)]
@@ -27,13 +31,13 @@ impl ActiveMission {
     /// The flight of `plan` from `now` on, from the floor at `floor_m` \[m, world z\].
     #[must_use]
     pub fn fly(plan: FlightPlan, floor_m: f64, now: Time) -> Self {
-        Self { began: now, path: FlightPath::Plan(plan, floor_m) }
+        Self { began: now, path: FlightPath::Plan(plan, floor_m), held: None }
     }
 
     /// Observes a vehicle with the fixed reference `point` \[m, world\].
     #[must_use]
     pub fn observe(point: Vector3<f64>, now: Time) -> Self {
-        Self { began: now, path: FlightPath::Observe(point) }
+        Self { began: now, path: FlightPath::Observe(point), held: None }
     }
 
     /// Moves the beginning to `now`.
@@ -44,12 +48,41 @@ impl ActiveMission {
     /// Time since the flight began \[s\].
     #[must_use]
     pub fn elapsed_s(&self, now: Time) -> f64 {
+        let now = self.held.map_or(now, |(since, _)| since);
         now.since(self.began).seconds()
+    }
+
+    /// Holds the vehicle at `point` \[m, world\]; the mission waits.
+    pub fn hold(&mut self, now: Time, point: Vector3<f64>) {
+        if self.held.is_none() {
+            let Reference { yaw_rad, phase, .. } = self.reference(now);
+            let reference = Reference { yaw_rad, ..Reference::rest(point, phase) };
+            self.held = Some((now, reference));
+        }
+    }
+
+    /// Goes on with the mission where it was held.
+    pub fn resume(&mut self, now: Time) {
+        if let Some((since, _)) = self.held.take() {
+            self.began = self.began + now.since(since);
+        }
+    }
+
+    /// Whether the landing should have ended by `now`.
+    #[must_use]
+    pub fn is_landing_overdue(&self, now: Time) -> bool {
+        match &self.path {
+            FlightPath::Plan(plan, _) => self.elapsed_s(now) > plan.end_s() + LANDING_GRACE_S,
+            FlightPath::Observe(_) => false,
+        }
     }
 
     /// The reference at `now`.
     #[must_use]
     pub fn reference(&self, now: Time) -> Reference {
+        if let Some((_, reference)) = self.held {
+            return reference;
+        }
         match &self.path {
             FlightPath::Plan(plan, _) => plan.sample(self.elapsed_s(now)),
             FlightPath::Observe(point) => Reference::rest(*point, Phase::Trajectory),
@@ -67,6 +100,7 @@ impl ActiveMission {
 
     /// Lands early, above the present position, from the height of the reference.
     pub fn land(&mut self, now: Time, estimate: &Estimate) {
+        self.resume(now);
         let height = self.reference(now).position.z;
         let from = estimate.position.xy().push(height);
         let elapsed_s = self.elapsed_s(now);

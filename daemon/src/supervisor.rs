@@ -1,15 +1,14 @@
-//! The safety state machine: three states, and their transitions as one table.
+//! The safety supervisor: every limit of the daemon is a row of one table, with its action, its bound and its end. A pure
+//! function of conditions and time; the thresholds are in `[safety]` and `[fence]`, the conditions are computed in `limits.rs`.
 //!
-//! ```text
-//!         poses missing, or on the           blind too long, or vehicle
-//!         ground the vehicle silent          lost, flying
-//!  Nominal ──────────────▶ Coast ────────────────────────────────▶ Stop
-//!     ▲                      │                                       │
-//!     └ poses, vehicle good ─┴──────────── operator arms ────────────┘
-//! ```
-//! Each tick collects the conditions and takes the first transition that holds.
+//! In each tick every row whose condition has held for its time becomes active, and every active row whose end has come becomes
+//! inactive. The state is the most severe action of an active row, the cause is that of the row that brought it about.
 
 use oqtal_bus::code::{Cause, SafetyState};
+use oqtal_bus::time::{Span, Time};
+
+use crate::limits::LimitConditions;
+use SafetyState::{Coast, Degraded, Hold, Land, Stop};
 
 /// The conditions of one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,8 +21,6 @@ pub struct SafetyConditions {
     pub blind_too_long: bool,
     /// On the ground: the vehicle does not answer, so that a flight must not begin.
     pub vehicle_silent: bool,
-    /// The vehicle answers again, and its silence is still the cause of the state.
-    pub vehicle_back: bool,
     /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted. Before a flight:
     /// another vehicle took the place of the one for which the flight was requested.
     pub vehicle_lost: bool,
@@ -31,70 +28,143 @@ pub struct SafetyConditions {
     pub operator_stops: bool,
     /// An operator requested a flight.
     pub operator_arms: bool,
+    /// A flight is under way.
+    pub is_flying: bool,
+    /// The limits of the flight and of the loop.
+    pub limits: LimitConditions,
 }
 
-/// A transition: from `from` to `to` when `when` holds.
-struct SafetyTransition {
-    from: SafetyState,
-    to: SafetyState,
-    when: fn(&SafetyConditions) -> bool,
+/// How an active row ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// An operator arms again, with good poses and a vehicle that answers.
+    Armed,
+    /// The flight has ended.
+    Landed,
+    /// Enough good poses arrived in a row.
+    PosesGood,
+    /// The condition has not held for this time \[ms\].
+    Gone(i64),
 }
 
-/// All transitions, the most urgent first: the first that holds is taken.
-const TRANSITIONS: [SafetyTransition; 9] = {
-    use SafetyState::{Coast, Nominal, Stop};
+/// A row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct SafetyRow {
+    /// Row of docs/faults.md.
+    pub id: &'static str,
+    /// Cause that is told; `None` for the cause for which the poses are missing.
+    pub cause: Option<Cause>,
+    /// The condition.
+    pub when: fn(&SafetyConditions) -> bool,
+    /// Time for which the condition must hold \[ms\].
+    pub after_ms: i64,
+    /// The action.
+    pub action: SafetyState,
+    /// The end of the action.
+    pub ends: Ending,
+}
+
+/// All limits, the most severe first.
+#[rustfmt::skip]
+pub const LIMITS: [SafetyRow; 28] = {
+    use Ending::{Armed, Gone, Landed, PosesGood};
+    use SafetyRow as Row;
     [
-        SafetyTransition { from: Nominal, to: Stop, when: |c| c.operator_stops },
-        SafetyTransition { from: Coast, to: Stop, when: |c| c.operator_stops },
-        SafetyTransition { from: Nominal, to: Stop, when: |c| c.blind_too_long || c.vehicle_lost },
-        SafetyTransition { from: Coast, to: Stop, when: |c| c.blind_too_long || c.vehicle_lost },
-        SafetyTransition {
-            from: Nominal,
-            to: Coast,
-            when: |c| c.poses_missing || c.vehicle_silent,
-        },
-        SafetyTransition { from: Coast, to: Nominal, when: |c| c.poses_good && !c.vehicle_silent },
-        // Poses or vehicle are back while the other is still missing: the cause changes, the state does not.
-        SafetyTransition { from: Coast, to: Coast, when: |c| c.poses_good && c.vehicle_silent },
-        SafetyTransition { from: Coast, to: Coast, when: |c| c.vehicle_back },
-        // Stop is latched: an operator ends it, once poses are good and the vehicle answers.
-        SafetyTransition {
-            from: Stop,
-            to: Nominal,
-            when: |c| c.operator_arms && c.poses_good && !c.vehicle_silent && !c.operator_stops,
-        },
+        // Motors off, latched.
+        Row { id: "F33", cause: Some(Cause::Operator), when: |c| c.operator_stops, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F02", cause: None, when: |c| c.blind_too_long, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_lost, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F37", cause: Some(Cause::Fence), when: |c| c.limits.leaves_fence, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tipped, after_ms: 100, action: Stop, ends: Armed },
+        Row { id: "F39", cause: Some(Cause::Crash), when: |c| c.limits.lies_on_floor, after_ms: 2000, action: Stop, ends: Armed },
+        Row { id: "F40", cause: Some(Cause::NoLift), when: |c| c.limits.stays_on_floor, after_ms: 1200, action: Stop, ends: Armed },
+        Row { id: "F41", cause: Some(Cause::Landing), when: |c| c.limits.landing_overdue, after_ms: 0, action: Stop, ends: Armed },
+        // Land where the vehicle is.
+        Row { id: "F42", cause: Some(Cause::NoLift), when: |c| c.limits.sinks, after_ms: 700, action: Land, ends: Landed },
+        Row { id: "F43", cause: Some(Cause::Speed), when: |c| c.limits.too_fast, after_ms: 200, action: Land, ends: Landed },
+        Row { id: "F44", cause: Some(Cause::Tracking), when: |c| c.limits.far_off, after_ms: 3000, action: Land, ends: Landed },
+        Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_empty, after_ms: 2000, action: Land, ends: Landed },
+        Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_bad, after_ms: 2000, action: Land, ends: Landed },
+        Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_too_old, after_ms: 500, action: Land, ends: Landed },
+        Row { id: "F47", cause: Some(Cause::HeldTooLong), when: |c| c.limits.in_fence_margin, after_ms: 10_000, action: Land, ends: Landed },
+        // Hold the position.
+        Row { id: "F47", cause: Some(Cause::Fence), when: |c| c.limits.in_fence_margin, after_ms: 0, action: Hold, ends: Gone(500) },
+        // Fly on the prediction, then hold the last command; on the ground: no take-off.
+        Row { id: "F01", cause: None, when: |c| c.poses_missing, after_ms: 0, action: Coast, ends: PosesGood },
+        Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_silent, after_ms: 0, action: Coast, ends: Gone(0) },
+        // Warn.
+        Row { id: "F35", cause: Some(Cause::Setpoint), when: |c| c.limits.setpoint_refused, after_ms: 0, action: Degraded, ends: Gone(500) },
+        Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tilted, after_ms: 100, action: Degraded, ends: Gone(1000) },
+        Row { id: "F45", cause: Some(Cause::Battery), when: |c| c.limits.battery_low, after_ms: 2000, action: Degraded, ends: Gone(2000) },
+        Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_poor, after_ms: 2000, action: Degraded, ends: Gone(2000) },
+        Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_old, after_ms: 200, action: Degraded, ends: Gone(1000) },
+        Row { id: "F11", cause: Some(Cause::PosesLost), when: |c| c.limits.poses_lost, after_ms: 0, action: Degraded, ends: Gone(1000) },
+        Row { id: "F22", cause: Some(Cause::Overrun), when: |c| c.limits.overrun, after_ms: 0, action: Degraded, ends: Gone(1000) },
+        Row { id: "F31", cause: Some(Cause::Configuration), when: |c| c.limits.configs_differ, after_ms: 0, action: Degraded, ends: Gone(0) },
+        Row { id: "F44", cause: Some(Cause::Tracking), when: |c| c.limits.far_off, after_ms: 1000, action: Degraded, ends: Gone(1000) },
+        Row { id: "F42", cause: Some(Cause::NoLift), when: |c| c.limits.sinks, after_ms: 200, action: Degraded, ends: Gone(1000) },
     ]
 };
+
+/// Progress of a row.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct RowState {
+    /// Since when the condition holds.
+    held_since: Option<Time>,
+    /// When it held last.
+    held_at: Option<Time>,
+    is_active: bool,
+}
 
 /// The safety state and its cause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Supervisor {
-    state: SafetyState,
+    rows: [RowState; LIMITS.len()],
+    /// The row that brought the state about; `None` in Nominal.
+    lead: Option<usize>,
     cause: Cause,
 }
 
 impl Default for Supervisor {
     /// Coast: neither poses nor a vehicle yet.
     fn default() -> Self {
-        Self { state: SafetyState::Coast, cause: Cause::NoPose }
+        let rows = LIMITS.map(|row| RowState {
+            is_active: row.ends == Ending::PosesGood,
+            ..RowState::default()
+        });
+        let lead = rows.iter().position(|row| row.is_active);
+        Self { rows, lead, cause: Cause::NoPose }
     }
 }
 
 impl Supervisor {
-    /// Takes the transition of this tick. `cause` is the cause of a state other than Nominal.
-    pub fn step(&mut self, conditions: &SafetyConditions, cause: Cause) -> SafetyState {
-        let taken = TRANSITIONS.iter().find(|way| way.from == self.state && (way.when)(conditions));
-        if let Some(way) = taken {
-            self.state = way.to;
-            self.cause = if way.to == SafetyState::Nominal { Cause::None } else { cause };
+    /// Evaluates the table at `now`. `pose_cause` is why poses are missing, if they are.
+    pub fn step(
+        &mut self,
+        now: Time,
+        conditions: &SafetyConditions,
+        pose_cause: Cause,
+    ) -> SafetyState {
+        for (row, state) in LIMITS.iter().zip(&mut self.rows) {
+            state.advance(now, row, conditions);
         }
-        self.state
+        let active = |index: &usize| self.rows[*index].is_active;
+        let worst = (0..LIMITS.len()).filter(active).map(|index| LIMITS[index].action).max();
+        let lead = self.lead.filter(active).map(|lead| LIMITS[lead].action);
+        if lead.is_none() || lead != worst {
+            self.lead = (0..LIMITS.len()).filter(active).find(|i| Some(LIMITS[*i].action) == worst);
+            self.cause = match self.lead {
+                Some(lead) => LIMITS[lead].cause.unwrap_or(pose_cause),
+                None => Cause::None,
+            };
+        }
+        self.state()
     }
 
     /// The present state.
     #[must_use]
     pub fn state(&self) -> SafetyState {
-        self.state
+        self.lead.map_or(SafetyState::Nominal, |lead| LIMITS[lead].action)
     }
 
     /// Why the state is not Nominal.
@@ -104,103 +174,30 @@ impl Supervisor {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use SafetyState::{Coast, Nominal, Stop};
-
-    const MISSED: SafetyConditions = SafetyConditions {
-        poses_missing: true,
-        poses_good: false,
-        blind_too_long: false,
-        vehicle_silent: false,
-        vehicle_back: false,
-        vehicle_lost: false,
-        operator_stops: false,
-        operator_arms: false,
-    };
-    const GOOD: SafetyConditions =
-        SafetyConditions { poses_missing: false, poses_good: true, ..MISSED };
-
-    fn in_state(state: SafetyState) -> Supervisor {
-        Supervisor { state, cause: Cause::None }
-    }
-
-    #[test]
-    fn it_starts_blind_and_turns_nominal_with_good_poses() {
-        let mut supervisor = Supervisor::default();
-        assert_eq!(supervisor.state(), Coast);
-        assert_eq!(supervisor.step(&GOOD, Cause::None), Nominal);
-        assert_eq!(supervisor.cause(), Cause::None);
-    }
-
-    #[test]
-    fn missing_poses_coast_and_keep_their_cause() {
-        let mut supervisor = in_state(Nominal);
-        assert_eq!(supervisor.step(&MISSED, Cause::Jump), Coast);
-        assert_eq!(supervisor.cause(), Cause::Jump);
-        assert_eq!(supervisor.step(&GOOD, Cause::None), Nominal);
-    }
-
-    #[test]
-    fn blindness_stops_from_every_flying_state() {
-        let blind = SafetyConditions { blind_too_long: true, ..MISSED };
-        for state in [Nominal, Coast] {
-            assert_eq!(in_state(state).step(&blind, Cause::NoPose), Stop);
+impl RowState {
+    fn advance(&mut self, now: Time, row: &SafetyRow, conditions: &SafetyConditions) {
+        if (row.when)(conditions) {
+            let since = *self.held_since.get_or_insert(now);
+            self.held_at = Some(now);
+            self.is_active |= now.since(since) >= Span::from_millis(row.after_ms);
+            return;
         }
-    }
-
-    #[test]
-    fn f18_a_lost_vehicle_stops_from_every_flying_state() {
-        let lost = SafetyConditions { vehicle_lost: true, ..GOOD };
-        for state in [Nominal, Coast] {
-            let mut supervisor = in_state(state);
-            assert_eq!(supervisor.step(&lost, Cause::NoVehicle), Stop);
-            assert_eq!(supervisor.cause(), Cause::NoVehicle);
-        }
-    }
-
-    #[test]
-    fn a_silent_vehicle_keeps_the_daemon_on_the_ground_and_is_the_cause_when_poses_are_not() {
-        let silent = SafetyConditions { vehicle_silent: true, ..GOOD };
-        let mut supervisor = Supervisor::default();
-        assert_eq!(supervisor.step(&silent, Cause::NoVehicle), Coast);
-        assert_eq!(supervisor.cause(), Cause::NoVehicle);
-        let back_without_poses = SafetyConditions { vehicle_back: true, ..MISSED };
-        assert_eq!(supervisor.step(&back_without_poses, Cause::Untracked), Coast);
-        assert_eq!(supervisor.cause(), Cause::Untracked);
-        assert_eq!(supervisor.step(&GOOD, Cause::None), Nominal);
-        assert_eq!(supervisor.step(&silent, Cause::NoVehicle), Coast);
-    }
-
-    #[test]
-    fn stop_is_latched_against_everything_but_arming_with_good_poses_and_a_vehicle() {
-        for bits in 0..=u8::MAX {
-            let on = |bit: u8| bits & (1 << bit) != 0;
-            let conditions = SafetyConditions {
-                poses_missing: on(0),
-                poses_good: on(1),
-                blind_too_long: on(2),
-                operator_stops: on(3),
-                operator_arms: on(4),
-                vehicle_silent: on(5),
-                vehicle_back: on(6),
-                vehicle_lost: on(7),
-            };
-            let after = in_state(Stop).step(&conditions, Cause::None);
-            let leaves = conditions.operator_arms
-                && conditions.poses_good
-                && !conditions.vehicle_silent
-                && !conditions.operator_stops;
-            assert_eq!(after == Nominal, leaves, "{conditions:?}");
-        }
-    }
-
-    #[test]
-    fn an_operator_stop_wins_over_everything() {
-        let stop = SafetyConditions { operator_stops: true, ..GOOD };
-        for state in [Nominal, Coast] {
-            assert_eq!(in_state(state).step(&stop, Cause::Operator), Stop);
-        }
+        self.held_since = None;
+        let ended = match row.ends {
+            Ending::Armed => {
+                let SafetyConditions { poses_good, vehicle_silent, operator_stops, .. } =
+                    *conditions;
+                conditions.operator_arms && poses_good && !vehicle_silent && !operator_stops
+            }
+            Ending::Landed => !conditions.is_flying,
+            Ending::PosesGood => conditions.poses_good,
+            Ending::Gone(millis) => {
+                self.held_at.is_none_or(|at| now.since(at) >= Span::from_millis(millis))
+            }
+        };
+        self.is_active &= !ended;
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -77,6 +77,12 @@ impl VehicleWatch {
             && self.heard.is_some_and(|(_, vehicle)| vehicle.link != 0)
     }
 
+    /// The last message about the vehicle, if it answers.
+    #[must_use]
+    pub fn answer(&self, now: Time) -> Option<&VehicleV1> {
+        self.heard.as_ref().map(|(_, vehicle)| vehicle).filter(|_| self.answers(now))
+    }
+
     /// Whether a flight must end: no reply for too long, motors that stopped or do not start, or a bridge that was restarted and
     /// does not know of the flight.
     #[must_use]

@@ -1,4 +1,4 @@
-//! Emulated cameras, from the true state to the delivery of a pose: a model of the measurement, of the connection, and of the
+//! Emulated cameras, from the true state to the delivery of a pose: a model of the measurement, of the transit, and of the
 //! stamp.
 
 use std::collections::VecDeque;
@@ -10,10 +10,10 @@ use oqtal_runtime::pose_source::Delivery;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 
-use crate::connection::{Connection, Sender};
 use crate::drift::Drift;
 use crate::markers::MarkerCameras;
 use crate::pose_noise;
+use crate::transit::{FrameSender, Transit};
 
 /// Random words reserved for each frame: the noise of a frame does not depend on earlier frames.
 const WORDS_PER_FRAME: u128 = 256;
@@ -27,8 +27,8 @@ pub struct Cameras {
     drift: Drift,
     /// For `mocap.model = "markers"`.
     markers: Option<MarkerCameras>,
-    sender: Sender,
-    connection: Connection,
+    sender: FrameSender,
+    transit: Transit,
     in_flight: VecDeque<(Time, Delivery)>,
     /// Instant of the first frame.
     began: Option<Time>,
@@ -38,15 +38,15 @@ impl Cameras {
     /// The cameras of a configuration.
     #[must_use]
     pub fn new(mocap: &MocapOptions, seed: u64) -> Self {
-        let connection = Connection::new(mocap);
+        let transit = Transit::new(mocap);
         Self {
             generator: stream(seed, RandomSource::Cameras),
             room: stream(seed, RandomSource::Room),
             drift: Drift::new(mocap),
             markers: (mocap.model == MocapModel::Markers).then(|| MarkerCameras::new(mocap, seed)),
-            sender: Sender::new(mocap),
-            in_flight: VecDeque::with_capacity(connection.capacity()),
-            connection,
+            sender: FrameSender::new(mocap),
+            in_flight: VecDeque::with_capacity(transit.capacity()),
+            transit,
             began: None,
             mocap: mocap.clone(),
         }
@@ -62,15 +62,15 @@ impl Cameras {
         let jitter: f64 = self.generator.random();
         let latency_ms = self.mocap.latency_ms + jitter * self.mocap.jitter_ms;
         let latency = Span::from_seconds(latency_ms * 1e-3);
-        let is_lost = self.connection.loses_frame(&mut self.generator);
-        self.connection.advance(truth.time, &mut self.room);
+        let is_lost = self.transit.loses_frame(&mut self.generator);
+        self.transit.advance(truth.time, &mut self.room);
         let Some(sent) = self.sender.send(truth.capture, truth.time, &mut self.room) else {
             return;
         };
         if is_lost {
             return;
         }
-        if let Some(deliver_at) = self.connection.arrival(sent.at, latency, &mut self.room) {
+        if let Some(deliver_at) = self.transit.arrival(sent.at, latency, &mut self.room) {
             let captured_at = self.stamp(truth.time, deliver_at);
             let stamps = Stamps { captured_at, ..Stamps::default() };
             self.in_flight.push_back((deliver_at, Delivery { frame: sent.number, stamps, pose }));

@@ -5,7 +5,7 @@
 //! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
 //! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
 //! | `markers.rs` | measurement from the markers up |
-//! | `connection.rs` | frames sent, stalls, arrival |
+//! | `transit.rs` | frames sent, stalls, arrival |
 //! | `recording.rs` | recordings: formats, parser, timing |
 //! | `capture.rs` | estimated captures of a recording's poses |
 //! | `statistics.rs` | a recording in figures |
@@ -21,7 +21,6 @@
 mod body;
 mod cameras;
 pub mod capture;
-mod connection;
 mod drift;
 pub mod emulation;
 pub mod markers;
@@ -32,6 +31,7 @@ mod scene;
 pub mod serve;
 mod source;
 pub mod statistics;
+mod transit;
 
 use std::path::Path;
 use std::process::ExitCode;

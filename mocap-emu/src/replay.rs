@@ -69,6 +69,7 @@ impl Replay {
                 residual_m: f64::NAN,
                 body: BODY,
                 tracked: 1,
+                simulated: 1,
                 ..PoseV1::default()
             },
         })

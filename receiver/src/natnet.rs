@@ -125,12 +125,7 @@ impl NatnetConnection {
             }
             let count = match self.commands.recv(&mut self.buffer) {
                 Ok(count) => count,
-                Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
-                    return Err(attempt.refused(&error));
-                }
-                Err(error) if error.kind() == io::ErrorKind::ConnectionRefused => {
-                    return Err(attempt.refused(&error));
-                }
+                Err(error) if is_final(&error) => return Err(attempt.refused(&error)),
                 Err(_) => continue,
             };
             match self.client.receive(&self.buffer[..count]) {
@@ -199,6 +194,11 @@ impl NatnetConnection {
         }
         Ok(())
     }
+}
+
+/// Whether another try would fail, too.
+fn is_final(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ConnectionRefused)
 }
 
 impl CameraStream for NatnetConnection {

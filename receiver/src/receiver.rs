@@ -131,6 +131,8 @@ impl FrameSink for PoseReceiver {
             capture_uncertainty_s: captured.uncertainty.seconds(),
             body: body.number,
             tracked: u8::from(body.pose.is_some()),
+            // Cameras measured it, as far as the protocol tells.
+            simulated: 0,
         };
         let stamps = Stamps {
             captured_at: captured.captured_at,

@@ -93,6 +93,12 @@ impl PosePath {
         let usage = |message: &str| Err(Failure::new(Exit::Usage, message));
         let path = match source {
             None | Some(MocapSource::Emulated | MocapSource::Replay(_)) => return Ok(Self::Bus),
+            Some(MocapSource::Served(_)) if matches!(commands, CommandLink::Linked(_)) => {
+                // The receiver cannot know that these poses are emulated, and nothing else would tell the daemon.
+                return usage(
+                    "--mocap over a network shows a simulated vehicle: leave it out for a vehicle at a link, or name its cameras by --mocap link:LINK",
+                );
+            }
             Some(MocapSource::Served(protocol)) => Self::serve(protocol, config)?,
             Some(MocapSource::Linked(_)) if !matches!(commands, CommandLink::Linked(_)) => {
                 return usage(

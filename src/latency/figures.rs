@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use oqtal_observe::latency::DistributionSummary;
+use oqtal_observe::latency::{DistributionSummary, RECEIVER};
 use serde::Serialize;
 
 use super::bare::Mechanism;
@@ -14,6 +14,9 @@ use oqtal_observe::loop_monitor::{LoopCounters, LoopMonitor};
 
 /// The hops without computation: their latency is that of the bus.
 pub const TRANSPORT: [&str; 2] = ["publish_to_daemon", "command_to_vehicle"];
+
+/// The hop of the receiver of real cameras.
+pub const RECEIVE_TO_PUBLISH: &str = RECEIVER[1];
 
 /// Latency of a hop divided by that of the bare iceoryx2 listener.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -76,7 +79,7 @@ pub struct LatencyFigures {
     pub hops: BTreeMap<&'static str, DistributionSummary>,
     /// Latency of each mechanism without the bus.
     pub bare: BTreeMap<&'static str, DistributionSummary>,
-    /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2.
+    /// Each hop of [`TRANSPORT`] over the bare listener of iceoryx2, and that of the receiver over a bare UDP socket.
     pub ratio: BTreeMap<&'static str, Ratio>,
     /// The same ratios under each condition; empty for a running instance.
     pub conditions: Vec<ConditionFigures>,
@@ -107,7 +110,16 @@ impl LatencyFigures {
             counters: monitor.counters(),
         };
         figures.ratio = figures.ratios(Mechanism::Iceoryx2Listener);
+        figures.ratio.extend(figures.receiver_ratio().map(|ratio| (RECEIVE_TO_PUBLISH, ratio)));
         figures
+    }
+
+    /// The hop of the receiver of real cameras over a bare UDP socket; `None` where one of the two was not measured.
+    fn receiver_ratio(&self) -> Option<Ratio> {
+        let measured = |summary: &&DistributionSummary| summary.count > 0;
+        let hop = self.hops.get(RECEIVE_TO_PUBLISH).filter(measured)?;
+        let bare = self.bare.get(Mechanism::UdpSocket.name()).filter(measured)?;
+        Some(Ratio::of(hop, bare))
     }
 
     /// The hops of [`TRANSPORT`] over `mechanism`; none where one of the two was not measured.

@@ -34,6 +34,9 @@ pub enum Part {
     /// Receives by a Unix datagram socket
     #[command(subcommand)]
     UnixDatagram(ProcessCommand),
+    /// Receives by a UDP socket
+    #[command(subcommand)]
+    UdpSocket(ProcessCommand),
     /// Receives by a listener of iceoryx2
     #[command(subcommand)]
     Iceoryx2Listener(ProcessCommand),
@@ -52,6 +55,7 @@ impl Part {
             Self::UnixDatagram(command) => {
                 (Role::Daemon, command, receiver_job(Mechanism::UnixDatagram))
             }
+            Self::UdpSocket(command) => (Role::Daemon, command, receiver_job(Mechanism::UdpSocket)),
             Self::Iceoryx2Listener(command) => {
                 (Role::Daemon, command, receiver_job(Mechanism::Iceoryx2Listener))
             }

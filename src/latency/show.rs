@@ -4,7 +4,7 @@ use comfy_table::Table;
 use oqtal_observe::latency::NAMES;
 
 use super::bare::Mechanism;
-use super::figures::{LatencyFigures, TRANSPORT};
+use super::figures::{LatencyFigures, RECEIVE_TO_PUBLISH, Ratio, TRANSPORT};
 use oqtal_observe::plot::unit::{significant, words};
 use oqtal_observe::table::{align, latency_row, table};
 
@@ -12,6 +12,7 @@ use oqtal_observe::table::{align, latency_row, table};
 #[must_use]
 pub fn text(figures: &LatencyFigures) -> String {
     let mut parts = vec![format!("daemon: {}", figures.realtime), latencies(figures).to_string()];
+    parts.extend(receiver(figures));
     parts.extend(ratios(figures).map(|table| table.to_string()));
     parts.extend(conditions(figures).map(|table| table.to_string()));
     parts.extend(pairs(figures));
@@ -37,6 +38,13 @@ fn latencies(figures: &LatencyFigures) -> Table {
     }
     align(&mut table);
     table
+}
+
+/// The receiver of real cameras over a bare UDP socket.
+fn receiver(figures: &LatencyFigures) -> Option<String> {
+    let Ratio { p50, p99 } = figures.ratio.get(RECEIVE_TO_PUBLISH)?;
+    let (p50, p99) = (significant(*p50), significant(*p99));
+    Some(format!("receive to publish over a bare UDP socket, p50 / p99: {p50} / {p99}"))
 }
 
 /// Each transport hop over each bare mechanism, p50 and p99.

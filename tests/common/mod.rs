@@ -49,6 +49,11 @@ impl Testbed {
         InstancePaths::new(&self.instance, Some(&self.path("run"))).unwrap()
     }
 
+    /// The bus of another instance in the same directory.
+    pub fn bus_of(&self, instance: &str) -> Bus {
+        Bus::open(&InstancePaths::new(instance, Some(&self.path("run"))).unwrap()).unwrap()
+    }
+
     pub fn bus(&self) -> Bus {
         Bus::open(&self.paths()).unwrap()
     }

@@ -40,6 +40,8 @@ message! {
         body: u32 ["-"],
         /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
         tracked: u8 ["flag"],
+        /// 1 if the pose is emulated or from a recording, 0 if cameras measured it.
+        simulated: u8 ["flag"],
     }
 }
 
@@ -165,6 +167,8 @@ message! {
         innovation_attitude: [f64; 3] ["rad, body"],
         /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
         nis: [f64; 2] ["-"],
+        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
+        obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
         /// [`crate::code::SafetyState`] of the daemon.
@@ -179,6 +183,40 @@ message! {
         fresh: u8 ["flag"],
         /// 1 if the attitude command hit its limit.
         saturated: u8 ["flag"],
+    }
+}
+
+message! {
+    /// Topic `input`: what the daemon's loop took in, in the order in which it acted on it: enough to execute the same turns again
+    /// from a recording of the other topics. Once for the start of the daemon, for each turn in which a sample was taken or a tick
+    /// made, and for each request of an operator.
+    InputV1 = "oqtal.Input.v1" {
+        /// Instant of the turn: when the daemon woke.
+        time: Time ["ns"],
+        /// Writer of the pose taken, as in its header; 0 if none was taken.
+        pose_source: u64 ["-"],
+        /// Number of the pose taken among those of its writer; 0 if none was taken.
+        pose_number: u64 ["-"],
+        /// Writer of the vehicle message taken, as in its header; 0 if none was taken.
+        vehicle_source: u64 ["-"],
+        /// Number of the vehicle message taken among those of its writer; 0 if none was taken.
+        vehicle_number: u64 ["-"],
+        /// Sequence of the command published in this turn; 0 if no tick was made.
+        command_sequence: u64 ["-"],
+        /// [`crate::code::InputKind`]: what this message records.
+        kind: u8 ["code"],
+        /// [`crate::code::OperatorCommand`] of a request.
+        request: u8 ["code"],
+        /// [`crate::code::Answer`] to the request.
+        answer: u8 ["code"],
+        /// [`crate::code::Cause`] of a refusal.
+        cause: u8 ["code"],
+        /// 1 if the operator's stop was raised since the turn before.
+        stop: u8 ["flag"],
+        /// 1 if the daemon knew that the processes of the instance run with different configurations.
+        configs_differ: u8 ["flag"],
+        /// At the start: 1 if the automatic flight at start-up was cancelled.
+        stays: u8 ["flag"],
     }
 }
 
@@ -201,6 +239,8 @@ message! {
         late_turns: u64 ["-"],
         /// 1 while the loop runs late: three turns in a row were late, and less than a second has passed since the last late one.
         runs_late: u8 ["flag"],
+        /// [`crate::obstacle::ArmingObstacles`] of the daemon.
+        obstacles: u32 ["-"],
     }
 }
 

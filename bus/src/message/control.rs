@@ -41,5 +41,7 @@ message! {
         cause: u8 ["code"],
         /// Hash of the daemon's configuration.
         config_hash: u64 ["-"],
+        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning.
+        obstacles: u32 ["-"],
     }
 }

@@ -62,7 +62,7 @@ pub use history::CommandHistory;
 pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
 pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
-pub use observer::{MotionObserver, PoseInnovation};
+pub use observer::{FilterInnovation, MotionObserver};
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
@@ -194,7 +194,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
     /// The motion that the filters estimate at the capture of the last pose, and the innovation of that pose; `None` before the
     /// first pose.
     #[must_use]
-    pub fn filtered(&self) -> Option<(&Motion, Option<&PoseInnovation>)> {
+    pub fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
         self.observer.latest().map(|(_, motion)| (motion, self.observer.innovation()))
     }
 

@@ -18,7 +18,7 @@ const LOST_M: f64 = 1.0;
 /// Difference of a pose from what the filters expected of it. Of filters that know their noise, innovations are white and their
 /// normalised squares 1 in the mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PoseInnovation {
+pub struct FilterInnovation {
     /// Measured position minus the expected one \[m, world\].
     pub position: Vector3<f64>,
     /// Rotation from the expected attitude to the measured one \[rad, body axes\].
@@ -41,8 +41,8 @@ pub struct MotionObserver {
     position: PositionFilter,
     /// Time of the last pose \[s\] and the motion at that time.
     last: Option<(f64, Motion)>,
-    /// PoseInnovation of the last pose; `None` on the floor.
-    innovation: Option<PoseInnovation>,
+    /// Innovation of the last pose; `None` on the floor.
+    innovation: Option<FilterInnovation>,
     airborne: bool,
 }
 
@@ -72,9 +72,9 @@ impl MotionObserver {
         self.last.as_ref().map(|(t_s, motion)| (*t_s, motion))
     }
 
-    /// PoseInnovation of the last pose; `None` on the floor, and after a pose from which the filters restarted.
+    /// Innovation of the last pose; `None` on the floor, and after a pose from which the filters restarted.
     #[must_use]
-    pub fn innovation(&self) -> Option<&PoseInnovation> {
+    pub fn innovation(&self) -> Option<&FilterInnovation> {
         self.innovation.as_ref()
     }
 
@@ -112,7 +112,7 @@ impl MotionObserver {
         let attitude = self.attitude.correct(&mut motion, &measured.attitude);
         let position = self.position.correct(&mut motion, &measured.position);
         if motion.is_finite() && position.norm() <= LOST_M {
-            self.innovation = Some(PoseInnovation {
+            self.innovation = Some(FilterInnovation {
                 position,
                 attitude,
                 position_nis: position.norm_squared() / 3.0 / expected[0],

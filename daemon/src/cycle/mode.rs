@@ -30,28 +30,55 @@ impl Cycle {
     pub(super) fn change_mode(&mut self, now: Time, fresh: bool) {
         let estimate = self.estimator.latest();
         let by_itself = self.takes_off_by_itself();
+        let may_begin = fresh && self.memory.obstacles.is_empty();
         match (self.mode, self.supervisor.state()) {
-            (Mode::Disarmed, SafetyState::Nominal) if fresh && by_itself => {
+            (Mode::Disarmed, SafetyState::Nominal | SafetyState::Degraded)
+                if may_begin && by_itself =>
+            {
                 self.begin_flight(now, &estimate);
             }
-            (Mode::Disarmed, SafetyState::Nominal) if self.observe_only => {
+            (Mode::Disarmed, SafetyState::Nominal | SafetyState::Degraded) if self.observe_only => {
                 self.stack.active_mut().reset();
                 self.mission = Some(ActiveMission::observe(estimate.position, now));
                 self.mode = Mode::Flying;
             }
             // `arm` begins a flight at once or not at all: poses were good when the operator asked.
+            (Mode::Waiting, SafetyState::Nominal | SafetyState::Degraded) if may_begin => {
+                self.begin_flight(now, &estimate);
+            }
+            (Mode::Waiting, _) if self.requests.arms_at_once && fresh => {
+                self.mode = Mode::Disarmed;
+            }
             (Mode::Waiting, SafetyState::Coast | SafetyState::Stop)
                 if self.requests.arms_at_once =>
             {
                 self.mode = Mode::Disarmed;
             }
-            (Mode::Waiting, SafetyState::Nominal) if fresh => {
-                self.begin_flight(now, &estimate);
-            }
             (Mode::Flying | Mode::Landing, SafetyState::Stop) if !self.observe_only => {
                 self.end_flight();
             }
-            (Mode::Flying | Mode::Landing, _) => self.go_on(now, &estimate),
+            (Mode::Flying | Mode::Landing, state) => {
+                self.act_on(now, state);
+                self.go_on(now, &estimate);
+            }
+            _ => {}
+        }
+    }
+
+    /// Holds the position or lands if the safety state demands it, and goes on with the mission if it does no longer.
+    fn act_on(&mut self, now: Time, state: SafetyState) {
+        let estimate = self.estimator.latest();
+        let Some(mission) = self.mission.as_mut().filter(|_| !self.observe_only) else { return };
+        match state {
+            SafetyState::Land if self.mode == Mode::Flying => {
+                mission.land(now, &estimate);
+                self.mode = Mode::Landing;
+            }
+            SafetyState::Hold if self.mode == Mode::Flying => {
+                mission.hold(now, self.memory.inside.unwrap_or(estimate.position));
+            }
+            // Blindness interrupts neither.
+            SafetyState::Nominal | SafetyState::Degraded => mission.resume(now),
             _ => {}
         }
     }
@@ -59,6 +86,7 @@ impl Cycle {
     /// Ends the flight: motors off.
     pub(super) fn end_flight(&mut self) {
         self.guard.motion.end();
+        self.arming.reset();
         self.mission = None;
         self.mode = Mode::Disarmed;
     }
@@ -72,6 +100,8 @@ impl Cycle {
         self.stack.active_mut().reset();
         self.vehicle.begin_flight(now);
         self.guard.begin_flight();
+        self.setpoint.reset();
+        self.memory.inside = None;
         self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
         self.mode = Mode::Flying;
         if self.requests.at_start == AtStart::Awaited {

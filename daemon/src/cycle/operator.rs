@@ -2,6 +2,7 @@
 
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand};
 use oqtal_bus::message::ControlResponseV1;
+use oqtal_bus::obstacle::ArmingObstacle;
 use oqtal_bus::time::Time;
 
 use super::Cycle;
@@ -55,22 +56,28 @@ impl Cycle {
             mode: self.mode.code(),
             state: self.supervisor.state().code(),
             cause: cause.code(),
+            obstacles: self.obstacles(now).bits(),
             ..ControlResponseV1::default()
         }
+    }
+
+    /// Records whether processes of the instance run with different configurations.
+    pub fn notice_configurations(&mut self, differ: bool) {
+        self.requests.configs_differ = differ;
     }
 
     /// Begins a flight at once, or refuses it.
     fn arm(&mut self, now: Time) -> Result<Answer, Cause> {
         if self.mode != Mode::Disarmed || self.observe_only {
             Err(Cause::WrongMode)
-        } else if self.guard.good_in_a_row() < self.timing.recovery_poses {
-            Err(self.memory.missing)
-        } else if !self.vehicle.answers(now) {
-            Err(Cause::NoVehicle)
-        } else if self.vehicle.is_stopped() {
-            Err(Cause::Operator)
         } else {
-            Ok(self.wait_for_flight(true))
+            match self.obstacles(now).iter().next() {
+                None => Ok(self.wait_for_flight(true)),
+                Some(ArmingObstacle::NoPoses) => Err(self.memory.missing),
+                Some(ArmingObstacle::VehicleSilent) => Err(Cause::NoVehicle),
+                Some(ArmingObstacle::Stopped) => Err(Cause::Operator),
+                Some(_) => Err(Cause::NotReady),
+            }
         }
     }
 

@@ -58,6 +58,7 @@ impl Cycle {
     ) {
         let estimate = self.estimator.latest();
         let age_s = self.pose_age(now).map_or(f64::NAN, Span::seconds);
+        let obstacles = if self.is_armed() { 0 } else { self.memory.obstacles.bits() };
         let telemetry = &mut self.telemetry;
         telemetry.time = now;
         telemetry.tick += 1;
@@ -73,6 +74,7 @@ impl Cycle {
         telemetry.poses_lost = self.guard.lost();
         telemetry.poses_superseded = self.guard.superseded();
         telemetry.poses_refused = self.guard.refused();
+        telemetry.obstacles = obstacles;
         telemetry.mode = self.mode.code();
         telemetry.state = self.supervisor.state().code();
         telemetry.cause = self.supervisor.cause().code();

@@ -28,14 +28,8 @@ impl Cycle {
             self.guard.missed();
         }
         let conditions = self.conditions(now, fresh, poses_missing);
-        let cause = match conditions {
-            SafetyConditions { operator_stops: true, .. } => Cause::Operator,
-            SafetyConditions { blind_too_long: true, .. } => self.memory.missing,
-            SafetyConditions { vehicle_lost: true, .. } => Cause::NoVehicle,
-            SafetyConditions { vehicle_silent: true, poses_missing: false, .. } => Cause::NoVehicle,
-            _ => self.memory.missing,
-        };
-        if self.supervisor.step(&conditions, cause) == SafetyState::Nominal && fresh {
+        let state = self.supervisor.step(now, &conditions, self.memory.missing);
+        if state <= SafetyState::Degraded && fresh {
             self.memory.last_nominal = Some(now);
         }
     }
@@ -56,11 +50,12 @@ impl Cycle {
             poses_good: fresh && self.guard.good_in_a_row() >= needed,
             blind_too_long: is_armed && age.is_none_or(|age| age > self.timing.coast),
             vehicle_silent,
-            vehicle_back: !vehicle_silent && self.supervisor.cause() == Cause::NoVehicle,
             vehicle_lost,
             operator_stops: std::mem::take(&mut self.requests.stop),
             // No operator arms a recording: its state follows its poses.
             operator_arms: self.mode == Mode::Waiting || self.observe_only,
+            is_flying: self.is_flying(),
+            limits: self.limit_conditions(now, fresh),
         }
     }
 

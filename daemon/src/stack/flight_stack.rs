@@ -2,7 +2,7 @@
 
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::PositionCommand;
-use oqtal_control::predictive::{Motion, PoseInnovation};
+use oqtal_control::predictive::{FilterInnovation, Motion};
 use oqtal_control::trajectory::Reference;
 
 use crate::command::VehicleCommand;
@@ -46,7 +46,7 @@ pub trait FlightStack {
 
     /// The motion that a filter of the stack itself estimates at the capture of the last pose, and the innovation of that pose;
     /// `None` if the stack has no filter or no pose.
-    fn filtered(&self) -> Option<(&Motion, Option<&PoseInnovation>)> {
+    fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
         None
     }
 

@@ -5,7 +5,7 @@ use oqtal_control::controller::InputForm;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{
-    Autopilot, Design, Motion, PoseInnovation, PredictiveCommand, PredictiveOutput,
+    Autopilot, Design, FilterInnovation, Motion, PredictiveCommand, PredictiveOutput,
 };
 use oqtal_control::trajectory::Reference;
 
@@ -66,7 +66,7 @@ where
         Some(ControlOutput { setpoint, command, saturated })
     }
 
-    fn filtered(&self) -> Option<(&Motion, Option<&PoseInnovation>)> {
+    fn filtered(&self) -> Option<(&Motion, Option<&FilterInnovation>)> {
         self.autopilot.filtered()
     }
 

@@ -7,7 +7,7 @@ use oqtal_config::Config;
 use oqtal_control::controller::ControllerName;
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::predictive::{
-    CommandHistory, ModelInput, MotionObserver, PoseInnovation, Rotation, VehicleModel,
+    CommandHistory, FilterInnovation, ModelInput, MotionObserver, Rotation, VehicleModel,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::capture::Captures;
@@ -108,7 +108,7 @@ fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> Stam
     let mut filter = MotionObserver::new(model(config), config.control.predictive.filter);
     let mut history = CommandHistory::new(config.vehicle.command_delay_ms * 1e-3);
     let mut errors: [Vec<Vector3<f64>>; 4] = Default::default();
-    let mut innovations: Vec<PoseInnovation> = Vec::new();
+    let mut innovations: Vec<FilterInnovation> = Vec::new();
     let mut next = poses.iter().enumerate().peekable();
     for sample in &flight.samples {
         let is_taken =
@@ -140,16 +140,16 @@ fn estimate(flight: &Flight, stamp: &'static str, poses: &[StampedPose]) -> Stam
 fn figures(
     stamp: &'static str,
     errors: &[Vec<Vector3<f64>>; 4],
-    innovations: &[PoseInnovation],
+    innovations: &[FilterInnovation],
 ) -> StampFigures {
     let rms = |values: &[Vector3<f64>]| {
         let squares = values.iter().map(Vector3::norm_squared).sum::<f64>();
         (squares / values.len().max(1) as f64).sqrt()
     };
-    let mean = |of: &dyn Fn(&PoseInnovation) -> f64| {
+    let mean = |of: &dyn Fn(&FilterInnovation) -> f64| {
         innovations.iter().map(of).sum::<f64>() / innovations.len().max(1) as f64
     };
-    let next = |of: &dyn Fn(&PoseInnovation) -> Vector3<f64>| {
+    let next = |of: &dyn Fn(&FilterInnovation) -> Vector3<f64>| {
         let products = innovations.windows(2).map(|pair| of(&pair[0]).dot(&of(&pair[1])));
         let squares = innovations.iter().map(|innovation| of(innovation).norm_squared());
         products.sum::<f64>() / squares.sum::<f64>().max(f64::MIN_POSITIVE)

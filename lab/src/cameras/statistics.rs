@@ -12,10 +12,10 @@ use oqtal_runtime::process::{Exit, Failure};
 use serde_json::{Value, json};
 
 /// A figure of a recording: name, and value; `None` if the recording does not show it.
-type Figure = (&'static str, fn(&RoomStatistics) -> Option<f64>);
+type NamedFigure = (&'static str, fn(&RoomStatistics) -> Option<f64>);
 
 /// Everything that is compared.
-const FIGURES: [Figure; 21] = [
+const FIGURES: [NamedFigure; 21] = [
     ("rate [Hz]", |s| Some(s.rate_hz)),
     ("arrival intervals, SD [ms]", |s| Some(s.interval_ms)),
     ("shorter than 5 ms [%]", |s| Some(s.shares_percent[0])),

@@ -134,14 +134,7 @@ impl fmt::Display for ProbeFigures {
             ms(p99_ns),
             ms(max_ns)
         )?;
-        let ClockFigures { offset_ns, drift_ppm, residual_p99_ns, uncertainty_ns, .. } = self.clock;
-        writeln!(
-            f,
-            "clock      offset {:.3} s, drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
-            offset_ns as f64 * 1e-9,
-            ms(residual_p99_ns),
-            ms(uncertainty_ns)
-        )?;
+        writeln!(f, "{}", self.clock)?;
         match &self.noise {
             Some(NoiseFigures { position_mm: [x, y, z], attitude_deg: [a, b, c] }) => writeln!(
                 f,
@@ -160,5 +153,18 @@ impl fmt::Display for ProbeFigures {
             writeln!(f, "{finding}")?;
         }
         write!(f, "verdict    {}", self.verdict)
+    }
+}
+
+impl fmt::Display for ClockFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { offset_ns, drift_ppm, residual_p99_ns, uncertainty_ns, .. } = *self;
+        write!(
+            f,
+            "clock      offset {:.3} s, drift {drift_ppm:.1} ppm, delays p99 {:.3} ms, known to {:.3} ms",
+            offset_ns as f64 * 1e-9,
+            residual_p99_ns as f64 * 1e-6,
+            uncertainty_ns as f64 * 1e-6
+        )
     }
 }

@@ -11,14 +11,16 @@ pub enum Mechanism {
     Eventfd,
     /// A Unix datagram socket.
     UnixDatagram,
+    /// A UDP socket over the loopback interface.
+    UdpSocket,
     /// Publish-subscribe and events of iceoryx2 in its stock configuration.
     Iceoryx2Listener,
 }
 
 impl Mechanism {
     /// All mechanisms.
-    pub const ALL: [Self; 4] =
-        [Self::Futex, Self::Eventfd, Self::UnixDatagram, Self::Iceoryx2Listener];
+    pub const ALL: [Self; 5] =
+        [Self::Futex, Self::Eventfd, Self::UnixDatagram, Self::UdpSocket, Self::Iceoryx2Listener];
 
     /// Name in figures and on the command line.
     #[must_use]
@@ -27,6 +29,7 @@ impl Mechanism {
             Self::Futex => "futex",
             Self::Eventfd => "eventfd",
             Self::UnixDatagram => "unix_datagram",
+            Self::UdpSocket => "udp_socket",
             Self::Iceoryx2Listener => "iceoryx2_listener",
         }
     }

@@ -13,6 +13,7 @@ use super::futex::Futex;
 use super::iceoryx::{IceoryxReceiver, IceoryxSender};
 use super::mechanism::{Mechanism, system};
 use super::parcel::{Parcel, ParcelReceiver, ParcelSender};
+use super::udp_socket::UdpEnd;
 use super::unix_datagram::{DatagramReceiver, DatagramSender};
 use crate::latency::record::Record;
 
@@ -23,6 +24,7 @@ pub fn receiver_job(mechanism: Mechanism) -> Job {
         Mechanism::Futex => |context| receive_all(context, Mechanism::Futex),
         Mechanism::Eventfd => |context| receive_all(context, Mechanism::Eventfd),
         Mechanism::UnixDatagram => |context| receive_all(context, Mechanism::UnixDatagram),
+        Mechanism::UdpSocket => |context| receive_all(context, Mechanism::UdpSocket),
         Mechanism::Iceoryx2Listener => |context| receive_all(context, Mechanism::Iceoryx2Listener),
     }
 }
@@ -40,6 +42,7 @@ pub fn open_sender(
         Mechanism::Futex => Box::new(Futex::open(&file)?),
         Mechanism::Eventfd => Box::new(Eventfd::open(&file)?),
         Mechanism::UnixDatagram => Box::new(DatagramSender::open(&file)?),
+        Mechanism::UdpSocket => Box::new(UdpEnd::open(&file)?),
         Mechanism::Iceoryx2Listener => Box::new(IceoryxSender::open(&context.paths()?)?),
     })
 }
@@ -53,6 +56,7 @@ fn open_receiver(
         Mechanism::Futex => Box::new(Futex::create(&file)?),
         Mechanism::Eventfd => Box::new(Eventfd::create(&file)?),
         Mechanism::UnixDatagram => Box::new(DatagramReceiver::create(&file)?),
+        Mechanism::UdpSocket => Box::new(UdpEnd::create(&file)?),
         Mechanism::Iceoryx2Listener => Box::new(IceoryxReceiver::create(&context.paths()?)?),
     })
 }

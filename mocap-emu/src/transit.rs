@@ -9,7 +9,7 @@ use rand_distr::{Distribution, Geometric};
 
 /// A frame that the camera computer sends.
 #[derive(Clone, Copy, Debug)]
-pub struct Sent {
+pub struct SentFrame {
     /// Number among the frames sent, from 1 \[-\].
     pub number: u64,
     /// Instant at which it is sent.
@@ -18,14 +18,14 @@ pub struct Sent {
 
 /// Which frames are sent, and when.
 #[derive(Clone, Debug)]
-pub struct Sender {
+pub struct FrameSender {
     mocap: MocapOptions,
     /// The next tick without lateness, and with it; `None` before the first frame.
     next: Option<(Time, Time)>,
     sent: u64,
 }
 
-impl Sender {
+impl FrameSender {
     /// The camera computer of a configuration.
     #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {
@@ -38,11 +38,11 @@ impl Sender {
         number: u64,
         captured_at: Time,
         generator: &mut Generator,
-    ) -> Option<Sent> {
+    ) -> Option<SentFrame> {
         let [skip, late, lateness] = [(); 3].map(|()| generator.random::<f64>());
         let room = &self.mocap.room;
         if room.send_period_ms == 0.0 {
-            return Some(Sent { number, at: captured_at });
+            return Some(SentFrame { number, at: captured_at });
         }
         let (tick, at) = self.next.unwrap_or((captured_at, captured_at));
         let following = captured_at + Span::period_of(self.mocap.rate_hz);
@@ -50,19 +50,21 @@ impl Sender {
             self.next = Some((tick, at));
             return None;
         }
-        let periods = if skip < room.send_skip_probability { 2.0 } else { 1.0 };
+        // After a missed period the computer is half as late, as the recordings have it.
+        let (periods, haste) =
+            if skip < room.send_skip_probability { (2.0, 0.5) } else { (1.0, 1.0) };
         let tick = tick + Span::from_seconds(periods * room.send_period_ms * 1e-3);
         let is_late = late < room.send_late_probability;
-        let lateness_ms = if is_late { lateness * room.send_late_ms } else { 0.0 };
+        let lateness_ms = if is_late { haste * lateness * room.send_late_ms } else { 0.0 };
         self.next = Some((tick, tick + Span::from_seconds(lateness_ms * 1e-3)));
         self.sent += 1;
-        Some(Sent { number: self.sent, at: at.max(captured_at) })
+        Some(SentFrame { number: self.sent, at: at.max(captured_at) })
     }
 }
 
 /// The connection from the camera computer, with its stalls.
 #[derive(Clone, Debug)]
-pub struct Connection {
+pub struct Transit {
     mocap: MocapOptions,
     /// End of the present or last stall, and whether its poses are lost.
     stalled_until: Time,
@@ -72,7 +74,7 @@ pub struct Connection {
     last_arrival: Time,
 }
 
-impl Connection {
+impl Transit {
     /// The connection of a configuration.
     #[must_use]
     pub fn new(mocap: &MocapOptions) -> Self {

@@ -1,0 +1,117 @@
+//! What keeps a flight from beginning: all reasons at once, as a set in a message.
+
+use std::fmt;
+
+macro_rules! obstacles {
+    ($($(#[$meta:meta])* $name:ident = $bit:literal => $text:literal,)*) => {
+        /// A reason against arming.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        pub enum ArmingObstacle { $($(#[$meta])* $name,)* }
+
+        impl ArmingObstacle {
+            /// All of them.
+            pub const ALL: &[Self] = &[$(Self::$name,)*];
+
+            const fn bit(self) -> u32 {
+                match self { $(Self::$name => 1 << $bit,)* }
+            }
+        }
+
+        impl fmt::Display for ArmingObstacle {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.pad(match self { $(Self::$name => $text,)* })
+            }
+        }
+    };
+}
+
+obstacles! {
+    /// Too few accepted poses in a row.
+    NoPoses = 0 => "no poses, or too few good ones in a row",
+    /// Position or attitude changed lately.
+    Moving = 1 => "the vehicle moves, or is carried",
+    /// The vehicle does not stand level.
+    Tilted = 2 => "the vehicle is tilted",
+    /// The vehicle is not at the height configured for the floor.
+    OffFloor = 3 => "the vehicle is not on the floor (safety.arming-z-m)",
+    /// The battery voltage is below the limit of the warning.
+    BatteryLow = 4 => "the battery is low (safety.battery-low-v)",
+    /// Neither plant nor bridge answers, or the vehicle behind the bridge does not.
+    VehicleSilent = 5 => "the vehicle does not answer",
+    /// Poses come from emulated cameras or a recording, and the vehicle is real.
+    EmulatedPoses = 6 => "the poses are emulated and the vehicle is real (safety.allow-emulated-poses)",
+    /// The vehicle stands outside the soft border of the fence.
+    OutsideFence = 7 => "the vehicle is outside the fence ([fence])",
+    /// The trajectory from here leaves the soft border of the fence.
+    PathOutsideFence = 8 => "the trajectory leaves the fence from here ([fence])",
+    /// Processes of the instance run with different configurations.
+    Configuration = 9 => "processes run with different configurations",
+    /// An operator's stop keeps the motors off until the controller has commanded them off.
+    Stopped = 10 => "an operator's stop is in force until the vehicle is disarmed",
+}
+
+/// A set of reasons against arming.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ArmingObstacles(u32);
+
+impl ArmingObstacles {
+    /// The set of a message; bits without a meaning are ignored.
+    #[must_use]
+    pub fn from_bits(bits: u32) -> Self {
+        let known = ArmingObstacle::ALL.iter().fold(0, |set, obstacle| set | obstacle.bit());
+        Self(bits & known)
+    }
+
+    /// Representation in a message.
+    #[must_use]
+    pub fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The set with `obstacle` where `present`.
+    #[must_use]
+    pub fn with(self, obstacle: ArmingObstacle, present: bool) -> Self {
+        if present { Self(self.0 | obstacle.bit()) } else { self }
+    }
+
+    /// Whether nothing keeps a flight from beginning.
+    #[must_use]
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// The reasons, in order.
+    pub fn iter(self) -> impl Iterator<Item = ArmingObstacle> {
+        ArmingObstacle::ALL.iter().copied().filter(move |obstacle| self.0 & obstacle.bit() != 0)
+    }
+}
+
+impl fmt::Display for ArmingObstacles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, obstacle) in self.iter().enumerate() {
+            write!(f, "{}{obstacle}", if index == 0 { "" } else { "; " })?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_reason_has_a_bit_and_words_of_its_own() {
+        let all = ArmingObstacle::ALL
+            .iter()
+            .fold(ArmingObstacles::default(), |set, obstacle| set.with(*obstacle, true));
+        assert_eq!(all.bits().count_ones() as usize, ArmingObstacle::ALL.len());
+        assert_eq!(ArmingObstacles::from_bits(u32::MAX), all);
+        assert_eq!(all.iter().collect::<Vec<_>>(), ArmingObstacle::ALL);
+        let two = ArmingObstacles::default()
+            .with(ArmingObstacle::Tilted, true)
+            .with(ArmingObstacle::Moving, true)
+            .with(ArmingObstacle::NoPoses, false);
+        assert_eq!(two.to_string(), "the vehicle moves, or is carried; the vehicle is tilted");
+        assert!(ArmingObstacles::default().is_empty() && !two.is_empty());
+    }
+}

@@ -1,0 +1,48 @@
+//! `[fence]`: the space in which the vehicle may fly.
+
+use oqtal_control::options::{OptionError, Rule, check_options};
+use serde::{Deserialize, Serialize};
+
+/// Greatest number of corners of a fence: the daemon measures the distance to every side in every tick.
+const MOST_CORNERS: usize = 64;
+
+/// `[fence]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct FenceOptions {
+    /// From and to along x \[m, world\]; not used with a polygon.
+    pub x_m: [f64; 2],
+    /// From and to along y \[m, world\]; not used with a polygon.
+    pub y_m: [f64; 2],
+    /// From and to along z \[m, world\].
+    pub z_m: [f64; 2],
+    /// Corners `[x, y]` of the fence in order \[m, world\], in place of the ranges of x and y; empty for none.
+    pub polygon_m: Vec<[f64; 2]>,
+    /// Distance of the soft border inside the hard one \[m\], at the sides and at the top.
+    pub soft_margin_m: f64,
+}
+
+impl FenceOptions {
+    pub(crate) fn check(&self) -> Result<(), OptionError> {
+        self.check_numbers().map_err(|error| error.within("fence"))
+    }
+
+    fn check_numbers(&self) -> Result<(), OptionError> {
+        check_options([("soft-margin-m", self.soft_margin_m, Rule::NotNegative)])?;
+        let ranges = [("x-m", &self.x_m), ("y-m", &self.y_m), ("z-m", &self.z_m)];
+        for (key, [from, to]) in ranges {
+            // A comparison with NaN is false.
+            if !(to - from > 2.0 * self.soft_margin_m) {
+                let allowed = "a range wider than twice soft-margin-m";
+                return Err(OptionError::new(key, format_args!("[{from}, {to}]"), allowed));
+            }
+        }
+        let corners = self.polygon_m.len();
+        let finite = self.polygon_m.iter().flatten().all(|number| number.is_finite());
+        if corners == 0 || (3..=MOST_CORNERS).contains(&corners) && finite {
+            return Ok(());
+        }
+        let allowed = format!("empty, or 3 to {MOST_CORNERS} corners of finite numbers");
+        Err(OptionError::new("polygon-m", format_args!("{corners} corners"), allowed))
+    }
+}

@@ -1,0 +1,126 @@
+//! What keeps a flight from beginning: every reason at once.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use oqtal_bus::message::VehicleV1;
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_config::Config;
+use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
+
+use crate::fence::Fence;
+use crate::guard::Accepted;
+use crate::limits::FlightLimits;
+
+/// Poses by which the vehicle is at rest or not \[-\].
+const REST_POSES: usize = 30;
+/// Share of them that must be where the last one is \[-\]: the others may be outliers.
+const REST_SHARE: f64 = 0.6;
+/// Distance within which a vehicle is at rest \[m\].
+const REST_M: f64 = 0.015;
+/// Angle within which it is \[rad\].
+const REST_RAD: f64 = 0.05;
+/// Points of the trajectory that are compared with the fence \[-\].
+const PATH_POINTS: u32 = 256;
+
+/// The state of the daemon that arming depends on.
+#[derive(Clone, Copy, Debug)]
+pub struct ArmingView<'a> {
+    /// Whether enough good poses arrived in a row.
+    pub poses_good: bool,
+    /// The last accepted pose.
+    pub last: Option<&'a Accepted>,
+    /// The last message about the vehicle, if it answers.
+    pub vehicle: Option<&'a VehicleV1>,
+    /// Whether processes run with different configurations.
+    pub configs_differ: bool,
+}
+
+/// The check before a flight.
+#[derive(Clone, Debug)]
+pub struct ArmingCheck {
+    limits: FlightLimits,
+    heights: [f64; 2],
+    tilt: f64,
+    allows_emulated: bool,
+    /// The trajectory relative to its start \[m\].
+    path: Arc<[Vector3<f64>]>,
+    recent: [Option<Accepted>; REST_POSES],
+    next: usize,
+}
+
+impl ArmingCheck {
+    /// The check before flights of `trajectory`.
+    #[must_use]
+    pub fn new(config: &Config, trajectory: &Trajectory) -> Self {
+        let safety = &config.safety;
+        let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+        let step_s = plan.end_s() / f64::from(PATH_POINTS);
+        let point = |index| plan.sample(f64::from(index) * step_s).position;
+        Self {
+            limits: FlightLimits::new(config),
+            heights: safety.arming_z_m,
+            tilt: safety.arming_tilt_deg.to_radians().cos(),
+            allows_emulated: safety.allow_emulated_poses,
+            path: (0..PATH_POINTS).map(point).collect(),
+            recent: [None; REST_POSES],
+            next: 0,
+        }
+    }
+
+    /// Takes a pose that was accepted on the ground.
+    pub fn take(&mut self, pose: &Accepted) {
+        self.recent[self.next] = Some(*pose);
+        self.next = (self.next + 1) % REST_POSES;
+    }
+
+    /// Forgets the poses: the vehicle has flown since.
+    pub fn reset(&mut self) {
+        self.recent = [None; REST_POSES];
+    }
+
+    /// Everything that keeps a flight from beginning.
+    #[must_use]
+    pub fn obstacles(&self, view: &ArmingView) -> ArmingObstacles {
+        use ArmingObstacle as O;
+        let real = view.vehicle.is_some_and(|vehicle| vehicle.simulated == 0);
+        let low = view.vehicle.is_some_and(|vehicle| self.limits.is_battery_low(vehicle));
+        let general = ArmingObstacles::default()
+            .with(O::NoPoses, !view.poses_good || view.last.is_none())
+            .with(O::VehicleSilent, view.vehicle.is_none())
+            .with(O::BatteryLow, low)
+            .with(O::Configuration, view.configs_differ)
+            .with(O::Stopped, view.vehicle.is_some_and(|vehicle| vehicle.stopped != 0));
+        let Some(last) = view.last else { return general };
+        let upright = last.attitude.to_world(&Vector3::z()).z;
+        let [low, high] = self.heights;
+        let inside = self.fence().inside_soft_m(&last.position) > 0.0;
+        general
+            .with(O::Moving, !self.is_at_rest(last))
+            .with(O::Tilted, upright < self.tilt)
+            .with(O::OffFloor, !(low..=high).contains(&last.position.z))
+            .with(O::EmulatedPoses, last.simulated && real && !self.allows_emulated)
+            .with(O::OutsideFence, !inside)
+            .with(O::PathOutsideFence, inside && self.leaves_fence(&last.position))
+    }
+
+    /// The fence.
+    #[must_use]
+    pub fn fence(&self) -> &Fence {
+        &self.limits.fence
+    }
+
+    /// Whether most of the recent poses are where `last` is.
+    fn is_at_rest(&self, last: &Accepted) -> bool {
+        let same = |pose: &&Accepted| {
+            (pose.position - last.position).norm() <= REST_M
+                && pose.attitude.angle_to(&last.attitude) <= REST_RAD
+        };
+        let known = self.recent.iter().flatten().count() as f64;
+        self.recent.iter().flatten().filter(same).count() as f64 >= REST_SHARE * known
+    }
+
+    fn leaves_fence(&self, start: &Vector3<f64>) -> bool {
+        self.path.iter().any(|point| !(self.fence().inside_soft_m(&(start + point)) > 0.0))
+    }
+}

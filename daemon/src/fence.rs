@@ -1,0 +1,121 @@
+//! The fence: distances to the borders of the space in which the vehicle may fly.
+
+use std::sync::Arc;
+
+use nalgebra::{Vector2, Vector3};
+use oqtal_config::FenceOptions;
+
+/// The borders. A copy shares the corners, so that copying does not allocate.
+#[derive(Clone, Debug)]
+pub struct Fence {
+    low: Vector3<f64>,
+    high: Vector3<f64>,
+    corners: Arc<[Vector2<f64>]>,
+    soft_margin: f64,
+}
+
+impl Fence {
+    /// The fence of `[fence]`.
+    #[must_use]
+    pub fn new(options: &FenceOptions) -> Self {
+        let ranges = [options.x_m, options.y_m, options.z_m];
+        let side = |index: usize| Vector3::from(ranges.map(|range: [f64; 2]| range[index]));
+        let corners = options.polygon_m.iter().map(|corner| Vector2::from(*corner)).collect();
+        Self { low: side(0), high: side(1), corners, soft_margin: options.soft_margin_m }
+    }
+
+    /// Distance from `position` \[m, world\] to the hard border \[m\]: positive inside.
+    #[must_use]
+    pub fn inside_m(&self, position: &Vector3<f64>) -> f64 {
+        self.inside_by_m(position, 0.0)
+    }
+
+    /// The same to a border that lies by `margin` \[m\] further inside at the sides and at the top; the floor is at the bottom.
+    #[must_use]
+    pub fn inside_by_m(&self, position: &Vector3<f64>, margin: f64) -> f64 {
+        (self.below_top(position) - margin).min(position.z - self.low.z)
+    }
+
+    /// Distance from `position` \[m, world\] to the soft border \[m\]: positive inside.
+    #[must_use]
+    pub fn inside_soft_m(&self, position: &Vector3<f64>) -> f64 {
+        self.inside_by_m(position, self.soft_margin)
+    }
+
+    /// Distance to the sides and to the top.
+    fn below_top(&self, position: &Vector3<f64>) -> f64 {
+        let sides = if self.corners.is_empty() {
+            let (below, above) = (position - self.low, self.high - position);
+            below.xy().min().min(above.xy().min())
+        } else {
+            self.inside_polygon_m(&position.xy())
+        };
+        sides.min(self.high.z - position.z)
+    }
+
+    fn inside_polygon_m(&self, point: &Vector2<f64>) -> f64 {
+        let (mut nearest, mut is_inside) = (f64::INFINITY, false);
+        let mut from = self.corners[self.corners.len() - 1];
+        for to in self.corners.iter() {
+            let (side, relative) = (to - from, point - from);
+            let along = (relative.dot(&side) / side.norm_squared()).clamp(0.0, 1.0);
+            // The clamp leaves NaN of a side without length: its ends belong to other sides.
+            nearest = nearest.min((relative - side * along).norm());
+            // Sides that a ray along x crosses, counted even or odd.
+            let spans = (from.y > point.y) != (to.y > point.y);
+            if spans && point.x < from.x + side.x * (point.y - from.y) / side.y {
+                is_inside = !is_inside;
+            }
+            from = *to;
+        }
+        if is_inside { nearest } else { -nearest }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fence(polygon_m: &[[f64; 2]]) -> Fence {
+        Fence::new(&FenceOptions {
+            x_m: [-2.0, 3.0],
+            y_m: [-1.0, 1.0],
+            z_m: [-0.5, 2.5],
+            polygon_m: polygon_m.to_vec(),
+            soft_margin_m: 0.4,
+        })
+    }
+
+    #[test]
+    fn the_distance_to_a_box_is_that_to_its_nearest_side() {
+        let fence = fence(&[]);
+        let at = |x, y, z| fence.inside_m(&Vector3::new(x, y, z));
+        assert!((at(0.0, 0.0, 1.0) - 1.0).abs() < 1e-12, "y");
+        assert!((at(2.9, 0.0, 1.0) - 0.1).abs() < 1e-12, "x");
+        assert!((at(0.0, 0.0, -0.3) - 0.2).abs() < 1e-12, "floor");
+        assert!((at(0.0, 0.0, 2.4) - 0.1).abs() < 1e-12, "top");
+        assert!((at(0.0, 1.25, 1.0) + 0.25).abs() < 1e-12, "outside");
+        let soft = |z| fence.inside_soft_m(&Vector3::new(0.0, 0.0, z));
+        assert!((soft(1.0) - 0.6).abs() < 1e-12 && (soft(0.0) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_polygon_may_have_a_notch() {
+        // An L: the upper right quarter is missing.
+        let corners = [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.0, 2.0], [2.0, 4.0], [0.0, 4.0]];
+        let fence = fence(&corners);
+        let at = |x, y| fence.inside_m(&Vector3::new(x, y, 1.0));
+        assert!((at(1.0, 1.0) - 1.0).abs() < 1e-12);
+        assert!((at(3.0, 1.5) - 0.5).abs() < 1e-12);
+        assert!((at(3.0, 3.0) + 1.0).abs() < 1e-12, "in the notch");
+        assert!((at(-0.5, 1.0) + 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn nowhere_is_inside_if_the_position_is_not_finite() {
+        for corners in [&[][..], &[[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]] {
+            let nan = Vector3::repeat(f64::NAN);
+            assert!(!(fence(corners).inside_m(&nan) > 0.0));
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! The limits of a flight: from the motion, the reference, the vehicle and the poses to the conditions of the supervisor's table.
+
+use nalgebra::Vector3;
+use oqtal_bus::message::VehicleV1;
+use oqtal_config::Config;
+use oqtal_control::predictive::Track;
+use oqtal_control::trajectory::Reference;
+
+use crate::fence::Fence;
+
+/// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
+const FENCE_SIGMA: f64 = 3.0;
+/// Height above the floor below which a vehicle is on it \[m\].
+const ON_FLOOR_M: f64 = 0.05;
+/// Height of the reference above the floor from which on the vehicle must have left the floor \[m\].
+const OFF_FLOOR_M: f64 = 0.3;
+/// Thrust over the weight that must lift every vehicle that may be flown \[-\].
+const LIFTING: f64 = 1.35;
+/// Share of the greatest thrust that the loops ask for from which on thrust counts as full \[-\].
+const FULL_THRUST: f64 = 0.95;
+/// Distance below the reference \[m\] and speed downward \[m/s\] at which a vehicle under full thrust sinks.
+const SINKS_M: f64 = 0.2;
+const SINKS_M_S: f64 = 0.1;
+
+/// Whether each limit is exceeded in this tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LimitConditions {
+    /// The vehicle would cross the hard border of the fence before a Stop takes effect.
+    pub leaves_fence: bool,
+    /// The vehicle is outside the soft border.
+    pub in_fence_margin: bool,
+    /// The vehicle is faster than `safety.speed-limit-m-s`.
+    pub too_fast: bool,
+    /// The vehicle is tilted by more than `safety.tilt-warning-deg`.
+    pub tilted: bool,
+    /// The vehicle is tilted by more than `safety.tilt-limit-deg`.
+    pub tipped: bool,
+    /// The vehicle is further from its reference than `safety.tracking-limit-m`.
+    pub far_off: bool,
+    /// The vehicle sinks away from its reference under full thrust.
+    pub sinks: bool,
+    /// The vehicle is on the floor under a thrust that must lift it.
+    pub stays_on_floor: bool,
+    /// The vehicle is on the floor with thrust while its reference is above.
+    pub lies_on_floor: bool,
+    /// The landing should have ended.
+    pub landing_overdue: bool,
+    /// The battery voltage is below `safety.battery-low-v`.
+    pub battery_low: bool,
+    /// The battery voltage is below `safety.battery-empty-v`.
+    pub battery_empty: bool,
+    /// Fewer requests are answered than `safety.link-poor`.
+    pub link_poor: bool,
+    /// Fewer requests are answered than `safety.link-bad`.
+    pub link_bad: bool,
+    /// Poses are older than `safety.pose-age-warning-ms`.
+    pub poses_old: bool,
+    /// Poses are older than `safety.pose-age-limit-ms`.
+    pub poses_too_old: bool,
+    /// More frames are lost or refused than `safety.pose-loss-warning`.
+    pub poses_lost: bool,
+    /// The loop was late in several ticks in a row.
+    pub overrun: bool,
+    /// Processes of the instance run with different configurations.
+    pub configs_differ: bool,
+    /// The reference is absurd.
+    pub setpoint_refused: bool,
+}
+
+/// A flight in one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct FlightView<'a> {
+    /// The motion at the instant at which a command sent now takes effect.
+    pub motion: &'a Track,
+    /// Height of the floor \[m, world z\].
+    pub floor_m: f64,
+    /// The reference.
+    pub reference: &'a Reference,
+    /// The thrust of the last command \[N\].
+    pub thrust_n: f64,
+}
+
+/// The thresholds of the limits.
+#[derive(Clone, Debug)]
+pub struct FlightLimits {
+    /// The fence.
+    pub fence: Fence,
+    speed: f64,
+    /// Cosines of the tilts.
+    tilt_warning: f64,
+    tilt: f64,
+    tracking: f64,
+    battery_low: f64,
+    battery_empty: f64,
+    link_poor: f64,
+    link_bad: f64,
+    weight: f64,
+    greatest_lift: f64,
+}
+
+impl FlightLimits {
+    /// The limits of `config`.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let (safety, vehicle) = (&config.safety, &config.vehicle);
+        let lift = vehicle.gravity_m_s2 + config.position.vertical_acceleration_limit_m_s2;
+        Self {
+            fence: Fence::new(&config.fence),
+            speed: safety.speed_limit_m_s,
+            tilt_warning: safety.tilt_warning_deg.to_radians().cos(),
+            tilt: safety.tilt_limit_deg.to_radians().cos(),
+            tracking: safety.tracking_limit_m,
+            battery_low: safety.battery_low_v,
+            battery_empty: safety.battery_empty_v,
+            link_poor: safety.link_poor,
+            link_bad: safety.link_bad,
+            weight: vehicle.mass_kg * vehicle.gravity_m_s2,
+            greatest_lift: (vehicle.mass_kg * lift).min(vehicle.max_thrust_n),
+        }
+    }
+
+    /// Fills in the conditions of the flight.
+    pub fn judge(&self, flight: &FlightView, conditions: &mut LimitConditions) {
+        let FlightView { motion: Track { motion, .. }, floor_m, reference, thrust_n } = *flight;
+        let upright = motion.attitude.to_world(&Vector3::z()).z;
+        let margin = FENCE_SIGMA * flight.motion.position_sd_m();
+        let inside = self.fence.inside_by_m(&motion.position, margin);
+        // Comparisons with NaN are false: a motion that is not finite is outside and tipped.
+        conditions.leaves_fence = !(inside > 0.0);
+        conditions.in_fence_margin = !(self.fence.inside_soft_m(&motion.position) > 0.0);
+        conditions.too_fast = !(motion.velocity.norm() <= self.speed);
+        conditions.tilted = !(upright >= self.tilt_warning);
+        conditions.tipped = !(upright >= self.tilt);
+        let off = motion.position - reference.position;
+        conditions.far_off = reference.attitude.is_none() && !(off.norm() <= self.tracking);
+        let sinks = off.z < -SINKS_M && motion.velocity.z < -SINKS_M_S;
+        conditions.sinks = sinks && thrust_n * upright >= FULL_THRUST * self.greatest_lift;
+        let is_on_floor = motion.position.z < floor_m + ON_FLOOR_M;
+        conditions.stays_on_floor = is_on_floor && thrust_n >= LIFTING * self.weight;
+        let is_above = reference.position.z > floor_m + OFF_FLOOR_M;
+        conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
+    }
+
+    /// Fills in the conditions of the vehicle; numbers that it does not know are not judged.
+    pub fn judge_vehicle(&self, vehicle: &VehicleV1, conditions: &mut LimitConditions) {
+        conditions.battery_low = self.is_battery_low(vehicle);
+        conditions.battery_empty = vehicle.battery_v < self.battery_empty;
+        conditions.link_poor = vehicle.link_quality < self.link_poor;
+        conditions.link_bad = vehicle.link_quality < self.link_bad;
+    }
+
+    /// Whether the battery voltage is known and low.
+    #[must_use]
+    pub fn is_battery_low(&self, vehicle: &VehicleV1) -> bool {
+        vehicle.battery_v < self.battery_low
+    }
+}

@@ -1,0 +1,232 @@
+//! Tests of the table of limits, in virtual time.
+
+use super::*;
+use SafetyState::Nominal;
+
+const GOOD: SafetyConditions = SafetyConditions { poses_good: true, ..NOTHING };
+const FLYING: SafetyConditions = SafetyConditions { is_flying: true, ..GOOD };
+const MISSED: SafetyConditions = SafetyConditions { poses_missing: true, ..NOTHING };
+const NOTHING: SafetyConditions = SafetyConditions {
+    poses_missing: false,
+    poses_good: false,
+    blind_too_long: false,
+    vehicle_silent: false,
+    vehicle_lost: false,
+    operator_stops: false,
+    operator_arms: false,
+    is_flying: false,
+    limits: NO_LIMITS,
+};
+const NO_LIMITS: LimitConditions = LimitConditions {
+    leaves_fence: false,
+    in_fence_margin: false,
+    too_fast: false,
+    tilted: false,
+    tipped: false,
+    far_off: false,
+    sinks: false,
+    stays_on_floor: false,
+    lies_on_floor: false,
+    landing_overdue: false,
+    battery_low: false,
+    battery_empty: false,
+    link_poor: false,
+    link_bad: false,
+    poses_old: false,
+    poses_too_old: false,
+    poses_lost: false,
+    overrun: false,
+    configs_differ: false,
+    setpoint_refused: false,
+};
+
+/// A supervisor and its clock.
+struct Watch {
+    supervisor: Supervisor,
+    now: Time,
+}
+
+impl Watch {
+    /// A supervisor in Nominal, in flight.
+    fn nominal() -> Self {
+        let mut watch = Self { supervisor: Supervisor::default(), now: Time::VIRTUAL_START };
+        assert_eq!(watch.tick(&FLYING), Nominal);
+        watch
+    }
+
+    fn tick(&mut self, conditions: &SafetyConditions) -> SafetyState {
+        self.tick_for(conditions, Cause::NoPose)
+    }
+
+    fn tick_for(&mut self, conditions: &SafetyConditions, pose_cause: Cause) -> SafetyState {
+        self.now = self.now + Span::from_millis(10);
+        self.supervisor.step(self.now, conditions, pose_cause)
+    }
+
+    /// Time until `state` under constant conditions \[ms\].
+    fn until(&mut self, state: SafetyState, conditions: &SafetyConditions) -> i64 {
+        let since = self.now;
+        while self.supervisor.state() != state {
+            assert!(self.now.since(since) < Span::from_millis(60_000), "never {state}");
+            self.tick(conditions);
+        }
+        self.now.since(since).nanos() / 1_000_000
+    }
+}
+
+#[test]
+fn it_starts_blind_and_turns_nominal_with_good_poses() {
+    let mut watch = Watch { supervisor: Supervisor::default(), now: Time::VIRTUAL_START };
+    assert_eq!((watch.supervisor.state(), watch.supervisor.cause()), (Coast, Cause::NoPose));
+    assert_eq!(watch.tick(&GOOD), Nominal);
+    assert_eq!(watch.supervisor.cause(), Cause::None);
+}
+
+#[test]
+fn missing_poses_coast_and_keep_their_cause() {
+    let mut watch = Watch::nominal();
+    assert_eq!(watch.tick_for(&MISSED, Cause::Jump), Coast);
+    assert_eq!(watch.tick_for(&MISSED, Cause::NoPose), Coast);
+    assert_eq!(watch.supervisor.cause(), Cause::Jump);
+    assert_eq!(watch.tick(&GOOD), Nominal);
+}
+
+#[test]
+fn f02_blindness_stops_from_every_flying_state() {
+    let blind = SafetyConditions { blind_too_long: true, is_flying: true, ..MISSED };
+    let mut watch = Watch::nominal();
+    assert_eq!(watch.tick_for(&blind, Cause::Relabel), Stop);
+    assert_eq!(watch.supervisor.cause(), Cause::Relabel);
+}
+
+#[test]
+fn f18_a_lost_vehicle_stops_from_every_flying_state() {
+    let lost = SafetyConditions { vehicle_lost: true, ..FLYING };
+    let mut watch = Watch::nominal();
+    assert_eq!(watch.tick(&lost), Stop);
+    assert_eq!(watch.supervisor.cause(), Cause::NoVehicle);
+}
+
+#[test]
+fn a_silent_vehicle_keeps_the_daemon_on_the_ground_and_is_the_cause_when_poses_are_not() {
+    let silent = SafetyConditions { vehicle_silent: true, ..GOOD };
+    let mut watch = Watch { supervisor: Supervisor::default(), now: Time::VIRTUAL_START };
+    watch.tick(&silent);
+    assert_eq!((watch.supervisor.state(), watch.supervisor.cause()), (Coast, Cause::NoVehicle));
+    watch.tick_for(&MISSED, Cause::Untracked);
+    assert_eq!((watch.supervisor.state(), watch.supervisor.cause()), (Coast, Cause::Untracked));
+    assert_eq!(watch.tick(&GOOD), Nominal);
+    assert_eq!(watch.tick(&silent), Coast);
+}
+
+#[test]
+fn stop_is_latched_against_everything_but_arming_with_good_poses_and_a_vehicle() {
+    for bits in 0..128_u8 {
+        let on = |bit: u8| bits & (1 << bit) != 0;
+        let mut watch = Watch::nominal();
+        watch.tick(&SafetyConditions { operator_stops: true, ..FLYING });
+        let conditions = SafetyConditions {
+            poses_missing: on(0),
+            poses_good: on(1),
+            operator_stops: on(2),
+            operator_arms: on(3),
+            vehicle_silent: on(4),
+            vehicle_lost: on(5),
+            is_flying: on(6),
+            ..NOTHING
+        };
+        let leaves = conditions.operator_arms
+            && conditions.poses_good
+            && !conditions.vehicle_silent
+            && !conditions.operator_stops
+            && !conditions.vehicle_lost;
+        let after = watch.tick(&conditions);
+        assert_eq!(after != Stop, leaves, "{conditions:?}: {after}");
+    }
+}
+
+/// Each limit, its state, its time \[ms\], its cause.
+#[test]
+fn every_limit_acts_within_its_bound_and_tells_its_cause() {
+    let with = |change: fn(&mut LimitConditions)| {
+        let mut conditions = FLYING;
+        change(&mut conditions.limits);
+        conditions
+    };
+    let rows: [(SafetyConditions, SafetyState, i64, Cause); 20] = [
+        (with(|l| l.leaves_fence = true), Stop, 0, Cause::Fence),
+        (with(|l| l.tipped = true), Stop, 100, Cause::Tilt),
+        (with(|l| l.lies_on_floor = true), Stop, 2000, Cause::Crash),
+        (with(|l| l.stays_on_floor = true), Stop, 1200, Cause::NoLift),
+        (with(|l| l.landing_overdue = true), Stop, 0, Cause::Landing),
+        (with(|l| l.sinks = true), Land, 700, Cause::NoLift),
+        (with(|l| l.too_fast = true), Land, 200, Cause::Speed),
+        (with(|l| l.far_off = true), Land, 3000, Cause::Tracking),
+        (with(|l| l.battery_empty = true), Land, 2000, Cause::Battery),
+        (with(|l| l.link_bad = true), Land, 2000, Cause::Link),
+        (with(|l| l.poses_too_old = true), Land, 500, Cause::PosesLate),
+        (with(|l| l.in_fence_margin = true), Hold, 0, Cause::Fence),
+        (with(|l| l.setpoint_refused = true), Degraded, 0, Cause::Setpoint),
+        (with(|l| l.tilted = true), Degraded, 100, Cause::Tilt),
+        (with(|l| l.battery_low = true), Degraded, 2000, Cause::Battery),
+        (with(|l| l.link_poor = true), Degraded, 2000, Cause::Link),
+        (with(|l| l.poses_old = true), Degraded, 200, Cause::PosesLate),
+        (with(|l| l.poses_lost = true), Degraded, 0, Cause::PosesLost),
+        (with(|l| l.overrun = true), Degraded, 0, Cause::Overrun),
+        (with(|l| l.configs_differ = true), Degraded, 0, Cause::Configuration),
+    ];
+    for (conditions, state, millis, cause) in rows {
+        let mut watch = Watch::nominal();
+        let waited = watch.until(state, &conditions);
+        assert!((millis..=millis + 10).contains(&waited), "{cause}: {waited} ms");
+        assert_eq!(watch.supervisor.cause(), cause);
+    }
+}
+
+#[test]
+fn a_condition_that_chatters_neither_acts_nor_lets_go() {
+    let tipped =
+        SafetyConditions { limits: LimitConditions { tipped: true, ..NO_LIMITS }, ..FLYING };
+    let margin = SafetyConditions {
+        limits: LimitConditions { in_fence_margin: true, ..NO_LIMITS },
+        ..FLYING
+    };
+    let mut watch = Watch::nominal();
+    for _ in 0..100 {
+        assert_eq!(watch.tick(&tipped), Nominal);
+        assert_eq!(watch.tick(&FLYING), Nominal);
+    }
+    for _ in 0..100 {
+        assert_eq!(watch.tick(&margin), Hold);
+        assert_eq!(watch.tick(&FLYING), Hold);
+    }
+    assert!((480..=510).contains(&watch.until(Nominal, &FLYING)));
+}
+
+#[test]
+fn a_landing_ends_with_the_flight_and_a_worse_limit_goes_first() {
+    let fast =
+        SafetyConditions { limits: LimitConditions { too_fast: true, ..NO_LIMITS }, ..FLYING };
+    let mut watch = Watch::nominal();
+    watch.until(Land, &fast);
+    assert_eq!(watch.tick(&FLYING), Land, "slow again");
+    assert_eq!(watch.tick(&SafetyConditions { poses_missing: true, ..FLYING }), Land);
+    let crossing =
+        SafetyConditions { limits: LimitConditions { leaves_fence: true, ..NO_LIMITS }, ..FLYING };
+    assert_eq!(watch.tick(&crossing), Stop);
+    assert_eq!(watch.supervisor.cause(), Cause::Fence);
+    let mut watch = Watch::nominal();
+    watch.until(Land, &fast);
+    assert_eq!(watch.tick(&GOOD), Nominal, "on the ground");
+}
+
+#[test]
+fn f47_a_position_is_not_held_for_ever() {
+    let margin = SafetyConditions {
+        limits: LimitConditions { in_fence_margin: true, ..NO_LIMITS },
+        ..FLYING
+    };
+    let mut watch = Watch::nominal();
+    assert!((10_000..=10_010).contains(&watch.until(Land, &margin)));
+    assert_eq!(watch.supervisor.cause(), Cause::HeldTooLong);
+}

@@ -1,0 +1,100 @@
+//! Flights on the emulated cameras from the markers up, and what estimators make of real rooms.
+
+use nalgebra::Vector3;
+use oqtal_config::{Config, Setting};
+use oqtal_lab::cameras::{estimation, noise, statistics};
+use oqtal_lab::mission::Mission;
+use oqtal_lab::simulation::fly;
+use oqtal_observe::flight::{Flight, Outcome};
+
+fn config(settings: &[(&str, toml::Value)]) -> Config {
+    let settings: Vec<Setting> =
+        settings.iter().map(|(key, value)| Setting::flag("test", key, value.clone())).collect();
+    Config::from_settings(&settings).unwrap()
+}
+
+fn flown(settings: &[(&str, toml::Value)]) -> Flight {
+    let markers = [("mocap.model", "markers".into())];
+    let settings: Vec<_> = markers.iter().chain(settings).cloned().collect();
+    fly(&Mission::new(config(&settings)).unwrap()).unwrap()
+}
+
+fn position_error(flight: &Flight) -> f64 {
+    let scored = flight.samples.iter().filter(|sample| sample.telemetry.scored == 1);
+    let errors: Vec<f64> = scored
+        .map(|sample| {
+            (sample.position() - Vector3::from(sample.telemetry.reference_position)).norm()
+        })
+        .collect();
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+#[test]
+fn a_covered_camera_and_two_hidden_markers_still_fly_the_square() {
+    let whole = flown(&[]);
+    let partly = flown(&[
+        ("mocap.cameras.covered", vec![2].into()),
+        ("mocap.markers.hidden", vec![1, 5].into()),
+    ]);
+    assert_eq!((whole.outcome, partly.outcome), (Outcome::Landed, Outcome::Landed));
+    let ratio = position_error(&partly) / position_error(&whole);
+    assert!((0.97..1.03).contains(&ratio), "{ratio}");
+}
+
+#[test]
+fn a_swap_of_two_markers_is_never_flown_through() {
+    let flight = flown(&[
+        ("mocap.markers.swap-probability", 0.01.into()),
+        ("mocap.markers.swap-frames", 3.0.into()),
+    ]);
+    assert_eq!(flight.outcome, Outcome::Landed);
+    let last = flight.samples.last().unwrap().telemetry;
+    assert!(last.poses_refused > 20, "{}", last.poses_refused);
+    let limit_m = flight.config.mocap.markers.max_residual_mm * 1e-3;
+    for sample in flight.samples.iter().filter(|sample| sample.telemetry.fresh == 1) {
+        assert!(sample.telemetry.pose_residual_m <= limit_m);
+        // 15 ms of flight at 1 m/s, and noise; a swap shifts the pose by centimetres and turns it by degrees.
+        let moved = sample.position() - Vector3::from(sample.telemetry.pose_position);
+        assert!(moved.norm() < 0.025, "{moved} at {:?}", sample.telemetry.time);
+    }
+}
+
+#[test]
+fn pose_noise_follows_the_pixel_noise_and_the_place() {
+    let map = noise::map(&config(&[]), 400);
+    let double = noise::map(&config(&[("mocap.cameras.pixel-noise-px", 0.3.into())]), 400);
+    for (one, two) in map.iter().zip(&double) {
+        let ratio = two.position_mm[0] / one.position_mm[0];
+        assert!((1.9..2.1).contains(&ratio), "{}: {ratio}", one.name);
+        assert!((one.reprojection_ratio / 0.15 - 1.0).abs() < 0.03, "{one:?}");
+    }
+    assert!(noise::to_text(&map).lines().count() == map.len() + 2);
+}
+
+#[test]
+fn filters_know_their_noise_and_their_innovations_are_white() {
+    for (preset, stalls) in [("qualisys", 0.0), ("measured", 0.0), ("room", 0.0)] {
+        let config = config(&[
+            ("mocap.preset", preset.into()),
+            ("mocap.room.stalls-per-1000-s", stalls.into()),
+        ]);
+        let rows = estimation::study(config).unwrap();
+        let exact = &rows[0];
+        for (nis, next) in exact.nis_ratio.iter().zip(exact.next_ratio) {
+            assert!((0.5..1.5).contains(nis), "{preset}: {exact:?}");
+            assert!(next.abs() < 0.3, "{preset}: {exact:?}");
+        }
+        let (arrival, estimated) = (&rows[1], &rows[2]);
+        assert!(estimated.filter_velocity_m_s < arrival.filter_velocity_m_s, "{rows:?}");
+        assert!(exact.filter_velocity_m_s <= estimated.filter_velocity_m_s, "{rows:?}");
+    }
+}
+
+#[test]
+fn statistics_without_recordings_have_nothing_to_be_within() {
+    let study =
+        statistics::Study::of(&config(&[("mocap.preset", "room".into())]), 40.0, &[]).unwrap();
+    assert_eq!(study.is_within(0), None);
+    assert_eq!(study.to_text().lines().count(), 23);
+    assert_eq!(study.to_json()["figures"].as_array().unwrap().len(), 21);
+}

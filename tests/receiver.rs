@@ -1,0 +1,338 @@
+//! The receiver as a process, with emulated camera systems at the other end of the network of this machine.
+
+mod common;
+
+use std::io::{BufRead, BufReader};
+use std::net::{Ipv4Addr, TcpListener, UdpSocket};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Instant;
+
+use common::{Running, Testbed, number, stderr, wait_for};
+use oqtal_bus::bus::Bus;
+use oqtal_bus::message::{Header, PoseV1};
+use oqtal_bus::port::Reader;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::POSE;
+use oqtal_bus::transport::{Subscribe, Transport};
+use serde_json::Value;
+
+/// An emulated camera system of one protocol; killed when dropped.
+struct Server {
+    child: Child,
+    port: u16,
+    kind: &'static str,
+}
+
+impl Server {
+    fn start(kind: &'static str, port: u16, words: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        command.args(["mocap-emu", "serve", "--protocol", &format!("{kind}:{port}")]).args(words);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().unwrap();
+        // The first line is printed when the ports are open.
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        assert!(line.contains(&port.to_string()), "{line}");
+        Self { child, port, kind }
+    }
+
+    /// The link to the server; `rest` is what follows the address.
+    fn link(&self, rest: &str) -> String {
+        format!("{}:127.0.0.1:{}{rest}", self.kind, self.port)
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A port that is free with the three after it.
+fn free_port() -> u16 {
+    for _ in 0..100 {
+        let port =
+            TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port();
+        let is_free = |port| {
+            TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
+                && UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
+        };
+        if port < 65_000 && (port..port + 4).all(is_free) {
+            return port;
+        }
+    }
+    panic!("no free ports");
+}
+
+/// Waits for the next pose.
+fn next_pose(what: &str, poses: &mut Reader<PoseV1>) -> (Header, PoseV1) {
+    wait_for(what, || poses.receive().unwrap())
+}
+
+fn drain(poses: &mut Reader<PoseV1>) {
+    while poses.receive().unwrap().is_some() {}
+}
+
+fn json(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(output)))
+}
+
+#[test]
+fn f54_a_server_that_goes_and_comes_back_and_a_renamed_body_need_no_restart() {
+    let testbed = Testbed::new("server-restart");
+    let bus = testbed.bus();
+    let mut poses = bus.observer(&POSE).unwrap();
+    for kind in ["qtm", "vrpn"] {
+        let server = Server::start(kind, free_port(), &["--body", "quad"]);
+        let port = server.port;
+        let link = server.link(",body=quad");
+        let log = testbed.path(&format!("{kind}.log"));
+        let stderr = std::fs::File::create(&log).unwrap();
+        let mut command = testbed.oqtal(&["receiver", "run", "--link", &link]);
+        let receiver = Running::start_with_stderr(&mut command, stderr.into());
+        let (header, _) = next_pose("poses", &mut poses);
+        let stamps = header.stamps;
+        assert!(stamps.captured_at < stamps.pose_received_at);
+        assert!(stamps.pose_received_at <= stamps.pose_published_at);
+        drop(server);
+        // A body of another name is not ours.
+        let renamed = Server::start(kind, port, &["--body", "other"]);
+        wait_for("the message of a missing body", || {
+            let text = std::fs::read_to_string(&log).unwrap();
+            text.contains("no body `quad` any more").then_some(())
+        });
+        drain(&mut poses);
+        let silent_from = Time::now();
+        drop(renamed);
+        let _server = Server::start(kind, port, &["--body", "quad"]);
+        let (header, pose) = next_pose("poses of the server that is back", &mut poses);
+        let Header { pose_sequence, stamps, .. } = header;
+        assert!(pose.tracked == 1 && pose_sequence > 1);
+        assert!(stamps.captured_at > silent_from && stamps.captured_at <= stamps.pose_received_at);
+        drop(receiver);
+        drain(&mut poses);
+    }
+}
+
+#[test]
+fn f55_what_cannot_be_received_is_refused_with_its_remedy() {
+    let testbed = Testbed::new("receiver-use");
+    let server = Server::start("qtm", free_port(), &["--body", "quad", "--body", "six"]);
+    let nothing = free_port();
+    let cases = [
+        (server.link(",body=quat"), 78, "there are `quad`, `six`"),
+        (server.link(""), 78, "a link with a body"),
+        (format!("vrpn:127.0.0.1:{},body=quad", server.port), 78, "does not speak vrpn"),
+        (format!("qtm:127.0.0.1:{nothing},body=quad"), 71, "no qtm server at 127.0.0.1"),
+        (format!("natnet:127.0.0.1:{nothing},body=quad"), 71, "no natnet server"),
+        ("qtm:no-such-host.invalid,body=quad".to_owned(), 71, "no address for the host"),
+        ("vicon:127.0.0.1,body=quad".to_owned(), 78, "unknown kind `vicon`"),
+    ];
+    for (link, code, message) in cases {
+        let output = testbed.oqtal(&["receiver", "run", "--link", &link]).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{link}: {said}");
+        assert!(said.contains(message), "{link}: {said}");
+    }
+    let link = server.link(",body=quad");
+    let bus = testbed.bus();
+    let mut poses = bus.observer(&POSE).unwrap();
+    let _first = testbed.start(&["receiver", "run", "--link", &link]);
+    next_pose("poses", &mut poses);
+    let second = testbed.oqtal(&["receiver", "run", "--link", &link]).output().unwrap();
+    assert_eq!(second.status.code(), Some(75), "{}", stderr(&second));
+    next_pose("poses of the first receiver", &mut poses);
+}
+
+#[test]
+fn a_probe_examines_every_protocol_and_discovery_lists_the_bodies() {
+    let testbed = Testbed::new("probe");
+    for (kind, rest) in [
+        ("qtm", ""),
+        ("qtm", ",transport=tcp"),
+        ("vrpn", ""),
+        ("natnet", ""),
+        ("natnet", ",unicast"),
+    ] {
+        let server = Server::start(kind, free_port(), &["--body", "quad", "--body", "six"]);
+        let link = server.link(rest);
+        let probe = ["receiver", "probe", &link, "--seconds", "1", "--json"];
+        let output = testbed.oqtal(&probe).output().unwrap();
+        let figures = json(&output);
+        let rate = number(&figures, "/rate_hz");
+        assert!((50.0..150.0).contains(&rate), "{kind}{rest}: {figures}");
+        assert_eq!(figures.pointer("/bodies/1/name").and_then(Value::as_str), Some("six"));
+        assert_eq!(number(&figures, "/bodies/0/tracked"), 1.0, "{figures}");
+        for key in ["/interval/p99_ns", "/clock/residual_p99_ns", "/gaps", "/lost"] {
+            number(&figures, key);
+        }
+        let verdict = figures["verdict"].as_str().unwrap();
+        assert!(["fit", "limited", "unfit"].contains(&verdict), "{figures}");
+        assert!(number(&figures, "/clock/offset_ns").abs() < 1e9, "one clock: {figures}");
+    }
+}
+
+#[test]
+fn one_receiver_serves_many_bodies_to_as_many_instances() {
+    // A study takes longer, and prints what it costs: RECEIVER_STUDY_SECONDS=60.
+    let study = std::env::var("RECEIVER_STUDY_SECONDS").ok().and_then(|text| text.parse().ok());
+    let (bodies, seconds) = if study.is_some() { (32, study.unwrap_or(0)) } else { (4, 2) };
+    let testbed = Testbed::new("many");
+    let names: Vec<String> = (0..bodies).map(|k| format!("body{k}")).collect();
+    let mut words = vec!["--rate", "200"];
+    words.extend(names.iter().flat_map(|name| ["--body", name]));
+    let server = Server::start("qtm", free_port(), &words);
+    let instance = |k: usize| format!("many-{}-{k}", std::process::id());
+    let routes: String =
+        names.iter().enumerate().map(|(k, name)| format!(",body={name}@{}", instance(k))).collect();
+    let buses: Vec<Bus> = (0..bodies).map(|k| testbed.bus_of(&instance(k))).collect();
+    let mut readers: Vec<_> = buses.iter().map(|bus| bus.observer(&POSE).unwrap()).collect();
+    let receiver = testbed.start(&["receiver", "run", "--link", &server.link(&routes)]);
+    readers.iter_mut().for_each(|reader| {
+        next_pose("poses of every body", reader);
+    });
+    let began = (Instant::now(), cpu_ticks(&receiver));
+    let mut heard = vec![(0_u64, 0_u64, 0_u64); bodies];
+    let end = Time::now() + Span::from_millis(seconds * 1000);
+    while Time::now() < end {
+        for (reader, (count, last, gaps)) in readers.iter_mut().zip(&mut heard) {
+            while let Some((header, pose)) = reader.receive().unwrap() {
+                assert_eq!(pose.tracked, 1);
+                *gaps += if *last > 0 { header.pose_sequence - *last - 1 } else { 0 };
+                (*count, *last) = (*count + 1, header.pose_sequence);
+            }
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let cpu = (cpu_ticks(&receiver) - began.1) as f64 / began.0.elapsed().as_secs_f64();
+    println!(
+        "{bodies} bodies: (poses, last frame, frames without a pose) {heard:?}; CPU {cpu:.1} %"
+    );
+    // A machine under load may hand over two frames at once, of which the newest goes on.
+    let sound = |gaps: u64| study.is_none() || gaps == 0;
+    assert!(heard.iter().all(|(count, _, gaps)| *count > 0 && sound(*gaps)), "{heard:?}");
+}
+
+/// Processor time of a process \[ticks of 10 ms\].
+fn cpu_ticks(process: &Running) -> u64 {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).unwrap();
+    let after = stat.rsplit(')').next().unwrap();
+    let fields: Vec<u64> =
+        after.split_whitespace().skip(11).take(2).map(|t| t.parse().unwrap()).collect();
+    fields.iter().sum()
+}
+
+#[test]
+fn a_flight_whose_poses_come_over_the_network_lands() {
+    let testbed = Testbed::new("fly-qtm");
+    let flight = ["--mocap", "qtm", "--trajectory", "hover", "--duration", "2"];
+    let summary = testbed.summary(&flight);
+    assert_eq!(summary["outcome"], "landed", "{summary}");
+    for hop in ["capture_to_receive", "receive_to_publish"] {
+        assert!(number(&summary, &format!("/hops/{hop}/count")) > 100.0, "{summary}");
+    }
+    let received = number(&summary, "/hops/capture_to_receive/p50_ns");
+    assert!((received / 15e6 - 1.0).abs() < 0.2, "the latency of the emulated cameras: {received}");
+}
+
+#[test]
+fn real_cameras_do_not_look_at_a_simulated_vehicle() {
+    let testbed = Testbed::new("fly-link");
+    let output = testbed.fly(&["--mocap", "link:qtm:127.0.0.1,body=quad"]);
+    assert_eq!(output.status.code(), Some(64), "{}", stderr(&output));
+    assert!(stderr(&output).contains("--vehicle link:LINK"), "{}", stderr(&output));
+}
+
+/// A network of its own for a server, behind a cable of two virtual ends; removed when dropped.
+struct Network {
+    name: String,
+    cable: String,
+}
+
+impl Network {
+    const HERE: &str = "10.213.77.1/24";
+    const THERE: &str = "10.213.77.2";
+
+    /// `None` where this user may not make one.
+    fn new() -> Option<Self> {
+        let id = std::process::id();
+        let network = Self { name: format!("oqtal-{id}"), cable: format!("oq{id}") };
+        let (name, cable, there) = (&network.name, &network.cable, format!("oq{id}b"));
+        let address = format!("{}/24", Self::THERE);
+        let steps: [&[&str]; 6] = [
+            &["netns", "add", name],
+            &["link", "add", cable, "type", "veth", "peer", "name", &there, "netns", name],
+            &["addr", "add", Self::HERE, "dev", cable],
+            &["-n", name, "addr", "add", &address, "dev", &there],
+            &["-n", name, "link", "set", &there, "up"],
+            &["link", "set", cable, "up"],
+        ];
+        steps.iter().all(|words| ip(words)).then_some(network)
+    }
+
+    fn server(&self, port: u16) -> Server {
+        let mut command = Command::new("ip");
+        command.args([
+            "netns",
+            "exec",
+            &self.name,
+            env!("CARGO_BIN_EXE_oqtal"),
+            "mocap-emu",
+            "serve",
+        ]);
+        command.args(["--listen", Self::THERE, "--protocol", &format!("qtm:{port}")]);
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        assert!(line.contains(Self::THERE), "{line}");
+        Server { child, port, kind: "qtm" }
+    }
+}
+
+impl Drop for Network {
+    fn drop(&mut self) {
+        // The cable goes with one of its ends.
+        ip(&["link", "delete", &self.cable]);
+        ip(&["netns", "delete", &self.name]);
+    }
+}
+
+fn ip(words: &[&str]) -> bool {
+    let done = Command::new("ip").args(words).stdin(Stdio::null()).stderr(Stdio::null()).status();
+    done.is_ok_and(|status| status.success())
+}
+
+#[test]
+fn f56_a_pulled_cable_is_survived() {
+    let Some(network) = Network::new() else {
+        eprintln!("skipped: this user may not make a network namespace");
+        return;
+    };
+    let testbed = Testbed::new("cable");
+    let bus = testbed.bus();
+    let mut poses = bus.observer(&POSE).unwrap();
+    let server = network.server(22223);
+    let link = format!("qtm:{},body=quad", Network::THERE);
+    let log = testbed.path("receiver.log");
+    let mut command = testbed.oqtal(&["receiver", "run", "--link", &link]);
+    let stderr = std::fs::File::create(&log).unwrap();
+    let _receiver = Running::start_with_stderr(&mut command, stderr.into());
+    next_pose("poses", &mut poses);
+    assert!(ip(&["link", "set", &network.cable, "down"]));
+    wait_for("the message of silence", || {
+        let text = std::fs::read_to_string(&log).unwrap();
+        text.contains("no frames come").then_some(())
+    });
+    drain(&mut poses);
+    let plugged_at = Time::now();
+    assert!(ip(&["link", "set", &network.cable, "up"]));
+    let (header, _) = next_pose("poses after the cable is back", &mut poses);
+    assert!(header.stamps.captured_at > plugged_at, "an old pose");
+    drop(server);
+}
