@@ -4,6 +4,7 @@ mod cameras;
 mod directory;
 mod fault;
 mod flight_record;
+mod paths;
 mod process_group;
 mod processes;
 mod progress;
@@ -27,7 +28,8 @@ use oqtal_observe::table;
 
 use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
-use processes::{BusFlight, FlightPaths};
+use paths::FlightPaths;
+use processes::BusFlight;
 use progress::Interrupts;
 use vehicle::{CommandLink, VehicleChoice};
 
