@@ -4,6 +4,7 @@ mod cameras;
 mod directory;
 mod fault;
 mod flight_record;
+mod paths;
 mod process_group;
 mod processes;
 mod progress;
@@ -27,7 +28,8 @@ use oqtal_observe::table;
 
 use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
-use processes::{BusFlight, FlightPaths};
+use paths::FlightPaths;
+use processes::BusFlight;
 use progress::Interrupts;
 use vehicle::{CommandLink, VehicleChoice};
 
@@ -112,7 +114,7 @@ impl FlyArgs {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
         let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
         let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
-        fault::check(&config, &commands)?;
+        fault::check(&config, &poses.roles(commands.roles(&config)))?;
         let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;

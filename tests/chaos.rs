@@ -112,7 +112,6 @@ const CAMERAS: [&[&str]; 3] = [
 ];
 
 #[test]
-#[ignore = "the gate on the innovation is not there yet"]
 fn every_law_lands_the_square_through_outliers() {
     let seeds = length("OQTAL_TEST_OUTLIER_SEEDS", 1);
     let mut flights = Vec::new();

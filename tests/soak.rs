@@ -113,6 +113,7 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         let is_ready = |watch: &Watch| watch.is_fresh && watch.mode == Mode::Disarmed.code();
         assert!(until(&mut watch, PATIENCE_TICKS, is_ready), "the daemon gets no poses");
         until(&mut watch, SETTLING_TICKS, |_| false);
+        laboratory.revive();
         settled.add(laboratory.resources(), flights);
         flight(&mut laboratory, &mut watch, &mut random, &mut count);
         flights += 1;

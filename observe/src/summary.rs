@@ -103,7 +103,6 @@ impl Summary {
         let (_, scored_s) = extent(flight.scored());
         let figures =
             |error: fn(&FlightSample) -> Vector3<f64>| error_figures(flight.scored().map(error));
-        let has_truth = flight.samples.iter().any(|sample| sample.truth.is_some());
         let real =
             |spans: &Distribution| (config.clock.kind == ClockKind::Real).then(|| spans.summary());
         Self {
@@ -116,7 +115,7 @@ impl Summary {
             duration_s,
             scored_s,
             outcome: flight.outcome,
-            error_source: if has_truth { "truth" } else { "pose" },
+            error_source: error_source(flight),
             position_error_m: figures(FlightSample::position_error),
             velocity_error_m_s: figures(FlightSample::velocity_error),
             attitude_error_deg: figures(|sample| sample.attitude_error().map(f64::to_degrees)),
@@ -157,6 +156,12 @@ impl Summary {
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).expect("a summary holds only what JSON can say")
     }
+}
+
+/// The source of the vehicle's motion that errors are judged by.
+fn error_source(flight: &Flight) -> &'static str {
+    let has_truth = flight.samples.iter().any(|sample| sample.truth.is_some());
+    if has_truth { "truth" } else { "pose" }
 }
 
 /// The name of an enumeration's value in the configuration.

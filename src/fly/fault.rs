@@ -9,26 +9,24 @@ use oqtal_runtime::faults::ArmingWatch;
 use oqtal_runtime::faults::outage::role_of;
 use oqtal_runtime::process::{Exit, Failure};
 
-use super::vehicle::CommandLink;
-
 /// The help of the flag.
 pub const HELP: &str = "Inject a fault, TIME seconds after arming, as in pose:off@5+0.1 or mocap-emu:stop@5+0.5; repeatable. \
      A wrong one lists the targets and kinds";
 
-/// Checks that the flight can have its faults.
+/// Checks that a flight of the processes `roles` can have its faults.
 ///
 /// # Errors
 /// The fault and the reason, exit code 64.
-pub fn check(config: &Config, link: &CommandLink) -> Result<(), Failure> {
+pub fn check(config: &Config, roles: &[Role]) -> Result<(), Failure> {
     let refused = config.fault.inject.iter().find_map(|fault| {
-        let reason = obstacle(fault, config, link)?;
+        let reason = obstacle(fault, config, roles)?;
         Some(Failure::new(Exit::Usage, format!("--fault {fault}: {reason}")))
     });
     refused.map_or(Ok(()), Err)
 }
 
 /// Why the flight cannot have `fault`; `None` if it can.
-fn obstacle(fault: &Fault, config: &Config, link: &CommandLink) -> Option<&'static str> {
+fn obstacle(fault: &Fault, config: &Config, roles: &[Role]) -> Option<&'static str> {
     if config.is_replay() {
         return Some("a recording is never armed; leave out --mocap replay");
     }
@@ -37,7 +35,6 @@ fn obstacle(fault: &Fault, config: &Config, link: &CommandLink) -> Option<&'stat
             "in lockstep time waits for every process; use --clock real or in-process, or `stop`",
         );
     }
-    let roles = link.roles(config);
     let is_there = match fault.target {
         FaultTarget::Radio => roles.contains(&Role::Plant) && !config.plant.shadow,
         target => role_of(target).is_none_or(|role| roles.contains(&role)),

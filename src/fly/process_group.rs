@@ -15,7 +15,7 @@ use rustix::process::Signal;
 
 use super::directory::FlightDirectory;
 use super::fault::ProcessAction;
-use super::processes::FlightPaths;
+use super::paths::FlightPaths;
 use crate::child::{Child, command};
 
 /// Start-up time-out: a process that is not ready after this time counts as failed.

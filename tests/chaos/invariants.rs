@@ -7,8 +7,6 @@ use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Time for which motors may run on after the vehicle has tipped.
 const TIPPED_LIMIT: Span = Span::from_millis(500);
-/// Distance from the origin beyond which the vehicle has left the room \[m\].
-const ROOM_M: f64 = 20.0;
 
 /// The invariants that `flight` breaks, one line for each.
 pub fn violations(flight: &Flight) -> Vec<String> {
@@ -61,13 +59,16 @@ fn tipped(flight: &Flight) -> Option<String> {
     ))
 }
 
-/// A vehicle that flies under power where it must not.
+/// A vehicle that flies under power beyond the hard border of the fence.
 fn outside(flight: &Flight) -> Option<String> {
-    let away = |sample: &&FlightSample| is_powered(sample) && sample.position().norm() > ROOM_M;
+    let fence = &flight.config.fence;
+    let away = |sample: &&FlightSample| {
+        let position = sample.position();
+        let ranges = [fence.x_m, fence.y_m, fence.z_m];
+        let mut axes = ranges.iter().zip(position.iter());
+        is_powered(sample) && !axes.all(|([from, to], x)| (from..=to).contains(&x))
+    };
     let sample = flight.samples.iter().find(away)?;
-    Some(format!(
-        "under power at {:.1?} at {:.3} s",
-        sample.position().as_slice(),
-        at(flight, sample)
-    ))
+    let position = sample.position();
+    Some(format!("under power at {:.1?} at {:.3} s", position.as_slice(), at(flight, sample)))
 }

@@ -17,6 +17,9 @@ use crate::resources::{Resources, usage};
 /// The processes, in the order in which they are started.
 pub const PROCESSES: [&str; 4] = ["plant-sim", "mocap-emu", "bridge", "daemon"];
 
+/// The bridge among them.
+const BRIDGE: usize = 2;
+
 pub struct Laboratory {
     testbed: Testbed,
     config: std::path::PathBuf,
@@ -73,7 +76,8 @@ impl Laboratory {
         let killed = self.running[process].take().unwrap();
         killed.signal(Signal::KILL);
         let output = killed.wait();
-        let by_itself = output.status.code().is_some();
+        let code = output.status.code();
+        let by_itself = code.is_some() && !is_without_port(process, code);
         assert!(!by_itself, "{} ended by itself: {}", PROCESSES[process], self.log(process));
     }
 
@@ -91,6 +95,15 @@ impl Laboratory {
         let output = plant.wait();
         assert!(output.status.success(), "{}", stderr(&output));
         self.start(0);
+    }
+
+    /// Starts the bridge again if it found no port while the plant was replaced, as a service manager does.
+    pub fn revive(&mut self) {
+        let ended = self.running[BRIDGE].as_ref().is_some_and(|bridge| !is_alive(bridge.id()));
+        if ended {
+            self.kill(BRIDGE);
+            self.start(BRIDGE);
+        }
     }
 
     /// Passes an operator's command on; false if it is refused or nobody answers.
@@ -128,6 +141,11 @@ impl Laboratory {
         drop(bus);
         assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
     }
+}
+
+/// Whether a process is a bridge that found no port when it started.
+fn is_without_port(process: usize, code: Option<i32>) -> bool {
+    process == BRIDGE && code == Some(oqtal_runtime::process::Exit::System as i32)
 }
 
 /// A short fault of a topic or of the radio at a time of the flight.

@@ -39,6 +39,8 @@ words! {
         MocapEmu = "mocap-emu",
         /// The process bridge.
         Bridge = "bridge",
+        /// The process receiver.
+        Receiver = "receiver",
     }
 }
 
@@ -95,7 +97,10 @@ impl FaultTarget {
     /// Whether the target is a process.
     #[must_use]
     pub const fn is_process(self) -> bool {
-        matches!(self, Self::Daemon | Self::PlantSim | Self::MocapEmu | Self::Bridge)
+        matches!(
+            self,
+            Self::Daemon | Self::PlantSim | Self::MocapEmu | Self::Bridge | Self::Receiver
+        )
     }
 }
 
@@ -113,8 +118,15 @@ pub(super) struct KindRule {
 const TOPICS: &[FaultTarget] = &[FaultTarget::Pose, FaultTarget::Command, FaultTarget::Vehicle];
 const LOSSY: &[FaultTarget] =
     &[FaultTarget::Pose, FaultTarget::Command, FaultTarget::Vehicle, FaultTarget::Radio];
-const PROCESSES: &[FaultTarget] =
+const LOOPS: &[FaultTarget] =
     &[FaultTarget::Daemon, FaultTarget::PlantSim, FaultTarget::MocapEmu, FaultTarget::Bridge];
+const PROCESSES: &[FaultTarget] = &[
+    FaultTarget::Daemon,
+    FaultTarget::PlantSim,
+    FaultTarget::MocapEmu,
+    FaultTarget::Bridge,
+    FaultTarget::Receiver,
+];
 
 const RULES: [KindRule; 12] = {
     use FaultKind::{Delayed, Garbage, Intermittent, Kill, Off, Slow, Stop, Stuck, Wrong};
@@ -139,7 +151,7 @@ const RULES: [KindRule; 12] = {
         KindRule { kind: Intermittent, targets: LOSSY, magnitudes: &[LOSS] },
         KindRule { kind: Kill, targets: PROCESSES, magnitudes: &[] },
         KindRule { kind: Stop, targets: PROCESSES, magnitudes: &[] },
-        KindRule { kind: Slow, targets: PROCESSES, magnitudes: &[LATE] },
+        KindRule { kind: Slow, targets: LOOPS, magnitudes: &[LATE] },
     ]
 };
 

@@ -58,6 +58,7 @@ pub const fn role_of(target: FaultTarget) -> Option<Role> {
         FaultTarget::PlantSim => Some(Role::Plant),
         FaultTarget::MocapEmu => Some(Role::Mocap),
         FaultTarget::Bridge => Some(Role::Bridge),
+        FaultTarget::Receiver => Some(Role::Receiver),
         FaultTarget::Pose | FaultTarget::Command | FaultTarget::Vehicle | FaultTarget::Radio => {
             None
         }
