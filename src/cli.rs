@@ -8,10 +8,16 @@ use oqtal_runtime::process::{Exit, Failure, ProcessCommand, execute};
 use oqtal_runtime::program::conclude;
 
 use crate::check::CheckArgs;
+use crate::compare::CompareArgs;
 use crate::ctl::CtlArgs;
 use crate::doctor::DoctorArgs;
+use crate::export::ExportArgs;
 use crate::fly::{BusFlightSeries, FlyArgs};
+use crate::info::InfoArgs;
 use crate::latency::{LatencyArgs, Part};
+use crate::record::RecordArgs;
+use crate::replay::ReplayArgs;
+use crate::report::ReportArgs;
 use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
@@ -44,6 +50,18 @@ enum Command {
     Cameras(CamerasCommand),
     /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
+    /// Record a running instance
+    Record(RecordArgs),
+    /// Show what a recording holds
+    Info(InfoArgs),
+    /// Make the report of a flight from its recording
+    Report(ReportArgs),
+    /// Write a recording as text files for other tools
+    Export(ExportArgs),
+    /// Compare recorded flights: errors, latencies, settings that differ
+    Compare(CompareArgs),
+    /// Run a recording through the daemon once more: bit for bit, or with other settings
+    Replay(ReplayArgs),
     /// Measure the latency of each hop of the loop beside that of the bare operating system
     Latency(LatencyArgs),
     /// Check whether this machine is ready to fly, and what would improve it
@@ -84,6 +102,12 @@ impl Cli {
             Some(Command::Tune(args)) => args.execute(),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
+            Some(Command::Record(args)) => args.execute(),
+            Some(Command::Info(args)) => args.execute(),
+            Some(Command::Report(args)) => args.execute(),
+            Some(Command::Export(args)) => args.execute(),
+            Some(Command::Compare(args)) => args.execute(),
+            Some(Command::Replay(args)) => args.execute(),
             Some(Command::Latency(args)) => args.execute(),
             Some(Command::Doctor(args)) => args.execute(),
             Some(Command::Check(args)) => args.execute(),

@@ -3,6 +3,7 @@
 mod cameras;
 mod directory;
 mod fault;
+mod flight_record;
 mod process_group;
 mod processes;
 mod progress;
@@ -17,7 +18,6 @@ use oqtal_config::{ClockKind, Config, Fault, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -28,7 +28,7 @@ use oqtal_observe::table;
 use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
 use processes::{BusFlight, FlightPaths};
-use progress::{FlightProgress, Interrupts};
+use progress::Interrupts;
 use vehicle::{CommandLink, VehicleChoice};
 
 /// A pose interval of more loop periods than this is a gap to the daemon, so that its state never becomes `Nominal` \[-\].
@@ -93,10 +93,12 @@ impl FlightSeries for BusFlightSeries {
         let directory = self.directory.as_ref().map(|directory| directory.join(name));
         let directory = FlightDirectory::create(directory.as_deref(), &mission.config)?;
         let (paths, interrupts) = (&FlightPaths::default(), &self.interrupts);
-        let flight = BusFlight { mission, paths, directory: &directory, interrupts }.fly()?;
+        let bus_flight = BusFlight { mission, paths, directory: &directory, interrupts };
+        let (flight, recording) = bus_flight.fly()?;
         if interrupts.any() {
             return Err(Failure::new(Exit::Flight, "interrupted"));
         }
+        flight_record::check(recording.as_ref())?;
         Ok(flight)
     }
 }
@@ -116,13 +118,13 @@ impl FlyArgs {
         check_pose_rate(&mission)?;
         let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
         let interrupts = &Interrupts::listen()?;
-        let flight = match mission.config.clock.kind {
-            ClockKind::InProcess => fly_in_process(&mission, interrupts)?,
-            ClockKind::Real | ClockKind::Lockstep => {
-                BusFlight { mission: &mission, paths, directory: &directory, interrupts }.fly()?
-            }
+        let bus_flight = BusFlight { mission: &mission, paths, directory: &directory, interrupts };
+        let (flight, recording) = match mission.config.clock.kind {
+            ClockKind::InProcess => bus_flight.fly_in_process()?,
+            ClockKind::Real | ClockKind::Lockstep => bus_flight.fly()?,
         };
-        self.conclude(&flight, &directory)
+        let exit = self.conclude(&flight, &directory)?;
+        flight_record::check(recording.as_ref()).map(|()| exit)
     }
 
     /// Prints the figures before it writes the files, so that a full disk does not take them away.
@@ -135,7 +137,9 @@ impl FlyArgs {
         }
         match flight.outcome {
             Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),
-            Outcome::Stopped | Outcome::Crashed | Outcome::Timeout => Ok(Exit::Flight),
+            Outcome::Stopped | Outcome::Crashed | Outcome::Timeout | Outcome::Unfinished => {
+                Ok(Exit::Flight)
+            }
         }
     }
 
@@ -178,15 +182,4 @@ fn check_pose_rate(mission: &Mission) -> Result<(), Failure> {
         poses_hz.round().max(1.0)
     );
     Err(Failure::new(Exit::Config, message))
-}
-
-/// Flies in this process, with progress and interrupts in the terminal.
-fn fly_in_process(mission: &Mission, interrupts: &Interrupts) -> Result<Flight, Failure> {
-    let progress = FlightProgress::new(mission.expected());
-    let flight = simulation::fly_watched(mission, |recorder| {
-        progress.show(recorder);
-        interrupts.next()
-    });
-    progress.finish();
-    flight
 }

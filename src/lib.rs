@@ -4,7 +4,15 @@
 pub mod check;
 mod child;
 pub mod cli;
+pub mod compare;
 pub mod ctl;
 pub mod doctor;
+pub mod export;
 pub mod fly;
+pub mod info;
 pub mod latency;
+mod provenance;
+pub mod record;
+mod recordings;
+pub mod replay;
+pub mod report;

@@ -189,7 +189,9 @@ fn one_receiver_serves_many_bodies_to_as_many_instances() {
     let buses: Vec<Bus> = (0..bodies).map(|k| testbed.bus_of(&instance(k))).collect();
     let mut readers: Vec<_> = buses.iter().map(|bus| bus.observer(&POSE).unwrap()).collect();
     let receiver = testbed.start(&["receiver", "run", "--link", &server.link(&routes)]);
-    readers.iter_mut().for_each(|reader| drop(next_pose("poses of every body", reader)));
+    readers.iter_mut().for_each(|reader| {
+        next_pose("poses of every body", reader);
+    });
     let began = (Instant::now(), cpu_ticks(&receiver));
     let mut heard = vec![(0_u64, 0_u64, 0_u64); bodies];
     let end = Time::now() + Span::from_millis(seconds * 1000);

@@ -180,6 +180,18 @@ code! {
     }
 }
 
+code! {
+    /// Kind of a record of the daemon's inputs.
+    InputKind {
+        /// The daemon started.
+        Start = 0 => "start",
+        /// A turn of the loop.
+        Turn = 1 => "turn",
+        /// A request of an operator, executed at the end of the turn before.
+        Request = 2 => "request",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

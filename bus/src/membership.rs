@@ -35,6 +35,8 @@ pub(crate) struct Membership {
     members: File,
     /// How many [`InstanceLock`]s of this membership exist.
     depth: Cell<u32>,
+    /// Whether the lock was not free when a port was last closed.
+    closes_unlocked: Cell<bool>,
 }
 
 /// Right to change the files of an instance, until it is dropped.
@@ -63,7 +65,8 @@ impl Membership {
             flock(&members, FlockOperation::NonBlockingLockShared)
                 .map_err(|e| system(format!("joining {}", directory.display()), &e))?;
             let prefix = paths.prefix();
-            let joined = Self { prefix, directory, lock, members, depth: Cell::new(0) };
+            let (depth, closes_unlocked) = (Cell::new(0), Cell::new(false));
+            let joined = Self { prefix, directory, lock, members, depth, closes_unlocked };
             let _ = flock(&joined.lock, FlockOperation::Unlock);
             return Ok(Rc::new(joined));
         }
@@ -77,9 +80,13 @@ impl Membership {
         self.lock_within(LOCK_TIMEOUT)
     }
 
-    /// As [`Membership::lock`], for closing a port: does not wait long, `None` if the lock is not free.
+    /// As [`Membership::lock`], for closing a port: does not wait long, `None` if the lock is not free. A process that ends waits
+    /// once, not for each of its ports.
     pub(crate) fn lock_to_close(&self) -> Option<InstanceLock<'_>> {
-        self.lock_within(CLOSE_TIMEOUT).ok()
+        let timeout = if self.closes_unlocked.get() { Span::ZERO } else { CLOSE_TIMEOUT };
+        let lock = self.lock_within(timeout).ok();
+        self.closes_unlocked.set(lock.is_none());
+        lock
     }
 
     fn lock_within(&self, timeout: Span) -> Result<InstanceLock<'_>, BusError> {

@@ -135,6 +135,16 @@ pub struct MemoryWriter<M> {
     source: u64,
 }
 
+impl<M: Message> MemoryWriter<M> {
+    /// Sends a sample under the header that it had when it was recorded.
+    pub fn forward(&mut self, header: Header, body: M) {
+        self.sequence = header.sequence;
+        let mut history = self.history.borrow_mut();
+        history.discard_read();
+        history.samples.push_back((header, body));
+    }
+}
+
 impl<M: Message> Publish<M> for MemoryWriter<M> {
     fn send(&mut self, pose_sequence: u64, stamps: Stamps, body: M) -> Result<u64, BusError> {
         self.sequence += 1;

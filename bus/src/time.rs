@@ -66,6 +66,16 @@ impl Time {
         Self(tv_sec.unsigned_abs() * NANOS_PER_SECOND + tv_nsec.unsigned_abs())
     }
 
+    /// Reads the wall clock: the time from the monotonic clock's origin to the Unix epoch's, to be added to an instant of
+    /// [`Time::now`]. Changes whenever the wall clock is set.
+    #[must_use]
+    pub fn wall_offset() -> Span {
+        let wall = clock_gettime(ClockId::Realtime);
+        let wall =
+            Self(wall.tv_sec.unsigned_abs() * NANOS_PER_SECOND + wall.tv_nsec.unsigned_abs());
+        wall.since(Self::now())
+    }
+
     /// Whether a clock has been read into this stamp.
     #[must_use]
     pub const fn is_set(self) -> bool {

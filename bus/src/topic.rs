@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 use crate::message::{
-    CommandV1, HealthV1, Message, PoseV1, TelemetryV1, TimeAdvanceV1, TruthV1, TurnDoneV1,
+    CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TimeAdvanceV1, TruthV1, TurnDoneV1,
     VehicleV1,
 };
 
@@ -25,6 +25,8 @@ pub struct Quality {
 const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8 };
 /// As [`STREAM`], but a command from before the reader came never acts.
 const COMMANDS: Quality = Quality { history: 0, ..STREAM };
+/// Samples for recorders alone.
+const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 4 };
 /// A state of which the newest sample says everything.
 const STATE: Quality = Quality { history: 1, buffer: 1, readers: 8 };
 /// A question or an answer between two processes.
@@ -71,6 +73,9 @@ pub const COMMAND: Topic<CommandV1> = Topic::new("command", COMMANDS);
 pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", STREAM);
 /// Daemon to observers, once per tick.
 pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
+
+/// Daemon to recorders, once per turn that took something in.
+pub const INPUT: Topic<InputV1> = Topic::new("input", RECORDED);
 
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";

@@ -30,6 +30,7 @@ impl Config {
         self.fence.check()?;
         self.bridge.check()?;
         self.receiver.check()?;
+        self.record.check()?;
         Ok(self.realtime.check()?)
     }
 

@@ -20,6 +20,7 @@ use crate::origin::Origins;
 use crate::plant::PlantOptions;
 use crate::realtime::RealtimeOptions;
 use crate::receiver::ReceiverOptions;
+use crate::record::RecordOptions;
 use crate::safety::SafetyOptions;
 use crate::setting::Setting;
 use crate::vehicle::VehicleOptions;
@@ -56,6 +57,8 @@ pub struct Config {
     pub bridge: BridgeOptions,
     /// `[receiver]`: the way of poses from a real camera system.
     pub receiver: ReceiverOptions,
+    /// `[record]`: what is recorded.
+    pub record: RecordOptions,
     /// `[realtime]`: scheduling of the loops.
     pub realtime: RealtimeOptions,
     /// `[log]`: what is logged.
@@ -82,6 +85,17 @@ impl Config {
     pub fn load(file: Option<&Path>, flags: &[Setting]) -> Result<Self, ConfigError> {
         let mut settings = file.map_or(Ok(Vec::new()), layer::from_file)?;
         settings.extend(layer::from_environment(std::env::vars_os()));
+        settings.extend_from_slice(flags);
+        Self::from_settings(&settings)
+    }
+
+    /// The configuration of a file with the name `file` and this `text` under `flags`, whatever the environment says: that of a
+    /// recording, for instance.
+    ///
+    /// # Errors
+    /// As [`Config::load`].
+    pub fn parse(file: &str, text: &str, flags: &[Setting]) -> Result<Self, ConfigError> {
+        let mut settings = layer::from_toml(file, text)?;
         settings.extend_from_slice(flags);
         Self::from_settings(&settings)
     }

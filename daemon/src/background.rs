@@ -113,13 +113,14 @@ impl LoopHandle {
         self.configs_differ.load(Ordering::Relaxed)
     }
 
-    /// Replies to the operator's request that waits, if any, with the result of `answer`; `false` if none waits. A request to fly
-    /// that is read too late is refused. The operator waits by the machine's clock, also for a flight in virtual time.
+    /// Replies to the operator's request that waits, if any, with the result of `answer`; returns request and reply, `None` if
+    /// none waits. A request to fly that is read too late is refused. The operator waits by the machine's clock, also for a flight
+    /// in virtual time.
     pub fn poll_request(
         &self,
         mut answer: impl FnMut(OperatorCommand) -> ControlResponseV1,
-    ) -> bool {
-        let Some((number, command, valid_until)) = self.queues.request() else { return false };
+    ) -> Option<(OperatorCommand, ControlResponseV1)> {
+        let (number, command, valid_until) = self.queues.request()?;
         let is_late = valid_until.is_set() && Time::now() > valid_until;
         let response = if is_late && begins_flight(command) {
             refused(Cause::Expired, answer(OperatorCommand::Status))
@@ -127,7 +128,7 @@ impl LoopHandle {
             answer(command)
         };
         self.queues.reply((number, response));
-        true
+        Some((command, response))
     }
 
     /// Passes a changed condition to the background thread, with the number of changes before it that found the queue full.
@@ -140,6 +141,11 @@ impl LoopHandle {
 }
 
 impl OperatorRequests {
+    /// Tells the loop whether the processes of the instance run with different configurations.
+    pub fn note_configs_differ(&self, differ: bool) {
+        self.configs_differ.store(differ, Ordering::Relaxed);
+    }
+
     /// Takes in and logs the changes of the condition.
     fn take_changes(&mut self) {
         for condition in self.queues.notes() {
@@ -260,7 +266,7 @@ impl BackgroundWorker for DaemonWorker {
         requests.take_changes();
         let differs = |peer: &mut Peer| peer.has_other_config(*config_hash);
         let differ = peers.iter_mut().fold(false, |any, peer| differs(peer) || any);
-        requests.configs_differ.store(differ, Ordering::Relaxed);
+        requests.note_configs_differ(differ);
         if let Some((text, ..)) = requests.last.text() {
             health.set_status(text);
         }
@@ -305,12 +311,13 @@ mod tests {
         let first = requests.ask(asks(OperatorCommand::Status));
         assert_eq!(first.answer, Answer::Accepted.code());
         let second = std::thread::spawn(move || requests.ask(asks(OperatorCommand::Land)));
-        assert!(handle.poll_request(|_| answers(Answer::Refused)));
+        assert!(handle.poll_request(|_| answers(Answer::Refused)).is_some());
         // The loop goes on once the second request is there, too.
-        while !handle.poll_request(|command| {
+        let land = |command| {
             assert_eq!(command, OperatorCommand::Land);
             answers(Answer::Done)
-        }) {
+        };
+        while handle.poll_request(land).is_none() {
             std::thread::yield_now();
         }
         let second = second.join().unwrap().answer;
@@ -331,10 +338,11 @@ mod tests {
             requests.queues.send((0, command, long_ago)).unwrap();
             let mut executed = false;
             while Time::now() == long_ago {}
-            assert!(handle.poll_request(|asked| {
+            let asked = handle.poll_request(|asked| {
                 executed |= asked == command;
                 answers(Answer::Done)
-            }));
+            });
+            assert_eq!(asked.map(|(command, _)| command), Some(command));
             let (_, response) = requests.queues.replies().recv().unwrap();
             assert_eq!(executed, is_executed, "{command}");
             let is_refused = response.cause == Cause::Expired.code();

@@ -27,14 +27,19 @@ impl Fence {
     /// Distance from `position` \[m, world\] to the hard border \[m\]: positive inside.
     #[must_use]
     pub fn inside_m(&self, position: &Vector3<f64>) -> f64 {
-        self.below_top(position).min(position.z - self.low.z)
+        self.inside_by_m(position, 0.0)
     }
 
-    /// Distance from `position` \[m, world\] to the soft border \[m\]: positive inside. There is none at the bottom, where the
-    /// floor is.
+    /// The same to a border that lies by `margin` \[m\] further inside at the sides and at the top; the floor is at the bottom.
+    #[must_use]
+    pub fn inside_by_m(&self, position: &Vector3<f64>, margin: f64) -> f64 {
+        (self.below_top(position) - margin).min(position.z - self.low.z)
+    }
+
+    /// Distance from `position` \[m, world\] to the soft border \[m\]: positive inside.
     #[must_use]
     pub fn inside_soft_m(&self, position: &Vector3<f64>) -> f64 {
-        (self.below_top(position) - self.soft_margin).min(position.z - self.low.z)
+        self.inside_by_m(position, self.soft_margin)
     }
 
     /// Distance to the sides and to the top.

@@ -8,6 +8,7 @@ use oqtal_control::predictive::{CommandHistory, FilterOptions, MeasuredPose, Sur
 
 use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;
+use crate::pose_noise::PoseNoise;
 
 /// Poses in a row that agree with each other and not with the motion, after which they are of another body or of markers that
 /// were exchanged \[-\].
@@ -18,14 +19,18 @@ const AGREED_M: f64 = 0.015;
 const AGREED_RAD: f64 = 0.05;
 /// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
 const DOUBT_SIGMA: f64 = 3.0;
+/// Thrust over the weight that lifts every vehicle that may be flown \[-\].
+const LIFTING: f64 = 1.35;
 /// Repetitions of a pose from which on its source may count as frozen \[-\].
 const FROZEN_REPEATS: u32 = 2;
 /// Predicted motion during which a pose cannot stay the same \[m\]: many times the resolution of a coarse source.
 const CHANGED_M: f64 = 0.02;
 /// Predicted rotation during which it cannot \[rad\].
 const CHANGED_RAD: f64 = 0.06;
-/// Time during which it cannot, whatever is predicted \[s\].
-const CHANGED_S: f64 = 0.5;
+/// Longest prediction with which a pose that stays the same is compared, because of the error of the velocity \[s\].
+const LONGEST_PREDICTION_S: f64 = 0.15;
+/// Time after which a vehicle on the floor must have been lifted by a thrust above [`LIFTING`] \[s\].
+const LIFTED_S: f64 = 0.12;
 
 /// A refused pose relative to the predicted motion, and how many agreed with it in a row.
 #[derive(Clone, Copy, Debug, Default)]
@@ -63,8 +68,9 @@ pub struct MotionGate {
     /// The motion without the last believed pose, if that pose is doubted: it was believed for the uncertainty after a gap, and was
     /// wrong if the next one contradicts it.
     without: Option<Track>,
-    /// The motion when the last pose that differed from the one before was believed.
+    /// The motion since which a pose that stays the same is compared with the prediction.
     changed: Option<Track>,
+    noise: PoseNoise,
     /// Height of the floor from which the flight began \[m, world z\].
     floor_m: f64,
     stranger: Option<Stranger>,
@@ -84,6 +90,7 @@ impl MotionGate {
             track: None,
             without: None,
             changed: None,
+            noise: PoseNoise::default(),
             floor_m: 0.0,
             stranger: None,
         })
@@ -135,12 +142,12 @@ impl MotionGate {
         self.track.map(|track| track.advanced(t_s, &self.surroundings()))
     }
 
-    /// Judges a pose in flight, measured at `t_s` \[s\], that came `repeats` times before under other sequence numbers. On the
-    /// ground every pose passes.
+    /// Judges a pose in flight, measured at `t_s` \[s\]. On the ground every pose passes.
     ///
     /// # Errors
     /// Why the pose is not believed.
-    pub fn judge(&mut self, t_s: f64, pose: &MeasuredPose, repeats: u32) -> Result<(), Cause> {
+    pub fn judge(&mut self, t_s: f64, pose: &MeasuredPose) -> Result<(), Cause> {
+        self.noise.take(pose);
         let Some(mut expected) = self.predict(t_s) else { return Ok(()) };
         if !self.lies_on(&expected, pose, self.sigma) {
             let Some(other) = self.without.map(|track| track.advanced(t_s, &self.surroundings()))
@@ -152,13 +159,14 @@ impl MotionGate {
             }
             expected = other;
         }
-        if repeats >= FROZEN_REPEATS && self.must_have_changed(t_s) {
+        if self.is_frozen(t_s) {
             return Err(Cause::Frozen);
         }
         let is_doubted = !Stranger::of(&expected, pose).agrees(&Stranger::default());
         (self.without, self.stranger) = (is_doubted.then_some(expected), None);
         self.track = Some(expected.corrected(pose, self.floor_m));
-        if repeats == 0 {
+        let is_over = self.changed.is_none_or(|changed| t_s - changed.t_s > LONGEST_PREDICTION_S);
+        if self.noise.repeats() == 0 || is_over || self.may_stand(&expected) {
             self.changed = self.track;
         }
         Ok(())
@@ -182,24 +190,33 @@ impl MotionGate {
         if poses >= RELABEL_POSES { Cause::Relabel } else { Cause::Jump }
     }
 
-    /// Whether the vehicle moved so far by `t_s` \[s\] that a pose cannot have stayed the same, by a prediction that does not use
-    /// the poses that did.
-    fn must_have_changed(&self, t_s: f64) -> bool {
-        let Some(before) = &self.changed else { return false };
+    /// Whether the pose stays the same, up to `t_s` \[s\], although it must have changed: because of its noise, or because of the
+    /// motion predicted without the poses that stayed the same.
+    fn is_frozen(&self, t_s: f64) -> bool {
+        let Some(before) = self.changed.as_ref().filter(|_| self.noise.repeats() >= FROZEN_REPEATS)
+        else {
+            return false;
+        };
+        if self.noise.is_frozen() {
+            return true;
+        }
         let after = before.advanced(t_s, &self.surroundings());
-        has_changed(before, &after) && !after.is_at_floor(self.floor_m)
+        let (from, to) = (&before.motion, &after.motion);
+        let is_lifted = after.is_at_floor(self.floor_m) && t_s - before.t_s > LIFTED_S;
+        is_lifted
+            || (to.position - from.position).norm() > CHANGED_M
+            || from.attitude.angle_to(&to.attitude) > CHANGED_RAD
+    }
+
+    /// Whether the vehicle may stand on the floor: it is there, and its thrust need not lift it.
+    fn may_stand(&self, track: &Track) -> bool {
+        let model = &self.commands.model;
+        track.is_at_floor(self.floor_m)
+            && track.motion.thrust_n < LIFTING * model.mass_kg * model.gravity_m_s2
     }
 
     fn surroundings(&self) -> Surroundings<'_> {
         let Self { commands, history, floor_m, .. } = self;
         Surroundings { model: &commands.model, history, floor_m: *floor_m }
     }
-}
-
-/// Whether a vehicle moved from `before` to `after` so that a pose cannot have stayed the same.
-fn has_changed(before: &Track, after: &Track) -> bool {
-    let (from, to) = (&before.motion, &after.motion);
-    (to.position - from.position).norm() > CHANGED_M
-        || from.attitude.angle_to(&to.attitude) > CHANGED_RAD
-        || after.t_s - before.t_s > CHANGED_S
 }

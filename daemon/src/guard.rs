@@ -49,8 +49,6 @@ pub struct Guard {
     last_frame: u64,
     last_message: u64,
     last_source: u64,
-    last_pose: PoseV1,
-    repeats: u32,
     /// Time between the last accepted pose and the first of the present consecutive jumps \[s\].
     unseen_s: Option<f64>,
     lost: u64,
@@ -75,8 +73,6 @@ impl Guard {
             last_frame: 0,
             last_message: 0,
             last_source: 0,
-            last_pose: PoseV1::default(),
-            repeats: 0,
             unseen_s: None,
             lost: 0,
             superseded: 0,
@@ -179,8 +175,6 @@ impl Guard {
             return Err(Cause::NotFinite);
         }
         let attitude = Attitude::from_xyzw(pose.attitude).ok_or(Cause::NotUnit)?;
-        self.repeats = if *pose == self.last_pose { self.repeats.saturating_add(1) } else { 0 };
-        self.last_pose = *pose;
         let captured_at = header.stamps.captured_at;
         if now.since(captured_at) > self.max_age {
             return Err(Cause::Stale);
@@ -188,9 +182,8 @@ impl Guard {
         let position = pose.position.into();
         let simulated = pose.simulated != 0;
         let accepted = Accepted { captured_at, position, attitude, simulated };
-        if self.motion.is_flying() {
-            self.motion.judge(seconds(captured_at), &accepted.pose(), self.repeats)?;
-        } else {
+        self.motion.judge(seconds(captured_at), &accepted.pose())?;
+        if !self.motion.is_flying() {
             self.check_motion(&accepted)?;
         }
         Ok(accepted)

@@ -10,6 +10,7 @@
 //! | `command_model.rs` | the effect of commands on the vehicle |
 //! | `guard.rs` | the checks that a pose must pass |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
+//! | `pose_noise.rs` | whether a source repeats poses |
 //! | `limits.rs`, `fence.rs` | the limits of a flight |
 //! | `arming.rs` | what keeps a flight from beginning |
 //! | `setpoint.rs` | the check of the reference |
@@ -19,6 +20,7 @@
 //! | `mission.rs` | the flight under way |
 //! | `stack.rs` | the control stacks: everything between poses and command |
 //! | `warmup.rs` | dry-run ticks that keep the caches warm |
+//! | `intake.rs` | records of what the loop took in |
 //! | `turn.rs` | one turn of the process over its ports |
 //! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
@@ -36,9 +38,11 @@ mod fence;
 mod flight_marker;
 mod gate;
 mod guard;
+mod intake;
 mod limits;
 mod loop_health;
 mod mission;
+mod pose_noise;
 mod setpoint;
 mod stack;
 mod supervisor;
@@ -74,6 +78,7 @@ pub use guard::{Accepted, Guard};
 pub use limits::{FlightLimits, FlightView, LimitConditions};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
+pub use pose_noise::PoseNoise;
 pub use setpoint::SetpointGuard;
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
 pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
@@ -90,9 +95,10 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = trajectory(&context.config)?;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
-    let ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
+    let mut ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
     let mut clock = context.loop_clock(&bus, &POSE)?;
-    let mut cycle = Cycle::new(&context.config, trajectory, clock.now())
+    let started_at = clock.now();
+    let mut cycle = Cycle::new(&context.config, trajectory, started_at)
         .map_err(|error| context.config.locate(&error))?;
     let warmup =
         if clock.is_virtual() { CacheWarmup::never() } else { CacheWarmup::of(&context.config) };
@@ -103,9 +109,11 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         || {
             // Set once the ports are held: a daemon that could not start leaves no marker.
             let marker = FlightMarker::of(bus.paths());
-            if context.config.safety.arm_at_start && !marker.set() {
+            let stays = context.config.safety.arm_at_start && !marker.set();
+            if stays {
                 cycle.stay_at_start();
             }
+            ports.announce_start(started_at, stays)?;
             context.enter_realtime();
             let turn = DaemonTurn { ports, cycle, warmup, handle };
             process_loop::run(&mut faulty.turn(FaultTarget::Daemon, turn), &mut clock, None)?;

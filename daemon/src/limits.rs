@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use oqtal_bus::message::VehicleV1;
 use oqtal_config::Config;
 use oqtal_control::predictive::Track;
-use oqtal_control::trajectory::{Phase, Reference};
+use oqtal_control::trajectory::Reference;
 
 use crate::fence::Fence;
 
@@ -124,9 +124,9 @@ impl FlightLimits {
         let FlightView { motion: Track { motion, .. }, floor_m, reference, thrust_n } = *flight;
         let upright = motion.attitude.to_world(&Vector3::z()).z;
         let margin = FENCE_SIGMA * flight.motion.position_sd_m();
-        let inside = self.fence.inside_m(&motion.position);
+        let inside = self.fence.inside_by_m(&motion.position, margin);
         // Comparisons with NaN are false: a motion that is not finite is outside and tipped.
-        conditions.leaves_fence = !(inside > margin);
+        conditions.leaves_fence = !(inside > 0.0);
         conditions.in_fence_margin = !(self.fence.inside_soft_m(&motion.position) > 0.0);
         conditions.too_fast = !(motion.velocity.norm() <= self.speed);
         conditions.tilted = !(upright >= self.tilt_warning);
@@ -136,10 +136,9 @@ impl FlightLimits {
         let sinks = off.z < -SINKS_M && motion.velocity.z < -SINKS_M_S;
         conditions.sinks = sinks && thrust_n * upright >= FULL_THRUST * self.greatest_lift;
         let is_on_floor = motion.position.z < floor_m + ON_FLOOR_M;
-        let is_lifting = is_on_floor && reference.phase != Phase::Landing;
-        conditions.stays_on_floor = is_lifting && thrust_n >= LIFTING * self.weight;
+        conditions.stays_on_floor = is_on_floor && thrust_n >= LIFTING * self.weight;
         let is_above = reference.position.z > floor_m + OFF_FLOOR_M;
-        conditions.lies_on_floor = is_lifting && is_above && thrust_n > 0.0;
+        conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;
     }
 
     /// Fills in the conditions of the vehicle; numbers that it does not know are not judged.

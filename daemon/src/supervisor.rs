@@ -76,8 +76,8 @@ pub const LIMITS: [SafetyRow; 28] = {
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_lost, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F37", cause: Some(Cause::Fence), when: |c| c.limits.leaves_fence, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tipped, after_ms: 100, action: Stop, ends: Armed },
-        Row { id: "F39", cause: Some(Cause::Crash), when: |c| c.limits.lies_on_floor, after_ms: 1000, action: Stop, ends: Armed },
-        Row { id: "F40", cause: Some(Cause::NoLift), when: |c| c.limits.stays_on_floor, after_ms: 500, action: Stop, ends: Armed },
+        Row { id: "F39", cause: Some(Cause::Crash), when: |c| c.limits.lies_on_floor, after_ms: 2000, action: Stop, ends: Armed },
+        Row { id: "F40", cause: Some(Cause::NoLift), when: |c| c.limits.stays_on_floor, after_ms: 1200, action: Stop, ends: Armed },
         Row { id: "F41", cause: Some(Cause::Landing), when: |c| c.limits.landing_overdue, after_ms: 0, action: Stop, ends: Armed },
         // Land where the vehicle is.
         Row { id: "F42", cause: Some(Cause::NoLift), when: |c| c.limits.sinks, after_ms: 700, action: Land, ends: Landed },

@@ -2,15 +2,18 @@
 
 use oqtal_bus::code::{Actuation, OperatorCommand};
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, PoseV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{
+    CommandV1, ControlResponseV1, InputV1, PoseV1, Stamps, TelemetryV1, VehicleV1,
+};
 use oqtal_bus::stop::ControllerStop;
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, POSE, TELEMETRY, VEHICLE};
+use oqtal_bus::topic::{COMMAND, INPUT, POSE, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
 use crate::background::{Condition, LoopHandle};
 use crate::cycle::Cycle;
+use crate::intake;
 use crate::warmup::CacheWarmup;
 
 /// The daemon's ports in the loop.
@@ -21,6 +24,7 @@ pub struct DaemonPorts<T: Transport> {
     commands: T::Writer<CommandV1>,
     telemetry: T::Writer<TelemetryV1>,
     stop: ControllerStop,
+    inputs: T::Writer<InputV1>,
 }
 
 impl<T: Transport> DaemonPorts<T> {
@@ -36,7 +40,16 @@ impl<T: Transport> DaemonPorts<T> {
             vehicles: bus.reader(&VEHICLE)?,
             telemetry: bus.writer(&TELEMETRY)?,
             stop: ControllerStop::new(bus.stop_switch()?),
+            inputs: bus.writer(&INPUT)?,
         })
+    }
+
+    /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn announce_start(&mut self, now: Time, stays: bool) -> Result<(), BusError> {
+        self.inputs.send(0, Stamps::default(), intake::start(now, stays)).map(drop)
     }
 }
 
@@ -53,6 +66,38 @@ pub struct DaemonTurn<T: Transport> {
     pub handle: LoopHandle,
 }
 
+impl<T: Transport> DaemonTurn<T> {
+    /// Executes the operators' requests that wait, and records them.
+    fn execute_requests(&mut self, now: Time, configs_differ: bool) -> Result<(), BusError> {
+        let Self { ports, cycle, handle, .. } = self;
+        while let Some((command, response)) =
+            handle.poll_request(|command| cycle.request(now, command))
+        {
+            let request = intake::request(now, command, &response);
+            ports.inputs.send(
+                0,
+                Stamps::default(),
+                InputV1 { configs_differ: u8::from(configs_differ), ..request },
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Executes an operator's request that came between two turns and records it.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn request(
+        &mut self,
+        now: Time,
+        command: OperatorCommand,
+    ) -> Result<ControlResponseV1, BusError> {
+        let response = self.cycle.request(now, command);
+        self.ports.inputs.send(0, Stamps::default(), intake::request(now, command, &response))?;
+        Ok(response)
+    }
+}
+
 impl<T: Transport> Turn for DaemonTurn<T> {
     fn next_event(&self, _now: Time) -> Option<Time> {
         Some(self.warmup.or(self.cycle.next_event()))
@@ -60,15 +105,20 @@ impl<T: Transport> Turn for DaemonTurn<T> {
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         let Self { ports, cycle, warmup, handle } = self;
-        cycle.notice_configurations(handle.configs_differ());
+        let configs_differ = handle.configs_differ();
+        cycle.notice_configurations(configs_differ);
         let arrival = ports.poses.latest()?;
         // Read after the pose was taken, so that no later stamp is earlier than the pose.
         let now = clock.now();
-        if let Some((header, vehicle)) = ports.vehicles.latest()? {
-            cycle.hear(now, &header, &vehicle);
+        let heard = ports.vehicles.latest()?;
+        if let Some((header, vehicle)) = &heard {
+            cycle.hear(now, header, vehicle);
         }
+        let mut input = intake::of(now, arrival.as_ref(), heard.as_ref());
+        input.configs_differ = u8::from(configs_differ);
         if ports.stop.is_newly_raised() {
             cycle.request(now, OperatorCommand::Stop);
+            input.stop = 1;
         }
         if let Some(tick) = cycle.step(now, arrival.as_ref()) {
             let computed_at = clock.now();
@@ -80,6 +130,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             }
             let telemetry = cycle.report(&stamps, sequence);
             ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
+            input.command_sequence = sequence;
             handle.publish_status(Condition::of(&telemetry, cycle.at_start()));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
@@ -87,8 +138,10 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         if let Some(arrival) = &arrival {
             warmup.expect(now, arrival);
         }
-        while handle.poll_request(|command| cycle.request(now, command)) {}
-        Ok(())
+        if intake::is_worth_recording(&input) {
+            ports.inputs.send(0, Stamps::default(), input)?;
+        }
+        self.execute_requests(now, configs_differ)
     }
 
     /// Motors off.

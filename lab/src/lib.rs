@@ -5,6 +5,7 @@ pub mod cameras;
 pub mod campaign;
 pub mod mission;
 pub mod progress;
+pub mod replay;
 pub mod reproduce;
 pub mod sheet;
 pub mod simulation;

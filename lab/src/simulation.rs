@@ -5,12 +5,15 @@ mod processes;
 use std::rc::Rc;
 
 use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::error::BusError;
 use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
+use oqtal_observe::recording::{McapRecorder, RecordingResult};
+use oqtal_observe::sink::Tee;
 use oqtal_runtime::faults::outage::{Outage, TurnFaults};
 use oqtal_runtime::process::{Exit, Failure, roles};
 use oqtal_runtime::virtual_clock::{TurnResult, VirtualClock};
@@ -31,7 +34,11 @@ struct Simulation<'a> {
     kills: Vec<Outage>,
     observer: BusObserver<MemoryBus>,
     recorder: Recorder,
+    recording: Option<McapRecorder>,
 }
+
+/// A flight, and its recording if there is one.
+pub type RecordedFlight = (Flight, Option<RecordingResult>);
 
 /// Flies `mission` at the speed of this thread. Depends on nothing but the mission: the same configuration and seed give the
 /// same flight, bit for bit, here and over the bus.
@@ -39,18 +46,20 @@ struct Simulation<'a> {
 /// # Errors
 /// An option of the law is invalid.
 pub fn fly(mission: &Mission) -> Result<Flight, Failure> {
-    fly_watched(mission, |_| None)
+    fly_recorded(mission, None, |_| None).map(|(flight, _)| flight)
 }
 
-/// Flies, and shows the recorder to `watch` every [`REVIEW`]; `watch` may return an operator's command.
+/// Flies, passes every sample to `recording` if there is one, and shows the recorder to `watch` every [`REVIEW`]; `watch` may
+/// return an operator's command.
 ///
 /// # Errors
 /// An option of the law is invalid, or an operator interrupted a flight that had not begun.
-pub fn fly_watched(
+pub fn fly_recorded(
     mission: &Mission,
+    recording: Option<McapRecorder>,
     mut watch: impl FnMut(&Recorder) -> Option<OperatorCommand>,
-) -> Result<Flight, Failure> {
-    Simulation::new(mission)?.run(Span::ZERO, &mut watch)
+) -> Result<RecordedFlight, Failure> {
+    Simulation::new(mission, recording)?.run(Span::ZERO, &mut watch)
 }
 
 /// Flies, and records what happens for `aftermath` once the outcome is decided: whether the motors of a vehicle that has turned
@@ -59,21 +68,28 @@ pub fn fly_watched(
 /// # Errors
 /// An option of the law is invalid.
 pub fn fly_past_the_end(mission: &Mission, aftermath: Span) -> Result<Flight, Failure> {
-    Simulation::new(mission)?.run(aftermath, &mut |_| None)
+    Simulation::new(mission, None)?.run(aftermath, &mut |_| None).map(|(flight, _)| flight)
 }
 
 impl<'a> Simulation<'a> {
-    fn new(mission: &'a Mission) -> Result<Self, Failure> {
+    fn new(mission: &'a Mission, recording: Option<McapRecorder>) -> Result<Self, Failure> {
         let (config, start) = (&mission.config, Time::VIRTUAL_START);
         let bus = Rc::new(MemoryBus::new());
+        let topics = match recording {
+            Some(_) => McapRecorder::topics(),
+            None => Recorder::TOPICS.to_vec(),
+        };
+        // Open before the daemon, which records its start.
+        let observer = BusObserver::open(bus.as_ref(), &topics)?;
         Ok(Self {
             mission,
             faults: TurnFaults::open(bus.as_ref(), config)?,
             kills: Vec::new(),
             processes: Processes::open(mission, &bus, start)?,
             virtual_clock: VirtualClock::new(start, roles(config)),
-            observer: BusObserver::open(bus.as_ref(), &Recorder::TOPICS)?,
+            observer,
             recorder: Recorder::new(config),
+            recording,
         })
     }
 
@@ -82,11 +98,11 @@ impl<'a> Simulation<'a> {
         mut self,
         aftermath: Span,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
-    ) -> Result<Flight, Failure> {
+    ) -> Result<RecordedFlight, Failure> {
         let start = Time::VIRTUAL_START;
         let mut end = start + self.mission.patience();
         if self.mission.recording.is_none() {
-            self.processes.obey(start, OperatorCommand::Fly);
+            self.processes.obey(start, OperatorCommand::Fly)?;
         }
         let began = Time::now();
         let mut now = start;
@@ -110,7 +126,17 @@ impl<'a> Simulation<'a> {
             }
         }
         let speed = now.since(start).seconds() / Time::now().since(began).seconds().max(1e-9);
-        Ok(self.recorder.finish(self.mission.otherwise(), speed))
+        let flight = self.recorder.finish(self.mission.otherwise(), speed);
+        let recording = self.recording.map(|recording| recording.close(&flight));
+        Ok((flight, recording))
+    }
+
+    /// Records what was published since the last call.
+    fn record(&mut self, now: Time) -> Result<(), BusError> {
+        match &mut self.recording {
+            Some(recording) => self.observer.poll(now, &mut Tee(&mut self.recorder, recording)),
+            None => self.observer.poll(now, &mut self.recorder),
+        }
     }
 
     fn begin_outages(&mut self, outages: Vec<Outage>) {
@@ -128,7 +154,7 @@ impl<'a> Simulation<'a> {
         let result = self.processes.step(role, now)?;
         if role == Role::Daemon {
             // Once per tick, so that what waits for the recorder stays in the caches.
-            self.observer.poll(now, &mut self.recorder)?;
+            self.record(now)?;
         }
         Ok(result)
     }
@@ -139,9 +165,9 @@ impl<'a> Simulation<'a> {
         now: Time,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
     ) -> Result<(), Failure> {
-        self.observer.poll(now, &mut self.recorder)?;
+        self.record(now)?;
         match watch(&self.recorder) {
-            Some(command) if !self.processes.obey(now, command) => {
+            Some(command) if !self.processes.obey(now, command)? => {
                 Err(Failure::new(Exit::Flight, "interrupted"))
             }
             _ => Ok(()),

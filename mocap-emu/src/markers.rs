@@ -23,12 +23,9 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::body::BODY;
 pub use camera::PinholeCamera;
-use mishaps::Mishaps;
+use mishaps::{MOST_MARKERS, Mishaps};
 pub use rigid_body::{BodyFit, fit};
 pub use triangulation::{MarkerPoint, Sighting, triangulate};
-
-/// Greatest number of markers, as the configuration allows.
-const MOST_MARKERS: usize = 16;
 
 /// Random words reserved for each frame: sixteen cameras times sixteen markers need about 1100.
 const WORDS_PER_FRAME: u128 = 8192;

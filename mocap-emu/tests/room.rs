@@ -178,7 +178,7 @@ fn real_recordings_lie_on_the_grid_of_the_preset() {
         let statistics = RoomStatistics::of(&recording);
         eprintln!("{file}: {statistics:#?}");
         if let Some(grid) = statistics.grid {
-            assert_eq!(grid.rate_hz, 240.0, "{file}");
+            assert!((grid.rate_hz - 240.0).abs() <= 2.0, "{file}: {grid:?}");
         }
     }
 }

@@ -14,6 +14,18 @@ pub enum CommandPath {
     Linked(String),
 }
 
+impl CommandPath {
+    /// The path that [`CommandPath`] writes as `text`.
+    #[must_use]
+    pub fn parse(text: &str) -> Self {
+        match text.split_once(':') {
+            Some(("bridge", link)) => Self::Bridged(link.to_owned()),
+            Some(("link", link)) => Self::Linked(link.to_owned()),
+            _ => Self::Bus,
+        }
+    }
+}
+
 impl fmt::Display for CommandPath {
     /// Writes the path in the form of `oqtal fly --vehicle`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

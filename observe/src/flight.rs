@@ -29,6 +29,18 @@ pub enum Outcome {
     Timeout,
     /// A recording was played to its end.
     Replayed,
+    /// The recording ends before the flight does.
+    Unfinished,
+}
+
+impl Outcome {
+    /// The outcome with this name.
+    #[must_use]
+    pub fn parse(name: &str) -> Option<Self> {
+        use Outcome::{Crashed, Landed, Replayed, Stopped, Timeout, Unfinished};
+        let all = [Landed, Stopped, Crashed, Timeout, Replayed, Unfinished];
+        all.into_iter().find(|outcome| outcome.to_string() == name)
+    }
 }
 
 impl fmt::Display for Outcome {
@@ -39,6 +51,7 @@ impl fmt::Display for Outcome {
             Self::Crashed => "crashed",
             Self::Timeout => "timeout",
             Self::Replayed => "replayed",
+            Self::Unfinished => "unfinished",
         })
     }
 }

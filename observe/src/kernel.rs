@@ -1,16 +1,17 @@
 //! Scheduling and resource use of a process, read from `/proc`: what the kernel granted, not what was requested.
 
+use std::borrow::Cow;
 use std::{fmt, fs};
 
 use oqtal_config::{self as config, Scheduling};
 use rustix::thread::{CpuSet, sched_getaffinity, sched_getcpu, sched_setaffinity};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Scheduling of the thread with the highest priority of a process.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ThreadScheduling {
     /// `other`, `fifo`, `rr`, `batch`, `idle` or `deadline`.
-    pub policy: &'static str,
+    pub policy: Cow<'static, str>,
     /// Real-time priority; 0 under ordinary scheduling.
     pub priority: u32,
     /// The processor the thread is bound to; `None` if it may use several.
@@ -66,7 +67,7 @@ impl ThreadScheduling {
         };
         let locked_kb = line("VmLck").and_then(|text| text.split(' ').next());
         Some(Self {
-            policy: policy(field(41)?),
+            policy: policy(field(41)?).into(),
             priority: u32::try_from(field(40)?).ok()?,
             cpu: line("Cpus_allowed_list").and_then(|list| list.parse().ok()),
             locked: locked_kb.is_some_and(|kilobytes| kilobytes != "0"),
@@ -80,7 +81,7 @@ fn policy(number: usize) -> &'static str {
 }
 
 /// Resources held by a process.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Footprint {
     /// Resident memory \[KiB\].
     pub resident_kib: u64,
@@ -102,7 +103,7 @@ impl Footprint {
 }
 
 /// Scheduling and resource use of a process over a flight.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ProcessUsage {
     /// Scheduling at the start.
     pub realtime: ThreadScheduling,
@@ -164,7 +165,7 @@ mod tests {
         let found = ThreadScheduling::parse(&stat, status).unwrap();
         assert_eq!(
             found,
-            ThreadScheduling { policy: "fifo", priority: 80, cpu: Some(1), locked: true }
+            ThreadScheduling { policy: "fifo".into(), priority: 80, cpu: Some(1), locked: true }
         );
         let several =
             ThreadScheduling::parse(&stat, "VmLck:\t0 kB\nCpus_allowed_list:\t0-1\n").unwrap();
@@ -174,7 +175,8 @@ mod tests {
     #[test]
     fn what_is_asked_for_and_not_granted_is_named() {
         let requested = config::Config::default().realtime;
-        let granted = ThreadScheduling { policy: "fifo", priority: 50, cpu: None, locked: true };
+        let granted =
+            ThreadScheduling { policy: "fifo".into(), priority: 50, cpu: None, locked: true };
         assert!(granted.missing(&requested).is_empty());
         assert_eq!(
             ThreadScheduling::default().missing(&requested),

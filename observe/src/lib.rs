@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod command_path;
+pub mod compare;
 pub mod csv;
 pub mod fault;
 pub mod flight;
@@ -13,6 +14,7 @@ pub mod observer;
 pub mod page;
 pub mod plot;
 pub mod recorder;
+pub mod recording;
 pub mod report;
 pub mod sink;
 pub mod status;

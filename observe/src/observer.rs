@@ -1,9 +1,11 @@
 //! The one observer of the bus: receives every sample of the chosen topics and hands it to a [`Sink`]. It publishes nothing.
 
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, HealthV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{
+    CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
+};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, POSE, Role, TELEMETRY, TRUTH, Topic, VEHICLE};
+use oqtal_bus::topic::{COMMAND, INPUT, POSE, Role, TELEMETRY, TRUTH, Topic, VEHICLE};
 use oqtal_bus::transport::{Subscribe, Transport};
 
 use crate::sink::{ObservedTopic, Reception, Sink};
@@ -16,6 +18,7 @@ pub struct BusObserver<T: Transport> {
     pose: Option<Port<T, PoseV1>>,
     command: Option<Port<T, CommandV1>>,
     vehicle: Option<Port<T, VehicleV1>>,
+    input: Option<Port<T, InputV1>>,
     health: Vec<(Role, Port<T, HealthV1>)>,
 }
 
@@ -31,6 +34,7 @@ impl<T: Transport> BusObserver<T> {
             pose: None,
             command: None,
             vehicle: None,
+            input: None,
             health: Vec::new(),
         };
         for &observed in topics {
@@ -46,6 +50,7 @@ impl<T: Transport> BusObserver<T> {
                 ObservedTopic::Telemetry => {
                     observer.telemetry = Some(Port::open(bus, &TELEMETRY, observed)?);
                 }
+                ObservedTopic::Input => observer.input = Some(Port::open(bus, &INPUT, observed)?),
                 ObservedTopic::Health(role) => {
                     observer.health.push((role, Port::open(bus, &role.health(), observed)?));
                 }
@@ -60,12 +65,13 @@ impl<T: Transport> BusObserver<T> {
     /// # Errors
     /// A topic has a different message schema, or the transport failed.
     pub fn poll(&mut self, now: Time, sink: &mut impl Sink) -> Result<(), BusError> {
-        let Self { telemetry, truth, pose, command, vehicle, health } = self;
+        let Self { telemetry, truth, pose, command, vehicle, input, health } = self;
         drain(telemetry, now, sink, Sink::telemetry)?;
         drain(truth, now, sink, Sink::truth)?;
         drain(pose, now, sink, Sink::pose)?;
         drain(command, now, sink, Sink::command)?;
         drain(vehicle, now, sink, Sink::vehicle)?;
+        drain(input, now, sink, Sink::input)?;
         for (role, port) in health {
             port.drain(now, sink, |sink, reception, health| sink.health(reception, *role, health))?;
         }

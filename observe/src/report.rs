@@ -83,7 +83,7 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
 fn heading(flight: &Flight, summary: &Summary) -> Markup {
     let mood = match summary.outcome {
         Outcome::Landed | Outcome::Replayed => "good",
-        Outcome::Stopped | Outcome::Timeout => "warning",
+        Outcome::Stopped | Outcome::Timeout | Outcome::Unfinished => "warning",
         Outcome::Crashed => "bad",
     };
     html! {

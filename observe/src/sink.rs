@@ -3,9 +3,11 @@
 
 use std::fmt;
 
-use oqtal_bus::message::{CommandV1, Header, HealthV1, PoseV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{
+    CommandV1, Header, HealthV1, InputV1, PoseV1, TelemetryV1, TruthV1, VehicleV1,
+};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, POSE, Role, TELEMETRY, TRUTH, VEHICLE};
+use oqtal_bus::topic::{COMMAND, INPUT, POSE, Role, TELEMETRY, TRUTH, VEHICLE};
 
 /// A topic that can be observed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +22,8 @@ pub enum ObservedTopic {
     Vehicle,
     /// Topic `telemetry`.
     Telemetry,
+    /// Topic `input`.
+    Input,
     /// Topic `health/NAME` of one process.
     Health(Role),
 }
@@ -32,6 +36,7 @@ impl fmt::Display for ObservedTopic {
             Self::Command => COMMAND.name,
             Self::Vehicle => VEHICLE.name,
             Self::Telemetry => TELEMETRY.name,
+            Self::Input => INPUT.name,
             Self::Health(role) => role.health().name,
         })
     }
@@ -65,10 +70,59 @@ pub trait Sink {
     /// Takes a sample of topic `telemetry`.
     fn telemetry(&mut self, _reception: &Reception, _telemetry: &TelemetryV1) {}
 
+    /// Takes a sample of topic `input`.
+    fn input(&mut self, _reception: &Reception, _input: &InputV1) {}
+
     /// Takes a sample of topic `health/NAME` of the process `role`.
     fn health(&mut self, _reception: &Reception, _role: Role, _health: &HealthV1) {}
 
     /// Takes note that `count` samples of `topic` were lost: they were overwritten before the observer polled. Has no default,
     /// because no sink may lose samples without saying so.
     fn lost(&mut self, topic: ObservedTopic, count: u64);
+}
+
+/// Two sinks that both receive every sample, the first one first.
+#[derive(Debug)]
+pub struct Tee<'a, A, B>(pub &'a mut A, pub &'a mut B);
+
+impl<A: Sink, B: Sink> Sink for Tee<'_, A, B> {
+    fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
+        self.0.truth(reception, truth);
+        self.1.truth(reception, truth);
+    }
+
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        self.0.pose(reception, pose);
+        self.1.pose(reception, pose);
+    }
+
+    fn command(&mut self, reception: &Reception, command: &CommandV1) {
+        self.0.command(reception, command);
+        self.1.command(reception, command);
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        self.0.vehicle(reception, vehicle);
+        self.1.vehicle(reception, vehicle);
+    }
+
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        self.0.telemetry(reception, telemetry);
+        self.1.telemetry(reception, telemetry);
+    }
+
+    fn input(&mut self, reception: &Reception, input: &InputV1) {
+        self.0.input(reception, input);
+        self.1.input(reception, input);
+    }
+
+    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
+        self.0.health(reception, role, health);
+        self.1.health(reception, role, health);
+    }
+
+    fn lost(&mut self, topic: ObservedTopic, count: u64) {
+        self.0.lost(topic, count);
+        self.1.lost(topic, count);
+    }
 }

@@ -50,6 +50,12 @@ impl FlightDirectory {
         self.directory.join("config.toml")
     }
 
+    /// The file of the recording.
+    #[must_use]
+    pub fn recording(&self) -> PathBuf {
+        self.directory.join("flight.mcap")
+    }
+
     /// Writes summary, report and telemetry of the flight.
     ///
     /// # Errors

@@ -5,20 +5,23 @@ use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Span;
-use oqtal_config::ClockKind;
+use oqtal_config::{ClockKind, RecordedFlights};
 use oqtal_lab::mission::Mission;
+use oqtal_lab::simulation::{self, RecordedFlight};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::kernel::OneProcessor;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
+use oqtal_observe::recording::McapRecorder;
 use oqtal_runtime::process::{Exit, Failure, instance_paths};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 
 use super::cameras::PosePath;
 use super::directory::FlightDirectory;
+use super::flight_record;
 use super::process_group::ProcessGroup;
-use super::progress::Interrupts;
+use super::progress::{FlightProgress, Interrupts};
 use super::recording::FlightRecording;
 use super::vehicle::CommandLink;
 use super::watch::ProcessWatch;
@@ -50,7 +53,7 @@ impl BusFlight<'_> {
     ///
     /// # Errors
     /// A process could not be started, never answered, or ended in flight.
-    pub fn fly(&self) -> Result<Flight, Failure> {
+    pub fn fly(&self) -> Result<RecordedFlight, Failure> {
         let paths = instance_paths(&self.mission.config)?;
         let result = self.fly_at(&paths);
         // Leaving the instance as the last process removes what a killed process left in shared memory.
@@ -58,11 +61,37 @@ impl BusFlight<'_> {
         result
     }
 
-    fn fly_at(&self, paths: &InstancePaths) -> Result<Flight, Failure> {
+    /// Flies in this process, with progress and interrupts in the terminal.
+    ///
+    /// # Errors
+    /// An operator interrupted a flight that had not begun, or the recording cannot be written.
+    pub fn fly_in_process(&self) -> Result<RecordedFlight, Failure> {
+        let recording = self.recording(&[RecordedFlights::All])?;
+        let progress = FlightProgress::new(self.mission.expected());
+        let flown = simulation::fly_recorded(self.mission, recording, |recorder| {
+            progress.show(recorder);
+            self.interrupts.next()
+        });
+        progress.finish();
+        flown
+    }
+
+    /// The recording of this flight; `None` unless `[record]` asks for one of `kinds`.
+    fn recording(&self, kinds: &[RecordedFlights]) -> Result<Option<McapRecorder>, Failure> {
+        let wanted = kinds.contains(&self.mission.config.record.flights);
+        wanted.then(|| flight_record::begin(self.mission, self.directory)).transpose()
+    }
+
+    fn fly_at(&self, paths: &InstancePaths) -> Result<RecordedFlight, Failure> {
         let bus = Bus::open(paths)?;
         let config = &self.mission.config;
         // The readers are open before any process publishes.
-        let observer = BusObserver::open(&bus, &Recorder::TOPICS)?;
+        let recording = self.recording(&[RecordedFlights::Processes, RecordedFlights::All])?;
+        let topics = match recording {
+            Some(_) => McapRecorder::topics(),
+            None => Recorder::TOPICS.to_vec(),
+        };
+        let observer = BusObserver::open(&bus, &topics)?;
         refuse_running_daemon(&bus, &config.instance.name)?;
         let lockstep = config.clock.kind == ClockKind::Lockstep;
         let _one_processor = lockstep.then(OneProcessor::stay);
@@ -75,10 +104,12 @@ impl BusFlight<'_> {
             // However the recording ends, the watch ends with it.
             let _over = watch.end_on_drop();
             let link = &self.paths.commands;
-            FlightRecording { mission: self.mission, link, bus: &bus, stop: &stop }.run(observer)
+            FlightRecording { mission: self.mission, link, bus: &bus, stop: &stop }
+                .run(observer, recording)
         });
         processes.shut_down();
-        watch.into_failure().map_or(flight, Err).inspect(report_missing_rights)
+        let flown = watch.into_failure().map_or(flight, Err);
+        flown.inspect(|(flight, _)| report_missing_rights(flight))
     }
 }
 

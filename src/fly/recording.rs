@@ -5,16 +5,19 @@ use std::time::Duration;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, OperatorCommand};
 use oqtal_bus::control::ControlClient;
+use oqtal_bus::error::BusError;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
 use oqtal_lab::mission::Mission;
-use oqtal_lab::simulation::REVIEW;
+use oqtal_lab::simulation::{REVIEW, RecordedFlight};
 use oqtal_observe::flight::Flight;
 use oqtal_observe::kernel::ProcessUsage;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
+use oqtal_observe::recording::{Facts, McapRecorder};
+use oqtal_observe::sink::Tee;
 use oqtal_observe::status::word;
 use oqtal_runtime::loop_clock::LoopClock;
 use oqtal_runtime::process::{Exit, Failure};
@@ -25,8 +28,8 @@ use super::process_group::START_TIMEOUT;
 use super::progress::FlightProgress;
 use super::vehicle::CommandLink;
 
-/// Period of polling in real time, short enough that the buffer of 1024 samples at 1 kHz does not overflow.
-const POLL_PERIOD: Duration = Duration::from_millis(20);
+/// Period of polling in real time: the resolution of the times of reception.
+const POLL_PERIOD: Duration = Duration::from_millis(10);
 
 /// What a recording needs.
 #[derive(Debug)]
@@ -44,6 +47,7 @@ pub struct FlightRecording<'a> {
 /// The state of a recording.
 struct Progressing {
     recorder: Recorder,
+    recording: Option<McapRecorder>,
     daemon: Option<ProcessUsage>,
     /// Start of the recording in wall time.
     wall: Time,
@@ -58,7 +62,11 @@ impl FlightRecording<'_> {
     ///
     /// # Errors
     /// The daemon refuses or never answers, the vehicle never answers, or the bus failed.
-    pub fn run(&self, mut observer: BusObserver<Bus>) -> Result<Flight, Failure> {
+    pub fn run(
+        &self,
+        mut observer: BusObserver<Bus>,
+        recording: Option<McapRecorder>,
+    ) -> Result<RecordedFlight, Failure> {
         if self.mission.recording.is_none() {
             request_flight(&self.bus.control_client()?, self.mission.config.hash(), self.stop)?;
         }
@@ -66,6 +74,7 @@ impl FlightRecording<'_> {
         let mut clock = ReviewClock::new(self.mission, self.bus, self.stop)?;
         let mut state = Progressing {
             recorder: Recorder::new(&self.mission.config),
+            recording,
             daemon: None,
             wall: Time::now(),
             first: None,
@@ -73,7 +82,7 @@ impl FlightRecording<'_> {
         };
         while let Some(now) = clock.next_review()? {
             state.now = now;
-            observer.poll(now, &mut state.recorder)?;
+            state.poll(&mut observer)?;
             progress.show(&state.recorder);
             if self.review(&mut state, clock.is_virtual())? {
                 break;
@@ -86,7 +95,12 @@ impl FlightRecording<'_> {
     /// Reviews the flight after new samples were recorded; `true` if it is over.
     fn review(&self, state: &mut Progressing, is_virtual: bool) -> Result<bool, Failure> {
         let recorder = &state.recorder;
-        state.daemon = state.daemon.take().or_else(|| ProcessUsage::of(recorder.daemon_pid()?));
+        if state.daemon.is_none() {
+            state.daemon = recorder.daemon_pid().and_then(ProcessUsage::of);
+            if let (Some(daemon), Some(recording)) = (&state.daemon, &mut state.recording) {
+                recording.facts(Facts::of_grants(&daemon.realtime));
+            }
+        }
         // A recording starts with its first pose, whenever the daemon started.
         let started = match self.mission.recording {
             Some(_) => recorder.has_poses(),
@@ -106,8 +120,8 @@ impl FlightRecording<'_> {
     }
 
     /// Reports losses and closes the record.
-    fn conclude(&self, state: Progressing) -> Flight {
-        let Progressing { recorder, mut daemon, first, now, .. } = state;
+    fn conclude(&self, state: Progressing) -> RecordedFlight {
+        let Progressing { recorder, recording, mut daemon, first, now, .. } = state;
         for (topic, lost) in recorder.lost() {
             say(&format!(
                 "oqtal: {lost} samples of `{topic}` were not recorded: this machine is overloaded"
@@ -121,7 +135,20 @@ impl FlightRecording<'_> {
         }
         let command_path = self.link.command_path();
         let flight = recorder.finish(self.mission.otherwise(), speed_factor);
-        Flight { daemon, command_path, ..flight }
+        let flight = Flight { daemon, command_path, ..flight };
+        let recording = recording.map(|recording| recording.close(&flight));
+        (flight, recording)
+    }
+}
+
+impl Progressing {
+    /// Records what was published since the last call.
+    fn poll(&mut self, observer: &mut BusObserver<Bus>) -> Result<(), BusError> {
+        let Some(recording) = &mut self.recording else {
+            return observer.poll(self.now, &mut self.recorder);
+        };
+        recording.note_clock(self.now);
+        observer.poll(self.now, &mut Tee(&mut self.recorder, recording))
     }
 }
 

@@ -211,6 +211,29 @@ fn commands_are_read_as_written() {
     assert!("StreamFrames AllFrames UDP:80 6D".parse::<QtmCommand>().is_err());
 }
 
+#[test]
+fn a_flood_of_commands_is_answered_in_portions() {
+    const COMMANDS: usize = 2000;
+    let mut server = Server::new(ByteOrder::Little);
+    let mut flood = Vec::new();
+    let mut writer = QtmWriter::new(&mut flood, ByteOrder::Little);
+    (0..COMMANDS).for_each(|_| writer.command("GetParameters All"));
+    let (mut stream, mut answers, mut rest) =
+        (QtmStream::new(ByteOrder::Little, 1 << 20), 0, &flood[..]);
+    while answers < COMMANDS {
+        let taken = if server.session.is_ready() { rest.len().min(1 << 14) } else { 0 };
+        let (bytes, after) = rest.split_at(taken);
+        rest = after;
+        server.receive(bytes, None);
+        // One answer beyond the limit at most.
+        assert!(server.sent.len() < (1 << 17) + (1 << 14), "{} bytes", server.sent.len());
+        stream.push(&std::mem::take(&mut server.sent));
+        while let Some(packet) = stream.take().unwrap() {
+            answers += usize::from(matches!(packet, QtmPacket::Xml(_)));
+        }
+    }
+}
+
 proptest! {
     #[test]
     fn a_frame_is_read_as_written(frame in frame(), big in any::<bool>()) {

@@ -187,6 +187,40 @@ message! {
 }
 
 message! {
+    /// Topic `input`: what the daemon's loop took in, in the order in which it acted on it: enough to execute the same turns again
+    /// from a recording of the other topics. Once for the start of the daemon, for each turn in which a sample was taken or a tick
+    /// made, and for each request of an operator.
+    InputV1 = "oqtal.Input.v1" {
+        /// Instant of the turn: when the daemon woke.
+        time: Time ["ns"],
+        /// Writer of the pose taken, as in its header; 0 if none was taken.
+        pose_source: u64 ["-"],
+        /// Number of the pose taken among those of its writer; 0 if none was taken.
+        pose_number: u64 ["-"],
+        /// Writer of the vehicle message taken, as in its header; 0 if none was taken.
+        vehicle_source: u64 ["-"],
+        /// Number of the vehicle message taken among those of its writer; 0 if none was taken.
+        vehicle_number: u64 ["-"],
+        /// Sequence of the command published in this turn; 0 if no tick was made.
+        command_sequence: u64 ["-"],
+        /// [`crate::code::InputKind`]: what this message records.
+        kind: u8 ["code"],
+        /// [`crate::code::OperatorCommand`] of a request.
+        request: u8 ["code"],
+        /// [`crate::code::Answer`] to the request.
+        answer: u8 ["code"],
+        /// [`crate::code::Cause`] of a refusal.
+        cause: u8 ["code"],
+        /// 1 if the operator's stop was raised since the turn before.
+        stop: u8 ["flag"],
+        /// 1 if the daemon knew that the processes of the instance run with different configurations.
+        configs_differ: u8 ["flag"],
+        /// At the start: 1 if the automatic flight at start-up was cancelled.
+        stays: u8 ["flag"],
+    }
+}
+
+message! {
     /// Topics `health/NAME`: health of a process, twice a second and on every change.
     HealthV1 = "oqtal.Health.v1" {
         /// Instant of this message, by the clock of the machine, whatever clock drives the flight.

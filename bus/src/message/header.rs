@@ -52,7 +52,56 @@ structure! {
     }
 }
 
+impl Stamps {
+    /// Table of the fields.
+    pub const FIELDS: &'static [Field] = Self::TABLE;
+
+    /// The instants in the order of [`Stamps::FIELDS`] \[ns\].
+    #[must_use]
+    pub fn to_words(&self) -> [u64; 8] {
+        [
+            self.captured_at,
+            self.pose_received_at,
+            self.pose_published_at,
+            self.woken_at,
+            self.computed_at,
+            self.command_published_at,
+            self.received_at,
+            self.applied_at,
+        ]
+        .map(Time::nanos)
+    }
+
+    /// The stamps of the instants that [`Stamps::to_words`] returns \[ns\].
+    #[must_use]
+    pub fn from_words(words: [u64; 8]) -> Self {
+        let [
+            captured_at,
+            pose_received_at,
+            pose_published_at,
+            woken_at,
+            computed_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        ] = words.map(Time::from_nanos);
+        Self {
+            captured_at,
+            pose_received_at,
+            pose_published_at,
+            woken_at,
+            computed_at,
+            command_published_at,
+            received_at,
+            applied_at,
+        }
+    }
+}
+
 impl Header {
+    /// Table of the fields before the stamps.
+    pub const FIELDS: &'static [Field] = Self::TABLE;
+
     /// Process that wrote the message.
     #[must_use]
     pub const fn origin(&self) -> Origin {

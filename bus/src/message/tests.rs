@@ -40,6 +40,7 @@ fn all() -> Vec<(&'static str, u64, &'static [Field])> {
         entry::<CommandV1>(),
         entry::<VehicleV1>(),
         entry::<TelemetryV1>(),
+        entry::<InputV1>(),
         entry::<HealthV1>(),
         entry::<ControlRequestV1>(),
         entry::<ControlResponseV1>(),

@@ -46,8 +46,8 @@ impl Cycle {
     }
 
     fn judge_motion(&mut self, now: Time, conditions: &mut LimitConditions) {
-        // A Stop decided in the next tick takes effect then.
-        let acts_at = now + self.timing.period;
+        // A Stop decided in the next tick, whose command is late by a period, takes effect then.
+        let acts_at = now + self.timing.period.scaled(2.0);
         let acts_s = seconds(acts_at) + self.guard.motion.delay_s();
         let (Some(mission), Some(motion)) = (&self.mission, self.guard.motion.predict(acts_s))
         else {

@@ -1,6 +1,8 @@
 //! A controller on the bench: its cameras, its vehicle and their clock.
 #![allow(dead_code)]
 
+pub mod flight;
+
 use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -23,6 +25,10 @@ pub struct Bench {
     /// What the vehicle says once a command acts, unless it is silent.
     pub vehicle: VehicleV1,
     pub silent: bool,
+    /// Capture to pose.
+    pub latency: Span,
+    /// Arrival of a pose to the command about it.
+    pub compute: Span,
     /// The process that speaks of the vehicle.
     pub speaker: u64,
 }
@@ -51,7 +57,7 @@ impl Bench {
         let trajectory = trajectory(&config).unwrap();
         let now = Time::VIRTUAL_START;
         let cycle = Cycle::new(&config, trajectory, now).unwrap();
-        Self { cycle, frame: 0, sent: 0, now, vehicle: WELL, silent: false, speaker: 1 }
+        Self { cycle, frame: 0, sent: 0, now, vehicle: WELL, silent: false, latency: LATENCY, compute: Span::default(), speaker: 1 }
     }
 
     /// A controller that was asked to fly and has believed its first poses.
@@ -70,7 +76,7 @@ impl Bench {
         self.frame += 1;
         self.now = self.now + FRAME;
         let stamps = Stamps {
-            captured_at: self.now - LATENCY,
+            captured_at: self.now - self.latency,
             pose_published_at: self.now,
             ..Stamps::default()
         };
@@ -83,7 +89,7 @@ impl Bench {
     pub fn send(&mut self, tick: Option<Tick>) -> Option<Tick> {
         let sent = tick?;
         self.sent += 1;
-        let stamps = Stamps { command_published_at: self.now, ..sent.stamps };
+        let stamps = Stamps { command_published_at: self.now + self.compute, ..sent.stamps };
         self.cycle.report(&stamps, self.sent);
         let stamps = Stamps { applied_at: self.now + RADIO, ..stamps };
         let vehicle = VehicleV1 { command_sequence: self.sent, ..self.vehicle };

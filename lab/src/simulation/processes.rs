@@ -82,8 +82,8 @@ impl<'a> Processes<'a> {
     }
 
     /// Passes an operator's command to the daemon; `false` if it is refused.
-    pub(super) fn obey(&mut self, now: Time, command: OperatorCommand) -> bool {
-        self.daemon.turn.cycle.request(now, command).answer != Answer::Refused.code()
+    pub(super) fn obey(&mut self, now: Time, command: OperatorCommand) -> Result<bool, BusError> {
+        Ok(self.daemon.turn.request(now, command)?.answer != Answer::Refused.code())
     }
 }
 
@@ -109,12 +109,9 @@ fn daemon(
         .map_err(|error| config.locate(&error))?;
     // The background thread's end is dropped: nobody sends requests through it or reads notes from it.
     let (handle, _) = loop_handoff();
-    let turn = DaemonTurn {
-        ports: DaemonPorts::open(&faulty)?,
-        cycle,
-        warmup: CacheWarmup::never(),
-        handle,
-    };
+    let mut ports = DaemonPorts::open(&faulty)?;
+    ports.announce_start(start, false)?;
+    let turn = DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle };
     Ok(faulty.turn(FaultTarget::Daemon, turn))
 }
 

@@ -5,7 +5,8 @@ use oqtal_runtime::random::Generator;
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
-use super::MOST_MARKERS;
+/// Greatest number of markers, as the configuration allows.
+pub const MOST_MARKERS: usize = 16;
 
 /// State of the mishaps, advanced once a frame.
 #[derive(Clone, Debug, Default)]

@@ -80,3 +80,17 @@ fn refused(protocol: &str, transport: &str, address: SocketAddr, error: &io::Err
     };
     Failure::new(exit, format!("{protocol}: {transport} {address} {remedy}"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_is_not_permitted_is_named_with_its_remedy() {
+        let error = io::Error::from(io::ErrorKind::PermissionDenied);
+        let failure = refused("qtm", "TCP", SocketAddr::from(([127, 0, 0, 1], 80)), &error);
+        assert_eq!(failure.exit, Exit::Permission);
+        let expected = "qtm: TCP 127.0.0.1:80 is not permitted; choose a port from 1024 on";
+        assert_eq!(failure.message, expected);
+    }
+}

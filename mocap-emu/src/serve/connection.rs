@@ -73,14 +73,38 @@ impl Connection {
         self.broken
     }
 
-    /// What to wait for.
-    pub fn poll_fd(&self) -> PollFd<'_> {
-        let waiting = self.sent < self.queued.len();
-        let flags = if waiting { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
+    /// What to wait for; `reads` says whether the client's bytes are read when they come.
+    pub fn poll_fd(&self, reads: bool) -> PollFd<'_> {
+        let mut flags = PollFlags::empty();
+        flags.set(PollFlags::IN, reads);
+        flags.set(PollFlags::OUT, self.sent < self.queued.len());
         PollFd::new(&self.stream, flags)
     }
 }
 
 fn is_transient(kind: ErrorKind) -> bool {
     matches!(kind, ErrorKind::WouldBlock | ErrorKind::Interrupted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    #[test]
+    fn a_client_that_never_reads_is_cut_off_and_held_in_bounds_until_then() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let _silent = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        let mut connection = Connection::new(listener.accept().unwrap().0).unwrap();
+        // More than any socket's own buffers and the queue.
+        for _ in 0..1 << 14 {
+            connection.queue().extend_from_slice(&[0; 4096]);
+            connection.flush();
+            assert!(connection.queued.len() <= 2 * MAX_QUEUED);
+            if connection.is_broken() {
+                return;
+            }
+        }
+        panic!("64 MiB were queued for a client that does not read");
+    }
 }

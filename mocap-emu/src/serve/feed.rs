@@ -13,7 +13,7 @@ use rustix::event::{EventfdFlags, eventfd};
 use super::model::MAX_BODIES;
 
 /// Frames that wait at most; further ones are dropped and counted.
-const CAPACITY: usize = 64;
+const CAPACITY: usize = 256;
 
 /// A frame without memory of its own.
 #[derive(Clone, Copy, Debug)]

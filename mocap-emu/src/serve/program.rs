@@ -16,6 +16,7 @@ use super::network::{NetworkThread, ServeCounters};
 use super::opening::open;
 use super::script::Script;
 use super::server::Endpoint;
+use super::spec::ServeSpec;
 use crate::recording::Recording;
 use crate::scene::SceneName;
 
@@ -31,7 +32,8 @@ pub struct ServeArgs {
     #[arg(
         long,
         value_name = "qtm[:PORT],vrpn[:PORT],natnet[:PORT]",
-        default_value = "qtm,vrpn,natnet"
+        default_value = "qtm,vrpn,natnet",
+        value_parser = protocols
     )]
     protocol: String,
     /// Motion of the bodies
@@ -66,6 +68,15 @@ struct ServeReport {
     endpoints: Vec<Endpoint>,
     bodies: Vec<String>,
     rate_hz: f64,
+}
+
+/// Checks the names and ports, so that an error is one of the command line.
+fn protocols(text: &str) -> Result<String, String> {
+    match text.parse::<ServeSpec>() {
+        Ok(spec) if spec.is_empty() => Err("name at least one of qtm, vrpn and natnet".to_owned()),
+        Ok(_) => Ok(text.to_owned()),
+        Err(error) => Err(error.to_string()),
+    }
 }
 
 fn rate(text: &str) -> Result<f64, String> {
@@ -114,12 +125,6 @@ impl ServeArgs {
             if let Some(given) = given {
                 place.clone_from(given);
             }
-        }
-        if options.protocols.trim().is_empty() {
-            return Err(Failure::new(
-                Exit::Usage,
-                "--protocol: name at least one of qtm, vrpn and natnet",
-            ));
         }
         Ok(options)
     }

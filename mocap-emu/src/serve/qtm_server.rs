@@ -157,7 +157,11 @@ impl FrameServer for QtmServer {
     fn add_sockets<'a>(&'a self, sockets: &mut Vec<PollFd<'a>>) {
         sockets.extend(self.listeners.iter().map(|(socket, _)| PollFd::new(socket, PollFlags::IN)));
         sockets.push(PollFd::new(&self.discovery, PollFlags::IN));
-        sockets.extend(self.clients.iter().map(|client| client.connection.poll_fd()));
+        let clients = self.clients.iter();
+        sockets.extend(
+            clients
+                .map(|Client { connection, session, .. }| connection.poll_fd(session.is_ready())),
+        );
     }
 
     fn serve(&mut self, _now: Time) {

@@ -15,7 +15,7 @@ use super::server::FrameServer;
 use super::vrpn_server::VrpnServer;
 
 /// Protocols to serve, each with its port; 0 is any free port.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ServeSpec {
     qtm: Option<u16>,
     vrpn: Option<u16>,

@@ -102,7 +102,7 @@ impl FrameServer for VrpnServer {
     fn add_sockets<'a>(&'a self, sockets: &mut Vec<PollFd<'a>>) {
         sockets.push(PollFd::new(&self.listener, PollFlags::IN));
         sockets.push(PollFd::new(&self.callbacks, PollFlags::IN));
-        sockets.extend(self.clients.iter().map(|client| client.connection.poll_fd()));
+        sockets.extend(self.clients.iter().map(|client| client.connection.poll_fd(true)));
     }
 
     fn serve(&mut self, now: Time) {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{correlation, deviation};
+use super::moments::{correlation, deviation};
 use crate::capture::Captures;
 use crate::recording::Recording;
 

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{correlation, deviation};
+use super::moments::{correlation, deviation};
 use crate::recording::{RecordedPose, Recording};
 
 /// Greatest distance from where a rest began of a body that still rests \[m\].

@@ -1,0 +1,53 @@
+//! Records of what the loop took in, for topic `input`: what a replay needs to execute the same turns again.
+
+use oqtal_bus::code::{InputKind, OperatorCommand};
+use oqtal_bus::message::{ControlResponseV1, Header, InputV1, PoseV1, VehicleV1};
+use oqtal_bus::time::Time;
+
+/// The record of the start of the daemon.
+pub fn start(now: Time, stays: bool) -> InputV1 {
+    let kind = InputKind::Start.code();
+    InputV1 { time: now, kind, stays: u8::from(stays), ..InputV1::default() }
+}
+
+/// The record of a turn and of the samples taken in it, before its tick.
+pub fn of(
+    now: Time,
+    pose: Option<&(Header, PoseV1)>,
+    vehicle: Option<&(Header, VehicleV1)>,
+) -> InputV1 {
+    let (pose_source, pose_number) = pose.map_or((0, 0), |(header, _)| identity(header));
+    let (vehicle_source, vehicle_number) = vehicle.map_or((0, 0), |(header, _)| identity(header));
+    InputV1 {
+        time: now,
+        pose_source,
+        pose_number,
+        vehicle_source,
+        vehicle_number,
+        kind: InputKind::Turn.code(),
+        ..InputV1::default()
+    }
+}
+
+/// Writer of a message, and its number among those of the writer.
+fn identity(header: &Header) -> (u64, u64) {
+    (header.source, header.sequence)
+}
+
+/// The record of an operator's request.
+pub fn request(now: Time, command: OperatorCommand, response: &ControlResponseV1) -> InputV1 {
+    InputV1 {
+        time: now,
+        kind: InputKind::Request.code(),
+        request: command.code(),
+        answer: response.answer,
+        cause: response.cause,
+        ..InputV1::default()
+    }
+}
+
+/// Whether the turn changed the state of the daemon: a sample was taken, or a tick made.
+pub fn is_worth_recording(input: &InputV1) -> bool {
+    let InputV1 { pose_number, vehicle_number, command_sequence, stop, .. } = *input;
+    [pose_number, vehicle_number, command_sequence, u64::from(stop)].iter().any(|&word| word != 0)
+}

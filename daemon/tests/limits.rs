@@ -1,0 +1,268 @@
+//! The limits of the supervisor's table, each in a flight in virtual time.
+
+mod common;
+
+use common::flight::{Flight, set};
+use common::{Bench, REAL, still};
+use nalgebra::Vector3;
+use oqtal_bus::code::{Answer, Cause, OperatorCommand, SafetyState};
+use oqtal_bus::message::{CommandV1, PoseV1};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::time::Span;
+
+/// Time until `state` with good poses \[ms\].
+fn until(flight: &mut Flight, state: SafetyState) -> i64 {
+    flight.until(state, Some).nanos() / 1_000_000
+}
+
+#[test]
+fn f37_the_hard_border_of_the_fence_is_not_crossed_under_power() {
+    let polygon = "fence.polygon-m=[[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]]";
+    for fence in ["fence.x-m=[-2.0, 2.0]", polygon] {
+        for acceleration in [3.0, 6.0, -6.0] {
+            let mut flight = Flight::hovering(&[set(fence), set("fence.soft-margin-m=0.5")]);
+            flight.wind = Vector3::x() * acceleration;
+            while flight.state() != SafetyState::Stop || flight.is_powered() {
+                flight.run(1);
+                let x = flight.motion.position.x;
+                assert!(x.abs() < 2.0 || !flight.is_powered(), "{fence}: {x} m under power");
+            }
+            assert_eq!(flight.cause(), Cause::Fence);
+        }
+    }
+}
+
+#[test]
+fn f47_outside_the_soft_border_the_vehicle_goes_back_and_holds() {
+    let mut flight = Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("fence.soft-margin-m=1.2")]);
+    flight.wind = Vector3::x() * 3.5;
+    until(&mut flight, SafetyState::Hold);
+    assert_eq!(flight.cause(), Cause::Fence);
+    flight.wind = Vector3::zeros();
+    until(&mut flight, SafetyState::Nominal);
+    flight.run(300);
+    assert!(flight.motion.position.xy().norm() < 0.1, "on with the mission");
+}
+
+#[test]
+fn f38_a_vehicle_that_tips_is_stopped_within_half_a_second() {
+    for rate in [Vector3::x() * 5.0, Vector3::y() * -9.0, Vector3::new(14.0, 3.0, 0.0)] {
+        let mut flight = Flight::hovering(&[]);
+        flight.tumble = rate;
+        while flight.tilt_deg() < 60.0 {
+            flight.run(1);
+        }
+        let since = flight.bench.now;
+        while flight.is_powered() {
+            flight.run(1);
+            assert!(flight.bench.now.since(since) <= Span::from_millis(500), "{rate:?}");
+        }
+        assert_eq!(flight.state(), SafetyState::Stop);
+    }
+}
+
+#[test]
+fn f39_a_vehicle_that_lies_on_the_floor_with_thrust_is_stopped() {
+    let mut flight = Flight::hovering(&[]);
+    flight.lift = 0.0;
+    while flight.motion.position.z > 0.0 {
+        flight.run(1);
+        // It falls on soft ground, and nothing noticed the fall.
+        flight.motion.velocity.z = flight.motion.velocity.z.max(-0.6);
+    }
+    let waited = until(&mut flight, SafetyState::Stop);
+    assert!(waited <= 2200, "{waited} ms");
+    assert!([Cause::Crash, Cause::NoLift].contains(&flight.cause()), "{}", flight.cause());
+}
+
+#[test]
+fn f40_a_vehicle_that_full_thrust_does_not_lift_is_stopped_on_the_floor() {
+    let mut flight = Flight::new(&[]);
+    flight.lift = 0.5;
+    flight.run(60);
+    let waited = until(&mut flight, SafetyState::Stop);
+    assert!(waited <= 4000, "{waited} ms");
+    assert!([Cause::Crash, Cause::NoLift].contains(&flight.cause()), "{}", flight.cause());
+    assert_eq!(flight.motion.position.z, 0.0);
+}
+
+#[test]
+fn f41_a_landing_that_does_not_end_is_ended() {
+    let mut flight = Flight::hovering(&[]);
+    flight.floor = 0.4;
+    flight.bench.cycle.request(flight.bench.now, OperatorCommand::Land);
+    let waited = until(&mut flight, SafetyState::Stop);
+    assert_eq!(flight.cause(), Cause::Landing);
+    assert!(waited <= 6000 + 8000, "{waited} ms");
+}
+
+#[test]
+fn f42_a_vehicle_that_sinks_under_full_thrust_lands() {
+    let mut flight = Flight::hovering(&[set("trajectory.height-m=1.0")]);
+    flight.lift = 0.66;
+    let waited = until(&mut flight, SafetyState::Land);
+    assert_eq!(flight.cause(), Cause::NoLift);
+    assert!(waited <= 2500, "{waited} ms");
+    assert!(flight.motion.position.z > 0.0);
+}
+
+#[test]
+fn f43_a_vehicle_that_is_too_fast_lands_at_once() {
+    let mut flight = Flight::hovering(&[set("fence.x-m=[-500.0, 500.0]"), set("safety.speed-limit-m-s=2.0"), set("safety.tracking-limit-m=500.0")]);
+    flight.wind = Vector3::x() * 6.0;
+    while flight.motion.velocity.norm() < 2.0 {
+        flight.run(1);
+    }
+    let waited = until(&mut flight, SafetyState::Land);
+    assert_eq!(flight.cause(), Cause::Speed);
+    assert!(waited <= 250, "{waited} ms");
+}
+
+#[test]
+fn f44_a_vehicle_that_stays_far_from_its_reference_lands() {
+    let mut flight = Flight::hovering(&[set("fence.x-m=[-500.0, 500.0]"), set("safety.speed-limit-m-s=500.0")]);
+    flight.wind = Vector3::x() * 3.2;
+    while flight.motion.position.x < 1.5 {
+        flight.run(1);
+    }
+    let waited = until(&mut flight, SafetyState::Land);
+    assert_eq!(flight.cause(), Cause::Tracking);
+    assert!((2800..=3200).contains(&waited), "{waited} ms");
+}
+
+#[test]
+fn f45_f46_an_empty_battery_and_a_bad_link_end_the_flight_and_poor_ones_are_told() {
+    for (volts, quality, state, cause) in [
+        (9.5, 1.0, SafetyState::Land, Cause::Battery),
+        (10.0, 1.0, SafetyState::Degraded, Cause::Battery),
+        (11.1, 0.05, SafetyState::Land, Cause::Link),
+        (11.1, 0.4, SafetyState::Degraded, Cause::Link),
+    ] {
+        let mut flight = Flight::hovering(&[]);
+        (flight.bench.vehicle.battery_v, flight.bench.vehicle.link_quality) = (volts, quality);
+        let waited = until(&mut flight, state);
+        assert!((2000..=2060).contains(&waited), "{cause}: {waited} ms");
+        assert_eq!(flight.cause(), cause);
+    }
+    let mut flight = Flight::hovering(&[]);
+    (flight.bench.vehicle.battery_v, flight.bench.vehicle.link_quality) = (f64::NAN, f64::NAN);
+    flight.run(300);
+    assert_eq!(flight.state(), SafetyState::Nominal, "what is not known is not judged");
+}
+
+#[test]
+fn f04_poses_that_grow_old_are_told_and_then_end_the_flight() {
+    let mut flight = Flight::hovering(&[]);
+    flight.bench.latency = Span::from_millis(55);
+    let waited = until(&mut flight, SafetyState::Degraded);
+    assert!(waited <= 300, "{waited} ms");
+    assert_eq!(flight.cause(), Cause::PosesLate);
+    flight.bench.latency = Span::from_millis(70);
+    let waited = until(&mut flight, SafetyState::Land);
+    assert!(waited <= 600, "{waited} ms");
+    assert_eq!(flight.cause(), Cause::PosesLate);
+}
+
+#[test]
+fn f11_more_than_one_frame_in_twenty_lost_is_told() {
+    let mut flight = Flight::hovering(&[]);
+    let mut frame = 0;
+    let waited = flight.until(SafetyState::Degraded, |pose| {
+        frame += 1;
+        (frame % 10 > 0).then_some(pose)
+    });
+    assert_eq!(flight.cause(), Cause::PosesLost);
+    assert!(waited <= Span::from_millis(6000), "{waited:?}");
+    let waited = until(&mut flight, SafetyState::Nominal);
+    assert!(waited <= 6000, "{waited} ms");
+}
+
+#[test]
+fn f22_three_late_ticks_in_a_row_are_told() {
+    let mut bench = Bench::flying(&[]);
+    let mut tick = |late: i64| {
+        bench.compute = Span::from_millis(late);
+        bench.show(still(bench.frame));
+        (bench.state().unwrap(), bench.cycle.telemetry().cause)
+    };
+    for late in [20, 20, 20] {
+        assert_eq!(tick(late).0, SafetyState::Nominal);
+    }
+    assert_eq!(tick(0), (SafetyState::Degraded, Cause::Overrun.code()));
+    assert_eq!((0..70).map(|_| tick(0).0).last(), Some(SafetyState::Nominal));
+}
+
+#[test]
+fn f31_another_configuration_is_told_in_flight_and_keeps_on_the_ground() {
+    let mut flight = Flight::hovering(&[]);
+    flight.bench.cycle.notice_configurations(true);
+    flight.run(1);
+    assert_eq!((flight.state(), flight.cause()), (SafetyState::Degraded, Cause::Configuration));
+    flight.bench.cycle.notice_configurations(false);
+    flight.run(1);
+    assert_eq!(flight.state(), SafetyState::Nominal);
+}
+
+/// The reasons against arming for a vehicle on the floor in `pose`.
+fn refusal(bench: &mut Bench, pose: impl Fn(u64) -> PoseV1) -> Vec<ArmingObstacle> {
+    for _ in 0..40 {
+        bench.show(pose(bench.frame));
+    }
+    let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
+    assert_eq!(response.answer, Answer::Refused.code());
+    bench.cycle.request(bench.now, OperatorCommand::Fly);
+    for _ in 0..10 {
+        assert_eq!(bench.show(pose(bench.frame)).unwrap().command, CommandV1::default());
+    }
+    ArmingObstacles::from_bits(response.obstacles).iter().collect()
+}
+
+#[test]
+fn arming_tells_every_reason_against_it_at_once() {
+    use ArmingObstacle as O;
+    let mut bench = Bench::new(&[set("safety.arming-z-m=[-0.1, 0.2]")]);
+    bench.vehicle = REAL;
+    bench.vehicle.battery_v = 9.0;
+    bench.cycle.notice_configurations(true);
+    let held = |frame: u64| PoseV1 {
+        position: [20.0 + 0.01 * frame as f64, 0.0, 0.8],
+        attitude: [0.3, 0.0, 0.0, 0.91_f64.sqrt()],
+        simulated: 1,
+        ..still(frame)
+    };
+    let reasons = [O::Moving, O::Tilted, O::OffFloor, O::BatteryLow, O::EmulatedPoses, O::OutsideFence, O::Configuration];
+    assert_eq!(refusal(&mut bench, held), reasons);
+}
+
+#[test]
+fn a_flight_does_not_begin_at_an_outlier_nor_where_its_path_leaves_the_fence() {
+    let mut bench = Bench::new(&[]);
+    let mostly = |frame: u64| {
+        let offset = if frame % 4 == 0 { 0.06 } else { 0.0 };
+        PoseV1 { position: [offset, 0.0, 0.0], ..still(frame) }
+    };
+    bench.cycle.request(bench.now, OperatorCommand::Fly);
+    while bench.cycle.telemetry().mission_s.is_nan() {
+        bench.show(mostly(bench.frame));
+    }
+    assert_ne!((bench.frame - 1) % 4, 0, "at an outlier");
+    let mut bench = Bench::new(&[]);
+    let at_the_edge = |frame| PoseV1 { position: [6.9, 0.0, 0.0], ..still(frame) };
+    assert_eq!(refusal(&mut bench, at_the_edge), [ArmingObstacle::PathOutsideFence]);
+}
+
+#[test]
+fn a_real_vehicle_flies_on_emulated_poses_only_where_that_is_allowed() {
+    for (allowed, reasons) in [(false, vec![ArmingObstacle::EmulatedPoses]), (true, vec![])] {
+        let mut bench = Bench::new(&[set(&format!("safety.allow-emulated-poses={allowed}"))]);
+        bench.vehicle = REAL;
+        for _ in 0..20 {
+            bench.show(PoseV1 { simulated: 1, ..still(bench.frame) });
+        }
+        let response = bench.cycle.request(bench.now, OperatorCommand::Arm);
+        let told: Vec<_> = ArmingObstacles::from_bits(response.obstacles).iter().collect();
+        assert_eq!(told, reasons);
+        let answer = if allowed { Answer::Accepted } else { Answer::Refused };
+        assert_eq!(response.answer, answer.code());
+    }
+}

@@ -1,0 +1,220 @@
+//! A recording through the daemon once more: the recorded poses, vehicle messages, wake-ups and requests, turn by turn, through the
+//! very lines that flew, in virtual time.
+//!
+//! Unchanged, every command comes out bit for bit as it was recorded, whatever the machine did at that time: what the daemon saw
+//! and when it woke is recorded, and nothing else acts on it. With other settings a replay is open loop: it shows what the
+//! daemon would have commanded on the recorded poses, which are those of the flight as it was flown.
+
+use std::collections::VecDeque;
+
+use oqtal_bus::code::{Cause, InputKind, OperatorCommand};
+use oqtal_bus::error::BusError;
+use oqtal_bus::memory::{MemoryBus, MemoryReader, MemoryWriter};
+use oqtal_bus::message::{CommandV1, Header, Message, PoseV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::stop::StopSwitch;
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::{COMMAND, POSE, TELEMETRY, VEHICLE};
+use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_config::Config;
+use oqtal_control::trajectory::Trajectory;
+use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, OperatorRequests, loop_handoff};
+use oqtal_observe::recording::{DaemonHistory, RecordedTurn};
+use oqtal_runtime::process::Failure;
+use oqtal_runtime::turn::{Turn, TurnClock};
+
+/// A tick as it was recorded and as it was replayed.
+#[derive(Clone, Copy, Debug)]
+pub struct ReplayedTick {
+    /// Instant of the tick.
+    pub time: Time,
+    /// Telemetry of the replayed tick.
+    pub telemetry: TelemetryV1,
+    /// The replayed command.
+    pub command: CommandV1,
+    /// The recorded command.
+    pub recorded: CommandV1,
+    /// Whether commands, stamps and, where it was recorded, telemetry agree to the last bit.
+    pub is_identical: bool,
+}
+
+/// The result of a replay.
+#[derive(Clone, Debug, Default)]
+pub struct ReplayResult {
+    /// Turns executed \[-\].
+    pub turns: u64,
+    /// Requests executed \[-\].
+    pub requests: u64,
+    /// Ticks that were recorded and replayed.
+    pub ticks: Vec<ReplayedTick>,
+    /// Instants at which a tick was recorded and none replayed, or the other way round.
+    pub unmatched: Vec<Time>,
+    /// Messages that the daemon took and that are missing in the recording \[-\].
+    pub missing: u64,
+}
+
+impl ReplayResult {
+    /// Whether every command came out bit for bit as it was recorded.
+    #[must_use]
+    pub fn is_identical(&self) -> bool {
+        let agree = self.ticks.iter().all(|tick| tick.is_identical);
+        agree && self.unmatched.is_empty() && self.missing == 0
+    }
+}
+
+/// Replays the `history` of a daemon under `config`.
+///
+/// # Errors
+/// An option of the law is invalid.
+pub fn replay(
+    config: &Config,
+    trajectory: &Trajectory,
+    history: &DaemonHistory,
+) -> Result<ReplayResult, Failure> {
+    let mut turns = history.turns.iter();
+    let Some(start) = turns.next() else { return Ok(ReplayResult::default()) };
+    let mut bench = ReplayBench::open(config, trajectory, start)?;
+    for turn in turns {
+        match InputKind::from_code(turn.input.kind) {
+            Some(InputKind::Turn) => bench.turn(turn)?,
+            Some(InputKind::Request) => bench.request(turn),
+            Some(InputKind::Start) | None => {}
+        }
+    }
+    Ok(bench.result)
+}
+
+/// The daemon between a feeder and an observer.
+struct ReplayBench {
+    poses: MemoryWriter<PoseV1>,
+    vehicles: MemoryWriter<VehicleV1>,
+    stop: StopSwitch,
+    daemon: DaemonTurn<MemoryBus>,
+    requests: OperatorRequests,
+    commands: MemoryReader<CommandV1>,
+    telemetry: MemoryReader<TelemetryV1>,
+    result: ReplayResult,
+}
+
+impl ReplayBench {
+    fn open(
+        config: &Config,
+        trajectory: &Trajectory,
+        start: &RecordedTurn,
+    ) -> Result<Self, Failure> {
+        let bus = MemoryBus::new();
+        let mut cycle = Cycle::new(config, trajectory.clone(), start.input.time)
+            .map_err(|error| config.locate(&error))?;
+        if start.input.stays == 1 {
+            cycle.stay_at_start();
+        }
+        let (handle, requests) = loop_handoff();
+        let ports = DaemonPorts::open(&bus)?;
+        Ok(Self {
+            poses: bus.writer(&POSE)?,
+            vehicles: bus.writer(&VEHICLE)?,
+            stop: bus.stop_switch()?,
+            daemon: DaemonTurn { ports, cycle, warmup: CacheWarmup::never(), handle },
+            requests,
+            commands: bus.observer(&COMMAND)?,
+            telemetry: bus.observer(&TELEMETRY)?,
+            result: ReplayResult::default(),
+        })
+    }
+
+    /// Executes a turn on what was taken in it, at the instants that were recorded.
+    fn turn(&mut self, turn: &RecordedTurn) -> Result<(), BusError> {
+        let RecordedTurn { input, pose, vehicle, command, .. } = turn;
+        let taken =
+            [(input.pose_number, pose.is_some()), (input.vehicle_number, vehicle.is_some())];
+        let missing = taken.iter().filter(|(number, is_recorded)| *number != 0 && !is_recorded);
+        self.result.missing += missing.count() as u64;
+        if let Some((header, pose)) = pose {
+            self.poses.forward(*header, *pose);
+        }
+        if let Some((header, vehicle)) = vehicle {
+            self.vehicles.forward(*header, *vehicle);
+        }
+        self.requests.note_configs_differ(input.configs_differ == 1);
+        if input.stop == 1 {
+            self.stop.raise();
+        }
+        let stamps = command.map_or_else(Stamps::default, |(header, _)| header.stamps);
+        self.daemon.turn(&mut ReplayClock::new(input.time, &stamps))?;
+        self.result.turns += 1;
+        self.compare(turn)
+    }
+
+    /// Compares what came out of a turn with what was recorded.
+    fn compare(&mut self, turn: &RecordedTurn) -> Result<(), BusError> {
+        let produced = self.commands.latest()?.zip(self.telemetry.latest()?);
+        let time = turn.input.time;
+        match (produced, turn.input.command_sequence) {
+            (None, 0) => {}
+            (Some(((header, command), (_, telemetry))), 1..) => {
+                let Some((recorded_header, recorded)) = turn.command else {
+                    self.result.missing += 1;
+                    return Ok(());
+                };
+                let telemetry_agrees =
+                    turn.telemetry.is_none_or(|recorded| bits(&recorded) == bits(&telemetry));
+                let is_identical = bits(&recorded) == bits(&command)
+                    && about(&recorded_header) == about(&header)
+                    && telemetry_agrees;
+                let tick = ReplayedTick { time, telemetry, command, recorded, is_identical };
+                self.result.ticks.push(tick);
+            }
+            _ => self.result.unmatched.push(time),
+        }
+        Ok(())
+    }
+
+    /// Executes a request, unless it was refused for being late: then the daemon never saw it.
+    fn request(&mut self, turn: &RecordedTurn) {
+        let input = &turn.input;
+        if let Some(command) = OperatorCommand::from_code(input.request)
+            && input.cause != Cause::Expired.code()
+        {
+            self.daemon.cycle.notice_configurations(input.configs_differ == 1);
+            self.daemon.cycle.request(input.time, command);
+            self.result.requests += 1;
+        }
+    }
+}
+
+/// A message as its bits.
+fn bits<M: Message>(message: &M) -> Vec<u8> {
+    let mut bytes = vec![0; M::SIZE];
+    message.encode(&mut bytes);
+    bytes
+}
+
+/// What a header says of its message, whoever wrote it.
+fn about(header: &Header) -> (u64, u64, [u64; 8]) {
+    (header.sequence, header.pose_sequence, header.stamps.to_words())
+}
+
+/// The recorded instants of a turn, in the order in which the daemon reads the clock.
+struct ReplayClock {
+    last: Time,
+    instants: std::cell::RefCell<VecDeque<Time>>,
+}
+
+impl ReplayClock {
+    fn new(woken_at: Time, stamps: &Stamps) -> Self {
+        let stamped = [stamps.computed_at, stamps.command_published_at];
+        let stamped = stamped.into_iter().filter(|instant| instant.is_set());
+        let instants: VecDeque<Time> = std::iter::once(woken_at).chain(stamped).collect();
+        let last = instants.back().copied().unwrap_or(woken_at);
+        Self { last, instants: std::cell::RefCell::new(instants) }
+    }
+}
+
+impl TurnClock for ReplayClock {
+    fn now(&self) -> Time {
+        self.instants.borrow_mut().pop_front().unwrap_or(self.last)
+    }
+
+    fn announce<M: Message>(&mut self, _: &impl Publish<M>) -> Result<(), BusError> {
+        Ok(())
+    }
+}

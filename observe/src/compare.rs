@@ -1,0 +1,260 @@
+//! Several flights side by side: errors, hops, settings that differ, overlaid plots.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use maud::{Markup, html};
+
+use crate::flight::{Flight, FlightSample};
+use crate::latency::NAMES;
+use crate::page::{page, section};
+use crate::plot::axis::extent;
+use crate::plot::figure;
+use crate::plot::palette::Ink;
+use crate::plot::trace::{Trace, thin, thin_path};
+use crate::plot::unit::{MISSING, significant, span, words};
+use crate::summary::{ErrorFigures, Summary};
+use crate::table::{align, table};
+
+/// Letters and colours of the flights in plots and tables.
+const MARKS: [(&str, Ink); 6] = [
+    ("A", Ink::Actual),
+    ("B", Ink::Second),
+    ("C", Ink::Third),
+    ("D", Ink::Fourth),
+    ("E", Ink::Fifth),
+    ("F", Ink::Sixth),
+];
+
+/// Number of flights that can be compared.
+pub const MOST_FLIGHTS: usize = MARKS.len();
+
+/// A table: name, header, rows.
+type NamedTable = (&'static str, Vec<String>, Vec<Vec<String>>);
+
+/// Flights to compare, with their names.
+#[derive(Debug)]
+pub struct Comparison {
+    names: Vec<String>,
+    flights: Vec<Flight>,
+    summaries: Vec<Summary>,
+}
+
+impl Comparison {
+    /// A comparison of `flights`, at most [`MOST_FLIGHTS`], with their names.
+    #[must_use]
+    pub fn new(flights: Vec<(String, Flight)>) -> Self {
+        let (names, flights): (Vec<String>, Vec<Flight>) =
+            flights.into_iter().take(MOST_FLIGHTS).unzip();
+        let summaries = flights.iter().map(Summary::of).collect();
+        Self { names, flights, summaries }
+    }
+
+    /// The tables as text for a terminal.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        for (_, header, rows) in self.tables() {
+            let header: Vec<&str> = header.iter().map(String::as_str).collect();
+            let mut table = table(&header);
+            table.add_rows(rows);
+            align(&mut table);
+            text += &format!("{table}\n");
+        }
+        text.trim_end().to_owned()
+    }
+
+    /// The page: tables and overlaid plots.
+    #[must_use]
+    pub fn to_html(&self) -> String {
+        let heading = html! {
+            header { p.eyebrow { "oqtal comparison" } h1 { (self.names.len()) " flights" } }
+        };
+        let body = html! {
+            (heading)
+            main {
+                (self.plots())
+                @for (title, header, rows) in self.tables() { (as_html(title, &header, &rows)) }
+            }
+        };
+        page("oqtal comparison", "", &body)
+    }
+
+    fn tables(&self) -> [NamedTable; 4] {
+        [self.flown(), self.errors(), self.latencies(), self.settings()]
+    }
+
+    /// A header: what the rows are, then the letters.
+    fn header(&self, first: &str) -> Vec<String> {
+        let letters = MARKS.iter().take(self.names.len()).map(|(letter, _)| (*letter).to_owned());
+        std::iter::once(first.to_owned()).chain(letters).collect()
+    }
+
+    /// A row: its name, then a cell for each flight.
+    fn row(&self, name: &str, cell: impl Fn(&Summary) -> String) -> Vec<String> {
+        std::iter::once(name.to_owned()).chain(self.summaries.iter().map(cell)).collect()
+    }
+
+    fn flown(&self) -> NamedTable {
+        let files = std::iter::once("file".to_owned()).chain(self.names.iter().cloned()).collect();
+        let rows = vec![
+            files,
+            self.row("controller", |s| s.controller.clone()),
+            self.row("trajectory", |s| s.trajectory.clone()),
+            self.row("vehicle", |s| s.vehicle.clone()),
+            self.row("clock, seed", |s| format!("{}, {}", s.clock, s.seed)),
+            self.row("outcome", |s| s.outcome.to_string()),
+            self.row("scored [s]", |s| significant(s.scored_s)),
+        ];
+        ("Flights", self.header("flight"), rows)
+    }
+
+    fn errors(&self) -> NamedTable {
+        type Figures = fn(&Summary) -> Option<&ErrorFigures>;
+        let kinds: [(&str, Figures); 3] = [
+            ("position [m]", |s| s.position_error_m.as_ref()),
+            ("velocity [m/s]", |s| s.velocity_error_m_s.as_ref()),
+            ("attitude [deg]", |s| s.attitude_error_deg.as_ref()),
+        ];
+        let number = |value: Option<f64>| value.map_or_else(|| MISSING.to_owned(), significant);
+        let mut rows = Vec::new();
+        for (name, figures) in kinds {
+            rows.push(self.row(&format!("{name}, mean"), |s| number(figures(s).map(|e| e.mean))));
+            rows.push(self.row(&format!("{name}, rms"), |s| number(figures(s).map(|e| e.rms))));
+            rows.push(self.row(&format!("{name}, max"), |s| number(figures(s).map(|e| e.max))));
+        }
+        rows.push(self.row("effort", |s| number(s.effort)));
+        ("Errors", self.header("error"), rows)
+    }
+
+    fn latencies(&self) -> NamedTable {
+        let mut rows = Vec::new();
+        for name in NAMES {
+            let hop = |s: &Summary| s.hops.get(name).copied().filter(|hop| hop.count > 0);
+            if self.summaries.iter().any(|summary| hop(summary).is_some()) {
+                rows.push(self.row(&words(name), |s| {
+                    let text =
+                        hop(s).map(|hop| format!("{}, p99 {}", span(hop.p50_ns), span(hop.p99_ns)));
+                    text.unwrap_or_else(|| MISSING.to_owned())
+                }));
+            }
+        }
+        rows.push(self.row("deadlines missed", |s| s.deadline_misses.to_string()));
+        rows.push(self.row("poses lost", |s| s.lost.pose.to_string()));
+        rows.push(self.row("commands lost", |s| s.lost.command.to_string()));
+        ("Latency", self.header("hop, p50"), rows)
+    }
+
+    /// The settings that are not the same in all flights.
+    fn settings(&self) -> NamedTable {
+        let all: Vec<BTreeMap<String, String>> =
+            self.flights.iter().map(|flight| settings(&flight.config.to_toml())).collect();
+        let keys: std::collections::BTreeSet<&String> =
+            all.iter().flat_map(BTreeMap::keys).collect();
+        let mut rows = Vec::new();
+        for key in keys {
+            let values: Vec<Option<&String>> = all.iter().map(|one| one.get(key)).collect();
+            if values.windows(2).any(|pair| pair[0] != pair[1]) {
+                let cell = |value: &Option<&String>| {
+                    value.map_or_else(|| MISSING.to_owned(), Clone::clone)
+                };
+                rows.push(std::iter::once(key.clone()).chain(values.iter().map(cell)).collect());
+            }
+        }
+        ("Settings that differ", self.header("setting"), rows)
+    }
+
+    fn plots(&self) -> Markup {
+        let path = |view: fn(&FlightSample) -> (f64, f64)| {
+            self.traces(|flight| thin_path(flight.armed().map(view).collect()))
+        };
+        section(
+            "Flights, overlaid",
+            html! {
+                (figure::in_plane("Top view: y over x [m]", path(|s| (s.position().x, s.position().y)), Vec::new()))
+                (figure::in_plane("Side view: z over x [m]", path(|s| (s.position().x, s.position().z)), Vec::new()))
+                (self.over_time("Position error, magnitude [m]", |s| s.position_error().norm()))
+                (self.over_time("Attitude error, angle [deg]", |s| s.attitude_error().norm().to_degrees()))
+                (self.over_time("Velocity error, magnitude [m/s]", |s| s.velocity_error().norm()))
+                (self.over_time("Collective thrust [0..1]", |s| s.telemetry.thrust))
+            },
+        )
+    }
+
+    /// A trace for each flight.
+    fn traces(&self, points: impl Fn(&Flight) -> Vec<(f64, f64)>) -> Vec<Trace> {
+        let marked = self.flights.iter().zip(MARKS);
+        marked.map(|(flight, (name, ink))| Trace { name, ink, points: points(flight) }).collect()
+    }
+
+    /// A value of the armed ticks over the time since arming.
+    fn over_time(&self, title: &str, value: impl Fn(&FlightSample) -> f64) -> Markup {
+        let traces = self.traces(|flight| {
+            let origin = flight.origin();
+            let at = |sample: &FlightSample| sample.telemetry.time.since(origin).seconds();
+            thin(flight.armed().map(|sample| (at(sample), value(sample))).collect())
+        });
+        let range: Range<f64> =
+            extent(traces.iter().flat_map(|trace| &trace.points).map(|point| point.0));
+        figure::over_time(title, traces, range, None)
+    }
+}
+
+/// The settings of a configuration file with a key on a line, by their dotted keys.
+fn settings(text: &str) -> BTreeMap<String, String> {
+    let mut section = String::new();
+    let mut all = BTreeMap::new();
+    for line in text.lines() {
+        if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')) {
+            section = format!("{name}.");
+        } else if let Some((key, value)) = line.split_once(" = ") {
+            all.insert(format!("{section}{key}"), value.to_owned());
+        }
+    }
+    all
+}
+
+fn as_html(title: &str, header: &[String], rows: &[Vec<String>]) -> Markup {
+    let content = html! {
+        div.wide.scroll {
+            table {
+                thead { tr { @for cell in header { th { (cell) } } } }
+                tbody {
+                    @for row in rows {
+                        tr {
+                            @for (number, cell) in row.iter().enumerate() {
+                                @if number == 0 { th { (cell) } } @else { td { (cell) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    };
+    section(title, content)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::fixture;
+
+    #[test]
+    fn settings_that_differ_are_listed_and_others_are_not() {
+        let mut other = fixture::square();
+        other.config.clock.seed += 1;
+        let comparison = Comparison::new(vec![
+            ("a.mcap".to_owned(), fixture::square()),
+            ("b.mcap".to_owned(), other),
+        ]);
+        let (_, _, rows) = comparison.settings();
+        assert_eq!(rows.len(), 1, "{rows:?}");
+        assert_eq!(rows[0][0], "clock.seed");
+        let text = comparison.to_text();
+        for word in ["a.mcap", "b.mcap", "position [m], mean", "sensor to actuator, p50"] {
+            assert!(text.contains(word) || word.starts_with("sensor"), "{word} in\n{text}");
+        }
+        let html = comparison.to_html();
+        assert!(html.contains("Settings that differ") && html.contains("Position error"));
+    }
+}

@@ -1,0 +1,62 @@
+//! What a flight is known by beside its messages, recorded once it is over.
+
+use super::facts::Facts;
+use super::file::RecordingFile;
+use crate::command_path::CommandPath;
+use crate::flight::{Flight, Outcome};
+use crate::kernel::ProcessUsage;
+
+/// Name of the facts that close the recording of a flight.
+const FLIGHT: &str = "flight";
+
+/// What a flight is known by beside its messages, once it is over.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ClosingFacts {
+    /// Path of the commands.
+    pub command_path: CommandPath,
+    /// Outcome if the messages do not show one.
+    pub otherwise: Option<Outcome>,
+    /// Flight time over wall time \[-\].
+    pub speed_factor: f64,
+    /// Resource use of the daemon.
+    pub daemon: Option<ProcessUsage>,
+}
+
+impl ClosingFacts {
+    /// The facts of a flight.
+    #[must_use]
+    pub fn of(flight: &Flight) -> Self {
+        Self {
+            command_path: flight.command_path.clone(),
+            otherwise: Some(flight.outcome),
+            speed_factor: flight.speed_factor,
+            daemon: flight.daemon.clone(),
+        }
+    }
+
+    /// As a table of facts.
+    #[must_use]
+    pub fn to_facts(&self) -> Facts {
+        let json = |daemon: &ProcessUsage| serde_json::to_string(daemon).unwrap_or_default();
+        let facts = [
+            ("command_path", Some(self.command_path.to_string())),
+            ("otherwise", self.otherwise.map(|outcome| outcome.to_string())),
+            ("speed_factor", Some(self.speed_factor.to_string())),
+            ("daemon", self.daemon.as_ref().map(json)),
+        ];
+        let known = facts.into_iter().filter_map(|(name, fact)| Some((name, fact?)));
+        Facts::new(FLIGHT, known)
+    }
+
+    /// The facts of a recording; the defaults for one that was cut off.
+    #[must_use]
+    pub fn read(file: &RecordingFile) -> Self {
+        let fact = |name| file.fact(FLIGHT, name);
+        Self {
+            command_path: fact("command_path").map(CommandPath::parse).unwrap_or_default(),
+            otherwise: fact("otherwise").and_then(Outcome::parse),
+            speed_factor: fact("speed_factor").and_then(|text| text.parse().ok()).unwrap_or(1.0),
+            daemon: fact("daemon").and_then(|text| serde_json::from_str(text).ok()),
+        }
+    }
+}

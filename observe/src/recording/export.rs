@@ -1,0 +1,156 @@
+//! Recordings as text: CSV with a row for each message, and trajectories in the format of the TUM benchmark.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use oqtal_bus::message::{
+    CommandV1, Field, FieldType, Header, HealthV1, InputV1, Message, PoseV1, Stamps, TelemetryV1,
+    TruthV1, VehicleV1,
+};
+use oqtal_bus::time::Time;
+use oqtal_bus::topic::Role;
+
+use super::schema::member_name;
+use crate::sink::{ObservedTopic, Reception, Sink};
+
+/// Names of vector components in columns.
+const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
+
+/// Texts by name.
+pub type Tables = BTreeMap<String, String>;
+
+/// Writes every topic as CSV: header and body of each message, units in the names of the columns.
+#[derive(Debug, Default)]
+pub struct CsvExport {
+    /// Tables by topic.
+    pub tables: Tables,
+}
+
+impl CsvExport {
+    fn row<M: Message>(&mut self, topic: ObservedTopic, reception: &Reception, body: &M) {
+        let table = self.tables.entry(topic.to_string()).or_insert_with(|| {
+            let fields = [Header::FIELDS, Stamps::FIELDS, M::FIELDS].concat();
+            format!(
+                "received_at_ns,{}\n",
+                fields.iter().flat_map(columns).collect::<Vec<_>>().join(",")
+            )
+        });
+        let Header { sequence, pose_sequence, schema, source, stamps } = &reception.header;
+        let words = [reception.received_at.nanos(), *sequence, *pose_sequence, *schema, *source];
+        let words = words.into_iter().chain(stamps.to_words());
+        let mut cells: Vec<String> = words.map(|word| word.to_string()).collect();
+        let mut packed = vec![0; M::SIZE];
+        body.encode(&mut packed);
+        let mut rest = packed.as_slice();
+        for field in M::FIELDS {
+            for _ in 0..field.length {
+                let (element, behind) = rest.split_at(field.element.size());
+                cells.push(text_of(field.element, element));
+                rest = behind;
+            }
+        }
+        table.push_str(&cells.join(","));
+        table.push('\n');
+    }
+}
+
+/// Columns of a field: one for each element.
+fn columns(field: &Field) -> Vec<String> {
+    let name = member_name(field);
+    match field.length {
+        1 => vec![name],
+        length => {
+            COMPONENTS[..length].iter().map(|component| format!("{name}_{component}")).collect()
+        }
+    }
+}
+
+/// An element as text; empty for NaN.
+fn text_of(element: FieldType, bytes: &[u8]) -> String {
+    let mut word = [0; 8];
+    word[..bytes.len()].copy_from_slice(bytes);
+    let number = u64::from_le_bytes(word);
+    match element {
+        FieldType::U8 | FieldType::U32 | FieldType::U64 | FieldType::Time => number.to_string(),
+        FieldType::I64 => number.cast_signed().to_string(),
+        FieldType::F64 if f64::from_bits(number).is_nan() => String::new(),
+        FieldType::F64 => f64::from_bits(number).to_string(),
+    }
+}
+
+impl Sink for CsvExport {
+    fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
+        self.row(ObservedTopic::Truth, reception, truth);
+    }
+
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        self.row(ObservedTopic::Pose, reception, pose);
+    }
+
+    fn command(&mut self, reception: &Reception, command: &CommandV1) {
+        self.row(ObservedTopic::Command, reception, command);
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        self.row(ObservedTopic::Vehicle, reception, vehicle);
+    }
+
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        self.row(ObservedTopic::Telemetry, reception, telemetry);
+    }
+
+    fn input(&mut self, reception: &Reception, input: &InputV1) {
+        self.row(ObservedTopic::Input, reception, input);
+    }
+
+    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
+        self.row(ObservedTopic::Health(role), reception, health);
+    }
+
+    /// A recording tells losses among its events.
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+/// Writes trajectories as lines `time x y z qx qy qz qw` \[s; m, world; body to world\], as trajectory evaluation tools read
+/// them: `pose` at its capture, `truth`, `estimate` and `reference`.
+#[derive(Debug, Default)]
+pub struct TumExport {
+    /// Trajectories by name.
+    pub tables: Tables,
+}
+
+impl TumExport {
+    fn line(&mut self, name: &str, at: Time, pose: ([f64; 3], [f64; 4])) {
+        let ([x, y, z], [qx, qy, qz, qw]) = pose;
+        let numbers = [x, y, z, qx, qy, qz, qw];
+        if !numbers.iter().all(|number| number.is_finite()) {
+            return;
+        }
+        let (seconds, nanos) = (at.nanos() / 1_000_000_000, at.nanos() % 1_000_000_000);
+        let table = self.tables.entry(name.to_owned()).or_default();
+        let _ = writeln!(table, "{seconds}.{nanos:09} {x} {y} {z} {qx} {qy} {qz} {qw}");
+    }
+}
+
+impl Sink for TumExport {
+    fn truth(&mut self, _: &Reception, truth: &TruthV1) {
+        self.line("truth", truth.time, (truth.position, truth.attitude));
+    }
+
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        if pose.tracked == 1 {
+            let at = reception.header.stamps.captured_at;
+            self.line("pose", at, (pose.position, pose.attitude));
+        }
+    }
+
+    fn telemetry(&mut self, _: &Reception, telemetry: &TelemetryV1) {
+        let TelemetryV1 { time, position, attitude, reference_position, attitude_command, .. } =
+            *telemetry;
+        self.line("estimate", time, (position, attitude));
+        self.line("reference", time, (reference_position, attitude_command));
+    }
+
+    /// A recording tells losses among its events.
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}

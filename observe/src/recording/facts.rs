@@ -1,0 +1,105 @@
+//! What is recorded beside the messages: version, configuration, clocks, machine.
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use oqtal_bus::time::Span;
+use oqtal_config::Config;
+
+use crate::kernel::ThreadScheduling;
+use crate::summary::name_of;
+
+/// Version of the layout of recordings: names of channels, metadata and attachments.
+pub const LAYOUT: &str = "1";
+/// Name of the facts about the recording itself, which every file begins with.
+pub const RECORDING: &str = "oqtal.recording";
+/// Name of the attachment with the effective configuration.
+pub const CONFIG_FILE: &str = "config.toml";
+/// Name of the attachment with the waypoints that the configuration names.
+pub const WAYPOINTS_FILE: &str = "waypoints.csv";
+
+/// The build that records.
+#[derive(Clone, Copy, Debug)]
+pub struct Provenance {
+    /// Version of the program.
+    pub version: &'static str,
+    /// Revision of its sources in version control; `unknown` if it was not built from a repository.
+    pub revision: &'static str,
+}
+
+/// A named table of facts.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Facts {
+    /// Name of the table.
+    pub name: String,
+    /// Facts by name.
+    pub entries: BTreeMap<String, String>,
+}
+
+impl Facts {
+    /// A table of `entries`.
+    pub fn new<K: Into<String>>(
+        name: &str,
+        entries: impl IntoIterator<Item = (K, String)>,
+    ) -> Self {
+        let entries = entries.into_iter().map(|(key, value)| (key.into(), value)).collect();
+        Self { name: name.to_owned(), entries }
+    }
+
+    /// The facts that every file of a recording begins with. `wall_offset` is added to instants of messages to get the times of
+    /// the file.
+    #[must_use]
+    pub fn of_recording(config: &Config, provenance: Provenance, wall_offset: Span) -> Self {
+        let facts = [
+            ("layout", LAYOUT.to_owned()),
+            ("version", provenance.version.to_owned()),
+            ("revision", provenance.revision.to_owned()),
+            ("instance", config.instance.name.clone()),
+            ("clock", name_of(&config.clock.kind)),
+            ("seed", config.clock.seed.to_string()),
+            ("config_hash", format!("{:016x}", config.hash())),
+            ("wall_offset_ns", wall_offset.nanos().to_string()),
+        ];
+        Self::new(RECORDING, facts)
+    }
+
+    /// The machine: kernel, processor, memory.
+    #[must_use]
+    pub fn of_machine() -> Self {
+        let kernel = rustix::system::uname();
+        let text = |text: &std::ffi::CStr| text.to_string_lossy().into_owned();
+        let read = |path: &str| fs::read_to_string(path).map(|text| text.trim().to_owned()).ok();
+        let value = |path: &str, key: &str| {
+            let found = read(path)?;
+            let line = found.lines().find_map(|line| line.strip_prefix(key)).map(str::to_owned)?;
+            Some(line.trim_start_matches([' ', '\t', ':']).trim().to_owned())
+        };
+        let processors = std::thread::available_parallelism().map_or(0, |count| count.get());
+        let clock_source = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+        let unknown = || "unknown".to_owned();
+        let facts = [
+            ("kernel", Some(format!("{} {}", text(kernel.sysname()), text(kernel.release())))),
+            ("kernel_build", Some(text(kernel.version()))),
+            ("architecture", Some(text(kernel.machine()))),
+            ("processor", value("/proc/cpuinfo", "model name")),
+            ("processors", Some(processors.to_string())),
+            ("memory", value("/proc/meminfo", "MemTotal")),
+            ("isolated_processors", read("/sys/devices/system/cpu/isolated")),
+            ("clock_source", read(clock_source)),
+        ];
+        Self::new("machine", facts.map(|(name, fact)| (name, fact.unwrap_or_else(unknown))))
+    }
+
+    /// What the kernel granted the daemon.
+    #[must_use]
+    pub fn of_grants(daemon: &ThreadScheduling) -> Self {
+        let cpu = daemon.cpu.map_or_else(|| "any".to_owned(), |cpu| cpu.to_string());
+        let facts = [
+            ("policy", daemon.policy.clone().into_owned()),
+            ("priority", daemon.priority.to_string()),
+            ("processor", cpu),
+            ("memory_locked", daemon.locked.to_string()),
+        ];
+        Self::new("granted", facts)
+    }
+}

@@ -1,0 +1,118 @@
+//! Poses, a transform, log entries and clock offsets, for viewers: Foxglove's well-known schemas where there is one.
+
+use super::cdr::CdrWriter;
+
+/// Schema of poses.
+pub const POSE: (&str, &str) = (
+    "foxglove_msgs/msg/PoseInFrame",
+    "# Timestamp of pose\nbuiltin_interfaces/Time timestamp\n# Frame of reference for pose position and orientation\n\
+     string frame_id\n# Pose in 3D space\ngeometry_msgs/Pose pose\n\
+     ================================================================================\nMSG: geometry_msgs/Pose\n\
+     geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n\
+     ================================================================================\nMSG: geometry_msgs/Point\n\
+     float64 x\nfloat64 y\nfloat64 z\n\
+     ================================================================================\nMSG: geometry_msgs/Quaternion\n\
+     float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n\
+     ================================================================================\nMSG: builtin_interfaces/Time\n\
+     int32 sec\nuint32 nanosec\n",
+);
+
+/// Schema of transforms.
+pub const TRANSFORM: (&str, &str) = (
+    "foxglove_msgs/msg/FrameTransform",
+    "# Timestamp of transform\nbuiltin_interfaces/Time timestamp\n# Name of the parent frame\nstring parent_frame_id\n\
+     # Name of the child frame\nstring child_frame_id\n# Translation component of the transform\n\
+     geometry_msgs/Vector3 translation\n# Rotation component of the transform\ngeometry_msgs/Quaternion rotation\n\
+     ================================================================================\nMSG: geometry_msgs/Vector3\n\
+     float64 x\nfloat64 y\nfloat64 z\n\
+     ================================================================================\nMSG: geometry_msgs/Quaternion\n\
+     float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n\
+     ================================================================================\nMSG: builtin_interfaces/Time\n\
+     int32 sec\nuint32 nanosec\n",
+);
+
+/// Schema of log entries.
+pub const LOG: (&str, &str) = (
+    "foxglove_msgs/msg/Log",
+    "uint8 UNKNOWN=0\nuint8 DEBUG=1\nuint8 INFO=2\nuint8 WARNING=3\nuint8 ERROR=4\nuint8 FATAL=5\n\
+     # Timestamp of log message\nbuiltin_interfaces/Time timestamp\n# Log level\nuint8 level\n# Log message\n\
+     string message\n# Process or node name\nstring name\n# Filename\nstring file\n# Line number in the file\nuint32 line\n\
+     ================================================================================\nMSG: builtin_interfaces/Time\n\
+     int32 sec\nuint32 nanosec\n",
+);
+
+/// Schema of clock offsets.
+pub const CLOCK: (&str, &str) = (
+    "oqtal_msgs/msg/ClockOffset",
+    "# Instant by the monotonic clock, the clock of all other messages [ns]\nuint64 monotonic_ns\n\
+     # Wall clock minus monotonic clock at this instant [ns]\nint64 wall_minus_monotonic_ns\n",
+);
+
+/// Severity of a log entry, as the schema numbers it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum LogSeverity {
+    /// As expected.
+    Info = 2,
+    /// A limit of safety was reached.
+    Warning = 3,
+    /// Data is missing.
+    Error = 4,
+}
+
+/// A pose in the world: instant \[ns since the epoch\], position \[m, world\], attitude, scalar last \[body to world\].
+#[derive(Clone, Copy, Debug)]
+pub struct ScenePose {
+    /// Instant \[ns since the epoch\].
+    pub at_ns: u64,
+    /// Position \[m, world\].
+    pub position: [f64; 3],
+    /// Attitude, scalar last \[body to world\].
+    pub attitude: [f64; 4],
+}
+
+impl ScenePose {
+    /// Writes the pose as [`POSE`].
+    pub fn write_pose(&self, bytes: &mut Vec<u8>) {
+        let mut writer = CdrWriter::begin(bytes);
+        writer.instant(self.at_ns);
+        writer.text("world");
+        self.write_numbers(&mut writer);
+    }
+
+    /// Writes the transform from the world to the body `child` as [`TRANSFORM`].
+    pub fn write_transform(&self, child: &str, bytes: &mut Vec<u8>) {
+        let mut writer = CdrWriter::begin(bytes);
+        writer.instant(self.at_ns);
+        writer.text("world");
+        writer.text(child);
+        self.write_numbers(&mut writer);
+    }
+
+    fn write_numbers(&self, writer: &mut CdrWriter<'_>) {
+        // A viewer cannot draw an attitude that is not known.
+        let known = self.attitude.iter().all(|number| number.is_finite())
+            && self.attitude.iter().any(|number| *number != 0.0);
+        writer.numbers(&self.position);
+        writer.numbers(if known { &self.attitude } else { &[0.0, 0.0, 0.0, 1.0] });
+    }
+}
+
+/// Writes a log entry of the process `name` as [`LOG`].
+pub fn write_log(at_ns: u64, severity: LogSeverity, entry: (&str, &str), bytes: &mut Vec<u8>) {
+    let (name, message) = entry;
+    let mut writer = CdrWriter::begin(bytes);
+    writer.instant(at_ns);
+    writer.u8(severity as u8);
+    writer.text(message);
+    writer.text(name);
+    writer.text("");
+    writer.u32(0);
+}
+
+/// Writes a clock offset as [`CLOCK`].
+pub fn write_clock(monotonic_ns: u64, offset_ns: i64, bytes: &mut Vec<u8>) {
+    let mut writer = CdrWriter::begin(bytes);
+    writer.u64(monotonic_ns);
+    writer.u64(offset_ns.cast_unsigned());
+}

@@ -1,0 +1,164 @@
+//! A recording is written and read: complete, cut off anywhere, damaged.
+
+use std::path::PathBuf;
+
+use oqtal_bus::message::{Header, PoseV1, TelemetryV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::{ClockKind, Config};
+use proptest::prelude::*;
+use tempfile::TempDir;
+
+use super::*;
+use crate::sink::{ObservedTopic, Reception, Sink};
+
+const PROVENANCE: Provenance = Provenance { version: "1.2.3", revision: "abc" };
+const SAMPLES: u64 = 200;
+
+fn configuration() -> Config {
+    let mut config = Config::default();
+    config.clock.kind = ClockKind::Lockstep;
+    config
+}
+
+fn pose(number: u64) -> (Reception, PoseV1) {
+    let header = Header { sequence: number, source: 7, ..Header::default() };
+    let received_at = Time::VIRTUAL_START + Span::from_millis(16 * number as i64);
+    let position = [number as f64, f64::NAN, -0.0];
+    (Reception { header, received_at }, PoseV1 { position, ..PoseV1::default() })
+}
+
+/// Records [`SAMPLES`] poses and ticks into a directory; returns the first file.
+fn record(directory: &TempDir, config: &Config, rotates: bool) -> (PathBuf, RecordingResult) {
+    let path = directory.path().join("r.mcap");
+    fn complain(message: &str) {
+        panic!("{message}");
+    }
+    let provenance = PROVENANCE;
+    let plan = RecordingPlan { path: path.clone(), config, provenance, rotates, complain };
+    let mut recorder = McapRecorder::create(&plan).unwrap();
+    for number in 1..=SAMPLES {
+        let (reception, sample) = pose(number);
+        recorder.pose(&reception, &sample);
+        let time = reception.received_at;
+        recorder.telemetry(&reception, &TelemetryV1 { time, tick: number, ..Default::default() });
+    }
+    recorder.lost(ObservedTopic::Pose, 3);
+    (path, recorder.finish())
+}
+
+/// Lists the poses that it receives.
+#[derive(Default)]
+struct Poses(Vec<(Reception, PoseV1)>);
+
+impl Sink for Poses {
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        self.0.push((*reception, *pose));
+    }
+
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+fn poses(file: &RecordingFile) -> Vec<(Reception, PoseV1)> {
+    let mut poses = Poses::default();
+    play(file, &mut poses).unwrap();
+    poses.0
+}
+
+/// Whether `read` are the first poses that were recorded, bit for bit.
+fn are_the_first(read: &[(Reception, PoseV1)]) -> bool {
+    read.iter().zip(1..).all(|((reception, read), number)| {
+        let (wanted, sample) = pose(number);
+        let bits = |pose: &PoseV1| pose.position.map(f64::to_bits);
+        reception.header == wanted.header
+            && reception.received_at == wanted.received_at
+            && bits(read) == bits(&sample)
+    })
+}
+
+#[test]
+fn what_was_recorded_is_read() {
+    let directory = tempfile::tempdir().unwrap();
+    let config = configuration();
+    let (path, result) = record(&directory, &config, false);
+    assert_eq!((result.failure, result.dropped, result.files.len()), (None, 0, 1));
+    let file = RecordingFile::read(&path).unwrap();
+    assert_eq!(file.cut_off, None);
+    assert_eq!(file.messages.len() as u64, result.messages);
+    assert_eq!(file.fact("oqtal.recording", "version"), Some("1.2.3"));
+    let name = path.display().to_string();
+    assert_eq!(
+        Config::parse(&name, &file.config_text().unwrap(), &[]).unwrap().hash(),
+        config.hash()
+    );
+    let read = poses(&file);
+    assert!(read.len() as u64 == SAMPLES && are_the_first(&read));
+    let overview = RecordingOverview::of(&file);
+    assert_eq!(overview.topics["pose"].messages, SAMPLES);
+    assert!((overview.topics["pose"].rate_hz - 62.5).abs() < 1e-9);
+    assert_eq!(overview.topics["events"].messages, 2, "the daemon's state, and the loss");
+}
+
+#[test]
+fn files_follow_each_other_without_a_gap() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut config = configuration();
+    config.record.file_min = 1.0 / 60.0;
+    let (_, result) = record(&directory, &config, true);
+    assert_eq!(result.files.len(), 4);
+    let read: Vec<_> =
+        result.files.iter().flat_map(|path| poses(&RecordingFile::read(path).unwrap())).collect();
+    assert!(read.len() as u64 == SAMPLES && are_the_first(&read));
+}
+
+#[test]
+fn a_file_is_read_up_to_wherever_it_was_cut_off() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = record(&directory, &configuration(), false);
+    let bytes = std::fs::read(&path).unwrap();
+    let mut most = 0;
+    for length in (0..bytes.len()).step_by(997) {
+        match RecordingFile::parse(&path, &bytes[..length]) {
+            Ok(file) => {
+                let read = poses(&file);
+                assert!(are_the_first(&read) && read.len() >= most, "cut off at {length}");
+                assert!(file.cut_off.is_some(), "cut off at {length}");
+                most = read.len();
+            }
+            Err(error) => assert!(most == 0 && error.to_string().contains("no recording")),
+        }
+    }
+    assert_eq!(most as u64, SAMPLES);
+}
+
+#[test]
+fn a_chunk_holds_half_a_second_at_most() {
+    let directory = tempfile::tempdir().unwrap();
+    let (path, _) = record(&directory, &configuration(), false);
+    let bytes = std::fs::read(&path).unwrap();
+    let chunks = mcap::read::LinearReader::new(&bytes).unwrap().filter_map(|record| match record {
+        Ok(mcap::records::Record::Chunk { header, .. }) => Some(header),
+        _ => None,
+    });
+    let lengths: Vec<u64> =
+        chunks.map(|header| header.message_end_time - header.message_start_time).collect();
+    assert!(lengths.len() >= 6 && lengths.iter().all(|nanos| *nanos < 500_000_000), "{lengths:?}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn a_damaged_file_is_read_or_refused(flips in prop::collection::vec((any::<u32>(), any::<u8>()), 1..6)) {
+        let directory = tempfile::tempdir().unwrap();
+        let (path, _) = record(&directory, &configuration(), false);
+        let mut bytes = std::fs::read(&path).unwrap();
+        for (at, value) in flips {
+            let at = at as usize % bytes.len();
+            bytes[at] = value;
+        }
+        if let Ok(file) = RecordingFile::parse(&path, &bytes) {
+            let _ = play(&file, &mut Poses::default());
+            let _ = flight(&file);
+            let _ = RecordingOverview::of(&file).to_text();
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! The thread that writes a recording, behind a bounded queue: a disk that stalls costs the observer nothing.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use mcap::{McapError, McapResult};
+
+use super::facts::Facts;
+use super::writer::{McapFile, McapMessage, Preamble};
+
+/// Messages that wait at most \[-\]: ten seconds of a flight at 60 Hz.
+const QUEUE: usize = 8192;
+/// Time without messages after which the present chunk is written.
+const IDLE: Duration = Duration::from_millis(500);
+
+/// Where a recording is written, and when another file begins.
+#[derive(Clone, Debug)]
+pub struct FilePlan {
+    /// The first file; the following ones have a number before the extension.
+    pub path: PathBuf,
+    /// Size of a file after which another begins \[bytes\]; `None` for one file.
+    pub max_bytes: Option<u64>,
+    /// Duration of a file after which another begins \[ns\]; `None` for one file.
+    pub max_ns: Option<u64>,
+    /// Whether the sink waits for a full queue instead of dropping messages: in virtual time nothing is lost by waiting.
+    pub waits: bool,
+    /// Tells people, once, that nothing more can be written.
+    pub complain: fn(&str),
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug, Default)]
+pub struct RecordingResult {
+    /// Its files, in order.
+    pub files: Vec<PathBuf>,
+    /// Messages written \[-\].
+    pub messages: u64,
+    /// Size of the messages written \[bytes\].
+    pub bytes: u64,
+    /// Messages that found the queue full \[-\].
+    pub dropped: u64,
+    /// Why it ended early; `None` if it did not.
+    pub failure: Option<String>,
+}
+
+/// An item of the queue.
+enum QueuedRecord {
+    Message(McapMessage),
+    Facts(Facts),
+}
+
+/// The sending end: the queue, and the thread behind it.
+#[derive(Debug)]
+pub struct RecordingThread {
+    queue: Option<SyncSender<QueuedRecord>>,
+    thread: Option<JoinHandle<RecordingResult>>,
+    waits: bool,
+    dropped: u64,
+    failed: Arc<AtomicBool>,
+}
+
+impl RecordingThread {
+    /// Creates the first file and starts the thread.
+    ///
+    /// # Errors
+    /// The file cannot be created.
+    pub fn start(plan: FilePlan, preamble: Preamble) -> io::Result<Self> {
+        let waits = plan.waits;
+        let file = McapFile::create(&plan.path, &preamble).map_err(to_io)?;
+        let (queue, records) = sync_channel(QUEUE);
+        let (failed, result) = (Arc::new(AtomicBool::new(false)), RecordingResult::default());
+        let has_failed = Arc::clone(&failed);
+        let files = Files { plan, preamble, file: Some(file), result, failed };
+        let thread = std::thread::Builder::new()
+            .name("recording".to_owned())
+            .spawn(move || files.run(&records))?;
+        let (queue, thread) = (Some(queue), Some(thread));
+        Ok(Self { queue, thread, waits, dropped: 0, failed: has_failed })
+    }
+
+    /// Queues a message.
+    pub fn message(&mut self, message: McapMessage) {
+        self.send(QueuedRecord::Message(message));
+    }
+
+    /// Queues a table of facts.
+    pub fn facts(&mut self, facts: Facts) {
+        self.send(QueuedRecord::Facts(facts));
+    }
+
+    /// Whether nothing more can be written.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Acquire)
+    }
+
+    fn send(&mut self, record: QueuedRecord) {
+        let Some(queue) = &self.queue else { return };
+        let sent = if self.waits {
+            queue.send(record).is_ok()
+        } else {
+            !matches!(queue.try_send(record), Err(TrySendError::Full(_)))
+        };
+        self.dropped += u64::from(!sent);
+    }
+
+    /// Writes what waits, closes the file, and ends the thread.
+    #[must_use]
+    pub fn finish(mut self) -> RecordingResult {
+        let dropped = self.dropped;
+        RecordingResult { dropped, ..self.join() }
+    }
+
+    fn join(&mut self) -> RecordingResult {
+        drop(self.queue.take());
+        let result = self.thread.take().and_then(|thread| thread.join().ok());
+        let failure = || Some("the thread that writes ended by an internal error".to_owned());
+        result.unwrap_or_else(|| RecordingResult { failure: failure(), ..Default::default() })
+    }
+}
+
+impl Drop for RecordingThread {
+    /// A recording that is dropped, by a failure around it, is complete up to there.
+    fn drop(&mut self) {
+        if self.thread.is_some() {
+            self.join();
+        }
+    }
+}
+
+/// The files of a recording, on the thread that writes.
+struct Files {
+    plan: FilePlan,
+    preamble: Preamble,
+    /// `None` after an error.
+    file: Option<McapFile>,
+    result: RecordingResult,
+    failed: Arc<AtomicBool>,
+}
+
+impl Files {
+    fn run(mut self, records: &Receiver<QueuedRecord>) -> RecordingResult {
+        self.result.files.push(self.plan.path.clone());
+        loop {
+            let done = match records.recv_timeout(IDLE) {
+                Ok(QueuedRecord::Message(message)) => self.message(&message),
+                Ok(QueuedRecord::Facts(facts)) => self.with_file(|file| file.facts(&facts)),
+                Err(RecvTimeoutError::Timeout) => self.with_file(McapFile::flush),
+                Err(RecvTimeoutError::Disconnected) => break,
+            };
+            if let Err(error) = done {
+                self.fail(&error);
+            }
+        }
+        if let Some(Err(error)) = self.file.take().map(McapFile::finish) {
+            self.fail(&error);
+        }
+        self.result
+    }
+
+    /// Does something with the file, if nothing failed so far.
+    fn with_file(&mut self, work: impl FnOnce(&mut McapFile) -> McapResult<()>) -> McapResult<()> {
+        self.file.as_mut().map_or(Ok(()), work)
+    }
+
+    fn message(&mut self, message: &McapMessage) -> McapResult<()> {
+        let FilePlan { max_bytes, max_ns, .. } = self.plan;
+        let Some(file) = &self.file else { return Ok(()) };
+        let full = max_bytes.is_some_and(|most| file.bytes() >= most)
+            || max_ns.is_some_and(|most| file.age(message.log_time) >= most);
+        if full {
+            self.begin_another()?;
+        }
+        self.with_file(|file| file.message(message))?;
+        self.result.messages += 1;
+        self.result.bytes += message.data.len() as u64;
+        Ok(())
+    }
+
+    fn begin_another(&mut self) -> McapResult<()> {
+        self.file.take().map_or(Ok(()), McapFile::finish)?;
+        let path = numbered(&self.plan.path, self.result.files.len() + 1);
+        self.file = Some(McapFile::create(&path, &self.preamble)?);
+        self.result.files.push(path);
+        Ok(())
+    }
+
+    fn fail(&mut self, error: &McapError) {
+        if let Some(file) = self.file.take() {
+            file.abandon();
+        }
+        let path = self.result.files.last().unwrap_or(&self.plan.path).display();
+        let reason = match error {
+            McapError::Io(error) => error.to_string(),
+            other => other.to_string(),
+        };
+        let message = format!("{path}: {reason}; the recording ends here");
+        self.failed.store(true, Ordering::Release);
+        (self.plan.complain)(&message);
+        self.result.failure = Some(message);
+    }
+}
+
+/// The path of the file with this number: `flight.mcap`, `flight.2.mcap`, …
+fn numbered(path: &Path, number: usize) -> PathBuf {
+    path.with_extension(format!("{number}.mcap"))
+}
+
+/// An error of the format's library as one of the operating system, whose text says most.
+fn to_io(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other.to_string()),
+    }
+}

@@ -1,0 +1,45 @@
+//! `oqtal compare FILE FILE…`: recorded flights side by side.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use oqtal_observe::compare::{Comparison, MOST_FLIGHTS};
+use oqtal_observe::recording::flight;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+
+use crate::recordings::{self, failure};
+
+/// Arguments of `oqtal compare`.
+#[derive(Args, Debug)]
+pub struct CompareArgs {
+    /// The recordings
+    #[arg(num_args = 2.., required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// The page with overlaid plots
+    #[arg(long, value_name = "FILE", default_value = "compare.html")]
+    out: PathBuf,
+}
+
+impl CompareArgs {
+    /// Prints tables of errors, hops and settings that differ, and writes the page.
+    ///
+    /// # Errors
+    /// A file is no recording (exit code 65) or of another version (76), there are too many (64), or the page cannot be written.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        if self.files.len() > MOST_FLIGHTS {
+            let message = format!("at most {MOST_FLIGHTS} recordings can be compared");
+            return Err(Failure::new(Exit::Usage, message));
+        }
+        let mut flights = Vec::new();
+        for path in &self.files {
+            let flown = flight(&recordings::read(path)?).map_err(failure)?;
+            flights.push((path.display().to_string(), flown));
+        }
+        let comparison = Comparison::new(flights);
+        print(&comparison.to_text())?;
+        recordings::write(&self.out, comparison.to_html())?;
+        print(&format!("plots: {}", self.out.display()))?;
+        Ok(Exit::Ok)
+    }
+}

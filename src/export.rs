@@ -1,0 +1,109 @@
+//! `oqtal export FILE`: a recording as text files for other tools.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use oqtal_observe::csv;
+use oqtal_observe::recording::{CsvExport, RecordingFile, Tables, TumExport, flight, play};
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+
+use crate::recordings::{self, failure};
+
+/// Arguments of `oqtal export`.
+#[derive(Args, Debug)]
+pub struct ExportArgs {
+    /// The recording
+    file: PathBuf,
+    /// Format of the files
+    #[arg(long, value_enum)]
+    format: ExportFormat,
+    /// Topics, separated by commas [default: all; for csv the table of ticks that `oqtal fly` writes as well]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    topics: Vec<String>,
+    /// Directory of the files [default: FILE without .mcap, and -csv or -tum]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+/// A format of text files.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ExportFormat {
+    /// A row for each message, units in the column names
+    Csv,
+    /// Trajectories: lines `time x y z qx qy qz qw`
+    Tum,
+}
+
+impl ExportFormat {
+    fn extension(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Tum => "tum",
+        }
+    }
+}
+
+impl ExportArgs {
+    /// Writes a file for each topic and prints their paths.
+    ///
+    /// # Errors
+    /// The file is no recording (exit code 65) or of another version (76), a topic is unknown (64), or a file cannot be written.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let file = recordings::read(&self.file)?;
+        let extension = self.format.extension();
+        let mut tables = self.tables(&file)?;
+        if !self.topics.is_empty() {
+            self.check_topics(&tables)?;
+            tables.retain(|name, _| self.topics.contains(name));
+        }
+        let directory = self.directory();
+        std::fs::create_dir_all(&directory).map_err(|error| {
+            Failure::new(Exit::System, format!("{}: {error}", directory.display()))
+        })?;
+        for (name, table) in &tables {
+            let path = directory.join(format!("{}.{extension}", name.replace('/', "-")));
+            recordings::write(&path, table)?;
+            print(&path.display().to_string())?;
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// Every table of the format.
+    fn tables(&self, file: &RecordingFile) -> Result<Tables, Failure> {
+        match self.format {
+            ExportFormat::Tum => {
+                let mut export = TumExport::default();
+                play(file, &mut export).map_err(failure)?;
+                Ok(export.tables)
+            }
+            ExportFormat::Csv => {
+                let mut export = CsvExport::default();
+                play(file, &mut export).map_err(failure)?;
+                let mut ticks = Vec::new();
+                csv::write(&flight(file).map_err(failure)?, &mut ticks)
+                    .map_err(|error| Failure::new(Exit::Internal, error.to_string()))?;
+                let ticks = String::from_utf8_lossy(&ticks).into_owned();
+                export.tables.insert("ticks".to_owned(), ticks);
+                Ok(export.tables)
+            }
+        }
+    }
+
+    fn check_topics(&self, tables: &Tables) -> Result<(), Failure> {
+        let Some(unknown) = self.topics.iter().find(|name| !tables.contains_key(*name)) else {
+            return Ok(());
+        };
+        let known: Vec<&str> = tables.keys().map(String::as_str).collect();
+        let message = format!("the recording has no `{unknown}`; it has {}", known.join(", "));
+        Err(Failure::new(Exit::Usage, message))
+    }
+
+    fn directory(&self) -> PathBuf {
+        let named = || {
+            let stem = self.file.with_extension("");
+            PathBuf::from(format!("{}-{}", stem.display(), self.format.extension()))
+        };
+        self.out.clone().unwrap_or_else(named)
+    }
+}

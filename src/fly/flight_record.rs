@@ -1,0 +1,49 @@
+//! The recording of a flight, `flight.mcap`.
+
+use oqtal_lab::mission::Mission;
+use oqtal_observe::recording::{McapRecorder, RecordingPlan, RecordingResult};
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
+
+use super::directory::FlightDirectory;
+use crate::provenance::PROVENANCE;
+
+/// Begins the recording of a flight in place of an older one in the same directory.
+///
+/// # Errors
+/// The file cannot be created.
+pub fn begin(mission: &Mission, directory: &FlightDirectory) -> Result<McapRecorder, Failure> {
+    let path = directory.recording();
+    let failed = |error: std::io::Error| {
+        let message = format!("{}: {error}; give another directory with --out", path.display());
+        Failure::new(Exit::System, message)
+    };
+    match std::fs::remove_file(&path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(failed(error)),
+        _ => {}
+    }
+    McapRecorder::create(&RecordingPlan {
+        path: path.clone(),
+        config: &mission.config,
+        provenance: PROVENANCE,
+        rotates: false,
+        complain: |message| say(&format!("oqtal: {message}; the flight goes on")),
+    })
+    .map_err(failed)
+}
+
+/// Checks that a recording is complete.
+///
+/// # Errors
+/// The recording ended early, or messages are missing.
+pub fn check(recording: Option<&RecordingResult>) -> Result<(), Failure> {
+    let Some(RecordingResult { failure, dropped, .. }) = recording else { return Ok(()) };
+    if let Some(failure) = failure {
+        return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
+    }
+    if *dropped > 0 {
+        let message = format!("{dropped} messages were not recorded: the disk is too slow");
+        return Err(Failure::new(Exit::System, message));
+    }
+    Ok(())
+}

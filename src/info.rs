@@ -1,0 +1,33 @@
+//! `oqtal info FILE`: what a recording holds.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use oqtal_observe::recording::RecordingOverview;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+
+use crate::recordings;
+
+/// Arguments of `oqtal info`.
+#[derive(Args, Debug)]
+pub struct InfoArgs {
+    /// The recording
+    file: PathBuf,
+    /// Print the overview as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl InfoArgs {
+    /// Prints version, machine, configuration hash and topics of the recording.
+    ///
+    /// # Errors
+    /// The file is no recording (exit code 65).
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let overview = RecordingOverview::of(&recordings::read(&self.file)?);
+        let json = || serde_json::to_string_pretty(&overview).expect("an overview is plain JSON");
+        print(&if self.json { json() } else { overview.to_text() })?;
+        Ok(Exit::Ok)
+    }
+}

@@ -1,0 +1,7 @@
+//! The build of this program.
+
+use oqtal_observe::recording::Provenance;
+
+/// Version and revision of this build.
+pub const PROVENANCE: Provenance =
+    Provenance { version: env!("CARGO_PKG_VERSION"), revision: env!("OQTAL_BUILD_REVISION") };

@@ -1,0 +1,194 @@
+//! `oqtal record`: records a running instance until it is interrupted.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::Args;
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::message::{ControlRequestV1, HealthV1, TelemetryV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
+use oqtal_config::Config;
+use oqtal_observe::kernel::ThreadScheduling;
+use oqtal_observe::observer::BusObserver;
+use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
+use oqtal_observe::sink::{ObservedTopic, Reception, Sink, Tee};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_runtime::program::{print, say};
+use oqtal_runtime::stop::StopFlag;
+
+use crate::provenance::PROVENANCE;
+
+/// Period of polling: the resolution of the times of reception.
+const POLL_PERIOD: Duration = Duration::from_millis(10);
+/// Time within which a running daemon answers.
+const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
+/// Highest number of a file `recordings/INSTANCE-N.mcap`.
+const MAX_NUMBER: u32 = 100_000;
+
+/// Arguments of `oqtal record`.
+#[derive(Args, Debug)]
+pub struct RecordArgs {
+    /// The recording; further files, after the size or duration of [record], have a number before .mcap
+    /// [default: recordings/INSTANCE-N.mcap]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Fail if no daemon runs, instead of waiting for one
+    #[arg(long)]
+    attach: bool,
+    /// End after this time [s]
+    #[arg(long, value_name = "S")]
+    seconds: Option<f64>,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl RecordArgs {
+    /// Records until it is interrupted, and prints what was recorded.
+    ///
+    /// # Errors
+    /// No daemon runs (with `--attach`, exit code 75), a file cannot be written (71), or the bus refuses.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let stop = StopFlag::default();
+        let flag = stop.clone();
+        ctrlc::set_handler(move || flag.set())
+            .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
+        let place = instance_paths(&config)?;
+        let bus = Bus::open(&place)?;
+        if self.attach {
+            require_daemon(&bus, &config.instance.name)?;
+        }
+        let observer = BusObserver::open(&bus, &McapRecorder::topics())?;
+        let recorder = self.begin(&config)?;
+        let result = self.record(&config, (observer, recorder), &stop)?;
+        conclude(&result)
+    }
+
+    /// Creates the first file.
+    fn begin(&self, config: &Config) -> Result<McapRecorder, Failure> {
+        let path = match &self.out {
+            Some(path) => path.clone(),
+            None => next_free(&config.instance.name)?,
+        };
+        say(&format!("oqtal: recording into {}; Ctrl-C ends", path.display()));
+        let complain = |message: &str| say(&format!("oqtal: {message}"));
+        let plan = RecordingPlan {
+            path: path.clone(),
+            config,
+            provenance: PROVENANCE,
+            rotates: true,
+            complain,
+        };
+        McapRecorder::create(&plan).map_err(|error| failed(&path, &error))
+    }
+
+    fn record(
+        &self,
+        config: &Config,
+        parts: (BusObserver<Bus>, McapRecorder),
+        stop: &StopFlag,
+    ) -> Result<RecordingResult, Failure> {
+        let (mut observer, mut recorder) = parts;
+        let mut daemon = DaemonFacts::default();
+        let end = self.seconds.map(|seconds| Time::now() + Span::from_seconds(seconds));
+        while !stop.is_set() && !recorder.has_failed() {
+            std::thread::sleep(POLL_PERIOD);
+            let now = Time::now();
+            recorder.note_clock(now);
+            observer.poll(now, &mut Tee(&mut recorder, &mut daemon))?;
+            daemon.tell(config, &mut recorder);
+            if end.is_some_and(|end| now >= end) {
+                break;
+            }
+        }
+        Ok(recorder.finish())
+    }
+}
+
+/// What is told once of each daemon.
+#[derive(Debug, Default)]
+struct DaemonFacts {
+    pid: Option<u64>,
+    config_hash: Option<u64>,
+    told_pid: Option<u64>,
+    told_hash: Option<u64>,
+}
+
+impl DaemonFacts {
+    /// Records what a new daemon was granted, and says if it runs with another configuration.
+    fn tell(&mut self, config: &Config, recorder: &mut McapRecorder) {
+        if self.pid != self.told_pid {
+            self.told_pid = self.pid;
+            if let Some(granted) = self.pid.and_then(ThreadScheduling::of) {
+                recorder.facts(Facts::of_grants(&granted));
+            }
+        }
+        if self.config_hash != self.told_hash {
+            self.told_hash = self.config_hash;
+            if self.config_hash.is_some_and(|hash| hash != config.hash()) {
+                say(
+                    "oqtal: the daemon runs with another configuration than is recorded: give its --config and flags, or a replay differs",
+                );
+            }
+        }
+    }
+}
+
+impl Sink for DaemonFacts {
+    fn telemetry(&mut self, reception: &Reception, _: &TelemetryV1) {
+        self.pid = Some(u64::from(reception.header.origin().process()));
+    }
+
+    fn health(&mut self, _: &Reception, role: Role, health: &HealthV1) {
+        if role == Role::Daemon {
+            self.config_hash = Some(health.config_hash);
+        }
+    }
+
+    /// The recorder records losses.
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+}
+
+/// Fails if no daemon answers.
+fn require_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
+    let status = ControlRequestV1::of(OperatorCommand::Status);
+    if bus.control_client()?.ask(status, ANSWER_TIMEOUT)?.is_some() {
+        return Ok(());
+    }
+    let message = format!(
+        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`, or record without --attach"
+    );
+    Err(Failure::new(Exit::Peer, message))
+}
+
+/// Prints what was recorded.
+fn conclude(result: &RecordingResult) -> Result<Exit, Failure> {
+    let RecordingResult { files, messages, bytes, dropped, failure } = result;
+    let names: Vec<String> = files.iter().map(|path| path.display().to_string()).collect();
+    print(&format!("{messages} messages, {:.1} MB: {}", *bytes as f64 * 1e-6, names.join(", ")))?;
+    if let Some(failure) = failure {
+        return Err(Failure::new(Exit::System, format!("{failure}; free the disk, or give --out")));
+    }
+    if *dropped > 0 {
+        let message = format!("{dropped} messages were not recorded: the disk is too slow");
+        return Err(Failure::new(Exit::System, message));
+    }
+    Ok(Exit::Ok)
+}
+
+/// The first `recordings/INSTANCE-N.mcap` that does not exist.
+fn next_free(instance: &str) -> Result<PathBuf, Failure> {
+    let directory = Path::new("recordings");
+    std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))?;
+    let paths = (1..MAX_NUMBER).map(|number| directory.join(format!("{instance}-{number}.mcap")));
+    paths.into_iter().find(|path| !path.exists()).ok_or_else(|| {
+        Failure::new(Exit::System, "recordings/ has no free number; give --out FILE")
+    })
+}
+
+fn failed(path: &Path, error: &std::io::Error) -> Failure {
+    let message = format!("{}: {error}; give another file with --out", path.display());
+    Failure::new(Exit::System, message)
+}

@@ -1,0 +1,41 @@
+//! Reading of recordings for the commands that use them.
+
+use std::path::Path;
+
+use oqtal_observe::recording::{RecordingError, RecordingFile};
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::say;
+
+/// Reads the recording at `path`, and says if it was cut off.
+///
+/// # Errors
+/// The file cannot be read or is no recording (exit code 65), or is one of another version (76).
+pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
+    let file = RecordingFile::read(path).map_err(failure)?;
+    if let Some(reason) = &file.cut_off {
+        let messages = file.messages.len();
+        say(&format!(
+            "oqtal: {} is cut off ({reason}): {messages} messages were read",
+            path.display()
+        ));
+    }
+    Ok(file)
+}
+
+/// The failure of a command for an error of a recording.
+pub fn failure(error: RecordingError) -> Failure {
+    let exit = match error {
+        RecordingError::Io { .. } | RecordingError::Foreign { .. } => Exit::Data,
+        RecordingError::Version { .. } => Exit::Version,
+    };
+    Failure::new(exit, error.to_string())
+}
+
+/// Writes a file of results.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Failure> {
+    std::fs::write(path, content)
+        .map_err(|error| Failure::new(Exit::System, format!("{}: {error}", path.display())))
+}

@@ -1,0 +1,246 @@
+//! `oqtal replay FILE`: a recording through the daemon once more.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use oqtal_bus::message::CommandV1;
+use oqtal_config::{Config, Setting};
+use oqtal_control::trajectory::{Trajectory, Waypoints};
+use oqtal_lab::replay::{ReplayResult, ReplayedTick, replay};
+use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, WAYPOINTS_FILE, play};
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+use serde::Serialize;
+
+use crate::recordings::{self, failure};
+
+/// Differences that are listed at most.
+const LISTED: usize = 10;
+
+/// Arguments of `oqtal replay`.
+#[derive(Args, Debug)]
+pub struct ReplayArgs {
+    /// The recording
+    file: PathBuf,
+    /// Replay with another attitude law (open loop)
+    #[arg(long, value_name = "NAME")]
+    controller: Option<String>,
+    /// Replay with another value of the configuration (open loop); may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    settings: Vec<String>,
+    /// Write recorded and replayed commands, a row for each tick
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// Print the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// The result of a replay, as it is printed.
+#[derive(Debug, Serialize)]
+struct ReplayReport {
+    daemons: usize,
+    turns: u64,
+    requests: u64,
+    ticks: usize,
+    identical: usize,
+    /// Ticks that were recorded and not replayed, or the other way round \[-\].
+    unmatched: usize,
+    /// Messages that the recording lacks \[-\].
+    missing: u64,
+    /// Whether settings were changed, so that the replay shows what the daemon would have commanded.
+    open_loop: bool,
+    deadline_misses: u64,
+    /// Greatest difference of a number of the commands \[unit of the number\].
+    greatest_difference: f64,
+    /// Number, time since the first tick \[s\], and words of the first differences.
+    differences: Vec<String>,
+}
+
+impl ReplayArgs {
+    /// Replays every daemon of the recording and prints how the commands compare.
+    ///
+    /// # Errors
+    /// The file is no recording, is incomplete, or a setting is wrong.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let file = recordings::read(&self.file)?;
+        let config = self.config(&file)?;
+        let mut histories = InputHistory::default();
+        play(&file, &mut histories).map_err(failure)?;
+        let histories = histories.finish();
+        self.check(&histories)?;
+        let trajectory = trajectory(&config, &file)?;
+        let mut results = Vec::new();
+        for history in &histories {
+            results.push(replay(&config, &trajectory, history)?);
+        }
+        if let Some(path) = &self.out {
+            recordings::write(path, csv(&results))?;
+        }
+        let report = ReplayReport::new(&results, self.is_open_loop());
+        print(&if self.json { report.to_json() } else { report.to_text() })?;
+        let is_identical = results.iter().all(ReplayResult::is_identical);
+        Ok(if is_identical || report.open_loop { Exit::Ok } else { Exit::Flight })
+    }
+
+    fn is_open_loop(&self) -> bool {
+        self.controller.is_some() || !self.settings.is_empty()
+    }
+
+    /// The configuration of the recording under the flags.
+    fn config(&self, file: &RecordingFile) -> Result<Config, Failure> {
+        let mut settings = Vec::new();
+        for text in &self.settings {
+            settings.push(Setting::parse("--set", text)?);
+        }
+        if let Some(name) = &self.controller {
+            settings.push(Setting::flag("--controller", "control.controller", name.clone()));
+        }
+        let name = format!("{} (config.toml)", self.file.display());
+        Ok(Config::parse(&name, &file.config_text().map_err(failure)?, &settings)?)
+    }
+
+    /// Fails unless every daemon was recorded from its start without a gap.
+    fn check(&self, histories: &[DaemonHistory]) -> Result<(), Failure> {
+        let reason = match histories.iter().find(|history| !history.is_complete()) {
+            None if histories.is_empty() => "has no input of a daemon".to_owned(),
+            None => return Ok(()),
+            Some(history) if history.missing > 0 => {
+                format!("lacks {} records of what the daemon took in", history.missing)
+            }
+            Some(_) => "begins after the start of its daemon".to_owned(),
+        };
+        let path = self.file.display();
+        let remedy = "a replay needs everything from the daemon's start: start `oqtal record` first, or use `oqtal fly`";
+        Err(Failure::new(Exit::Data, format!("{path} {reason}; {remedy}")))
+    }
+}
+
+/// The trajectory of the configuration; waypoints are those that were recorded.
+fn trajectory(config: &Config, file: &RecordingFile) -> Result<Trajectory, Failure> {
+    let Some(bytes) = file.attachments.get(WAYPOINTS_FILE) else {
+        return oqtal_daemon::trajectory(config);
+    };
+    let bad = |reason: String| {
+        Failure::new(Exit::Data, format!("{} ({WAYPOINTS_FILE}): {reason}", file.path.display()))
+    };
+    let text = String::from_utf8_lossy(bytes);
+    let waypoints = Waypoints::parse(&text).map_err(|error| bad(error.to_string()))?;
+    let trajectory = config.trajectory.trajectory(Some(waypoints));
+    trajectory.ok_or_else(|| bad("no trajectory".to_owned()))
+}
+
+/// The numbers of a command, in the order of [`NAMES`].
+fn numbers(command: &CommandV1) -> [f64; 11] {
+    let CommandV1 { sticks: s, torque: t, attitude: q, thrust, .. } = *command;
+    [s[0], s[1], s[2], t[0], t[1], t[2], q[0], q[1], q[2], q[3], thrust]
+}
+
+/// Names of the numbers of a command.
+const NAMES: [&str; 11] = [
+    "stick_roll",
+    "stick_pitch",
+    "stick_yaw",
+    "torque_x_nm",
+    "torque_y_nm",
+    "torque_z_nm",
+    "attitude_x",
+    "attitude_y",
+    "attitude_z",
+    "attitude_w",
+    "thrust",
+];
+
+/// A row for each tick: time, then every number as recorded and as replayed.
+fn csv(results: &[ReplayResult]) -> String {
+    let pair = |name: &&str| format!(",{name},replayed_{name}");
+    let mut text = format!("t_s{}\n", NAMES.iter().map(pair).collect::<String>());
+    let mut ticks = results.iter().flat_map(|result| &result.ticks).peekable();
+    let origin = ticks.peek().map(|tick| tick.time).unwrap_or_default();
+    for tick in ticks {
+        let _ = write!(text, "{}", tick.time.since(origin).seconds());
+        for (recorded, replayed) in numbers(&tick.recorded).iter().zip(numbers(&tick.command)) {
+            let _ = write!(text, ",{recorded},{replayed}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+impl ReplayReport {
+    fn new(results: &[ReplayResult], open_loop: bool) -> Self {
+        let ticks: Vec<&ReplayedTick> = results.iter().flat_map(|result| &result.ticks).collect();
+        let origin = ticks.first().map(|tick| tick.time).unwrap_or_default();
+        let differing = ticks.iter().filter(|tick| !tick.is_identical);
+        let unmatched = results.iter().flat_map(|result| &result.unmatched);
+        let unmatched_text = unmatched.clone().map(|time| {
+            let at_s = time.since(origin).seconds();
+            format!("t = {at_s:.4} s: a tick was made in the recording or in the replay alone")
+        });
+        let differences = differing.clone().map(|tick| difference(tick, origin));
+        let distance = |tick: &&ReplayedTick| {
+            let pairs = numbers(&tick.recorded).into_iter().zip(numbers(&tick.command));
+            pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+        };
+        let misses = |result: &ReplayResult| {
+            result.ticks.last().map_or(0, |tick| tick.telemetry.deadline_misses)
+        };
+        Self {
+            daemons: results.len(),
+            turns: results.iter().map(|result| result.turns).sum(),
+            requests: results.iter().map(|result| result.requests).sum(),
+            ticks: ticks.len(),
+            identical: ticks.len() - differing.count(),
+            unmatched: unmatched.count(),
+            missing: results.iter().map(|result| result.missing).sum(),
+            open_loop,
+            deadline_misses: results.iter().map(misses).sum(),
+            greatest_difference: ticks.iter().map(distance).fold(0.0, f64::max),
+            differences: differences.chain(unmatched_text).take(LISTED).collect(),
+        }
+    }
+
+    fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("a report holds only what JSON can say")
+    }
+
+    fn to_text(&self) -> String {
+        let Self { daemons, turns, requests, ticks, identical, deadline_misses, .. } = self;
+        let mut text = format!(
+            "daemon started {daemons} x: {turns} turns, {ticks} ticks, {requests} requests, deadlines missed {deadline_misses}\n\
+             {identical} of {ticks} commands identical to the last bit"
+        );
+        if self.open_loop {
+            text += &format!(
+                "\nopen loop: the poses are those of the flight as it was flown; greatest difference of a command {:.4}",
+                self.greatest_difference
+            );
+        }
+        if self.missing > 0 {
+            text += &format!(
+                "\n{} messages that the daemon took are not in the recording",
+                self.missing
+            );
+        }
+        for line in self.differences.iter().filter(|_| !self.open_loop) {
+            text += &format!("\n{line}");
+        }
+        text
+    }
+}
+
+/// The first number that differs in a tick, in words.
+fn difference(tick: &ReplayedTick, origin: oqtal_bus::time::Time) -> String {
+    let (number, at_s) = (tick.telemetry.tick, tick.time.since(origin).seconds());
+    let mut pairs =
+        NAMES.iter().zip(numbers(&tick.recorded).into_iter().zip(numbers(&tick.command)));
+    let found = pairs.find(|(_, (a, b))| a.to_bits() != b.to_bits());
+    let what = match found {
+        Some((name, (recorded, replayed))) => {
+            format!("{name} {recorded} recorded, {replayed} replayed")
+        }
+        None => "stamps or telemetry differ".to_owned(),
+    };
+    format!("tick {number}, t = {at_s:.4} s: {what}")
+}

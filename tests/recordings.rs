@@ -1,0 +1,251 @@
+//! Recordings: what a flight leaves is complete, read by others, gives the report again, and replays bit for bit.
+
+mod common;
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use common::{Running, Testbed, number, stderr, wait_for};
+use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, play};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// A hover of one second, in lockstep unless told otherwise.
+const HOVER: [&str; 6] =
+    ["--trajectory", "hover", "--duration", "1", "--set", "trajectory.settle-s=0.5"];
+
+/// Runs `oqtal` with `words` in the testbed's directory, which must succeed; returns its standard output.
+fn succeeds(testbed: &Testbed, words: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
+        .args(words)
+        .current_dir(testbed.path(""))
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{words:?}: {}", stderr(&output));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Runs `oqtal` with `words`, which must fail with this code; returns the message.
+fn fails(testbed: &Testbed, words: &[&str], code: i32) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
+        .args(words)
+        .current_dir(testbed.path(""))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(code), "{words:?}: {}", stderr(&output));
+    stderr(&output)
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// Replays the recording, which must come out bit for bit; returns the result.
+fn replays(testbed: &Testbed, file: &str) -> Value {
+    let result = json(&succeeds(testbed, &["replay", file, "--json"]));
+    assert!(number(&result, "/ticks") > 60.0, "{result}");
+    assert_eq!(result["identical"], result["ticks"], "{result}");
+    assert_eq!((&result["unmatched"], &result["missing"]), (&Value::from(0), &Value::from(0)));
+    result
+}
+
+#[test]
+fn a_recording_gives_the_report_again_and_replays_bit_for_bit() {
+    for (clock, flights) in
+        [("lockstep", "processes"), ("in-process", "all"), ("real", "processes")]
+    {
+        let testbed = Testbed::new("again");
+        let setting = format!("record.flights={flights}");
+        let words = [&HOVER[..], &["--clock", clock, "--set", &setting, "--out", "d"]].concat();
+        let summary = testbed.summary(&words);
+        let again = succeeds(&testbed, &["report", "d/flight.mcap", "--json"]);
+        assert_eq!(json(&again), summary, "{clock}");
+        let page = |name: &str| std::fs::read_to_string(testbed.path("d").join(name)).unwrap();
+        assert!(page("flight.html") == page("report.html"), "{clock}: the pages differ");
+        succeeds(&testbed, &["export", "d/flight.mcap", "--format", "csv"]);
+        assert!(page("flight-csv/ticks.csv") == page("telemetry.csv"), "{clock}: tables differ");
+        replays(&testbed, "d/flight.mcap");
+    }
+}
+
+#[test]
+fn a_flight_with_dropouts_outliers_and_a_landing_on_request_replays_bit_for_bit() {
+    let testbed = Testbed::new("rough");
+    let words = [
+        &HOVER[..],
+        &["--clock", "lockstep", "--out", "d", "--controller", "oqtal-dt"],
+        &["--set", "mocap.dropout-probability=0.1", "--set", "mocap.outlier-probability=0.05"],
+    ]
+    .concat();
+    let output = testbed.fly(&words);
+    assert!(testbed.path("d/flight.mcap").exists(), "{}", stderr(&output));
+    replays(&testbed, "d/flight.mcap");
+}
+
+#[test]
+fn another_setting_is_replayed_open_loop_and_says_what_it_would_have_done() {
+    let testbed = Testbed::new("open");
+    testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
+    let file = "d/flight.mcap";
+    let text = succeeds(&testbed, &["replay", file, "--controller", "geometric", "--out", "c.csv"]);
+    assert!(text.contains("open loop"), "{text}");
+    let result = json(&succeeds(&testbed, &["replay", file, "--controller", "pid", "--json"]));
+    assert!(number(&result, "/greatest_difference") > 0.0, "{result}");
+    let rows = std::fs::read_to_string(testbed.path("c.csv")).unwrap();
+    assert_eq!(rows.lines().count() as f64, number(&result, "/ticks") + 1.0);
+    let message = fails(&testbed, &["replay", file, "--set", "control.controller=magic"], 78);
+    assert!(message.contains("magic"), "{message}");
+}
+
+#[test]
+fn two_recordings_are_compared_and_shown() {
+    let testbed = Testbed::new("two");
+    for seed in ["1", "2"] {
+        let out = format!("d{seed}");
+        let words = ["--clock", "lockstep", "--out", &out, "--seed", seed];
+        testbed.summary(&[&HOVER[..], &words].concat());
+    }
+    let text = succeeds(&testbed, &["compare", "d1/flight.mcap", "d2/flight.mcap"]);
+    assert!(text.contains("clock.seed") && text.contains("position [m], mean"), "{text}");
+    assert!(testbed.path("compare.html").exists());
+    let info = json(&succeeds(&testbed, &["info", "d1/flight.mcap", "--json"]));
+    assert_eq!(info["is_complete"], true);
+    assert_eq!(info["facts"]["oqtal.recording"]["version"], env!("CARGO_PKG_VERSION"));
+    succeeds(&testbed, &["export", "d1/flight.mcap", "--format", "tum", "--topics", "truth"]);
+    let line = std::fs::read_to_string(testbed.path("d1/flight-tum/truth.tum")).unwrap();
+    assert_eq!(line.lines().next().unwrap().split(' ').count(), 8);
+}
+
+/// Reads a file of another implementation, if `OQTAL_PEERS_PYTHON` names an interpreter with `tests/peers/requirements.txt`.
+#[test]
+fn another_implementation_reads_every_message() {
+    let Some(python) = std::env::var_os("OQTAL_PEERS_PYTHON") else { return };
+    let testbed = Testbed::new("peer");
+    testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
+    let path = testbed.path("d/flight.mcap");
+    let output = Command::new(python).arg("tests/peers/mcap_reader.py").arg(&path).output();
+    let output = output.expect("the interpreter of OQTAL_PEERS_PYTHON");
+    assert!(output.status.success(), "{}", stderr(&output));
+    let read = json(&String::from_utf8(output.stdout).unwrap());
+    let ours = json(&succeeds(&testbed, &["info", "d/flight.mcap", "--json"]));
+    let counts = ours["topics"].as_object().unwrap().iter();
+    let counts = counts.filter(|(_, topic)| topic["messages"] != 0);
+    for (topic, overview) in counts {
+        assert_eq!(read["messages"][topic], overview["messages"], "{topic}");
+        assert_eq!(read["indexed"][topic], overview["messages"], "{topic}");
+        assert_eq!(read["schemas"][topic], overview["schema"], "{topic}");
+    }
+    assert_eq!(
+        (&read["ordered"], &read["last_tick"]),
+        (&true.into(), &read["messages"]["telemetry"])
+    );
+}
+
+/// The history of the only daemon of a recording.
+fn history(path: &Path) -> DaemonHistory {
+    let mut history = InputHistory::default();
+    play(&RecordingFile::read(path).unwrap(), &mut history).unwrap();
+    let mut histories = history.finish();
+    assert_eq!(histories.len(), 1);
+    histories.remove(0)
+}
+
+/// `OQTAL_RECORDING_KILLS` sets the number of kills.
+#[test]
+fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
+    let kills = std::env::var("OQTAL_RECORDING_KILLS").ok().and_then(|text| text.parse().ok());
+    for kill in 0..kills.unwrap_or(2_u64) {
+        let testbed = Testbed::new("killed");
+        let flying = testbed.start(&["fly", "--clock", "lockstep", "--out", "d"]);
+        let path = testbed.path("d/flight.mcap");
+        // At sizes that differ from kill to kill, and from the sizes of chunks.
+        let size = 150_000 + kill * 217_131;
+        let is_there =
+            || std::fs::metadata(&path).is_ok_and(|file| file.len() > size).then_some(());
+        wait_for("a recording of some size", is_there);
+        flying.signal(Signal::KILL);
+        flying.wait();
+        let file = RecordingFile::read(&path).unwrap();
+        assert!(file.cut_off.is_some() && file.messages.len() > 100);
+        let history = history(&path);
+        assert!(history.is_complete(), "{} records are missing", history.missing);
+        replays(&testbed, "d/flight.mcap");
+    }
+}
+
+#[test]
+fn a_file_that_cannot_grow_is_said_and_the_flight_lands() {
+    let testbed = Testbed::new("full");
+    let words = [&["fly"], &HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat();
+    let command = testbed.oqtal(&words);
+    let arguments: Vec<_> = command.get_args().collect();
+    // A limit on the size of files acts as a full disk; the signal that comes with it is ignored.
+    let script = "trap '' XFSZ; ulimit -f 800; exec \"$0\" \"$@\"";
+    let output = Command::new("bash")
+        .args(["-c", script, env!("CARGO_BIN_EXE_oqtal")])
+        .args(arguments)
+        .current_dir(testbed.path(""))
+        .output()
+        .unwrap();
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(71), "{message}");
+    assert!(message.contains("flight.mcap") && message.contains("the flight goes on"), "{message}");
+    assert!(String::from_utf8_lossy(&output.stdout).starts_with("landed"));
+    assert!(RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap().cut_off.is_some());
+}
+
+#[test]
+fn a_service_is_recorded_over_several_files_without_a_gap() {
+    let testbed = Testbed::new("files");
+    let setting = ["--set", "record.file-min=0.01"];
+    let words = [&["record", "--out", "r.mcap"], &setting[..]].concat();
+    let recording = testbed.start(&words);
+    wait_for("the first file", || testbed.path("r.mcap").exists().then_some(()));
+    let common = ["--set", "safety.arm-at-start=true"];
+    let services: Vec<Running> = ["daemon", "plant-sim", "mocap-emu"]
+        .iter()
+        .map(|process| testbed.start(&[&[process, "run"], &common[..]].concat()))
+        .collect();
+    wait_for("the third file", || testbed.path("r.3.mcap").exists().then_some(()));
+    recording.signal(Signal::INT);
+    let output = recording.wait();
+    assert!(output.status.success(), "{}", stderr(&output));
+    drop(services);
+    let mut history = InputHistory::default();
+    for name in ["r.mcap", "r.2.mcap", "r.3.mcap"] {
+        play(&RecordingFile::read(&testbed.path(name)).unwrap(), &mut history).unwrap();
+    }
+    let histories = history.finish();
+    assert_eq!(histories.len(), 1);
+    assert!(histories[0].is_complete() && histories[0].turns.len() > 60);
+}
+
+#[test]
+fn what_is_no_recording_is_refused_with_the_reason() {
+    let testbed = Testbed::new("none");
+    testbed.write("text.mcap", "t,x,y,z\n");
+    testbed.write("empty.mcap", "");
+    for command in ["info", "report", "replay"] {
+        let message = fails(&testbed, &[command, "nowhere.mcap"], 65);
+        assert!(message.contains("nowhere.mcap: No such file"), "{message}");
+        for name in ["text.mcap", "empty.mcap"] {
+            let message = fails(&testbed, &[command, name], 65);
+            assert!(message.contains(name) && message.contains("no recording"), "{message}");
+        }
+    }
+    testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
+    let bytes = std::fs::read(testbed.path("d/flight.mcap")).unwrap();
+    std::fs::write(testbed.path("d/short.mcap"), &bytes[..60]).unwrap();
+    fails(&testbed, &["info", "d/short.mcap"], 65);
+    let (key, value) = (b"layout\x01\0\0\0".as_slice(), b"9");
+    let at = bytes.windows(key.len()).position(|window| window == key).unwrap() + key.len();
+    let mut other = bytes;
+    other[at] = value[0];
+    std::fs::write(testbed.path("d/other.mcap"), &other).unwrap();
+    let message = fails(&testbed, &["report", "d/other.mcap"], 76);
+    assert!(message.contains(env!("CARGO_PKG_VERSION")) && message.contains("layout"), "{message}");
+    let output = testbed.oqtal(&["record", "--attach"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no daemon answers on instance"));
+}
