@@ -72,8 +72,6 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let link = link_to_bodies(&context.config)?;
     let buses = open_buses(context, &link)?;
-    let CameraConnection { stream, server, .. } = connect_to_all(&link)?;
-    tracing::info!(link = link.to_string(), "{server}: connected");
     let refused = |error: std::io::Error| {
         Failure::new(Exit::System, format!("making a set of sockets failed: {error}"))
     };
@@ -91,8 +89,12 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         health: context.health.clone(),
         silence: Span::from_seconds(options.silence_ms * 1e-3),
     };
-    let turn = ReceiverTurn::open(buses.iter(), parts, stream)?;
+    let mut turn = ReceiverTurn::open(buses.iter(), parts)?;
     let heartbeats = buses.iter().map(|bus| context.heartbeat(bus)).collect::<Result<_, _>>()?;
+    // Last, since frames come from then on.
+    let CameraConnection { stream, server, .. } = connect_to_all(&link)?;
+    tracing::info!(link = link.to_string(), "{server}: connected");
+    turn.set_stream(stream, Time::now());
     let health = context.health.clone();
     with_background(
         context,

@@ -103,7 +103,6 @@ impl<T: Transport> ReceiverTurn<T> {
     pub fn open<'a>(
         buses: impl Iterator<Item = &'a T>,
         parts: ReceiverParts,
-        stream: Box<dyn CameraStream>,
     ) -> Result<Self, BusError>
     where
         T: 'a,
@@ -111,7 +110,7 @@ impl<T: Transport> ReceiverTurn<T> {
         let writers = buses.map(|bus| bus.writer(&POSE)).collect::<Result<Vec<_>, _>>()?;
         let ReceiverParts { receiver, sockets, handle, health, silence } = parts;
         let watch = ReceiverWatch::new(writers.len());
-        let mut turn = Self {
+        Ok(Self {
             receiver,
             watch,
             writers,
@@ -122,12 +121,11 @@ impl<T: Transport> ReceiverTurn<T> {
             silence,
             connected_at: Time::UNSET,
             next_upkeep: Time::UNSET,
-        };
-        turn.set_stream(stream, Time::now());
-        Ok(turn)
+        })
     }
 
-    fn set_stream(&mut self, stream: Box<dyn CameraStream>, now: Time) {
+    /// Receives from `stream` from now on.
+    pub fn set_stream(&mut self, stream: Box<dyn CameraStream>, now: Time) {
         self.connected_at = now;
         let added = self.sockets.add(&*stream);
         self.stream = Some(stream);
