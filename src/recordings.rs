@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use oqtal_observe::recording::{RecordingError, RecordingFile};
+use oqtal_observe::recording::{RecordingFile, RecordingFileError};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
@@ -23,10 +23,10 @@ pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
 }
 
 /// The failure of a command for an error of a recording.
-pub fn failure(error: RecordingError) -> Failure {
+pub fn failure(error: RecordingFileError) -> Failure {
     let exit = match error {
-        RecordingError::Io { .. } | RecordingError::Foreign { .. } => Exit::Data,
-        RecordingError::Version { .. } => Exit::Version,
+        RecordingFileError::Io { .. } | RecordingFileError::Foreign { .. } => Exit::Data,
+        RecordingFileError::Version { .. } => Exit::Version,
     };
     Failure::new(exit, error.to_string())
 }

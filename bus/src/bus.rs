@@ -15,7 +15,7 @@ use crate::transport::Transport;
 use crate::wake::{EventPorts, Listener};
 
 /// Shared memory that the ports of one process take at most \[KiB\], rounded up; the daemon takes most.
-const NEEDED_KIB: u64 = 6 * 1024;
+const NEEDED_KIB: u64 = 7 * 1024;
 
 /// Access of a process (or a thread) to one instance. Ports stay with the thread that opened them; the instance is left when the
 /// bus and its ports are dropped, and the last to leave removes its files.

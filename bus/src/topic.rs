@@ -26,9 +26,9 @@ const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 
 /// As [`STREAM`], but a command from before the reader came never acts.
 const COMMANDS: Quality = Quality { history: 0, ..STREAM };
 /// Samples for recorders alone.
-const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 4 };
-/// A state of which the newest sample says everything.
-const STATE: Quality = Quality { history: 1, buffer: 1, readers: 8 };
+const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER / 4, readers: 4 };
+/// A state of which the newest sample says everything; observers miss none.
+const STATE: Quality = Quality { history: 1, buffer: 16, readers: 8 };
 /// A question or an answer between two processes.
 const EXCHANGE: Quality = Quality { history: 1, buffer: 1, readers: 1 };
 

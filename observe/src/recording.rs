@@ -43,7 +43,7 @@ pub use cdr::{decode, encode};
 pub use closing::ClosingFacts;
 pub use export::{CsvExport, Tables, TumExport};
 pub use facts::{Facts, Provenance, WAYPOINTS_FILE};
-pub use file::{RecordedChannel, RecordedMessage, RecordingError, RecordingFile};
+pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
 pub use history::{DaemonHistory, InputHistory, RecordedTurn};
 pub use overview::{RecordingOverview, TopicOverview};
 pub use playback::{flight, play};

@@ -12,7 +12,7 @@ use super::facts::{CONFIG_FILE, LAYOUT, RECORDING};
 
 /// Error of a recording; the message names the file and what is wrong.
 #[derive(Debug, thiserror::Error)]
-pub enum RecordingError {
+pub enum RecordingFileError {
     /// The file cannot be read.
     #[error("{path}: {error}")]
     Io {
@@ -59,7 +59,7 @@ pub struct RecordedChannel {
 /// A message of a recording, encoded.
 #[derive(Clone, Debug)]
 pub struct RecordedMessage {
-    /// Number of its channel.
+    /// Number of its channel \[-\].
     pub channel: u16,
     /// When it was received \[ns since the epoch\].
     pub log_time: u64,
@@ -80,7 +80,7 @@ pub struct RecordingFile {
     pub facts: BTreeMap<String, BTreeMap<String, String>>,
     /// Attached files by name.
     pub attachments: BTreeMap<String, Vec<u8>>,
-    /// Channels by number.
+    /// Channels by number \[-\].
     pub channels: BTreeMap<u16, RecordedChannel>,
     /// Messages in the order of the file.
     pub messages: Vec<RecordedMessage>,
@@ -93,9 +93,9 @@ impl RecordingFile {
     ///
     /// # Errors
     /// The file cannot be read, or is no recording.
-    pub fn read(path: &Path) -> Result<Self, RecordingError> {
+    pub fn read(path: &Path) -> Result<Self, RecordingFileError> {
         let bytes = std::fs::read(path)
-            .map_err(|error| RecordingError::Io { path: path.to_path_buf(), error })?;
+            .map_err(|error| RecordingFileError::Io { path: path.to_path_buf(), error })?;
         Self::parse(path, &bytes)
     }
 
@@ -103,8 +103,8 @@ impl RecordingFile {
     ///
     /// # Errors
     /// The content is no recording.
-    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, RecordingError> {
-        let foreign = |reason: &str| RecordingError::Foreign {
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, RecordingFileError> {
+        let foreign = |reason: &str| RecordingFileError::Foreign {
             path: path.to_path_buf(),
             reason: reason.to_owned(),
         };
@@ -189,11 +189,12 @@ impl RecordingFile {
     ///
     /// # Errors
     /// The recording has none.
-    pub fn config_text(&self) -> Result<String, RecordingError> {
-        let bytes = self.attachments.get(CONFIG_FILE).ok_or_else(|| RecordingError::Foreign {
-            path: self.path.clone(),
-            reason: format!("it has no attachment `{CONFIG_FILE}`"),
-        })?;
+    pub fn config_text(&self) -> Result<String, RecordingFileError> {
+        let bytes =
+            self.attachments.get(CONFIG_FILE).ok_or_else(|| RecordingFileError::Foreign {
+                path: self.path.clone(),
+                reason: format!("it has no attachment `{CONFIG_FILE}`"),
+            })?;
         Ok(String::from_utf8_lossy(bytes).into_owned())
     }
 
@@ -205,9 +206,9 @@ impl RecordingFile {
 
     /// The error of a recording whose `what` differs from this version's.
     #[must_use]
-    pub fn other_version(&self, what: &str) -> RecordingError {
+    pub fn other_version(&self, what: &str) -> RecordingFileError {
         let fact = |name| self.fact(RECORDING, name).unwrap_or("unknown").to_owned();
-        RecordingError::Version {
+        RecordingFileError::Version {
             path: self.path.clone(),
             version: fact("version"),
             revision: fact("revision"),

@@ -7,7 +7,7 @@ use oqtal_config::Config;
 use super::cdr;
 use super::channel::{Channel, schema_id};
 use super::closing::ClosingFacts;
-use super::file::{RecordedMessage, RecordingError, RecordingFile};
+use super::file::{RecordedMessage, RecordingFile, RecordingFileError};
 use crate::flight::{Flight, Outcome};
 use crate::recorder::Recorder;
 use crate::sink::{ObservedTopic, Reception, Sink};
@@ -16,7 +16,7 @@ use crate::sink::{ObservedTopic, Reception, Sink};
 ///
 /// # Errors
 /// The recording has other message definitions or no valid configuration.
-pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingError> {
+pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let config = config(file)?;
     let mut recorder = Recorder::new(&config);
     play(file, &mut recorder)?;
@@ -26,7 +26,7 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingError> {
 }
 
 /// The effective configuration of a recording.
-fn config(file: &RecordingFile) -> Result<Config, RecordingError> {
+fn config(file: &RecordingFile) -> Result<Config, RecordingFileError> {
     let name = format!("{} (config.toml)", file.path.display());
     Config::parse(&name, &file.config_text()?, &[])
         .map_err(|error| file.other_version(&format!("configuration ({error})")))
@@ -36,7 +36,7 @@ fn config(file: &RecordingFile) -> Result<Config, RecordingError> {
 ///
 /// # Errors
 /// A topic was recorded with another message definition.
-pub fn play(file: &RecordingFile, sink: &mut impl Sink) -> Result<(), RecordingError> {
+pub fn play(file: &RecordingFile, sink: &mut impl Sink) -> Result<(), RecordingFileError> {
     let topics: Vec<(String, ObservedTopic)> = Channel::all()
         .filter_map(|channel| match channel {
             Channel::Topic(topic) => Some((topic.to_string(), topic)),
@@ -62,7 +62,7 @@ struct Played<'a> {
 }
 
 impl Played<'_> {
-    fn pass(&self, topic: ObservedTopic, sink: &mut impl Sink) -> Result<(), RecordingError> {
+    fn pass(&self, topic: ObservedTopic, sink: &mut impl Sink) -> Result<(), RecordingFileError> {
         match topic {
             ObservedTopic::Truth => self.decoded().map(|(r, m)| sink.truth(&r, &m)),
             ObservedTopic::Pose => self.decoded().map(|(r, m)| sink.pose(&r, &m)),
@@ -74,7 +74,7 @@ impl Played<'_> {
         }
     }
 
-    fn decoded<M: Message>(&self) -> Result<(Reception, M), RecordingError> {
+    fn decoded<M: Message>(&self) -> Result<(Reception, M), RecordingFileError> {
         let channel = &self.file.channels[&self.message.channel];
         let agrees = channel.definition == schema_id::<M>();
         let decoded: Option<(Header, M)> =

@@ -20,9 +20,9 @@ const MESSAGE_OVERHEAD: u64 = 31;
 /// A message on its way into a file.
 #[derive(Clone, Debug)]
 pub struct McapMessage {
-    /// Number of its channel, in the order of [`Channel::all`].
+    /// Number of its channel, in the order of [`Channel::all`] \[-\].
     pub channel: u16,
-    /// Number of the message.
+    /// Number of the message among those of its channel \[-\].
     pub sequence: u32,
     /// When it was received \[ns since the epoch\].
     pub log_time: u64,
