@@ -25,9 +25,9 @@ use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
 
-use cameras::{MocapSource, PosePath};
+use cameras::{FlightPaths, MocapSource, PosePath};
 use directory::FlightDirectory;
-use processes::{BusFlight, FlightPaths};
+use processes::BusFlight;
 use progress::Interrupts;
 use vehicle::{CommandLink, VehicleChoice};
 

@@ -34,8 +34,8 @@ fn f10_a_consistent_relabel_is_never_believed_in_flight() {
 fn f10_a_body_that_appears_elsewhere_is_not_believed() {
     for offset in [0.06, 0.3, 2.0] {
         let mut flight = Flight::hovering(&[]);
-        let waited = flight
-            .until(SafetyState::Stop, |pose| Some(moved(pose, Vector3::x() * offset)));
+        let waited =
+            flight.until(SafetyState::Stop, |pose| Some(moved(pose, Vector3::x() * offset)));
         assert!(waited <= Span::from_millis(250) + FRAME.scaled(2.0), "{offset} m");
         assert_eq!(flight.cause(), Cause::Relabel, "{offset} m");
     }
@@ -51,7 +51,12 @@ fn f09_outliers_are_refused_and_every_law_flies_on() {
                 let offset = Vector3::new(angle.cos(), angle.sin(), 0.0) * distance;
                 let is_wrong = k % 5 == 0 || k % 17 == 1;
                 flight.frame(|pose| Some(if is_wrong { moved(pose, offset) } else { pose }));
-                assert_ne!(flight.state(), SafetyState::Stop, "{law} {distance} m: {}", flight.cause());
+                assert_ne!(
+                    flight.state(),
+                    SafetyState::Stop,
+                    "{law} {distance} m: {}",
+                    flight.cause()
+                );
             }
             let error = (flight.motion.position - Vector3::z()).norm();
             assert!(error < 0.1, "{law} {distance} m: {error} m off");
@@ -99,7 +104,12 @@ fn perfect_and_coarse_poses_take_off_and_hover() {
         let mut flight = Flight::new(&[set("trajectory.settle-s=60")]);
         flight.noise = 0.0;
         for k in 0..600 {
-            assert_eq!(flight.bench.cycle.telemetry().poses_refused, 0, "{quantum} m, frame {k}: {:?}", flight.motion);
+            assert_eq!(
+                flight.bench.cycle.telemetry().poses_refused,
+                0,
+                "{quantum} m, frame {k}: {:?}",
+                flight.motion
+            );
             flight.frame(|mut pose| {
                 if quantum > 0.0 {
                     pose.position = pose.position.map(|x| rounded(x, quantum));
@@ -135,8 +145,17 @@ fn f01_a_gap_is_flown_on_the_predicted_motion_by_every_law() {
 
 #[test]
 fn wind_and_a_vehicle_that_is_not_the_model_are_no_reason_to_refuse_a_pose() {
-    for (wind, lift) in [(Vector3::x() * 6.0, 1.0), (Vector3::y() * -6.0, 1.0), (Vector3::zeros(), 0.75), (Vector3::zeros(), 1.3)] {
-        let mut flight = Flight::new(&[set("fence.x-m=[-500.0, 500.0]"), set("fence.y-m=[-500.0, 500.0]"), set("trajectory.settle-s=60")]);
+    for (wind, lift) in [
+        (Vector3::x() * 6.0, 1.0),
+        (Vector3::y() * -6.0, 1.0),
+        (Vector3::zeros(), 0.75),
+        (Vector3::zeros(), 1.3),
+    ] {
+        let mut flight = Flight::new(&[
+            set("fence.x-m=[-500.0, 500.0]"),
+            set("fence.y-m=[-500.0, 500.0]"),
+            set("trajectory.settle-s=60"),
+        ]);
         flight.lift = lift;
         flight.run(240);
         flight.wind = wind;

@@ -34,7 +34,8 @@ fn f37_the_hard_border_of_the_fence_is_not_crossed_under_power() {
 
 #[test]
 fn f47_outside_the_soft_border_the_vehicle_goes_back_and_holds() {
-    let mut flight = Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("fence.soft-margin-m=1.2")]);
+    let mut flight =
+        Flight::hovering(&[set("fence.x-m=[-2.0, 2.0]"), set("fence.soft-margin-m=1.2")]);
     flight.wind = Vector3::x() * 3.5;
     until(&mut flight, SafetyState::Hold);
     assert_eq!(flight.cause(), Cause::Fence);
@@ -108,7 +109,11 @@ fn f42_a_vehicle_that_sinks_under_full_thrust_lands() {
 
 #[test]
 fn f43_a_vehicle_that_is_too_fast_lands_at_once() {
-    let mut flight = Flight::hovering(&[set("fence.x-m=[-500.0, 500.0]"), set("safety.speed-limit-m-s=2.0"), set("safety.tracking-limit-m=500.0")]);
+    let mut flight = Flight::hovering(&[
+        set("fence.x-m=[-500.0, 500.0]"),
+        set("safety.speed-limit-m-s=2.0"),
+        set("safety.tracking-limit-m=500.0"),
+    ]);
     flight.wind = Vector3::x() * 6.0;
     while flight.motion.velocity.norm() < 2.0 {
         flight.run(1);
@@ -120,7 +125,8 @@ fn f43_a_vehicle_that_is_too_fast_lands_at_once() {
 
 #[test]
 fn f44_a_vehicle_that_stays_far_from_its_reference_lands() {
-    let mut flight = Flight::hovering(&[set("fence.x-m=[-500.0, 500.0]"), set("safety.speed-limit-m-s=500.0")]);
+    let mut flight =
+        Flight::hovering(&[set("fence.x-m=[-500.0, 500.0]"), set("safety.speed-limit-m-s=500.0")]);
     flight.wind = Vector3::x() * 3.2;
     while flight.motion.position.x < 1.5 {
         flight.run(1);
@@ -230,7 +236,15 @@ fn arming_tells_every_reason_against_it_at_once() {
         simulated: 1,
         ..still(frame)
     };
-    let reasons = [O::Moving, O::Tilted, O::OffFloor, O::BatteryLow, O::EmulatedPoses, O::OutsideFence, O::Configuration];
+    let reasons = [
+        O::Moving,
+        O::Tilted,
+        O::OffFloor,
+        O::BatteryLow,
+        O::EmulatedPoses,
+        O::OutsideFence,
+        O::Configuration,
+    ];
     assert_eq!(refusal(&mut bench, held), reasons);
 }
 

@@ -161,6 +161,15 @@ impl PosePath {
     }
 }
 
+/// How commands reach the vehicle, and poses the daemon.
+#[derive(Clone, Debug, Default)]
+pub struct FlightPaths {
+    /// The path of the commands.
+    pub commands: CommandLink,
+    /// The path of the poses.
+    pub poses: PosePath,
+}
+
 /// A port of this machine that is free, with those after it that a server of any protocol opens.
 fn free_port() -> Option<u16> {
     (0..PORT_TRIES).find_map(|_| {

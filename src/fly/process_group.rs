@@ -13,9 +13,9 @@ use oqtal_receiver::connect_to_all;
 use oqtal_receiver::link::CameraLink;
 use rustix::process::Signal;
 
+use super::cameras::FlightPaths;
 use super::directory::FlightDirectory;
 use super::fault::ProcessAction;
-use super::processes::FlightPaths;
 use crate::child::{Child, command};
 
 /// Start-up time-out: a process that is not ready after this time counts as failed.

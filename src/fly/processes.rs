@@ -17,23 +17,13 @@ use oqtal_runtime::process::{Exit, Failure, instance_paths};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
 
-use super::cameras::PosePath;
+use super::cameras::FlightPaths;
 use super::directory::FlightDirectory;
 use super::flight_record;
 use super::process_group::ProcessGroup;
 use super::progress::{FlightProgress, Interrupts};
 use super::recording::FlightRecording;
-use super::vehicle::CommandLink;
 use super::watch::ProcessWatch;
-
-/// How commands reach the vehicle, and poses the daemon.
-#[derive(Clone, Debug, Default)]
-pub struct FlightPaths {
-    /// The path of the commands.
-    pub commands: CommandLink,
-    /// The path of the poses.
-    pub poses: PosePath,
-}
 
 /// A flight through processes: what is flown, by which command path, where it is written, and who may end it.
 #[derive(Debug)]

@@ -65,7 +65,10 @@ impl Flight {
 
     /// A vehicle that hovers at one metre.
     pub fn hovering(settings: &[Setting]) -> Self {
-        let mut flight = Self::new(&[settings, &[set("trajectory.settle-s=60"), set("trajectory.kind=\"hover\"")]].concat());
+        let mut flight = Self::new(
+            &[settings, &[set("trajectory.settle-s=60"), set("trajectory.kind=\"hover\"")]]
+                .concat(),
+        );
         flight.run(300);
         assert_eq!(flight.state(), SafetyState::Nominal, "{}", flight.cause());
         assert!((flight.motion.position.z - 1.0).abs() < 0.1, "{:?}", flight.motion);
@@ -161,7 +164,12 @@ impl Flight {
             self.motion = self.model.advance(&before, &input, &bias, dt);
             if self.motion.position.z <= self.floor && self.motion.velocity.z <= 0.0 {
                 let thrust_n = self.motion.thrust_n;
-                self.motion = Motion { velocity: Vector3::zeros(), rate: Vector3::zeros(), thrust_n, ..before };
+                self.motion = Motion {
+                    velocity: Vector3::zeros(),
+                    rate: Vector3::zeros(),
+                    thrust_n,
+                    ..before
+                };
                 self.motion.position.z = self.floor;
             }
             self.time = next;

@@ -57,7 +57,17 @@ impl Bench {
         let trajectory = trajectory(&config).unwrap();
         let now = Time::VIRTUAL_START;
         let cycle = Cycle::new(&config, trajectory, now).unwrap();
-        Self { cycle, frame: 0, sent: 0, now, vehicle: WELL, silent: false, latency: LATENCY, compute: Span::default(), speaker: 1 }
+        Self {
+            cycle,
+            frame: 0,
+            sent: 0,
+            now,
+            vehicle: WELL,
+            silent: false,
+            latency: LATENCY,
+            compute: Span::default(),
+            speaker: 1,
+        }
     }
 
     /// A controller that was asked to fly and has believed its first poses.
