@@ -5,7 +5,8 @@ use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle};
 use oqtal_runtime::health::Health;
 
-use crate::connect::{CameraConnection, ConnectError, connect};
+use crate::attempt::{CameraConnection, ConnectError};
+use crate::connect::connect;
 use crate::link::CameraLink;
 use crate::note::ReceiverNote;
 use crate::stream::CameraStream;

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use crate::discover::discover;
 use crate::link::CameraLink;
-use crate::probe::{Verdict, probe};
+use crate::probe::{FitnessVerdict, probe};
 use crate::process::{check, run};
 
 /// Commands of the receiver's command line.
@@ -123,7 +123,7 @@ impl ProbeArgs {
         let duration = Span::from_millis(i64::from(self.seconds) * 1000);
         let figures = probe(&link, &config.receiver, duration)?;
         print(&if self.json { json(&figures) } else { figures.to_string() })?;
-        Ok(if figures.verdict == Verdict::Unfit { Exit::Data } else { Exit::Ok })
+        Ok(if figures.verdict == FitnessVerdict::Unfit { Exit::Data } else { Exit::Ok })
     }
 }
 

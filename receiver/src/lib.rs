@@ -1,6 +1,7 @@
 //! The receiver process: poses of a real camera system, in place of the emulated one.
 #![forbid(unsafe_code)]
 
+mod attempt;
 mod background;
 pub mod clock;
 mod command;
@@ -22,12 +23,13 @@ mod turn;
 mod vrpn;
 mod watch;
 
+pub use attempt::{CameraConnection, ConnectError};
 pub use command::ReceiverCommand;
-pub use connect::{CameraConnection, ConnectError, connect, connect_to_all};
+pub use connect::{connect, connect_to_all};
 pub use discover::{FoundServer, discover};
 pub use probe::{
-    BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures, ProbeFinding, Severity,
-    Verdict, probe,
+    BodyFigures, ClockFigures, FitnessVerdict, IntervalFigures, NoiseFigures, ProbeFigures,
+    ProbeFinding, Severity, probe,
 };
 pub use process::{check, link as configured_link, run};
 pub use receiver::PoseReceiver;

@@ -9,7 +9,7 @@ use oqtal_wire::natnet::{
     NatNetClient, NatNetClientError, NatNetEvent, NatNetFrame, NatNetStage, ServerInfo,
 };
 
-use crate::connect::{Attempt, CameraConnection, ConnectError};
+use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::gate::FrameStamp;
 use crate::link::{CameraProtocol, NatnetDelivery};
 use crate::routes::{CameraBody, RouteTable};

@@ -1,9 +1,10 @@
 //! The laboratory's check of its cameras: listens to a camera system for some seconds, and says whether it is fit to fly with.
 
+mod checks;
 mod figures;
+mod finding;
 mod listener;
 mod statistics;
-mod verdict;
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::ReceiverOptions;
@@ -11,12 +12,14 @@ use oqtal_runtime::process::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use crate::connect::{CameraConnection, connect};
+use crate::attempt::CameraConnection;
+use crate::connect::connect;
 use crate::link::CameraLink;
+use crate::routes::CameraBody;
 use listener::ProbeListener;
 
 pub use figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures};
-pub use verdict::{ProbeFinding, Severity, Verdict};
+pub use finding::{FitnessVerdict, ProbeFinding, Severity};
 
 /// Longest wait for a frame, after which the end is checked \[ns\].
 const WAIT_NS: i64 = 20_000_000;
@@ -46,9 +49,26 @@ pub fn probe(
     let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();
     let mut figures = listener.figures(duration);
     figures.server = server;
-    figures.name_bodies(&wanted, &present, &bodies);
-    figures.judge();
+    name_bodies(&mut figures, (&wanted, &present), &bodies);
+    let found = checks::findings(&figures);
+    figures.findings.extend(found);
+    figures.verdict = FitnessVerdict::of(&figures.findings);
     Ok(figures)
+}
+
+/// Names the bodies. One that is wanted and not there is a finding.
+fn name_bodies(
+    figures: &mut ProbeFigures,
+    (wanted, present): (&[String], &[bool]),
+    there: &[CameraBody],
+) {
+    for ((body, name), present) in figures.bodies.iter_mut().zip(wanted).zip(present) {
+        body.name.clone_from(name);
+        if !present {
+            let names: Vec<&str> = there.iter().map(|body| body.name.as_str()).collect();
+            figures.findings.push(ProbeFinding::missing(name, &names));
+        }
+    }
 }
 
 /// Waits until a socket of the stream is readable, at most [`WAIT_NS`].

@@ -14,8 +14,9 @@ use oqtal_runtime::process::{Exit, Failure, ProcessContext, instance_paths};
 use oqtal_runtime::process_loop;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
+use crate::attempt::CameraConnection;
 use crate::background::Connector;
-use crate::connect::{CameraConnection, connect_to_all};
+use crate::connect::connect_to_all;
 use crate::link::CameraLink;
 use crate::receiver::PoseReceiver;
 use crate::turn::{ReceiverParts, ReceiverTurn, SocketSet};

@@ -12,7 +12,7 @@ use oqtal_wire::qtm::{
     StreamTarget,
 };
 
-use crate::connect::{Attempt, CameraConnection, ConnectError};
+use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::gate::FrameStamp;
 use crate::link::{CameraProtocol, QTM_VERSIONS};
 use crate::routes::{CameraBody, RouteTable};

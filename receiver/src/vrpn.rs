@@ -7,7 +7,7 @@ use std::os::fd::{AsFd, BorrowedFd};
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::vrpn::{TrackerPose, VrpnClient, VrpnEvent, VrpnVersion};
 
-use crate::connect::{Attempt, CameraConnection, ConnectError};
+use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::gate::FrameStamp;
 use crate::routes::{CameraBody, RouteTable};
 use crate::socket::{lost, read_some, write_all};

@@ -4,9 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::verdict::{ProbeFinding, Verdict, findings};
+use super::finding::{FitnessVerdict, ProbeFinding};
 use crate::gate::FrameCounts;
-use crate::routes::CameraBody;
 
 /// Figures of a probe, the document of `--json`.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -30,7 +29,7 @@ pub struct ProbeFigures {
     /// The bodies.
     pub bodies: Vec<BodyFigures>,
     /// Whether the camera system is fit to fly with.
-    pub verdict: Verdict,
+    pub verdict: FitnessVerdict,
     /// What stands against it.
     pub findings: Vec<ProbeFinding>,
     /// All frames, by what became of them.
@@ -89,31 +88,6 @@ pub struct BodyFigures {
     pub id: i64,
     /// Share of its frames in which the cameras saw it \[0..1\].
     pub tracked: f64,
-}
-
-impl ProbeFigures {
-    /// Names the bodies. One that is wanted and not there is named and never tracked.
-    pub(super) fn name_bodies(
-        &mut self,
-        wanted: &[String],
-        present: &[bool],
-        there: &[CameraBody],
-    ) {
-        for ((body, name), present) in self.bodies.iter_mut().zip(wanted).zip(present) {
-            body.name.clone_from(name);
-            if !present {
-                let names: Vec<&str> = there.iter().map(|body| body.name.as_str()).collect();
-                self.findings.push(ProbeFinding::missing(name, &names));
-            }
-        }
-    }
-
-    /// Judges the figures.
-    pub(super) fn judge(&mut self) {
-        let found = findings(self);
-        self.findings.extend(found);
-        self.verdict = Verdict::of(&self.findings);
-    }
 }
 
 impl fmt::Display for ProbeFigures {

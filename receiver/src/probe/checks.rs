@@ -1,92 +1,14 @@
-//! Whether a camera system is fit to fly with at 60 Hz: findings, each with its remedy.
-
-use std::fmt;
-
-use serde::Serialize;
+//! The checks of a camera system: what speaks against flying with it at 60 Hz.
 
 use super::figures::ProbeFigures;
+use super::finding::{ProbeFinding, Severity};
 use crate::clock::MAX_DRIFT;
 
-/// Severity of a finding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Severity {
-    /// Flights are possible, less well than they could be.
-    Advice,
-    /// No flight.
-    Problem,
-}
-
-/// A finding: what was found, and what to do.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct ProbeFinding {
-    /// Name of the check.
-    pub name: &'static str,
-    /// Severity.
-    pub severity: Severity,
-    /// Fact found.
-    pub found: String,
-    /// What to do.
-    pub remedy: &'static str,
-}
-
-/// Verdict on a camera system.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Verdict {
-    /// Fit to fly with.
-    Fit,
-    /// Fit, less well than it could be.
-    Limited,
-    /// No flight.
-    #[default]
-    Unfit,
-}
-
-impl Verdict {
-    /// The verdict that these findings lead to.
-    #[must_use]
-    pub fn of(findings: &[ProbeFinding]) -> Self {
-        match findings.iter().map(|finding| finding.severity).max() {
-            None => Self::Fit,
-            Some(Severity::Advice) => Self::Limited,
-            Some(Severity::Problem) => Self::Unfit,
-        }
-    }
-}
-
-impl fmt::Display for Verdict {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Fit => "fit to fly at 60 Hz",
-            Self::Limited => "fit to fly at 60 Hz, with the limits above",
-            Self::Unfit => "not fit to fly",
-        })
-    }
-}
-
-impl fmt::Display for ProbeFinding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let severity = if self.severity == Severity::Problem { "PROBLEM" } else { "advice" };
-        write!(f, "{severity:<10} {}: {}; {}", self.name, self.found, self.remedy)
-    }
-}
-
-impl ProbeFinding {
-    /// The finding of a body that the server does not have.
-    #[must_use]
-    pub fn missing(name: &str, there: &[&str]) -> Self {
-        let found = format!("no body `{name}`; there are {}", there.join(", "));
-        let remedy = "name one of these, or define the body in the camera software";
-        Self { name: "bodies", severity: Severity::Problem, found, remedy }
-    }
-}
-
 /// A check: its name, severity and remedy, and what it finds.
-type Check = (&'static str, Severity, &'static str, fn(&ProbeFigures) -> Option<String>);
+type ProbeCheck = (&'static str, Severity, &'static str, fn(&ProbeFigures) -> Option<String>);
 
 /// The checks, in the order in which they are printed. Each is explained in docs/cameras.md.
-const CHECKS: &[Check] = &[
+const CHECKS: &[ProbeCheck] = &[
     (
         "frames",
         Severity::Problem,
@@ -191,7 +113,7 @@ const CHECKS: &[Check] = &[
 ];
 
 /// What stands against flying with these figures.
-pub(super) fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
+pub fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
     let found = CHECKS.iter().filter_map(|(name, severity, remedy, check)| {
         let found = check(figures)?;
         Some(ProbeFinding { name, severity: *severity, found, remedy })
@@ -219,6 +141,7 @@ mod tests {
     use super::super::figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures};
     use super::*;
     use crate::gate::FrameCounts;
+    use crate::probe::FitnessVerdict;
 
     fn good() -> ProbeFigures {
         ProbeFigures {
@@ -240,7 +163,7 @@ mod tests {
     fn a_good_system_is_fit_and_each_fault_is_found() {
         use Severity::{Advice, Problem};
         assert_eq!(names(&good()), []);
-        assert_eq!(Verdict::of(&[]), Verdict::Fit);
+        assert_eq!(FitnessVerdict::of(&[]), FitnessVerdict::Fit);
         assert_eq!(names(&ProbeFigures { rate_hz: 30.0, ..good() }), [("rate", Problem)]);
         assert_eq!(names(&ProbeFigures { rate_hz: 50.0, ..good() }), [("rate", Advice)]);
         assert_eq!(names(&ProbeFigures { lost: 30, ..good() }), [("lost frames", Advice)]);
@@ -262,6 +185,6 @@ mod tests {
     fn silence_is_a_problem() {
         let silent = ProbeFigures { counts: FrameCounts::default(), rate_hz: 0.0, ..good() };
         assert_eq!(names(&silent), [("frames", Severity::Problem)]);
-        assert_eq!(Verdict::of(&findings(&silent)), Verdict::Unfit);
+        assert_eq!(FitnessVerdict::of(&findings(&silent)), FitnessVerdict::Unfit);
     }
 }

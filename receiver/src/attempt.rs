@@ -1,0 +1,186 @@
+//! An attempt to connect: what every protocol needs for it, and what it leads to.
+
+use std::io;
+use std::net::{SocketAddr, TcpStream};
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_runtime::process::{Exit, Failure};
+
+use crate::link::CameraLink;
+use crate::routes::{CameraBody, RouteTable};
+use crate::stream::CameraStream;
+
+/// Time within which a server must have answered all that is asked of it.
+pub const CONNECT_TIMEOUT: Span = Span::from_millis(2500);
+
+/// An open connection, and what the server said of itself.
+#[derive(Debug)]
+pub struct CameraConnection {
+    /// The stream of frames.
+    pub stream: Box<dyn CameraStream>,
+    /// The server in its own words: program and version.
+    pub server: String,
+    /// The bodies that it knows.
+    pub bodies: Vec<CameraBody>,
+    /// Wanted bodies in the order of their routes; all if none was wanted.
+    pub wanted: Vec<String>,
+}
+
+/// Failure to open a connection.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ConnectError {
+    /// The name of the host has no address.
+    #[error(
+        "no address for the host `{host}`: {reason}; check the name in `receiver.link`, or write the address"
+    )]
+    Host {
+        /// The name.
+        host: String,
+        /// Message of the resolver.
+        reason: String,
+    },
+    /// Nothing accepts connections there.
+    #[error(
+        "no {kind} server at {address}: {reason}; is it started, is its {kind} output switched on, is the port right, does a firewall allow it?"
+    )]
+    NoServer {
+        /// Protocol.
+        kind: &'static str,
+        /// Address and port.
+        address: String,
+        /// Message of the operating system.
+        reason: String,
+    },
+    /// What is there does not speak the protocol.
+    #[error("{address} does not speak {kind}: {reason}; check the port in `receiver.link`")]
+    NotSpoken {
+        /// Protocol.
+        kind: &'static str,
+        /// Address and port.
+        address: String,
+        /// What was received instead.
+        reason: String,
+    },
+    /// The server speaks another version.
+    #[error("{address}: {reason}; update the camera software, or name a version that it speaks")]
+    Version {
+        /// Address and port.
+        address: String,
+        /// Versions.
+        reason: String,
+    },
+    /// The server measures nothing.
+    #[error("the server at {address} measures nothing; start its real-time measurement")]
+    Idle {
+        /// Address and port.
+        address: String,
+    },
+    /// A wanted body is not among those of the server.
+    #[error("no body `{name}` at {address}; {known}")]
+    NoBody {
+        /// The wanted name.
+        name: String,
+        /// Address and port.
+        address: String,
+        /// The bodies that are there, in words.
+        known: String,
+    },
+    /// A port of this machine is taken.
+    #[error(
+        "port {port} of this machine is used by another process: {reason}; stop that one first"
+    )]
+    PortInUse {
+        /// The port \[-\].
+        port: u16,
+        /// Message of the operating system.
+        reason: String,
+    },
+    /// The operating system does not permit it.
+    #[error("no permission for {what}: {reason}; run as a user who may use the network")]
+    Permission {
+        /// What was refused.
+        what: String,
+        /// Message of the operating system.
+        reason: String,
+    },
+}
+
+impl From<ConnectError> for Failure {
+    fn from(error: ConnectError) -> Self {
+        let exit = match error {
+            ConnectError::Host { .. }
+            | ConnectError::NoServer { .. }
+            | ConnectError::Idle { .. } => Exit::System,
+            ConnectError::NotSpoken { .. } | ConnectError::NoBody { .. } => Exit::Config,
+            ConnectError::Version { .. } => Exit::Version,
+            ConnectError::PortInUse { .. } => Exit::Peer,
+            ConnectError::Permission { .. } => Exit::Permission,
+        };
+        Self::new(exit, error.to_string())
+    }
+}
+
+/// An attempt to connect: to whom, and until when.
+#[derive(Clone, Debug)]
+pub struct Attempt {
+    /// The link.
+    pub link: CameraLink,
+    /// Address of the server.
+    pub address: SocketAddr,
+    /// End of the attempt.
+    pub deadline: Time,
+}
+
+impl Attempt {
+    /// Time that is left; at least a millisecond, since zero means "for ever" to a socket.
+    #[must_use]
+    pub fn left(&self) -> std::time::Duration {
+        self.deadline.since(Time::now()).max(Span::from_millis(1)).to_duration()
+    }
+
+    /// Whether the time is over.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        Time::now() >= self.deadline
+    }
+
+    /// Routes of the wanted bodies.
+    #[must_use]
+    pub fn routes(&self) -> RouteTable {
+        RouteTable::new(self.link.bodies.iter().map(|body| body.name.clone()).collect())
+    }
+
+    /// The failure of a call of the operating system.
+    #[must_use]
+    pub fn refused(&self, error: &io::Error) -> ConnectError {
+        let (kind, address) = (self.link.protocol.name(), self.address.to_string());
+        let reason = match error.kind() {
+            io::ErrorKind::PermissionDenied => {
+                return ConnectError::Permission { what: address, reason: error.to_string() };
+            }
+            io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => "no answer".to_owned(),
+            _ => error.to_string(),
+        };
+        ConnectError::NoServer { kind, address, reason }
+    }
+
+    /// The failure of a server that speaks otherwise.
+    #[must_use]
+    pub fn not_spoken(&self, reason: impl ToString) -> ConnectError {
+        let (kind, address) = (self.link.protocol.name(), self.address.to_string());
+        ConnectError::NotSpoken { kind, address, reason: reason.to_string() }
+    }
+
+    /// Opens a connection without delay of small packets.
+    ///
+    /// # Errors
+    /// Nobody accepts it.
+    pub fn tcp(&self) -> Result<TcpStream, ConnectError> {
+        let stream = TcpStream::connect_timeout(&self.address, self.left());
+        let stream = stream.map_err(|error| self.refused(&error))?;
+        let ready =
+            stream.set_nodelay(true).and_then(|()| stream.set_read_timeout(Some(self.left())));
+        ready.map_err(|error| self.refused(&error))?;
+        Ok(stream)
+    }
+}
