@@ -4,10 +4,11 @@ use std::path::Path;
 use std::process::Command;
 
 fn main() {
-    println!("cargo::rerun-if-env-changed=OQTAL_BUILD_REVISION");
-    let given = std::env::var("OQTAL_BUILD_REVISION").ok();
+    println!("cargo::rerun-if-env-changed=REVISION_OF_OQTAL");
+    let given = std::env::var("REVISION_OF_OQTAL").ok();
+    // Cargo hands this variable to what it runs, too: a name with OQTAL_ in front would be taken for a setting.
     let revision = given.or_else(described).unwrap_or_else(|| "unknown".to_owned());
-    println!("cargo::rustc-env=OQTAL_BUILD_REVISION={revision}");
+    println!("cargo::rustc-env=REVISION_OF_OQTAL={revision}");
     // The log of the checked-out revision grows with every commit and checkout.
     if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"])
         && Path::new(&log).exists()

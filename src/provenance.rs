@@ -4,4 +4,4 @@ use oqtal_observe::recording::Provenance;
 
 /// Version and revision of this build.
 pub const PROVENANCE: Provenance =
-    Provenance { version: env!("CARGO_PKG_VERSION"), revision: env!("OQTAL_BUILD_REVISION") };
+    Provenance { version: env!("CARGO_PKG_VERSION"), revision: env!("REVISION_OF_OQTAL") };

@@ -151,10 +151,10 @@ fn history(path: &Path) -> DaemonHistory {
     histories.remove(0)
 }
 
-/// `OQTAL_RECORDING_KILLS` sets the number of kills.
+/// `RECORDING_KILLS` sets the number of kills.
 #[test]
 fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
-    let kills = std::env::var("OQTAL_RECORDING_KILLS").ok().and_then(|text| text.parse().ok());
+    let kills = std::env::var("RECORDING_KILLS").ok().and_then(|text| text.parse().ok());
     for kill in 0..kills.unwrap_or(2_u64) {
         let testbed = Testbed::new("killed");
         let flying = testbed.start(&["fly", "--clock", "lockstep", "--out", "d"]);
