@@ -160,7 +160,7 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
         let flying = testbed.start(&["fly", "--clock", "lockstep", "--out", "d"]);
         let path = testbed.path("d/flight.mcap");
         // At sizes that differ from kill to kill, and from the sizes of chunks.
-        let size = 150_000 + kill * 217_131;
+        let size = 600_000 + kill * 217_131;
         let is_there =
             || std::fs::metadata(&path).is_ok_and(|file| file.len() > size).then_some(());
         wait_for("a recording of some size", is_there);
@@ -177,7 +177,9 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
 #[test]
 fn a_file_that_cannot_grow_is_said_and_the_flight_lands() {
     let testbed = Testbed::new("full");
-    let words = [&["fly"], &HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat();
+    // In one process: no shared memory meets the limit.
+    let recorded = ["--clock", "in-process", "--set", "record.flights=all", "--out", "d"];
+    let words = [&["fly"], &HOVER[..], &recorded[..]].concat();
     let command = testbed.oqtal(&words);
     let arguments: Vec<_> = command.get_args().collect();
     // A limit on the size of files acts as a full disk; the signal that comes with it is ignored.
