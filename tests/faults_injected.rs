@@ -263,3 +263,42 @@ fn faults_that_a_flight_cannot_have_are_refused() {
         assert!(stderr(&output).contains(reason), "{words:?} {}", stderr(&output));
     }
 }
+
+#[test]
+fn f37_wind_does_not_carry_the_vehicle_over_the_fence_under_power() {
+    let line = "--clock lockstep --set plant.force-n=[2,0,0] --set fence.x-m=[-1.5,1.5]";
+    let flown = fly(&HOVER, line);
+    assert!(flown.is_stopped_for("fence").passed("Hold"), "{}", flown.summary);
+}
+
+#[test]
+fn f38_a_tilted_vehicle_is_stopped() {
+    let line = "--clock lockstep --set plant.force-n=[1,0,0] --set safety.tilt-limit-deg=5";
+    fly(&HOVER, line).is_stopped_for("tipped");
+}
+
+#[test]
+fn f40_a_vehicle_that_cannot_lift_off_is_stopped() {
+    let flown = fly(&HOVER, "--clock lockstep --set plant.force-n=[0,0,-4]");
+    flown.is_stopped_for("thrust does not lift");
+}
+
+#[test]
+fn f43_a_vehicle_that_is_too_fast_lands() {
+    let flown = fly(&HOVER, "--clock lockstep --set safety.speed-limit-m-s=0.5");
+    assert!(flown.lands().by("too fast").passed("Land"), "{}", flown.summary);
+}
+
+#[test]
+fn f44_a_vehicle_that_wind_carries_away_lands() {
+    let flown = fly(&HOVER, "--clock lockstep --set plant.force-n=[2,0,0]");
+    assert!(flown.by("far from its reference").passed("Land"), "{}", flown.summary);
+}
+
+#[test]
+fn f45_an_empty_battery_ends_the_flight() {
+    let line =
+        "--clock lockstep --set safety.battery-low-v=12.45 --set safety.battery-empty-v=12.4";
+    let flown = fly(&HOVER, line);
+    assert!(flown.lands().by("battery low").passed("Land"), "{}", flown.summary);
+}

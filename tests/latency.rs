@@ -168,12 +168,12 @@ fn a_killed_measurement_leaves_no_orphans() {
     let pid = running.id();
     let started =
         wait_for("its processes", || Some(children(pid)).filter(|children| children.len() == 8));
+    let instance = instance_of(&testbed, pid);
     running.signal(Signal::KILL);
     for child in started {
         wait_for("an orphan to end", || (!is_alive(child)).then_some(()));
     }
     // A killed process does not clean up; the next process that joins does.
-    let instance = instance_of(&testbed, pid);
     for name in [&instance, &format!("b-{pid}")] {
         drop(Bus::open(&paths_of(&testbed, name)).unwrap());
     }

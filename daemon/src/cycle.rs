@@ -2,6 +2,7 @@
 //! same object runs behind the bus and in a flight in one process.
 
 mod at_start;
+mod blank;
 mod mode;
 mod operator;
 mod report;
@@ -184,7 +185,7 @@ impl Cycle {
             mission: None,
             requests: Requests { at_start, ..Requests::default() },
             memory: Memory::starting_at(now),
-            telemetry: report::without_pose(),
+            telemetry: blank::without_pose(),
             trajectory,
         })
     }

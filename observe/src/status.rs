@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::sink::{ObservedTopic, Reception, Sink};
 
 /// The processes of an instance. Either the plant or the bridge runs, or both; either emulated cameras or a receiver.
-const PROCESSES: [Role; 5] = [Role::Plant, Role::Mocap, Role::Receiver, Role::Daemon, Role::Bridge];
+const PROCESSES: [Role; 5] = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge, Role::Receiver];
 
 /// Collects what the processes of one instance publish about themselves.
 #[derive(Debug)]

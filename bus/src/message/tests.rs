@@ -23,6 +23,7 @@ const UNITS: [&str; 16] = [
     "m/s, world",
     "body to world",
     "rad/s, body",
+    "rad, body",
     "N m, body",
     "-1..1, body",
     "rad, world",
@@ -85,7 +86,7 @@ const PROBE: ProbeV1 =
 
 #[test]
 fn a_schema_covers_the_header_and_the_stamps_before_the_body() {
-    let stamps = "oqtal.Stamps.v1;captured_at:Time:ns;pose_published_at:Time:ns;woken_at:Time:ns;computed_at:Time:ns;\
+    let stamps = "oqtal.Stamps.v1;captured_at:Time:ns;pose_received_at:Time:ns;pose_published_at:Time:ns;woken_at:Time:ns;computed_at:Time:ns;\
                   command_published_at:Time:ns;received_at:Time:ns;applied_at:Time:ns";
     let header = "oqtal.Header.v1;sequence:u64:-;pose_sequence:u64:-;schema:u64:-;source:u64:-";
     let body = "oqtal.Probe.v1;number:u8:code;vector:[f64; 3]:m, world;time:Time:ns";

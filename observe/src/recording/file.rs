@@ -137,7 +137,7 @@ impl RecordingFile {
         let mut schemas = BTreeMap::new();
         // The reader ends a cut-off file without an error where a record ends.
         let mut is_complete = false;
-        for record in ChunkFlattener::new_with_options(bytes, options)? {
+        for record in ChunkFlattener::new_with_options(sound_prefix(bytes), options)? {
             match record {
                 Ok(Record::Schema { header, .. }) => drop(schemas.insert(header.id, header.name)),
                 Ok(Record::Footer(_)) => is_complete = true,
@@ -215,4 +215,45 @@ impl RecordingFile {
             what: what.to_owned(),
         }
     }
+}
+
+/// The file up to the first chunk whose records do not end where the chunk ends: the reader takes for granted that they do.
+fn sound_prefix(bytes: &[u8]) -> &[u8] {
+    let mut rest = bytes.get(mcap::MAGIC.len()..).unwrap_or_default();
+    while let Some((opcode, body, next)) = first_record(rest) {
+        if opcode == mcap::records::op::CHUNK && chunk_records(body).is_none_or(|r| !is_filled(r)) {
+            return &bytes[..bytes.len() - rest.len()];
+        }
+        rest = next;
+    }
+    bytes
+}
+
+/// Whether `records` is records and nothing else.
+fn is_filled(mut records: &[u8]) -> bool {
+    while let Some((_, _, next)) = first_record(records) {
+        records = next;
+    }
+    records.is_empty()
+}
+
+/// Opcode and body of the first record, and what follows it.
+fn first_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (opcode, rest) = bytes.split_first()?;
+    let (body, next) = prefixed(rest)?;
+    Some((*opcode, body, next))
+}
+
+/// The records in the body of a chunk, after times, size and checksum, and the name of a compression, which we do not use.
+fn chunk_records(body: &[u8]) -> Option<&[u8]> {
+    let after_checksum = body.get(8 + 8 + 8 + 4..)?;
+    let (name_length, rest) = after_checksum.split_first_chunk::<4>()?;
+    let rest = rest.get(usize::try_from(u32::from_le_bytes(*name_length)).ok()?..)?;
+    prefixed(rest).map(|(records, _)| records)
+}
+
+/// Bytes behind their length, and what follows them.
+fn prefixed(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = bytes.split_first_chunk::<8>()?;
+    rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)
 }
