@@ -32,7 +32,8 @@ impl FenceOptions {
         let ranges = [("x-m", &self.x_m), ("y-m", &self.y_m), ("z-m", &self.z_m)];
         for (key, [from, to]) in ranges {
             // A comparison with NaN is false.
-            if !(to - from > 2.0 * self.soft_margin_m) {
+            let width = to - from;
+            if width.is_nan() || width <= 2.0 * self.soft_margin_m {
                 let allowed = "a range wider than twice soft-margin-m";
                 return Err(OptionError::new(key, format_args!("[{from}, {to}]"), allowed));
             }

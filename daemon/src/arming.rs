@@ -121,6 +121,7 @@ impl ArmingCheck {
     }
 
     fn leaves_fence(&self, start: &Vector3<f64>) -> bool {
-        self.path.iter().any(|point| !(self.fence().inside_soft_m(&(start + point)) > 0.0))
+        let is_inside = |point| self.fence().inside_soft_m(&(start + point)) > 0.0;
+        !self.path.iter().all(is_inside)
     }
 }

@@ -264,9 +264,10 @@ impl BackgroundWorker for DaemonWorker {
     fn poll(&mut self) {
         let Self { requests, server, heartbeat, health, config_hash, peers, .. } = self;
         requests.take_changes();
-        let differs = |peer: &mut Peer| peer.has_other_config(*config_hash);
-        let differ = peers.iter_mut().fold(false, |any, peer| differs(peer) || any);
-        requests.note_configs_differ(differ);
+        // Every peer is asked, so that none keeps an old message.
+        let others =
+            peers.iter_mut().filter_map(|peer| peer.has_other_config(*config_hash).then_some(()));
+        requests.note_configs_differ(others.count() > 0);
         if let Some((text, ..)) = requests.last.text() {
             health.set_status(text);
         }

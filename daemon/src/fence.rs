@@ -115,7 +115,8 @@ mod tests {
     fn nowhere_is_inside_if_the_position_is_not_finite() {
         for corners in [&[][..], &[[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]] {
             let nan = Vector3::repeat(f64::NAN);
-            assert!(!(fence(corners).inside_m(&nan) > 0.0));
+            let is_inside = fence(corners).inside_m(&nan) > 0.0;
+            assert!(!is_inside);
         }
     }
 }

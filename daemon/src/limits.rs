@@ -125,14 +125,16 @@ impl FlightLimits {
         let upright = motion.attitude.to_world(&Vector3::z()).z;
         let margin = FENCE_SIGMA * flight.motion.position_sd_m();
         let inside = self.fence.inside_by_m(&motion.position, margin);
+        let (is_inside, is_upright) = (|by_m: f64| by_m > 0.0, |cosine: f64| upright >= cosine);
+        let is_within = |distance: f64, limit: f64| distance <= limit;
         // Comparisons with NaN are false: a motion that is not finite is outside and tipped.
-        conditions.leaves_fence = !(inside > 0.0);
-        conditions.in_fence_margin = !(self.fence.inside_soft_m(&motion.position) > 0.0);
-        conditions.too_fast = !(motion.velocity.norm() <= self.speed);
-        conditions.tilted = !(upright >= self.tilt_warning);
-        conditions.tipped = !(upright >= self.tilt);
+        conditions.leaves_fence = !is_inside(inside);
+        conditions.in_fence_margin = !is_inside(self.fence.inside_soft_m(&motion.position));
+        conditions.too_fast = !is_within(motion.velocity.norm(), self.speed);
+        conditions.tilted = !is_upright(self.tilt_warning);
+        conditions.tipped = !is_upright(self.tilt);
         let off = motion.position - reference.position;
-        conditions.far_off = reference.attitude.is_none() && !(off.norm() <= self.tracking);
+        conditions.far_off = reference.attitude.is_none() && !is_within(off.norm(), self.tracking);
         let sinks = off.z < -SINKS_M && motion.velocity.z < -SINKS_M_S;
         conditions.sinks = sinks && thrust_n * upright >= FULL_THRUST * self.greatest_lift;
         let is_on_floor = motion.position.z < floor_m + ON_FLOOR_M;

@@ -252,7 +252,7 @@ fn arming_tells_every_reason_against_it_at_once() {
 fn a_flight_does_not_begin_at_an_outlier_nor_where_its_path_leaves_the_fence() {
     let mut bench = Bench::new(&[]);
     let mostly = |frame: u64| {
-        let offset = if frame % 4 == 0 { 0.06 } else { 0.0 };
+        let offset = if frame.is_multiple_of(4) { 0.06 } else { 0.0 };
         PoseV1 { position: [offset, 0.0, 0.0], ..still(frame) }
     };
     bench.cycle.request(bench.now, OperatorCommand::Fly);

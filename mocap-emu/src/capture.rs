@@ -81,13 +81,11 @@ fn spread(arrivals: &[f64], rate_hz: f64) -> Vec<f64> {
             last += 1;
         }
         let step_s = period_s.min((arrivals[last] - before) / (last - k + 1) as f64);
-        for j in k..=last {
-            times[j] = arrivals[last] - (last - j) as f64 * step_s;
+        let stalled = times[k..=last].iter_mut().zip(&arrivals[k..]).enumerate();
+        for (index, (time, arrival)) in stalled {
+            let even = arrivals[last] - (last - k - index) as f64 * step_s;
+            *time = even.min(*arrival);
         }
-        times[k..=last]
-            .iter_mut()
-            .zip(&arrivals[k..])
-            .for_each(|(t, arrival)| *t = t.min(*arrival));
         k = last + 1;
     }
     times

@@ -83,9 +83,11 @@ const NUMBERS: [NumberColumns; 31] = [
     (&["nis_position", "nis_attitude"], |s| two(s.telemetry.nis[0], s.telemetry.nis[1])),
 ];
 
-/// Adjacent columns of instants, on the time axis of `t_s`: names, and instants of a tick, of which as many are used as there are
-/// names.
-const INSTANTS: (&[&str], fn(&TelemetryV1) -> [Time; 2]) =
+/// Adjacent columns of instants: names, and instants of a tick.
+type InstantColumns = (&'static [&'static str], fn(&TelemetryV1) -> [Time; 2]);
+
+/// The instants, on the time axis of `t_s`.
+const INSTANTS: InstantColumns =
     (&["pose_captured_s", "pose_published_s"], |t| [t.pose_captured_at, t.pose_published_at]);
 
 const UNKNOWN: [f64; 3] = [f64::NAN; 3];

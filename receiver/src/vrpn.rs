@@ -24,6 +24,9 @@ const PING_PERIOD: Span = Span::from_millis(1000);
 /// Sender of the server itself, no tracker.
 const CONTROL: &str = "VRPN Control";
 
+/// Takes a pose with its sender and time \[us, server clock\].
+type PoseHandler<'a> = &'a mut dyn FnMut(&RouteTable, (i32, u64), &TrackerPose);
+
 /// An open connection.
 #[derive(Debug)]
 pub struct VrpnConnection {
@@ -92,10 +95,7 @@ impl VrpnConnection {
     }
 
     /// Handles the messages that were received; `pose` takes those of poses, with sender and time \[us, server clock\].
-    fn handle(
-        &mut self,
-        pose: &mut dyn FnMut(&RouteTable, (i32, u64), &TrackerPose),
-    ) -> io::Result<()> {
+    fn handle(&mut self, pose: PoseHandler) -> io::Result<()> {
         let Self { client, routes, greeted, .. } = self;
         while let Some(event) = client.poll().map_err(lost)? {
             match event {

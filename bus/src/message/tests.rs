@@ -10,7 +10,7 @@ use super::*;
 use crate::time::Time;
 
 /// Every unit that a field may have.
-const UNITS: [&str; 16] = [
+const UNITS: [&str; 17] = [
     "-",
     "code",
     "flag",

@@ -27,7 +27,7 @@ type Process<R> = FaultyTurn<MemoryBus, R>;
 /// The process that publishes poses.
 enum PoseProcess {
     Cameras(Box<Process<PoseTurn<Ports, EmulatedCameras<MemoryBus>>>>),
-    Playback(Process<PoseTurn<Ports, Playback<MemoryBus>>>),
+    Playback(Box<Process<PoseTurn<Ports, Playback<MemoryBus>>>>),
 }
 
 /// The processes of a flight.
@@ -73,7 +73,7 @@ impl<'a> Processes<'a> {
             Role::Plant => step(&mut self.plant, now),
             Role::Mocap => match &mut self.poses {
                 PoseProcess::Cameras(turn) => step(turn.as_mut(), now),
-                PoseProcess::Playback(turn) => step(turn, now),
+                PoseProcess::Playback(turn) => step(turn.as_mut(), now),
             },
             Role::Daemon => step(&mut self.daemon, now),
             // They take no part in virtual time.
@@ -123,7 +123,7 @@ impl PoseProcess {
             Some(recording) => {
                 let source = Playback::open(bus.as_ref(), recording.clone(), Start::At(start))?;
                 let turn = PoseTurn::open(&faulty, source)?;
-                Self::Playback(faulty.turn(FaultTarget::MocapEmu, turn))
+                Self::Playback(Box::new(faulty.turn(FaultTarget::MocapEmu, turn)))
             }
             None => {
                 let cameras = Cameras::new(&config.mocap, config.clock.seed);

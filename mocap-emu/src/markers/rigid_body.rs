@@ -56,7 +56,8 @@ fn nearest_rotation(covariance: &Matrix3<f64>) -> Option<Rotation3<f64>> {
     let (u, v_t) = (svd.u?, svd.v_t?);
     let [first, second, _] = svd.singular_values.into();
     // A comparison with NaN is false.
-    if !(second > LEAST_WIDTH * first) {
+    let is_wide = second > LEAST_WIDTH * first;
+    if !is_wide {
         return None;
     }
     let sign = (u.determinant() * v_t.determinant()).signum();
