@@ -9,9 +9,9 @@ use toml::{Spanned, Table, Value};
 use crate::error::ConfigError;
 use crate::setting::{Setting, word_or_toml};
 
-/// Variables that begin with `OQTAL_` and are no settings: where tests find recordings, and an interpreter with the libraries
-/// that tests compare with.
-const OTHER_VARIABLES: [&str; 2] = ["RECORDINGS", "PEERS_PYTHON"];
+/// Variables that begin with `OQTAL_` and are no settings: where tests find recordings, an interpreter and packages with the
+/// libraries that tests compare with, and for how long.
+const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", "PEERS_SECONDS"];
 
 /// The settings of the file at `path`.
 pub(crate) fn from_file(path: &Path) -> Result<Vec<Setting>, ConfigError> {
