@@ -30,7 +30,7 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
@@ -78,10 +78,7 @@ impl LatencyArgs {
     /// With --attach no daemon is heard (exit code 75); a process could not be started or ended.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let stop = StopFlag::default();
-        let flag = stop.clone();
-        ctrlc::set_handler(move || flag.set())
-            .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
+        let stop = stop_on_signals()?;
         let figures =
             if self.attach { self.attach(&config, &stop)? } else { self.at_rest(&config, &stop)? };
         print(&if self.json { figures.to_json() } else { show::text(&figures) })?;

@@ -14,7 +14,7 @@ use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
 use oqtal_observe::sink::{ObservedTopic, Reception, Sink, Tee};
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
@@ -51,10 +51,7 @@ impl RecordArgs {
     /// No daemon runs (with `--attach`, exit code 75), a file cannot be written (71), or the bus refuses.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let stop = StopFlag::default();
-        let flag = stop.clone();
-        ctrlc::set_handler(move || flag.set())
-            .map_err(|e| Failure::new(Exit::System, format!("handling signals failed: {e}")))?;
+        let stop = stop_on_signals()?;
         let place = instance_paths(&config)?;
         let bus = Bus::open(&place)?;
         if self.attach {

@@ -1,4 +1,5 @@
-//! Limits on the cost of a daemon tick: no heap allocation, and no system calls except those that wait and wake.
+//! Limits on the cost of real-time turns: no heap allocation in a daemon tick or a camera frame, and no system calls except those
+//! that wait and wake.
 
 mod common;
 #[path = "budget/flight.rs"]
@@ -11,10 +12,12 @@ use std::process::{Command, Stdio};
 
 use common::{Running, Testbed, wait_for};
 use oqtal_bus::code::Mode;
-use oqtal_bus::message::{PoseV1, Stamps};
-use oqtal_bus::time::Span;
+use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
+use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{POSE, TELEMETRY};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
+use oqtal_config::{Config, Setting};
+use oqtal_mocap_emu::Cameras;
 use rustix::process::Signal;
 
 /// Allocator that counts the allocations of each thread.
@@ -76,6 +79,42 @@ fn no_turn_of_the_daemon_allocates_in_a_whole_flight_under_any_law() {
             assert_eq!(taken, 0, "{law}, {resolve}");
         }
     }
+}
+
+/// How often twenty seconds of the cameras allocate.
+fn allocations_of_cameras(settings: &[(&str, &str)]) -> u64 {
+    let settings = settings.iter().map(|(key, value)| Setting::flag("test", key, *value));
+    let config = Config::from_settings(&settings.collect::<Vec<_>>()).unwrap();
+    let mut cameras = Cameras::new(&config.mocap, 7);
+    let mut truth = TruthV1 {
+        time: Time::VIRTUAL_START,
+        position: [0.1, 0.2, 1.0],
+        attitude: [0.0, 0.0, 0.0, 1.0],
+        ..TruthV1::default()
+    };
+    let (taken, delivered) = allocations(|| {
+        let mut delivered = 0;
+        for _ in 0..(20.0 * config.mocap.rate_hz) as u64 {
+            truth.capture += 1;
+            truth.time = truth.time + Span::period_of(config.mocap.rate_hz);
+            cameras.capture(&truth);
+            while cameras.deliver(truth.time).is_some() {
+                delivered += 1;
+            }
+        }
+        delivered
+    });
+    assert!(delivered > 1000);
+    taken
+}
+
+#[test]
+fn no_frame_of_any_model_of_the_cameras_allocates() {
+    assert_eq!(allocations_of_cameras(&[]), 0);
+    assert_eq!(allocations_of_cameras(&[("mocap.model", "markers")]), 0);
+    assert_eq!(allocations_of_cameras(&[("mocap.preset", "room")]), 0);
+    let both = [("mocap.preset", "room"), ("mocap.model", "markers")];
+    assert_eq!(allocations_of_cameras(&both), 0);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Interface, Setting};
 use oqtal_control::predictive::{Bias, ModelInput, Motion, Rotation, VehicleModel};
 use oqtal_control::quaternion::Attitude;
+use oqtal_daemon::CommandModel;
 use oqtal_plant_sim::{Disturbance, Dynamics, State};
 use proptest::prelude::*;
 
@@ -18,14 +19,7 @@ fn config(vehicle: &str) -> Config {
 }
 
 fn model(config: &Config, rotation: Rotation) -> VehicleModel {
-    let vehicle = &config.vehicle;
-    VehicleModel {
-        rotation,
-        mass_kg: vehicle.mass_kg,
-        gravity_m_s2: vehicle.gravity_m_s2,
-        drag_per_s: vehicle.drag_per_s,
-        thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
-    }
+    VehicleModel { rotation, ..CommandModel::new(config).unwrap().model }
 }
 
 fn state(motion: &Motion) -> State {

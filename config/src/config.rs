@@ -29,6 +29,17 @@ use crate::{follow, layer, preset};
 /// The shipped file: every key with its default.
 pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
 
+/// Sections and keys in which processes of one flight may differ: ends of wires are told only to the process at that end.
+const NOT_FLOWN: [&str; 7] = [
+    "instance",
+    "clock.kind",
+    "log",
+    "mocap.serve",
+    "bridge.link",
+    "plant.wire.link",
+    "receiver.link",
+];
+
 /// The effective configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -157,21 +168,27 @@ impl Config {
     }
 
     /// Identifies the effective configuration. What says where and how it is flown does not count: the instance, the kind of
-    /// clock, the log, and the ends of wires, which only the process at that end is told.
+    /// clock, the log, and the ends of wires.
     #[must_use]
     pub fn hash(&self) -> u64 {
-        let standard = Self::default();
-        let mut flown = self.clone();
-        flown.instance = standard.instance;
-        flown.clock.kind = standard.clock.kind;
-        flown.log = standard.log;
-        flown.mocap.serve = standard.mocap.serve;
-        for link in [&mut flown.bridge.link, &mut flown.plant.wire.link, &mut flown.receiver.link] {
-            link.clear();
-        }
+        let mut flown =
+            Table::try_from(self).expect("a configuration holds only what TOML can say");
+        NOT_FLOWN.iter().for_each(|key| remove(&mut flown, key));
         let mut hasher = fnv::FnvHasher::default();
-        hasher.write(flown.to_toml().as_bytes());
+        hasher.write(flown.to_string().as_bytes());
         hasher.finish()
+    }
+}
+
+/// Removes a dotted key, if it is there.
+fn remove(table: &mut Table, key: &str) {
+    match key.split_once('.') {
+        None => drop(table.remove(key)),
+        Some((section, rest)) => {
+            if let Some(Value::Table(inner)) = table.get_mut(section) {
+                remove(inner, rest);
+            }
+        }
     }
 }
 

@@ -98,3 +98,24 @@ fn where_a_recording_is_played_the_daemon_only_observes() {
     assert!(replay.safety.observe_only);
     assert!(set(&["safety.observe-only=true"]).unwrap().safety.observe_only);
 }
+
+#[test]
+fn a_configuration_is_the_same_wherever_it_is_flown_and_at_both_ends_of_a_wire() {
+    let hash = |flags: &[&str]| set(flags).unwrap().hash();
+    for same in [
+        "instance.name=other",
+        "clock.kind=lockstep",
+        "log.level=debug",
+        "mocap.serve.protocols=qtm",
+        "bridge.link=asctec:/dev/ttyUSB0",
+        "plant.wire.link=asctec:/tmp/vehicle",
+        "receiver.link=vrpn:10.0.0.2,body=quad",
+    ] {
+        assert_eq!(hash(&[same]), hash(&[]), "{same}");
+    }
+    for other in
+        ["clock.seed=2", "vehicle.mass-kg=0.6", "mocap.rate-hz=100", "plant.wire.latency-ms=9"]
+    {
+        assert_ne!(hash(&[other]), hash(&[]), "{other}");
+    }
+}

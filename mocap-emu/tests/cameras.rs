@@ -1,21 +1,16 @@
 //! Emulated cameras: noise, latency, dropouts and outliers are as configured.
 
+mod common;
+
+use common::mocap;
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, MocapOptions, Setting};
+use oqtal_config::MocapOptions;
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::{Cameras, Delivery};
 
 const FRAMES: u64 = 4000;
-
-fn mocap(settings: &[(&str, toml::Value)]) -> MocapOptions {
-    let settings: Vec<Setting> = settings
-        .iter()
-        .map(|(key, value)| Setting::flag("test", &format!("mocap.{key}"), value.clone()))
-        .collect();
-    Config::from_settings(&settings).unwrap().mocap
-}
 
 fn truth(frame: u64) -> TruthV1 {
     TruthV1 {

@@ -1,22 +1,17 @@
 //! Poses from the markers up: triangulation, the fitted body, visibility, swapped markers.
 
+mod common;
+
+use common::mocap;
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, MocapOptions, Setting};
+use oqtal_config::MocapOptions;
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::markers::{
     MarkerCameras, MarkerFrame, PinholeCamera, Sighting, fit, triangulate,
 };
 use proptest::prelude::*;
-
-fn mocap(settings: &[(&str, toml::Value)]) -> MocapOptions {
-    let settings: Vec<Setting> = settings
-        .iter()
-        .map(|(key, value)| Setting::flag("test", &format!("mocap.{key}"), value.clone()))
-        .collect();
-    Config::from_settings(&settings).unwrap().mocap
-}
 
 fn places(mocap: &MocapOptions) -> Vec<Vector3<f64>> {
     mocap.markers.positions_m.iter().map(|place| Vector3::from(*place)).collect()

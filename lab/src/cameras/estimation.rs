@@ -10,6 +10,7 @@ use oqtal_control::predictive::{
     CommandHistory, FilterInnovation, ModelInput, MotionObserver, Rotation, VehicleModel,
 };
 use oqtal_control::quaternion::Attitude;
+use oqtal_daemon::CommandModel;
 use oqtal_mocap_emu::capture::Captures;
 use oqtal_mocap_emu::recording::{RecordedPose, Recording};
 use oqtal_observe::flight::{Flight, FlightSample};
@@ -173,14 +174,10 @@ fn take(estimator: &mut Estimator, pose: &StampedPose) -> Estimate {
 
 /// The vehicle as the controller believes it is, commanded by rates.
 fn model(config: &Config) -> VehicleModel {
-    let vehicle = &config.vehicle;
-    VehicleModel {
-        rotation: Rotation::RateLoop { lag_s: vehicle.rate_lag_ms * 1e-3 },
-        mass_kg: vehicle.mass_kg,
-        gravity_m_s2: vehicle.gravity_m_s2,
-        drag_per_s: vehicle.drag_per_s,
-        thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
-    }
+    let rotation = Rotation::RateLoop { lag_s: config.vehicle.rate_lag_ms * 1e-3 };
+    let CommandModel { model, .. } =
+        CommandModel::new(config).expect("the flight was flown with it");
+    VehicleModel { rotation, ..model }
 }
 
 fn input(config: &Config, sample: &FlightSample) -> ModelInput {
