@@ -82,8 +82,10 @@ impl MotionGate {
     /// # Errors
     /// The vehicle has no model.
     pub fn new(config: &Config) -> Result<Self, OptionError> {
+        let mut commands = CommandModel::new(config)?;
+        commands.model = commands.model.coarse();
         Ok(Self {
-            commands: CommandModel::new(config)?,
+            commands,
             history: CommandHistory::new(config.vehicle.command_delay_ms * 1e-3),
             options: config.safety.filter,
             sigma: config.safety.gate_sigma,
