@@ -1,9 +1,9 @@
-//! Membership of an instance: who is there, and who may change its files.
+//! Membership of an instance: the processes that take part in it, and the lock for changes to its files.
 //!
-//! Two locks of the kernel (`flock`), which end with the process that holds them, however it dies:
+//! It consists of two locks (`flock`). The kernel releases them when the process that holds them ends, however it ends:
 //! - the directory of the instance, exclusive, for the short time in which a process joins, opens or closes ports, or leaves.
-//!   What the holder finds half-made was made by a process that died.
-//! - the file `members` in it, shared, as long as the process takes part. Whoever can have it exclusively is alone.
+//!   Incomplete files that the holder finds are those of a process that died.
+//! - the file `members` in it, shared, as long as the process takes part. A process that gets it exclusively is the only one.
 
 use std::cell::Cell;
 use std::fs::{DirBuilder, File, OpenOptions};

@@ -50,11 +50,11 @@ impl Deref for StopWords {
     }
 }
 
-/// The operator's stop of an instance, as everybody sees it.
+/// The operator's stop of an instance: words that the process of the vehicle and the daemon share with those who raise it.
 #[derive(Clone, Debug)]
 pub struct StopSwitch(StopWords);
 
-/// Who obeys a stop.
+/// Which processes obey a stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StopReport {
     /// The process of the vehicle passes no command on to the motors.

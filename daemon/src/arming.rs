@@ -1,4 +1,4 @@
-//! What keeps a flight from beginning: every reason at once.
+//! Checks before arming. Every obstacle is reported, not only the first.
 
 use std::sync::Arc;
 

@@ -39,7 +39,7 @@ pub struct Condition {
 }
 
 impl Condition {
-    /// The condition that a tick's telemetry shows, and what became of a flight at start.
+    /// The condition in a tick's `telemetry`, with the state of the automatic flight at start-up.
     #[must_use]
     pub fn of(telemetry: &TelemetryV1, at_start: AtStart) -> Self {
         let TelemetryV1 { mode, state, cause, obstacles, command_sequence, .. } = *telemetry;

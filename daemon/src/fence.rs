@@ -30,7 +30,8 @@ impl Fence {
         self.inside_by_m(position, 0.0)
     }
 
-    /// The same to a border that lies by `margin` \[m\] further inside at the sides and at the top; the floor is at the bottom.
+    /// Distance from `position` \[m, world\] to a border that lies `margin` \[m\] further inside at the sides and at the top, but
+    /// not at the bottom \[m\]: positive inside.
     #[must_use]
     pub fn inside_by_m(&self, position: &Vector3<f64>, margin: f64) -> f64 {
         (self.below_top(position) - margin).min(position.z - self.low.z)

@@ -1,6 +1,5 @@
-//! Keeps the loop warm. Sixty times a second is seldom: between two turns the processor's caches fill with other work, and a
-//! turn that takes half a microsecond warm takes ten cold. Shortly before the next pose is expected the loop therefore runs a
-//! turn on a copy of itself and throws the result away.
+//! Cache warm-up. At 60 Hz the processor's caches go cold between ticks, and a cold tick takes many times as long as a warm one.
+//! This module executes a tick on a copy of the control cycle shortly before each expected pose and discards its result.
 
 use std::hint::black_box;
 
@@ -10,7 +9,7 @@ use oqtal_config::Config;
 
 use crate::cycle::Cycle;
 
-/// When to warm_up, and with which pose. Off without a lead.
+/// Schedule of the warm-up, and the pose that it uses. Without a lead there is no warm-up.
 #[derive(Clone, Debug)]
 pub struct CacheWarmup {
     lead: Option<Span>,
@@ -20,13 +19,13 @@ pub struct CacheWarmup {
 }
 
 impl CacheWarmup {
-    /// None at all: in virtual time nothing is gained by it.
+    /// No warm-up, as in virtual time, in which computation takes no time.
     #[must_use]
     pub fn never() -> Self {
         Self { lead: None, period: Span::ZERO, last: None, due: None }
     }
 
-    /// As a configuration asks for.
+    /// The warm-up that `config` sets by `realtime.warmup-us`.
     #[must_use]
     pub fn of(config: &Config) -> Self {
         let lead = Span::from_seconds(config.realtime.warmup_us * 1e-6);
@@ -34,7 +33,7 @@ impl CacheWarmup {
         Self { lead: (lead > Span::ZERO).then_some(lead), period, ..Self::never() }
     }
 
-    /// Expects the pose after `arrival`, which came at `now`.
+    /// Schedules the warm-up for the pose that follows `arrival`, which was received at `now`.
     pub fn expect(&mut self, now: Time, arrival: &(Header, PoseV1)) {
         if let Some(lead) = self.lead {
             self.last = Some(*arrival);
@@ -42,13 +41,13 @@ impl CacheWarmup {
         }
     }
 
-    /// The instant to wake at, if it is before `next`.
+    /// The earlier of `next` and the instant of the warm-up.
     #[must_use]
     pub fn or(&self, next: Time) -> Time {
         self.due.map_or(next, |due| due.min(next))
     }
 
-    /// Rehearses on a copy of `cycle` if it is time to; says whether it did.
+    /// Executes the warm-up on a copy of `cycle` if it is due. Returns whether it was.
     pub fn perform(&mut self, now: Time, cycle: &Cycle) -> bool {
         let (Some(lead), Some(due), Some((header, pose))) = (self.lead, self.due, self.last) else {
             return false;

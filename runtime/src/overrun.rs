@@ -1,4 +1,4 @@
-//! Overruns of a loop: turns that end too late, and the state that a row of them is.
+//! Overruns of a loop: counts turns that end too late, and detects several in a row.
 
 use oqtal_bus::time::{Span, Time};
 
