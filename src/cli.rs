@@ -23,7 +23,7 @@ use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
 use oqtal_lab::tune::TuneArgs;
 
-/// Real-time quaternion control for indoor flight laboratories
+/// Real-time attitude control for indoor flight laboratories
 ///
 /// Without a command: flies the square with the law `oqtal` through three processes in real time.
 #[derive(Parser, Debug)]
@@ -41,18 +41,18 @@ enum Command {
     Fly(Box<FlyArgs>),
     /// Compare the attitude laws over many simulated flights
     Campaign(CampaignArgs),
-    /// Repeat the experiments of the paper: its tables and figures, as printed and as computed here
+    /// Reproduce the tables and figures of the paper, beside the printed values
     Reproduce(ReproduceArgs),
     /// Tune gains on simulated flights
     Tune(TuneArgs),
-    /// Hold the emulated cameras against recordings of real ones, and estimators against both
+    /// Compare the emulated cameras with recordings of real ones, and estimators on both
     #[command(subcommand)]
     Cameras(CamerasCommand),
     /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
     /// Record a running instance
     Record(RecordArgs),
-    /// Show what a recording holds
+    /// Show the contents of a recording: version, machine, topics, rates
     Info(InfoArgs),
     /// Make the report of a flight from its recording
     Report(ReportArgs),
@@ -60,7 +60,7 @@ enum Command {
     Export(ExportArgs),
     /// Compare recorded flights: errors, latencies, settings that differ
     Compare(CompareArgs),
-    /// Run a recording through the daemon once more: bit for bit, or with other settings
+    /// Execute the daemon on the inputs of a recording: the same commands bit for bit, or other settings
     Replay(ReplayArgs),
     /// Measure the latency of each hop of the loop beside that of the bare operating system
     Latency(LatencyArgs),
@@ -71,7 +71,7 @@ enum Command {
     /// Run the controller process
     #[command(subcommand)]
     Daemon(ProcessCommand),
-    /// Run the plant process: a simulated vehicle
+    /// Run the simulator process: a simulated vehicle
     #[command(subcommand)]
     PlantSim(oqtal_plant_sim::PlantCommand),
     /// Run the motion-capture process: emulated cameras, or a recording

@@ -55,13 +55,13 @@ const LISTEN: Duration = Duration::from_millis(100);
 /// What to measure.
 #[derive(Args, Clone, Debug)]
 pub struct LatencyArgs {
-    /// Look at the running instance instead of a chain at rest, without disturbing it
+    /// Measure the running instance, without affecting it, instead of a test chain
     #[arg(long)]
     attach: bool,
     /// With --attach: measure the bare mechanisms, too
     #[arg(long, requires = "attach")]
     bare: bool,
-    /// How long under each condition [s]
+    /// Duration of the measurement under each condition [s]
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3000))]
     seconds: u32,
     /// Print one JSON document instead of tables
@@ -89,7 +89,7 @@ impl LatencyArgs {
         Span::from_millis(i64::from(self.seconds) * 1000)
     }
 
-    /// The chain at rest beside the bare mechanisms, under each condition, then our periodic wake-up against cyclictest.
+    /// The test chain beside the bare mechanisms, under each condition, then our periodic wake-up against cyclictest.
     fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
         let [regular, others @ ..] = RigCondition::ALL;
         let (rig, mut figures) = self.under(regular, config, stop)?;
@@ -112,7 +112,7 @@ impl LatencyArgs {
         Ok(figures.with_pairs(pairs))
     }
 
-    /// The chain at rest beside the bare mechanisms under `condition`; the chain has ended, its directory remains with the rig.
+    /// The test chain beside the bare mechanisms under `condition`; the chain has ended, its directory remains with the rig.
     fn under(
         &self,
         condition: RigCondition,
@@ -124,7 +124,7 @@ impl LatencyArgs {
         let mut observation = Observation::open(&bus)?;
         rig.start_chain()?;
         rig.start_bare()?;
-        say(&format!("the chain at rest {}, and bare: {} s", condition.name(), self.seconds));
+        say(&format!("measuring the test chain {} and the bare mechanisms: {} s", condition.name(), self.seconds));
         take_off(&bus, &mut observation, &mut rig)?;
         let figures = self.listen(&mut observation, Some(&mut rig), stop)?;
         rig.stop_chain();
@@ -212,7 +212,7 @@ fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(
     while !observation.monitor.is_armed() {
         rig.check()?;
         if Time::now() >= give_up {
-            return Err(Failure::new(Exit::Peer, "the chain at rest never came to fly"));
+            return Err(Failure::new(Exit::Peer, "the test chain did not begin to fly"));
         }
         asked = asked || client.ask(request, Span::from_millis(200))?.is_some();
         std::thread::sleep(Duration::from_millis(10));
@@ -224,7 +224,7 @@ fn take_off(bus: &Bus, observation: &mut Observation, rig: &mut Rig) -> Result<(
 fn nobody(instance: &str) -> Failure {
     let message = format!(
         "no daemon is heard on instance `{instance}` in real time; start one, name another with --instance, \
-         or leave --attach out to measure the chain at rest"
+         or leave --attach out to measure a test chain"
     );
     Failure::new(Exit::Peer, message)
 }

@@ -16,7 +16,7 @@ const ON_FLOOR_M: f64 = 0.05;
 const OFF_FLOOR_M: f64 = 0.3;
 /// Thrust over the weight that must lift every vehicle that may be flown \[-\].
 const LIFTING: f64 = 1.35;
-/// Share of the greatest thrust that the loops ask for from which on thrust counts as full \[-\].
+/// Fraction of maximum thrust, as commanded, above which thrust counts as full \[-\].
 const FULL_THRUST: f64 = 0.95;
 /// Distance below the reference \[m\] and speed downward \[m/s\] at which a vehicle under full thrust sinks.
 const SINKS_M: f64 = 0.2;

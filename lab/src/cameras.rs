@@ -29,7 +29,7 @@ pub enum CamerasCommand {
 pub struct StatisticsArgs {
     /// Recordings: CSV with named columns, TUM or EuRoC
     files: Vec<PathBuf>,
-    /// Time for which the emulated cameras watch a body at rest, and one in motion
+    /// Duration of the emulated recordings, one of a body at rest and one of a body in motion
     #[arg(long, value_name = "S", default_value_t = 1000.0, value_parser = seconds)]
     seconds: f64,
     #[command(flatten)]
@@ -53,7 +53,7 @@ pub struct EstimationArgs {
     settings: SettingsArgs,
 }
 
-/// What every command of `oqtal cameras` takes.
+/// Arguments of every command of `oqtal cameras`.
 #[derive(Args, Debug)]
 pub struct SettingsArgs {
     /// Preset of the cameras

@@ -64,7 +64,7 @@ pub fn read_recording(file: &str) -> Result<Recording, Failure> {
     Recording::read(Path::new(file)).map_err(|error| Failure::new(Exit::Data, error.to_string()))
 }
 
-/// What can be done with the motion capture.
+/// Commands of the motion capture's command line.
 #[derive(Subcommand, Clone, Debug)]
 pub enum MocapCommand {
     /// Run the process until SIGINT or SIGTERM
@@ -75,7 +75,7 @@ pub enum MocapCommand {
     Serve(ServeArgs),
 }
 
-/// What the motion capture can be told on its command line.
+/// Arguments of the motion capture's command line.
 #[derive(Args, Clone, Debug)]
 pub struct MocapArgs {
     /// Serve the poses over the network as well: qtm[:PORT],vrpn[:PORT],natnet[:PORT]

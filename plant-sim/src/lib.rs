@@ -26,7 +26,7 @@ pub use plant::{Plant, PlantOutput};
 pub use state::{Derivative, State};
 pub use turn::{PlantTurn, Stepping};
 
-/// What can be done with the plant.
+/// Commands of the simulator's command line.
 #[derive(Subcommand, Clone, Debug)]
 pub enum PlantCommand {
     /// Run the process until SIGINT or SIGTERM
@@ -35,10 +35,10 @@ pub enum PlantCommand {
     Check(PlantArgs),
 }
 
-/// What the plant can be told on its command line.
+/// Arguments of the simulator's command line.
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
-    /// Be flown over a wire, at asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal
+    /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal
     #[arg(long, value_name = "LINK")]
     wire: Option<String>,
     #[command(flatten)]

@@ -44,7 +44,7 @@ pub struct ReceiverArgs {
 pub struct DiscoverArgs {
     /// Hosts that are asked besides this one and those that broadcasts reach
     hosts: Vec<String>,
-    /// How long answers are waited for [s]
+    /// Time to wait for answers [s]
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=60))]
     seconds: u32,
     /// Print one JSON document
@@ -57,7 +57,7 @@ pub struct DiscoverArgs {
 pub struct ProbeArgs {
     /// Where the cameras are; without body=NAME all bodies are examined
     link: String,
-    /// How long [s]
+    /// Duration of the examination [s]
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=3600))]
     seconds: u32,
     /// Print one JSON document

@@ -11,7 +11,7 @@ pub struct CommonArgs {
     /// Configuration file (TOML); see `oqtal check`
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Which testbed on this machine: 1 to 32 of a-z, 0-9 and -
+    /// Name of the instance, 1 to 32 of a-z, 0-9 and -: only processes of one instance exchange messages
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,
     /// Directory of the instance's files

@@ -1,4 +1,4 @@
-//! Conditions under which the chain at rest is measured, one after another: what the figures are owed to.
+//! Conditions under which the test chain is measured, one after another; their differences show what the figures depend on.
 
 use oqtal_config::Config;
 

@@ -1,4 +1,4 @@
-//! The processes of a measurement: the chain at rest, and the bare mechanisms that it is measured beside.
+//! The processes of a measurement: the test chain, and the bare mechanisms that it is compared with.
 //!
 //! ```text
 //!  camera ─ pose ─▶ daemon ─ command ─▶ vehicle      the very daemon, in an instance of its own

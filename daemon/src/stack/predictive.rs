@@ -73,7 +73,7 @@ where
     fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand) {
         let command = match command {
             VehicleCommand::Disarmed => PredictiveCommand::default(),
-            // The thrust as the message carries it, a fraction of the greatest.
+            // The thrust as the message carries it, a fraction of maximum thrust.
             VehicleCommand::Armed { rotation, thrust_n, attitude } => {
                 let fraction = collective(*thrust_n, self.max_thrust_n);
                 let thrust_n = fraction * self.max_thrust_n;

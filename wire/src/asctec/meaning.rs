@@ -39,7 +39,7 @@ pub struct Sticks {
     pub pitch: f64,
     /// Yaw, about z: `delta_y` \[-1..1\] if sticks are body rates, else the yaw rate \[rad/s\].
     pub yaw: f64,
-    /// Thrust, along z: `delta_c`, a fraction of the greatest thrust \[-, 0..1\].
+    /// Thrust, along z: `delta_c`, a fraction of maximum thrust \[-, 0..1\].
     pub thrust: f64,
 }
 

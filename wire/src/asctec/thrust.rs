@@ -12,7 +12,7 @@ use super::invalid_scale::InvalidScale;
 /// Greatest number of points \[-\].
 const MAX_POINTS: usize = 256;
 
-/// Points `[delta_c, counts]`, both rising: thrust as a fraction of the greatest \[-\], and the counts that give it.
+/// Points `[delta_c, counts]`, both rising: thrust as a fraction of maximum \[-\], and the counts that give it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ThrustTable(pub Vec<[f64; 2]>);
