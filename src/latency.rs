@@ -124,7 +124,7 @@ impl LatencyArgs {
         let mut observation = Observation::open(&bus)?;
         rig.start_chain()?;
         rig.start_bare()?;
-        say(&format!("measuring the test chain {} and the bare mechanisms: {} s", condition.name(), self.seconds));
+        say(&format!("test chain {}, and bare mechanisms: {} s", condition.name(), self.seconds));
         take_off(&bus, &mut observation, &mut rig)?;
         let figures = self.listen(&mut observation, Some(&mut rig), stop)?;
         rig.stop_chain();
