@@ -48,7 +48,7 @@ pub struct Config {
     pub instance: InstanceOptions,
     /// `[clock]`: which time.
     pub clock: ClockOptions,
-    /// `[vehicle]`: what the controller believes of the vehicle.
+    /// `[vehicle]`: the controller's model of the vehicle.
     pub vehicle: VehicleOptions,
     /// `[plant]`: what the simulated vehicle and its surroundings are.
     pub plant: PlantOptions,

@@ -1,5 +1,5 @@
-//! Values that follow those of another section unless they are set: a simulated vehicle is what the controller believes until
-//! `[plant]` says otherwise.
+//! Values that follow those of another section unless they are set: the simulated vehicle equals the controller's model where
+//! `[plant]` sets nothing else.
 //!
 //! In the configuration such a key holds the name of the section that it follows: `mass-kg = "vehicle"` in `[plant]`. When a
 //! configuration is loaded the word is replaced by the value of the key that is followed.
