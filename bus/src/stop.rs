@@ -1,9 +1,10 @@
 //! The operator's stop: words in shared memory that the process of the vehicle and the daemon read in every turn.
 //!
-//! An operator raises a stop by incrementing a number. The process of the vehicle (plant or bridge) keeps the motors off while
+//! An operator raises a stop by incrementing a number. The process of the vehicle (simulator or bridge) keeps the motors off while
 //! the newest stop is not lifted, whatever the daemon does, and lifts it once the daemon has commanded "disarmed" after it and the
-//! motors are known to be off: the daemon then knows that the flight is over, and a new one needs an operator. Each confirms the number that it obeys.
-//! Reading needs no lock and no other process; a stop survives the death of whoever raised it or obeyed it.
+//! motors are known to be off: the daemon then knows that the flight is over, and a new one needs an operator. The process of the
+//! vehicle and the daemon each confirm the number that they obey. Reading needs no lock and no other process; a stop survives the
+//! end of the processes that raised it or obeyed it.
 
 use std::ops::Deref;
 use std::rc::Rc;
