@@ -181,7 +181,7 @@ impl VehicleStop {
     }
 
     /// Takes a command of the daemon: "disarmed", published since the stop in force was seen, lifts it once the motors are known
-    /// to be off, or [`UNREPORTED`] later. The last command of a daemon that ends has no stamps and counts as published since.
+    /// to be off, or 3 s later. The last command of a daemon that ends has no stamps and counts as published since.
     pub fn hear(&mut self, header: &Header, command: &CommandV1) {
         let Some(stop) = self.in_force.filter(|stop| stop.is_confirmed) else { return };
         let published_at = header.stamps.command_published_at;
