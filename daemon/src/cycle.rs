@@ -3,10 +3,12 @@
 
 mod at_start;
 mod blank;
+mod descend;
 mod mode;
 mod operator;
 mod report;
 mod safety;
+mod touchdown;
 mod watch;
 
 use nalgebra::Vector3;
@@ -32,6 +34,7 @@ use crate::supervisor::Supervisor;
 use crate::vehicle::VehicleWatch;
 
 pub use at_start::AtStart;
+use descend::BlindDescent;
 
 /// Time after the last tick at which the loop acts without a pose \[periods\].
 const DEADLINE_PERIODS: f64 = 1.5;
@@ -95,6 +98,10 @@ struct Memory {
     obstacles: ArmingObstacles,
     /// The last position inside the soft border of the fence \[m, world\].
     inside: Option<Vector3<f64>>,
+    /// Since when the vehicle, which lands, stands on something.
+    stands_since: Option<Time>,
+    /// Whether the vehicle has descended without poses in this flight.
+    has_descended: bool,
     /// The last command of the control stack, repeated while poses are missing.
     held: VehicleCommand,
     /// The command of the last tick.
@@ -112,6 +119,8 @@ impl Memory {
             setpoint_refused: false,
             obstacles: ArmingObstacles::default(),
             inside: None,
+            stands_since: None,
+            has_descended: false,
             held: VehicleCommand::Disarmed,
             sent: VehicleCommand::Disarmed,
         }
@@ -146,6 +155,7 @@ pub struct Cycle {
     estimator: Estimator,
     supervisor: Supervisor,
     limits: FlightLimits,
+    descent: BlindDescent,
     arming: ArmingCheck,
     setpoint: SetpointGuard,
     health: LoopHealth,
@@ -179,6 +189,7 @@ impl Cycle {
             arming: ArmingCheck::new(config, &trajectory),
             setpoint: SetpointGuard::new(limits.fence.clone()),
             health: LoopHealth::new(&config.safety),
+            descent: BlindDescent::of(config),
             limits,
             stack: ControlStack::new(config)?,
             mode: Mode::Disarmed,
@@ -298,13 +309,14 @@ impl Cycle {
     }
 
     /// The command of this tick: the control stack's on a fresh pose or on the predicted motion, else the last one; disarmed when
-    /// not flying; idle rotors until the motors run.
+    /// not flying; idle rotors until the motors run; level where the vehicle descends without poses.
     fn command(&mut self, now: Time, step: ControlStep, fresh: bool) -> CommandV1 {
         let estimate = if fresh { Some(self.estimator.latest()) } else { self.predicted(now) };
         let reference = self.reference(now);
         let is_held = self.is_held();
+        let descends = self.supervisor.state() == SafetyState::Descend;
         let output = match (&reference, &estimate) {
-            (Some(reference), Some(estimate)) if !is_held => {
+            (Some(reference), Some(estimate)) if !is_held && !descends => {
                 self.stack.active_mut().decide(step, estimate, reference)
             }
             _ => None,
@@ -312,7 +324,8 @@ impl Cycle {
         let command = match &output {
             _ if reference.is_none() => VehicleCommand::Disarmed,
             _ if is_held => self.idle(),
-            Some(output) => output.command.finite_or_disarmed(),
+            _ if descends => self.descend(now),
+            Some(output) => self.lowered(now, output.command.finite_or_disarmed()),
             None => self.memory.held,
         };
         self.record(now, reference.as_ref(), output.as_ref(), fresh);

@@ -142,6 +142,14 @@ impl MotionGate {
         self.track.map(|track| track.advanced(t_s, &self.surroundings()))
     }
 
+    /// Carries a motion that is older than `oldest_s` \[s\] forward to `t_s` \[s\].
+    pub fn carry(&mut self, oldest_s: f64, t_s: f64) {
+        if self.track.is_some_and(|track| track.t_s < oldest_s) {
+            self.track = self.predict(t_s);
+            self.without = None;
+        }
+    }
+
     /// Judges a pose in flight, measured at `t_s` \[s\]. On the ground every pose passes.
     ///
     /// # Errors
