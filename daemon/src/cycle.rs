@@ -24,6 +24,7 @@ use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryOptions};
 
 use crate::arming::ArmingCheck;
 use crate::command::VehicleCommand;
+use crate::descent::BlindDescent;
 use crate::guard::{Guard, seconds};
 use crate::limits::FlightLimits;
 use crate::loop_health::LoopHealth;
@@ -34,7 +35,6 @@ use crate::supervisor::Supervisor;
 use crate::vehicle::VehicleWatch;
 
 pub use at_start::AtStart;
-use descend::BlindDescent;
 
 /// Time after the last tick at which the loop acts without a pose \[periods\].
 const DEADLINE_PERIODS: f64 = 1.5;
@@ -100,8 +100,8 @@ struct Memory {
     inside: Option<Vector3<f64>>,
     /// Since when the vehicle, which lands, stands on something.
     stands_since: Option<Time>,
-    /// Whether the vehicle has descended without poses in this flight.
-    has_descended: bool,
+    /// Whether the vehicle descends without poses.
+    descends: bool,
     /// The last command of the control stack, repeated while poses are missing.
     held: VehicleCommand,
     /// The command of the last tick.
@@ -120,7 +120,7 @@ impl Memory {
             obstacles: ArmingObstacles::default(),
             inside: None,
             stands_since: None,
-            has_descended: false,
+            descends: false,
             held: VehicleCommand::Disarmed,
             sent: VehicleCommand::Disarmed,
         }

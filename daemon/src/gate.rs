@@ -17,6 +17,9 @@ const RELABEL_POSES: u32 = 3;
 const AGREED_M: f64 = 0.015;
 /// Angle within which they agree \[rad\].
 const AGREED_RAD: f64 = 0.05;
+/// Greatest angle of a pose from the predicted attitude, however uncertain that has become \[rad\]: markers that were exchanged turn a
+/// body by more, and a vehicle that no pose is believed of for so long that it may have turned as far must not be flown on.
+const MOST_TURNED_RAD: f64 = 0.5;
 /// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
 const DOUBT_SIGMA: f64 = 3.0;
 /// Thrust over the weight that lifts every vehicle that may be flown \[-\].
@@ -186,6 +189,7 @@ impl MotionGate {
         let stranger = Stranger::of(expected, pose);
         // A comparison with NaN is false.
         expected.innovation(pose).sigma() <= sigma
+            && stranger.turn.norm() <= MOST_TURNED_RAD
             && !self.stranger.is_some_and(|known| known.agrees(&stranger))
     }
 

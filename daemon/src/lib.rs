@@ -34,6 +34,7 @@ mod background;
 mod command;
 mod command_model;
 mod cycle;
+mod descent;
 mod fence;
 mod flight_marker;
 mod flight_room;

@@ -78,10 +78,8 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
         }
         publish_truth(&mut truths, outputs.drain(..))?;
         vehicle.host_reads(now, &mut answer);
-        if !answer.is_empty() {
-            terminal.write(&answer)?;
-            answer.clear();
-        }
+        terminal.write(&answer)?;
+        answer.clear();
         if now.since(released_at) >= RELEASE_PERIOD {
             released_at = now;
             terminal.release_exclusive();

@@ -66,7 +66,7 @@ impl LandingWatch {
         let taken_at: Time = wait_for("the request", || {
             let (_, input) = self.inputs.receive().unwrap()?;
             let is_landing = input.kind == InputKind::Request.code()
-                && input.command == OperatorCommand::Land.code();
+                && input.request == OperatorCommand::Land.code();
             is_landing.then_some(input.time)
         });
         let mut ticks = 0;

@@ -71,12 +71,12 @@ impl Cycle {
         let estimate = self.estimator.latest();
         let Some(mission) = self.mission.as_mut().filter(|_| !self.observe_only) else { return };
         match state {
+            // Poses have come back.
+            SafetyState::Land if std::mem::take(&mut self.memory.descends) => {
+                mission.land_from(now, estimate.position);
+            }
             SafetyState::Land if self.mode == Mode::Flying => {
-                if self.memory.has_descended {
-                    mission.land_from(now, estimate.position);
-                } else {
-                    mission.land(now, &estimate);
-                }
+                mission.land(now, &estimate);
                 self.mode = Mode::Landing;
             }
             SafetyState::Hold if self.mode == Mode::Flying => {
@@ -84,7 +84,7 @@ impl Cycle {
             }
             SafetyState::Descend => {
                 mission.hold(now, estimate.position);
-                self.memory.has_descended = true;
+                (self.memory.descends, self.mode) = (true, Mode::Landing);
             }
             // Blindness interrupts neither.
             SafetyState::Nominal | SafetyState::Degraded => mission.resume(now),
@@ -111,7 +111,7 @@ impl Cycle {
         self.guard.begin_flight();
         self.setpoint.reset();
         (self.memory.inside, self.memory.stands_since) = (None, None);
-        self.memory.has_descended = false;
+        self.memory.descends = false;
         self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
         self.mode = Mode::Flying;
         if self.requests.at_start == AtStart::Awaited {
