@@ -285,7 +285,7 @@ fn arming_tells_every_reason_against_it_at_once() {
     use ArmingObstacle as O;
     let mut bench = Bench::new(&[set("safety.arming-z-m=[-0.1, 0.2]")]);
     bench.vehicle = REAL;
-    bench.vehicle.battery_v = 9.0;
+    (bench.vehicle.battery_v, bench.vehicle.stopped) = (9.0, 1);
     bench.cycle.notice_configurations(true);
     let held = |frame: u64| PoseV1 {
         position: [20.0 + 0.01 * frame as f64, 0.0, 0.8],
@@ -301,6 +301,7 @@ fn arming_tells_every_reason_against_it_at_once() {
         O::EmulatedPoses,
         O::OutsideFence,
         O::Configuration,
+        O::Stopped,
     ];
     assert_eq!(refusal(&mut bench, held), reasons);
 }
