@@ -3,14 +3,19 @@
 mod common;
 
 use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, PipeReader, PipeWriter, Write, pipe};
+use std::io::{ErrorKind, PipeReader, PipeWriter, Read, Write, pipe};
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::net::UnixDatagram;
 use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
+use common::obedience::{LandingWatch, MotorWatch};
 use common::{Running, Testbed, wait_for};
+use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
-use oqtal_bus::topic::{TELEMETRY, VEHICLE};
+use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Signal;
@@ -33,36 +38,43 @@ fn full_pipe() -> (PipeReader, PipeWriter) {
     (reader, writer)
 }
 
-/// Flies with processes that `start` starts: an operator lands and stops them, and a signal ends each in good order.
+/// Arms until the vehicle is in the air. Refused or withdrawn while poses are late: the operator arms again.
+fn take_off(testbed: &Testbed, bus: &Bus) {
+    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+    wait_for("flight", || {
+        let (_, tick) = telemetry.latest().unwrap()?;
+        if tick.mode == Mode::Disarmed.code() {
+            testbed.oqtal(&["ctl", "arm"]).output().unwrap();
+        }
+        (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
+    });
+}
+
+/// Flies with processes that `start` starts: an operator lands and stops them within three periods, as the vehicle sees it, and a
+/// signal to the daemon in flight stops the motors as soon and ends each process in good order.
 fn all_obey(name: &str, start: impl Fn(&mut Command) -> Running) {
     let testbed = Testbed::new(name);
     let bus = testbed.bus();
-    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
-    let mut vehicle = bus.observer(&VEHICLE).unwrap();
     let processes = ["plant-sim", "mocap-emu", "daemon"].map(|process| {
         let arguments = [process, "run", "--set", "log.level=trace"];
         start(&mut testbed.oqtal(&arguments))
     });
     let operator = |command| testbed.oqtal(&["ctl", command]).output().unwrap();
-    wait_for("flight", || {
-        let (_, tick) = telemetry.latest().unwrap()?;
-        // Refused or withdrawn while poses are late: the operator arms again.
-        if tick.mode == Mode::Disarmed.code() {
-            operator("arm");
-        }
-        (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
-    });
+    take_off(&testbed, &bus);
+    let mut landing = LandingWatch::open(&bus);
     let output = operator("land");
     assert!(output.status.success(), "{}", common::stderr(&output));
-    wait_for("the landing", || {
-        telemetry.latest().unwrap().filter(|(_, tick)| tick.mode == Mode::Landing.code())
+    landing.lands();
+    let mut motors = MotorWatch::open(&bus);
+    let switch = bus.stop_switch().unwrap();
+    // What `oqtal ctl stop` does first.
+    motors.obeys(|| {
+        switch.raise();
     });
     let output = operator("stop");
     assert!(output.status.success(), "{}", common::stderr(&output));
-    wait_for("motors off", || {
-        let (_, vehicle) = vehicle.latest().unwrap()?;
-        (vehicle.armed == 0).then_some(())
-    });
+    take_off(&testbed, &bus);
+    motors.obeys(|| processes[2].signal(Signal::TERM));
     for process in processes {
         process.signal(Signal::TERM);
         assert_eq!(process.wait().status.code(), Some(0));
@@ -75,6 +87,27 @@ fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log()
     all_obey("blocked", |command| {
         Running::start_with_stderr(command, Stdio::from(pipe.try_clone().unwrap()))
     });
+}
+
+/// Another process floods the output, which is read slowly: the processes come to write now and then only.
+#[test]
+fn f34_an_operator_is_obeyed_and_processes_end_although_their_log_is_flooded() {
+    let (mut reader, mut flood) = pipe().unwrap();
+    let pipe = flood.try_clone().unwrap();
+    let flooding = std::thread::spawn(move || while flood.write_all(&[b'x'; 4096]).is_ok() {});
+    let is_over = Arc::new(AtomicBool::new(false));
+    let until = is_over.clone();
+    let reading = std::thread::spawn(move || {
+        while !until.load(Ordering::Relaxed) && reader.read(&mut [0; 1024]).is_ok() {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    });
+    all_obey("flooded", |command| {
+        Running::start_with_stderr(command, Stdio::from(pipe.try_clone().unwrap()))
+    });
+    is_over.store(true, Ordering::Relaxed);
+    reading.join().unwrap();
+    flooding.join().unwrap();
 }
 
 #[test]

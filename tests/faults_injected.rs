@@ -58,6 +58,11 @@ impl Flown {
 }
 
 fn fly(flight: &[&str], line: &str) -> Flown {
+    fly_in(flight, line).1
+}
+
+/// The same, with the testbed that holds the files of the flight.
+fn fly_in(flight: &[&str], line: &str) -> (Testbed, Flown) {
     let testbed = Testbed::new("injected");
     let words: Vec<&str> = flight.iter().copied().chain(line.split_whitespace()).collect();
     let mut command = testbed.oqtal(&words);
@@ -68,7 +73,7 @@ fn fly(flight: &[&str], line: &str) -> Flown {
     let cause = |row: &str| Some(row.split(',').nth(column?)?.to_owned());
     let causes = table.lines().skip(1).filter_map(cause).collect();
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
-    Flown { code: output.status.code(), summary, causes, message: stderr(&output) }
+    (testbed, Flown { code: output.status.code(), summary, causes, message: stderr(&output) })
 }
 
 #[test]
@@ -263,6 +268,44 @@ fn faults_that_a_flight_cannot_have_are_refused() {
         assert_eq!(output.status.code(), Some(code), "{words:?} {}", stderr(&output));
         assert!(stderr(&output).contains(reason), "{words:?} {}", stderr(&output));
     }
+}
+
+/// Whether every pose that a tick used was captured at most this long before \[ms\].
+fn flies_on_poses_no_older_than(testbed: &Testbed, millis: f64) -> bool {
+    let table = std::fs::read_to_string(testbed.path("out/telemetry.csv")).unwrap();
+    let column = |name: &str| table.lines().next().unwrap().split(',').position(|c| c == name);
+    let columns = ["t_s", "pose_captured_s", "fresh"].map(|name| column(name).unwrap());
+    let ages = table.lines().skip(1).filter_map(|row| {
+        let row: Vec<&str> = row.split(',').collect();
+        let [now, captured, fresh] = columns.map(|column| row[column].parse::<f64>());
+        (fresh == Ok(1.0)).then(|| now.unwrap() - captured.unwrap())
+    });
+    ages.fold(0.0, f64::max) <= millis * 1e-3
+}
+
+/// In a stall poses queue and then arrive together.
+#[test]
+fn f52_poses_that_queued_in_a_stall_are_flown_only_while_they_are_young() {
+    for (line, outcome) in [
+        ("--clock lockstep --fault pose:delayed=120ms@4+0.08", "landed"),
+        ("--clock lockstep --fault pose:delayed=220ms@4+0.3", "stopped"),
+    ] {
+        let (testbed, flown) = fly_in(&HOVER, line);
+        assert_eq!(flown.summary["outcome"], outcome, "{line}: {}", flown.message);
+        flown.coasts().refuses(2.0);
+        assert!(flies_on_poses_no_older_than(&testbed, 80.0), "{line}");
+    }
+}
+
+#[test]
+fn f48_a_blind_vehicle_that_holds_its_attitude_descends() {
+    let line = "--clock lockstep --set vehicle.interface=attitude --fault pose:off@4";
+    let flown = fly(&HOVER, line);
+    assert!(flown.is_stopped_for("no pose").passed("Descend"), "{}", flown.summary);
+    let seconds = number(&flown.summary, "/duration_s");
+    assert!((5.0..6.5).contains(&seconds), "{seconds} s");
+    let flown = fly(&HOVER, &format!("{line}+0.6"));
+    assert!(flown.lands().passed("Descend") && flown.passed("Land"), "{}", flown.summary);
 }
 
 #[test]

@@ -32,6 +32,17 @@ fn every_law_hovers_within_three_centimetres() {
     }
 }
 
+/// Thrust, mass and lags differ from the model by up to a fifth.
+#[test]
+fn f41_vehicles_that_differ_from_their_model_land() {
+    for (controller, seed) in [("oqtal", "1"), ("oqtal", "37"), ("pid", "14"), ("oqtal-dt", "22")] {
+        let words = ["--controller", controller, "--seed", seed, "--set", "plant.spread=0.2"];
+        let hover = ["--clock", "in-process", "--trajectory", "hover", "--duration", "2"];
+        let summary = Testbed::new("spread").summary(&[&words[..], &hover].concat());
+        assert_eq!(summary["outcome"], "landed", "{controller}, seed {seed}");
+    }
+}
+
 /// Bounds well below the best results of the other laws under any tuning, for the gains of docs/reproduction.md.
 #[test]
 fn oqtal_dt_flies_the_square_inside_its_bounds() {

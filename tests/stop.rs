@@ -2,6 +2,7 @@
 
 mod common;
 
+use common::obedience::MotorWatch;
 use common::{Running, Testbed, stderr, wait_for};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
@@ -46,8 +47,13 @@ fn f15_a_stop_passes_a_daemon_that_stands_still_and_is_latched_when_it_goes_on()
     let bus = testbed.bus();
     let [_plant, _cameras, daemon] = airborne(&testbed, &bus);
     let mut vehicles = bus.observer(&VEHICLE).unwrap();
-    daemon.signal(Signal::STOP);
-    let (code, answer, message) = stop(&testbed);
+    let mut motors = MotorWatch::open(&bus);
+    let mut told = None;
+    motors.obeys(|| {
+        daemon.signal(Signal::STOP);
+        told = Some(stop(&testbed));
+    });
+    let (code, answer, message) = told.unwrap();
     assert_eq!(code, Some(0), "{message}");
     assert_eq!(answer["motors_off"], true);
     assert_eq!(answer["daemon_obeys"], false);

@@ -76,8 +76,10 @@ code! {
         Hold = 3 => "Hold",
         /// The vehicle lands where it is.
         Land = 4 => "Land",
+        /// Without poses: a vehicle that holds its attitude by itself is level and sinks, for a limited time.
+        Descend = 5 => "Descend",
         /// Motors off until an operator arms again.
-        Stop = 5 => "Stop",
+        Stop = 6 => "Stop",
     }
 }
 
@@ -203,7 +205,7 @@ mod tests {
                 assert_eq!(cause.code(), code);
             }
         }
-        assert_eq!(SafetyState::from_code(6), None);
+        assert_eq!(SafetyState::from_code(7), None);
         assert!(SafetyState::Stop > SafetyState::Coast);
     }
 }

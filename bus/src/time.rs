@@ -202,6 +202,16 @@ impl Grid {
         self.next
     }
 
+    /// Moves on to the first instant after `time`, over those before it.
+    pub fn skip_to(&mut self, time: Time) {
+        let passed = (time.since(self.start).seconds() * self.rate_hz).floor();
+        // The conversion saturates: an instant before the start leaves the grid where it is.
+        self.index = self.index.max(passed as u64);
+        while self.next <= time {
+            self.advance();
+        }
+    }
+
     /// Moves on by one instant.
     pub fn advance(&mut self) {
         self.index += 1;
@@ -228,6 +238,18 @@ mod tests {
             grid.advance();
         }
         assert_eq!(grid.next().since(Time::VIRTUAL_START), Span::from_seconds(3600.0));
+    }
+
+    #[test]
+    fn a_grid_skips_to_the_first_instant_after_a_time() {
+        let mut grid = Grid::new(Time::VIRTUAL_START, 60.0);
+        for (millis, index) in
+            [(-5, 0), (0, 1), (16, 1), (17, 2), (3_600_000, 216_001), (10, 216_001)]
+        {
+            grid.skip_to(Time::VIRTUAL_START + Span::from_millis(millis));
+            assert_eq!(grid.index(), index, "{millis} ms");
+        }
+        assert_eq!(grid.next(), Time::VIRTUAL_START + Span::from_seconds(216_001.0 / 60.0));
     }
 
     #[test]

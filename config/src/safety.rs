@@ -22,8 +22,12 @@ pub struct SafetyOptions {
     pub recovery_poses: u32,
     /// Time without accepted poses during which the vehicle is flown on the predicted motion \[ms\].
     pub predict_ms: f64,
-    /// Time without accepted poses after which the motors stop \[ms\].
+    /// Time without accepted poses after which the motors stop, or a vehicle that holds its attitude descends \[ms\].
     pub coast_ms: f64,
+    /// Longest time for which a vehicle that holds its attitude descends without poses before its motors stop \[ms\].
+    pub descend_ms: f64,
+    /// Thrust of such a descent over that of a hover \[-\].
+    pub descend_thrust: f64,
     /// Time without a reply after which the vehicle counts as silent \[ms\]: no take-off, and in flight the motors stop.
     pub vehicle_silence_ms: f64,
     /// Time within which the motors of a real vehicle must run once a flight begins \[ms\]; after it the flight is stopped.
@@ -76,6 +80,8 @@ impl SafetyOptions {
             ("recovery-poses", f64::from(self.recovery_poses), Rule::Between(1.0, f64::MAX)),
             ("predict-ms", self.predict_ms, Rule::NotNegative),
             ("coast-ms", self.coast_ms, Rule::Positive),
+            ("descend-ms", self.descend_ms, Rule::Between(0.0, 10_000.0)),
+            ("descend-thrust", self.descend_thrust, Rule::Between(0.5, 0.97)),
             ("speed-limit-m-s", self.speed_limit_m_s, Rule::Positive),
             ("tilt-warning-deg", self.tilt_warning_deg, Rule::Between(0.0, 180.0)),
             ("tilt-limit-deg", self.tilt_limit_deg, Rule::Between(0.0, 180.0)),

@@ -7,9 +7,10 @@ use oqtal_bus::message::VehicleV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
+use oqtal_control::trajectory::Trajectory;
 
 use crate::fence::Fence;
+use crate::flight_room::path;
 use crate::guard::Accepted;
 use crate::limits::FlightLimits;
 
@@ -23,8 +24,6 @@ const REST_SHARE: f64 = 0.6;
 const REST_M: f64 = 0.015;
 /// Angle within which it is \[rad\].
 const REST_RAD: f64 = 0.05;
-/// Points of the trajectory that are compared with the fence \[-\].
-const PATH_POINTS: u32 = 256;
 
 /// The state of the daemon that arming depends on.
 #[derive(Clone, Copy, Debug)]
@@ -61,15 +60,12 @@ impl ArmingCheck {
     #[must_use]
     pub fn new(config: &Config, trajectory: &Trajectory) -> Self {
         let safety = &config.safety;
-        let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
-        let step_s = plan.end_s() / f64::from(PATH_POINTS);
-        let point = |index| plan.sample(f64::from(index) * step_s).position;
         Self {
             limits: FlightLimits::new(config),
             heights: safety.arming_z_m,
             tilt: safety.arming_tilt_deg.to_radians().cos(),
             allows_emulated: safety.allow_emulated_poses,
-            path: (0..PATH_POINTS).map(point).collect(),
+            path: path(config, trajectory).into_iter().map(|(_, point)| point).collect(),
             recent: [None; REST_POSES],
             next: 0,
             newest_at: Time::UNSET,

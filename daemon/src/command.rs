@@ -61,12 +61,18 @@ impl VehicleCommand {
     /// no thrust.
     #[must_use]
     pub fn idle(interface: Interface, yaw_rad: f64) -> Self {
+        Self::level(interface, yaw_rad, 0.0)
+    }
+
+    /// The command with zero rotation command and the thrust `thrust_n` \[N\], level at the heading `yaw_rad` \[rad, world\].
+    #[must_use]
+    pub fn level(interface: Interface, yaw_rad: f64, thrust_n: f64) -> Self {
         let rotation = match interface {
             Interface::Rate | Interface::Attitude => StickCommand::default().into(),
             Interface::Torque => Torque::default().into(),
         };
         let attitude = Attitude::from_rotation_vector(Vector3::z() * yaw_rad);
-        Self::Armed { rotation, thrust_n: 0.0, attitude }
+        Self::Armed { rotation, thrust_n, attitude }
     }
 
     /// The last check before a command is sent: [`Self::Disarmed`] in place of a command with a number that is not finite.

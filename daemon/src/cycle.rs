@@ -3,10 +3,12 @@
 
 mod at_start;
 mod blank;
+mod descend;
 mod mode;
 mod operator;
 mod report;
 mod safety;
+mod touchdown;
 mod watch;
 
 use nalgebra::Vector3;
@@ -22,6 +24,7 @@ use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryOptions};
 
 use crate::arming::ArmingCheck;
 use crate::command::VehicleCommand;
+use crate::descent::BlindDescent;
 use crate::guard::{Guard, seconds};
 use crate::limits::FlightLimits;
 use crate::loop_health::LoopHealth;
@@ -95,6 +98,10 @@ struct Memory {
     obstacles: ArmingObstacles,
     /// The last position inside the soft border of the fence \[m, world\].
     inside: Option<Vector3<f64>>,
+    /// Since when the vehicle, which lands, stands on something.
+    stands_since: Option<Time>,
+    /// Whether the vehicle descends without poses.
+    descends: bool,
     /// The last command of the control stack, repeated while poses are missing.
     held: VehicleCommand,
     /// The command of the last tick.
@@ -112,6 +119,8 @@ impl Memory {
             setpoint_refused: false,
             obstacles: ArmingObstacles::default(),
             inside: None,
+            stands_since: None,
+            descends: false,
             held: VehicleCommand::Disarmed,
             sent: VehicleCommand::Disarmed,
         }
@@ -146,6 +155,7 @@ pub struct Cycle {
     estimator: Estimator,
     supervisor: Supervisor,
     limits: FlightLimits,
+    descent: BlindDescent,
     arming: ArmingCheck,
     setpoint: SetpointGuard,
     health: LoopHealth,
@@ -179,6 +189,7 @@ impl Cycle {
             arming: ArmingCheck::new(config, &trajectory),
             setpoint: SetpointGuard::new(limits.fence.clone()),
             health: LoopHealth::new(config),
+            descent: BlindDescent::of(config),
             limits,
             stack: ControlStack::new(config)?,
             mode: Mode::Disarmed,
@@ -296,13 +307,14 @@ impl Cycle {
     }
 
     /// The command of this tick: the control stack's on a fresh pose or on the predicted motion, else the last one; disarmed when
-    /// not flying; idle rotors until the motors run.
+    /// not flying; idle rotors until the motors run; level where the vehicle descends without poses.
     fn command(&mut self, now: Time, step: ControlStep, fresh: bool) -> CommandV1 {
         let estimate = if fresh { Some(self.estimator.latest()) } else { self.predicted(now) };
         let reference = self.reference(now);
         let is_held = self.is_held();
+        let descends = self.supervisor.state() == SafetyState::Descend;
         let output = match (&reference, &estimate) {
-            (Some(reference), Some(estimate)) if !is_held => {
+            (Some(reference), Some(estimate)) if !is_held && !descends => {
                 self.stack.active_mut().decide(step, estimate, reference)
             }
             _ => None,
@@ -310,7 +322,8 @@ impl Cycle {
         let command = match &output {
             _ if reference.is_none() => VehicleCommand::Disarmed,
             _ if is_held => self.idle(),
-            Some(output) => output.command.finite_or_disarmed(),
+            _ if descends => self.descend(now),
+            Some(output) => self.lowered(now, output.command.finite_or_disarmed()),
             None => self.memory.held,
         };
         self.record(now, reference.as_ref(), output.as_ref(), fresh);

@@ -17,6 +17,9 @@ use stranger::Stranger;
 /// Poses in a row that agree with each other and not with the motion, after which they are of another body or of markers that
 /// were exchanged \[-\].
 const RELABEL_POSES: u32 = 3;
+/// Greatest angle of a pose from the predicted attitude, however uncertain that has become \[rad\]: markers that were exchanged turn a
+/// body by more, and a vehicle that no pose is believed of for so long that it may have turned as far must not be flown on.
+const MOST_TURNED_RAD: f64 = 0.5;
 /// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
 const DOUBT_SIGMA: f64 = 3.0;
 /// Thrust over the weight that lifts every vehicle that may be flown \[-\].
@@ -128,6 +131,14 @@ impl MotionGate {
         self.track.map(|track| track.advanced(t_s, &self.surroundings()))
     }
 
+    /// Carries a motion that is older than `oldest_s` \[s\] forward to `t_s` \[s\].
+    pub fn carry(&mut self, oldest_s: f64, t_s: f64) {
+        if self.track.is_some_and(|track| track.t_s < oldest_s) {
+            self.track = self.predict(t_s);
+            self.doubt = None;
+        }
+    }
+
     /// Judges a pose in flight, measured at `t_s` \[s\]. On the ground every pose passes.
     ///
     /// # Errors
@@ -184,7 +195,9 @@ impl MotionGate {
             _ => refused.stranger.agrees(&stranger),
         });
         // A comparison with NaN is false.
-        expected.innovation(pose).sigma() <= sigma && !is_refused
+        expected.innovation(pose).sigma() <= sigma
+            && stranger.turn_rad() <= MOST_TURNED_RAD
+            && !is_refused
     }
 
     /// Records a refused pose, and returns why.

@@ -34,8 +34,10 @@ mod background;
 mod command;
 mod command_model;
 mod cycle;
+mod descent;
 mod fence;
 mod flight_marker;
+mod flight_room;
 mod gate;
 mod guard;
 mod intake;
@@ -60,6 +62,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{POSE, Role};
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::{Config, FaultTarget};
+use oqtal_control::trajectory::Trajectory;
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{Failure, ProcessContext};
@@ -73,6 +76,7 @@ pub use command_model::CommandModel;
 pub use cycle::{AtStart, Cycle, Tick};
 pub use fence::Fence;
 use flight_marker::FlightMarker;
+pub use flight_room::check_room;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
 pub use limits::{FlightLimits, FlightView, LimitConditions};
@@ -92,7 +96,7 @@ pub use waypoint_file::trajectory;
 /// # Errors
 /// Another controller holds the command topic, the configuration is invalid, or the bus refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    let trajectory = trajectory(&context.config)?;
+    let trajectory = fitting_trajectory(&context.config)?;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let mut ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
@@ -126,10 +130,21 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// Whether the daemon could fly with `config`.
 ///
 /// # Errors
-/// An option of the law has no meaning (exit code 78), or a waypoint file cannot be read (65).
+/// An option of the law has no meaning or the trajectory does not fit inside the fence (exit code 78), or a waypoint file cannot
+/// be read (65).
 pub fn check(config: &Config) -> Result<(), Failure> {
     ControlStack::new(config).map_err(|error| config.locate(&error))?;
-    trajectory(config).map(drop)
+    fitting_trajectory(config).map(drop)
+}
+
+/// The trajectory of `config`, which fits inside the fence.
+fn fitting_trajectory(config: &Config) -> Result<Trajectory, Failure> {
+    let trajectory = trajectory(config)?;
+    // What is only observed is not flown.
+    if !config.safety.observe_only {
+        check_room(config, &trajectory, None).map_err(|error| config.locate(&error))?;
+    }
+    Ok(trajectory)
 }
 
 /// Names the process that holds the command topic, if its heartbeat arrives in time.

@@ -10,6 +10,9 @@ use crate::fence::Fence;
 
 /// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
 const FENCE_SIGMA: f64 = 3.0;
+/// The same for a descent without poses: level and under less thrust than a hover the vehicle moves less than the uncertainty, which
+/// is that of any flight, allows, and motors that stop let it fall.
+const DESCENT_SIGMA: f64 = 0.5;
 /// Height above the floor below which a vehicle is on it \[m\].
 const ON_FLOOR_M: f64 = 0.05;
 /// Height of the reference above the floor from which on the vehicle must have left the floor \[m\].
@@ -78,6 +81,8 @@ pub struct FlightView<'a> {
     pub reference: &'a Reference,
     /// The thrust of the last command \[N\].
     pub thrust_n: f64,
+    /// Whether the vehicle descends without poses.
+    pub is_descent: bool,
 }
 
 /// The thresholds of the limits.
@@ -119,11 +124,19 @@ impl FlightLimits {
         }
     }
 
+    /// The weight of the vehicle \[N\].
+    #[must_use]
+    pub fn weight_n(&self) -> f64 {
+        self.weight
+    }
+
     /// Fills in the conditions of the flight.
     pub fn judge(&self, flight: &FlightView, conditions: &mut LimitConditions) {
-        let FlightView { motion: Track { motion, .. }, floor_m, reference, thrust_n } = *flight;
+        let FlightView { motion: Track { motion, .. }, floor_m, reference, thrust_n, is_descent } =
+            *flight;
         let upright = motion.attitude.to_world(&Vector3::z()).z;
-        let margin = FENCE_SIGMA * flight.motion.position_sd_m();
+        let sigma = if is_descent { DESCENT_SIGMA } else { FENCE_SIGMA };
+        let margin = sigma * flight.motion.position_sd_m();
         let inside = self.fence.inside_by_m(&motion.position, margin);
         let (is_inside, is_upright) = (|by_m: f64| by_m > 0.0, |cosine: f64| upright >= cosine);
         let is_within = |distance: f64, limit: f64| distance <= limit;

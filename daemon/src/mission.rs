@@ -71,9 +71,15 @@ impl ActiveMission {
     /// Whether the landing should have ended by `now`.
     #[must_use]
     pub fn is_landing_overdue(&self, now: Time) -> bool {
+        self.overdue_s(now) > LANDING_GRACE_S
+    }
+
+    /// Time since the end of the landing's reference \[s\]: negative before.
+    #[must_use]
+    pub fn overdue_s(&self, now: Time) -> f64 {
         match &self.path {
-            FlightPath::Plan(plan, _) => self.elapsed_s(now) > plan.end_s() + LANDING_GRACE_S,
-            FlightPath::Observe(_) => false,
+            FlightPath::Plan(plan, _) => self.elapsed_s(now) - plan.end_s(),
+            FlightPath::Observe(_) => f64::NEG_INFINITY,
         }
     }
 
@@ -102,10 +108,15 @@ impl ActiveMission {
     pub fn land(&mut self, now: Time, estimate: &Estimate) {
         self.resume(now);
         let height = self.reference(now).position.z;
-        let from = estimate.position.xy().push(height);
+        self.land_from(now, estimate.position.xy().push(height));
+    }
+
+    /// Lands early from `point` \[m, world\].
+    pub fn land_from(&mut self, now: Time, point: Vector3<f64>) {
+        self.resume(now);
         let elapsed_s = self.elapsed_s(now);
         if let FlightPath::Plan(plan, _) = &mut self.path {
-            plan.land_from(elapsed_s, from);
+            plan.land_from(elapsed_s, point);
         }
     }
 

@@ -8,7 +8,7 @@ use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::time::{Span, Time};
 
 use crate::limits::LimitConditions;
-use SafetyState::{Coast, Degraded, Hold, Land, Stop};
+use SafetyState::{Coast, Degraded, Descend, Hold, Land, Stop};
 
 /// The conditions of one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,6 +19,10 @@ pub struct SafetyConditions {
     pub poses_good: bool,
     /// In flight: the last accepted pose is too old.
     pub blind_too_long: bool,
+    /// In flight: the vehicle may descend without poses.
+    pub may_descend: bool,
+    /// In flight: the predicted motion is at the floor.
+    pub is_down: bool,
     /// On the ground: the vehicle does not answer, so that a flight must not begin.
     pub vehicle_silent: bool,
     /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted. Before a flight:
@@ -66,19 +70,23 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 28] = {
+pub const LIMITS: [SafetyRow; 31] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
         // Motors off, latched.
         Row { id: "F33", cause: Some(Cause::Operator), when: |c| c.operator_stops, after_ms: 0, action: Stop, ends: Armed },
-        Row { id: "F02", cause: None, when: |c| c.blind_too_long, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F02", cause: None, when: |c| c.blind_too_long && !c.may_descend, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_lost, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F37", cause: Some(Cause::Fence), when: |c| c.limits.leaves_fence, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tipped, after_ms: 100, action: Stop, ends: Armed },
         Row { id: "F39", cause: Some(Cause::Crash), when: |c| c.limits.lies_on_floor, after_ms: 2000, action: Stop, ends: Armed },
         Row { id: "F40", cause: Some(Cause::NoLift), when: |c| c.limits.stays_on_floor, after_ms: 1200, action: Stop, ends: Armed },
         Row { id: "F41", cause: Some(Cause::Landing), when: |c| c.limits.landing_overdue, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F48", cause: None, when: |c| c.blind_too_long && c.is_down, after_ms: 200, action: Stop, ends: Armed },
+        // Level and descend, then land with the poses that came back.
+        Row { id: "F48", cause: None, when: |c| c.blind_too_long && c.may_descend, after_ms: 0, action: Descend, ends: PosesGood },
+        Row { id: "F48", cause: None, when: |c| c.blind_too_long && c.may_descend, after_ms: 0, action: Land, ends: Landed },
         // Land where the vehicle is.
         Row { id: "F42", cause: Some(Cause::NoLift), when: |c| c.limits.sinks, after_ms: 700, action: Land, ends: Landed },
         Row { id: "F43", cause: Some(Cause::Speed), when: |c| c.limits.too_fast, after_ms: 200, action: Land, ends: Landed },
@@ -129,7 +137,7 @@ impl Default for Supervisor {
     /// Coast: neither poses nor a vehicle yet.
     fn default() -> Self {
         let rows = LIMITS.map(|row| RowState {
-            is_active: row.ends == Ending::PosesGood,
+            is_active: row.action == Coast && row.ends == Ending::PosesGood,
             ..RowState::default()
         });
         let lead = rows.iter().position(|row| row.is_active);

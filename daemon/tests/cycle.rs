@@ -149,6 +149,15 @@ fn f11_poses_that_come_irregularly_but_come_change_no_state() {
 }
 
 #[test]
+fn a_pose_that_was_captured_later_than_now_is_refused() {
+    let mut bench = Bench::flying(&[]);
+    bench.latency = Span::from_millis(-5);
+    bench.show(still(bench.frame));
+    assert_eq!(bench.cycle.telemetry().poses_refused, 1);
+    assert_eq!(bench.cycle.telemetry().fresh, 0);
+}
+
+#[test]
 fn after_a_flight_nothing_is_commanded_any_more() {
     let mut bench = Bench::flying(&[]);
     bench.show(still(bench.frame));

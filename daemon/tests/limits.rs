@@ -3,9 +3,9 @@
 mod common;
 
 use common::flight::{Flight, set};
-use common::{Bench, REAL, still};
+use common::{Bench, LAWS, REAL, still};
 use nalgebra::Vector3;
-use oqtal_bus::code::{Answer, Cause, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{CommandV1, PoseV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::Span;
@@ -63,8 +63,31 @@ fn f38_a_vehicle_that_tips_is_stopped_within_half_a_second() {
 }
 
 #[test]
+fn f38_a_vehicle_that_turns_over_slowly_enough_to_be_believed_is_stopped_for_its_tilt() {
+    for rate in [2.6, 3.0, 3.4] {
+        let mut flight = Flight::hovering(&[]);
+        flight.tumble = Vector3::x() * rate;
+        while flight.is_powered() {
+            flight.run(1);
+        }
+        assert_eq!((flight.state(), flight.cause()), (SafetyState::Stop, Cause::Tilt), "{rate}");
+    }
+}
+
+#[test]
+fn f38_a_tilted_vehicle_is_told() {
+    let mut flight = Flight::hovering(&[set("safety.tilt-warning-deg=5.0")]);
+    flight.wind = Vector3::x() * 1.2;
+    until(&mut flight, SafetyState::Degraded);
+    assert_eq!(flight.cause(), Cause::Tilt);
+    flight.wind = Vector3::zeros();
+    until(&mut flight, SafetyState::Nominal);
+}
+
+#[test]
 fn f39_a_vehicle_that_lies_on_the_floor_with_thrust_is_stopped() {
-    let mut flight = Flight::hovering(&[]);
+    // Its loops never ask for a thrust that must lift it.
+    let mut flight = Flight::hovering(&[set("position.vertical-acceleration-limit-m-s2=3.0")]);
     flight.lift = 0.0;
     while flight.motion.position.z > 0.0 {
         flight.run(1);
@@ -73,7 +96,7 @@ fn f39_a_vehicle_that_lies_on_the_floor_with_thrust_is_stopped() {
     }
     let waited = until(&mut flight, SafetyState::Stop);
     assert!(waited <= 2200, "{waited} ms");
-    assert!([Cause::Crash, Cause::NoLift].contains(&flight.cause()), "{}", flight.cause());
+    assert_eq!(flight.cause(), Cause::Crash);
 }
 
 #[test]
@@ -83,14 +106,16 @@ fn f40_a_vehicle_that_full_thrust_does_not_lift_is_stopped_on_the_floor() {
     flight.run(60);
     let waited = until(&mut flight, SafetyState::Stop);
     assert!(waited <= 4000, "{waited} ms");
-    assert!([Cause::Crash, Cause::NoLift].contains(&flight.cause()), "{}", flight.cause());
+    assert_eq!(flight.cause(), Cause::NoLift);
     assert_eq!(flight.motion.position.z, 0.0);
 }
 
 #[test]
 fn f41_a_landing_that_does_not_end_is_ended() {
-    let mut flight = Flight::hovering(&[]);
-    flight.floor = 0.4;
+    let mut flight =
+        Flight::hovering(&[set("fence.z-m=[-0.5, 500.0]"), set("safety.speed-limit-m-s=500.0")]);
+    // An updraught that carries the vehicle under half of the least thrust.
+    flight.wind = Vector3::z() * 7.5;
     flight.bench.cycle.request(flight.bench.now, OperatorCommand::Land);
     let waited = until(&mut flight, SafetyState::Stop);
     assert_eq!(flight.cause(), Cause::Landing);
@@ -98,10 +123,39 @@ fn f41_a_landing_that_does_not_end_is_ended() {
 }
 
 #[test]
+fn f41_a_landing_on_something_that_is_higher_than_the_start_ends_in_good_order() {
+    let mut flight = Flight::hovering(&[]);
+    flight.floor = 0.4;
+    flight.bench.cycle.request(flight.bench.now, OperatorCommand::Land);
+    while flight.bench.mode() != Some(Mode::Disarmed) {
+        flight.run(1);
+        assert_eq!(flight.state(), SafetyState::Nominal, "{}", flight.cause());
+    }
+    assert_eq!(flight.motion.position.z, 0.4);
+}
+
+#[test]
+fn f41_a_vehicle_stronger_than_configured_sinks_to_the_floor() {
+    for law in LAWS {
+        let mut flight =
+            Flight::hovering_anywhere(&[set(&format!("control.controller={law:?}"))], 1.5);
+        flight.bench.cycle.request(flight.bench.now, OperatorCommand::Land);
+        while flight.bench.mode() != Some(Mode::Disarmed) {
+            flight.run(1);
+            assert_eq!(flight.state(), SafetyState::Nominal, "{law}: {}", flight.cause());
+            assert!(flight.motion.velocity.z > -0.8, "{law}: {:?}", flight.motion);
+        }
+        assert!(flight.motion.position.z < 0.05, "{law}: {:?}", flight.motion);
+    }
+}
+
+#[test]
 fn f42_a_vehicle_that_sinks_under_full_thrust_lands() {
     let mut flight = Flight::hovering(&[set("trajectory.height-m=1.0")]);
     flight.lift = 0.66;
-    let waited = until(&mut flight, SafetyState::Land);
+    let told = until(&mut flight, SafetyState::Degraded);
+    assert_eq!(flight.cause(), Cause::NoLift);
+    let waited = told + until(&mut flight, SafetyState::Land);
     assert_eq!(flight.cause(), Cause::NoLift);
     assert!(waited <= 2500, "{waited} ms");
     assert!(flight.motion.position.z > 0.0);
@@ -131,7 +185,10 @@ fn f44_a_vehicle_that_stays_far_from_its_reference_lands() {
     while flight.motion.position.x < 1.5 {
         flight.run(1);
     }
-    let waited = until(&mut flight, SafetyState::Land);
+    let told = until(&mut flight, SafetyState::Degraded);
+    assert_eq!(flight.cause(), Cause::Tracking);
+    assert!((800..=1200).contains(&told), "{told} ms");
+    let waited = told + until(&mut flight, SafetyState::Land);
     assert_eq!(flight.cause(), Cause::Tracking);
     assert!((2800..=3200).contains(&waited), "{waited} ms");
 }
@@ -228,7 +285,7 @@ fn arming_tells_every_reason_against_it_at_once() {
     use ArmingObstacle as O;
     let mut bench = Bench::new(&[set("safety.arming-z-m=[-0.1, 0.2]")]);
     bench.vehicle = REAL;
-    bench.vehicle.battery_v = 9.0;
+    (bench.vehicle.battery_v, bench.vehicle.stopped) = (9.0, 1);
     bench.cycle.notice_configurations(true);
     let held = |frame: u64| PoseV1 {
         position: [20.0 + 0.01 * frame as f64, 0.0, 0.8],
@@ -244,6 +301,7 @@ fn arming_tells_every_reason_against_it_at_once() {
         O::EmulatedPoses,
         O::OutsideFence,
         O::Configuration,
+        O::Stopped,
     ];
     assert_eq!(refusal(&mut bench, held), reasons);
 }

@@ -1,5 +1,6 @@
 //! A flight before it is flown: the configuration and the files that it names, read and checked.
 
+use nalgebra::Vector3;
 use oqtal_bus::time::Span;
 use oqtal_config::Config;
 use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
@@ -25,10 +26,17 @@ impl Mission {
     /// Reads the files that `config` names.
     ///
     /// # Errors
-    /// A waypoint file or a recording is bad (exit code 65), or an option of the law has no meaning (78).
+    /// A waypoint file or a recording is bad (exit code 65), an option of the law has no meaning, or the trajectory leaves the
+    /// fence (78).
     pub fn new(config: Config) -> Result<Self, Failure> {
         oqtal_daemon::ControlStack::new(&config).map_err(|error| config.locate(&error))?;
         let trajectory = oqtal_daemon::trajectory(&config)?;
+        if !config.safety.observe_only {
+            // Cameras that are emulated see the vehicle that the simulator put at the origin.
+            let start = config.receiver.link.is_empty().then(Vector3::zeros);
+            oqtal_daemon::check_room(&config, &trajectory, start)
+                .map_err(|error| config.locate(&error))?;
+        }
         let recording = match config.is_replay() {
             true => Some(read_recording(&config.mocap.replay)?),
             false => None,

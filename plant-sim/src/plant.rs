@@ -24,6 +24,10 @@ const INTEGRATION_HZ: f64 = 1000.0;
 /// Time without a command after which the vehicle stops its motors.
 const COMMAND_TIME_OUT: Span = Span::from_millis(250);
 
+/// Longest time that is integrated at once: after a longer pause, as a suspension of the machine, the rest is skipped. Longer
+/// than the motors run without a command, and than a fall from indoor heights takes.
+const LONGEST_PAUSE: Span = Span::from_millis(2000);
+
 /// An output of the plant.
 #[derive(Clone, Copy, Debug)]
 pub enum PlantOutput {
@@ -173,6 +177,20 @@ impl Plant {
             self.integrate(next.since(self.time).seconds());
             self.time = next;
         }
+    }
+
+    /// Skips what a pause of the process that ends at `now` has too much: the vehicle stands still in it. Returns the time that was
+    /// skipped.
+    pub fn skip_pause(&mut self, now: Time) -> Span {
+        let skipped = now.since(self.time) - LONGEST_PAUSE;
+        if skipped <= Span::ZERO {
+            return Span::ZERO;
+        }
+        self.advance(self.time + LONGEST_PAUSE, |_| ());
+        self.time = now;
+        self.millisecond.skip_to(now);
+        self.camera.skip_to(now);
+        skipped
     }
 
     /// The truth at the present instant.

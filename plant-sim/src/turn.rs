@@ -56,6 +56,13 @@ impl<T: Transport> Outputs<T> {
     }
 }
 
+/// Logs a pause of the process that was skipped in part.
+pub(crate) fn tell_skipped(skipped: Span) {
+    if skipped > Span::ZERO {
+        tracing::warn!("the simulation paused: {:.1} s are not simulated", skipped.seconds());
+    }
+}
+
 /// The turn of the plant.
 #[derive(Debug)]
 pub struct PlantTurn<T: Transport> {
@@ -104,6 +111,13 @@ impl<T: Transport> PlantTurn<T> {
         Self { health, ..self }
     }
 
+    /// In real time a pause of the process is made up for only so far: the loop must not integrate for longer than it sleeps.
+    fn skip_pause(&mut self, now: Time) {
+        if self.stepping == Stepping::Sampled {
+            tell_skipped(self.plant.skip_pause(now));
+        }
+    }
+
     /// Obeys an operator's stop, and lifts it with the "disarmed" of the daemon that `arrival` may be. A shadow keeps its motors off
     /// as well, but the vehicle behind the bridge is not in its hands: it confirms and lifts nothing.
     fn obey_stop<C: TurnClock>(
@@ -147,6 +161,7 @@ impl<T: Transport> Turn for PlantTurn<T> {
         // Read after the command was taken, so that it is not received before it was sent.
         let now = clock.now();
         self.plant.disturb_radio(self.radio.at(now)?);
+        self.skip_pause(now);
         let Self { plant, outputs, .. } = self;
         let mut published = Ok(());
         plant.advance(now, |output| {

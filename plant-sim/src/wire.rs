@@ -28,6 +28,7 @@ use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
 use crate::PlantOutput;
+use crate::turn::tell_skipped;
 
 pub use motors::MotorSwitch;
 pub use on_board::{Measured, OnBoard};
@@ -69,6 +70,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
             context.health.count_input();
         }
         vehicle.disturb_radio(radio.at(now)?);
+        tell_skipped(vehicle.skip_pause(now));
         vehicle.host_writes(now, &chunk[..read]);
         vehicle.advance(now, |output| outputs.push(output));
         if !outputs.is_empty() {
@@ -76,10 +78,8 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
         }
         publish_truth(&mut truths, outputs.drain(..))?;
         vehicle.host_reads(now, &mut answer);
-        if !answer.is_empty() {
-            terminal.write(&answer)?;
-            answer.clear();
-        }
+        terminal.write(&answer)?;
+        answer.clear();
         if now.since(released_at) >= RELEASE_PERIOD {
             released_at = now;
             terminal.release_exclusive();

@@ -265,3 +265,21 @@ fn a_vehicle_ignores_commands_of_another_kind() {
     bench.fly(200);
     assert_eq!(bench.truth().position[2], 0.0);
 }
+
+#[test]
+fn f12_a_long_pause_is_integrated_for_two_seconds_and_skipped_for_the_rest() {
+    let mut bench = Bench::new(&config(&[]));
+    bench.hold(sticks(0.0, 1.2 * HOVER), 1000);
+    assert!(bench.truth().position[2] > 0.5);
+    let frames = |bench: &Bench| bench.plant.next_event();
+    let woken = bench.now + Span::from_seconds(3600.0);
+    assert_eq!(bench.plant.skip_pause(woken), Span::from_seconds(3598.0));
+    assert_eq!(bench.plant.truth().time, woken);
+    // Its motors stopped for want of commands, and it fell.
+    assert_eq!((bench.plant.vehicle().armed, bench.plant.truth().position[2]), (0, 0.0));
+    assert!(frames(&bench) > woken && frames(&bench) <= woken + Span::from_millis(17));
+    let mut outputs = 0;
+    bench.plant.advance(woken + Span::from_millis(100), |_| outputs += 1);
+    assert!((100..=110).contains(&outputs), "{outputs} samples of 100 ms");
+    assert_eq!(bench.plant.skip_pause(woken + Span::from_millis(2000)), Span::ZERO);
+}

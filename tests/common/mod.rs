@@ -1,6 +1,7 @@
 //! Testbeds: each test has an instance, a root directory and an output directory of its own, so that tests run in parallel.
 #![allow(dead_code)]
 
+pub mod obedience;
 pub mod random;
 
 use std::path::PathBuf;

@@ -65,17 +65,26 @@ impl Cycle {
         }
     }
 
-    /// Holds the position or lands if the safety state demands it, and goes on with the mission if it does no longer.
+    /// Holds the position, lands or waits for the end of a descent if the safety state demands it, and goes on with the mission if
+    /// it does no longer.
     fn act_on(&mut self, now: Time, state: SafetyState) {
         let estimate = self.estimator.latest();
         let Some(mission) = self.mission.as_mut().filter(|_| !self.observe_only) else { return };
         match state {
+            // Poses have come back.
+            SafetyState::Land if std::mem::take(&mut self.memory.descends) => {
+                mission.land_from(now, estimate.position);
+            }
             SafetyState::Land if self.mode == Mode::Flying => {
                 mission.land(now, &estimate);
                 self.mode = Mode::Landing;
             }
             SafetyState::Hold if self.mode == Mode::Flying => {
                 mission.hold(now, self.memory.inside.unwrap_or(estimate.position));
+            }
+            SafetyState::Descend => {
+                mission.hold(now, estimate.position);
+                (self.memory.descends, self.mode) = (true, Mode::Landing);
             }
             // Blindness interrupts neither.
             SafetyState::Nominal | SafetyState::Degraded => mission.resume(now),
@@ -100,7 +109,8 @@ impl Cycle {
         self.vehicle.begin_flight(now);
         self.guard.begin_flight();
         self.setpoint.reset();
-        self.memory.inside = None;
+        (self.memory.inside, self.memory.stands_since) = (None, None);
+        self.memory.descends = false;
         self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
         self.mode = Mode::Flying;
         if self.requests.at_start == AtStart::Awaited {
@@ -119,7 +129,7 @@ impl Cycle {
         }
         let Some(mission) = &self.mission else { return };
         let reference = mission.reference(now);
-        if mission.has_landed(&reference, estimate) {
+        if mission.has_landed(&reference, estimate) || self.stands(now, reference.phase) {
             self.end_flight();
         } else if reference.phase == Phase::Landing {
             self.mode = Mode::Landing;

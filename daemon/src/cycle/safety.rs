@@ -26,6 +26,7 @@ impl Cycle {
         let poses_missing = self.is_past(now, self.memory.last_seen, COAST_PERIODS);
         if poses_missing {
             self.guard.missed();
+            self.carry_motion(now);
         }
         let conditions = self.conditions(now, fresh, poses_missing);
         let state = self.supervisor.step(now, &conditions, self.memory.missing);
@@ -48,6 +49,8 @@ impl Cycle {
         SafetyConditions {
             poses_missing,
             poses_good: fresh && self.guard.good_in_a_row() >= needed,
+            may_descend: self.may_descend(now),
+            is_down: self.is_down(now),
             blind_too_long: is_armed && age.is_none_or(|age| age > self.timing.coast),
             vehicle_silent,
             vehicle_lost,

@@ -1,5 +1,6 @@
 //! The limits of a tick, and what keeps a flight from beginning.
 
+use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Time;
@@ -65,6 +66,7 @@ impl Cycle {
             floor_m: self.guard.motion.floor_m(),
             reference: &mission.reference(now),
             thrust_n,
+            is_descent: self.supervisor.state() == SafetyState::Descend,
         };
         self.limits.judge(&flight, conditions);
         if !conditions.in_fence_margin {

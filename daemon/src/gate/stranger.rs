@@ -34,6 +34,11 @@ impl Stranger {
         }
     }
 
+    /// Angle of the pose from the predicted attitude \[rad\].
+    pub(super) fn turn_rad(&self) -> f64 {
+        self.turn.norm()
+    }
+
     /// Whether both are poses of one body, as far as one frame after the other tells.
     pub(super) fn agrees(&self, other: &Self) -> bool {
         let alike = |a: &Vector3<f64>, b: &Vector3<f64>, least: f64| {

@@ -10,6 +10,8 @@ const NOTHING: SafetyConditions = SafetyConditions {
     poses_missing: false,
     poses_good: false,
     blind_too_long: false,
+    may_descend: false,
+    is_down: false,
     vehicle_silent: false,
     vehicle_lost: false,
     operator_stops: false,
@@ -100,6 +102,24 @@ fn f02_blindness_stops_from_every_flying_state() {
 }
 
 #[test]
+fn f48_a_blind_vehicle_that_may_descends_until_it_is_down_or_may_no_longer_and_lands_with_poses() {
+    let blind =
+        SafetyConditions { blind_too_long: true, may_descend: true, is_flying: true, ..MISSED };
+    let mut watch = Watch::nominal();
+    assert_eq!(watch.tick_for(&blind, Cause::Relabel), Descend);
+    assert_eq!(watch.supervisor.cause(), Cause::Relabel);
+    assert_eq!(watch.tick(&FLYING), Land, "seen again");
+    assert_eq!(watch.tick(&FLYING), Land);
+    assert_eq!(watch.tick(&blind), Descend);
+    assert_eq!(watch.tick(&SafetyConditions { may_descend: false, ..blind }), Stop);
+    assert_eq!(watch.tick(&FLYING), Stop, "latched");
+    let mut watch = Watch::nominal();
+    watch.tick(&blind);
+    let down = SafetyConditions { is_down: true, ..blind };
+    assert!((200..=210).contains(&watch.until(Stop, &down)));
+}
+
+#[test]
 fn f18_a_lost_vehicle_stops_from_every_flying_state() {
     let lost = SafetyConditions { vehicle_lost: true, ..FLYING };
     let mut watch = Watch::nominal();
@@ -153,7 +173,7 @@ fn every_limit_acts_within_its_bound_and_tells_its_cause() {
         change(&mut conditions.limits);
         conditions
     };
-    let rows: [(SafetyConditions, SafetyState, i64, Cause); 20] = [
+    let rows: [(SafetyConditions, SafetyState, i64, Cause); 22] = [
         (with(|l| l.leaves_fence = true), Stop, 0, Cause::Fence),
         (with(|l| l.tipped = true), Stop, 100, Cause::Tilt),
         (with(|l| l.lies_on_floor = true), Stop, 2000, Cause::Crash),
@@ -173,6 +193,8 @@ fn every_limit_acts_within_its_bound_and_tells_its_cause() {
         (with(|l| l.poses_old = true), Degraded, 200, Cause::PosesLate),
         (with(|l| l.poses_lost = true), Degraded, 0, Cause::PosesLost),
         (with(|l| l.overrun = true), Degraded, 0, Cause::Overrun),
+        (with(|l| l.sinks = true), Degraded, 200, Cause::NoLift),
+        (with(|l| l.far_off = true), Degraded, 1000, Cause::Tracking),
         (with(|l| l.configs_differ = true), Degraded, 0, Cause::Configuration),
     ];
     for (conditions, state, millis, cause) in rows {

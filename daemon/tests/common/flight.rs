@@ -75,6 +75,15 @@ impl Flight {
         flight
     }
 
+    /// A vehicle whose thrust is `lift` times the commanded one, and which therefore hovers somewhere above its reference.
+    pub fn hovering_anywhere(settings: &[Setting], lift: f64) -> Self {
+        let mut flight = Self::new(&[settings, &[set("trajectory.settle-s=60")]].concat());
+        flight.lift = lift;
+        flight.run(400);
+        assert_eq!(flight.state(), SafetyState::Nominal, "{}", flight.cause());
+        flight
+    }
+
     /// Flies for some frames with good poses.
     pub fn run(&mut self, frames: usize) {
         for _ in 0..frames {
@@ -156,7 +165,8 @@ impl Flight {
             }
             let input = ModelInput {
                 demand: Vector3::from(self.acting.sticks) * 2.0 + self.tumble,
-                attitude: Attitude::LEVEL,
+                // What a vehicle that holds attitudes follows; motors that are off follow nothing.
+                attitude: Attitude::from_xyzw(self.acting.attitude).unwrap_or(Attitude::LEVEL),
                 thrust_n: self.acting.thrust * self.max_thrust * self.lift,
             };
             let bias = Bias { acceleration: self.wind, ..Bias::default() };

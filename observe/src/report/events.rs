@@ -18,12 +18,13 @@ use crate::plot::palette::Ink;
 /// Number of events that are listed; the others are counted.
 const MOST_LISTED: usize = 100;
 
-const STATES: [(SafetyState, &str, Ink); 6] = [
+const STATES: [(SafetyState, &str, Ink); 7] = [
     (SafetyState::Nominal, "nominal", Ink::Good),
     (SafetyState::Degraded, "degraded", Ink::Warning),
     (SafetyState::Coast, "coast", Ink::Warning),
     (SafetyState::Hold, "hold", Ink::Warning),
     (SafetyState::Land, "land", Ink::Bad),
+    (SafetyState::Descend, "descend", Ink::Bad),
     (SafetyState::Stop, "stop", Ink::Bad),
 ];
 

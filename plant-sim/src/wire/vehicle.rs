@@ -1,6 +1,6 @@
 //! Emulated vehicle behind its radio, bytes in and bytes out. Pure: time is an argument.
 
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::RadioDisturbance;
@@ -79,6 +79,11 @@ impl WiredVehicle {
     /// Appends to `bytes` the bytes that have arrived at the host by `now`.
     pub fn host_reads(&mut self, now: Time, bytes: &mut Vec<u8>) {
         self.radio.receive(LinkDirection::Down, now, bytes);
+    }
+
+    /// Skips what a pause of the process that ends at `now` has too much: see [`Plant::skip_pause`].
+    pub fn skip_pause(&mut self, now: Time) -> Span {
+        self.plant.skip_pause(now)
     }
 
     /// Flies on to `until`, and tells `out` what happens. Commands act at the very instant at which their last byte arrives.

@@ -1,0 +1,64 @@
+//! The descent of a vehicle that holds an attitude by itself, without poses: how long, and with which thrust.
+
+use oqtal_bus::time::Span;
+use oqtal_config::Config;
+
+/// Greatest share of the weight by which the thrust is corrected for the external force that was estimated \[-\].
+const LARGEST_CORRECTION: f64 = 0.3;
+
+/// The descent without poses.
+#[derive(Clone, Debug)]
+pub struct BlindDescent {
+    /// Greatest age of the last accepted pose; `None` for a vehicle that does not stay level without the daemon.
+    longest: Option<Span>,
+    /// Thrust over that of a hover \[-\].
+    thrust: f64,
+    mass_kg: f64,
+    gravity_m_s2: f64,
+}
+
+impl BlindDescent {
+    /// The descent of `config`.
+    #[must_use]
+    pub fn of(config: &Config) -> Self {
+        let (safety, vehicle) = (&config.safety, &config.vehicle);
+        let longest = Span::from_seconds((safety.coast_ms + safety.descend_ms) * 1e-3);
+        Self {
+            longest: vehicle.interface.holds_attitude().then_some(longest),
+            thrust: safety.descend_thrust,
+            mass_kg: vehicle.mass_kg,
+            gravity_m_s2: vehicle.gravity_m_s2,
+        }
+    }
+
+    /// Whether the vehicle may descend, or descend further, on a last accepted pose of this age.
+    #[must_use]
+    pub fn is_possible(&self, age: Span) -> bool {
+        self.longest.is_some_and(|longest| age <= longest)
+    }
+
+    /// The thrust of the descent \[N\] under the estimated external acceleration upward `lift` \[m/s^2\]: wind, or a thrust or
+    /// mass other than configured.
+    #[must_use]
+    pub fn thrust_n(&self, lift: f64) -> f64 {
+        let greatest = LARGEST_CORRECTION * self.gravity_m_s2;
+        let known = if lift.is_finite() { lift.clamp(-greatest, greatest) } else { 0.0 };
+        self.thrust * self.mass_kg * (self.gravity_m_s2 - known)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_thrust_of_a_descent_is_below_the_hovers_whatever_was_estimated() {
+        let descent = BlindDescent::of(&Config::default());
+        let weight_n = descent.mass_kg * descent.gravity_m_s2;
+        let share = |lift| descent.thrust_n(lift) / weight_n;
+        assert!((share(0.0) - 0.9).abs() < 1e-12);
+        assert!((share(0.1 * descent.gravity_m_s2) - 0.81).abs() < 1e-12);
+        assert!((share(f64::NAN) - 0.9).abs() < 1e-12);
+        assert!((share(-1e9) - 1.17).abs() < 1e-12 && (share(1e9) - 0.63).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,150 @@
+//! The room that a flight needs: its path compared with the fence, before the start and at arming.
+
+use nalgebra::Vector3;
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
+
+use crate::fence::Fence;
+
+/// Points of a flight that are compared with the fence \[-\].
+const PATH_POINTS: u32 = 256;
+
+/// The path of a flight relative to its start: times \[s\] and positions \[m\].
+pub(crate) fn path(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector3<f64>)> {
+    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let step_s = plan.end_s() / f64::from(PATH_POINTS);
+    let times = (0..PATH_POINTS).map(|index| f64::from(index) * step_s);
+    times.map(|t_s| (t_s, plan.sample(t_s).position)).collect()
+}
+
+/// Whether `trajectory` fits inside the soft border of the fence: from anywhere, or from `start` \[m, world\] where it is known.
+///
+/// # Errors
+/// The key of the border, and the points of the trajectory for which it leaves no room.
+pub fn check_room(
+    config: &Config,
+    trajectory: &Trajectory,
+    start: Option<Vector3<f64>>,
+) -> Result<(), OptionError> {
+    let path = path(config, trajectory);
+    let (low, high) = corners(config);
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let along = |point: &(f64, Vector3<f64>)| point.1[axis];
+        let by = |a: &&_, b: &&_| along(a).total_cmp(&along(b));
+        let (Some(from), Some(to)) = (path.iter().min_by(by), path.iter().max_by(by)) else {
+            return Ok(());
+        };
+        // A flight begins on the floor, at the lower border or above it.
+        let (span_m, margins) =
+            if name == "z" { (along(to), 1.0) } else { (along(to) - along(from), 2.0) };
+        let needed_m = span_m + margins * config.fence.soft_margin_m;
+        let width_m = high[axis] - low[axis];
+        // A comparison with NaN is false.
+        let fits = needed_m < width_m;
+        if !fits {
+            let allowed = format!(
+                "wider than {needed_m:.2} m, soft-margin-m included: the trajectory goes from {name} = {:.2} m at {:.1} s to {name} = {:.2} m at {:.1} s",
+                along(from),
+                from.0,
+                along(to),
+                to.0
+            );
+            return Err(border_error(config, name, allowed));
+        }
+    }
+    start.map_or(Ok(()), |start| check_from(config, &path, start))
+}
+
+/// Whether a flight along `path` from `start` \[m, world\] stays inside the soft border.
+fn check_from(
+    config: &Config,
+    path: &[(f64, Vector3<f64>)],
+    start: Vector3<f64>,
+) -> Result<(), OptionError> {
+    let fence = Fence::new(&config.fence);
+    let is_outside = |point: &&(f64, Vector3<f64>)| {
+        let is_inside = fence.inside_soft_m(&(start + point.1)) > 0.0;
+        !is_inside
+    };
+    let Some((t_s, point)) = path.iter().find(is_outside) else { return Ok(()) };
+    let at = start + point;
+    let (low, high) = corners(config);
+    let beyond = |axis: &usize| (at[*axis] - high[*axis]).max(low[*axis] - at[*axis]);
+    let axis = (0..3).max_by(|a, b| beyond(a).total_cmp(&beyond(b))).unwrap_or_default();
+    let allowed = format!(
+        "around the whole trajectory, by more than soft-margin-m: at {t_s:.1} s the trajectory is at [{:.2}, {:.2}, {:.2}] m",
+        at.x, at.y, at.z
+    );
+    Err(border_error(config, ["x", "y", "z"][axis], allowed))
+}
+
+/// Opposite corners of the box around the fence \[m, world\].
+fn corners(config: &Config) -> (Vector3<f64>, Vector3<f64>) {
+    let fence = &config.fence;
+    let mut ranges = [fence.x_m, fence.y_m, fence.z_m];
+    if !fence.polygon_m.is_empty() {
+        for (axis, range) in ranges.iter_mut().enumerate().take(2) {
+            let along = || fence.polygon_m.iter().map(|corner| corner[axis]);
+            *range =
+                [along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max)];
+        }
+    }
+    (Vector3::from(ranges.map(|[low, _]| low)), Vector3::from(ranges.map(|[_, high]| high)))
+}
+
+fn border_error(config: &Config, axis: &str, allowed: String) -> OptionError {
+    let fence = &config.fence;
+    let range = |key: &str, [low, high]: [f64; 2]| {
+        OptionError::new(key, format_args!("[{low}, {high}]"), &allowed)
+    };
+    match axis {
+        "z" => range("fence.z-m", fence.z_m),
+        _ if !fence.polygon_m.is_empty() => {
+            OptionError::new("fence.polygon-m", format_args!("{:?}", fence.polygon_m), &allowed)
+        }
+        "x" => range("fence.x-m", fence.x_m),
+        _ => range("fence.y-m", fence.y_m),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trajectory;
+    use oqtal_config::Setting;
+
+    fn check(settings: &[&str], start: Option<Vector3<f64>>) -> Result<(), String> {
+        let settings: Vec<_> =
+            settings.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
+        let config = Config::from_settings(&settings).unwrap();
+        let trajectory = trajectory(&config).unwrap();
+        check_room(&config, &trajectory, start).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_trajectory_that_fits_nowhere_is_refused_with_its_ends_and_the_border() {
+        assert_eq!(check(&[], None), Ok(()));
+        let circle = ["trajectory.kind=\"circle\"", "trajectory.circle.radius-m=4.0"];
+        assert_eq!(check(&circle, None), Ok(()));
+        let narrow = |border| check(&[&circle[..], &[border]].concat(), None).unwrap_err();
+        let told = narrow("fence.x-m=[-4.5, 4.5]");
+        assert!(told.starts_with("`fence.x-m` is [-4.5, 4.5]"), "{told}");
+        assert!(told.contains("wider than 10.00 m") && told.contains("x = "), "{told}");
+        let polygon = "fence.polygon-m=[[-9.0, -4.9], [9.0, -4.9], [9.0, 4.9], [-9.0, 4.9]]";
+        assert!(narrow(polygon).starts_with("`fence.polygon-m`"), "{}", narrow(polygon));
+        let told = check(&["trajectory.height-m=3.0", "fence.z-m=[0.0, 3.5]"], None).unwrap_err();
+        assert!(told.starts_with("`fence.z-m`") && told.contains("z = 3.00 m"), "{told}");
+    }
+
+    #[test]
+    fn from_a_known_start_the_point_that_is_outside_is_told() {
+        let settings = ["fence.x-m=[-0.5, 9.0]", "fence.soft-margin-m=0.2"];
+        assert_eq!(check(&settings, Some(Vector3::x() * 3.0)), Ok(()));
+        let told = check(&settings, Some(Vector3::x() * 8.0)).unwrap_err();
+        assert!(
+            told.starts_with("`fence.x-m`") && told.contains(" m") && told.contains("at ["),
+            "{told}"
+        );
+    }
+}

@@ -1,0 +1,115 @@
+//! Level and descend: vehicles that hold an attitude by themselves, without poses, in virtual time.
+
+mod common;
+
+use common::LAWS;
+use common::flight::{Flight, relabelled, set};
+use nalgebra::Vector3;
+use oqtal_bus::code::{Actuation, Cause, SafetyState};
+use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::Span;
+use oqtal_config::Setting;
+
+/// A vehicle that holds its attitude and hovers at one metre.
+fn hovering(settings: &[Setting]) -> Flight {
+    Flight::hovering(&[settings, &[set("vehicle.interface=\"attitude\"")]].concat())
+}
+
+/// Flies without poses until `state`; time until then \[ms\].
+fn blind_until(flight: &mut Flight, state: SafetyState) -> i64 {
+    flight.until(state, |_| None).nanos() / 1_000_000
+}
+
+fn is_level(command: &CommandV1) -> bool {
+    command.actuation == Actuation::Attitude.code()
+        && command.sticks == [0.0; 3]
+        && command.attitude[0].hypot(command.attitude[1]) < 1e-12
+}
+
+#[test]
+fn f48_a_blind_vehicle_is_level_and_sinks_to_the_floor_and_its_motors_stop() {
+    for law in LAWS {
+        let mut flight = hovering(&[set(&format!("control.controller={law:?}"))]);
+        let waited = blind_until(&mut flight, SafetyState::Descend);
+        assert!(waited <= 275, "{law}: {waited} ms");
+        assert_eq!(flight.cause(), Cause::NoPose);
+        let since = flight.bench.now;
+        while flight.state() == SafetyState::Descend {
+            assert!(is_level(&flight.last_command), "{law}: {:?}", flight.last_command);
+            assert!(flight.last_command.thrust > 0.0 && flight.tilt_deg() < 20.0, "{law}");
+            assert!(flight.motion.velocity.z > -2.0, "{law}: {:?}", flight.motion);
+            flight.frame(|_| None);
+        }
+        let sank = flight.bench.now.since(since);
+        assert_eq!(flight.state(), SafetyState::Stop, "{law}");
+        assert!(flight.motion.position.z < 0.1, "{law}: at {} m", flight.motion.position.z);
+        assert!(sank < Span::from_millis(2500), "{law}: {sank:?}");
+        flight.run(60);
+        assert_eq!(flight.state(), SafetyState::Stop, "{law}: latched");
+    }
+}
+
+#[test]
+fn f48_a_descent_ends_whatever_was_predicted() {
+    let mut flight = hovering(&[set("safety.descend-ms=700")]);
+    // So strong a lift that the vehicle climbs.
+    flight.lift = 1.3;
+    let waited = blind_until(&mut flight, SafetyState::Stop);
+    assert!((940..=990).contains(&waited), "{waited} ms");
+    let mut flight = hovering(&[set("safety.descend-ms=0")]);
+    let waited = blind_until(&mut flight, SafetyState::Stop);
+    assert!(waited <= 275, "none asked for: {waited} ms");
+}
+
+#[test]
+fn f48_a_vehicle_on_the_floor_and_one_without_an_attitude_loop_stop_at_once() {
+    let mut flight = Flight::new(&[set("vehicle.interface=\"attitude\"")]);
+    flight.run(20);
+    assert!(flight.motion.position.z < 0.05, "{:?}", flight.motion);
+    assert_eq!(blind_until(&mut flight, SafetyState::Stop), 250);
+    let mut flight = Flight::hovering(&[]);
+    blind_until(&mut flight, SafetyState::Stop);
+    assert_eq!(flight.bench.cycle.telemetry().cause, Cause::NoPose.code());
+}
+
+#[test]
+fn f48_poses_that_come_back_end_the_descent_in_a_landing_where_the_vehicle_is() {
+    for law in LAWS {
+        let mut flight = hovering(&[set(&format!("control.controller={law:?}"))]);
+        flight.wind = Vector3::new(0.3, -0.2, 0.0);
+        flight.run(120);
+        blind_until(&mut flight, SafetyState::Descend);
+        for _ in 0..24 {
+            flight.frame(|_| None);
+        }
+        let seen_at = flight.motion.position;
+        let waited = flight.until(SafetyState::Land, Some);
+        assert!(waited <= Span::from_millis(101), "{law}: {waited:?}");
+        while flight.bench.cycle.telemetry().mission_s.is_finite() {
+            flight.run(1);
+            assert!(flight.motion.position.z < seen_at.z + 0.1, "{law}: {:?}", flight.motion);
+            assert!((flight.motion.position - seen_at).xy().norm() < 0.8, "{law}");
+        }
+        assert_ne!(flight.state(), SafetyState::Stop, "{law}: {}", flight.cause());
+        assert!(flight.motion.position.z < 0.05, "{law}");
+    }
+}
+
+#[test]
+fn f48_markers_that_were_exchanged_are_not_believed_in_a_descent() {
+    for degrees in [180.0, 90.0, -60.0] {
+        for gap in [0, 20, 60] {
+            let mut flight = hovering(&[set("trajectory.height-m=1.0")]);
+            for _ in 0..gap {
+                flight.frame(|_| None);
+            }
+            while flight.state() != SafetyState::Stop {
+                flight.frame(|pose| Some(relabelled(pose, degrees)));
+                let telemetry = flight.bench.cycle.telemetry();
+                assert_eq!(telemetry.fresh, 0, "{degrees} deg after {gap} frames");
+            }
+            let is_told = [Cause::Relabel, Cause::Jump].contains(&flight.cause());
+            assert!(is_told, "{degrees} deg after {gap} frames: {}", flight.cause());
+        }
+    }
+}
