@@ -17,30 +17,48 @@ pub struct RouteTable {
     takes_all: bool,
     /// Bodies of the camera system, each with its route.
     bodies: Vec<(CameraBody, Option<usize>)>,
+    /// Routes of bodies that were named after the start.
+    renamed: Vec<(i64, Option<usize>)>,
 }
+
+/// Most bodies that may be named after the start \[-\].
+const MAX_RENAMED: usize = 256;
 
 impl RouteTable {
     /// Routes of the bodies `wanted`, none of which is known yet. Without any, every body gets a route.
     #[must_use]
     pub fn new(wanted: Vec<String>) -> Self {
-        Self { takes_all: wanted.is_empty(), wanted, bodies: Vec::new() }
+        Self {
+            takes_all: wanted.is_empty(),
+            wanted,
+            bodies: Vec::new(),
+            renamed: Vec::with_capacity(MAX_RENAMED),
+        }
     }
 
-    /// Replaces the bodies; whether anything changed.
-    pub fn replace(&mut self, bodies: impl Iterator<Item = CameraBody>) -> bool {
-        let before: Vec<CameraBody> = self.bodies.drain(..).map(|(body, _)| body).collect();
+    /// Replaces the bodies.
+    pub fn replace(&mut self, bodies: impl IntoIterator<Item = CameraBody>) {
+        self.bodies.clear();
         for body in bodies {
             self.insert(body);
         }
-        !before.iter().eq(self.bodies())
+    }
+
+    /// Names a body anew, without memory for its name: it counts for its route alone. For the real-time thread.
+    pub fn rename(&mut self, key: i64, name: &str) {
+        let route = self.wanted.iter().position(|wanted| is_named(wanted, key, name));
+        let known = self.renamed.iter().position(|(known, _)| *known == key);
+        match known {
+            Some(place) => self.renamed[place].1 = route,
+            None if self.renamed.len() < MAX_RENAMED => self.renamed.push((key, route)),
+            None => {}
+        }
     }
 
     /// Adds a body, or renames it.
     pub fn insert(&mut self, body: CameraBody) {
         self.bodies.retain(|(known, _)| known.key != body.key);
-        let names = |wanted: &String| {
-            *wanted == body.name || wanted.parse::<i64>().is_ok_and(|key| key == body.key)
-        };
+        let names = |wanted: &String| is_named(wanted, body.key, &body.name);
         let mut route = self.wanted.iter().position(names);
         if route.is_none() && self.takes_all {
             self.wanted.push(body.name.clone());
@@ -52,6 +70,9 @@ impl RouteTable {
     /// The route of a body; `None` if it is not wanted.
     #[must_use]
     pub fn route(&self, key: i64) -> Option<usize> {
+        if let Some((_, route)) = self.renamed.iter().find(|(renamed, _)| *renamed == key) {
+            return *route;
+        }
         self.bodies.iter().find(|(body, _)| body.key == key).and_then(|(_, route)| *route)
     }
 
@@ -69,8 +90,18 @@ impl RouteTable {
     /// Whether the body of a route is there.
     #[must_use]
     pub fn has(&self, route: usize) -> bool {
-        self.bodies.iter().any(|(_, known)| *known == Some(route))
+        let renamed = self.renamed.iter().map(|(key, _)| *key);
+        self.bodies
+            .iter()
+            .map(|(body, _)| body.key)
+            .chain(renamed)
+            .any(|key| self.route(key) == Some(route))
     }
+}
+
+/// Whether a link wants this body: by its name, or by its number.
+fn is_named(wanted: &str, key: i64, name: &str) -> bool {
+    wanted == name || wanted.parse::<i64>().is_ok_and(|number| number == key)
 }
 
 #[cfg(test)]
@@ -84,11 +115,15 @@ mod tests {
     #[test]
     fn bodies_are_found_by_name_or_number_and_a_renamed_one_is_no_longer_there() {
         let mut table = RouteTable::new(vec!["b".to_owned(), "7".to_owned()]);
-        assert!(table.replace([body(3, "a"), body(7, "c"), body(9, "b")].into_iter()));
+        table.replace([body(3, "a"), body(7, "c"), body(9, "b")]);
         assert_eq!([3, 7, 9, 1].map(|key| table.route(key)), [None, Some(1), Some(0), None]);
-        assert!(!table.replace([body(3, "a"), body(7, "c"), body(9, "b")].into_iter()));
         table.insert(body(9, "other"));
         assert!(!table.has(0) && table.has(1) && table.route(9).is_none());
+        table.rename(4, "b");
+        assert!(table.has(0) && table.route(4) == Some(0));
+        (100..10_000).for_each(|key| table.rename(key, "x"));
+        table.rename(4, "y");
+        assert!(!table.has(0) && table.route(4).is_none());
     }
 
     #[test]
