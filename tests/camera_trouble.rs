@@ -36,7 +36,7 @@ fn summary(output: &Output) -> Value {
 fn wait_for_tick(
     what: &str,
     telemetry: &mut Reader<TelemetryV1>,
-    is_it: impl Fn(&TelemetryV1) -> bool,
+    mut is_it: impl FnMut(&TelemetryV1) -> bool,
 ) {
     wait_for(what, || {
         while let Some((_, tick)) = telemetry.receive().unwrap() {
@@ -80,7 +80,8 @@ fn f54_a_camera_server_that_dies_in_flight_ends_it_and_is_found_again() {
 fn world(testbed: &Testbed) -> (Vec<Running>, String, String) {
     let (port, radio) = (free_port(), testbed.path("radio"));
     let vehicle = format!("asctec:{}", radio.display());
-    let plant = testbed.start(&["plant-sim", "run", "--set", &format!("plant.wire.link={vehicle}")]);
+    let plant =
+        testbed.start(&["plant-sim", "run", "--set", &format!("plant.wire.link={vehicle}")]);
     let served = format!("natnet:{port}");
     let cameras = [&["mocap-emu", "run", "--serve", &served][..], &TROUBLE].concat();
     let cameras = testbed.start(&cameras);
@@ -126,7 +127,13 @@ fn f56_a_cable_pulled_for_a_moment_is_flown_through_and_for_longer_ends_the_flig
     cable("down");
     std::thread::sleep(Duration::from_millis(60));
     cable("up");
-    wait_for_tick("poses again", &mut telemetry, |tick| tick.pose_age_is_small());
+    // A second of flight.
+    let mut ticks = 0;
+    wait_for_tick("a flight that goes on", &mut telemetry, |tick| {
+        assert_ne!(tick.state, SafetyState::Stop.code(), "{tick:?}");
+        ticks += u32::from(tick.state == SafetyState::Nominal.code());
+        ticks == 60
+    });
     cable("down");
     wait_for_tick("the Stop", &mut telemetry, is_in(SafetyState::Stop));
     assert_eq!(summary(&flight.wait())["outcome"], "stopped");

@@ -100,6 +100,8 @@ impl QtmConnection {
             if attempt.is_over() {
                 return Err(attempt.not_spoken("it says nothing"));
             }
+            let refused = |error: io::Error| attempt.refused(&error);
+            self.control.set_read_timeout(Some(attempt.left())).map_err(refused)?;
             let count =
                 self.control.read(&mut self.buffer).map_err(|error| match error.kind() {
                     io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => {
