@@ -13,7 +13,7 @@ use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::port::Reader;
 use oqtal_bus::topic::TELEMETRY;
-use oqtal_bus::transport::Subscribe;
+use oqtal_bus::transport::{Subscribe, Transport};
 use serde_json::Value;
 
 /// A hover that takes off, stays and lands.
