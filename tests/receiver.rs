@@ -199,8 +199,10 @@ fn one_receiver_serves_many_bodies_to_as_many_instances() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     let cpu = (cpu_ticks(&receiver) - began.1) as f64 / began.0.elapsed().as_secs_f64();
+    let least = heard.iter().map(|(count, ..)| *count).min().unwrap_or(0);
+    let gaps: u64 = heard.iter().map(|(.., gaps)| *gaps).sum();
     println!(
-        "{bodies} bodies: (poses, last frame, frames without a pose) {heard:?}; CPU {cpu:.1} %"
+        "{bodies} bodies, {seconds} s: {least} poses of each at least, {gaps} frames without one, CPU {cpu:.1} %"
     );
     // A machine under load may hand over two frames at once, of which the newest goes on.
     let sound = |gaps: u64| study.is_none() || gaps == 0;
