@@ -1,6 +1,8 @@
 //! Limits on the cost of real-time turns: no heap allocation in a daemon tick or a camera frame, and no system calls except those
 //! that wait and wake.
 
+#[path = "budget/camera_link.rs"]
+mod camera_link;
 mod common;
 #[path = "budget/flight.rs"]
 mod flight;
@@ -18,6 +20,7 @@ use oqtal_bus::topic::{POSE, TELEMETRY};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::{Config, Setting};
 use oqtal_mocap_emu::Cameras;
+use oqtal_receiver::PoseReceiver;
 use rustix::process::Signal;
 
 /// Allocator that counts the allocations of each thread.
@@ -115,6 +118,46 @@ fn no_frame_of_any_model_of_the_cameras_allocates() {
     assert_eq!(allocations_of_cameras(&[("mocap.preset", "room")]), 0);
     let both = [("mocap.preset", "room"), ("mocap.model", "markers")];
     assert_eq!(allocations_of_cameras(&both), 0);
+}
+
+/// Receives frames of a camera system until its list of bodies has changed twice; how often that allocates.
+fn allocations_of_receiver(kind: &'static str, rest: &str) -> u64 {
+    let link = format!("{kind}:{},body=quad{rest}", camera_link::serve(kind));
+    let mut stream = oqtal_receiver::connect_to_all(&link.parse().unwrap()).unwrap().stream;
+    let mut receiver = PoseReceiver::new(&Config::default().receiver, 1);
+    let (mut taken, mut frames, mut changes) = (0, 0, 0);
+    let (mut last, mut number) = (Time::UNSET, 0);
+    wait_for("frames and changes", || {
+        // Signs of life are due at each call.
+        let ahead = Span::from_millis(1000 * i64::from(frames));
+        let (count, definitions) = allocations(|| {
+            stream.receive(&Time::now, &mut receiver).unwrap();
+            stream.maintain(Time::now() + ahead).unwrap();
+            stream.take_definitions()
+        });
+        taken += count;
+        if let Some(mut definitions) = definitions {
+            definitions.read().unwrap();
+            taken += allocations(|| stream.give_back(definitions)).0;
+        }
+        frames += u32::from(receiver.arrived_at() != last);
+        last = receiver.arrived_at();
+        if let Some(delivery) = receiver.take(0) {
+            changes += u32::from(number != delivery.pose.body);
+            number = delivery.pose.body;
+        }
+        (frames > 100 && changes > 2).then_some(())
+    });
+    taken
+}
+
+#[test]
+fn no_frame_of_a_real_camera_system_allocates_not_even_when_its_bodies_change() {
+    for (kind, rest) in
+        [("qtm", ""), ("qtm", ",transport=tcp"), ("vrpn", ""), ("natnet", ",unicast")]
+    {
+        assert_eq!(allocations_of_receiver(kind, rest), 0, "{kind}{rest}");
+    }
 }
 
 #[test]

@@ -1,69 +1,25 @@
 //! The receiver as a process, with emulated camera systems at the other end of the network of this machine.
 
 mod common;
+#[path = "receiver/network.rs"]
+mod network;
 
-use std::io::{BufRead, BufReader};
+use std::io::{Read, Write};
 use std::net::{Ipv4Addr, TcpListener, UdpSocket};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::Output;
 use std::time::Instant;
 
 use common::{Running, Testbed, number, stderr, wait_for};
+use network::{Network, Server, free_port, ip};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{Header, PoseV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::POSE;
 use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_wire::ByteOrder;
+use oqtal_wire::qtm::QtmWriter;
 use serde_json::Value;
-
-/// An emulated camera system of one protocol; killed when dropped.
-struct Server {
-    child: Child,
-    port: u16,
-    kind: &'static str,
-}
-
-impl Server {
-    fn start(kind: &'static str, port: u16, words: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
-        command.args(["mocap-emu", "serve", "--protocol", &format!("{kind}:{port}")]).args(words);
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
-        let mut child = command.spawn().unwrap();
-        // The first line is printed when the ports are open.
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        assert!(line.contains(&port.to_string()), "{line}");
-        Self { child, port, kind }
-    }
-
-    /// The link to the server; `rest` is what follows the address.
-    fn link(&self, rest: &str) -> String {
-        format!("{}:127.0.0.1:{}{rest}", self.kind, self.port)
-    }
-}
-
-impl Drop for Server {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// A port that is free with the three after it.
-fn free_port() -> u16 {
-    for _ in 0..100 {
-        let port =
-            TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port();
-        let is_free = |port| {
-            TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
-                && UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
-        };
-        if port < 65_000 && (port..port + 4).all(is_free) {
-            return port;
-        }
-    }
-    panic!("no free ports");
-}
 
 /// Waits for the next pose.
 fn next_pose(what: &str, poses: &mut Reader<PoseV1>) -> (Header, PoseV1) {
@@ -145,6 +101,43 @@ fn f55_what_cannot_be_received_is_refused_with_its_remedy() {
     next_pose("poses of the first receiver", &mut poses);
 }
 
+/// A server that greets as QTM does, and refuses every version.
+fn serve_an_unknown_version(listener: &TcpListener) {
+    let (mut stream, mut text) = (listener.accept().unwrap().0, Vec::new());
+    QtmWriter::new(&mut text, ByteOrder::Little).command("QTM RT Interface connected");
+    let mut refusal = Vec::new();
+    QtmWriter::new(&mut refusal, ByteOrder::Little).error("Version NOT supported");
+    // Until the receiver has enough.
+    while stream.write_all(&text).is_ok() && stream.read(&mut [0; 1000]).is_ok_and(|n| n > 0) {
+        text.clone_from(&refusal);
+    }
+}
+
+#[test]
+fn f55_versions_ports_and_permissions_that_are_missing_are_told() {
+    let testbed = Testbed::new("receiver-refused");
+    let unknown = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let silent = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+    let port = |listener: &TcpListener| listener.local_addr().unwrap().port();
+    let (old, mute) = (port(&unknown), port(&silent));
+    let refusing = std::thread::spawn(move || serve_an_unknown_version(&unknown));
+    let natnet = Server::start("natnet", free_port(), &["--body", "quad"]);
+    let _taken = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, natnet.port + 1)).unwrap();
+    let cases = [
+        (format!("qtm:127.0.0.1:{old},body=quad"), 76, "no version of the RT protocol from"),
+        (format!("qtm:127.0.0.1:{mute},body=quad"), 78, "it says nothing"),
+        (natnet.link(",body=quad"), 75, "is used by another process"),
+        ("natnet:255.255.255.255,body=quad".to_owned(), 77, "no permission for 255.255.255.255"),
+    ];
+    for (link, code, message) in cases {
+        let output = testbed.oqtal(&["receiver", "run", "--link", &link]).output().unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{link}: {said}");
+        assert!(said.contains(message), "{link}: {said}");
+    }
+    refusing.join().unwrap();
+}
+
 #[test]
 fn a_probe_examines_every_protocol_and_discovery_lists_the_bodies() {
     let testbed = Testbed::new("probe");
@@ -206,8 +199,10 @@ fn one_receiver_serves_many_bodies_to_as_many_instances() {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     let cpu = (cpu_ticks(&receiver) - began.1) as f64 / began.0.elapsed().as_secs_f64();
+    let least = heard.iter().map(|(count, ..)| *count).min().unwrap_or(0);
+    let gaps: u64 = heard.iter().map(|(.., gaps)| *gaps).sum();
     println!(
-        "{bodies} bodies: (poses, last frame, frames without a pose) {heard:?}; CPU {cpu:.1} %"
+        "{bodies} bodies, {seconds} s: {least} poses of each at least, {gaps} frames without one, CPU {cpu:.1} %"
     );
     // A machine under load may hand over two frames at once, of which the newest goes on.
     let sound = |gaps: u64| study.is_none() || gaps == 0;
@@ -242,70 +237,6 @@ fn real_cameras_do_not_look_at_a_simulated_vehicle() {
     let output = testbed.fly(&["--mocap", "link:qtm:127.0.0.1,body=quad"]);
     assert_eq!(output.status.code(), Some(64), "{}", stderr(&output));
     assert!(stderr(&output).contains("--vehicle link:LINK"), "{}", stderr(&output));
-}
-
-/// A network of its own for a server, behind a cable of two virtual ends; removed when dropped.
-struct Network {
-    name: String,
-    cable: String,
-}
-
-impl Network {
-    const HERE: &str = "10.213.77.1/24";
-    const THERE: &str = "10.213.77.2";
-
-    /// `None` where this user may not make one.
-    fn new() -> Option<Self> {
-        let id = std::process::id();
-        let network = Self { name: format!("oqtal-{id}"), cable: format!("oq{id}") };
-        let (name, cable, there) = (&network.name, &network.cable, format!("oq{id}b"));
-        let address = format!("{}/24", Self::THERE);
-        let steps: [&[&str]; 6] = [
-            &["netns", "add", name],
-            &["link", "add", cable, "type", "veth", "peer", "name", &there, "netns", name],
-            &["addr", "add", Self::HERE, "dev", cable],
-            &["-n", name, "addr", "add", &address, "dev", &there],
-            &["-n", name, "link", "set", &there, "up"],
-            &["link", "set", cable, "up"],
-        ];
-        steps.iter().all(|words| ip(words)).then_some(network)
-    }
-
-    fn server(&self, port: u16) -> Server {
-        let mut command = Command::new("ip");
-        command.args([
-            "netns",
-            "exec",
-            &self.name,
-            env!("CARGO_BIN_EXE_oqtal"),
-            "mocap-emu",
-            "serve",
-        ]);
-        command.args(["--listen", Self::THERE, "--protocol", &format!("qtm:{port}")]);
-        let mut child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        assert!(line.contains(Self::THERE), "{line}");
-        Server { child, port, kind: "qtm" }
-    }
-}
-
-impl Drop for Network {
-    fn drop(&mut self) {
-        // The cable goes with one of its ends.
-        ip(&["link", "delete", &self.cable]);
-        ip(&["netns", "delete", &self.name]);
-    }
-}
-
-fn ip(words: &[&str]) -> bool {
-    let done = Command::new("ip").args(words).stdin(Stdio::null()).stderr(Stdio::null()).status();
-    done.is_ok_and(|status| status.success())
 }
 
 #[test]

@@ -96,6 +96,7 @@ impl MocapOptions {
         ])
         .map_err(|error| error.within("mocap"))?;
         self.room.check().map_err(|error| error.within("mocap.room"))?;
+        self.serve.check().map_err(|error| error.within("mocap.serve"))?;
         self.cameras.check().map_err(|error| error.within("mocap.cameras"))?;
         self.markers.check().map_err(|error| error.within("mocap.markers"))
     }

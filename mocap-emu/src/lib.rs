@@ -165,7 +165,8 @@ fn publish_from(
         return run_loop(context, bus, (turn, clock));
     }
     let bodies = [options.body.clone()];
-    let (feed, network) = serve::open(options, &bodies, context.config.mocap.rate_hz)?;
+    let (rate_hz, seed) = (context.config.mocap.rate_hz, context.config.clock.seed);
+    let (feed, network) = serve::open(options, &bodies, (rate_hz, seed))?;
     for endpoint in network.endpoints() {
         tracing::info!("serving {endpoint}");
     }

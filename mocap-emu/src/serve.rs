@@ -6,6 +6,7 @@
 //! | `model.rs` | names and markers of the bodies |
 //! | `feed.rs` | bounded queue from the loop to the network thread |
 //! | `network.rs` | the network thread |
+//! | `trouble.rs` | frames that the network loses, repeats or reorders |
 //! | `qtm_server.rs`, `vrpn_server.rs`, `natnet_server.rs` | the sockets of each protocol |
 //! | `connection.rs` | a client's connection, whose queue is bounded |
 //! | `source.rs` | poses of a process, served as they are delivered |
@@ -28,6 +29,7 @@ mod script;
 mod server;
 mod source;
 mod spec;
+mod trouble;
 mod vrpn_server;
 
 pub use feed::{FrameFeed, ServedFrame};

@@ -71,16 +71,17 @@ impl Qtm {
 /// Times of the poses that a VRPN client gets of the tracker `name` \[us\].
 fn vrpn_times(address: &str, name: &str) -> Vec<u64> {
     let (mut stream, mut client) = (connect(address), VrpnClient::new());
-    let (mut times, mut buffer) = (Vec::new(), [0; 65536]);
+    let (mut times, mut buffer, mut tracker) = (Vec::new(), [0; 65536], None);
     while times.len() < FRAMES {
-        let mut poses = Vec::new();
         while let Some(event) = client.poll().unwrap() {
-            if let VrpnEvent::Pose { sender, time_us, .. } = event {
-                poses.push((sender, time_us));
+            match event {
+                VrpnEvent::Sender { number, name: sent } if sent == name => tracker = Some(number),
+                VrpnEvent::Pose { sender, time_us, .. } if Some(sender) == tracker => {
+                    times.push(time_us);
+                }
+                _ => {}
             }
         }
-        let number = client.senders().find(name);
-        times.extend(poses.iter().filter(|(sender, _)| Some(*sender) == number).map(|(_, t)| *t));
         stream.write_all(&client.take_output()).unwrap();
         let length = stream.read(&mut buffer).unwrap();
         assert!(length > 0, "the server has closed the connection");

@@ -25,6 +25,8 @@ const REST: Span = Span::from_millis(500);
 const TURNED_OVER: f64 = 0.17;
 /// Distance from the origin beyond which the vehicle has left the room \[m\].
 const ROOM_M: f64 = 20.0;
+/// Ticks that wait so long for the first sample of the truth have none: a real vehicle, seen by real cameras.
+const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
 /// Number of truth samples kept, among which a late tick finds the nearest.
 const TRUTHS_KEPT: usize = 64;
 
@@ -170,6 +172,18 @@ impl Recorder {
         }
     }
 
+    /// Goes on without the truth where none comes.
+    fn give_up_truth(&mut self) {
+        let Some((first, last)) = self.waiting.front().zip(self.waiting.back()) else { return };
+        let may_come = self.samples.is_empty() && last.time.since(first.time) < TRUTH_TIMEOUT;
+        if !self.truths.is_empty() || may_come {
+            return;
+        }
+        while let Some(telemetry) = self.waiting.pop_front() {
+            self.push(FlightSample { telemetry, truth: None });
+        }
+    }
+
     fn push(&mut self, sample: FlightSample) {
         self.samples.push(sample);
         if self.outcome.is_none() && !self.config.is_replay() {
@@ -237,6 +251,7 @@ impl Sink for Recorder {
         }
         self.waiting.push_back(*telemetry);
         self.join();
+        self.give_up_truth();
     }
 
     fn pose(&mut self, reception: &Reception, pose: &PoseV1) {

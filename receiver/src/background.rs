@@ -1,4 +1,4 @@
-//! The background thread of the receiver: writes the log, connects again to a server that was lost.
+//! The background thread of the receiver: writes the log, reads definitions of bodies, connects again to a server that was lost.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::background::BackgroundWorker;
@@ -7,6 +7,7 @@ use oqtal_runtime::health::Health;
 
 use crate::attempt::{CameraConnection, ConnectError};
 use crate::connect::connect;
+use crate::definitions::BodyDefinitions;
 use crate::link::CameraLink;
 use crate::note::ReceiverNote;
 use crate::stream::CameraStream;
@@ -18,11 +19,19 @@ const LONGEST_PAUSE: Span = Span::from_millis(2000);
 /// A connection that lasted so long was good: the next search begins with the shortest pause.
 const GOOD_TIME: Span = Span::from_millis(5000);
 
-/// The real-time thread's end of the hand-off: notes and lost streams go to the background thread, opened ones come from it.
-pub type ReceiverHandle = RtHandle<ReceiverNote, Box<dyn CameraStream>, Box<dyn CameraStream>>;
+/// What goes between the threads, in either direction. Definitions that were sent before a stream are not for it.
+#[derive(Debug)]
+pub enum StreamPart {
+    /// A stream: one that was lost, or one that was opened.
+    Stream(Box<dyn CameraStream>),
+    /// Definitions of bodies: as received, or as read.
+    Definitions(Box<BodyDefinitions>),
+}
+
+/// The real-time thread's end of the hand-off.
+pub type ReceiverHandle = RtHandle<ReceiverNote, StreamPart, StreamPart>;
 /// The background thread's end.
-pub type ConnectorHandle =
-    BackgroundHandle<ReceiverNote, Box<dyn CameraStream>, Box<dyn CameraStream>>;
+pub type ConnectorHandle = BackgroundHandle<ReceiverNote, StreamPart, StreamPart>;
 
 /// Worker of the background thread.
 #[derive(Debug)]
@@ -43,22 +52,44 @@ impl Connector {
     }
 }
 
+impl Connector {
+    /// Reads definitions and sends them back.
+    fn read(&self, mut definitions: Box<BodyDefinitions>) {
+        if !definitions.is_unread() {
+            // They came back: their stream is no more.
+            return;
+        }
+        if let Err(reason) = definitions.read() {
+            tracing::warn!(
+                "the server's list of bodies cannot be read: {reason}; the bodies stay what they were"
+            );
+        }
+        // The queue has room: there are one stream and its definitions.
+        let _ = self.handle.send(StreamPart::Definitions(definitions));
+    }
+}
+
 impl BackgroundWorker for Connector {
     fn poll(&mut self) {
         for note in self.handle.notes() {
             note.log(&self.names);
         }
-        if let Ok(lost) = self.handle.replies().try_recv() {
-            drop(lost);
-            self.health.set_status("looking for the camera system");
-            self.search.begin(Time::now());
+        while let Ok(part) = self.handle.replies().try_recv() {
+            match part {
+                StreamPart::Stream(lost) => {
+                    drop(lost);
+                    self.health.set_status("looking for the camera system");
+                    self.search.begin(Time::now());
+                }
+                StreamPart::Definitions(definitions) => self.read(definitions),
+            }
         }
         let Self { search, link, .. } = self;
         if let Some(connection) = search.poll(Time::now(), || connect(link)) {
             tracing::info!("{}: connected again", connection.server);
             self.health.set_status("");
             // The queue has room: there is one stream.
-            let _ = self.handle.send(connection.stream);
+            let _ = self.handle.send(StreamPart::Stream(connection.stream));
         }
     }
 }

@@ -81,10 +81,12 @@ fn broadcast(duration: Span) -> io::Result<BTreeSet<(String, IpAddr)>> {
     socket.set_broadcast(true)?;
     socket.set_read_timeout(Some(LOOK.to_duration()))?;
     let request = DiscoveryRequest { reply_port: socket.local_addr()?.port() }.to_datagram();
-    let ping = NatNetClient::new(false).poll_output(1).unwrap_or_default();
+    let mut natnet = NatNetClient::new(false);
     // A machine without a network has nobody to ask.
     let _ = socket.send_to(&request, (Ipv4Addr::BROADCAST, DISCOVERY_PORT));
-    let _ = socket.send_to(&ping, (Ipv4Addr::BROADCAST, NATNET_PORT));
+    if let Some(ping) = natnet.poll_output(1) {
+        let _ = socket.send_to(ping, (Ipv4Addr::BROADCAST, NATNET_PORT));
+    }
     let mut found = BTreeSet::new();
     let end = Time::now() + duration;
     let mut buffer = [0; 2048];

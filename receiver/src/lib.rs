@@ -6,6 +6,7 @@ mod background;
 pub mod clock;
 mod command;
 mod connect;
+mod definitions;
 mod discover;
 pub mod gate;
 pub mod link;
@@ -26,6 +27,7 @@ mod watch;
 pub use attempt::{CameraConnection, ConnectError};
 pub use command::ReceiverCommand;
 pub use connect::{connect, connect_to_all};
+pub use definitions::BodyDefinitions;
 pub use discover::{FoundServer, discover};
 pub use probe::{
     BodyFigures, ClockFigures, FitnessVerdict, IntervalFigures, NoiseFigures, ProbeFigures,

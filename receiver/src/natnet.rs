@@ -6,14 +6,16 @@ use std::os::fd::{AsFd, BorrowedFd};
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::natnet::{
-    NatNetClient, NatNetClientError, NatNetEvent, NatNetFrame, NatNetStage, ServerInfo,
+    NatNetClient, NatNetClientError, NatNetEvent, NatNetFrame, NatNetStage, NatNetVersion,
+    ServerInfo,
 };
 
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
+use crate::definitions::{BodyDefinitions, DefinitionFormat, DefinitionSlot, read};
 use crate::gate::FrameStamp;
 use crate::link::{CameraProtocol, NatnetDelivery};
-use crate::routes::{CameraBody, RouteTable};
-use crate::socket::{bind_group, receive_some};
+use crate::routes::RouteTable;
+use crate::socket::{bind_group, lost, receive_some};
 use crate::stream::{CameraStream, FrameSink, MeasuredBody};
 
 /// Size of the read buffer \[bytes\]: the longest datagram.
@@ -31,6 +33,7 @@ pub struct NatnetConnection {
     server: IpAddr,
     clock_hz: u64,
     routes: RouteTable,
+    definitions: DefinitionSlot,
     buffer: Vec<u8>,
 }
 
@@ -64,6 +67,8 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     let refused = |error: io::Error| attempt.refused(&error);
     connection.commands.set_nonblocking(true).map_err(refused)?;
     connection.clock_hz = info.clock_hz.max(1);
+    let format = DefinitionFormat::Natnet(info.version);
+    connection.definitions = DefinitionSlot::new(format, &connection.routes);
     let [major, minor, ..] = info.app_version;
     Ok(CameraConnection {
         server: format!("{} {major}.{minor}, NatNet {}", info.name, info.version),
@@ -82,13 +87,16 @@ impl NatnetConnection {
             socket.set_read_timeout(Some(Span::from_millis(20).to_duration()))?;
             Ok(socket)
         };
+        let routes = attempt.routes();
+        let format = DefinitionFormat::Natnet(NatNetVersion::OLDEST);
         Ok(Self {
             client: NatNetClient::new(unicast),
             commands: open().map_err(|error: io::Error| attempt.refused(&error))?,
             frames: None,
             server: attempt.address.ip(),
             clock_hz: 1,
-            routes: attempt.routes(),
+            definitions: DefinitionSlot::new(format, &routes),
+            routes,
             buffer: vec![0; BUFFER],
         })
     }
@@ -121,7 +129,7 @@ impl NatnetConnection {
         while !attempt.is_over() {
             if let Some(datagram) = self.client.poll_output(Time::now().nanos()) {
                 // Nobody may listen yet, or again: requests are repeated.
-                let _ = self.commands.send(&datagram);
+                let _ = self.commands.send(datagram);
             }
             let count = match self.commands.recv(&mut self.buffer) {
                 Ok(count) => count,
@@ -129,13 +137,12 @@ impl NatnetConnection {
                 Err(_) => continue,
             };
             match self.client.receive(&self.buffer[..count]) {
-                Ok(NatNetEvent::Models(models)) => {
-                    self.routes.replace(
-                        models
-                            .bodies
-                            .into_iter()
-                            .map(|body| CameraBody { key: i64::from(body.id), name: body.name }),
-                    );
+                Ok(NatNetEvent::Models(content, version)) => {
+                    let Ok(bodies) = read(content, DefinitionFormat::Natnet(version)) else {
+                        self.client.request_models();
+                        continue;
+                    };
+                    self.routes.replace(bodies);
                     if let Some(info) = self.client.info() {
                         return Ok(info.clone());
                     }
@@ -162,7 +169,7 @@ impl NatnetConnection {
         now: &dyn Fn() -> Time,
         sink: &mut dyn FrameSink,
     ) -> io::Result<()> {
-        let Self { client, frames, routes, clock_hz, buffer, server, .. } = self;
+        let Self { client, frames, routes, clock_hz, buffer, server, definitions, .. } = self;
         let socket = if commands { Some(&self.commands) } else { frames.as_ref() };
         let Some(socket) = socket else { return Ok(()) };
         let mut changed = false;
@@ -176,15 +183,9 @@ impl NatnetConnection {
                     changed |= frame.models_changed();
                     pass_on(&frame, (routes, *clock_hz), (now(), &mut *sink));
                 }
-                Ok(NatNetEvent::Models(models)) => {
-                    routes.replace(
-                        models
-                            .bodies
-                            .into_iter()
-                            .map(|body| CameraBody { key: i64::from(body.id), name: body.name }),
-                    );
-                }
-                Ok(NatNetEvent::Connected(info)) => *clock_hz = info.clock_hz.max(1),
+                Ok(NatNetEvent::Models(content, _)) => definitions.receive(content),
+                // Rate of the clock, version and group may be others now.
+                Ok(NatNetEvent::Connected(_)) => return Err(lost("the server was restarted")),
                 Ok(NatNetEvent::Other) => {}
                 Err(_) => sink.damaged(),
             }
@@ -215,9 +216,19 @@ impl CameraStream for NatnetConnection {
     fn maintain(&mut self, now: Time) -> io::Result<()> {
         if let Some(datagram) = self.client.poll_output(now.nanos()) {
             // A server that does not listen now may do so again; silence ends the connection.
-            let _ = self.commands.send(&datagram);
+            let _ = self.commands.send(datagram);
         }
         Ok(())
+    }
+
+    fn take_definitions(&mut self) -> Option<Box<BodyDefinitions>> {
+        self.definitions.take()
+    }
+
+    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
+        if self.definitions.give_back(definitions, &mut self.routes) {
+            self.client.request_models();
+        }
     }
 
     fn has(&self, route: usize) -> bool {

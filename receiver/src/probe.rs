@@ -44,6 +44,11 @@ pub fn probe(
     while Time::now() < end {
         wait(&*stream)?;
         stream.receive(&Time::now, &mut listener).map_err(lost)?;
+        if let Some(mut definitions) = stream.take_definitions() {
+            // What cannot be read changes nothing.
+            let _ = definitions.read();
+            stream.give_back(definitions);
+        }
         stream.maintain(Time::now()).map_err(lost)?;
     }
     let present = (0..wanted.len()).map(|route| stream.has(route)).collect::<Vec<_>>();

@@ -8,11 +8,11 @@ use oqtal_bus::time::Time;
 use oqtal_wire::ByteOrder;
 use oqtal_wire::qtm::{
     ComponentKind, ComponentSet, DataPacket, QtmClient, QtmClientError, QtmClientEvent,
-    QtmClientOptions, QtmEvent, QtmPacket, QtmParameters, QtmVersion, StreamRate, StreamRequest,
-    StreamTarget,
+    QtmClientOptions, QtmEvent, QtmPacket, QtmVersion, StreamRate, StreamRequest, StreamTarget,
 };
 
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
+use crate::definitions::{BodyDefinitions, DefinitionFormat, DefinitionSlot, read};
 use crate::gate::FrameStamp;
 use crate::link::{CameraProtocol, QTM_VERSIONS};
 use crate::routes::{CameraBody, RouteTable};
@@ -34,6 +34,7 @@ pub struct QtmConnection {
     frames: Option<UdpSocket>,
     order: ByteOrder,
     routes: RouteTable,
+    definitions: DefinitionSlot,
     server: IpAddr,
     buffer: Vec<u8>,
 }
@@ -44,10 +45,11 @@ pub struct QtmConnection {
 /// There is no server, or none that can be used.
 pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     let mut connection = QtmConnection::open(attempt)?;
-    let parameters = connection.shake_hands(attempt)?;
+    let bodies = connection.shake_hands(attempt)?;
     let refused = |error: io::Error| attempt.refused(&error);
     connection.control.set_nonblocking(true).map_err(refused)?;
-    connection.set_bodies(&parameters);
+    connection.routes.replace(bodies);
+    connection.definitions = DefinitionSlot::new(DefinitionFormat::Qtm, &connection.routes);
     let version = connection.client.version();
     let server = version.map_or_else(String::new, |version| format!("QTM RT protocol {version}"));
     Ok(CameraConnection {
@@ -87,16 +89,19 @@ impl QtmConnection {
         };
         let client = QtmClient::new(options);
         let routes = attempt.routes();
+        let definitions = DefinitionSlot::new(DefinitionFormat::Qtm, &routes);
         let (server, buffer) = (attempt.address.ip(), vec![0; BUFFER]);
-        Ok(Self { client, control, frames, order, routes, server, buffer })
+        Ok(Self { client, control, frames, order, routes, definitions, server, buffer })
     }
 
-    /// Blocks until the parameters have come and the stream was asked for.
-    fn shake_hands(&mut self, attempt: &Attempt) -> Result<QtmParameters, ConnectError> {
+    /// Blocks until the bodies have been named and the stream was asked for.
+    fn shake_hands(&mut self, attempt: &Attempt) -> Result<Vec<CameraBody>, ConnectError> {
         loop {
             if attempt.is_over() {
                 return Err(attempt.not_spoken("it says nothing"));
             }
+            let refused = |error: io::Error| attempt.refused(&error);
+            self.control.set_read_timeout(Some(attempt.left())).map_err(refused)?;
             let count =
                 self.control.read(&mut self.buffer).map_err(|error| match error.kind() {
                     io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => {
@@ -108,19 +113,17 @@ impl QtmConnection {
                 return Err(attempt.not_spoken("it closes the connection"));
             }
             self.client.receive(&self.buffer[..count]);
-            let parameters = self.next_parameters(attempt)?;
-            let output = self.client.take_output();
-            self.control.write_all(&output).map_err(|error| attempt.refused(&error))?;
-            if let Some(parameters) = parameters {
-                return Ok(parameters);
+            let bodies = self.next_bodies(attempt)?;
+            let Self { client, control, .. } = self;
+            let sent = client.flush(|output| control.write_all(output));
+            sent.map_err(|error| attempt.refused(&error))?;
+            if let Some(bodies) = bodies {
+                return Ok(bodies);
             }
         }
     }
 
-    fn next_parameters(
-        &mut self,
-        attempt: &Attempt,
-    ) -> Result<Option<QtmParameters>, ConnectError> {
+    fn next_bodies(&mut self, attempt: &Attempt) -> Result<Option<Vec<CameraBody>>, ConnectError> {
         let address = attempt.address.to_string();
         loop {
             let event = self.client.poll().map_err(|error| match error {
@@ -130,18 +133,15 @@ impl QtmConnection {
                 other => attempt.not_spoken(other),
             })?;
             match event {
-                Some(QtmClientEvent::Parameters(parameters)) => return Ok(Some(parameters)),
+                Some(QtmClientEvent::Parameters(text)) => {
+                    let bodies = read(text.as_bytes(), DefinitionFormat::Qtm);
+                    return bodies.map(Some).map_err(|reason| attempt.not_spoken(reason));
+                }
                 Some(QtmClientEvent::NoData) => return Err(ConnectError::Idle { address }),
                 Some(_) => {}
                 None => return Ok(None),
             }
         }
-    }
-
-    fn set_bodies(&mut self, parameters: &QtmParameters) {
-        let bodies = parameters.bodies.iter().flatten().zip(0..);
-        let bodies = bodies.map(|(body, key)| CameraBody { key, name: body.name.clone() });
-        self.routes.replace(bodies);
     }
 
     /// Reads the control connection.
@@ -156,22 +156,23 @@ impl QtmConnection {
                 break;
             }
             self.client.receive(&self.buffer[..count]);
+            self.handle_control(now(), &mut *sink)?;
         }
-        let arrival = now();
-        let mut parameters = None;
-        let Self { client, routes, .. } = self;
+        Ok(())
+    }
+
+    /// Handles what has arrived on the control connection.
+    fn handle_control(&mut self, arrival: Time, sink: &mut dyn FrameSink) -> io::Result<()> {
+        let Self { client, routes, definitions, .. } = self;
         while let Some(event) = client.poll().map_err(lost)? {
             match event {
-                QtmClientEvent::Frame(data) => pass_on(&data, routes, (arrival, sink)),
-                QtmClientEvent::Parameters(changed) => parameters = Some(changed),
+                QtmClientEvent::Frame(data) => pass_on(&data, routes, (arrival, &mut *sink)),
+                QtmClientEvent::Parameters(text) => definitions.receive(text.as_bytes()),
                 QtmClientEvent::Event(QtmEvent::ShuttingDown) => {
                     return Err(lost("QTM is shutting down"));
                 }
                 QtmClientEvent::Handshake | QtmClientEvent::NoData | QtmClientEvent::Event(_) => {}
             }
-        }
-        if let Some(parameters) = parameters {
-            self.set_bodies(&parameters);
         }
         Ok(())
     }
@@ -209,8 +210,18 @@ impl CameraStream for QtmConnection {
     }
 
     fn maintain(&mut self, _now: Time) -> io::Result<()> {
-        let output = self.client.take_output();
-        if output.is_empty() { Ok(()) } else { write_all(&mut self.control, &output) }
+        let Self { client, control, .. } = self;
+        client.flush(|output| write_all(control, output))
+    }
+
+    fn take_definitions(&mut self) -> Option<Box<BodyDefinitions>> {
+        self.definitions.take()
+    }
+
+    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
+        if self.definitions.give_back(definitions, &mut self.routes) {
+            self.client.request_parameters();
+        }
     }
 
     fn has(&self, route: usize) -> bool {

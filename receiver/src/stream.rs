@@ -7,6 +7,7 @@ use std::os::fd::BorrowedFd;
 use oqtal_bus::time::Time;
 use oqtal_wire::motion::RigidPose;
 
+use crate::definitions::BodyDefinitions;
 use crate::gate::FrameStamp;
 
 /// A body in a frame.
@@ -33,7 +34,7 @@ pub trait FrameSink {
     fn damaged(&mut self);
 }
 
-/// An open connection to a camera system. No method blocks.
+/// An open connection to a camera system. No method blocks; `receive` and `maintain` do not allocate unless the connection is lost.
 pub trait CameraStream: Debug + Send {
     /// Sockets that become readable when something has arrived.
     fn sockets(&self) -> Vec<BorrowedFd<'_>>;
@@ -49,6 +50,14 @@ pub trait CameraStream: Debug + Send {
     /// # Errors
     /// The connection is lost.
     fn maintain(&mut self, now: Time) -> io::Result<()>;
+
+    /// Definitions of bodies that have arrived, to be read on another thread and given back.
+    fn take_definitions(&mut self) -> Option<Box<BodyDefinitions>> {
+        None
+    }
+
+    /// Puts definitions that were read into force.
+    fn give_back(&mut self, _definitions: Box<BodyDefinitions>) {}
 
     /// Whether the body of a route is known to the server.
     fn has(&self, route: usize) -> bool;

@@ -1,5 +1,5 @@
-//! One turn of the receiver over its ports: read the sockets, publish the newest pose of each body. No call blocks, logs or
-//! allocates, unless the server says that its bodies have changed.
+//! One turn of the receiver over its ports: read the sockets, publish the newest pose of each body. No call blocks or logs, and none
+//! allocates while the connection stands.
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -14,7 +14,8 @@ use oqtal_runtime::health::Health;
 use oqtal_runtime::turn::{Turn, TurnClock};
 use rustix::event::epoll;
 
-use crate::background::ReceiverHandle;
+use crate::background::{ReceiverHandle, StreamPart};
+use crate::definitions::BodyDefinitions;
 use crate::receiver::PoseReceiver;
 use crate::stream::CameraStream;
 use crate::watch::ReceiverWatch;
@@ -140,7 +141,15 @@ impl<T: Transport> ReceiverTurn<T> {
             self.sockets.remove(&*stream);
             let Self { watch, handle, .. } = self;
             watch.silence(&mut |note| handle.note(note));
-            self.handle.reply(stream);
+            self.handle.reply(StreamPart::Stream(stream));
+        }
+    }
+
+    /// Puts definitions that were read into force. Those of a stream that is no more go back: memory is not given back here.
+    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
+        match &mut self.stream {
+            Some(stream) => stream.give_back(definitions),
+            None => self.handle.reply(StreamPart::Definitions(definitions)),
         }
     }
 
@@ -168,8 +177,10 @@ impl<T: Transport> Turn for ReceiverTurn<T> {
     }
 
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
-        if let Some(stream) = self.handle.request() {
-            self.set_stream(stream, clock.now());
+        match self.handle.request() {
+            Some(StreamPart::Stream(stream)) => self.set_stream(stream, clock.now()),
+            Some(StreamPart::Definitions(definitions)) => self.give_back(definitions),
+            None => {}
         }
         let Self { stream, receiver, .. } = self;
         let received = stream.as_mut().map(|stream| stream.receive(&|| clock.now(), receiver));
@@ -182,6 +193,10 @@ impl<T: Transport> Turn for ReceiverTurn<T> {
         }
         if let Some(Err(_)) = received {
             self.give_up();
+        }
+        if let Some(definitions) = self.stream.as_mut().and_then(|stream| stream.take_definitions())
+        {
+            self.handle.reply(StreamPart::Definitions(definitions));
         }
         self.keep_up(clock.now());
         Ok(())

@@ -36,6 +36,8 @@ pub struct VrpnConnection {
     buffer: Vec<u8>,
     ping_at: Time,
     greeted: Option<String>,
+    /// Frames are received: nothing may allocate any more.
+    is_open: bool,
 }
 
 /// Connects and waits for the names of the trackers.
@@ -50,9 +52,11 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
         buffer: vec![0; BUFFER],
         ping_at: Time::UNSET,
         greeted: None,
+        is_open: false,
     };
     connection.shake_hands(attempt)?;
     connection.socket.set_nonblocking(true).map_err(|error| attempt.refused(&error))?;
+    connection.is_open = true;
     Ok(CameraConnection {
         server: connection.greeted.clone().unwrap_or_default(),
         bodies: connection.routes.bodies().cloned().collect(),
@@ -64,8 +68,9 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
 impl VrpnConnection {
     /// Blocks until the server has greeted and named the wanted trackers, or says no more names.
     fn shake_hands(&mut self, attempt: &Attempt) -> Result<(), ConnectError> {
-        let output = self.client.take_output();
-        self.socket.write_all(&output).map_err(|error| attempt.refused(&error))?;
+        let Self { client, socket, .. } = self;
+        let sent = client.flush(|output| socket.write_all(output));
+        sent.map_err(|error| attempt.refused(&error))?;
         let mut named_by = attempt.deadline;
         let timeout = Some(Span::from_millis(20).to_duration());
         self.socket.set_read_timeout(timeout).map_err(|error| attempt.refused(&error))?;
@@ -96,12 +101,17 @@ impl VrpnConnection {
 
     /// Handles the messages that were received; `pose` takes those of poses, with sender and time \[us, server clock\].
     fn handle(&mut self, pose: PoseHandler) -> io::Result<()> {
-        let Self { client, routes, greeted, .. } = self;
+        let Self { client, routes, greeted, is_open, .. } = self;
         while let Some(event) = client.poll().map_err(lost)? {
             match event {
                 VrpnEvent::Greeted(version) => *greeted = Some(version_name(version)),
                 VrpnEvent::Sender { number, name } if name != CONTROL => {
-                    routes.insert(CameraBody { key: i64::from(number), name: name.to_owned() });
+                    let key = i64::from(number);
+                    if *is_open {
+                        routes.rename(key, name);
+                    } else {
+                        routes.insert(CameraBody { key, name: name.to_owned() });
+                    }
                 }
                 VrpnEvent::Pose { sender, time_us, pose: measured } => {
                     pose(routes, (sender, time_us), &measured);
@@ -118,6 +128,23 @@ fn version_name(version: VrpnVersion) -> String {
     format!("VRPN {:02}.{:02}", version.major, version.minor)
 }
 
+/// Passes on the pose of a tracker: its route, number and time \[us, server clock\].
+fn pass_on(
+    (route, sender, time_us): (usize, i32, u64),
+    measured: &TrackerPose,
+    (arrival, sink): (Time, &mut dyn FrameSink),
+) {
+    // Further sensors of a tracker are other bodies of the same name.
+    if measured.sensor != 0 {
+        return;
+    }
+    let stamp_ns = (time_us > 0).then(|| time_us.wrapping_mul(1000));
+    sink.frame(route, FrameStamp { number: None, stamp_ns }, arrival);
+    let number = sender.unsigned_abs().saturating_add(1);
+    let body = MeasuredBody { number, pose: measured.pose(), residual_m: f64::NAN };
+    sink.body(route, route, body);
+}
+
 impl CameraStream for VrpnConnection {
     fn sockets(&self) -> Vec<BorrowedFd<'_>> {
         vec![self.socket.as_fd()]
@@ -130,20 +157,13 @@ impl CameraStream for VrpnConnection {
                 break;
             }
             self.client.receive(&self.buffer[..count]);
+            let arrival = now();
+            self.handle(&mut |routes, (sender, time_us), measured| {
+                let Some(route) = routes.route(i64::from(sender)) else { return };
+                pass_on((route, sender, time_us), measured, (arrival, &mut *sink));
+            })?;
         }
-        let arrival = now();
-        self.handle(&mut |routes, (sender, time_us), measured| {
-            let Some(route) = routes.route(i64::from(sender)) else { return };
-            // Further sensors of a tracker are other bodies of the same name.
-            if measured.sensor != 0 {
-                return;
-            }
-            let stamp_ns = (time_us > 0).then(|| time_us.wrapping_mul(1000));
-            sink.frame(route, FrameStamp { number: None, stamp_ns }, arrival);
-            let number = sender.unsigned_abs().saturating_add(1);
-            let body = MeasuredBody { number, pose: measured.pose(), residual_m: f64::NAN };
-            sink.body(route, route, body);
-        })
+        Ok(())
     }
 
     fn maintain(&mut self, now: Time) -> io::Result<()> {
@@ -153,8 +173,8 @@ impl CameraStream for VrpnConnection {
                 self.client.ping(name);
             }
         }
-        let output = self.client.take_output();
-        if output.is_empty() { Ok(()) } else { write_all(&mut self.socket, &output) }
+        let Self { client, socket, .. } = self;
+        client.flush(|output| write_all(socket, output))
     }
 
     fn has(&self, route: usize) -> bool {

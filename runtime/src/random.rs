@@ -33,6 +33,8 @@ pub enum RandomSource {
     Markers = 9,
     /// Drift of the camera system's noise, the sending of its frames and the stalls of its connection, by frame.
     Room = 10,
+    /// Trouble of the network that poses are served over, by frame.
+    Network = 11,
     /// Faults by hand.
     Fault = 20,
     /// Loss of commands on a radio with a fault, one draw per command.

@@ -121,6 +121,13 @@ impl<'a> ByteWriter<'a> {
         self.bytes(text.split('\0').next().unwrap_or_default().as_bytes()).bytes(&[0])
     }
 
+    /// Writes what `text` displays, and a NUL. Nothing but the buffer is allocated.
+    pub(crate) fn display(&mut self, text: impl std::fmt::Display) -> &mut Self {
+        // A buffer takes everything.
+        let _ = std::fmt::Write::write_fmt(self, format_args!("{text}"));
+        self.bytes(&[0])
+    }
+
     /// Number of bytes in the buffer.
     pub(crate) fn len(&self) -> usize {
         self.out.len()
@@ -136,6 +143,26 @@ impl<'a> ByteWriter<'a> {
             field.copy_from_slice(&bytes);
         }
     }
+}
+
+impl std::fmt::Write for ByteWriter<'_> {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        self.bytes(text.as_bytes());
+        Ok(())
+    }
+}
+
+/// Memory that a client holds for its output \[bytes\]: more than it sends at once.
+pub(crate) const OUTPUT_BYTES: usize = 4096;
+
+/// Gives the bytes of an output to `send`, if there are any, and empties it.
+pub(crate) fn flush<E>(
+    output: &mut Vec<u8>,
+    send: impl FnOnce(&[u8]) -> Result<(), E>,
+) -> Result<(), E> {
+    let sent = if output.is_empty() { Ok(()) } else { send(output) };
+    output.clear();
+    sent
 }
 
 /// Length as the 32-bit field of a format; no message of this crate comes near the limit.

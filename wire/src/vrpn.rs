@@ -28,7 +28,6 @@ pub use callback::CallbackRequest;
 pub use client::{VrpnClient, VrpnClientError, VrpnEvent};
 pub use cookie::{COOKIE_BYTES, CookieError, VrpnVersion};
 pub use message::{MAX_MESSAGE_BYTES, VrpnMessage, VrpnMessageError, VrpnStream, write_message};
-pub use names::NameTable;
 pub use session::{NotVrpn, VrpnSession};
 pub use tracker::TrackerPose;
 

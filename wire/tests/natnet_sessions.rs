@@ -40,10 +40,12 @@ fn connected(
     for now in 0..4 {
         let Some(request) = client.poll_output(now) else { break };
         let mut answer = Vec::new();
-        server.receive(&request, address(), now, &mut answer);
+        server.receive(request, address(), now, &mut answer);
         if !answer.is_empty() {
             match client.receive(&answer).unwrap() {
-                NatNetEvent::Models(definitions) => models = Some(definitions),
+                NatNetEvent::Models(content, version) => {
+                    models = Some(ModelDefinitions::parse(content, version).unwrap());
+                }
                 event => assert!(matches!(event, NatNetEvent::Connected(_)), "{event:?}"),
             }
         }
@@ -70,7 +72,7 @@ fn a_unicast_client_is_served_while_it_keeps_alive() {
     let second = 1_000_000_000;
     assert_eq!(server.unicast_clients(second).collect::<Vec<_>>(), [address()]);
     let alive = client.poll_output(5 * second).unwrap();
-    server.receive(&alive, address(), 5 * second, &mut Vec::new());
+    server.receive(alive, address(), 5 * second, &mut Vec::new());
     assert_eq!(server.unicast_clients(14 * second).count(), 1);
     assert_eq!(server.unicast_clients(15 * second).count(), 0);
     let (_, mut server, _) = connected(NatNetServerOptions::default(), false);

@@ -72,7 +72,9 @@ fn converse(client: &mut QtmClient, server: &mut Server) -> Result<Vec<String>, 
         client.receive(&std::mem::take(&mut server.sent));
         while let Some(event) = client.poll()? {
             events.push(match event {
-                QtmClientEvent::Parameters(parameters) => format!("{parameters:?}"),
+                QtmClientEvent::Parameters(text) => {
+                    format!("{:?}", QtmParameters::from_xml(text).unwrap())
+                }
                 other => format!("{other:?}"),
             });
         }

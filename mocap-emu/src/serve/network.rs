@@ -11,6 +11,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use super::feed::{FrameQueue, ServedFrame};
 use super::model::BodyModels;
 use super::server::{Endpoint, FrameServer};
+use super::trouble::NetworkTrouble;
 
 /// Longest wait, after which the stop flag is checked.
 const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
@@ -27,6 +28,7 @@ pub struct ServeCounters {
 /// The servers and their queue of frames, to be run on a thread of their own.
 pub struct NetworkThread {
     servers: Vec<Box<dyn FrameServer>>,
+    trouble: NetworkTrouble,
     queue: FrameQueue,
     models: BodyModels,
     counters: Arc<ServeCounters>,
@@ -35,11 +37,11 @@ pub struct NetworkThread {
 
 impl NetworkThread {
     pub(super) fn new(
-        servers: Vec<Box<dyn FrameServer>>,
+        (servers, trouble): (Vec<Box<dyn FrameServer>>, NetworkTrouble),
         queue: FrameQueue,
         models: BodyModels,
     ) -> Self {
-        Self { servers, queue, models, counters: Arc::default(), markers: Vec::new() }
+        Self { servers, trouble, queue, models, counters: Arc::default(), markers: Vec::new() }
     }
 
     /// What is served, and where.
@@ -65,7 +67,7 @@ impl NetworkThread {
             let now = Time::now();
             self.servers.iter_mut().for_each(|server| server.serve(now));
             while let Ok(frame) = self.queue.frames.try_recv() {
-                self.broadcast(&frame);
+                self.pass(frame);
             }
             let connected = self.servers.iter().map(|server| server.clients()).sum();
             if connected != clients {
@@ -87,16 +89,28 @@ impl NetworkThread {
         let _ = poll(&mut sockets, Some(&WAIT));
     }
 
-    fn broadcast(&mut self, frame: &ServedFrame) {
-        self.models.markers(frame.bodies(), &mut self.markers);
-        let frame = MotionFrame {
-            number: frame.number as u32,
-            captured_ns: frame.captured_at.nanos(),
-            sent_ns: Time::now().nanos(),
-            bodies: frame.bodies(),
-            markers: &self.markers,
-        };
-        self.servers.iter_mut().for_each(|server| server.broadcast(&frame));
-        self.counters.frames.fetch_add(1, Ordering::Relaxed);
+    /// Broadcasts a frame as the trouble of the network has it.
+    fn pass(&mut self, frame: ServedFrame) {
+        let Self { trouble, servers, models, markers, counters, .. } = self;
+        trouble.pass(frame, &mut |frame| {
+            broadcast(frame, servers, (models, &mut *markers));
+            counters.frames.fetch_add(1, Ordering::Relaxed);
+        });
     }
+}
+
+fn broadcast(
+    frame: &ServedFrame,
+    servers: &mut [Box<dyn FrameServer>],
+    (models, markers): (&BodyModels, &mut Vec<MarkerSample>),
+) {
+    models.markers(frame.bodies(), markers);
+    let frame = MotionFrame {
+        number: frame.number as u32,
+        captured_ns: frame.captured_at.nanos(),
+        sent_ns: Time::now().nanos(),
+        bodies: frame.bodies(),
+        markers,
+    };
+    servers.iter_mut().for_each(|server| server.broadcast(&frame));
 }

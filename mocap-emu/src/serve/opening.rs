@@ -12,15 +12,16 @@ use super::model::{BodyModels, MAX_BODIES};
 use super::natnet_server::NatNetSettings;
 use super::network::NetworkThread;
 use super::spec::ServeSpec;
+use super::trouble::NetworkTrouble;
 
-/// Opens the servers of `options` for these bodies, at this rate \[Hz\].
+/// Opens the servers of `options` for these bodies, at this rate \[Hz\]; `seed` is that of the network's trouble.
 ///
 /// # Errors
 /// The options have no meaning, or a port cannot be opened.
 pub fn open(
     options: &ServeOptions,
     bodies: &[String],
-    rate_hz: f64,
+    (rate_hz, seed): (f64, u64),
 ) -> Result<(FrameFeed, NetworkThread), Failure> {
     let spec: ServeSpec = options.protocols.parse()?;
     let ip = local_address(&options.listen)?;
@@ -32,7 +33,8 @@ pub fn open(
     let models = BodyModels::new(bodies, rate_hz);
     let servers = spec.open(ip, settings, &models)?;
     let (feed, queue) = frame_queue()?;
-    Ok((feed, NetworkThread::new(servers, queue, models)))
+    let trouble = NetworkTrouble::new(options, seed);
+    Ok((feed, NetworkThread::new((servers, trouble), queue, models)))
 }
 
 fn natnet_version(text: &str) -> Result<NatNetVersion, Failure> {

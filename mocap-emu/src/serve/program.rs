@@ -57,6 +57,18 @@ pub struct ServeArgs {
     /// Group of NatNet's frames, or nothing for unicast alone [default: 239.255.42.99]
     #[arg(long, value_name = "ADDR")]
     multicast: Option<String>,
+    /// Probability that a frame reaches no client
+    #[arg(long, value_name = "P", default_value = "0", value_parser = probability)]
+    loss: f64,
+    /// Probability that a frame is sent twice
+    #[arg(long, value_name = "P", default_value = "0", value_parser = probability)]
+    repeat: f64,
+    /// Probability that a frame is sent after the next one
+    #[arg(long, value_name = "P", default_value = "0", value_parser = probability)]
+    swap: f64,
+    /// Seed of what is lost, repeated and swapped
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
     /// Print what is served as one JSON document
     #[arg(long)]
     json: bool,
@@ -84,6 +96,11 @@ fn rate(text: &str) -> Result<f64, String> {
     rate.ok_or_else(|| "write a number from 1 to 1000".to_owned())
 }
 
+fn probability(text: &str) -> Result<f64, String> {
+    let probability = text.parse().ok().filter(|p| (0.0..=1.0).contains(p));
+    probability.ok_or_else(|| "write a number from 0 to 1".to_owned())
+}
+
 impl ServeArgs {
     /// Serves until SIGINT or SIGTERM.
     ///
@@ -99,7 +116,7 @@ impl ServeArgs {
             named => named.to_vec(),
         };
         let stop = stop_on_signals()?;
-        let (feed, network) = open(&options, &bodies, rate_hz)?;
+        let (feed, network) = open(&options, &bodies, (rate_hz, self.seed))?;
         self.report(&network, &bodies, rate_hz)?;
         let script = Script::new(recording, self.scene, (rate_hz, Time::now()));
         let counters = network.counters();
@@ -116,6 +133,9 @@ impl ServeArgs {
     fn options(&self) -> Result<ServeOptions, Failure> {
         let mut options = Config::from_settings(&[])?.mocap.serve;
         options.protocols.clone_from(&self.protocol);
+        options.loss_probability = self.loss;
+        options.repeat_probability = self.repeat;
+        options.swap_probability = self.swap;
         let texts = [
             (&self.listen, &mut options.listen),
             (&self.natnet_version, &mut options.natnet_version),

@@ -2,8 +2,8 @@
 
 use super::frame::NatNetFrame;
 use super::message::{MessageId, NatNetError, NatNetMessage, NatNetVersion, write_content};
-use super::model::ModelDefinitions;
 use super::server_info::ServerInfo;
+use crate::bytes::OUTPUT_BYTES;
 
 /// What the client waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,10 +19,10 @@ pub enum NatNetStage {
 /// What a datagram of the server means to the client.
 #[derive(Clone, Debug)]
 pub enum NatNetEvent<'a> {
-    /// The server has answered; the definitions are asked for.
+    /// The server has answered, or answers otherwise than before; the definitions are asked for.
     Connected(ServerInfo),
-    /// The definitions: names and numbers of the bodies.
-    Models(ModelDefinitions),
+    /// The definitions, for [`ModelDefinitions::parse`](super::ModelDefinitions::parse): names and numbers of the bodies.
+    Models(&'a [u8], NatNetVersion),
     /// A frame. Frames before the server info are ignored: their layout is not known.
     Frame(NatNetFrame<'a>),
     /// Anything else.
@@ -41,7 +41,7 @@ pub enum NatNetClientError {
 }
 
 /// The client's end: datagrams in, events and datagrams out. Datagrams of the command socket and of the multicast group are
-/// both given to [`NatNetClient::receive`].
+/// both given to [`NatNetClient::receive`]. After the server info nothing allocates.
 ///
 /// [`NatNetClient::poll_output`] returns the datagram that is due: requests are repeated until they are answered, and a unicast client
 /// keeps its connection alive. Call it about twice a second and after every event.
@@ -52,6 +52,7 @@ pub struct NatNetClient {
     stage: NatNetStage,
     /// Next time at which a datagram is due \[ns\].
     due_ns: u64,
+    output: Vec<u8>,
 }
 
 /// Interval between requests that are repeated, and between signs of life \[ns\].
@@ -61,7 +62,8 @@ impl NatNetClient {
     /// Client at the beginning; `unicast` asks for frames at the address of the command socket.
     #[must_use]
     pub fn new(unicast: bool) -> Self {
-        Self { unicast, info: None, stage: NatNetStage::Connecting, due_ns: 0 }
+        let output = Vec::with_capacity(OUTPUT_BYTES);
+        Self { unicast, info: None, stage: NatNetStage::Connecting, due_ns: 0, output }
     }
 
     /// What the client waits for.
@@ -90,25 +92,26 @@ impl NatNetClient {
     }
 
     /// The datagram to be sent to the server's command port now, if one is due.
-    pub fn poll_output(&mut self, now_ns: u64) -> Option<Vec<u8>> {
+    pub fn poll_output(&mut self, now_ns: u64) -> Option<&[u8]> {
         if now_ns < self.due_ns {
             return None;
         }
-        let mut out = Vec::new();
-        match self.stage {
+        let Self { stage, unicast, output: out, .. } = self;
+        out.clear();
+        match stage {
             NatNetStage::Connecting => {
-                write_content(&mut out, MessageId::Connect, |writer| {
+                write_content(out, MessageId::Connect, |writer| {
                     writer.text("Ping");
                 });
             }
-            NatNetStage::Models => write_content(&mut out, MessageId::RequestModels, |_| ()),
-            NatNetStage::Streaming if self.unicast => {
-                write_content(&mut out, MessageId::KeepAlive, |_| ());
+            NatNetStage::Models => write_content(out, MessageId::RequestModels, |_| ()),
+            NatNetStage::Streaming if *unicast => {
+                write_content(out, MessageId::KeepAlive, |_| ());
             }
             NatNetStage::Streaming => return None,
         }
         self.due_ns = now_ns + INTERVAL_NS;
-        Some(out)
+        Some(&self.output)
     }
 
     /// Takes a datagram of the server.
@@ -121,6 +124,10 @@ impl NatNetClient {
     ) -> Result<NatNetEvent<'a>, NatNetClientError> {
         let message = NatNetMessage::parse(datagram)?;
         match (message.id, &self.info) {
+            // An answer to a request that was repeated: nothing is new.
+            (MessageId::ServerInfo, Some(info)) if info.is_in(message.content) => {
+                Ok(NatNetEvent::Other)
+            }
             (MessageId::ServerInfo, _) => {
                 let info = ServerInfo::parse(message.content)?;
                 if !info.version.is_supported() {
@@ -131,10 +138,9 @@ impl NatNetClient {
                 Ok(NatNetEvent::Connected(info))
             }
             (MessageId::Models, Some(info)) => {
-                let models = ModelDefinitions::parse(message.content, info.version)?;
                 self.stage = NatNetStage::Streaming;
                 self.due_ns = 0;
-                Ok(NatNetEvent::Models(models))
+                Ok(NatNetEvent::Models(message.content, info.version))
             }
             (MessageId::Frame, Some(info)) => {
                 Ok(NatNetEvent::Frame(NatNetFrame::parse(message.content, info.version)?))

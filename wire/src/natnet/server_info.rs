@@ -34,18 +34,32 @@ impl ServerInfo {
         Self::read(content).ok_or(NatNetError::Content("the server info"))
     }
 
+    /// Whether a message says the same. The name does not count: it is no part of the protocol.
+    #[must_use]
+    pub fn is_in(&self, content: &[u8]) -> bool {
+        let numbers = |info: &Self| {
+            (info.app_version, info.version, info.clock_hz, info.data_port, info.multicast)
+        };
+        Self::numbers(content).is_some_and(|said| numbers(&said) == numbers(self))
+    }
+
     fn read(content: &[u8]) -> Option<Self> {
-        let mut reader = ByteReader::new(content, ByteOrder::Little);
-        let name = reader.bytes(NAME_BYTES)?;
+        let name = content.get(..NAME_BYTES)?;
         let end = name.iter().position(|byte| *byte == 0).unwrap_or(NAME_BYTES);
         let name = String::from_utf8_lossy(&name[..end]).into_owned();
+        Some(Self { name, ..Self::numbers(content)? })
+    }
+
+    /// What stands behind the name, with an empty name.
+    fn numbers(content: &[u8]) -> Option<Self> {
+        let mut reader = ByteReader::new(content.get(NAME_BYTES..)?, ByteOrder::Little);
         let (app_version, [major, minor, _, _]) = (reader.take()?, reader.take()?);
         let (clock_hz, data_port) = (reader.u64()?, reader.u16()?);
         let (is_multicast, group) = (reader.u8()? != 0, reader.take::<4>()?);
         let version = NatNetVersion::new(major, minor);
         let multicast = is_multicast.then(|| Ipv4Addr::from(group));
         (clock_hz > 0).then_some(Self {
-            name,
+            name: String::new(),
             app_version,
             version,
             clock_hz,

@@ -5,12 +5,11 @@ use super::component::{ComponentKind, ComponentSet};
 use super::data::DataPacket;
 use super::event::QtmEvent;
 use super::packet::{MAX_FROM_SERVER, QtmPacket, QtmPacketError, QtmStream};
-use super::parameters::{QtmParameters, QtmParametersError};
 use super::selection::ParameterSelection;
 use super::stream_request::{StreamRate, StreamRequest, StreamTarget};
 use super::version::QtmVersion;
 use super::writer::QtmWriter;
-use crate::bytes::ByteOrder;
+use crate::bytes::{ByteOrder, OUTPUT_BYTES, flush};
 
 /// What a client wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,8 +44,9 @@ impl Default for QtmClientOptions {
 pub enum QtmClientEvent<'a> {
     /// The handshake goes on; there may be bytes to send.
     Handshake,
-    /// Parameters: names of the bodies, rate. The stream has been asked for.
-    Parameters(QtmParameters),
+    /// Parameters as XML, for [`QtmParameters::from_xml`](super::QtmParameters::from_xml): names of the bodies, rate. The stream has
+    /// been asked for.
+    Parameters(&'a str),
     /// A frame, if the stream goes over TCP.
     Frame(DataPacket<'a>),
     /// The server measures nothing; the stream is asked for again when it does.
@@ -75,9 +75,6 @@ pub enum QtmClientError {
     /// Refusal, with the server's words.
     #[error("the server refuses: {0}")]
     Refused(String),
-    /// Parameters that cannot be read.
-    #[error(transparent)]
-    Parameters(#[from] QtmParametersError),
 }
 
 /// What the client waits for.
@@ -91,7 +88,7 @@ enum Stage {
 /// The client's end of a connection: bytes of the server in, events and bytes to the server out.
 ///
 /// Give received bytes to [`QtmClient::receive`], call [`QtmClient::poll`] until it returns `None`, send what
-/// [`QtmClient::take_output`] returns. Datagrams are parsed by [`QtmPacket::parse`].
+/// [`QtmClient::take_output`] returns, or [`QtmClient::flush`] gives: between two events of the server it does not allocate. Datagrams are parsed by [`QtmPacket::parse`].
 #[derive(Clone, Debug)]
 pub struct QtmClient {
     stream: QtmStream,
@@ -110,7 +107,8 @@ impl QtmClient {
     #[must_use]
     pub fn new(options: QtmClientOptions) -> Self {
         let stream = QtmStream::new(options.order, MAX_FROM_SERVER);
-        let dialogue = Dialogue { options, stage: Stage::Greeting, output: Vec::new() };
+        let output = Vec::with_capacity(OUTPUT_BYTES);
+        let dialogue = Dialogue { options, stage: Stage::Greeting, output };
         Self { stream, dialogue }
     }
 
@@ -133,6 +131,14 @@ impl QtmClient {
     /// Bytes to be sent to the server; empties the output.
     pub fn take_output(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.dialogue.output)
+    }
+
+    /// Gives the bytes to be sent to the server to `send`, if there are any, and empties the output without giving its memory back.
+    ///
+    /// # Errors
+    /// That of `send`.
+    pub fn flush<E>(&mut self, send: impl FnOnce(&[u8]) -> Result<(), E>) -> Result<(), E> {
+        flush(&mut self.dialogue.output, send)
     }
 
     /// Version of the connection, once the server has agreed to it.
@@ -160,7 +166,7 @@ impl Dialogue {
     }
 
     fn send(&mut self, command: &QtmCommand) {
-        QtmWriter::new(&mut self.output, self.options.order).command(&command.to_string());
+        QtmWriter::new(&mut self.output, self.options.order).command(command);
     }
 
     fn request_version(&mut self, version: QtmVersion) {
@@ -194,9 +200,8 @@ impl Dialogue {
             }
             (Stage::Version(version), QtmPacket::Error(_)) => self.request_older(version)?,
             (Stage::Established, QtmPacket::Xml(text)) => {
-                let parameters = QtmParameters::from_xml(text)?;
                 self.send(&QtmCommand::Stream(self.options.stream));
-                return Ok(QtmClientEvent::Parameters(parameters));
+                return Ok(QtmClientEvent::Parameters(text));
             }
             (Stage::Established, QtmPacket::Error("Parameters not available")) => {
                 return Ok(QtmClientEvent::NoData);

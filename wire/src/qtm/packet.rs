@@ -89,10 +89,10 @@ pub struct QtmStream {
 }
 
 impl QtmStream {
-    /// Stream of packets of at most `limit` bytes.
+    /// Stream of packets of at most `limit` bytes, with memory for one and as many bytes behind it.
     #[must_use]
     pub fn new(order: ByteOrder, limit: usize) -> Self {
-        Self { order, limit, buffer: Vec::new(), taken: 0 }
+        Self { order, limit, buffer: Vec::with_capacity(2 * limit), taken: 0 }
     }
 
     /// Appends received bytes. Take all packets before the next bytes are appended: then no more than one packet and these bytes are

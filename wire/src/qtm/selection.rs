@@ -55,8 +55,10 @@ impl fmt::Display for ParameterSelection {
             return f.write_str("All");
         }
         let names = [(self.general, "General"), (self.markers, "3D"), (self.bodies, "6D")];
-        let selected: Vec<&str> =
-            names.into_iter().filter(|(on, _)| *on).map(|(_, name)| name).collect();
-        f.write_str(&selected.join(" "))
+        let selected = names.into_iter().filter(|(on, _)| *on);
+        for (index, (_, name)) in selected.enumerate() {
+            write!(f, "{}{name}", if index > 0 { " " } else { "" })?;
+        }
+        Ok(())
     }
 }

@@ -1,5 +1,7 @@
 //! Writer of packets.
 
+use std::fmt::Display;
+
 use super::event::QtmEvent;
 use crate::bytes::{ByteOrder, ByteWriter, count_u32};
 
@@ -24,9 +26,9 @@ impl<'a> QtmWriter<'a> {
     }
 
     /// Writes a command or its answer.
-    pub fn command(&mut self, text: &str) {
+    pub fn command(&mut self, text: impl Display) {
         self.content(1, |writer| {
-            writer.text(text);
+            writer.display(text);
         });
     }
 

@@ -1,9 +1,10 @@
 //! The client's end of a connection.
 
 use super::cookie::{COOKIE_BYTES, CookieError, VrpnVersion};
-use super::message::{VrpnMessage, VrpnMessageError, VrpnStream, name_payload, write_message};
-use super::names::NameTable;
+use super::message::{VrpnMessage, VrpnMessageError, VrpnStream, write_description, write_message};
 use super::tracker::TrackerPose;
+use crate::bytes::{OUTPUT_BYTES, flush};
+
 use super::{PING_TYPE, PONG_TYPE, POSE_TYPE};
 
 /// Our numbers of the types, in the order of their description.
@@ -53,18 +54,43 @@ pub enum VrpnClientError {
 /// The client's end of a connection: bytes of the server in, events and bytes to the server out.
 ///
 /// Give received bytes to [`VrpnClient::receive`], call [`VrpnClient::poll`] until it returns `None`, send what
-/// [`VrpnClient::take_output`] returns. It is the same for both kinds of connection.
+/// [`VrpnClient::take_output`] returns, or [`VrpnClient::flush`] gives: nothing allocates after the start. It is the same for both kinds
+/// of connection.
 #[derive(Clone, Debug)]
 pub struct VrpnClient {
     stream: VrpnStream,
     state: ClientState,
 }
 
+/// The types that mean something to a client, in the order of [`TypeNumbers`].
+const KNOWN_TYPES: [&str; 3] = [POSE_TYPE, PING_TYPE, PONG_TYPE];
+
+/// The server's numbers of [`KNOWN_TYPES`]; `None` for those that it has not described.
+#[derive(Clone, Debug, Default)]
+struct TypeNumbers([Option<i32>; KNOWN_TYPES.len()]);
+
+impl TypeNumbers {
+    /// Enters the number of a type. A number means one type alone.
+    fn describe(&mut self, number: i32, name: &str) {
+        for (known, entry) in KNOWN_TYPES.into_iter().zip(&mut self.0) {
+            if known == name {
+                *entry = Some(number);
+            } else if *entry == Some(number) {
+                *entry = None;
+            }
+        }
+    }
+
+    fn name_of(&self, number: i32) -> Option<&'static str> {
+        let place = self.0.iter().position(|entry| *entry == Some(number))?;
+        Some(KNOWN_TYPES[place])
+    }
+}
+
 #[derive(Clone, Debug, Default)]
 struct ClientState {
     greeted: bool,
-    senders: NameTable,
-    types: NameTable,
+    types: TypeNumbers,
     output: Vec<u8>,
     sequence: u32,
 }
@@ -79,7 +105,8 @@ impl VrpnClient {
     /// Client at the beginning of a connection.
     #[must_use]
     pub fn new() -> Self {
-        let output = VrpnVersion::OURS.to_cookie().to_vec();
+        let mut output = Vec::with_capacity(OUTPUT_BYTES);
+        output.extend_from_slice(&VrpnVersion::OURS.to_cookie());
         let state = ClientState { output, ..ClientState::default() };
         Self { stream: VrpnStream::new(), state }
     }
@@ -109,10 +136,12 @@ impl VrpnClient {
         std::mem::take(&mut self.state.output)
     }
 
-    /// Names of the server's senders: its trackers, and `VRPN Control`.
-    #[must_use]
-    pub fn senders(&self) -> &NameTable {
-        &self.state.senders
+    /// Gives the bytes to be sent to the server to `send`, if there are any, and empties the output without giving its memory back.
+    ///
+    /// # Errors
+    /// That of `send`.
+    pub fn flush<E>(&mut self, send: impl FnOnce(&[u8]) -> Result<(), E>) -> Result<(), E> {
+        flush(&mut self.state.output, send)
     }
 
     /// Asks the tracker `name` whether the server is alive; about once a second is usual.
@@ -128,7 +157,7 @@ impl ClientState {
     /// Describes our types to the server.
     fn greet(&mut self) {
         self.greeted = true;
-        for (number, name) in (0..).zip([POSE_TYPE, PING_TYPE, PONG_TYPE]) {
+        for (number, name) in (0..).zip(KNOWN_TYPES) {
             self.describe((number, VrpnMessage::TYPE_DESCRIPTION), name);
         }
     }
@@ -136,13 +165,10 @@ impl ClientState {
     fn on_message<'a>(&mut self, message: &VrpnMessage<'a>) -> VrpnEvent<'a> {
         match (message.kind, message.described_name()) {
             (VrpnMessage::SENDER_DESCRIPTION, Some(name)) => {
-                let number = message.sender;
-                if self.senders.set(number, name) {
-                    return VrpnEvent::Sender { number, name };
-                }
+                return VrpnEvent::Sender { number: message.sender, name };
             }
             (VrpnMessage::TYPE_DESCRIPTION, Some(name)) => {
-                self.types.set(message.sender, name);
+                self.types.describe(message.sender, name);
             }
             (VrpnMessage::DISCONNECT, _) => return VrpnEvent::Disconnected,
             (kind, _) => return self.on_typed(kind, message),
@@ -151,7 +177,7 @@ impl ClientState {
     }
 
     fn on_typed(&mut self, kind: i32, message: &VrpnMessage<'_>) -> VrpnEvent<'static> {
-        match self.types.get(kind) {
+        match self.types.name_of(kind) {
             Some(POSE_TYPE) => match TrackerPose::parse(message.payload) {
                 Some(pose) => {
                     VrpnEvent::Pose { sender: message.sender, time_us: message.time_us(), pose }
@@ -169,8 +195,8 @@ impl ClientState {
     }
 
     fn describe(&mut self, (number, kind): (i32, i32), name: &str) {
-        let payload = name_payload(name);
-        self.send(&VrpnMessage { payload: &payload, ..VrpnMessage::new(number, kind) });
+        write_description(&mut self.output, (number, kind), name, self.sequence);
+        self.sequence = self.sequence.wrapping_add(1);
     }
 
     fn send(&mut self, message: &VrpnMessage<'_>) {

@@ -80,14 +80,22 @@ pub fn write_message(out: &mut Vec<u8>, message: &VrpnMessage<'_>, sequence: u32
     writer.bytes(&[0; ALIGNMENT][..padding(length)]);
 }
 
-/// Payload of a description: length of the name, its NUL included, and the name.
-pub(super) fn name_payload(name: &str) -> Vec<u8> {
-    let mut payload = Vec::new();
-    let mut writer = ByteWriter::new(&mut payload, ByteOrder::Big);
+/// Appends the description of the sender or type `number` to `out`: length of the name, its NUL included, and the name.
+pub(super) fn write_description(
+    out: &mut Vec<u8>,
+    (number, kind): (i32, i32),
+    name: &str,
+    sequence: u32,
+) {
+    let start = out.len();
+    let mut writer = ByteWriter::new(out, ByteOrder::Big);
+    writer.u32(0).u32(0).u32(0).i32(number).i32(kind).u32(sequence);
+    let payload = writer.len();
     writer.u32(0).text(name);
-    let length = count_u32(writer.len() - 4);
-    writer.set_u32(0, length);
-    payload
+    let (length, name) = (writer.len() - start, writer.len() - payload - 4);
+    writer.set_u32(start, count_u32(length));
+    writer.set_u32(payload, count_u32(name));
+    writer.bytes(&[0; ALIGNMENT][..padding(length)]);
 }
 
 fn padding(length: usize) -> usize {
@@ -95,18 +103,24 @@ fn padding(length: usize) -> usize {
 }
 
 /// Messages in a stream of bytes. An error is final.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct VrpnStream {
     buffer: Vec<u8>,
     /// Bytes at the beginning of the buffer that are taken.
     taken: usize,
 }
 
+impl Default for VrpnStream {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl VrpnStream {
-    /// Stream after the cookie.
+    /// Stream from its first byte on, with memory for the longest message and as many bytes behind it.
     #[must_use]
     pub fn new() -> Self {
-        Self::default()
+        Self { buffer: Vec::with_capacity(2 * MAX_MESSAGE_BYTES), taken: 0 }
     }
 
     /// Appends received bytes. Take all messages before the next bytes are appended: then no more than one message and these bytes

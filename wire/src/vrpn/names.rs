@@ -23,20 +23,7 @@ impl NameTable {
     }
 
     /// The name of a number.
-    #[must_use]
     pub fn get(&self, number: i32) -> Option<&str> {
         self.names.get(usize::try_from(number).ok()?)?.as_deref()
-    }
-
-    /// The number of a name.
-    #[must_use]
-    pub fn find(&self, name: &str) -> Option<i32> {
-        let index = self.names.iter().position(|known| known.as_deref() == Some(name))?;
-        i32::try_from(index).ok()
-    }
-
-    /// The names in the order of their numbers.
-    pub fn names(&self) -> impl Iterator<Item = &str> {
-        self.names.iter().flatten().map(String::as_str)
     }
 }

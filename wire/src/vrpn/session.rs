@@ -1,7 +1,7 @@
 //! The server's end of a connection.
 
 use super::cookie::{COOKIE_BYTES, VrpnVersion};
-use super::message::{VrpnMessage, VrpnStream, name_payload, write_message};
+use super::message::{VrpnMessage, VrpnStream, write_description, write_message};
 use super::names::NameTable;
 use super::tracker::TrackerPose;
 use super::{PING_TYPE, PONG_TYPE, POSE_TYPE};
@@ -121,8 +121,8 @@ impl VrpnSession {
     }
 
     fn describe_one(&mut self, (number, kind): (i32, i32), name: &str, out: &mut Vec<u8>) {
-        let payload = name_payload(name);
-        self.send(&VrpnMessage { payload: &payload, ..VrpnMessage::new(number, kind) }, out);
+        write_description(out, (number, kind), name, self.sequence);
+        self.sequence = self.sequence.wrapping_add(1);
     }
 
     fn send(&mut self, message: &VrpnMessage<'_>, out: &mut Vec<u8>) {
