@@ -57,7 +57,7 @@ impl RecordArgs {
         if self.attach {
             require_daemon(&bus, &config.instance.name)?;
         }
-        let observer = BusObserver::open(&bus, &McapRecorder::topics())?;
+        let observer = BusObserver::open(&bus, &McapRecorder::topics(&config))?;
         let recorder = self.begin(&config)?;
         let result = self.record(&config, (observer, recorder), &stop)?;
         conclude(&result)
