@@ -91,7 +91,11 @@ impl Drop for Tmux<'_> {
 
 fn services(testbed: &Testbed) -> Vec<Running> {
     let start = |process: &&str| testbed.start(&[process, "run"]);
-    ["daemon", "plant-sim", "mocap-emu"].iter().map(start).collect()
+    let running = ["daemon", "plant-sim", "mocap-emu"].iter().map(start).collect();
+    wait_for("a daemon that answers", || {
+        testbed.oqtal(&["ctl", "status"]).output().unwrap().status.success().then_some(())
+    });
+    running
 }
 
 #[test]
@@ -109,11 +113,11 @@ fn changes_are_seen_resizing_works_and_the_terminal_is_left_as_it_was() {
     });
     tmux.shows(&["mode      flying", "operator: arm", "motors run"]);
     tmux.run(&["resize-window", "-x", "50", "-y", "12"]);
-    tmux.shows(&["80 x 24 shows all", "state     Nominal"]);
+    tmux.shows(&["not shown: charts, hops", "state     Nominal"]);
     tmux.run(&["resize-window", "-x", "120", "-y", "40"]);
     tmux.shows(&["q quits, r restarts", "sensor_to_actuator"]);
     drop(running);
-    tmux.shows(&["nothing runs: waiting for instance", "the instance has ended"]);
+    tmux.shows(&["waiting for it to come back", "the instance has ended"]);
     let running = services(&testbed);
     tmux.shows(&["state     Nominal"]);
     tmux.run(&["resize-window", "-x", "80", "-y", "24"]);

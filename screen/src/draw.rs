@@ -141,7 +141,7 @@ impl Canvas<'_> {
             format!("q quits, r restarts the figures; charts: {per_column} s a column")
         } else {
             let (width, height) = COMPLETE;
-            format!("q quits; {width} x {height} shows all, not shown: {}", left_out.join(", "))
+            format!("q quits; not shown: {} ({width} x {height} shows all)", left_out.join(", "))
         };
         self.text(area, &text, Weight::Label);
     }

@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn parts_lie_inside_the_terminal_and_do_not_overlap() {
-        for (width, height) in (0..130).flat_map(|w| (0..45).map(move |h| (w, h))) {
+        for (width, height) in (1..130).flat_map(|w| (0..45).map(move |h| (w, h))) {
             let area = Rect::new(0, 0, width, height);
             let parts = ScreenParts::of(area);
             let ScreenParts { title, status, charts, hops, events, footer } = parts;

@@ -62,15 +62,12 @@ fn state(model: &MonitorModel) -> StatusLine {
     }
     let seen = model
         .tick_age()
-        .map_or_else(String::new, |age| format!(", the last tick is {:.0} s old", age.seconds()));
-    match model.processes.is_alive() {
-        true => line(label, format!("no tick of a daemon{seen}"), Weight::Alarm),
-        false => {
-            let name = &model.instance;
-            let text = format!("nothing runs: waiting for instance `{name}` to come back{seen}");
-            line(label, text, Weight::Alarm)
-        }
-    }
+        .map_or_else(String::new, |age| format!(", last tick {:.0} s ago", age.seconds()));
+    let text = match model.processes.is_alive() {
+        true => format!("no daemon ticks{seen}"),
+        false => format!("nothing runs{seen}: waiting for it to come back"),
+    };
+    line(label, text, Weight::Alarm)
 }
 
 fn mode(model: &MonitorModel) -> StatusLine {
@@ -101,17 +98,17 @@ fn vehicle(model: &MonitorModel) -> StatusLine {
         _ => "motors off",
     };
     let link = if body.link == 1 { "answers" } else { "SILENT" };
-    let mut text = format!("{kind}, {motors}, {link}");
+    let age = model.now.since(received_at);
+    let mut text = match age > STALE {
+        true => format!("{:.0} s ago: {kind}, {motors}, {link}", age.seconds()),
+        false => format!("{kind}, {motors}, {link}"),
+    };
     if link_quality.is_finite() {
         text += &format!(", link {:.0} %", link_quality * 100.0);
     }
     match battery_v.is_finite() {
         true => text += &format!(", battery {battery_v:.2} V"),
         false => text += ", battery unknown",
-    }
-    let age = model.now.since(received_at);
-    if age > STALE {
-        text += &format!(", heard {:.0} s ago", age.seconds());
     }
     let is_well = body.link == 1 && body.stopped == 0 && age <= STALE;
     line(label, text, if is_well { Weight::Plain } else { Weight::Warning })

@@ -114,7 +114,7 @@ impl MonitorModel {
 
     fn note(&mut self, change: ProcessChange) {
         let text = match change {
-            ProcessChange::Came(role, pid) => format!("{} is there, pid {pid}", role.name()),
+            ProcessChange::Came(role, pid) => format!("{} came, pid {pid}", role.name()),
             ProcessChange::Silent(role) => format!("{} is silent", role.name()),
         };
         self.journal.add(self.now, text);
