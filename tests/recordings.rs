@@ -300,6 +300,7 @@ fn what_is_no_recording_is_refused_with_the_reason() {
         for name in ["text.mcap", "empty.mcap"] {
             let message = fails(&testbed, &[command, name], 65);
             assert!(message.contains(name) && message.contains("no recording"), "{message}");
+            assert!(message.contains("expected a file that `oqtal fly`"), "{message}");
         }
     }
     testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
@@ -313,6 +314,12 @@ fn what_is_no_recording_is_refused_with_the_reason() {
     std::fs::write(testbed.path("d/other.mcap"), &other).unwrap();
     let message = fails(&testbed, &["report", "d/other.mcap"], 76);
     assert!(message.contains(env!("CARGO_PKG_VERSION")) && message.contains("layout"), "{message}");
+    fails(&testbed, &["record", "--seconds", "-1"], 64);
+    fails(&testbed, &["record", "--seconds", "nan"], 64);
+    let message = fails(&testbed, &["record", "--out", "d/flight.mcap", "--seconds", "1"], 71);
+    assert!(message.contains("File exists") && message.contains("--out"), "{message}");
+    let message = fails(&testbed, &["report", "d/none.mcap"], 65);
+    assert!(message.contains("No such file"), "{message}");
     let output = testbed.oqtal(&["record", "--attach"]).output().unwrap();
     assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
     assert!(stderr(&output).contains("no daemon answers on instance"));

@@ -215,10 +215,22 @@ impl Files {
 
     fn begin_another(&mut self) -> McapResult<()> {
         self.file.take().map_or(Ok(()), McapFile::finish)?;
-        let path = numbered(&self.plan.path, self.result.files.len() + 1);
-        self.file = Some(McapFile::create(&path, &self.preamble)?);
-        self.result.files.push(path);
-        Ok(())
+        let mut number = self.result.files.len() + 1;
+        loop {
+            let path = numbered(&self.plan.path, number);
+            match McapFile::create(&path, &self.preamble) {
+                // Of another recording: it is kept, and this one goes on beside it.
+                Err(McapError::Io(error)) if error.kind() == io::ErrorKind::AlreadyExists => {
+                    number += 1;
+                }
+                Err(error) => return Err(error),
+                Ok(file) => {
+                    self.file = Some(file);
+                    self.result.files.push(path);
+                    return Ok(());
+                }
+            }
+        }
     }
 
     fn fail(&mut self, error: &McapError) {
