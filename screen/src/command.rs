@@ -40,8 +40,10 @@ impl MonitorArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         require_terminal()?;
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let paths = instance_paths(&config)?;
+        paths.become_owner()?;
         let stop = stop_on_signals()?;
-        let bus = Bus::open(&instance_paths(&config)?)?;
+        let bus = Bus::open(&paths)?;
         let observer = BusObserver::open(&bus, &MonitorModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
         let mut watch = Watch { observer, model, look: self.look(), stop };
