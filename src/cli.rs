@@ -22,6 +22,7 @@ use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
 use oqtal_lab::tune::TuneArgs;
+use oqtal_screen::MonitorArgs;
 
 /// Real-time attitude control for indoor flight laboratories
 ///
@@ -50,6 +51,8 @@ enum Command {
     Cameras(CamerasCommand),
     /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
+    /// Show a running instance in this terminal
+    Monitor(MonitorArgs),
     /// Record a running instance
     Record(RecordArgs),
     /// Show the contents of a recording: version, machine, topics, rates
@@ -102,6 +105,7 @@ impl Cli {
             Some(Command::Tune(args)) => args.execute(),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
+            Some(Command::Monitor(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),
             Some(Command::Info(args)) => args.execute(),
             Some(Command::Report(args)) => args.execute(),

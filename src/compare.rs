@@ -4,11 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_observe::compare::{Comparison, MOST_FLIGHTS};
-use oqtal_observe::recording::flight;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
-use crate::recordings::{self, failure};
+use crate::recordings;
 
 /// Arguments of `oqtal compare`.
 #[derive(Args, Debug)]
@@ -33,7 +32,7 @@ impl CompareArgs {
         }
         let mut flights = Vec::new();
         for path in &self.files {
-            let flown = flight(&recordings::read(path)?).map_err(failure)?;
+            let flown = recordings::read_flight(path)?;
             flights.push((path.display().to_string(), flown));
         }
         let comparison = Comparison::new(flights);

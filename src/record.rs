@@ -1,5 +1,6 @@
 //! `oqtal record`: records a running instance until it is interrupted.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -38,7 +39,7 @@ pub struct RecordArgs {
     #[arg(long)]
     attach: bool,
     /// End after this time [s]
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = duration_s, allow_negative_numbers = true)]
     seconds: Option<f64>,
     #[command(flatten)]
     common: CommonArgs,
@@ -57,36 +58,41 @@ impl RecordArgs {
         if self.attach {
             require_daemon(&bus, &config.instance.name)?;
         }
-        let observer = BusObserver::open(&bus, &McapRecorder::topics())?;
+        let observer = BusObserver::open(&bus, &McapRecorder::topics(&config))?;
         let recorder = self.begin(&config)?;
-        let result = self.record(&config, (observer, recorder), &stop)?;
-        conclude(&result)
+        let (result, lost) = self.record(&config, (observer, recorder), &stop)?;
+        conclude(&result, lost)
     }
 
     /// Creates the first file.
     fn begin(&self, config: &Config) -> Result<McapRecorder, Failure> {
-        let path = match &self.out {
-            Some(path) => path.clone(),
-            None => next_free(&config.instance.name)?,
-        };
-        say(&format!("oqtal: recording into {}; Ctrl-C ends", path.display()));
         let complain = |message: &str| say(&format!("oqtal: {message}"));
-        let plan = RecordingPlan {
-            path: path.clone(),
-            config,
-            provenance: PROVENANCE,
-            rotates: true,
-            complain,
-        };
-        McapRecorder::create(&plan).map_err(|error| failed(&path, &error))
+        loop {
+            let path = match &self.out {
+                Some(path) => path.clone(),
+                None => next_free(&config.instance.name)?,
+            };
+            let (provenance, rotates) = (PROVENANCE, true);
+            let plan = RecordingPlan { path: path.clone(), config, provenance, rotates, complain };
+            match McapRecorder::create(&plan) {
+                // Another recorder was faster.
+                Err(error) if self.out.is_none() && error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(failed(&path, &error)),
+                Ok(recorder) => {
+                    say(&format!("oqtal: recording into {}; Ctrl-C ends", path.display()));
+                    return Ok(recorder);
+                }
+            }
+        }
     }
 
+    /// Records until asked to stop; returns the result, and how many samples the observer missed.
     fn record(
         &self,
         config: &Config,
         parts: (BusObserver<Bus>, McapRecorder),
         stop: &StopFlag,
-    ) -> Result<RecordingResult, Failure> {
+    ) -> Result<(RecordingResult, u64), Failure> {
         let (mut observer, mut recorder) = parts;
         let mut daemon = DaemonFacts::default();
         let end = self.seconds.map(|seconds| Time::now() + Span::from_seconds(seconds));
@@ -100,7 +106,7 @@ impl RecordArgs {
                 break;
             }
         }
-        Ok(recorder.finish())
+        Ok((recorder.finish(), daemon.lost))
     }
 }
 
@@ -111,6 +117,8 @@ struct DaemonFacts {
     config_hash: Option<u64>,
     told_pid: Option<u64>,
     told_hash: Option<u64>,
+    /// Samples that were overwritten before they were observed \[-\].
+    lost: u64,
 }
 
 impl DaemonFacts {
@@ -144,8 +152,10 @@ impl Sink for DaemonFacts {
         }
     }
 
-    /// The recorder records losses.
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
+    /// Counts losses; the recorder records them.
+    fn lost(&mut self, _: ObservedTopic, count: u64) {
+        self.lost += count;
+    }
 }
 
 /// Fails if no daemon answers.
@@ -161,7 +171,7 @@ fn require_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
 }
 
 /// Prints what was recorded.
-fn conclude(result: &RecordingResult) -> Result<Exit, Failure> {
+fn conclude(result: &RecordingResult, lost: u64) -> Result<Exit, Failure> {
     let RecordingResult { files, messages, bytes, dropped, failure } = result;
     let names: Vec<String> = files.iter().map(|path| path.display().to_string()).collect();
     print(&format!("{messages} messages, {:.1} MB: {}", *bytes as f64 * 1e-6, names.join(", ")))?;
@@ -172,7 +182,20 @@ fn conclude(result: &RecordingResult) -> Result<Exit, Failure> {
         let message = format!("{dropped} messages were not recorded: the disk is too slow");
         return Err(Failure::new(Exit::System, message));
     }
+    if lost > 0 {
+        let message = format!(
+            "{lost} samples were overwritten before they were recorded: this machine is overloaded, or the recorder was stopped; the events of the recording name the topics"
+        );
+        return Err(Failure::new(Exit::System, message));
+    }
     Ok(Exit::Ok)
+}
+
+/// A duration above zero \[s\].
+fn duration_s(text: &str) -> Result<f64, String> {
+    let seconds: Option<f64> = text.parse().ok();
+    let valid = seconds.filter(|seconds| (0.0..1e9).contains(seconds) && *seconds > 0.0);
+    valid.ok_or_else(|| "expected a number of seconds above 0, as in --seconds 60".to_owned())
 }
 
 /// The first `recordings/INSTANCE-N.mcap` that does not exist.

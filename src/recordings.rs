@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use oqtal_observe::recording::{RecordingFile, RecordingFileError};
+use oqtal_observe::flight::Flight;
+use oqtal_observe::recording::{self, RecordingFile, RecordingFileError};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
@@ -20,6 +21,22 @@ pub fn read(path: &Path) -> Result<RecordingFile, Failure> {
         ));
     }
     Ok(file)
+}
+
+/// Reads the flight of the recording at `path`.
+///
+/// # Errors
+/// As [`read`]; the recording has no tick of a daemon (65).
+pub fn read_flight(path: &Path) -> Result<Flight, Failure> {
+    let flight = recording::flight(&read(path)?).map_err(failure)?;
+    if flight.samples.is_empty() {
+        let message = format!(
+            "{} has no tick of a daemon: nothing to show; `oqtal info` lists what it has",
+            path.display()
+        );
+        return Err(Failure::new(Exit::Data, message));
+    }
+    Ok(flight)
 }
 
 /// The failure of a command for an error of a recording.

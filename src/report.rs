@@ -3,13 +3,12 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_observe::recording::flight;
 use oqtal_observe::summary::Summary;
 use oqtal_observe::{report, table};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
-use crate::recordings::{self, failure};
+use crate::recordings;
 
 /// Arguments of `oqtal report`.
 #[derive(Args, Debug)]
@@ -30,7 +29,7 @@ impl ReportArgs {
     /// # Errors
     /// The file is no recording (exit code 65) or of another version (76), or the page cannot be written.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let flight = flight(&recordings::read(&self.file)?).map_err(failure)?;
+        let flight = recordings::read_flight(&self.file)?;
         let summary = Summary::of(&flight);
         print(&if self.json { summary.to_json() } else { table::closing(&summary) })?;
         let path = self.out.clone().unwrap_or_else(|| self.file.with_extension("html"));

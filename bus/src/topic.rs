@@ -25,8 +25,8 @@ pub struct Quality {
 const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8 };
 /// As [`STREAM`], but a command from before the reader came never acts.
 const COMMANDS: Quality = Quality { history: 0, ..STREAM };
-/// Samples for recorders alone.
-const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER / 4, readers: 4 };
+/// Samples for observers alone.
+const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER / 4, readers: 8 };
 /// A state of which the newest sample says everything; observers miss none.
 const STATE: Quality = Quality { history: 1, buffer: 16, readers: 8 };
 /// A question or an answer between two processes.
@@ -76,6 +76,11 @@ pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
 
 /// Daemon to recorders, once per turn that took something in.
 pub const INPUT: Topic<InputV1> = Topic::new("input", RECORDED);
+
+/// Daemon to observers: poses as the daemon read them, where faults by hand alter them at its reading end.
+pub const POSE_READ: Topic<PoseV1> = Topic::new("read/pose", RECORDED);
+/// The same for messages of the vehicle.
+pub const VEHICLE_READ: Topic<VehicleV1> = Topic::new("read/vehicle", RECORDED);
 
 /// Name of the request-response service of the daemon.
 pub const CONTROL: &str = "control";

@@ -84,6 +84,11 @@ pub trait Transport {
     /// There is no memory, or the transport failed.
     fn stop_switch(&self) -> Result<StopSwitch, BusError>;
 
+    /// Whether readers of `topic` may pass on other messages than were sent, as with a fault by hand.
+    fn alters<M: Message>(&self, _topic: &Topic<M>) -> bool {
+        false
+    }
+
     /// Opens a reader that keeps as many samples as the topic allows, for an observer that must not miss one.
     ///
     /// # Errors

@@ -3,11 +3,11 @@
 use oqtal_bus::code::{Actuation, OperatorCommand};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{
-    CommandV1, ControlResponseV1, InputV1, PoseV1, Stamps, TelemetryV1, VehicleV1,
+    CommandV1, ControlResponseV1, Header, InputV1, PoseV1, Stamps, TelemetryV1, VehicleV1,
 };
 use oqtal_bus::stop::ControllerStop;
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, INPUT, POSE, TELEMETRY, VEHICLE};
+use oqtal_bus::topic::{COMMAND, INPUT, POSE, POSE_READ, TELEMETRY, VEHICLE, VEHICLE_READ};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::turn::{Turn, TurnClock};
 
@@ -25,6 +25,9 @@ pub struct DaemonPorts<T: Transport> {
     telemetry: T::Writer<TelemetryV1>,
     stop: ControllerStop,
     inputs: T::Writer<InputV1>,
+    /// Copies of what was read, where faults by hand alter it; `None` where it is read as it was sent.
+    poses_read: Option<T::Writer<PoseV1>>,
+    vehicles_read: Option<T::Writer<VehicleV1>>,
 }
 
 impl<T: Transport> DaemonPorts<T> {
@@ -41,7 +44,25 @@ impl<T: Transport> DaemonPorts<T> {
             telemetry: bus.writer(&TELEMETRY)?,
             stop: ControllerStop::new(bus.stop_switch()?),
             inputs: bus.writer(&INPUT)?,
+            poses_read: bus.alters(&POSE).then(|| bus.writer(&POSE_READ)).transpose()?,
+            vehicles_read: bus.alters(&VEHICLE).then(|| bus.writer(&VEHICLE_READ)).transpose()?,
         })
+    }
+
+    /// Publishes copies of the samples taken in a turn if they may have been altered, and names the copies in `input`.
+    fn publish_copies(
+        &mut self,
+        pose: Option<&(Header, PoseV1)>,
+        vehicle: Option<&(Header, VehicleV1)>,
+        input: &mut InputV1,
+    ) -> Result<(), BusError> {
+        if let (Some((header, pose)), Some(copies)) = (pose, &mut self.poses_read) {
+            input.pose_read = copies.send(header.pose_sequence, header.stamps, *pose)?;
+        }
+        if let (Some((header, vehicle)), Some(copies)) = (vehicle, &mut self.vehicles_read) {
+            input.vehicle_read = copies.send(header.pose_sequence, header.stamps, *vehicle)?;
+        }
+        Ok(())
     }
 
     /// Publishes that the daemon starts at `now`; `stays` if the automatic flight at start-up was cancelled.
@@ -139,6 +160,7 @@ impl<T: Transport> Turn for DaemonTurn<T> {
             warmup.expect(now, arrival);
         }
         if intake::is_worth_recording(&input) {
+            ports.publish_copies(arrival.as_ref(), heard.as_ref(), &mut input)?;
             ports.inputs.send(0, Stamps::default(), input)?;
         }
         self.execute_requests(now, configs_differ)

@@ -76,7 +76,7 @@ impl<'a> Simulation<'a> {
         let (config, start) = (&mission.config, Time::VIRTUAL_START);
         let bus = Rc::new(MemoryBus::new());
         let topics = match recording {
-            Some(_) => McapRecorder::topics(),
+            Some(_) => McapRecorder::topics(config),
             None => Recorder::TOPICS.to_vec(),
         };
         // Open before the daemon, which records its start.

@@ -5,7 +5,9 @@ use oqtal_bus::message::{
     CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
 };
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, INPUT, POSE, Role, TELEMETRY, TRUTH, Topic, VEHICLE};
+use oqtal_bus::topic::{
+    COMMAND, INPUT, POSE, POSE_READ, Role, TELEMETRY, TRUTH, Topic, VEHICLE, VEHICLE_READ,
+};
 use oqtal_bus::transport::{Subscribe, Transport};
 
 use crate::sink::{ObservedTopic, Reception, Sink};
@@ -19,6 +21,8 @@ pub struct BusObserver<T: Transport> {
     command: Option<Port<T, CommandV1>>,
     vehicle: Option<Port<T, VehicleV1>>,
     input: Option<Port<T, InputV1>>,
+    pose_read: Option<Port<T, PoseV1>>,
+    vehicle_read: Option<Port<T, VehicleV1>>,
     health: Vec<(Role, Port<T, HealthV1>)>,
 }
 
@@ -35,28 +39,32 @@ impl<T: Transport> BusObserver<T> {
             command: None,
             vehicle: None,
             input: None,
+            pose_read: None,
+            vehicle_read: None,
             health: Vec::new(),
         };
-        for &observed in topics {
-            match observed {
-                ObservedTopic::Truth => observer.truth = Some(Port::open(bus, &TRUTH, observed)?),
-                ObservedTopic::Pose => observer.pose = Some(Port::open(bus, &POSE, observed)?),
-                ObservedTopic::Command => {
-                    observer.command = Some(Port::open(bus, &COMMAND, observed)?);
-                }
-                ObservedTopic::Vehicle => {
-                    observer.vehicle = Some(Port::open(bus, &VEHICLE, observed)?);
-                }
-                ObservedTopic::Telemetry => {
-                    observer.telemetry = Some(Port::open(bus, &TELEMETRY, observed)?);
-                }
-                ObservedTopic::Input => observer.input = Some(Port::open(bus, &INPUT, observed)?),
-                ObservedTopic::Health(role) => {
-                    observer.health.push((role, Port::open(bus, &role.health(), observed)?));
-                }
-            }
+        for &topic in topics {
+            observer.open_topic(bus, topic)?;
         }
         Ok(observer)
+    }
+
+    fn open_topic(&mut self, bus: &T, topic: ObservedTopic) -> Result<(), BusError> {
+        use ObservedTopic as Of;
+        match topic {
+            Of::Truth => self.truth = Some(Port::open(bus, &TRUTH, topic)?),
+            Of::Pose => self.pose = Some(Port::open(bus, &POSE, topic)?),
+            Of::Command => self.command = Some(Port::open(bus, &COMMAND, topic)?),
+            Of::Vehicle => self.vehicle = Some(Port::open(bus, &VEHICLE, topic)?),
+            Of::Telemetry => self.telemetry = Some(Port::open(bus, &TELEMETRY, topic)?),
+            Of::Input => self.input = Some(Port::open(bus, &INPUT, topic)?),
+            Of::PoseRead => self.pose_read = Some(Port::open(bus, &POSE_READ, topic)?),
+            Of::VehicleRead => self.vehicle_read = Some(Port::open(bus, &VEHICLE_READ, topic)?),
+            Of::Health(role) => {
+                self.health.push((role, Port::open(bus, &role.health(), topic)?));
+            }
+        }
+        Ok(())
     }
 
     /// Hands every sample that arrived since the last call to `sink`, topic by topic and oldest first; `now` is the time of
@@ -65,12 +73,24 @@ impl<T: Transport> BusObserver<T> {
     /// # Errors
     /// A topic has a different message schema, or the transport failed.
     pub fn poll(&mut self, now: Time, sink: &mut impl Sink) -> Result<(), BusError> {
-        let Self { telemetry, truth, pose, command, vehicle, input, health } = self;
+        let Self {
+            telemetry,
+            truth,
+            pose,
+            command,
+            vehicle,
+            input,
+            pose_read,
+            vehicle_read,
+            health,
+        } = self;
         drain(telemetry, now, sink, Sink::telemetry)?;
         drain(truth, now, sink, Sink::truth)?;
         drain(pose, now, sink, Sink::pose)?;
         drain(command, now, sink, Sink::command)?;
         drain(vehicle, now, sink, Sink::vehicle)?;
+        drain(pose_read, now, sink, Sink::pose_read)?;
+        drain(vehicle_read, now, sink, Sink::vehicle_read)?;
         drain(input, now, sink, Sink::input)?;
         for (role, port) in health {
             port.drain(now, sink, |sink, reception, health| sink.health(reception, *role, health))?;

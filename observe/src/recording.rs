@@ -11,6 +11,7 @@
 //! | `channel.rs` | the table of recorded channels |
 //! | `scene.rs` | poses, transforms and log entries in well-known schemas |
 //! | `facts.rs`, `closing.rs` | what is recorded beside the messages |
+//! | `fault_schedule.rs` | when faults by hand begin and end |
 //! | `truth.rs` | the samples of the truth that are recorded |
 //! | `sink.rs` | the sink that records |
 //! | `thread.rs` | the thread that writes, and its queue |
@@ -26,6 +27,7 @@ mod channel;
 mod closing;
 mod export;
 mod facts;
+mod fault_schedule;
 mod file;
 mod history;
 mod overview;

@@ -7,7 +7,9 @@ use oqtal_bus::message::{
     CommandV1, Header, HealthV1, InputV1, PoseV1, TelemetryV1, TruthV1, VehicleV1,
 };
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, INPUT, POSE, Role, TELEMETRY, TRUTH, VEHICLE};
+use oqtal_bus::topic::{
+    COMMAND, INPUT, POSE, POSE_READ, Role, TELEMETRY, TRUTH, VEHICLE, VEHICLE_READ,
+};
 
 /// A topic that can be observed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,6 +26,10 @@ pub enum ObservedTopic {
     Telemetry,
     /// Topic `input`.
     Input,
+    /// Topic `read/pose`.
+    PoseRead,
+    /// Topic `read/vehicle`.
+    VehicleRead,
     /// Topic `health/NAME` of one process.
     Health(Role),
 }
@@ -37,6 +43,8 @@ impl fmt::Display for ObservedTopic {
             Self::Vehicle => VEHICLE.name,
             Self::Telemetry => TELEMETRY.name,
             Self::Input => INPUT.name,
+            Self::PoseRead => POSE_READ.name,
+            Self::VehicleRead => VEHICLE_READ.name,
             Self::Health(role) => role.health().name,
         })
     }
@@ -72,6 +80,12 @@ pub trait Sink {
 
     /// Takes a sample of topic `input`.
     fn input(&mut self, _reception: &Reception, _input: &InputV1) {}
+
+    /// Takes a sample of topic `read/pose`.
+    fn pose_read(&mut self, _reception: &Reception, _pose: &PoseV1) {}
+
+    /// Takes a sample of topic `read/vehicle`.
+    fn vehicle_read(&mut self, _reception: &Reception, _vehicle: &VehicleV1) {}
 
     /// Takes a sample of topic `health/NAME` of the process `role`.
     fn health(&mut self, _reception: &Reception, _role: Role, _health: &HealthV1) {}
@@ -114,6 +128,16 @@ impl<A: Sink, B: Sink> Sink for Tee<'_, A, B> {
     fn input(&mut self, reception: &Reception, input: &InputV1) {
         self.0.input(reception, input);
         self.1.input(reception, input);
+    }
+
+    fn pose_read(&mut self, reception: &Reception, pose: &PoseV1) {
+        self.0.pose_read(reception, pose);
+        self.1.pose_read(reception, pose);
+    }
+
+    fn vehicle_read(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        self.0.vehicle_read(reception, vehicle);
+        self.1.vehicle_read(reception, vehicle);
     }
 
     fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {

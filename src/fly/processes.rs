@@ -78,7 +78,7 @@ impl BusFlight<'_> {
         // The readers are open before any process publishes.
         let recording = self.recording(&[RecordedFlights::Processes, RecordedFlights::All])?;
         let topics = match recording {
-            Some(_) => McapRecorder::topics(),
+            Some(_) => McapRecorder::topics(config),
             None => Recorder::TOPICS.to_vec(),
         };
         let observer = BusObserver::open(&bus, &topics)?;

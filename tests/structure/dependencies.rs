@@ -17,6 +17,7 @@ const ORDER: &[(&str, &[&str])] = &[
     ("bridge", &["control", "bus", "config", "runtime", "wire"]),
     ("receiver", &["control", "bus", "config", "runtime", "wire"]),
     ("observe", &["control", "bus", "config"]),
+    ("screen", &["bus", "config", "runtime", "observe"]),
     (
         "lab",
         &["control", "bus", "config", "runtime", "observe", "daemon", "plant-sim", "mocap-emu"],
@@ -28,6 +29,7 @@ const NOT_IN_THE_DAEMON: &[&str] = &[
     "plotters",
     "maud",
     "comfy-table",
+    "ratatui",
     "indicatif",
     "hdrhistogram",
     "csv",

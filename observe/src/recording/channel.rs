@@ -11,7 +11,8 @@ use super::{scene, schema};
 use crate::sink::ObservedTopic;
 
 /// Processes whose health is recorded, in the order of their channels.
-pub const HEALTH: [Role; 4] = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge];
+pub const HEALTH: [Role; 5] =
+    [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge, Role::Receiver];
 
 /// Key of a channel's metadata that holds the hash of the message definition, in hexadecimal.
 pub const SCHEMA_KEY: &str = "oqtal_schema";
@@ -51,9 +52,11 @@ pub struct ChannelSchema {
 impl Channel {
     /// All channels in the order of their numbers.
     pub fn all() -> impl Iterator<Item = Self> {
-        use ObservedTopic::{Command, Health, Input, Pose, Telemetry, Truth, Vehicle};
-        let topics = [Telemetry, Truth, Pose, Command, Vehicle, Input].into_iter();
-        let topics = topics.chain(HEALTH.into_iter().map(Health)).map(Self::Topic);
+        use ObservedTopic::{
+            Command, Health, Input, Pose, PoseRead, Telemetry, Truth, Vehicle, VehicleRead,
+        };
+        let topics = [Telemetry, Truth, Pose, Command, Vehicle, Input, PoseRead, VehicleRead];
+        let topics = topics.into_iter().chain(HEALTH.into_iter().map(Health)).map(Self::Topic);
         let others = [Self::Measured, Self::Estimate, Self::Reference, Self::True];
         topics.chain(others).chain([Self::Transform, Self::Events, Self::Clock])
     }
@@ -91,9 +94,9 @@ impl Channel {
 fn of_topic(topic: ObservedTopic) -> ChannelSchema {
     match topic {
         ObservedTopic::Truth => of::<TruthV1>(),
-        ObservedTopic::Pose => of::<PoseV1>(),
+        ObservedTopic::Pose | ObservedTopic::PoseRead => of::<PoseV1>(),
         ObservedTopic::Command => of::<CommandV1>(),
-        ObservedTopic::Vehicle => of::<VehicleV1>(),
+        ObservedTopic::Vehicle | ObservedTopic::VehicleRead => of::<VehicleV1>(),
         ObservedTopic::Telemetry => of::<TelemetryV1>(),
         ObservedTopic::Input => of::<InputV1>(),
         ObservedTopic::Health(_) => of::<HealthV1>(),

@@ -14,7 +14,7 @@ use super::facts::{CONFIG_FILE, LAYOUT, RECORDING};
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingFileError {
     /// The file cannot be read.
-    #[error("{path}: {error}")]
+    #[error("{path}: {error}; expected a file that `oqtal fly` or `oqtal record` wrote")]
     Io {
         /// The file.
         path: PathBuf,
@@ -22,7 +22,9 @@ pub enum RecordingFileError {
         error: std::io::Error,
     },
     /// The file is no recording.
-    #[error("{path} is no recording of oqtal: {reason}")]
+    #[error(
+        "{path} is no recording of oqtal: {reason}; expected a file that `oqtal fly` or `oqtal record` wrote"
+    )]
     Foreign {
         /// The file.
         path: PathBuf,
@@ -108,6 +110,9 @@ impl RecordingFile {
             path: path.to_path_buf(),
             reason: reason.to_owned(),
         };
+        if bytes.is_empty() {
+            return Err(foreign("it is empty"));
+        }
         if !bytes.starts_with(mcap::MAGIC) {
             return Err(foreign("it does not begin as an MCAP file does"));
         }

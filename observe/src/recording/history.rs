@@ -52,6 +52,9 @@ pub struct InputHistory {
     poses: HashMap<Identity, (Header, PoseV1)>,
     vehicles: HashMap<Identity, (Header, VehicleV1)>,
     commands: HashMap<Identity, (Header, CommandV1)>,
+    /// Samples as the daemon read them, by daemon and number.
+    poses_read: HashMap<Identity, PoseV1>,
+    vehicles_read: HashMap<Identity, VehicleV1>,
     /// By writer and instant of the tick.
     telemetry: HashMap<(u64, u64), TelemetryV1>,
 }
@@ -84,6 +87,12 @@ impl InputHistory {
                 && turn.vehicle.is_none()
                 && is_last(&self.vehicles, (vehicle_source, vehicle_number)))
             || (command.1 > 0 && turn.command.is_none() && is_last(&self.commands, command))
+            || (turn.input.pose_read > 0
+                && turn.pose.is_none()
+                && is_last(&self.poses_read, (source, turn.input.pose_read)))
+            || (turn.input.vehicle_read > 0
+                && turn.vehicle.is_none()
+                && is_last(&self.vehicles_read, (source, turn.input.vehicle_read)))
     }
 
     /// Finds what a turn names and was recorded after it: a message may be published, taken and recorded as taken while an
@@ -100,12 +109,29 @@ impl InputHistory {
     fn named(&self, source: u64, input: InputV1) -> RecordedTurn {
         RecordedTurn {
             input,
-            pose: self.poses.get(&(input.pose_source, input.pose_number)).copied(),
-            vehicle: self.vehicles.get(&(input.vehicle_source, input.vehicle_number)).copied(),
+            pose: self
+                .poses
+                .get(&(input.pose_source, input.pose_number))
+                .and_then(|sent| as_read(*sent, (source, input.pose_read), &self.poses_read)),
+            vehicle: self
+                .vehicles
+                .get(&(input.vehicle_source, input.vehicle_number))
+                .and_then(|sent| as_read(*sent, (source, input.vehicle_read), &self.vehicles_read)),
             command: self.commands.get(&(source, input.command_sequence)).copied(),
             telemetry: None,
         }
     }
+}
+
+/// A sample as the daemon read it: the copy of that number, or as it was sent if there is none; `None` if the copy is missing.
+fn as_read<M: Copy>(
+    sent: (Header, M),
+    copy: Identity,
+    copies: &HashMap<Identity, M>,
+) -> Option<(Header, M)> {
+    let (header, body) = sent;
+    let read = if copy.1 == 0 { body } else { *copies.get(&copy)? };
+    Some((header, read))
 }
 
 impl Sink for InputHistory {
@@ -126,6 +152,16 @@ impl Sink for InputHistory {
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         self.telemetry.insert((reception.header.source, telemetry.time.nanos()), *telemetry);
+    }
+
+    fn pose_read(&mut self, reception: &Reception, pose: &PoseV1) {
+        let Header { source, sequence, .. } = reception.header;
+        self.poses_read.insert((source, sequence), *pose);
+    }
+
+    fn vehicle_read(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        let Header { source, sequence, .. } = reception.header;
+        self.vehicles_read.insert((source, sequence), *vehicle);
     }
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {

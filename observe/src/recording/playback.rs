@@ -70,6 +70,8 @@ impl Played<'_> {
             ObservedTopic::Vehicle => self.decoded().map(|(r, m)| sink.vehicle(&r, &m)),
             ObservedTopic::Telemetry => self.decoded().map(|(r, m)| sink.telemetry(&r, &m)),
             ObservedTopic::Input => self.decoded().map(|(r, m)| sink.input(&r, &m)),
+            ObservedTopic::PoseRead => self.decoded().map(|(r, m)| sink.pose_read(&r, &m)),
+            ObservedTopic::VehicleRead => self.decoded().map(|(r, m)| sink.vehicle_read(&r, &m)),
             ObservedTopic::Health(role) => self.decoded().map(|(r, m)| sink.health(&r, role, &m)),
         }
     }

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{
     CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
 };
@@ -15,10 +15,12 @@ use super::cdr;
 use super::channel::{Channel, HEALTH};
 use super::closing::ClosingFacts;
 use super::facts::{CONFIG_FILE, Facts, Provenance, WAYPOINTS_FILE};
+use super::fault_schedule::FaultSchedule;
 use super::scene::{self, LogSeverity, ScenePose};
 use super::thread::{FilePlan, RecordingResult, RecordingThread};
 use super::truth::TruthSelection;
 use super::writer::{McapMessage, Preamble};
+use crate::event::{self, DaemonCondition};
 use crate::flight::Flight;
 use crate::sink::{ObservedTopic, Reception, Sink};
 
@@ -53,16 +55,23 @@ pub struct McapRecorder {
     latest: u64,
     truth: TruthSelection,
     scratch: Vec<u8>,
-    /// Mode, state and cause of the daemon in its last tick.
-    condition: Option<(u8, u8, u8)>,
+    /// Condition of the daemon in its last tick.
+    condition: Option<DaemonCondition>,
     clock_due: Time,
+    faults: FaultSchedule,
 }
 
 impl McapRecorder {
-    /// The topics that are recorded.
+    /// The topics that are recorded in a flight under `config`.
     #[must_use]
-    pub fn topics() -> Vec<ObservedTopic> {
+    pub fn topics(config: &Config) -> Vec<ObservedTopic> {
         let topics = Channel::all().filter_map(|channel| match channel {
+            // Published where faults by hand alter what the daemon reads.
+            Channel::Topic(ObservedTopic::PoseRead | ObservedTopic::VehicleRead)
+                if config.fault.inject.is_empty() =>
+            {
+                None
+            }
             Channel::Topic(topic) => Some(topic),
             _ => None,
         });
@@ -96,6 +105,7 @@ impl McapRecorder {
             scratch: Vec::with_capacity(1024),
             condition: None,
             clock_due: Time::UNSET,
+            faults: FaultSchedule::of(config),
         })
     }
 
@@ -110,9 +120,14 @@ impl McapRecorder {
         self.thread.has_failed()
     }
 
-    /// Records the offset of the wall clock, once a second in real time; `now` is an instant of the monotonic clock.
+    /// Records the offset of the wall clock, once a second in real time; `now` is an instant of the monotonic clock. To be called
+    /// with every poll: messages that have waited for others are written.
     pub fn note_clock(&mut self, now: Time) {
-        if !self.is_real || now < self.clock_due {
+        if !self.is_real {
+            return;
+        }
+        self.thread.hand_over_at((now + self.wall_offset).nanos());
+        if now < self.clock_due {
             return;
         }
         self.clock_due = now + CLOCK_PERIOD;
@@ -140,13 +155,13 @@ impl McapRecorder {
         // A chosen sample of the truth may have waited for its tick: times of a file never go back.
         self.latest = self.latest.max((received_at + self.wall_offset).nanos());
         self.sequences[number] = self.sequences[number].wrapping_add(1);
-        self.thread.message(McapMessage {
+        let message = McapMessage {
             channel: number as u16,
             sequence: self.sequences[number],
             log_time: self.latest,
             publish_time: (published_at + self.wall_offset).nanos(),
-            data: self.scratch.clone(),
-        });
+        };
+        self.thread.message(message, &self.scratch);
     }
 
     /// Records a message of a topic, published at an instant.
@@ -193,24 +208,25 @@ impl McapRecorder {
         }
     }
 
+    /// Records the faults by hand that have begun or ended at `now`.
+    fn note_faults(&mut self, received_at: Time, now: Time) {
+        while let Some((at, text)) = self.faults.due(now) {
+            self.event((received_at, at), LogSeverity::Warning, ("fault", &text));
+        }
+    }
+
     /// Records a change of the daemon's condition.
     fn note_condition(&mut self, received_at: Time, telemetry: &TelemetryV1) {
-        let TelemetryV1 { mode, state, cause, time, .. } = *telemetry;
-        if self.condition.replace((mode, state, cause)) == Some((mode, state, cause)) {
+        let condition = DaemonCondition::of(telemetry);
+        if self.condition.replace(condition) == Some(condition) {
             return;
         }
-        let word = |text: Option<String>| text.unwrap_or_else(|| "?".to_owned());
-        let mode = word(Mode::from_code(mode).map(|mode| mode.to_string()));
-        let name = word(SafetyState::from_code(state).map(|state| state.to_string()));
-        let text = match Cause::from_code(cause) {
-            Some(Cause::None) => format!("{mode}, {name}"),
-            cause => format!("{mode}, {name}: {}", word(cause.map(|cause| cause.to_string()))),
-        };
-        let severity = match state == SafetyState::Nominal.code() {
+        let severity = match condition.state() == Some(SafetyState::Nominal) {
             true => LogSeverity::Info,
             false => LogSeverity::Warning,
         };
-        self.event((received_at, time), severity, ("daemon", &text));
+        let text = condition.to_string();
+        self.event((received_at, telemetry.time), severity, ("daemon", &text));
     }
 }
 
@@ -228,25 +244,9 @@ fn preamble(config: &Config, provenance: Provenance, wall_offset: Span) -> io::R
     })
 }
 
-/// What an input says, in words; `None` for an ordinary turn.
-fn words(input: &InputV1) -> Option<String> {
-    match InputKind::from_code(input.kind)? {
-        InputKind::Start => Some("daemon started".to_owned()),
-        InputKind::Turn => None,
-        InputKind::Request => {
-            let command = OperatorCommand::from_code(input.request)?;
-            let answer = Answer::from_code(input.answer)?;
-            let cause = Cause::from_code(input.cause).filter(|_| answer == Answer::Refused);
-            let because = cause.map_or_else(String::new, |cause| format!(": {cause}"));
-            // Whoever polls the state is no event.
-            (command != OperatorCommand::Status)
-                .then(|| format!("operator: {command}, {answer}{because}"))
-        }
-    }
-}
-
 impl Sink for McapRecorder {
     fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
+        self.note_faults(reception.received_at, truth.time);
         let sample = (*reception, *truth);
         self.choose_truth(|selection, choose| selection.sample(sample, choose));
     }
@@ -260,18 +260,29 @@ impl Sink for McapRecorder {
         }
     }
 
+    fn pose_read(&mut self, reception: &Reception, pose: &PoseV1) {
+        self.record(ObservedTopic::PoseRead, (reception, pose), Time::UNSET);
+    }
+
+    fn vehicle_read(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        self.record(ObservedTopic::VehicleRead, (reception, vehicle), Time::UNSET);
+    }
+
     fn command(&mut self, reception: &Reception, command: &CommandV1) {
+        self.faults.command(&reception.header, command);
         let at = reception.header.stamps.command_published_at;
         self.record(ObservedTopic::Command, (reception, command), at);
     }
 
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        self.faults.vehicle(vehicle);
         let at = reception.header.stamps.applied_at;
         self.record(ObservedTopic::Vehicle, (reception, vehicle), at);
     }
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let at = telemetry.time;
+        self.note_faults(reception.received_at, at);
         // The truth first: whoever reads the file knows it when the tick comes.
         self.choose_truth(|selection, choose| selection.tick(at, choose));
         self.record(ObservedTopic::Telemetry, (reception, telemetry), at);
@@ -286,7 +297,7 @@ impl Sink for McapRecorder {
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {
         self.record(ObservedTopic::Input, (reception, input), input.time);
-        if let Some(text) = words(input) {
+        if let Some(text) = event::of_input(input) {
             let at = (reception.received_at, input.time);
             self.event(at, LogSeverity::Info, ("daemon", &text));
         }

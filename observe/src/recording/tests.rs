@@ -111,6 +111,20 @@ fn files_follow_each_other_without_a_gap() {
 }
 
 #[test]
+fn a_file_of_another_recording_is_kept_and_passed_over() {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("r.2.mcap"), "of another").unwrap();
+    let mut config = configuration();
+    config.record.file_min = 1.0 / 60.0;
+    let (_, result) = record(&directory, &config, true);
+    assert_eq!((result.failure, result.files.len()), (None, 4));
+    assert_eq!(result.files[1], directory.path().join("r.3.mcap"));
+    assert_eq!(std::fs::read(directory.path().join("r.2.mcap")).unwrap(), b"of another");
+    let read = result.files.iter().map(|path| poses(&RecordingFile::read(path).unwrap()).len());
+    assert_eq!(read.sum::<usize>() as u64, SAMPLES);
+}
+
+#[test]
 fn a_file_is_read_up_to_wherever_it_was_cut_off() {
     let directory = tempfile::tempdir().unwrap();
     let (path, _) = record(&directory, &configuration(), false);

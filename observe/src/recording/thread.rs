@@ -11,10 +11,14 @@ use std::time::Duration;
 use mcap::{McapError, McapResult};
 
 use super::facts::Facts;
-use super::writer::{McapFile, McapMessage, Preamble};
+use super::writer::{McapFile, McapMessage, MessageBatch, Preamble};
 
-/// Messages that wait at most \[-\]: ten seconds of a flight at 60 Hz.
-const QUEUE: usize = 8192;
+/// Batches that wait at most \[-\]: eight seconds of a flight at 60 Hz.
+const QUEUE: usize = 32;
+/// Age and size at which a batch goes to the thread \[ns\], \[-\]. With the age of a chunk, less than a second is lost if the process
+/// is killed.
+const BATCH_NS: u64 = 200_000_000;
+const BATCH: usize = 256;
 /// Time without messages after which the present chunk is written.
 const IDLE: Duration = Duration::from_millis(500);
 
@@ -50,7 +54,7 @@ pub struct RecordingResult {
 
 /// An item of the queue.
 enum QueuedRecord {
-    Message(McapMessage),
+    Batch(MessageBatch),
     Facts(Facts),
 }
 
@@ -58,6 +62,8 @@ enum QueuedRecord {
 #[derive(Debug)]
 pub struct RecordingThread {
     queue: Option<SyncSender<QueuedRecord>>,
+    /// Messages that are not queued yet.
+    batch: MessageBatch,
     thread: Option<JoinHandle<RecordingResult>>,
     waits: bool,
     dropped: u64,
@@ -80,17 +86,39 @@ impl RecordingThread {
             .name("recording".to_owned())
             .spawn(move || files.run(&records))?;
         let (queue, thread) = (Some(queue), Some(thread));
-        Ok(Self { queue, thread, waits, dropped: 0, failed: has_failed })
+        let batch = MessageBatch::default();
+        Ok(Self { queue, batch, thread, waits, dropped: 0, failed: has_failed })
     }
 
-    /// Queues a message.
-    pub fn message(&mut self, message: McapMessage) {
-        self.send(QueuedRecord::Message(message));
+    /// Takes a message, encoded in `data`.
+    pub fn message(&mut self, message: McapMessage, data: &[u8]) {
+        self.batch.push(message, data);
+        self.hand_over_at(message.log_time);
+    }
+
+    /// Queues the messages taken so far if they are many, or old at `now` \[ns since the epoch\].
+    pub fn hand_over_at(&mut self, now: u64) {
+        let is_old = self.batch.began().is_some_and(|began| now.saturating_sub(began) >= BATCH_NS);
+        if is_old || self.batch.len() >= BATCH {
+            self.hand_over();
+        }
+    }
+
+    fn hand_over(&mut self) {
+        let count = self.batch.len() as u64;
+        let next = self.batch.replacement();
+        let batch = std::mem::replace(&mut self.batch, next);
+        if count > 0 && !self.send(QueuedRecord::Batch(batch)) {
+            self.dropped += count;
+        }
     }
 
     /// Queues a table of facts.
     pub fn facts(&mut self, facts: Facts) {
-        self.send(QueuedRecord::Facts(facts));
+        self.hand_over();
+        if !self.send(QueuedRecord::Facts(facts)) {
+            self.dropped += 1;
+        }
     }
 
     /// Whether nothing more can be written.
@@ -99,24 +127,25 @@ impl RecordingThread {
         self.failed.load(Ordering::Acquire)
     }
 
-    fn send(&mut self, record: QueuedRecord) {
-        let Some(queue) = &self.queue else { return };
-        let sent = if self.waits {
+    /// Queues a record; `false` if there is no room.
+    fn send(&self, record: QueuedRecord) -> bool {
+        let Some(queue) = &self.queue else { return true };
+        if self.waits {
             queue.send(record).is_ok()
         } else {
             !matches!(queue.try_send(record), Err(TrySendError::Full(_)))
-        };
-        self.dropped += u64::from(!sent);
+        }
     }
 
     /// Writes what waits, closes the file, and ends the thread.
     #[must_use]
     pub fn finish(mut self) -> RecordingResult {
-        let dropped = self.dropped;
-        RecordingResult { dropped, ..self.join() }
+        let result = self.join();
+        RecordingResult { dropped: self.dropped, ..result }
     }
 
     fn join(&mut self) -> RecordingResult {
+        self.hand_over();
         drop(self.queue.take());
         let result = self.thread.take().and_then(|thread| thread.join().ok());
         let failure = || Some("the thread that writes ended by an internal error".to_owned());
@@ -148,7 +177,9 @@ impl Files {
         self.result.files.push(self.plan.path.clone());
         loop {
             let done = match records.recv_timeout(IDLE) {
-                Ok(QueuedRecord::Message(message)) => self.message(&message),
+                Ok(QueuedRecord::Batch(batch)) => {
+                    batch.iter().try_for_each(|(message, data)| self.message(message, data))
+                }
                 Ok(QueuedRecord::Facts(facts)) => self.with_file(|file| file.facts(&facts)),
                 Err(RecvTimeoutError::Timeout) => self.with_file(McapFile::flush),
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -168,7 +199,7 @@ impl Files {
         self.file.as_mut().map_or(Ok(()), work)
     }
 
-    fn message(&mut self, message: &McapMessage) -> McapResult<()> {
+    fn message(&mut self, message: &McapMessage, data: &[u8]) -> McapResult<()> {
         let FilePlan { max_bytes, max_ns, .. } = self.plan;
         let Some(file) = &self.file else { return Ok(()) };
         let full = max_bytes.is_some_and(|most| file.bytes() >= most)
@@ -176,18 +207,30 @@ impl Files {
         if full {
             self.begin_another()?;
         }
-        self.with_file(|file| file.message(message))?;
+        self.with_file(|file| file.message(message, data))?;
         self.result.messages += 1;
-        self.result.bytes += message.data.len() as u64;
+        self.result.bytes += data.len() as u64;
         Ok(())
     }
 
     fn begin_another(&mut self) -> McapResult<()> {
         self.file.take().map_or(Ok(()), McapFile::finish)?;
-        let path = numbered(&self.plan.path, self.result.files.len() + 1);
-        self.file = Some(McapFile::create(&path, &self.preamble)?);
-        self.result.files.push(path);
-        Ok(())
+        let mut number = self.result.files.len() + 1;
+        loop {
+            let path = numbered(&self.plan.path, number);
+            match McapFile::create(&path, &self.preamble) {
+                // Of another recording: it is kept, and this one goes on beside it.
+                Err(McapError::Io(error)) if error.kind() == io::ErrorKind::AlreadyExists => {
+                    number += 1;
+                }
+                Err(error) => return Err(error),
+                Ok(file) => {
+                    self.file = Some(file);
+                    self.result.files.push(path);
+                    return Ok(());
+                }
+            }
+        }
     }
 
     fn fail(&mut self, error: &McapError) {

@@ -17,8 +17,8 @@ const CHUNK_NS: u64 = 500_000_000;
 /// Bytes that the format adds to a message \[bytes\].
 const MESSAGE_OVERHEAD: u64 = 31;
 
-/// A message on its way into a file.
-#[derive(Clone, Debug)]
+/// What is known of a message on its way into a file.
+#[derive(Clone, Copy, Debug)]
 pub struct McapMessage {
     /// Number of its channel, in the order of [`Channel::all`] \[-\].
     pub channel: u16,
@@ -28,8 +28,48 @@ pub struct McapMessage {
     pub log_time: u64,
     /// When it was published \[ns since the epoch\].
     pub publish_time: u64,
-    /// The message, encoded.
-    pub data: Vec<u8>,
+}
+
+/// Messages that go to the writing thread together: one wake-up and one allocation for many.
+#[derive(Debug, Default)]
+pub struct MessageBatch {
+    /// Each with the end of its data in `data`.
+    messages: Vec<(McapMessage, usize)>,
+    data: Vec<u8>,
+}
+
+impl MessageBatch {
+    /// Adds a message, encoded in `data`.
+    pub fn push(&mut self, message: McapMessage, data: &[u8]) {
+        self.data.extend_from_slice(data);
+        self.messages.push((message, self.data.len()));
+    }
+
+    /// Number of messages \[-\].
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.messages.len()
+    }
+
+    /// Time of the first message; `None` if there is none \[ns since the epoch\].
+    #[must_use]
+    pub fn began(&self) -> Option<u64> {
+        self.messages.first().map(|(message, _)| message.log_time)
+    }
+
+    /// The messages with their data, in the order in which they were added.
+    pub fn iter(&self) -> impl Iterator<Item = (&McapMessage, &[u8])> {
+        let begins = std::iter::once(0).chain(self.messages.iter().map(|(_, end)| *end));
+        let parts = self.messages.iter().zip(begins);
+        parts.map(|((message, end), begin)| (message, &self.data[begin..*end]))
+    }
+
+    /// An empty batch with room for as much as this one has.
+    #[must_use]
+    pub fn replacement(&self) -> Self {
+        let messages = Vec::with_capacity(self.messages.len());
+        Self { messages, data: Vec::with_capacity(self.data.len()) }
+    }
 }
 
 /// What every file of a recording begins with: tables of facts, and files by name with media type and content.
@@ -85,8 +125,8 @@ impl McapFile {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn message(&mut self, message: &McapMessage) -> McapResult<()> {
-        let McapMessage { channel, sequence, log_time, publish_time, data } = message;
+    pub fn message(&mut self, message: &McapMessage, data: &[u8]) -> McapResult<()> {
+        let McapMessage { channel, sequence, log_time, publish_time } = message;
         if self.chunk_began.is_some_and(|began| log_time.saturating_sub(began) >= CHUNK_NS) {
             self.flush()?;
         }

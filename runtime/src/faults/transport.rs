@@ -7,7 +7,7 @@ use oqtal_bus::message::Message;
 use oqtal_bus::stop::StopSwitch;
 use oqtal_bus::topic::{COMMAND, POSE, Topic, VEHICLE};
 use oqtal_bus::transport::Transport;
-use oqtal_config::{ClockKind, Config, Fault, FaultTarget};
+use oqtal_config::{ClockKind, Config, Fault, FaultKind, FaultTarget};
 
 use super::clock::FaultClock;
 use super::reader::{FaultyReader, Injector};
@@ -78,6 +78,12 @@ impl<T: Transport + std::fmt::Debug> Transport for FaultyTransport<T> {
         Ok(FaultyReader { inner: self.bus.reader(topic)?, injector })
     }
 
+    fn alters<M: Message>(&self, topic: &Topic<M>) -> bool {
+        let target = target_of(topic.name);
+        let mut all = self.faults.iter().flat_map(|faults| &faults.all);
+        all.any(|fault| Some(fault.target) == target && is_altering(fault.kind))
+    }
+
     /// The operator's stop, which no fault touches.
     fn stop_switch(&self) -> Result<StopSwitch, BusError> {
         self.bus.stop_switch()
@@ -87,6 +93,11 @@ impl<T: Transport + std::fmt::Debug> Transport for FaultyTransport<T> {
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Reader<M>, BusError> {
         Ok(FaultyReader { inner: self.bus.observer(topic)?, injector: None })
     }
+}
+
+/// Whether a fault changes the content of messages, not only whether and when they arrive.
+fn is_altering(kind: FaultKind) -> bool {
+    matches!(kind, FaultKind::Stuck | FaultKind::Garbage | FaultKind::Wrong)
 }
 
 /// The target whose faults the reader of a topic injects.

@@ -1,0 +1,117 @@
+//! Events of a flight in words, as recordings and the live terminal tell them.
+
+use std::fmt;
+
+use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::message::{InputV1, TelemetryV1};
+
+/// Mode, safety state and cause of the daemon in a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DaemonCondition {
+    mode: u8,
+    state: u8,
+    cause: u8,
+}
+
+impl DaemonCondition {
+    /// The condition in a tick.
+    #[must_use]
+    pub fn of(telemetry: &TelemetryV1) -> Self {
+        let TelemetryV1 { mode, state, cause, .. } = *telemetry;
+        Self { mode, state, cause }
+    }
+
+    /// The safety state; `None` for a code that this version does not know.
+    #[must_use]
+    pub fn state(self) -> Option<SafetyState> {
+        SafetyState::from_code(self.state)
+    }
+
+    /// The mode in words.
+    #[must_use]
+    pub fn mode_text(self) -> String {
+        word(Mode::from_code(self.mode))
+    }
+
+    /// State and cause in words.
+    #[must_use]
+    pub fn state_text(self) -> String {
+        let state = word(self.state());
+        match Cause::from_code(self.cause) {
+            Some(Cause::None) => state,
+            cause => format!("{state}: {}", word(cause)),
+        }
+    }
+}
+
+impl fmt::Display for DaemonCondition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}, {}", self.mode_text(), self.state_text())
+    }
+}
+
+fn word(code: Option<impl ToString>) -> String {
+    code.map_or_else(|| "?".to_owned(), |code| code.to_string())
+}
+
+/// What an input of the daemon says, in words; `None` for an ordinary turn, and for a request that only asks for the state.
+#[must_use]
+pub fn of_input(input: &InputV1) -> Option<String> {
+    match InputKind::from_code(input.kind)? {
+        InputKind::Start => Some("daemon started".to_owned()),
+        InputKind::Turn => {
+            (input.stop == 1).then(|| format!("operator: {}", OperatorCommand::Stop))
+        }
+        InputKind::Request => {
+            let command = OperatorCommand::from_code(input.request)?;
+            let answer = Answer::from_code(input.answer)?;
+            let cause = Cause::from_code(input.cause).filter(|_| answer == Answer::Refused);
+            let because = cause.map_or_else(String::new, |cause| format!(": {cause}"));
+            (command != OperatorCommand::Status)
+                .then(|| format!("operator: {command}, {answer}{because}"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn requests_and_stops_are_events_and_ordinary_turns_are_not() {
+        let request = |command: OperatorCommand, answer: Answer| InputV1 {
+            kind: InputKind::Request.code(),
+            request: command.code(),
+            answer: answer.code(),
+            cause: Cause::WrongMode.code(),
+            ..InputV1::default()
+        };
+        let said = |input: InputV1| of_input(&input);
+        assert_eq!(
+            said(request(OperatorCommand::Disarm, Answer::Refused)).unwrap(),
+            "operator: disarm, refused: not possible in this mode"
+        );
+        assert_eq!(
+            said(request(OperatorCommand::Land, Answer::Done)).unwrap(),
+            "operator: land, done"
+        );
+        assert_eq!(said(request(OperatorCommand::Status, Answer::Done)), None);
+        let turn = InputV1 { kind: InputKind::Turn.code(), ..InputV1::default() };
+        assert_eq!(said(turn), None);
+        assert_eq!(said(InputV1 { stop: 1, ..turn }).unwrap(), "operator: stop");
+    }
+
+    #[test]
+    fn a_condition_names_its_cause_if_there_is_one() {
+        let tick = TelemetryV1 {
+            mode: Mode::Flying.code(),
+            state: SafetyState::Coast.code(),
+            cause: Cause::NoPose.code(),
+            ..TelemetryV1::default()
+        };
+        assert_eq!(DaemonCondition::of(&tick).to_string(), "flying, Coast: no pose");
+        let nominal = TelemetryV1 { state: 0, cause: 0, ..tick };
+        assert_eq!(DaemonCondition::of(&nominal).to_string(), "flying, Nominal");
+        assert_eq!(DaemonCondition::of(&TelemetryV1 { state: 99, ..nominal }).state_text(), "?");
+    }
+}

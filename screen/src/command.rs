@@ -1,0 +1,125 @@
+//! `oqtal monitor`: the command and its loop.
+
+use std::io::{self, IsTerminal};
+use std::time::Duration;
+
+use clap::Args;
+use oqtal_bus::bus::Bus;
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_observe::observer::BusObserver;
+use oqtal_runtime::health::HEALTH_PERIOD;
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
+use oqtal_runtime::stop::StopFlag;
+
+use crate::draw::draw;
+use crate::look::ScreenLook;
+use crate::model::MonitorModel;
+use crate::terminal::{Key, OpenTerminal};
+
+/// Period of the picture.
+const PICTURE_PERIOD: Duration = Duration::from_millis(100);
+/// Time within which a process of a running instance is heard, in health periods \[-\].
+const FOUND_PERIODS: f64 = 3.0;
+
+/// Arguments of `oqtal monitor`.
+#[derive(Args, Debug)]
+pub struct MonitorArgs {
+    /// Words and bold letters alone, as the variable NO_COLOR does
+    #[arg(long)]
+    no_color: bool,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl MonitorArgs {
+    /// Shows the instance until q, Ctrl-C or SIGTERM.
+    ///
+    /// # Errors
+    /// The output is no terminal (exit code 64), nothing runs on the instance (75), or the terminal or the bus failed.
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        require_terminal()?;
+        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let paths = instance_paths(&config)?;
+        paths.become_owner()?;
+        let stop = stop_on_signals()?;
+        let bus = Bus::open(&paths)?;
+        let observer = BusObserver::open(&bus, &MonitorModel::topics())?;
+        let model = MonitorModel::new(&config.instance.name, Time::now());
+        let mut watch = Watch { observer, model, look: self.look(), stop };
+        watch.find()?;
+        watch.run()?;
+        Ok(Exit::Ok)
+    }
+
+    fn look(&self) -> ScreenLook {
+        let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+        let look = ScreenLook::of_environment(set);
+        ScreenLook { has_colour: look.has_colour && !self.no_color, ..look }
+    }
+}
+
+/// Fails unless standard output is a terminal that can show a picture.
+fn require_terminal() -> Result<(), Failure> {
+    let remedy = "run it in a terminal; in scripts use `oqtal ctl status --json` or `oqtal record`";
+    let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    let what = match (io::stdout().is_terminal(), is_dumb) {
+        (true, false) => return Ok(()),
+        (true, true) => "the terminal cannot place text (TERM=dumb)",
+        (false, _) => "standard output is no terminal",
+    };
+    Err(Failure::new(Exit::Usage, format!("{what}; {remedy}")))
+}
+
+/// The observation of an instance.
+struct Watch {
+    observer: BusObserver<Bus>,
+    model: MonitorModel,
+    look: ScreenLook,
+    stop: StopFlag,
+}
+
+impl Watch {
+    /// Waits until a process of the instance is heard.
+    fn find(&mut self) -> Result<(), Failure> {
+        let give_up = Time::now() + HEALTH_PERIOD.scaled(FOUND_PERIODS);
+        while !self.stop.is_set() {
+            self.poll()?;
+            if self.model.processes.is_alive() {
+                return Ok(());
+            }
+            if Time::now() > give_up {
+                let name = &self.model.instance;
+                let message = format!(
+                    "nothing runs on instance `{name}`; start `oqtal fly --instance {name}` or its services, or name another with --instance"
+                );
+                return Err(Failure::new(Exit::Peer, message));
+            }
+            std::thread::sleep(Span::from_millis(20).to_duration());
+        }
+        Ok(())
+    }
+
+    /// Shows the instance until asked to end.
+    fn run(&mut self) -> Result<(), Failure> {
+        let failed =
+            |error: io::Error| Failure::new(Exit::System, format!("the terminal failed: {error}"));
+        let mut terminal = OpenTerminal::enter().map_err(failed)?;
+        while !self.stop.is_set() {
+            self.poll()?;
+            terminal.show(|buffer| draw(&self.model, self.look, buffer)).map_err(failed)?;
+            match terminal.key(PICTURE_PERIOD).map_err(failed)? {
+                Some(Key::Quit) => break,
+                Some(Key::Restart) => self.model.restart_figures(),
+                None => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn poll(&mut self) -> Result<(), Failure> {
+        let now = Time::now();
+        self.model.advance(now);
+        Ok(self.observer.poll(now, &mut self.model)?)
+    }
+}

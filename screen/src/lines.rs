@@ -1,0 +1,211 @@
+//! The model as lines of text: a label, words, and how much they matter.
+
+use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::message::{TelemetryV1, VehicleV1};
+use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::time::Span;
+use oqtal_observe::event::DaemonCondition;
+use oqtal_observe::latency::{DistributionSummary, WHOLE};
+
+use crate::look::Weight;
+use crate::model::{MonitorModel, Newest, tracking_error_m};
+
+/// A tick older than this does not describe the present: the loop stands still.
+const STALE: Span = Span::from_millis(1000);
+
+/// A line of the status.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StatusLine {
+    /// What it is about.
+    pub label: &'static str,
+    /// What is said.
+    pub text: String,
+    /// How much it matters.
+    pub weight: Weight,
+}
+
+fn line(label: &'static str, text: impl Into<String>, weight: Weight) -> StatusLine {
+    StatusLine { label, text: text.into(), weight }
+}
+
+/// The status of the instance, the most important lines first.
+#[must_use]
+pub fn status(model: &MonitorModel) -> Vec<StatusLine> {
+    vec![
+        state(model),
+        faults(model),
+        mode(model),
+        vehicle(model),
+        poses(model),
+        tracking(model),
+        loop_figures(model),
+        processes(model),
+    ]
+}
+
+/// The tick if it describes the present.
+fn present(model: &MonitorModel) -> Option<TelemetryV1> {
+    let is_present = model.tick_age().is_some_and(|age| age <= STALE);
+    model.tick.filter(|_| is_present).map(|tick| tick.body)
+}
+
+fn state(model: &MonitorModel) -> StatusLine {
+    let label = "state";
+    if let Some(tick) = present(model) {
+        let condition = DaemonCondition::of(&tick);
+        let weight = match condition.state() {
+            Some(SafetyState::Nominal) => Weight::Good,
+            Some(SafetyState::Land | SafetyState::Stop) | None => Weight::Alarm,
+            Some(_) => Weight::Warning,
+        };
+        return line(label, condition.state_text(), weight);
+    }
+    let seen = model
+        .tick_age()
+        .map_or_else(String::new, |age| format!(", last tick {:.0} s ago", age.seconds()));
+    let text = match model.processes.is_alive() {
+        true => format!("no daemon ticks{seen}"),
+        false => format!("nothing runs{seen}: waiting for it to come back"),
+    };
+    line(label, text, Weight::Alarm)
+}
+
+fn mode(model: &MonitorModel) -> StatusLine {
+    let label = "mode";
+    let Some(tick) = present(model) else { return line(label, "-", Weight::Plain) };
+    let mode = DaemonCondition::of(&tick).mode_text();
+    if tick.mission_s.is_finite() {
+        return line(label, format!("{mode}, mission {:.1} s", tick.mission_s), Weight::Plain);
+    }
+    let obstacles = ArmingObstacles::from_bits(tick.obstacles);
+    if obstacles.is_empty() || tick.mode == Mode::Flying.code() {
+        return line(label, mode, Weight::Plain);
+    }
+    line(label, format!("{mode}; no take-off: {obstacles}"), Weight::Warning)
+}
+
+fn vehicle(model: &MonitorModel) -> StatusLine {
+    let label = "vehicle";
+    let Some(Newest { received_at, body }) = model.vehicle else {
+        return line(label, "nothing was heard of a vehicle", Weight::Warning);
+    };
+    let VehicleV1 { battery_v, link_quality, .. } = body;
+    let kind = if body.simulated == 1 { "simulated" } else { "real" };
+    let motors = match (body.stopped, body.starting, body.armed) {
+        (1.., ..) => "STOPPED by an operator",
+        (_, 1.., _) => "motors starting",
+        (_, _, 1..) => "motors running",
+        _ => "motors off",
+    };
+    let link = if body.link == 1 { "answers" } else { "SILENT" };
+    let age = model.now.since(received_at);
+    let mut text = match age > STALE {
+        true => format!("{:.0} s ago: {kind}, {motors}, {link}", age.seconds()),
+        false => format!("{kind}, {motors}, {link}"),
+    };
+    if link_quality.is_finite() {
+        text += &format!(", link {:.0} %", link_quality * 100.0);
+    }
+    match battery_v.is_finite() {
+        true => text += &format!(", battery {battery_v:.2} V"),
+        false => text += ", battery unknown",
+    }
+    let is_well = body.link == 1 && body.stopped == 0 && age <= STALE;
+    line(label, text, if is_well { Weight::Plain } else { Weight::Warning })
+}
+
+fn poses(model: &MonitorModel) -> StatusLine {
+    let label = "poses";
+    let Some(tick) = present(model) else { return line(label, "-", Weight::Plain) };
+    let counters = model.figures.counters();
+    let age = match tick.pose_age_s.is_finite() {
+        true => format!("age {:.1} ms", tick.pose_age_s * 1e3),
+        false => "none yet".to_owned(),
+    };
+    let text = format!("{age}; lost {}, refused {}", counters.poses_lost, counters.poses_refused);
+    line(label, text, if tick.fresh == 1 { Weight::Plain } else { Weight::Warning })
+}
+
+fn tracking(model: &MonitorModel) -> StatusLine {
+    let label = "position";
+    let Some(tick) = present(model).filter(|tick| tick.pose_age_s.is_finite()) else {
+        return line(label, "-", Weight::Plain);
+    };
+    let [x, y, z] = tick.position;
+    let error = tracking_error_m(&tick).map_or_else(
+        || "no reference".to_owned(),
+        |error| format!("error {error:.3} m, greatest {:.3} m", model.greatest_error_m),
+    );
+    line(label, format!("{x:.2} {y:.2} {z:.2} m; {error}"), Weight::Plain)
+}
+
+fn loop_figures(model: &MonitorModel) -> StatusLine {
+    let counters = model.figures.counters();
+    let text = format!(
+        "{} ticks, deadlines missed {}, commands lost {}",
+        counters.ticks, counters.deadline_misses, counters.commands_lost
+    );
+    line("loop", text, Weight::Plain)
+}
+
+fn processes(model: &MonitorModel) -> StatusLine {
+    let names = model.processes.iter().map(|process| {
+        let state = if process.is_silent { "SILENT".to_owned() } else { process.pid.to_string() };
+        format!("{} {state}", process.role.name())
+    });
+    let names: Vec<String> = names.collect();
+    let text = if names.is_empty() { "none heard".to_owned() } else { names.join(", ") };
+    let all_heard = model.processes.iter().all(|process| !process.is_silent);
+    line("process", text, if all_heard { Weight::Plain } else { Weight::Warning })
+}
+
+/// What is wrong at present.
+fn faults(model: &MonitorModel) -> StatusLine {
+    let mut found = Vec::new();
+    for process in model.processes.iter() {
+        let name = process.role.name();
+        if process.is_silent {
+            found.push(format!("{name} silent"));
+        } else if process.health.runs_late == 1 {
+            found.push(format!("{name} runs late"));
+        }
+    }
+    if model.processes.configs_differ() {
+        found.push("configurations differ".to_owned());
+    }
+    if let Some(Newest { body, .. }) = model.vehicle {
+        let wrong = [(body.link == 0, "vehicle silent"), (body.stopped == 1, "operator's stop")];
+        found.extend(wrong.into_iter().filter(|(is, _)| *is).map(|(_, text)| text.to_owned()));
+    }
+    let counters = model.figures.counters();
+    if counters.unheard > 0 {
+        found.push(format!("{} samples not observed", counters.unheard));
+    }
+    let weight = if found.is_empty() { Weight::Good } else { Weight::Alarm };
+    let text = if found.is_empty() { "none".to_owned() } else { found.join(", ") };
+    line("faults", text, weight)
+}
+
+/// The table of latencies: a head, the sum of all hops, then every hop.
+#[must_use]
+pub fn hop_table(model: &MonitorModel) -> Vec<String> {
+    let head = format!("{:<20}{:>8}{:>8}{:>8}", "hop [ms]", "p50", "p99", "max");
+    let rows = model.figures.hops().iter().map(|(name, distribution)| {
+        let DistributionSummary { count, p50_ns, p99_ns, max_ns, .. } = distribution.summary();
+        let cell = |ns: u64| match count {
+            0 => format!("{:>8}", "-"),
+            _ => format!("{:>8.3}", ns as f64 * 1e-6),
+        };
+        (name, format!("{name:<20}{}{}{}", cell(p50_ns), cell(p99_ns), cell(max_ns)))
+    });
+    let (whole, parts): (Vec<_>, Vec<_>) = rows.partition(|(name, _)| *name == WHOLE);
+    let rows = whole.into_iter().chain(parts).map(|(_, row)| row);
+    std::iter::once(head).chain(rows).collect()
+}
+
+/// The newest `count` events, a line each.
+#[must_use]
+pub fn events(model: &MonitorModel, count: usize) -> Vec<String> {
+    let newest = model.journal.newest(count);
+    newest.map(|entry| format!("{:>7.1} {}", entry.at.seconds(), entry.text)).collect()
+}

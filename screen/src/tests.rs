@@ -1,0 +1,223 @@
+//! Pictures of instances: what is seen in terminals of several sizes, with and without colour.
+
+use oqtal_bus::code::{Cause, Mode, SafetyState};
+use oqtal_bus::message::{Header, HealthV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{POSE, Role};
+use oqtal_observe::sink::{ObservedTopic, Reception, Sink};
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+use ratatui::buffer::Buffer;
+use ratatui::style::Color;
+
+use crate::draw::draw;
+use crate::look::ScreenLook;
+use crate::model::MonitorModel;
+
+const PLAIN: ScreenLook = ScreenLook { has_colour: false, has_blocks: false };
+const COLOURED: ScreenLook = ScreenLook { has_colour: true, has_blocks: true };
+
+fn at(millis: i64) -> Time {
+    Time::VIRTUAL_START + Span::from_millis(millis)
+}
+
+fn reception(received_at: Time, stamps: Stamps) -> Reception {
+    let header = Header { source: 4711, stamps, ..Header::default() };
+    Reception { header, received_at }
+}
+
+/// A tick in flight, 0.5 m off the reference.
+fn flying(now: Time) -> TelemetryV1 {
+    TelemetryV1 {
+        time: now,
+        mission_s: 12.3,
+        position: [0.5, 0.0, 1.0],
+        reference_position: [0.0, 0.0, 1.0],
+        thrust: 0.45,
+        pose_age_s: 0.0152,
+        mode: Mode::Flying.code(),
+        fresh: 1,
+        ..TelemetryV1::default()
+    }
+}
+
+fn vehicle() -> VehicleV1 {
+    VehicleV1 {
+        battery_v: 11.43,
+        link_quality: 0.98,
+        armed: 1,
+        link: 1,
+        simulated: 1,
+        ..VehicleV1::default()
+    }
+}
+
+/// Stamps of a command that took effect 18 ms after its pose was captured.
+fn stamps(now: Time) -> Stamps {
+    let captured_at = now - Span::from_millis(18);
+    Stamps {
+        captured_at,
+        pose_published_at: captured_at + Span::from_millis(15),
+        woken_at: captured_at + Span::from_millis(16),
+        computed_at: captured_at + Span::from_millis(16),
+        command_published_at: captured_at + Span::from_millis(17),
+        received_at: now,
+        applied_at: now,
+        ..Stamps::default()
+    }
+}
+
+fn hear(model: &mut MonitorModel, role: Role, now: Time) {
+    let health = HealthV1 { time: now, config_hash: 7, ..HealthV1::default() };
+    model.health(&reception(now, Stamps::default()), role, &health);
+}
+
+/// A model after three seconds of flight.
+fn in_flight() -> MonitorModel {
+    let mut model = MonitorModel::new("lab", at(0));
+    for tick in 0..180 {
+        let now = at(tick * 1000 / 60);
+        model.advance(now);
+        for role in [Role::Daemon, Role::Plant, Role::Mocap] {
+            hear(&mut model, role, now);
+        }
+        model.telemetry(&reception(now, Stamps::default()), &flying(now));
+        model.vehicle(&reception(now, stamps(now)), &vehicle());
+    }
+    model
+}
+
+/// The picture of `model` in a terminal of this size.
+fn picture(model: &MonitorModel, look: ScreenLook, size: (u16, u16)) -> Buffer {
+    let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
+    terminal.draw(|frame| draw(model, look, frame.buffer_mut())).unwrap();
+    terminal.backend().buffer().clone()
+}
+
+fn text(buffer: &Buffer) -> String {
+    let width = usize::from(buffer.area.width).max(1);
+    let rows = buffer.content.chunks(width);
+    let row = |cells: &[ratatui::buffer::Cell]| {
+        cells.iter().map(ratatui::buffer::Cell::symbol).collect::<String>()
+    };
+    rows.map(|cells| row(cells).trim_end().to_owned() + "\n").collect()
+}
+
+fn seen(model: &MonitorModel, size: (u16, u16)) -> String {
+    text(&picture(model, PLAIN, size))
+}
+
+#[test]
+fn a_flight_is_seen_whole_in_80_by_24() {
+    let seen = seen(&in_flight(), (80, 24));
+    for expected in [
+        "oqtal monitor: lab",
+        "state     Nominal",
+        "faults    none",
+        "mode      flying, mission 12.3 s",
+        "simulated, motors running, answers, link 98 %, battery 11.43 V",
+        "age 15.2 ms; lost 0, refused 0",
+        "0.50 0.00 1.00 m; error 0.500 m, greatest 0.500 m",
+        "180 ticks, deadlines missed 0",
+        "daemon 4711, plant-sim 4711, mocap-emu 4711",
+        "error [m]",
+        "0.500 /0.500",
+        "45.0 /100.0",
+        "18.0 /18.0",
+        "sensor_to_actuator    18.0",
+        "vehicle_to_applied",
+        "flying, Nominal",
+        "q quits",
+    ] {
+        assert!(seen.contains(expected), "`{expected}` is missing in\n{seen}");
+    }
+    assert!(seen.is_ascii() && !seen.contains("not shown"), "{seen}");
+    // Error and latency fill both rows of their charts, half the thrust fills one.
+    assert_eq!(seen.matches("######").count(), 5, "six steps in each chart\n{seen}");
+}
+
+#[test]
+fn every_size_is_drawn_and_says_what_it_leaves_out() {
+    let model = in_flight();
+    for (width, height) in (0..100).step_by(3).flat_map(|w| (0..32).map(move |h| (w, h))) {
+        let seen = seen(&model, (width, height));
+        if width >= 20 && height >= 4 {
+            assert!(seen.contains("Nominal"), "{width} x {height}:\n{seen}");
+        }
+    }
+    let small = seen(&model, (60, 14));
+    assert!(small.contains("not shown: charts, hops (80 x 24 shows all)"), "{small}");
+    assert!(small.contains("flying, Nominal"), "the events are left out\n{small}");
+    let tiny = seen(&model, (24, 4));
+    assert!(tiny.contains("state     Nominal") && tiny.contains("q quits; not shown"), "{tiny}");
+}
+
+#[test]
+fn states_are_told_in_words_and_without_colour_no_cell_has_one() {
+    let mut model = in_flight();
+    let now = model.now + Span::from_millis(10);
+    model.advance(now);
+    let lost = TelemetryV1 {
+        state: SafetyState::Coast.code(),
+        cause: Cause::NoPose.code(),
+        fresh: 0,
+        ..flying(now)
+    };
+    model.telemetry(&reception(now, Stamps::default()), &lost);
+    let seen = seen(&model, (80, 24));
+    assert!(seen.contains("state     Coast: no pose"), "{seen}");
+    assert!(seen.contains("3.0 flying, Coast: no pose"), "the event is missing\n{seen}");
+    let has_colour = |look| {
+        let buffer = picture(&model, look, (80, 24));
+        buffer.content.iter().any(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset)
+    };
+    assert!(has_colour(COLOURED) && !has_colour(PLAIN));
+}
+
+#[test]
+fn what_keeps_a_flight_from_beginning_is_told() {
+    let mut model = in_flight();
+    let obstacles = ArmingObstacles::default().with(ArmingObstacle::Tilted, true).bits();
+    let (mode, mission_s) = (Mode::Disarmed.code(), f64::NAN);
+    let tick = TelemetryV1 { obstacles, mode, mission_s, ..flying(model.now) };
+    model.telemetry(&reception(model.now, Stamps::default()), &tick);
+    let seen = seen(&model, (80, 24));
+    assert!(seen.contains("disarmed; no take-off: the vehicle is tilted"), "{seen}");
+    assert!(seen.contains("no reference"), "{seen}");
+}
+
+#[test]
+fn an_instance_that_ends_is_told_and_one_that_comes_back_begins_anew() {
+    let mut model = in_flight();
+    let gone = model.now + Span::from_millis(2000);
+    model.advance(gone);
+    let picture = seen(&model, (80, 24));
+    for expected in [
+        "nothing runs, last tick 2 s ago: waiting for it to come back",
+        "daemon SILENT",
+        "the instance has ended",
+        "daemon silent, plant-sim silent, mocap-emu silent",
+    ] {
+        assert!(picture.contains(expected), "`{expected}` is missing in\n{picture}");
+    }
+    let back = gone + Span::from_millis(5000);
+    model.advance(back);
+    hear(&mut model, Role::Daemon, back);
+    let other =
+        Reception { header: Header { source: 4712, ..Header::default() }, received_at: back };
+    model.telemetry(&other, &flying(back));
+    let picture = seen(&model, (100, 30));
+    assert!(picture.contains("state     Nominal") && picture.contains("1 ticks"), "{picture}");
+    assert!(picture.contains("daemon came, pid 4711"), "{picture}");
+}
+
+#[test]
+fn an_observer_that_was_too_slow_says_so() {
+    let mut model = in_flight();
+    model.lost(ObservedTopic::Telemetry, POSE.quality.buffer as u64);
+    let seen = seen(&model, (80, 24));
+    assert!(seen.contains("1024 samples not observed"), "{seen}");
+    model.restart_figures();
+    assert!(model.figures.counters().unheard == 0 && model.greatest_error_m == 0.0);
+}

@@ -1,0 +1,151 @@
+//! `oqtal monitor` in a real terminal, of tmux: changes are seen, resizing works, the terminal is left as it was. Skipped without
+//! tmux.
+
+mod common;
+
+use std::process::{Command, Stdio};
+
+use common::{Running, Testbed, stderr, wait_for};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// A terminal of tmux with a server of its own; ended when dropped.
+struct Tmux<'a> {
+    testbed: &'a Testbed,
+}
+
+impl<'a> Tmux<'a> {
+    /// A shell in a terminal of this size; `None`, with a message, without tmux.
+    fn start(testbed: &'a Testbed, size: (u16, u16)) -> Option<Self> {
+        if Command::new("tmux").arg("-V").output().is_err() {
+            eprintln!("skipped: no tmux; install it with: sudo apt-get install tmux");
+            return None;
+        }
+        let tmux = Self { testbed };
+        let (width, height) = (size.0.to_string(), size.1.to_string());
+        let shell = "env -u NO_COLOR PS1='ready$ ' LC_ALL=C.UTF-8 sh";
+        tmux.run(&["-f", "/dev/null", "new-session", "-d", "-x", &width, "-y", &height, shell]);
+        tmux.run(&["set-option", "-g", "window-size", "manual"]);
+        Some(tmux)
+    }
+
+    fn run(&self, words: &[&str]) -> String {
+        let output = Command::new("tmux")
+            .arg("-S")
+            .arg(self.testbed.path("tmux"))
+            .args(words)
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "tmux {words:?}: {}", stderr(&output));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    /// Types a line into the shell.
+    fn line(&self, text: &str) {
+        self.run(&["send-keys", "-l", text]);
+        self.run(&["send-keys", "Enter"]);
+    }
+
+    /// Waits until the screen contains every one of `texts`; returns it.
+    fn shows(&self, texts: &[&str]) -> String {
+        wait_for(&format!("{texts:?} on the screen"), || {
+            let screen = self.run(&["capture-pane", "-p"]);
+            texts.iter().all(|text| screen.contains(text)).then_some(screen)
+        })
+    }
+
+    /// Whether the program has the terminal's other screen.
+    fn is_on_other_screen(&self) -> bool {
+        self.run(&["display-message", "-p", "#{alternate_on}"]).trim() == "1"
+    }
+
+    /// Starts `oqtal monitor` on the testbed; the shell then tells how it ended.
+    fn monitor(&self, options: &str) {
+        let [pid, root] = ["pid", "run"].map(|name| self.testbed.path(name).display().to_string());
+        let (oqtal, instance) = (env!("CARGO_BIN_EXE_oqtal"), self.testbed.instance());
+        let command = format!("exec {oqtal} monitor --instance {instance} --root {root} {options}");
+        self.line(&format!("sh -c 'echo $$ > {pid}; {command}'; echo ended $?"));
+    }
+
+    fn terminate_monitor(&self) {
+        let pid = std::fs::read_to_string(self.testbed.path("pid")).unwrap();
+        let pid = Pid::from_raw(pid.trim().parse().unwrap()).unwrap();
+        kill_process(pid, Signal::TERM).unwrap();
+    }
+
+    /// Settings of the terminal, written by the shell in it.
+    fn settings(&self, name: &str) -> String {
+        let path = self.testbed.path(name);
+        self.line(&format!("stty -a > {}; echo told $?", path.display()));
+        self.shows(&["told 0"]);
+        self.line("clear");
+        std::fs::read_to_string(path).unwrap()
+    }
+}
+
+impl Drop for Tmux<'_> {
+    fn drop(&mut self) {
+        self.run(&["kill-server"]);
+    }
+}
+
+fn services(testbed: &Testbed) -> Vec<Running> {
+    let start = |process: &&str| testbed.start(&[process, "run"]);
+    let running = ["daemon", "plant-sim", "mocap-emu"].iter().map(start).collect();
+    wait_for("a daemon that answers", || {
+        testbed.oqtal(&["ctl", "status"]).output().unwrap().status.success().then_some(())
+    });
+    running
+}
+
+#[test]
+fn changes_are_seen_resizing_works_and_the_terminal_is_left_as_it_was() {
+    let testbed = Testbed::new("monitor");
+    let Some(tmux) = Tmux::start(&testbed, (80, 24)) else { return };
+    let before = tmux.settings("before");
+    let running = services(&testbed);
+    tmux.monitor("");
+    let screen = tmux.shows(&["state     Nominal", "mode      disarmed", "hop [ms]", "error [m]"]);
+    assert!(!screen.contains("not shown"), "{screen}");
+    assert!(tmux.is_on_other_screen());
+    wait_for("a daemon that is ready", || {
+        testbed.oqtal(&["ctl", "arm"]).output().unwrap().status.success().then_some(())
+    });
+    tmux.shows(&["mode      flying", "operator: arm", "motors run"]);
+    tmux.run(&["resize-window", "-x", "50", "-y", "12"]);
+    tmux.shows(&["not shown: charts, hops", "state     Nominal"]);
+    tmux.run(&["resize-window", "-x", "120", "-y", "40"]);
+    tmux.shows(&["q quits, r restarts", "sensor_to_actuator"]);
+    drop(running);
+    tmux.shows(&["waiting for it to come back", "the instance has ended"]);
+    let running = services(&testbed);
+    tmux.shows(&["state     Nominal"]);
+    tmux.run(&["resize-window", "-x", "80", "-y", "24"]);
+    for (end, options) in [("q", ""), ("C-c", "--no-color"), ("TERM", "")] {
+        if !tmux.is_on_other_screen() {
+            tmux.monitor(options);
+            tmux.shows(&["state     Nominal"]);
+        }
+        match end {
+            "TERM" => tmux.terminate_monitor(),
+            key => drop(tmux.run(&["send-keys", key])),
+        }
+        tmux.shows(&["ended 0"]);
+        assert!(!tmux.is_on_other_screen(), "{end}");
+        assert_eq!(tmux.settings("after"), before, "{end}");
+    }
+    drop(running);
+}
+
+#[test]
+fn without_an_instance_or_a_terminal_the_remedy_is_told() {
+    let testbed = Testbed::new("monitor-none");
+    let output = testbed.oqtal(&["monitor"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(64));
+    let message = stderr(&output);
+    assert!(message.contains("no terminal") && message.contains("ctl status --json"), "{message}");
+    let Some(tmux) = Tmux::start(&testbed, (200, 24)) else { return };
+    tmux.monitor("");
+    tmux.shows(&["nothing runs on instance", "oqtal fly --instance", "ended 75"]);
+    assert!(!tmux.is_on_other_screen());
+}

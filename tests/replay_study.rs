@@ -1,0 +1,83 @@
+//! Flights in real time on a machine that is busy with other work, replayed: every command must come out bit for bit.
+//! `REPLAYED_FLIGHTS` sets the number of flights.
+
+mod common;
+
+use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use common::{Testbed, number, stderr};
+use serde_json::Value;
+
+const LAWS: [&str; 5] = ["oqtal", "oqtal-dt", "pid", "lqr", "geometric"];
+/// Poses that are missing, and poses that are wrong.
+const ROUGH: [&str; 4] =
+    ["--set", "mocap.dropout-probability=0.05", "--set", "mocap.outlier-probability=0.02"];
+
+/// The kinds of flight: deadlines missed and poses altered at the daemon's end, through the bridge, as it is.
+fn kind(number: usize) -> &'static [&'static str] {
+    match number % 4 {
+        0 => &["--fault", "daemon:slow=25ms@1+1", "--fault", "pose:wrong=0.01m@2.5+0.3"],
+        1 => &["--vehicle", "bridge:asctec"],
+        _ => &[],
+    }
+}
+
+/// Runs `work` while a thread for each processor, and one more, is busy.
+fn under_load<T>(work: impl FnOnce() -> T) -> T {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from) + 1;
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                while !is_over.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
+        }
+        let result = work();
+        is_over.store(true, Ordering::Relaxed);
+        result
+    })
+}
+
+/// Flies once and replays; returns the result of the replay.
+fn fly_and_replay(number: usize) -> Value {
+    let testbed = Testbed::new("busy");
+    let seed = number.to_string();
+    let flight = ["--trajectory", "hover", "--duration", "1", "--seed", &seed, "--out", "d"];
+    let law = ["--controller", LAWS[number % LAWS.len()]];
+    let output = testbed.fly(&[&flight, &law[..], &ROUGH[..], kind(number)].concat());
+    assert!(testbed.path("d/flight.mcap").exists(), "{}", stderr(&output));
+    let replay = Command::new(env!("CARGO_BIN_EXE_oqtal"))
+        .args(["replay", "--json"])
+        .arg(testbed.path("d/flight.mcap"))
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&replay.stdout).into_owned();
+    assert!(replay.status.success(), "flight {number}: {text}{}", stderr(&replay));
+    serde_json::from_str(&text).unwrap()
+}
+
+#[test]
+fn flights_on_a_busy_machine_replay_bit_for_bit() {
+    let flights = std::env::var("REPLAYED_FLIGHTS").ok().and_then(|text| text.parse().ok());
+    let mut missed = 0.0;
+    for flight in 0..flights.unwrap_or(2) {
+        let result = under_load(|| fly_and_replay(flight));
+        let figure = |name: &str| number(&result, name);
+        println!(
+            "flight {flight:>2}, {:<9} {:<14}: {} ticks, {} identical, {} deadlines missed",
+            LAWS[flight % LAWS.len()],
+            kind(flight).first().map_or("", |_| kind(flight)[1]),
+            figure("/ticks"),
+            figure("/identical"),
+            figure("/deadline_misses"),
+        );
+        assert!(figure("/ticks") > 60.0, "{result}");
+        assert_eq!(result["identical"], result["ticks"], "{result}");
+        assert_eq!((figure("/unmatched"), figure("/missing")), (0.0, 0.0), "{result}");
+        missed += figure("/deadline_misses");
+    }
+    assert!(missed > 0.0, "no deadline was missed: the load was none");
+}
