@@ -18,6 +18,7 @@ use crate::latency::{LatencyArgs, Part};
 use crate::record::RecordArgs;
 use crate::replay::ReplayArgs;
 use crate::report::ReportArgs;
+use crate::view::ViewArgs;
 use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
@@ -50,6 +51,8 @@ enum Command {
     Cameras(CamerasCommand),
     /// Send a command to a running daemon, or show the status of its instance
     Ctl(CtlArgs),
+    /// Show a running instance or a recording on a page in the browser
+    View(ViewArgs),
     /// Record a running instance
     Record(RecordArgs),
     /// Show what a recording holds
@@ -102,6 +105,7 @@ impl Cli {
             Some(Command::Tune(args)) => args.execute(),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
+            Some(Command::View(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),
             Some(Command::Info(args)) => args.execute(),
             Some(Command::Report(args)) => args.execute(),

@@ -5,6 +5,7 @@
 pub mod command_path;
 pub mod compare;
 pub mod csv;
+pub mod event;
 pub mod fault;
 pub mod flight;
 pub mod kernel;

@@ -17,6 +17,7 @@ const ORDER: &[(&str, &[&str])] = &[
     ("bridge", &["control", "bus", "config", "runtime", "wire"]),
     ("receiver", &["control", "bus", "config", "runtime", "wire"]),
     ("observe", &["control", "bus", "config"]),
+    ("view", &["control", "bus", "config", "observe"]),
     (
         "lab",
         &["control", "bus", "config", "runtime", "observe", "daemon", "plant-sim", "mocap-emu"],

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::{
     CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
 };
@@ -19,6 +19,7 @@ use super::scene::{self, LogSeverity, ScenePose};
 use super::thread::{FilePlan, RecordingResult, RecordingThread};
 use super::truth::TruthSelection;
 use super::writer::{McapMessage, Preamble};
+use crate::event;
 use crate::flight::Flight;
 use crate::sink::{ObservedTopic, Reception, Sink};
 
@@ -228,23 +229,6 @@ fn preamble(config: &Config, provenance: Provenance, wall_offset: Span) -> io::R
     })
 }
 
-/// What an input says, in words; `None` for an ordinary turn.
-fn words(input: &InputV1) -> Option<String> {
-    match InputKind::from_code(input.kind)? {
-        InputKind::Start => Some("daemon started".to_owned()),
-        InputKind::Turn => None,
-        InputKind::Request => {
-            let command = OperatorCommand::from_code(input.request)?;
-            let answer = Answer::from_code(input.answer)?;
-            let cause = Cause::from_code(input.cause).filter(|_| answer == Answer::Refused);
-            let because = cause.map_or_else(String::new, |cause| format!(": {cause}"));
-            // Whoever polls the state is no event.
-            (command != OperatorCommand::Status)
-                .then(|| format!("operator: {command}, {answer}{because}"))
-        }
-    }
-}
-
 impl Sink for McapRecorder {
     fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
         let sample = (*reception, *truth);
@@ -286,7 +270,7 @@ impl Sink for McapRecorder {
 
     fn input(&mut self, reception: &Reception, input: &InputV1) {
         self.record(ObservedTopic::Input, (reception, input), input.time);
-        if let Some(text) = words(input) {
+        if let Some(text) = event::input(input) {
             let at = (reception.received_at, input.time);
             self.event(at, LogSeverity::Info, ("daemon", &text));
         }

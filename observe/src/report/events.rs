@@ -1,10 +1,10 @@
 //! The section of events: phases, safety states, losses.
 
 use maud::{Markup, html};
-use oqtal_bus::code::{Cause, SafetyState};
-use oqtal_bus::message::TelemetryV1;
+use oqtal_bus::code::SafetyState;
 use oqtal_control::trajectory::Phase;
 
+use crate::event::changes;
 use crate::flight::FlightSample;
 use crate::summary::Summary;
 
@@ -118,28 +118,4 @@ fn bands(
         }
     }
     bands
-}
-
-/// Changes of state and cause, losses, refusals and missed deadlines between two ticks.
-fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
-    let counted = [
-        ("poses lost", before.poses_lost, now.poses_lost),
-        ("poses refused", before.poses_refused, now.poses_refused),
-        ("deadlines missed", before.deadline_misses, now.deadline_misses),
-    ];
-    let state = (before.state, before.cause) != (now.state, now.cause);
-    let more = counted.into_iter().filter(|(_, before, now)| now > before);
-    let counts = more.map(|(name, before, now)| format!("{name}: {}", now - before));
-    state.then(|| describe(now)).into_iter().chain(counts).collect()
-}
-
-/// Safety state and cause as text.
-fn describe(telemetry: &TelemetryV1) -> String {
-    let state = SafetyState::from_code(telemetry.state);
-    let state = state.map_or_else(|| "unknown state".to_owned(), |state| state.to_string());
-    match Cause::from_code(telemetry.cause) {
-        None => format!("{state}: unknown cause"),
-        Some(Cause::None) => state,
-        Some(cause) => format!("{state}: {cause}"),
-    }
 }
