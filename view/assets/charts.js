@@ -145,7 +145,7 @@ export class Charts {
     pen.lineWidth = 1;
     pen.textBaseline = "middle";
     pen.textAlign = "right";
-    const step = nice((high - low) / 3);
+    const step = nice((high - low) / 4);
     for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k += 1) {
       const at = Math.round(y(k * step)) + 0.5;
       stroke(pen, [LEFT, at], [width - RIGHT, at]);

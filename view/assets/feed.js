@@ -37,8 +37,10 @@ export async function command(name) {
 }
 
 // Calls `take` with each update, and `begin` before the first one of each connection. Connects again for ever; `tell` is told.
+// A page that nobody sees is not connected: browsers open six connections to a server at most, one for each page.
 export async function follow({ begin, take, tell }) {
   for (;;) {
+    await visible();
     try {
       await read(begin, take);
       tell("interrupted");
@@ -49,8 +51,21 @@ export async function follow({ begin, take, tell }) {
   }
 }
 
+function visible() {
+  return new Promise((resolve) => {
+    const check = () => {
+      if (document.hidden) return;
+      document.removeEventListener("visibilitychange", check);
+      resolve();
+    };
+    document.addEventListener("visibilitychange", check);
+    check();
+  });
+}
+
 async function read(begin, take) {
   const abort = new AbortController();
+  document.addEventListener("visibilitychange", () => abort.abort(), { once: true });
   const response = await request("live", { signal: abort.signal });
   const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
   begin();

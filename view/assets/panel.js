@@ -36,7 +36,8 @@ export class Panel {
     show("state", this.scene.states[state] ?? "unknown");
     const isFlying = row[column.mode] > 1;
     const phase = isFlying ? this.scene.phases[row[column.phase]] : "";
-    show("mode", [this.scene.modes[row[column.mode]], phase].filter(Boolean).join(" · "));
+    const mode = this.scene.modes[row[column.mode]];
+    show("mode", [mode, phase].filter((word) => word).filter((word, i, all) => all.indexOf(word) === i).join(" · "));
     show("cause", this.scene.causes[row[column.cause]] ?? "");
     element("state").parentElement.className = `card state ${MOOD[state] ?? "bad"}`;
     const place = element("place");
@@ -135,7 +136,7 @@ export class Panel {
   event({ t, mood, text }) {
     const line = document.createElement("li");
     line.className = mood;
-    line.appendChild(document.createElement("time")).textContent = `${t.toFixed(2)} s`;
+    line.appendChild(document.createElement("time")).textContent = `${t.toFixed(2)} s`.replace("-", "−");
     line.appendChild(document.createElement("span")).textContent = text;
     if (this.seek) line.addEventListener("click", () => this.seek(t));
     return line;

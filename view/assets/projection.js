@@ -72,7 +72,7 @@ export class Orbit {
   frame(low, high) {
     this.target = low.map((value, i) => (value + high[i]) / 2);
     const radius = Math.hypot(...low.map((value, i) => high[i] - value)) / 2;
-    this.distance = clamp(Math.max(radius, 0.6) * 2.3, 0.4, 80);
+    this.distance = clamp(Math.max(radius, 0.6) * 2.5, 0.4, 80);
   }
 }
 

@@ -73,7 +73,7 @@ pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
         @if !events.is_empty() {
             ol.events.wide {
                 @for (at, what) in events.iter().take(MOST_LISTED) {
-                    li { span.time { (format!("{at:.2} s")) } (what) }
+                    li data-t=(at) { span.time { (format!("{at:.2} s")) } (what) }
                 }
                 @if events.len() > MOST_LISTED { li { "… and " (events.len() - MOST_LISTED) " more" } }
             }
@@ -92,12 +92,13 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
     let legend: Vec<_> =
         PHASES.map(|p| (p.1, p.2)).into_iter().chain(STATES.map(|s| (s.1, s.2))).collect();
     let phases = bands(timeline, |sample| phase(sample).filter(|_| sample.is_armed()), 1.0);
+    let instants = timeline.instants.iter().copied().map(Mark::Instant);
     let plot = Plot {
         size: (FULL, 250),
         label_width: 120,
         x: Axis::linear(timeline.range(), 16.0, " s"),
         y: Axis::rows(["phase", "state"].into_iter()),
-        shapes: phases.into_iter().chain(bands(timeline, state, 0.0)).collect(),
+        shapes: phases.into_iter().chain(bands(timeline, state, 0.0)).chain(instants).collect(),
     };
     html! { div.wide { (figure("Phases and safety states", &legend, &plot)) } }
 }
