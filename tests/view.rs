@@ -108,7 +108,9 @@ fn a_browser_follows_a_flight_that_it_arms_and_lands() {
     let view = View::start(&testbed, &["--control", "--wait"]);
     let Some(seen) = browser(&view, "control") else { return };
     assert_eq!(seen["refused"]["here"], 401, "a command without the token");
-    assert!(["blocked", "403"].contains(&&*seen["refused"]["foreign"].to_string().replace('"', "")));
+    assert!(
+        ["blocked", "403"].contains(&&*seen["refused"]["foreign"].to_string().replace('"', ""))
+    );
     assert!(seen["armed"].as_str().unwrap().starts_with("arm"), "{seen}");
     assert!(seen["landing"].as_str().unwrap().starts_with("land: "), "{seen}");
     assert!(number(&seen, "/pixels") > 100.0, "no path is drawn");

@@ -36,11 +36,11 @@ function until(page, id, part) {
 }
 
 async function live(page) {
-	await until(page, 'connection', 'updates/s');
-	const first = await text(page, 'place');
-	await page.waitForFunction((before) => document.getElementById('place').textContent !== before, first, TIMEOUT);
-	const updates = Number(/(\d+) updates/.exec(await text(page, 'connection'))[1]);
-	return { updates, control: await page.isVisible('#control') };
+	const rate = () => Number(/(\d+) updates/.exec(document.getElementById('connection').textContent)?.[1]);
+	await page.waitForFunction(`(${rate})() >= 30`, null, TIMEOUT);
+	const first = await text(page, 'figures');
+	await page.waitForFunction((before) => document.getElementById('figures').textContent !== before, first, TIMEOUT);
+	return { updates: await page.evaluate(rate), control: await page.isVisible('#control') };
 }
 
 // A command by a page without the token, and one by a page of another site.
@@ -65,7 +65,7 @@ async function control(page, context) {
 	await page.click('#unlock button');
 	await until(page, 'answer', 'status: done');
 	// Poses may be late on a busy machine: the operator arms again.
-	for (let tries = 0; tries < 20 && !(await text(page, 'mode')).includes('flying'); tries += 1) {
+	for (let tries = 0; tries < 60 && !(await text(page, 'mode')).includes('flying'); tries += 1) {
 		await page.click('#arm');
 		await page.click('#arm');
 		await page.waitForTimeout(500);
@@ -73,7 +73,7 @@ async function control(page, context) {
 	await page.waitForFunction(() => parseFloat(document.getElementById('z')?.textContent) > 0.3, null, TIMEOUT);
 	const armed = await text(page, 'answer');
 	await page.click('#land');
-	await until(page, 'answer', 'land');
+	await until(page, 'answer', 'land: ');
 	const landing = await text(page, 'answer');
 	await until(page, 'mode', 'disarmed');
 	return { refused, armed, landing, pixels: await page.evaluate(drawn) };
@@ -114,7 +114,7 @@ async function main() {
 	const [errors, elsewhere] = [[], []];
 	// A refused command is reported on the console as well: those are asked for.
 	page.on('console', (message) => {
-		const isRefusal = /status of 40[13]/.test(message.text());
+		const isRefusal = /status of 40[139]/.test(message.text());
 		if (['error', 'warning'].includes(message.type()) && !isRefusal) errors.push(message.text());
 	});
 	page.on('pageerror', (error) => errors.push(error.message));

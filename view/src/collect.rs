@@ -73,6 +73,7 @@ pub struct Collector {
     faults: Vec<(f64, String)>,
     /// Zero of the axis of time: the first tick.
     origin: Option<Time>,
+    /// The first tick that armed, from which faults count; `None` as well if that was before the first tick.
     armed_at: Option<Time>,
     truths: VecDeque<TruthV1>,
     waiting: Vec<TelemetryV1>,
@@ -108,7 +109,7 @@ impl Collector {
         std::mem::take(&mut self.collected)
     }
 
-    /// Time from the first tick to that of arming \[s\]; `None` if the vehicle was not armed.
+    /// Time from the first tick to the first that armed \[s\]; `None` if there was none, or arming was before the first tick.
     #[must_use]
     pub fn armed_at_s(&self) -> Option<f64> {
         Some(self.seconds(self.armed_at?))
@@ -145,15 +146,11 @@ impl Collector {
 
     fn note_changes(&mut self, sample: &FlightSample) {
         let now = sample.telemetry;
-        if sample.is_armed() {
-            if self
-                .last
-                .is_none_or(|last| !(FlightSample { telemetry: last, truth: None }).is_armed())
-            {
-                self.armed_at = Some(now.time);
-            }
-            self.note_faults(now.time);
+        let is_armed = |telemetry| FlightSample { telemetry, truth: None }.is_armed();
+        if is_armed(now) && self.last.is_some_and(|last| !is_armed(last)) {
+            self.armed_at.get_or_insert(now.time);
         }
+        self.note_faults(now.time);
         let Some(last) = self.last else {
             return self.note(now.time, (mood(now.state), event::condition(&now)));
         };
@@ -165,12 +162,9 @@ impl Collector {
 
     /// Notes the faults that began or ended since the tick before.
     fn note_faults(&mut self, now: Time) {
-        let since = |at: Option<Time>, origin: Time| {
-            at.map_or(f64::NEG_INFINITY, |at| at.since(origin).seconds())
-        };
-        let Some(armed_at) = self.armed_at else { return };
-        let (from_s, to_s) =
-            (since(self.last.map(|last| last.time), armed_at), since(Some(now), armed_at));
+        let (Some(armed_at), Some(last)) = (self.armed_at, self.last) else { return };
+        let from_s = last.time.since(armed_at).seconds();
+        let to_s = now.since(armed_at).seconds();
         let due = self.faults.iter().filter(|(at_s, _)| *at_s > from_s && *at_s <= to_s);
         for text in due.map(|(_, text)| text.clone()).collect::<Vec<_>>() {
             self.note(now, (EventMood::Warning, text));

@@ -137,6 +137,12 @@ impl Plot {
                 10.0 * top,
                 10.0 * bottom
             ),
+            Mark::Disc(ink, (a, b)) if is_drawable_point(&(*a, *b)) => format!(
+                "<circle cx=\"{:.0}\" cy=\"{:.0}\" r=\"10\" fill=\"{}\"/>",
+                0.1 * x(*a),
+                0.1 * y(*b),
+                ink.hex()
+            ),
             _ => String::new(),
         }
     }
@@ -212,12 +218,7 @@ fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Mark) {
         Mark::Block(ink, from, to) => {
             plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
         }
-        Mark::Disc(ink, center) => {
-            if is_drawable_point(center) {
-                plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
-            }
-        }
-        Mark::Line(..) | Mark::Instant(_) => {}
+        Mark::Line(..) | Mark::Disc(..) | Mark::Instant(_) => {}
     }
 }
 
