@@ -1,11 +1,13 @@
 //! Files that processes of an instance left behind: in its directory and in shared memory.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use rustix::fs::{FallocateFlags, fallocate};
+use rustix::fs::{FallocateFlags, Mode, OFlags, fallocate};
 use rustix::io::Errno;
+use rustix::process::geteuid;
 
 /// Where shared memory has its names.
 const SHARED_MEMORY: &str = "/dev/shm";
@@ -14,6 +16,9 @@ const SHARED_MEMORY: &str = "/dev/shm";
 pub(crate) fn shared_file(prefix: &str, name: &str) -> PathBuf {
     Path::new(SHARED_MEMORY).join(format!("{prefix}{name}"))
 }
+
+/// Length up to which a description is read \[bytes\]; those of iceoryx2 have some hundreds.
+const LONGEST_DESCRIPTION: u64 = 1 << 16;
 
 /// Directories of iceoryx2 in an instance's directory.
 const DIRECTORIES: [&str; 2] = ["nodes", "services"];
@@ -60,7 +65,7 @@ pub(crate) fn remove_half_made(prefix: &str, directory: &Path) {
 /// Whether the owner's permissions are `mode`. iceoryx2 marks by them that a file is finished: a description ends as readable only,
 /// an administration begins as writable only.
 fn has_mode(file: &Path, mode: u32) -> bool {
-    fs::metadata(file).is_ok_and(|metadata| metadata.permissions().mode() & 0o700 == mode)
+    fs::symlink_metadata(file).is_ok_and(|metadata| metadata.permissions().mode() & 0o700 == mode)
 }
 
 /// Whether `administration` belongs to the service `id`, with which its name ends.
@@ -71,7 +76,9 @@ fn is_of(administration: &Path, id: u128) -> bool {
 
 /// Number of the service that a description, a TOML file of iceoryx2 0.10, is about: two halves of 64 bits.
 fn service_id(description: &Path) -> Option<u128> {
-    let text = fs::read_to_string(description).ok()?;
+    let mut text = String::new();
+    let file = open_own(description, OFlags::RDONLY)?;
+    file.take(LONGEST_DESCRIPTION).read_to_string(&mut text).ok()?;
     let half = |key: &str| -> Option<u128> {
         let mut lines = text.lines().filter_map(|line| line.split_once(" = "));
         lines.find(|(name, _)| *name == key)?.1.parse().ok()
@@ -83,8 +90,9 @@ fn service_id(description: &Path) -> Option<u128> {
 pub(crate) fn make_private(prefix: &str) {
     for file in files(Path::new(SHARED_MEMORY), prefix) {
         if file.extension().is_some_and(|extension| extension == "global_mgmt") {
-            // The file is ours; a file that has just gone needs no rights.
-            let _ = fs::set_permissions(file, fs::Permissions::from_mode(0o600));
+            // A file that has just gone needs no rights.
+            let own = open_own(&file, OFlags::RDONLY);
+            let _ = own.map(|own| own.set_permissions(fs::Permissions::from_mode(0o600)));
         }
     }
 }
@@ -97,7 +105,7 @@ pub(crate) fn make_private(prefix: &str) {
 pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
     for path in files(Path::new(SHARED_MEMORY), prefix) {
         // A connection may be gone again; one that cannot be opened yet is being made by its own process.
-        let Ok(file) = fs::OpenOptions::new().read(true).write(true).open(path) else { continue };
+        let Some(file) = open_own(&path, OFlags::RDWR) else { continue };
         let Ok(metadata) = file.metadata() else { continue };
         let size = metadata.len();
         // Files in use have their memory: they are not touched.
@@ -108,6 +116,16 @@ pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
         }
     }
     Ok(())
+}
+
+/// Opens a regular file of this user and of one name. Names in shared memory can be guessed: what another user planted there, a
+/// link above all, is not opened.
+fn open_own(path: &Path, access: OFlags) -> Option<File> {
+    let flags = access | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let file = File::from(rustix::fs::open(path, flags, Mode::empty()).ok()?);
+    let metadata = file.metadata().ok()?;
+    let is_own = metadata.uid() == geteuid().as_raw() && metadata.nlink() == 1;
+    (metadata.is_file() && is_own).then_some(file)
 }
 
 fn files(directory: &Path, prefix: &str) -> Vec<PathBuf> {

@@ -14,7 +14,7 @@ use crate::error::BusError;
 use crate::message::{CommandV1, Header};
 use crate::paths::InstancePaths;
 use crate::shared::SharedWords;
-use crate::time::Time;
+use crate::time::{Span, Time};
 
 /// Number of stops raised so far.
 const RAISED: usize = 0;
@@ -118,6 +118,10 @@ impl StopSwitch {
     }
 }
 
+/// Time after which a stop is lifted although the vehicle does not report that its motors are off: longer than any sequence that
+/// switches motors off.
+const UNREPORTED: Span = Span::from_millis(3000);
+
 /// A stop that the vehicle's process has seen and not lifted.
 #[derive(Clone, Copy, Debug)]
 struct StopInForce {
@@ -125,6 +129,7 @@ struct StopInForce {
     /// When it was first seen.
     since: Time,
     is_confirmed: bool,
+    motors_off: bool,
 }
 
 /// The vehicle's end: obeys and lifts stops.
@@ -147,7 +152,12 @@ impl VehicleStop {
         if raised == self.switch.word(LIFTED) {
             self.in_force = None;
         } else if self.in_force.is_none_or(|stop| stop.number != raised) {
-            self.in_force = Some(StopInForce { number: raised, since: now, is_confirmed: false });
+            self.in_force = Some(StopInForce {
+                number: raised,
+                since: now,
+                is_confirmed: false,
+                motors_off: false,
+            });
         }
         self.in_force.is_some()
     }
@@ -164,17 +174,20 @@ impl VehicleStop {
         stop.is_confirmed = true;
         self.switch.set(OBEYED, stop.number);
         if motors_off {
+            stop.motors_off = true;
             self.switch.set(MOTORS_OFF, stop.number);
         }
     }
 
-    /// Takes a command of the daemon: "disarmed", published since the stop in force was seen, lifts it once it is confirmed. The
-    /// last command of a daemon that ends has no stamps and lifts it as well.
+    /// Takes a command of the daemon: "disarmed", published since the stop in force was seen, lifts it once the motors are known
+    /// to be off, or [`UNREPORTED`] later. The last command of a daemon that ends has no stamps and counts as published since.
     pub fn hear(&mut self, header: &Header, command: &CommandV1) {
         let Some(stop) = self.in_force.filter(|stop| stop.is_confirmed) else { return };
         let published_at = header.stamps.command_published_at;
         let is_disarmed = command.actuation == Actuation::Disarmed.code();
-        if is_disarmed && (!published_at.is_set() || published_at >= stop.since) {
+        let is_after = !published_at.is_set() || published_at >= stop.since;
+        let is_overdue = published_at.is_set() && published_at.since(stop.since) >= UNREPORTED;
+        if is_disarmed && is_after && (stop.motors_off || is_overdue) {
             self.switch.set(LIFTED, stop.number);
             self.in_force = None;
         }
@@ -212,7 +225,6 @@ impl ControllerStop {
 mod tests {
     use super::*;
     use crate::message::Stamps;
-    use crate::time::Span;
 
     const NOW: Time = Time::VIRTUAL_START;
 
@@ -250,6 +262,33 @@ mod tests {
         assert!(!vehicle.is_in_force(NOW));
         let report = switch.report(number);
         assert!(report.vehicle_obeys && report.motors_off && !report.daemon_obeys);
+    }
+
+    #[test]
+    fn a_stop_is_in_force_until_the_motors_are_known_to_be_off() {
+        let switch = switch();
+        let mut vehicle = VehicleStop::new(switch.clone());
+        let number = switch.raise();
+        assert!(vehicle.is_in_force(NOW));
+        vehicle.confirm(false);
+        for millis in [17, 400, 2999] {
+            let (header, body) = command(Actuation::Disarmed, millis);
+            vehicle.hear(&header, &body);
+            assert!(vehicle.is_in_force(NOW), "lifted after {millis} ms with motors running");
+        }
+        vehicle.confirm(true);
+        assert!(switch.report(number).motors_off);
+        let (header, body) = command(Actuation::Disarmed, 420);
+        vehicle.hear(&header, &body);
+        assert!(!vehicle.is_in_force(NOW));
+
+        // A vehicle that never reports does not keep the instance stopped for good.
+        switch.raise();
+        assert!(vehicle.is_in_force(NOW));
+        vehicle.confirm(false);
+        let (header, body) = command(Actuation::Disarmed, 3000);
+        vehicle.hear(&header, &body);
+        assert!(!vehicle.is_in_force(NOW));
     }
 
     #[test]

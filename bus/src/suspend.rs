@@ -43,7 +43,8 @@ impl ClockReadings {
 /// Detects suspensions between its calls.
 #[derive(Clone, Copy, Debug)]
 pub struct SuspendWatch {
-    /// Time in suspension since the machine was started, as known so far.
+    /// Time in suspension since the machine was started: the least difference of the clocks since the last suspension, because
+    /// every pair of readings shows too much by the time between them.
     suspended: Span,
 }
 
@@ -60,6 +61,7 @@ impl SuspendWatch {
         let longer = suspended - self.suspended;
         // The readings are apart by chance: a later pair tells more.
         if longer <= SHORTEST + readings.apart {
+            self.suspended = self.suspended.min(suspended);
             return None;
         }
         self.suspended = suspended;
@@ -94,6 +96,14 @@ mod tests {
         let torn = ClockReadings { apart: Span::from_millis(300), ..readings(50, 299) };
         assert_eq!(watch.observe(&torn), None);
         assert_eq!(watch.observe(&readings(400, 0)), None);
+    }
+
+    #[test]
+    fn f12_a_suspension_after_torn_first_readings_is_noticed() {
+        let torn = ClockReadings { apart: Span::from_millis(300), ..readings(0, 299) };
+        let mut watch = SuspendWatch::new(&torn);
+        assert_eq!(watch.observe(&readings(500, 0)), None);
+        assert_eq!(watch.observe(&readings(600, 250)), Some(Span::from_millis(250)));
     }
 
     #[test]

@@ -86,6 +86,7 @@ fn the_autopilot_does_not_allocate_in_a_step() {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 0.05,
+        longest_step_s: VehicleModel::FINE_STEP_S,
     };
     let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
     let design = Design { model, input, delay_s: 0.02, period_s: DT_S };

@@ -28,6 +28,7 @@ fn quadrotor() -> VehicleModel {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 0.05,
+        longest_step_s: VehicleModel::FINE_STEP_S,
     }
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
 
@@ -14,6 +15,8 @@ use crate::limits::FlightLimits;
 
 /// Poses by which the vehicle is at rest or not \[-\].
 const REST_POSES: usize = 30;
+/// Least time between two of them, so that those of fast cameras span as long as those of slow ones.
+const REST_SPACING: Span = Span::from_millis(13);
 /// Share of them that must be where the last one is \[-\]: the others may be outliers.
 const REST_SHARE: f64 = 0.6;
 /// Distance within which a vehicle is at rest \[m\].
@@ -47,6 +50,10 @@ pub struct ArmingCheck {
     path: Arc<[Vector3<f64>]>,
     recent: [Option<Accepted>; REST_POSES],
     next: usize,
+    /// Instant of the newest of them.
+    newest_at: Time,
+    /// Poses without which nothing is known of the vehicle's rest \[-\].
+    least_poses: usize,
 }
 
 impl ArmingCheck {
@@ -65,18 +72,19 @@ impl ArmingCheck {
             path: (0..PATH_POINTS).map(point).collect(),
             recent: [None; REST_POSES],
             next: 0,
+            newest_at: Time::UNSET,
+            least_poses: REST_POSES.min(safety.recovery_poses as usize),
         }
     }
 
-    /// Takes a pose that was accepted on the ground.
+    /// Takes an accepted pose, in flight too: a vehicle that has just flown is not at rest.
     pub fn take(&mut self, pose: &Accepted) {
+        if pose.captured_at < self.newest_at + REST_SPACING {
+            return;
+        }
+        self.newest_at = pose.captured_at;
         self.recent[self.next] = Some(*pose);
         self.next = (self.next + 1) % REST_POSES;
-    }
-
-    /// Forgets the poses: the vehicle has flown since.
-    pub fn reset(&mut self) {
-        self.recent = [None; REST_POSES];
     }
 
     /// Everything that keeps a flight from beginning.
@@ -116,8 +124,9 @@ impl ArmingCheck {
             (pose.position - last.position).norm() <= REST_M
                 && pose.attitude.angle_to(&last.attitude) <= REST_RAD
         };
-        let known = self.recent.iter().flatten().count() as f64;
-        self.recent.iter().flatten().filter(same).count() as f64 >= REST_SHARE * known
+        let known = self.recent.iter().flatten().count();
+        let alike = self.recent.iter().flatten().filter(same).count();
+        known >= self.least_poses && alike as f64 >= REST_SHARE * known as f64
     }
 
     fn leaves_fence(&self, start: &Vector3<f64>) -> bool {

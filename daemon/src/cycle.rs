@@ -178,7 +178,7 @@ impl Cycle {
             supervisor: Supervisor::default(),
             arming: ArmingCheck::new(config, &trajectory),
             setpoint: SetpointGuard::new(limits.fence.clone()),
-            health: LoopHealth::new(&config.safety),
+            health: LoopHealth::new(config),
             limits,
             stack: ControlStack::new(config)?,
             mode: Mode::Disarmed,
@@ -258,9 +258,7 @@ impl Cycle {
                 self.stack.active_mut().observe(captured_s, &estimate);
                 self.memory.fresh = Some(*header);
                 self.record_pose(header, pose);
-                if !flying {
-                    self.arming.take(&accepted);
-                }
+                self.arming.take(&accepted);
             }
             Err(cause) => {
                 self.memory.missing = cause;

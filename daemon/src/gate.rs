@@ -1,6 +1,8 @@
 //! The gate on the innovation: in flight a pose is believed if it lies where the commands sent can have brought the vehicle.
 
-use nalgebra::Vector3;
+mod doubt;
+mod stranger;
+
 use oqtal_bus::code::Cause;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
@@ -9,14 +11,12 @@ use oqtal_control::predictive::{CommandHistory, FilterOptions, MeasuredPose, Sur
 use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;
 use crate::pose_noise::PoseNoise;
+use doubt::{Doubt, Verdict};
+use stranger::Stranger;
 
 /// Poses in a row that agree with each other and not with the motion, after which they are of another body or of markers that
 /// were exchanged \[-\].
 const RELABEL_POSES: u32 = 3;
-/// Distance within which two refused poses agree, each relative to the predicted motion \[m\].
-const AGREED_M: f64 = 0.015;
-/// Angle within which they agree \[rad\].
-const AGREED_RAD: f64 = 0.05;
 /// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
 const DOUBT_SIGMA: f64 = 3.0;
 /// Thrust over the weight that lifts every vehicle that may be flown \[-\].
@@ -32,27 +32,12 @@ const LONGEST_PREDICTION_S: f64 = 0.15;
 /// Time after which a vehicle on the floor must have been lifted by a thrust above [`LIFTING`] \[s\].
 const LIFTED_S: f64 = 0.12;
 
-/// A refused pose relative to the predicted motion, and how many agreed with it in a row.
-#[derive(Clone, Copy, Debug, Default)]
-struct Stranger {
-    offset: Vector3<f64>,
-    turn: Vector3<f64>,
+/// The last refused pose.
+#[derive(Clone, Copy, Debug)]
+struct Refused {
+    stranger: Stranger,
+    /// How many agreed with it in a row \[-\].
     poses: u32,
-}
-
-impl Stranger {
-    fn of(expected: &Track, pose: &MeasuredPose) -> Self {
-        Self {
-            offset: pose.position - expected.motion.position,
-            turn: expected.motion.attitude.rotation_to(&pose.attitude),
-            poses: 1,
-        }
-    }
-
-    fn agrees(&self, other: &Self) -> bool {
-        (self.offset - other.offset).norm() <= AGREED_M
-            && (self.turn - other.turn).norm() <= AGREED_RAD
-    }
 }
 
 /// The gate on the innovation.
@@ -65,15 +50,14 @@ pub struct MotionGate {
     sigma: f64,
     /// The motion at the last pose that was believed; `None` on the ground.
     track: Option<Track>,
-    /// The motion without the last believed pose, if that pose is doubted: it was believed for the uncertainty after a gap, and was
-    /// wrong if the next one contradicts it.
-    without: Option<Track>,
+    /// The last believed pose that is doubted.
+    doubt: Option<Doubt>,
     /// The motion since which a pose that stays the same is compared with the prediction.
     changed: Option<Track>,
     noise: PoseNoise,
     /// Height of the floor from which the flight began \[m, world z\].
     floor_m: f64,
-    stranger: Option<Stranger>,
+    refused: Option<Refused>,
 }
 
 impl MotionGate {
@@ -82,17 +66,19 @@ impl MotionGate {
     /// # Errors
     /// The vehicle has no model.
     pub fn new(config: &Config) -> Result<Self, OptionError> {
+        let mut commands = CommandModel::new(config)?;
+        commands.model = commands.model.coarse();
         Ok(Self {
-            commands: CommandModel::new(config)?,
+            commands,
             history: CommandHistory::new(config.vehicle.command_delay_ms * 1e-3),
             options: config.safety.filter,
             sigma: config.safety.gate_sigma,
             track: None,
-            without: None,
+            doubt: None,
             changed: None,
             noise: PoseNoise::default(),
             floor_m: 0.0,
-            stranger: None,
+            refused: None,
         })
     }
 
@@ -105,7 +91,7 @@ impl MotionGate {
 
     /// Ends it: on the ground no motion is predicted.
     pub fn end(&mut self) {
-        (self.track, self.without, self.changed, self.stranger) = (None, None, None, None);
+        (self.track, self.doubt, self.changed, self.refused) = (None, None, None, None);
     }
 
     /// Records the command that was sent at `sent_s` \[s\].
@@ -149,21 +135,17 @@ impl MotionGate {
     pub fn judge(&mut self, t_s: f64, pose: &MeasuredPose) -> Result<(), Cause> {
         self.noise.take(pose);
         let Some(mut expected) = self.predict(t_s) else { return Ok(()) };
+        let without = self.doubt.map(|doubt| doubt.without(t_s, &self.surroundings()));
         if !self.lies_on(&expected, pose, self.sigma) {
-            let Some(other) = self.without.map(|track| track.advanced(t_s, &self.surroundings()))
-            else {
-                return Err(self.refuse(&expected, pose));
-            };
-            if !self.lies_on(&other, pose, DOUBT_SIGMA) {
-                return Err(self.refuse(&expected, pose));
-            }
-            expected = other;
+            let right = without.filter(|track| self.lies_on(track, pose, DOUBT_SIGMA));
+            expected = right.ok_or_else(|| self.refuse(&expected, pose))?;
+            self.doubt = None;
         }
         if self.is_frozen(t_s) {
             return Err(Cause::Frozen);
         }
-        let is_doubted = !Stranger::of(&expected, pose).agrees(&Stranger::default());
-        (self.without, self.stranger) = (is_doubted.then_some(expected), None);
+        self.settle_doubt(&expected, without, pose)?;
+        self.refused = None;
         self.track = Some(expected.corrected(pose, self.floor_m));
         let is_over = self.changed.is_none_or(|changed| t_s - changed.t_s > LONGEST_PREDICTION_S);
         if self.noise.repeats() == 0 || is_over || self.may_stand(&expected) {
@@ -172,21 +154,48 @@ impl MotionGate {
         Ok(())
     }
 
+    /// Judges the doubt about the last poses by `pose`, or begins one; `without` is the motion without them.
+    fn settle_doubt(
+        &mut self,
+        expected: &Track,
+        without: Option<Track>,
+        pose: &MeasuredPose,
+    ) -> Result<(), Cause> {
+        let verdict = self.doubt.zip(without).map(|(doubt, without)| doubt.judge(&without, pose));
+        match verdict {
+            Some(Verdict::Open(doubt)) => self.doubt = Some(doubt),
+            Some(Verdict::Relabel(without, stranger)) => {
+                self.track = Some(without);
+                self.refused = Some(Refused { stranger, poses: RELABEL_POSES });
+                self.doubt = None;
+                return Err(Cause::Relabel);
+            }
+            Some(Verdict::Settled) | None => self.doubt = Doubt::about(expected, pose),
+        }
+        Ok(())
+    }
+
     /// Whether `pose` agrees with the motion `expected`, and not with the poses refused before it: what was refused is not
-    /// believed because the uncertainty has grown since.
+    /// believed because the uncertainty has grown since. Poses of another body are refused until one is where the vehicle is.
     fn lies_on(&self, expected: &Track, pose: &MeasuredPose, sigma: f64) -> bool {
         let stranger = Stranger::of(expected, pose);
+        let is_refused = self.refused.is_some_and(|refused| match refused.poses {
+            RELABEL_POSES.. => stranger.is_off(),
+            _ => refused.stranger.agrees(&stranger),
+        });
         // A comparison with NaN is false.
-        expected.innovation(pose).sigma() <= sigma
-            && !self.stranger.is_some_and(|known| known.agrees(&stranger))
+        expected.innovation(pose).sigma() <= sigma && !is_refused
     }
 
     /// Records a refused pose, and returns why.
     fn refuse(&mut self, expected: &Track, pose: &MeasuredPose) -> Cause {
         let stranger = Stranger::of(expected, pose);
-        let agreed = self.stranger.filter(|known| known.agrees(&stranger));
-        let poses = agreed.map_or(1, |known| known.poses.saturating_add(1));
-        self.stranger = Some(Stranger { poses, ..stranger });
+        let poses = match self.refused {
+            Some(refused) if refused.poses >= RELABEL_POSES => RELABEL_POSES,
+            Some(refused) if refused.stranger.agrees(&stranger) => refused.poses + 1,
+            _ => 1,
+        };
+        self.refused = Some(Refused { stranger, poses });
         if poses >= RELABEL_POSES { Cause::Relabel } else { Cause::Jump }
     }
 

@@ -54,6 +54,7 @@ pub struct Guard {
     lost: u64,
     superseded: u64,
     refused: u64,
+    accepted: u64,
     good_in_a_row: u32,
 }
 
@@ -77,6 +78,7 @@ impl Guard {
             lost: 0,
             superseded: 0,
             refused: 0,
+            accepted: 0,
             good_in_a_row: 0,
         })
     }
@@ -104,6 +106,7 @@ impl Guard {
             Ok(accepted) => {
                 self.last = Some(accepted);
                 self.unseen_s = None;
+                self.accepted += 1;
                 self.good_in_a_row = self.good_in_a_row.saturating_add(1);
             }
             Err(_) => {
@@ -155,6 +158,12 @@ impl Guard {
     #[must_use]
     pub fn refused(&self) -> u64 {
         self.refused
+    }
+
+    /// Number of poses accepted \[-\].
+    #[must_use]
+    pub fn accepted(&self) -> u64 {
+        self.accepted
     }
 
     fn examine(

@@ -1,14 +1,23 @@
 //! Health of the loop's input and timing: age and losses of poses, late ticks.
 
 use oqtal_bus::time::Span;
-use oqtal_config::SafetyOptions;
+use oqtal_config::Config;
 
 use crate::limits::LimitConditions;
 
-/// Weight of a frame in the shares of frames \[-\]: a window of five seconds at 60 Hz.
-const LOSS_WEIGHT: f64 = 1.0 / 300.0;
+/// Window of the share of frames that were lost or refused \[ticks\]: five seconds at 60 Hz.
+const LOSS_WINDOW: f64 = 300.0;
 /// Late ticks in a row that make an overrun \[-\].
 const OVERRUN_TICKS: u32 = 3;
+
+/// Frames of the cameras so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FrameCounts {
+    /// Those whose pose was accepted \[-\].
+    pub accepted: u64,
+    /// Those that were lost or whose pose was refused \[-\].
+    pub bad: u64,
+}
 
 /// Health of poses and ticks.
 #[derive(Clone, Debug)]
@@ -18,37 +27,39 @@ pub struct LoopHealth {
     loss_warning: f64,
     /// Age of the last accepted pose when it was used.
     age: Span,
-    /// Frames lost and poses refused so far \[-\].
-    bad: u64,
+    /// Frames of the camera in the window of the loss \[-\].
+    window: f64,
+    frames: FrameCounts,
     /// Share of such frames lately \[0..1\].
     loss: f64,
     late_ticks: u32,
 }
 
 impl LoopHealth {
-    /// The health of a loop that has not begun, with the limits of `safety`.
+    /// The health of a loop that has not begun, with the limits of `config`.
     #[must_use]
-    pub fn new(safety: &SafetyOptions) -> Self {
+    pub fn new(config: &Config) -> Self {
+        let safety = &config.safety;
         let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
         Self {
             age_warning: millis(safety.pose_age_warning_ms),
             age_limit: millis(safety.pose_age_limit_ms),
             loss_warning: safety.pose_loss_warning,
             age: Span::default(),
-            bad: 0,
+            window: LOSS_WINDOW * config.poses_per_tick(),
+            frames: FrameCounts::default(),
             loss: 0.0,
             late_ticks: 0,
         }
     }
 
-    /// Records a tick: the age of the pose that it uses, if any, and the frames lost and refused so far, in total.
-    pub fn tick(&mut self, used: Option<Span>, bad: u64) {
-        let lost = bad.saturating_sub(self.bad) as f64;
-        self.bad = bad;
-        let used_frames = f64::from(u8::from(used.is_some()));
-        let frames = lost + used_frames;
-        if frames > 0.0 {
-            self.loss += (frames * LOSS_WEIGHT).min(1.0) * (lost / frames - self.loss);
+    /// Records a tick: the age of the pose that it uses, if any, and the frames so far.
+    pub fn tick(&mut self, used: Option<Span>, frames: FrameCounts) {
+        let before = std::mem::replace(&mut self.frames, frames);
+        let bad = frames.bad.saturating_sub(before.bad) as f64;
+        let all = bad + frames.accepted.saturating_sub(before.accepted) as f64;
+        if all > 0.0 {
+            self.loss += (all / self.window).min(1.0) * (bad / all - self.loss);
         }
         self.age = used.unwrap_or(self.age);
     }
@@ -64,5 +75,40 @@ impl LoopHealth {
         conditions.poses_too_old = self.age > self.age_limit;
         conditions.poses_lost = self.loss > self.loss_warning;
         conditions.overrun = self.late_ticks >= OVERRUN_TICKS;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whether a loss of one frame in `one_in` is warned of, at this rate of the cameras.
+    fn warns(frame_rate_hz: f64, one_in: u64) -> bool {
+        let mut config = Config::default();
+        config.plant.frame_rate_hz = frame_rate_hz;
+        let mut health = LoopHealth::new(&config);
+        let mut frames = FrameCounts::default();
+        let per_tick = config.poses_per_tick().round() as u64;
+        for frame in 0..6000 * per_tick {
+            match frame % one_in {
+                0 => frames.bad += 1,
+                _ => frames.accepted += 1,
+            }
+            if frame % per_tick == 0 {
+                health.tick(Some(Span::from_millis(15)), frames);
+            }
+        }
+        let mut conditions = LimitConditions::default();
+        health.judge(&mut conditions);
+        conditions.poses_lost
+    }
+
+    #[test]
+    fn f11_the_share_of_lost_frames_is_that_of_all_frames_at_any_rate_of_the_cameras() {
+        let one_in = (1.0 / Config::default().safety.pose_loss_warning) as u64;
+        for frame_rate_hz in [60.0, 180.0, 240.0] {
+            assert!(warns(frame_rate_hz, one_in / 2), "{frame_rate_hz} Hz");
+            assert!(!warns(frame_rate_hz, one_in * 2), "{frame_rate_hz} Hz");
+        }
     }
 }

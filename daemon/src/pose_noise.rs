@@ -2,40 +2,41 @@
 
 use oqtal_control::predictive::MeasuredPose;
 
-/// Weight of a pose in the share of repeated ones \[-\].
-const REPEATED_WEIGHT: f64 = 0.01;
 /// Weight of a step in the mean step \[-\].
 const STEP_WEIGHT: f64 = 0.1;
-/// Share of repeated poses up to which a source counts as one that never repeats a pose \[-\]: none in the last seconds.
+/// Share of repeated poses up to which a source counts as one that never repeats a pose \[-\].
 const NEVER: f64 = 0.003;
-/// Mean step from pose to pose from which on it has noise or the vehicle moves \[m\] or \[rad\]; less is the rest of a decay.
-const LEAST_STEP: f64 = 1e-5;
-/// Share of the mean step that the least step of a component reaches if the source has noise \[-\]; the steps of coarse numbers and
-/// of a smooth motion are all alike.
+/// Mean step from pose to pose above which positions have noise or the vehicle moves \[m\]; less is the rest of a decay.
+const LEAST_STEP_M: f64 = 1e-5;
+/// Share of the mean step that the least change of a coordinate stays below if positions have noise \[-\]: coarse numbers and a
+/// smooth motion change by steps that are all alike.
 const NOISE_SHARE: f64 = 0.2;
-/// Growth of the least step from pose to pose, by which an old one is forgotten \[-\].
+/// Growth of the least change from pose to pose, by which an old one is forgotten \[-\].
 const FORGETTING: f64 = 1.02;
-/// Repetitions in a row that such a source does not make \[-\].
+/// Repetitions in a row that a source with noise does not make \[-\].
 const IMPOSSIBLE_REPEATS: u32 = 2;
 
-/// Averages over the poses of a source.
+/// Figures of the poses of a source.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseNoise {
     last: Option<MeasuredPose>,
     /// Repetitions of the last pose \[-\].
     repeats: u32,
-    /// Share of poses that were repeated, without the last one \[0..1\].
-    repeated: f64,
-    /// Mean step from pose to pose, the larger of both \[m\] or \[rad\].
-    step: f64,
+    /// Poses that differed from the one before \[-\].
+    changed: u64,
+    /// Poses that repeated the one before, without the last run of them \[-\]. All since the start: a source of coarse numbers
+    /// repeats its poses at rest and not in fast flight, and rests again.
+    repeated: u64,
+    /// Mean step from pose to pose \[m\].
+    step_m: f64,
     /// The least change of a coordinate lately \[m\].
-    least: f64,
+    least_m: f64,
 }
 
 impl Default for PoseNoise {
     /// A source without a pose yet.
     fn default() -> Self {
-        Self { last: None, repeats: 0, repeated: 0.0, step: 0.0, least: 1.0 }
+        Self { last: None, repeats: 0, changed: 0, repeated: 0, step_m: 0.0, least_m: 1.0 }
     }
 }
 
@@ -47,15 +48,13 @@ impl PoseNoise {
             self.repeats = self.repeats.saturating_add(1);
             return;
         }
-        let was_repeated = f64::from(u8::from(self.repeats > 0));
-        self.repeated += REPEATED_WEIGHT * (was_repeated - self.repeated);
-        let moved = (pose.position - last.position).norm();
-        let changes = (pose.position - last.position).map(f64::abs);
-        let least = changes.iter().copied().filter(|change| *change > 0.0).fold(1.0, f64::min);
-        self.least = (self.least * FORGETTING).min(least);
-        let step = moved.max(last.attitude.angle_to(&pose.attitude)).min(1.0);
-        self.step += STEP_WEIGHT * (step - self.step);
-        self.repeats = 0;
+        self.changed += 1;
+        self.repeated += u64::from(std::mem::take(&mut self.repeats));
+        let moved = pose.position - last.position;
+        let changes = moved.iter().map(|change| change.abs());
+        let least_m = changes.filter(|change| *change > 0.0).fold(1.0, f64::min);
+        self.least_m = (self.least_m * FORGETTING).min(least_m);
+        self.step_m += STEP_WEIGHT * (moved.norm().min(1.0) - self.step_m);
     }
 
     /// Repetitions of the last pose \[-\].
@@ -67,7 +66,51 @@ impl PoseNoise {
     /// Whether the source repeats its pose although its poses have always changed.
     #[must_use]
     pub fn is_frozen(&self) -> bool {
-        let has_noise = self.step > LEAST_STEP && self.least < NOISE_SHARE * self.step;
-        self.repeats >= IMPOSSIBLE_REPEATS && self.repeated < NEVER && has_noise
+        let has_noise = self.step_m > LEAST_STEP_M && self.least_m < NOISE_SHARE * self.step_m;
+        let never_repeats = self.repeated as f64 <= NEVER * self.changed as f64;
+        self.repeats >= IMPOSSIBLE_REPEATS && never_repeats && has_noise
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use oqtal_control::quaternion::Attitude;
+
+    use super::*;
+
+    fn at(x: f64, y: f64) -> MeasuredPose {
+        MeasuredPose { position: Vector3::new(x, y, 1.0), attitude: Attitude::LEVEL }
+    }
+
+    /// `poses` poses of a vehicle that flies at 1.2 m/s.
+    fn fly(noise: &mut PoseNoise, poses: u32, quantum_m: f64) {
+        for index in 0..poses {
+            let x = 0.02 * f64::from(index);
+            let y = 0.003 * (0.1 * f64::from(index)).sin();
+            let coarse = |value: f64| (value / quantum_m).round() * quantum_m;
+            noise.take(&at(coarse(x), coarse(y)));
+        }
+    }
+
+    #[test]
+    fn coarse_numbers_that_repeat_at_rest_are_not_frozen_after_a_fast_flight() {
+        let mut noise = PoseNoise::default();
+        (0..60).for_each(|_| noise.take(&at(0.0, 0.0)));
+        fly(&mut noise, 1200, 1e-3);
+        (0..10).for_each(|_| noise.take(&at(24.0, 0.0)));
+        assert!(noise.repeats() > IMPOSSIBLE_REPEATS && !noise.is_frozen());
+    }
+
+    #[test]
+    fn a_source_whose_poses_have_always_changed_is_frozen_when_it_repeats_one() {
+        let mut noise = PoseNoise::default();
+        fly(&mut noise, 100, 1e-7);
+        let last = at(2.0, 0.001);
+        noise.take(&last);
+        noise.take(&last);
+        assert!(!noise.is_frozen());
+        noise.take(&last);
+        assert!(noise.is_frozen());
     }
 }

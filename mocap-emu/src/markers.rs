@@ -95,6 +95,7 @@ impl MarkerCameras {
                 residual_m: fit.residual_m,
                 body: BODY,
                 tracked: 1,
+                simulated: 1,
                 ..PoseV1::default()
             },
             None => PoseV1 {
@@ -103,6 +104,7 @@ impl MarkerCameras {
                 residual_m: f64::NAN,
                 body: BODY,
                 tracked: 0,
+                simulated: 1,
                 ..PoseV1::default()
             },
         }

@@ -42,6 +42,7 @@ pub fn measure(
         residual_m: position_noise.norm(),
         body: BODY,
         tracked: u8::from(attitude.is_some()),
+        simulated: 1,
         ..PoseV1::default()
     }
 }

@@ -3,6 +3,7 @@
 use crate::latency::{DistributionSummary, NAMES};
 use comfy_table::{CellAlignment, Table, presets};
 
+use crate::flight::Outcome;
 use crate::kernel::ProcessUsage;
 use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
@@ -15,18 +16,20 @@ pub fn closing(summary: &Summary) -> String {
     if let Some(errors) = errors(summary) {
         text += &format!("{errors}\n");
     }
-    text += &format!("{}\n", latencies(summary));
+    if let Some(latencies) = latencies(summary) {
+        text += &format!("{latencies}\n");
+    }
     text += &summary.wire.as_ref().map_or_else(String::new, wire);
     text += &counts(summary);
     text + &summary.daemon.as_ref().map_or_else(String::new, process)
 }
 
 fn headline(summary: &Summary) -> String {
-    let Summary { controller, trajectory, vehicle, clock, seed, .. } = summary;
+    let Summary { controller, trajectory, vehicle, clock, seed, outcome, .. } = summary;
+    let flown = if *outcome == Outcome::Replayed { "of poses" } else { "armed" };
     format!(
-        "{}: {controller}, {trajectory}, {vehicle}\n\
-         {clock} clock, seed {seed}, {:.1} s armed, {} x real time",
-        summary.outcome,
+        "{outcome}: {controller}, {trajectory}, {vehicle}\n\
+         {clock} clock, seed {seed}, {:.1} s {flown}, {} x real time",
         summary.duration_s,
         significant(summary.speed_factor)
     )
@@ -54,7 +57,8 @@ fn errors(summary: &Summary) -> Option<Table> {
     Some(table)
 }
 
-fn latencies(summary: &Summary) -> Table {
+/// The table of latencies; `None` if none was measured, as in a replay in virtual time.
+fn latencies(summary: &Summary) -> Option<Table> {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
     for name in NAMES {
         if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0) {
@@ -67,7 +71,7 @@ fn latencies(summary: &Summary) -> Table {
         table.add_rows(spans.iter().map(|spans| latency_row(name, spans)));
     }
     align(&mut table);
-    table
+    (!table.is_empty()).then_some(table)
 }
 
 /// The row of a distribution in a table of latencies.

@@ -14,9 +14,12 @@ use crate::quaternion::Attitude;
 use crate::rigid_body::{Inertia, quaternion_rate};
 use crate::tracking_error::AttitudeError;
 
-/// Longest step of the integration \[s\]. With a lag of 50 ms the error of a step is then below `1e-7` of the change
-/// in that step.
-const LONGEST_STEP_S: f64 = 5e-3;
+/// Longest coarse step of the integration \[s\].
+const COARSE_STEP_S: f64 = 20e-3;
+
+/// Longest coarse step over the shortest time constant of the vehicle \[-\]: the error of a step is then below `1e-4` of the
+/// change in that step.
+const COARSE_SHARE: f64 = 0.4;
 
 /// Shortest lag of the thrust \[s\]; shorter ones are replaced by it, without effect on a flight.
 const SHORTEST_LAG_S: f64 = 1e-3;
@@ -61,6 +64,8 @@ pub struct VehicleModel {
     pub drag_per_s: f64,
     /// Time constant of the thrust \[s\]; 0 for none.
     pub thrust_lag_s: f64,
+    /// Longest step of the integration \[s\], positive; [`VehicleModel::FINE_STEP_S`] unless less accuracy is enough.
+    pub longest_step_s: f64,
 }
 
 /// Input of the model.
@@ -116,10 +121,7 @@ impl Motion {
     }
 
     fn vector(&self) -> Vector13 {
-        let numbers = self.position.iter().chain(&self.velocity).copied();
-        Vector13::from_iterator(
-            numbers.chain(self.attitude.xyzw()).chain(self.rate.iter().copied()),
-        )
+        vector13(&self.position, &self.velocity, self.attitude.xyzw(), &self.rate)
     }
 
     fn from_vector(x: &Vector13, thrust_n: f64) -> Self {
@@ -135,10 +137,26 @@ impl Motion {
 }
 
 impl VehicleModel {
+    /// Longest step for control \[s\]: with a lag of 50 ms the error of a step is below `1e-7` of the change in that step.
+    pub const FINE_STEP_S: f64 = 5e-3;
+
+    /// The model in coarse steps, where a ten-thousandth of the motion does not matter.
+    #[must_use]
+    pub fn coarse(self) -> Self {
+        let rotation_s = match &self.rotation {
+            Rotation::RateLoop { lag_s } => *lag_s,
+            Rotation::AttitudeLoop { gain_per_s, lag_s, .. } => lag_s.min(gain_per_s.recip()),
+            Rotation::RigidBody { .. } => f64::INFINITY,
+        };
+        let thrust_s = if self.thrust_lag_s > 0.0 { self.thrust_lag_s } else { f64::INFINITY };
+        let step_s = COARSE_SHARE * rotation_s.min(thrust_s);
+        Self { longest_step_s: step_s.clamp(Self::FINE_STEP_S, COARSE_STEP_S), ..self }
+    }
+
     /// The motion `dt_s` \[s\] after `motion` under `input` and `bias`.
     #[must_use]
     pub fn advance(&self, motion: &Motion, input: &ModelInput, bias: &Bias, dt_s: f64) -> Motion {
-        let steps = (dt_s / LONGEST_STEP_S).ceil().clamp(1.0, 1000.0);
+        let steps = (dt_s / self.longest_step_s).ceil().clamp(1.0, 1000.0);
         let h = dt_s / steps;
         (0..steps as u32).fold(*motion, |motion, _| self.step(&motion, input, bias, h))
     }
@@ -149,14 +167,16 @@ impl VehicleModel {
             let keep = (-t / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp();
             input.thrust_n + (motion.thrust_n - input.thrust_n) * keep
         };
-        let rate =
-            |x: &Vector13, t: f64| self.derivative(&Motion::from_vector(x, thrust(t)), input, bias);
+        let rate = |x: &Vector13, thrust_n: f64| {
+            self.derivative(&Motion::from_vector(x, thrust_n), input, bias)
+        };
+        let (begin, middle, end) = (thrust(0.0), thrust(h / 2.0), thrust(h));
         let x = motion.vector();
-        let k1 = rate(&x, 0.0);
-        let k2 = rate(&(x + k1 * (h / 2.0)), h / 2.0);
-        let k3 = rate(&(x + k2 * (h / 2.0)), h / 2.0);
-        let k4 = rate(&(x + k3 * h), h);
-        Motion::from_vector(&(x + (k1 + 2.0 * k2 + 2.0 * k3 + k4) * (h / 6.0)), thrust(h))
+        let k1 = rate(&x, begin);
+        let k2 = rate(&(x + k1 * (h / 2.0)), middle);
+        let k3 = rate(&(x + k2 * (h / 2.0)), middle);
+        let k4 = rate(&(x + k3 * h), end);
+        Motion::from_vector(&(x + (k1 + 2.0 * k2 + 2.0 * k3 + k4) * (h / 6.0)), end)
     }
 
     fn derivative(&self, motion: &Motion, input: &ModelInput, bias: &Bias) -> Vector13 {
@@ -182,7 +202,19 @@ impl VehicleModel {
             - motion.velocity * self.drag_per_s
             + bias.acceleration;
         let attitude_dot = quaternion_rate(&motion.attitude, BodyRate(motion.rate));
-        let linear = motion.velocity.iter().chain(&acceleration);
-        Vector13::from_iterator(linear.chain(&attitude_dot).chain(&rate_dot).copied())
+        vector13(&motion.velocity, &acceleration, attitude_dot.into(), &rate_dot)
     }
+}
+
+/// The vector of these parts. Element by element: an iterator over the chained parts takes several times as long as the
+/// derivative itself.
+fn vector13(
+    position: &Vector3<f64>,
+    velocity: &Vector3<f64>,
+    attitude: [f64; 4],
+    rate: &Vector3<f64>,
+) -> Vector13 {
+    let [x, y, z, w] = attitude;
+    let ([px, py, pz], [vx, vy, vz]) = ((*position).into(), (*velocity).into());
+    Vector13::from([px, py, pz, vx, vy, vz, x, y, z, w, rate.x, rate.y, rate.z])
 }

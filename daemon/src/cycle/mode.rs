@@ -86,7 +86,6 @@ impl Cycle {
     /// Ends the flight: motors off.
     pub(super) fn end_flight(&mut self) {
         self.guard.motion.end();
-        self.arming.reset();
         self.mission = None;
         self.mode = Mode::Disarmed;
     }

@@ -9,6 +9,7 @@ use crate::arming::ArmingView;
 use crate::command::VehicleCommand;
 use crate::guard::seconds;
 use crate::limits::{FlightView, LimitConditions};
+use crate::loop_health::FrameCounts;
 
 impl Cycle {
     /// Everything that keeps a flight from beginning; nothing in flight and of a recording.
@@ -27,7 +28,8 @@ impl Cycle {
     /// The limits of this tick. In flight the motion is that at the instant at which a command takes effect.
     pub(super) fn limit_conditions(&mut self, now: Time, fresh: bool) -> LimitConditions {
         let age = self.pose_age(now).filter(|_| fresh);
-        self.health.tick(age, self.guard.lost() + self.guard.refused());
+        let (accepted, bad) = (self.guard.accepted(), self.guard.lost() + self.guard.refused());
+        self.health.tick(age, FrameCounts { accepted, bad });
         let mut conditions = LimitConditions {
             configs_differ: self.requests.configs_differ,
             ..LimitConditions::default()

@@ -1,0 +1,59 @@
+//! A pose relative to the predicted motion, and how such poses resemble each other.
+
+use nalgebra::Vector3;
+use oqtal_control::predictive::{MeasuredPose, Track};
+
+/// Distance within which two poses agree, each relative to the predicted motion \[m\].
+const AGREED_M: f64 = 0.015;
+/// Angle within which they agree \[rad\].
+const AGREED_RAD: f64 = 0.05;
+/// Share of the greater offset within which they agree if that is more \[-\]: a prediction by a wrong model moves on.
+const AGREED_SHARE: f64 = 0.15;
+
+/// Offset from the predicted motion from which on it is compared with later ones \[m\].
+const OFFSET_M: f64 = 0.03;
+/// The same of the attitude \[rad\].
+const OFFSET_RAD: f64 = 0.1;
+/// Change of an offset that counts as none, as a share of it \[-\]. What moved a vehicle during a gap also gave it a velocity, so
+/// that the offset grows by half of itself and more within the time of a doubt.
+const SAME_SHARE: f64 = 0.3;
+
+/// A pose relative to the predicted motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Stranger {
+    offset: Vector3<f64>,
+    turn: Vector3<f64>,
+}
+
+impl Stranger {
+    /// `pose` relative to `expected`.
+    pub(super) fn of(expected: &Track, pose: &MeasuredPose) -> Self {
+        Self {
+            offset: pose.position - expected.motion.position,
+            turn: expected.motion.attitude.rotation_to(&pose.attitude),
+        }
+    }
+
+    /// Whether both are poses of one body, as far as one frame after the other tells.
+    pub(super) fn agrees(&self, other: &Self) -> bool {
+        let alike = |a: &Vector3<f64>, b: &Vector3<f64>, least: f64| {
+            (a - b).norm() <= least.max(AGREED_SHARE * a.norm().max(b.norm()))
+        };
+        alike(&self.offset, &other.offset, AGREED_M) && alike(&self.turn, &other.turn, AGREED_RAD)
+    }
+
+    /// Whether the pose is off the predicted motion by more than noise.
+    pub(super) fn is_off(&self) -> bool {
+        !self.agrees(&Self::default())
+    }
+
+    /// Whether the offset from the prediction is a large one and has not changed since `first`.
+    pub(super) fn stays(&self, first: &Self) -> bool {
+        let stays = |now: &Vector3<f64>, first: &Vector3<f64>, least: f64| {
+            (first.norm() >= least).then(|| (now - first).norm() <= SAME_SHARE * first.norm())
+        };
+        let position = stays(&self.offset, &first.offset, OFFSET_M);
+        let attitude = stays(&self.turn, &first.turn, OFFSET_RAD);
+        position.or(attitude).is_some() && position != Some(false) && attitude != Some(false)
+    }
+}
