@@ -136,7 +136,7 @@ export class Panel {
   event({ t, mood, text }) {
     const line = document.createElement("li");
     line.className = mood;
-    line.appendChild(document.createElement("time")).textContent = `${t.toFixed(2)} s`.replace("-", "−");
+    line.appendChild(document.createElement("time")).textContent = `${(Math.round(t * 100) / 100 || 0).toFixed(2)} s`.replace("-", "−");
     line.appendChild(document.createElement("span")).textContent = text;
     if (this.seek) line.addEventListener("click", () => this.seek(t));
     return line;

@@ -108,9 +108,13 @@ pub fn replay(timeline: &Timeline<'_>, arrivals: &ArrivalIntervals) -> Markup {
     )
 }
 
+/// A time \[ms\] as text; less than a microsecond is rounding.
+pub fn milliseconds(value: f64) -> String {
+    if value < 1e-3 { "0 ms".to_owned() } else { format!("{} ms", significant(value)) }
+}
+
 /// The figures of the arrivals: rate, gaps, jitter.
 fn table(arrivals: &ArrivalIntervals) -> Markup {
-    let milliseconds = |value: f64| format!("{} ms", significant(value));
     let (gaps, in_gaps_s) = arrivals.gaps();
     let frames = arrivals.poses as u64 + arrivals.frames_lost();
     let share = 100.0 * arrivals.frames_lost() as f64 / frames.max(1) as f64;
