@@ -18,6 +18,7 @@ use crate::latency::{LatencyArgs, Part};
 use crate::record::RecordArgs;
 use crate::replay::ReplayArgs;
 use crate::report::ReportArgs;
+use crate::view::ViewArgs;
 use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
@@ -53,6 +54,8 @@ enum Command {
     Ctl(CtlArgs),
     /// Show a running instance in this terminal
     Monitor(MonitorArgs),
+    /// Show a running instance or a recording on a page in the browser
+    View(ViewArgs),
     /// Record a running instance
     Record(RecordArgs),
     /// Show the contents of a recording: version, machine, topics, rates
@@ -106,6 +109,7 @@ impl Cli {
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Monitor(args)) => args.execute(),
+            Some(Command::View(args)) => args.execute(),
             Some(Command::Record(args)) => args.execute(),
             Some(Command::Info(args)) => args.execute(),
             Some(Command::Report(args)) => args.execute(),

@@ -9,6 +9,7 @@ use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
@@ -95,37 +96,19 @@ impl CtlArgs {
         let place = instance_paths(&config)?;
         place.become_owner()?;
         if let Request::Stop = self.command {
-            return stop::raise(&place, self.json);
+            return stop::execute(&place, self.json);
         }
         let bus = Bus::open(&place)?;
         let asked = self.ask(&bus, &config);
         drop(bus);
         let (response, heard) = asked?;
         let Some(response) = response else {
-            for line in heard.lines() {
-                say(&line);
-            }
-            let instance = &config.instance.name;
-            let message = format!(
-                "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
-            );
-            return Err(Failure::new(Exit::Peer, message));
+            heard.lines().iter().for_each(|line| say(line));
+            return Err(silent(&config));
         };
         let lines = heard.lines();
         let report = ControlReport::new(self.command.command(), &response, heard);
-        if response.answer == Answer::Refused.code() {
-            let ControlReport { command, cause, mode, obstacles, .. } = report;
-            let reasons = if obstacles.is_empty() { cause } else { obstacles.join("; ") };
-            let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
-            if response.cause == Cause::OtherConfig.code() {
-                message += &format!(
-                    "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
-                    response.config_hash,
-                    config.hash()
-                );
-            }
-            return Err(Failure::new(Exit::Flight, message));
-        }
+        report.check(&response, &config)?;
         print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
         Ok(Exit::Ok)
     }
@@ -136,18 +119,61 @@ impl CtlArgs {
         bus: &Bus,
         config: &Config,
     ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
-        let request = ControlRequestV1 {
-            valid_until: Time::now() + ANSWER_TIMEOUT,
-            config_hash: self.common.config.as_ref().map_or(0, |_| config.hash()),
-            ..ControlRequestV1::of(self.command.command())
-        };
-        let response = bus.control_client()?.ask(request, ANSWER_TIMEOUT)?;
+        let response =
+            request(bus, config, (self.command.command(), self.common.config.is_some()))?;
         let heard = match self.command {
             Request::Status => status::observe(bus)?,
             _ => InstanceStatus::default(),
         };
         Ok((response, heard))
     }
+}
+
+/// Sends a command that expires to the daemon; `None` if none answers. `expects_config`: the daemon must run with `config`.
+fn request(
+    bus: &Bus,
+    config: &Config,
+    (command, expects_config): (OperatorCommand, bool),
+) -> Result<Option<ControlResponseV1>, BusError> {
+    let request = ControlRequestV1 {
+        valid_until: Time::now() + ANSWER_TIMEOUT,
+        config_hash: if expects_config { config.hash() } else { 0 },
+        ..ControlRequestV1::of(command)
+    };
+    bus.control_client()?.ask(request, ANSWER_TIMEOUT)
+}
+
+fn silent(config: &Config) -> Failure {
+    let instance = &config.instance.name;
+    let message = format!(
+        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
+    );
+    Failure::new(Exit::Peer, message)
+}
+
+/// Executes a command as `oqtal ctl` does, on the calling thread; the answer in words. `expects_config`: the daemon must run with
+/// `config`.
+///
+/// # Errors
+/// No daemon answers, or it refuses; the motors are not known to be off after a stop.
+pub fn execute(
+    paths: &InstancePaths,
+    config: &Config,
+    (command, expects_config): (OperatorCommand, bool),
+) -> Result<String, Failure> {
+    if command == OperatorCommand::Stop {
+        let stop = stop::raise(paths)?;
+        return match stop.motors_off {
+            true => Ok(stop.to_string()),
+            false => Err(Failure::new(Exit::Flight, stop.to_string())),
+        };
+    }
+    let bus = Bus::open(paths)?;
+    let response = request(&bus, config, (command, expects_config))?;
+    let response = response.ok_or_else(|| silent(config))?;
+    let report = ControlReport::new(command, &response, InstanceStatus::default());
+    report.check(&response, config)?;
+    Ok(report.to_text(&[]))
 }
 
 impl ControlReport {
@@ -169,6 +195,25 @@ impl ControlReport {
             vehicle,
             position_m,
         }
+    }
+
+    /// Fails if the daemon refused the command.
+    fn check(&self, response: &ControlResponseV1, config: &Config) -> Result<(), Failure> {
+        if response.answer != Answer::Refused.code() {
+            return Ok(());
+        }
+        let Self { command, cause, mode, obstacles, .. } = self;
+        let listed = obstacles.join("; ");
+        let reasons = if obstacles.is_empty() { cause } else { &listed };
+        let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
+        if response.cause == Cause::OtherConfig.code() {
+            message += &format!(
+                "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
+                response.config_hash,
+                config.hash()
+            );
+        }
+        Err(Failure::new(Exit::Flight, message))
     }
 
     fn to_json(&self) -> String {

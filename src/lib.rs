@@ -16,3 +16,4 @@ pub mod record;
 mod recordings;
 pub mod replay;
 pub mod report;
+pub mod view;

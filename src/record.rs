@@ -56,7 +56,7 @@ impl RecordArgs {
         let place = instance_paths(&config)?;
         let bus = Bus::open(&place)?;
         if self.attach {
-            require_daemon(&bus, &config.instance.name)?;
+            require_daemon(&bus, &config.instance.name, "record without --attach")?;
         }
         let observer = BusObserver::open(&bus, &McapRecorder::topics(&config))?;
         let recorder = self.begin(&config)?;
@@ -158,14 +158,14 @@ impl Sink for DaemonFacts {
     }
 }
 
-/// Fails if no daemon answers.
-fn require_daemon(bus: &Bus, instance: &str) -> Result<(), Failure> {
+/// Fails if no daemon answers; `otherwise` is what else can be done.
+pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), Failure> {
     let status = ControlRequestV1::of(OperatorCommand::Status);
     if bus.control_client()?.ask(status, ANSWER_TIMEOUT)?.is_some() {
         return Ok(());
     }
     let message = format!(
-        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`, or record without --attach"
+        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`, or {otherwise}"
     );
     Err(Failure::new(Exit::Peer, message))
 }

@@ -9,7 +9,7 @@ use crate::flight::{Flight, FlightSample};
 use crate::latency::NAMES;
 use crate::page::{page, section};
 use crate::plot::axis::extent;
-use crate::plot::figure;
+use crate::plot::figure::{self, TimeSpan};
 use crate::plot::palette::Ink;
 use crate::plot::trace::{Trace, thin, thin_path};
 use crate::plot::unit::{MISSING, significant, span, words};
@@ -196,7 +196,7 @@ impl Comparison {
         });
         let range: Range<f64> =
             extent(traces.iter().flat_map(|trace| &trace.points).map(|point| point.0));
-        figure::over_time(title, traces, range, None)
+        figure::over_time(title, traces, &TimeSpan { range, ..TimeSpan::default() })
     }
 }
 

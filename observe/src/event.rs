@@ -1,4 +1,4 @@
-//! Events of a flight in words, as recordings and the live terminal tell them.
+//! Events of a flight in words, as recordings, the live terminal, the page in the browser and the report tell them.
 
 use std::fmt;
 
@@ -52,6 +52,20 @@ impl fmt::Display for DaemonCondition {
 
 fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(|| "?".to_owned(), |code| code.to_string())
+}
+
+/// Changes of state and cause, losses, refusals and missed deadlines between two ticks.
+#[must_use]
+pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
+    let counted = [
+        ("poses lost", before.poses_lost, now.poses_lost),
+        ("poses refused", before.poses_refused, now.poses_refused),
+        ("deadlines missed", before.deadline_misses, now.deadline_misses),
+    ];
+    let state = (before.state, before.cause) != (now.state, now.cause);
+    let more = counted.into_iter().filter(|(_, before, now)| now > before);
+    let counts = more.map(|(name, before, now)| format!("{name}: {}", now - before));
+    state.then(|| DaemonCondition::of(now).state_text()).into_iter().chain(counts).collect()
 }
 
 /// What an input of the daemon says, in words; `None` for an ordinary turn, and for a request that only asks for the state.

@@ -5,10 +5,13 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use crate::plot::palette;
 
 const STYLE: &str = include_str!("page.css");
+/// Reads values from plots, and enlarges them; the page is complete without.
+const SCRIPT: &str = include_str!("page.js");
 
 /// A complete HTML document in the style of the reports, with the style sheet `style` appended.
 #[must_use]
 pub fn page(title: &str, style: &str, body: &Markup) -> String {
+    let has_plots = body.0.contains("data-plot=");
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -19,7 +22,10 @@ pub fn page(title: &str, style: &str, body: &Markup) -> String {
                 title { (title) }
                 style { (PreEscaped(palette::css())) (PreEscaped(STYLE)) (PreEscaped(style)) }
             }
-            body { (body) }
+            body {
+                (body)
+                @if has_plots { script { (PreEscaped(SCRIPT)) } }
+            }
         }
     };
     page.into_string()

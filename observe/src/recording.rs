@@ -48,6 +48,6 @@ pub use facts::{Facts, Provenance, WAYPOINTS_FILE};
 pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
 pub use history::{DaemonHistory, InputHistory, RecordedTurn};
 pub use overview::{RecordingOverview, TopicOverview};
-pub use playback::{flight, play};
+pub use playback::{config, flight, play};
 pub use sink::{McapRecorder, RecordingPlan};
 pub use thread::RecordingResult;

@@ -18,7 +18,7 @@ use crate::page::page;
 use crate::plot::unit::{self, MISSING, significant, span};
 use crate::summary::Summary;
 
-use replay::ArrivalIntervals;
+use replay::{ArrivalIntervals, milliseconds};
 use timeline::Timeline;
 
 /// The report of `flight`, whose figures are `summary`: a complete HTML document.
@@ -132,7 +132,6 @@ fn flight_figures(summary: &Summary) -> Vec<KeyFigure> {
 }
 
 fn replay_figures(arrivals: &ArrivalIntervals, summary: &Summary) -> Vec<KeyFigure> {
-    let milliseconds = |value: f64| format!("{} ms", significant(value));
     let (median, longest) = (arrivals.median_ms(), arrivals.longest_ms());
     let mut figures = vec![
         ("Poses", arrivals.poses.to_string(), format!("{} frames lost", arrivals.frames_lost())),

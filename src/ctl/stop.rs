@@ -24,12 +24,12 @@ const CHECK_PERIOD: Duration = Duration::from_millis(2);
 
 /// Who obeys a stop, as it is printed.
 #[derive(Debug, Serialize)]
-struct ObeyedStop {
+pub struct ObeyedStop {
     command: &'static str,
     /// Whether no command reaches the vehicle any more.
     vehicle_obeys: bool,
     /// Whether the vehicle's motors are known to be off.
-    motors_off: bool,
+    pub motors_off: bool,
     /// Whether the daemon commands "disarmed".
     daemon_obeys: bool,
     /// Mode and state of the daemon; empty if it did not answer in time.
@@ -37,12 +37,20 @@ struct ObeyedStop {
     state: String,
 }
 
-/// Raises a stop on the instance at `paths`, and reports who obeys within a second.
+/// Raises a stop on the instance at `paths`, and prints who obeys.
 ///
 /// # Errors
 /// The vehicle obeys, but has not reported that its motors are off (exit code 1); no process of a vehicle obeys (75); the
 /// instance belongs to another user (77).
-pub fn raise(paths: &InstancePaths, json: bool) -> Result<Exit, Failure> {
+pub fn execute(paths: &InstancePaths, json: bool) -> Result<Exit, Failure> {
+    conclude(&raise(paths)?, json)
+}
+
+/// Raises a stop on the instance at `paths`; who obeys within a second.
+///
+/// # Errors
+/// No process runs (75), or the instance belongs to another user (77).
+pub fn raise(paths: &InstancePaths) -> Result<ObeyedStop, Failure> {
     let give_up = Time::now() + REPORT_TIMEOUT;
     let Some(switch) = StopSwitch::existing(paths)? else {
         let message = format!(
@@ -63,7 +71,7 @@ pub fn raise(paths: &InstancePaths, json: bool) -> Result<Exit, Failure> {
         }
         report = switch.report(number);
     }
-    conclude(&ObeyedStop::new(report, response.as_ref()), json)
+    Ok(ObeyedStop::new(report, response.as_ref()))
 }
 
 /// Asks the daemon on a thread of its own, which is abandoned if it is not done in time: a process that was stopped may hold the

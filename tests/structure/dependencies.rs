@@ -18,6 +18,7 @@ const ORDER: &[(&str, &[&str])] = &[
     ("receiver", &["control", "bus", "config", "runtime", "wire"]),
     ("observe", &["control", "bus", "config"]),
     ("screen", &["bus", "config", "runtime", "observe"]),
+    ("view", &["control", "bus", "config", "observe"]),
     (
         "lab",
         &["control", "bus", "config", "runtime", "observe", "daemon", "plant-sim", "mocap-emu"],

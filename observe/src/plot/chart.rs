@@ -1,6 +1,7 @@
 //! One plot as SVG: axes and marks. The only module that uses plotters.
 //!
-//! The backend rounds to whole pixels; plots are therefore drawn at twice the size at which the page shows them.
+//! The backend rounds to whole pixels; plots are therefore drawn at twice the size at which the page shows them. Lines are written
+//! here, to a tenth of a pixel and in steps from point to point: shorter, and exact enough for a script to read values from them.
 
 use std::ops::Range;
 
@@ -38,6 +39,8 @@ pub enum Mark {
     Block(Ink, Point, Point),
     /// A disc; omitted if its centre cannot be drawn.
     Disc(Ink, Point),
+    /// A vertical line at an instant of the horizontal axis.
+    Instant(f64),
 }
 
 /// A plot.
@@ -77,6 +80,13 @@ impl Plot {
         self
     }
 
+    /// The area between the axes: left, top, right and bottom border \[pixels\].
+    pub fn borders(&self) -> [f64; 4] {
+        let (width, height) = self.area();
+        let (left, top) = (f64::from(self.label_width), f64::from(TOP));
+        [left, top, left + width, top + height]
+    }
+
     /// Draws the plot as SVG.
     pub fn to_svg(&self) -> String {
         let mut svg = String::new();
@@ -99,8 +109,65 @@ impl Plot {
             }
             root.present().expect(NEVER_FAILS);
         }
-        svg
+        let lines: String = self.shapes.iter().map(|shape| self.written(shape)).collect();
+        svg.replacen("</svg>", &format!("{lines}</svg>"), 1)
     }
+
+    /// The shapes that the backend does not draw, as SVG in tenths of a pixel.
+    fn written(&self, shape: &Mark) -> String {
+        let [left, top, right, bottom] = self.borders();
+        let part = |value: f64, axis: &Axis| {
+            (value - axis.range.start) / (axis.range.end - axis.range.start)
+        };
+        let x = |value| 10.0 * (left + part(value, &self.x) * (right - left));
+        let y = |value| 10.0 * (bottom - part(value, &self.y) * (bottom - top));
+        match shape {
+            Mark::Line(ink, width, points) => {
+                let steps = steps(points, |(a, b)| [x(a).round() as i64, y(b).round() as i64]);
+                format!(
+                    "<path class=\"line\" transform=\"scale(.1)\" fill=\"none\" stroke=\"{}\" stroke-width=\"{width}0\" \
+                     d=\"{steps}\"/>",
+                    ink.hex()
+                )
+            }
+            Mark::Instant(at) if self.x.range.contains(at) => format!(
+                "<path class=\"instant\" transform=\"scale(.1)\" stroke=\"{}\" stroke-width=\"20\" d=\"M{:.0} {:.0}V{:.0}\"/>",
+                Ink::Warning.hex(),
+                x(*at),
+                10.0 * top,
+                10.0 * bottom
+            ),
+            Mark::Disc(ink, (a, b)) if is_drawable_point(&(*a, *b)) => format!(
+                "<circle cx=\"{:.0}\" cy=\"{:.0}\" r=\"10\" fill=\"{}\"/>",
+                0.1 * x(*a),
+                0.1 * y(*b),
+                ink.hex()
+            ),
+            _ => String::new(),
+        }
+    }
+}
+
+/// The path through points, in steps from one to the next; a point that cannot be drawn is a gap.
+fn steps(points: &[Point], pixel: impl Fn(Point) -> [i64; 2]) -> String {
+    let mut text = String::new();
+    for run in points.split(|point| !is_drawable_point(point)).filter(|run| run.len() > 1) {
+        let mut last = [0; 2];
+        for (index, point) in run.iter().enumerate() {
+            let [x, y] = pixel(*point);
+            let [a, b] = if index == 0 { [x, y] } else { [x - last[0], y - last[1]] };
+            text += match index {
+                0 => "M",
+                1 => "l",
+                _ if a >= 0 => " ",
+                _ => "",
+            };
+            // A minus separates numbers, too.
+            text += &format!("{a}{}{b}", if b < 0 { "" } else { " " });
+            last = [x, y];
+        }
+    }
+    text
 }
 
 impl Ranged for Axis {
@@ -142,14 +209,6 @@ fn draw_axes(chart: &mut ChartContext<'_, SVGBackend<'_>, Plane>) {
 
 fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Mark) {
     match shape {
-        Mark::Line(ink, width, points) => {
-            let style = ink.color().stroke_width(*width);
-            for run in points.split(|point| !is_drawable_point(point)) {
-                if run.len() > 1 {
-                    plane.draw(&PathElement::new(run, style)).expect(NEVER_FAILS);
-                }
-            }
-        }
         Mark::Band(stretch) => {
             let y = plane.get_y_range();
             let corners = [(stretch.start, y.start), (stretch.end, y.end)];
@@ -159,10 +218,32 @@ fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Mark) {
         Mark::Block(ink, from, to) => {
             plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
         }
-        Mark::Disc(ink, center) => {
-            if is_drawable_point(center) {
-                plane.draw(&Circle::new(*center, 10, ink.color().filled())).expect(NEVER_FAILS);
-            }
-        }
+        Mark::Line(..) | Mark::Disc(..) | Mark::Instant(_) => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_is_written_in_steps_and_a_gap_begins_another() {
+        let points = [(0.0, 0.0), (2.0, -3.0), (1.0, 4.0), (f64::NAN, 0.0), (5.0, 5.0), (6.0, 5.0)];
+        let path = steps(&points, |(x, y)| [x as i64, y as i64]);
+        assert_eq!(path, "M0 0l2-3-1 7M5 5l1 0");
+    }
+
+    #[test]
+    fn lines_reach_from_border_to_border() {
+        let plot = Plot {
+            size: (400, 200),
+            label_width: 100,
+            x: Axis::linear(0.0..10.0, 5.0, ""),
+            y: Axis::linear(0.0..1.0, 5.0, ""),
+            shapes: vec![Mark::Line(Ink::Actual, 3, vec![(0.0, 0.0), (10.0, 1.0)])],
+        };
+        let [left, top, right, bottom] = plot.borders().map(|pixels| (10.0 * pixels) as i64);
+        let path = format!("M{left} {bottom}l{} {}", right - left, top - bottom).replace(" -", "-");
+        assert!(plot.to_svg().contains(&path), "{path} in {}", plot.to_svg());
     }
 }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use maud::{Markup, PreEscaped, html};
+use serde::Serialize;
 
 use super::axis::Axis;
 use super::chart::{Mark, Plot};
@@ -18,8 +19,44 @@ const PATH_HEIGHT: u32 = 900;
 const LABEL_WIDTH: u32 = 92;
 const LINE_WIDTH: u32 = 3;
 
+/// What a script needs to read values from the lines of a plot.
+#[derive(Serialize)]
+struct LinePlot<'a> {
+    /// Whether the horizontal axis is time, common to all such plots of the page.
+    is_time: bool,
+    x: [f64; 2],
+    y: [f64; 2],
+    /// Left, top, right and bottom border \[pixels\].
+    area: [f64; 4],
+    names: Vec<&'a str>,
+    /// Instants that are marked \[s\].
+    instants: Vec<f64>,
+}
+
 /// A figure of `plot`, with a legend if it has more than one entry.
 pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
+    framed(title, legend, (plot, None))
+}
+
+/// A figure whose values a script can read, on an axis of time if `is_time`.
+fn readable(title: &str, legend: &[(&str, Ink)], (plot, is_time): (&Plot, bool)) -> Markup {
+    let instant = |shape: &Mark| match shape {
+        Mark::Instant(at) => Some(*at),
+        _ => None,
+    };
+    let lines = LinePlot {
+        is_time,
+        x: [plot.x.range.start, plot.x.range.end],
+        y: [plot.y.range.start, plot.y.range.end],
+        area: plot.borders(),
+        names: legend.iter().map(|(name, _)| *name).collect(),
+        instants: plot.shapes.iter().filter_map(instant).collect(),
+    };
+    let data = serde_json::to_string(&lines).expect("numbers and names are plain JSON");
+    framed(title, legend, (plot, Some(data)))
+}
+
+fn framed(title: &str, legend: &[(&str, Ink)], (plot, data): (&Plot, Option<String>)) -> Markup {
     html! {
         figure.plot {
             figcaption {
@@ -32,29 +69,36 @@ pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
                     }
                 }
             }
-            div.scroll role="img" aria-label=(title) { (PreEscaped(plot.to_svg())) }
+            div.scroll role="img" aria-label=(title) data-plot=[data] { (PreEscaped(plot.to_svg())) }
         }
     }
 }
 
-/// A figure of traces over the time `span` \[s\], with the interval `shaded` \[s\] in the background.
-pub fn over_time(
-    title: &str,
-    traces: Vec<Trace>,
-    span: Range<f64>,
-    shaded: Option<Range<f64>>,
-) -> Markup {
+/// The axis of time of several figures.
+#[derive(Clone, Debug, Default)]
+pub struct TimeSpan {
+    /// From and to \[s\].
+    pub range: Range<f64>,
+    /// Interval that is shaded \[s\].
+    pub shaded: Option<Range<f64>>,
+    /// Instants that are marked \[s\].
+    pub instants: Vec<f64>,
+}
+
+/// A figure of traces over time.
+pub fn over_time(title: &str, traces: Vec<Trace>, span: &TimeSpan) -> Markup {
     let values = traces.iter().flat_map(|trace| &trace.points).map(|point| point.1);
     let legend: Vec<_> = traces.iter().map(|trace| (trace.name, trace.ink)).collect();
-    let band = shaded.map(Mark::Band);
+    let band = span.shaded.clone().map(Mark::Band);
+    let instants = span.instants.iter().copied().map(Mark::Instant);
     let plot = Plot {
         size: (HALF, HEIGHT),
         label_width: LABEL_WIDTH,
-        x: Axis::linear(span, 8.0, " s"),
+        x: Axis::linear(span.range.clone(), 8.0, " s"),
         y: Axis::fitting(values),
-        shapes: band.into_iter().chain(lines(traces)).collect(),
+        shapes: band.into_iter().chain(instants).chain(lines(traces)).collect(),
     };
-    figure(title, &legend, &plot)
+    readable(title, &legend, (&plot, true))
 }
 
 /// A figure of paths in a plane in equal scale, with marked points on top.
@@ -69,7 +113,7 @@ pub fn in_plane(title: &str, paths: Vec<Trace>, marks: Vec<Trace>) -> Markup {
         .flat_map(|mark| mark.points.into_iter().map(move |at| Mark::Disc(mark.ink, at)));
     let shapes = lines(paths).chain(discs).collect();
     let plot = Plot { size: (HALF, PATH_HEIGHT), label_width: LABEL_WIDTH, x, y, shapes };
-    figure(title, &legend, &plot.with_equal_scale())
+    readable(title, &legend, (&plot.with_equal_scale(), false))
 }
 
 fn lines(traces: Vec<Trace>) -> impl Iterator<Item = Mark> {

@@ -53,6 +53,11 @@ impl Ink {
         RGBColor(r, g, b)
     }
 
+    /// The colour in a plot, by which the style sheet selects.
+    pub fn hex(self) -> String {
+        hex(self.entry().2)
+    }
+
     /// The value in a style sheet.
     pub fn css(self) -> String {
         format!("var(--{})", self.entry().1)
@@ -64,9 +69,12 @@ impl Ink {
     }
 }
 
+fn hex([r, g, b]: [u8; 3]) -> String {
+    format!("#{r:02X}{g:02X}{b:02X}")
+}
+
 /// The style sheet of the palette.
 pub fn css() -> String {
-    let hex = |[r, g, b]: [u8; 3]| format!("#{r:02X}{g:02X}{b:02X}");
     let light = INKS.map(|(_, name, light, _)| format!("--{name}:{};", hex(light))).concat();
     let dark = INKS.map(|(_, name, _, dark)| format!("--{name}:{};", hex(dark))).concat();
     let shape = |name: &str, key: &str, property: &str| {

@@ -26,7 +26,10 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
 }
 
 /// The effective configuration of a recording.
-fn config(file: &RecordingFile) -> Result<Config, RecordingFileError> {
+///
+/// # Errors
+/// The recording has no configuration, or one that this version does not accept.
+pub fn config(file: &RecordingFile) -> Result<Config, RecordingFileError> {
     let name = format!("{} (config.toml)", file.path.display());
     Config::parse(&name, &file.config_text()?, &[])
         .map_err(|error| file.other_version(&format!("configuration ({error})")))

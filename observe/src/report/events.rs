@@ -1,10 +1,10 @@
 //! The section of events: phases, safety states, losses.
 
 use maud::{Markup, html};
-use oqtal_bus::code::{Cause, SafetyState};
-use oqtal_bus::message::TelemetryV1;
+use oqtal_bus::code::SafetyState;
 use oqtal_control::trajectory::Phase;
 
+use crate::event::changes;
 use crate::flight::FlightSample;
 use crate::summary::Summary;
 
@@ -74,7 +74,7 @@ pub fn list(events: impl Iterator<Item = (f64, String)>) -> Markup {
         @if !events.is_empty() {
             ol.events.wide {
                 @for (at, what) in events.iter().take(MOST_LISTED) {
-                    li { span.time { (format!("{at:.2} s")) } (what) }
+                    li data-t=(at) { span.time { (format!("{at:.2} s")) } (what) }
                 }
                 @if events.len() > MOST_LISTED { li { "… and " (events.len() - MOST_LISTED) " more" } }
             }
@@ -93,12 +93,13 @@ fn strip(timeline: &Timeline<'_>) -> Markup {
     let legend: Vec<_> =
         PHASES.map(|p| (p.1, p.2)).into_iter().chain(STATES.map(|s| (s.1, s.2))).collect();
     let phases = bands(timeline, |sample| phase(sample).filter(|_| sample.is_armed()), 1.0);
+    let instants = timeline.instants.iter().copied().map(Mark::Instant);
     let plot = Plot {
         size: (FULL, 250),
         label_width: 120,
         x: Axis::linear(timeline.range(), 16.0, " s"),
         y: Axis::rows(["phase", "state"].into_iter()),
-        shapes: phases.into_iter().chain(bands(timeline, state, 0.0)).collect(),
+        shapes: phases.into_iter().chain(bands(timeline, state, 0.0)).chain(instants).collect(),
     };
     html! { div.wide { (figure("Phases and safety states", &legend, &plot)) } }
 }
@@ -119,28 +120,4 @@ fn bands(
         }
     }
     bands
-}
-
-/// Changes of state and cause, losses, refusals and missed deadlines between two ticks.
-fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
-    let counted = [
-        ("poses lost", before.poses_lost, now.poses_lost),
-        ("poses refused", before.poses_refused, now.poses_refused),
-        ("deadlines missed", before.deadline_misses, now.deadline_misses),
-    ];
-    let state = (before.state, before.cause) != (now.state, now.cause);
-    let more = counted.into_iter().filter(|(_, before, now)| now > before);
-    let counts = more.map(|(name, before, now)| format!("{name}: {}", now - before));
-    state.then(|| describe(now)).into_iter().chain(counts).collect()
-}
-
-/// Safety state and cause as text.
-fn describe(telemetry: &TelemetryV1) -> String {
-    let state = SafetyState::from_code(telemetry.state);
-    let state = state.map_or_else(|| "unknown state".to_owned(), |state| state.to_string());
-    match Cause::from_code(telemetry.cause) {
-        None => format!("{state}: unknown cause"),
-        Some(Cause::None) => state,
-        Some(cause) => format!("{state}: {cause}"),
-    }
 }

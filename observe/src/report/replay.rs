@@ -52,9 +52,7 @@ impl ArrivalIntervals {
 
     /// Median interval \[ms\]; NaN without intervals.
     pub fn median_ms(&self) -> f64 {
-        let mut lengths: Vec<f64> = self.lengths_ms().collect();
-        lengths.sort_by(f64::total_cmp);
-        lengths.get(lengths.len() / 2).copied().unwrap_or(f64::NAN)
+        self.quantile_ms(0.5)
     }
 
     /// Standard deviation of the intervals that are no gaps \[ms\]; NaN without intervals.
@@ -68,6 +66,25 @@ impl ArrivalIntervals {
     /// Maximum interval \[ms\]; NaN without intervals.
     pub fn longest_ms(&self) -> f64 {
         self.lengths_ms().fold(f64::NAN, f64::max)
+    }
+
+    /// Mean rate from the first to the last pose \[Hz\]; NaN without intervals.
+    pub fn mean_hz(&self) -> f64 {
+        self.intervals.len() as f64 / (self.lengths_ms().sum::<f64>() * 1e-3)
+    }
+
+    /// Interval that a part `share` of the intervals does not exceed \[ms\]; NaN without intervals.
+    fn quantile_ms(&self, share: f64) -> f64 {
+        let mut lengths: Vec<f64> = self.lengths_ms().collect();
+        lengths.sort_by(f64::total_cmp);
+        let index = (lengths.len() as f64 * share) as usize;
+        lengths.get(index.min(lengths.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+    }
+
+    /// Number of gaps and time in them \[s\].
+    fn gaps(&self) -> (usize, f64) {
+        let gaps: Vec<f64> = self.lengths_ms().filter(|length| *length > GAP_MS).collect();
+        (gaps.len(), gaps.iter().sum::<f64>() * 1e-3)
     }
 
     fn lengths_ms(&self) -> impl Iterator<Item = f64> {
@@ -85,12 +102,38 @@ pub fn replay(timeline: &Timeline<'_>, arrivals: &ArrivalIntervals) -> Markup {
         "Arrival of poses",
         html! {
             div.wide { (intervals(arrivals)) }
-            p.note.wide {
-                "Frames lost: " (arrivals.frames_lost()) ". Gaps over " (GAP_MS) " ms: " (gaps.clone().count()) "."
-            }
+            (table(arrivals))
             (list(gaps.map(|gap| (timeline.seconds(gap.from), what(gap)))))
         },
     )
+}
+
+/// A time \[ms\] as text; less than a microsecond is rounding.
+pub fn milliseconds(value: f64) -> String {
+    if value < 1e-3 { "0 ms".to_owned() } else { format!("{} ms", significant(value)) }
+}
+
+/// The figures of the arrivals: rate, gaps, jitter.
+fn table(arrivals: &ArrivalIntervals) -> Markup {
+    let (gaps, in_gaps_s) = arrivals.gaps();
+    let frames = arrivals.poses as u64 + arrivals.frames_lost();
+    let share = 100.0 * arrivals.frames_lost() as f64 / frames.max(1) as f64;
+    let rows = [
+        ("Poses", arrivals.poses.to_string()),
+        ("Mean rate", format!("{} Hz", significant(arrivals.mean_hz()))),
+        ("Rate by the median interval", format!("{} Hz", significant(1e3 / arrivals.median_ms()))),
+        ("Interval, median", milliseconds(arrivals.median_ms())),
+        ("Interval, p99", milliseconds(arrivals.quantile_ms(0.99))),
+        ("Interval, longest", milliseconds(arrivals.longest_ms())),
+        ("Jitter, rms, gaps left out", milliseconds(arrivals.jitter_ms())),
+        ("Frames lost", format!("{} ({} %)", arrivals.frames_lost(), significant(share))),
+        ("Gaps over 50 ms", format!("{gaps}, {} s in all", significant(in_gaps_s))),
+    ];
+    html! {
+        div.wide.scroll {
+            table.facts { tbody { @for (name, value) in rows { tr { th { (name) } td { (value) } } } } }
+        }
+    }
 }
 
 /// The histogram of the intervals, up to a gap or three times the median.

@@ -6,20 +6,26 @@ use maud::Markup;
 
 use oqtal_bus::time::Time;
 
+use crate::fault::InjectedFault;
 use crate::flight::{Flight, FlightSample};
 use crate::plot::axis::{extent, is_drawable};
-use crate::plot::figure;
+use crate::plot::figure::{self, TimeSpan};
 use crate::plot::palette::Ink;
 use crate::plot::trace::{Point, Trace, thin, thin_path};
 
+/// Number of instants that are marked in every plot.
+const MOST_INSTANTS: usize = 40;
+
 /// The part of a flight that the report shows, on an axis of seconds.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Timeline<'a> {
     /// The flight.
     pub flight: &'a Flight,
     /// Ticks from the origin on.
     pub samples: &'a [FlightSample],
     origin: Time,
+    /// Changes of the safety state, beginnings and ends of faults \[s\], the first ones.
+    pub instants: Vec<f64>,
 }
 
 impl<'a> Timeline<'a> {
@@ -27,7 +33,22 @@ impl<'a> Timeline<'a> {
     pub fn new(flight: &'a Flight) -> Self {
         let origin = flight.origin();
         let start = flight.samples.partition_point(|sample| sample.telemetry.time < origin);
-        Self { flight, samples: &flight.samples[start..], origin }
+        let samples = &flight.samples[start..];
+        let mut timeline = Self { flight, samples, origin, instants: Vec::new() };
+        timeline.instants = timeline.find_instants();
+        timeline
+    }
+
+    fn find_instants(&self) -> Vec<f64> {
+        let condition = |sample: &FlightSample| (sample.telemetry.state, sample.telemetry.cause);
+        let pairs = self.samples.windows(2);
+        let changed = pairs.filter(|pair| condition(&pair[0]) != condition(&pair[1]));
+        let faults = InjectedFault::all(self.flight);
+        let faults = faults.iter().flat_map(|fault| [Some(fault.from_s), fault.until_s]).flatten();
+        let mut instants: Vec<f64> = changed.map(|pair| self.at(&pair[1])).chain(faults).collect();
+        instants.sort_by(f64::total_cmp);
+        instants.truncate(MOST_INSTANTS);
+        instants
     }
 
     /// `time` on the axis \[s\].
@@ -115,7 +136,12 @@ impl<'a> Timeline<'a> {
     }
 }
 
-/// A figure of traces over the time of the flight, with the scored window shaded.
+/// A figure of traces over the time of the flight, with the scored window shaded and events marked.
 pub fn over_time(timeline: &Timeline<'_>, title: &str, traces: Vec<Trace>) -> Markup {
-    figure::over_time(title, traces, timeline.range(), timeline.scored())
+    let span = TimeSpan {
+        range: timeline.range(),
+        shaded: timeline.scored(),
+        instants: timeline.instants.clone(),
+    };
+    figure::over_time(title, traces, &span)
 }

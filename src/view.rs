@@ -1,0 +1,181 @@
+//! `oqtal view`: a page in the browser for a running instance or a recording.
+
+mod operator;
+
+use std::io::Read;
+use std::net::{SocketAddr, TcpListener};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use oqtal_bus::bus::Bus;
+use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::time::Time;
+use oqtal_config::Config;
+use oqtal_observe::observer::BusObserver;
+use oqtal_runtime::health::HEALTH_PERIOD;
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
+use oqtal_runtime::program::say;
+use oqtal_runtime::stop::StopFlag;
+use oqtal_view::access::Access;
+use oqtal_view::hub::Hub;
+use oqtal_view::live::LiveView;
+use oqtal_view::recorded::RecordedView;
+use oqtal_view::scene::SceneDescription;
+use oqtal_view::server;
+use oqtal_view::site::{Site, Subject};
+
+use crate::record::require_daemon;
+use crate::recordings::{self, failure};
+use operator::BusOperator;
+
+/// Period of updates: 40 in a second.
+const UPDATE_PERIOD: Duration = Duration::from_millis(25);
+/// Period at which it is checked whether the command is interrupted, while a recording is shown.
+const CHECK_PERIOD: Duration = Duration::from_millis(50);
+/// Health messages older than this many of their periods are ignored.
+const SILENT_PERIODS: f64 = 3.0;
+/// Random bytes of a token.
+const TOKEN_BYTES: usize = 16;
+
+/// Arguments of `oqtal view`.
+#[derive(Args, Debug)]
+pub struct ViewArgs {
+    /// A recording; without one the running instance is shown
+    file: Option<PathBuf>,
+    /// Address and port of the page; another address than this machine's own needs --token. Port 0 is any free one
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8600")]
+    listen: SocketAddr,
+    /// Offer arm, land and stop to whoever has the token that is printed
+    #[arg(long, conflicts_with = "file")]
+    control: bool,
+    /// Show nothing without the token that is printed
+    #[arg(long)]
+    token: bool,
+    /// Wait for an instance if none is running
+    #[arg(long, conflicts_with = "file")]
+    wait: bool,
+    #[command(flatten)]
+    common: CommonArgs,
+}
+
+impl ViewArgs {
+    /// Serves the page until it is interrupted.
+    ///
+    /// # Errors
+    /// The address needs a token (exit code 64) or is in use (71); the file is no recording (65) or of another version (76); no
+    /// daemon runs (75, without `--wait`).
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let token = (self.control || self.token).then(new_token).transpose()?;
+        let access = Access::new(self.listen, self.control, self.token, token);
+        let access = access.ok_or_else(|| needs_token(self.listen))?;
+        match &self.file {
+            Some(file) => self.show_recording(file, access),
+            None => self.show_instance(access),
+        }
+    }
+
+    fn show_recording(&self, file: &Path, access: Access) -> Result<Exit, Failure> {
+        let RecordedView { scene, document } =
+            RecordedView::of(&recordings::read(file)?).map_err(failure)?;
+        let stop = stop_on_signals()?;
+        let site = Site::new(access.clone(), &scene, Subject::Recorded(document));
+        self.open(site, &access, &file.display().to_string())?;
+        while !stop.is_set() {
+            std::thread::sleep(CHECK_PERIOD);
+        }
+        Ok(Exit::Ok)
+    }
+
+    fn show_instance(&self, access: Access) -> Result<Exit, Failure> {
+        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let paths = instance_paths(&config)?;
+        paths.become_owner()?;
+        let stop = stop_on_signals()?;
+        let bus = Bus::open(&paths)?;
+        if !self.wait {
+            require_daemon(&bus, &config.instance.name, "open the page with --wait")?;
+        }
+        let hub = Arc::new(Hub::default());
+        let site = self.live_site((&access, paths), &config, &hub);
+        let observer = BusObserver::open(&bus, &LiveView::topics())?;
+        self.open(site, &access, &format!("instance `{}`", config.instance.name))?;
+        feed(observer, &config, (&hub, &stop))?;
+        Ok(Exit::Ok)
+    }
+
+    fn live_site(
+        &self,
+        (access, paths): (&Access, InstancePaths),
+        config: &Config,
+        hub: &Arc<Hub>,
+    ) -> Site {
+        let scene = SceneDescription::of_instance(config, self.control);
+        let operator = BusOperator::new(paths, config.clone(), self.common.config.is_some());
+        let operator = self.control.then(|| Box::new(operator) as _);
+        Site::new(access.clone(), &scene, Subject::Live(Arc::clone(hub), operator))
+    }
+
+    /// Begins to serve the site, and says where it is.
+    fn open(&self, site: Site, access: &Access, subject: &str) -> Result<(), Failure> {
+        let failed = |error: std::io::Error| {
+            let message = format!("{}: {error}; choose another with --listen", self.listen);
+            Failure::new(Exit::System, message)
+        };
+        let listener = TcpListener::bind(self.listen).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let site = Arc::new(site);
+        std::thread::Builder::new()
+            .name("pages".to_owned())
+            .spawn(move || server::serve(&listener, &site))
+            .map_err(failed)?;
+        say(&format!("oqtal: http://{address}/ shows {subject}; Ctrl-C ends"));
+        if let Some(token) = &access.token {
+            let purpose = match (self.control, access.guards_reading) {
+                (true, true) => "to see it, to arm, land and stop",
+                (true, false) => "to arm, land and stop",
+                (false, _) => "to see it",
+            };
+            say(&format!("oqtal: token {purpose}: {token}"));
+        }
+        if !access.is_loopback {
+            say(
+                "oqtal: token and page cross the network unencrypted: use a network that is yours alone, or an ssh tunnel",
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Feeds the pages until the command is interrupted.
+fn feed(
+    mut observer: BusObserver<Bus>,
+    config: &Config,
+    (hub, stop): (&Hub, &StopFlag),
+) -> Result<(), Failure> {
+    let mut view = LiveView::new(config, HEALTH_PERIOD.scaled(SILENT_PERIODS));
+    while !stop.is_set() {
+        std::thread::sleep(UPDATE_PERIOD);
+        let now = Time::now();
+        observer.poll(now, &mut view)?;
+        let (collected, status) = view.take(now);
+        hub.publish(&collected, status);
+    }
+    Ok(())
+}
+
+fn needs_token(listen: SocketAddr) -> Failure {
+    let message = format!(
+        "--listen {listen}: other machines can reach this address; give --token, so that the page is shown to those alone who have it"
+    );
+    Failure::new(Exit::Usage, message)
+}
+
+/// A token that cannot be guessed.
+fn new_token() -> Result<String, Failure> {
+    let mut bytes = [0; TOKEN_BYTES];
+    let read = std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes));
+    read.map_err(|error| Failure::new(Exit::System, format!("/dev/urandom: {error}")))?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}

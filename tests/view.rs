@@ -1,0 +1,241 @@
+//! The page of `oqtal view`: in a browser, with ten pages open, and when it is used badly.
+//!
+//! The browser is Chromium, driven by `tests/peers/view_page.js`: `OQTAL_PEERS_NODE` names a folder with the packages of
+//! `tests/peers/package.json`, `OQTAL_PEERS_CHROMIUM` the program if it is not in the search path. `.ci/run` installs both. Without
+//! them these tests are skipped with a message. `VIEW_STUDY_S` is the length of the flights beside which ten pages are open.
+
+mod common;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use common::{Running, Testbed, number, signal, stderr};
+use oqtal_observe::latency::WHOLE;
+use rustix::process::Signal;
+use serde_json::Value;
+
+const HOVER: [&str; 6] =
+    ["--trajectory", "hover", "--duration", "1", "--set", "trajectory.settle-s=0.5"];
+
+/// A running `oqtal view`; ended when dropped.
+struct View {
+    child: Child,
+    address: SocketAddr,
+    token: String,
+    _messages: BufReader<ChildStderr>,
+}
+
+impl View {
+    /// Starts `oqtal view` at a free port, and waits until it serves the page.
+    fn start(testbed: &Testbed, words: &[&str]) -> Self {
+        let mut command = testbed.oqtal(&[&["view", "--listen", "127.0.0.1:0"], words].concat());
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+        let mut messages = BufReader::new(child.stderr.take().unwrap());
+        let mut line = || {
+            let mut line = String::new();
+            messages.read_line(&mut line).unwrap();
+            line
+        };
+        let first = line();
+        let address = first.split("http://").nth(1).and_then(|rest| rest.split('/').next());
+        let address = address.unwrap_or_else(|| panic!("{words:?}: {first}")).parse().unwrap();
+        let token = if words.contains(&"--control") { line() } else { String::new() };
+        let token = token.rsplit(": ").next().unwrap().trim().to_owned();
+        Self { child, address, token, _messages: messages }
+    }
+
+    fn url(&self) -> String {
+        format!("http://{}/", self.address)
+    }
+
+    /// Sends a request and returns the status of the answer.
+    fn status(&self, head: &str, body: &str) -> u16 {
+        let mut stream = TcpStream::connect(self.address).unwrap();
+        let length = body.len();
+        write!(stream, "{head}\r\ncontent-length: {length}\r\n\r\n{body}").unwrap();
+        let mut answer = [0; 12];
+        stream.read_exact(&mut answer).unwrap();
+        std::str::from_utf8(&answer[9..]).unwrap().parse().unwrap()
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        signal(self.child.id(), Signal::INT);
+        let _ = self.child.wait();
+    }
+}
+
+/// What a browser sees of the page; `None` without a browser.
+fn browser(view: &View, what: &str) -> Option<Value> {
+    let Some(folder) = std::env::var_os("OQTAL_PEERS_NODE") else {
+        println!("skipped: OQTAL_PEERS_NODE names no folder with playwright-core");
+        return None;
+    };
+    let named = std::env::var_os("OQTAL_PEERS_CHROMIUM");
+    let paths = std::env::var_os("PATH").unwrap_or_default();
+    let found = std::env::split_paths(&paths).map(|folder| folder.join("chromium"));
+    let found = named.map(Into::into).or_else(|| found.into_iter().find(|path| path.exists()));
+    let Some(chromium) = found else {
+        println!("skipped: no Chromium; install it with: sudo apt-get install chromium");
+        return None;
+    };
+    let mut command = Command::new("node");
+    command.env("NODE_PATH", std::path::Path::new(&folder).join("node_modules"));
+    command.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/view_page.js")).arg(chromium);
+    let output = command.args([&view.url(), what, &view.token]).output().unwrap();
+    assert!(output.status.success(), "{what}: {}", stderr(&output));
+    let seen: Value = serde_json::from_slice(&output.stdout).unwrap();
+    println!("{what}: {seen}");
+    assert_eq!(seen["errors"], Value::Array(Vec::new()), "errors on the console");
+    assert_eq!(seen["elsewhere"], Value::Array(Vec::new()), "requests elsewhere");
+    Some(seen)
+}
+
+fn processes(testbed: &Testbed) -> [Running; 3] {
+    let hover = ["--set", "trajectory.kind=hover"];
+    ["plant-sim", "mocap-emu", "daemon"]
+        .map(|process| testbed.start(&[&[process, "run"], &hover[..]].concat()))
+}
+
+#[test]
+fn a_browser_follows_a_flight_that_it_arms_and_lands() {
+    let testbed = Testbed::new("view-control");
+    let _processes = processes(&testbed);
+    let view = View::start(&testbed, &["--control", "--wait"]);
+    let Some(seen) = browser(&view, "control") else { return };
+    assert_eq!(seen["refused"]["here"], 401, "a command without the token");
+    assert!(
+        ["blocked", "403"].contains(&&*seen["refused"]["foreign"].to_string().replace('"', ""))
+    );
+    assert!(seen["armed"].as_str().unwrap().starts_with("arm"), "{seen}");
+    assert!(seen["landing"].as_str().unwrap().starts_with("land: "), "{seen}");
+    assert!(number(&seen, "/pixels") > 100.0, "no path is drawn");
+}
+
+#[test]
+fn a_browser_sees_numbers_change_and_nothing_to_command_without_control() {
+    let testbed = Testbed::new("view-live");
+    let _processes = processes(&testbed);
+    let view = View::start(&testbed, &["--wait"]);
+    let host = format!("Host: {}", view.address);
+    let post = format!("POST /control HTTP/1.1\r\n{host}");
+    assert_eq!(view.status(&post, r#"{"command": "arm"}"#), 403);
+    assert_eq!(view.status(&format!("{post}\r\nAuthorization: Bearer x"), "{}"), 403);
+    let Some(seen) = browser(&view, "live") else { return };
+    assert_eq!(seen["control"], false);
+}
+
+#[test]
+fn a_recording_is_shown_and_played_and_turned() {
+    let testbed = Testbed::new("view-file");
+    testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
+    let view = View::start(&testbed, &["d/flight.mcap"]);
+    let host = format!("Host: {}", view.address);
+    assert_eq!(view.status(&format!("GET /recording HTTP/1.1\r\n{host}"), ""), 200);
+    assert_eq!(view.status(&format!("GET /live HTTP/1.1\r\n{host}"), ""), 404);
+    let Some(seen) = browser(&view, "recorded") else { return };
+    assert!(number(&seen, "/pixels") > 100.0 && number(&seen, "/events") > 1.0, "{seen}");
+    assert_eq!(seen["turned"], true);
+}
+
+/// Runs `oqtal view` with `words`, which must fail with this code; returns the message.
+fn fails(testbed: &Testbed, words: &[&str], code: i32) -> String {
+    let output = testbed.oqtal(&[&["view"], words].concat()).output().unwrap();
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{words:?}: {message}");
+    message
+}
+
+#[test]
+fn bad_use_has_its_message_and_exit_code() {
+    let testbed = Testbed::new("view-bad");
+    testbed.write("a.mcap", "no recording");
+    assert!(fails(&testbed, &["a.mcap"], 65).contains("a.mcap is no recording"));
+    assert!(fails(&testbed, &["none.mcap"], 65).contains("none.mcap"));
+    assert!(fails(&testbed, &["a.mcap", "--control"], 64).contains("--control"));
+    let outside = fails(&testbed, &["--listen", "0.0.0.0:0"], 64);
+    assert!(outside.contains("0.0.0.0:0") && outside.contains("--token"), "{outside}");
+    let none = fails(&testbed, &["--listen", "127.0.0.1:0"], 75);
+    assert!(none.contains("no daemon answers") && none.contains("--wait"), "{none}");
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let busy = fails(&testbed, &["--wait", "--listen", &address], 71);
+    assert!(busy.contains(&address) && busy.contains("--listen"), "{busy}");
+}
+
+#[test]
+fn a_recording_that_is_cut_off_is_shown_and_one_of_another_version_is_not() {
+    let testbed = Testbed::new("view-cut");
+    testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
+    let mut bytes = std::fs::read(testbed.path("d/flight.mcap")).unwrap();
+    std::fs::write(testbed.path("cut.mcap"), &bytes[..bytes.len() * 2 / 3]).unwrap();
+    let mut command = testbed.oqtal(&["view", "--listen", "127.0.0.1:0", "cut.mcap"]);
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+    let mut messages = BufReader::new(child.stderr.take().unwrap()).lines();
+    let first = messages.next().unwrap().unwrap();
+    signal(child.id(), Signal::INT);
+    child.wait().unwrap();
+    assert!(first.contains("cut.mcap is cut off"), "{first}");
+    // The layout of the recording is a fact of its metadata: key, length, value.
+    let key = b"layout";
+    let at = bytes.windows(key.len()).position(|part| part == key).unwrap() + key.len() + 4;
+    bytes[at] = b'9';
+    std::fs::write(testbed.path("other.mcap"), &bytes).unwrap();
+    let other = fails(&testbed, &["other.mcap"], 76);
+    assert!(other.contains(env!("CARGO_PKG_VERSION")) && other.contains("layout"), "{other}");
+}
+
+/// A page that reads its updates until the server ends, and counts them.
+fn reader(address: SocketAddr, updates: &Arc<AtomicU64>) {
+    let mut stream = TcpStream::connect(address).unwrap();
+    write!(stream, "GET /live HTTP/1.1\r\nHost: {address}\r\n\r\n").unwrap();
+    let updates = Arc::clone(updates);
+    std::thread::spawn(move || {
+        for line in BufReader::new(stream).lines() {
+            if line.is_ok_and(|line| line.starts_with('{')) {
+                updates.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    });
+}
+
+/// Two flights in real time, side by side: alone, and with ten pages open.
+#[test]
+fn ten_pages_cost_the_loop_nothing() {
+    let study_s = std::env::var("VIEW_STUDY_S").ok();
+    let duration = study_s.as_deref().unwrap_or("2");
+    let flight = |pages: usize| {
+        let testbed = Testbed::new("view-ten");
+        let view = (pages > 0).then(|| View::start(&testbed, &["--wait"]));
+        let counts: Vec<Arc<AtomicU64>> = (0..pages).map(|_| Arc::default()).collect();
+        for count in &counts {
+            reader(view.as_ref().unwrap().address, count);
+        }
+        let words = ["--trajectory", "hover", "--duration", duration, "--out", "d"];
+        let summary = testbed.summary(&words);
+        let read: Vec<u64> = counts.iter().map(|count| count.load(Ordering::Relaxed)).collect();
+        (summary, read)
+    };
+    let (alone, _) = flight(0);
+    let (watched, updates) = flight(10);
+    let hop = |summary: &Value, name: &str| number(summary, &format!("/hops/{name}/p99_ns")) * 1e-3;
+    for name in alone["hops"].as_object().unwrap().keys() {
+        let (a, b) = (hop(&alone, name), hop(&watched, name));
+        println!("{name}: p99 {a:.1} µs alone, {b:.1} µs with ten pages, ratio {:.3}", b / a);
+    }
+    let misses = |summary| number(summary, "/deadline_misses");
+    println!("deadlines missed: {} alone, {} with ten pages", misses(&alone), misses(&watched));
+    let seconds = number(&watched, "/duration_s");
+    println!("updates of each page in {seconds:.1} s: {updates:?}");
+    assert!(updates.iter().all(|count| *count > 0), "{updates:?}");
+    // Only a study is on a machine of its own.
+    if study_s.is_some() {
+        assert_eq!(misses(&watched), 0.0);
+        assert!(hop(&watched, WHOLE) <= 1.1 * hop(&alone, WHOLE));
+        assert!(updates.iter().all(|count| *count as f64 > 30.0 * seconds), "{updates:?}");
+    }
+}

@@ -1,0 +1,59 @@
+// Commands of an operator: the token first, then arm (twice, to be sure), land, stop.
+
+import { Refused, command, hasToken, setToken } from "./feed.js";
+
+const SURE_MS = 4000;
+
+const element = (id) => document.getElementById(id);
+
+export function offerControl() {
+  element("control").hidden = false;
+  element("unlock").addEventListener("submit", (event) => {
+    event.preventDefault();
+    setToken(element("token").value);
+    element("token").value = "";
+    unlock();
+  });
+  let sure = 0;
+  element("arm").addEventListener("click", () => {
+    clearTimeout(sure);
+    const isSure = element("arm").classList.toggle("sure");
+    element("arm").textContent = isSure ? "Sure?" : "Arm";
+    if (isSure) sure = setTimeout(() => element("arm").classList.contains("sure") && reset(), SURE_MS);
+    else send("arm");
+  });
+  element("land").addEventListener("click", () => send("land"));
+  element("stop").addEventListener("click", () => send("stop"));
+  if (hasToken()) unlock();
+}
+
+function reset() {
+  element("arm").classList.remove("sure");
+  element("arm").textContent = "Arm";
+}
+
+// Asks for the status, which needs the token as well.
+async function unlock() {
+  if (!(await send("status"))) return;
+  element("unlock").hidden = true;
+  element("commands").hidden = false;
+}
+
+// Sends a command and shows the answer; returns whether the token is right.
+async function send(name) {
+  const answer = element("answer");
+  answer.className = "answer muted";
+  answer.textContent = `${name} …`;
+  try {
+    answer.textContent = await command(name);
+    return true;
+  } catch (error) {
+    answer.className = "answer bad";
+    answer.textContent = error instanceof Refused ? error.message : "the program does not answer";
+    if (error.status === 401) {
+      element("unlock").hidden = false;
+      element("commands").hidden = true;
+    }
+    return error instanceof Refused && error.status !== 401;
+  }
+}

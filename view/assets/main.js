@@ -1,0 +1,143 @@
+// The page: a running instance as it is now, or a recording at the time of the slider.
+
+import { Charts } from "./charts.js";
+import { offerControl } from "./control.js";
+import { Refused, follow, load, setToken } from "./feed.js";
+import { Panel } from "./panel.js";
+import { Player } from "./player.js";
+import { Room } from "./room.js";
+import { Store } from "./store.js";
+
+const element = (id) => document.getElementById(id);
+
+function tell(text, mood) {
+  element("connection").textContent = text;
+  element("connection").className = `badge ${mood}`;
+}
+
+function notice(text) {
+  element("notice").textContent = text;
+  element("notice").hidden = !text;
+}
+
+// The scene, once the server admits this page.
+async function enter() {
+  for (;;) {
+    try {
+      return await load("scene");
+    } catch (error) {
+      if (!(error instanceof Refused && error.status === 401)) {
+        tell(error.message, "bad");
+        throw error;
+      }
+      tell("locked", "warning");
+      await askToken();
+    }
+  }
+}
+
+function askToken() {
+  element("gate").hidden = false;
+  return new Promise((resolve) => {
+    element("gate").addEventListener("submit", (event) => {
+      event.preventDefault();
+      setToken(element("gate-token").value);
+      element("gate-token").value = "";
+      element("gate").hidden = true;
+      resolve();
+    }, { once: true });
+  });
+}
+
+function buttons(room) {
+  element("view-flight").addEventListener("click", () => {
+    Object.assign(room.orbit, { azimuth: -2.15, elevation: 0.45 });
+    room.isTouched = false;
+  });
+  element("view-room").addEventListener("click", () => room.showRoom());
+  element("view-top").addEventListener("click", () => room.showTop());
+  element("view-follow").addEventListener("click", () => {
+    room.isFollowing = !room.isFollowing;
+    room.isTouched = true;
+    element("view-follow").setAttribute("aria-pressed", String(room.isFollowing));
+  });
+}
+
+// Updates in the latest second, as the connection shows them.
+class Rate {
+  constructor() {
+    this.arrivals = [];
+  }
+
+  count(now) {
+    this.arrivals.push(now);
+    while (this.arrivals[0] < now - 1000) this.arrivals.shift();
+    return this.arrivals.length;
+  }
+}
+
+function live(store, panel) {
+  const rate = new Rate();
+  let shown = 0;
+  follow({
+    begin: () => store.clear(),
+    take: (update) => {
+      store.add(update);
+      const now = performance.now();
+      const updates = rate.count(now);
+      if (update.status) {
+        notice(panel.status(update.status));
+        const silence = update.status.silence_s;
+        if (silence === null) tell("waiting for the first tick", "warning");
+        else if (silence > 1) tell(`no tick for ${silence.toFixed(0)} s`, "bad");
+        else if (now - shown > 900) tell(`live · ${updates} updates/s`, "good");
+        if (silence !== null && silence <= 1 && now - shown > 900) shown = now;
+      }
+    },
+    tell: (text) => tell(text, "bad"),
+  });
+  return () => store.last(store.ticks)?.[0] ?? 0;
+}
+
+async function recorded(store, player) {
+  const recording = await load("recording");
+  store.add(recording);
+  const { ticks } = store;
+  tell(`recording · ${ticks.length ? (store.last(ticks)[0] - ticks[0][0]).toFixed(1) : 0} s`, "good");
+  const thinned = recording.thinning > 1 ? `One tick in ${recording.thinning} is shown. ` : "";
+  const cut = recording.cut_off ? `The file is cut off (${recording.cut_off}) and shown up to there.` : "";
+  notice(thinned + cut);
+  player.made = new Player(ticks[0]?.[0] ?? 0, ticks.length ? store.last(ticks)[0] : 1);
+  let last = performance.now();
+  return () => {
+    const now = performance.now();
+    const elapsed = (now - last) / 1000;
+    last = now;
+    return player.made.advance(elapsed);
+  };
+}
+
+async function main() {
+  const scene = await enter();
+  const store = new Store(scene);
+  const player = {};
+  const seek = scene.is_live ? null : (t) => player.made?.seek(t);
+  document.body.className = scene.is_live ? "live" : "recorded";
+  element("main").hidden = false;
+  const panel = new Panel(scene, store, seek);
+  const room = new Room(element("room"), scene, store);
+  const charts = new Charts(element("charts"), scene, store, seek);
+  buttons(room);
+  if (scene.has_control) offerControl();
+  const time = scene.is_live ? live(store, panel) : await recorded(store, player);
+  const frame = () => {
+    const t = time();
+    room.draw(t);
+    charts.draw(t);
+    panel.draw(t);
+    requestAnimationFrame(frame);
+  };
+  frame();
+}
+
+main();

@@ -1,0 +1,57 @@
+// Rows and events of the instance or the recording, in the order of time.
+
+const MOST_ROWS = 9000;
+const MOST_EVENTS = 500;
+
+export class Store {
+  constructor(scene) {
+    this.tick = index(scene.tick_columns);
+    this.vehicle = index(scene.vehicle_columns);
+    this.isBounded = scene.is_live;
+    this.clear();
+  }
+
+  clear() {
+    this.ticks = [];
+    this.vehicles = [];
+    this.events = [];
+    this.version = 0;
+  }
+
+  // Adds an update. Time that begins again is another flight in virtual time.
+  add({ ticks, vehicles, events }) {
+    if (ticks.length && this.ticks.length && ticks[0][0] < this.last(this.ticks)[0]) this.clear();
+    append(this.ticks, ticks, this.isBounded ? MOST_ROWS : Infinity);
+    append(this.vehicles, vehicles, this.isBounded ? MOST_ROWS : Infinity);
+    append(this.events, events, this.isBounded ? MOST_EVENTS : Infinity);
+    this.version += 1;
+  }
+
+  last(rows) {
+    return rows[rows.length - 1];
+  }
+
+  // Number of rows up to the time `t`.
+  until(rows, t) {
+    let [low, high] = [0, rows.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (rows[middle][0] <= t) low = middle + 1; else high = middle;
+    }
+    return low;
+  }
+
+  // The row at the time `t`; the first one before all.
+  at(rows, t) {
+    return rows[Math.max(0, this.until(rows, t) - 1)];
+  }
+}
+
+function index(columns) {
+  return Object.fromEntries(columns.map((name, column) => [name, column]));
+}
+
+function append(rows, added, most) {
+  for (const row of added) rows.push(row);
+  if (rows.length > most) rows.splice(0, rows.length - most + (most >> 3));
+}

@@ -1,0 +1,294 @@
+//! The sink that makes rows and events of the messages of an instance.
+
+use std::collections::VecDeque;
+
+use oqtal_bus::code::SafetyState;
+use oqtal_bus::message::{InputV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, Interface};
+use oqtal_observe::event::{self, DaemonCondition};
+use oqtal_observe::flight::FlightSample;
+use oqtal_observe::sink::{ObservedTopic, Reception, Sink};
+use serde::Serialize;
+
+use crate::row::{self, TickRow, VehicleRow};
+
+/// Number of samples of the truth that are kept: more than arrive between two polls.
+const TRUTHS_KEPT: usize = 2048;
+/// Greatest distance of a tick from the truth that it is compared with.
+const TRUTH_DISTANCE: Span = Span::from_millis(10);
+/// Greatest number of events between two calls of [`Collector::take`]; further ones are counted.
+const MOST_EVENTS: usize = 4096;
+
+/// How serious an event is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EventMood {
+    /// Expected.
+    Neutral,
+    /// Everything is well again.
+    Good,
+    /// The flight goes on.
+    Warning,
+    /// The flight ends.
+    Bad,
+}
+
+/// An event.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ViewedEvent {
+    /// Time since the origin \[s\].
+    #[serde(rename = "t")]
+    pub t_s: f64,
+    /// How serious it is.
+    pub mood: EventMood,
+    /// In words.
+    pub text: String,
+}
+
+/// Rows and events in the order of time.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Collected {
+    /// Ticks.
+    pub ticks: Vec<TickRow>,
+    /// Vehicle messages.
+    pub vehicles: Vec<VehicleRow>,
+    /// Events.
+    pub events: Vec<ViewedEvent>,
+}
+
+impl Collected {
+    /// Whether there is nothing.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.ticks.is_empty() && self.vehicles.is_empty() && self.events.is_empty()
+    }
+}
+
+/// Collects what the pages show of one instance.
+#[derive(Debug)]
+pub struct Collector {
+    interface: Interface,
+    has_truth: bool,
+    faults: Vec<(f64, String)>,
+    /// Zero of the axis of time: the first tick.
+    origin: Option<Time>,
+    /// The first tick that armed, from which faults count; `None` as well if that was before the first tick.
+    armed_at: Option<Time>,
+    truths: VecDeque<TruthV1>,
+    waiting: Vec<TelemetryV1>,
+    last: Option<TelemetryV1>,
+    collected: Collected,
+}
+
+impl Collector {
+    /// A collector for an instance that runs with `config`.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        let faults = config.fault.inject.iter().flat_map(|fault| {
+            let begins = (fault.at_s, format!("fault {fault} begins"));
+            let ends = (fault.end_s(), format!("fault {fault} ends"));
+            [begins, ends].into_iter().filter(|(at_s, _)| at_s.is_finite())
+        });
+        Self {
+            interface: config.vehicle.interface,
+            has_truth: !config.is_replay() && !config.plant.shadow,
+            faults: faults.collect(),
+            origin: None,
+            armed_at: None,
+            truths: VecDeque::new(),
+            waiting: Vec::new(),
+            last: None,
+            collected: Collected::default(),
+        }
+    }
+
+    /// What was collected since the last call.
+    pub fn take(&mut self) -> Collected {
+        self.join();
+        std::mem::take(&mut self.collected)
+    }
+
+    /// Time from the first tick to the first that armed \[s\]; `None` if there was none, or arming was before the first tick.
+    #[must_use]
+    pub fn armed_at_s(&self) -> Option<f64> {
+        Some(self.seconds(self.armed_at?))
+    }
+
+    /// The newest tick.
+    #[must_use]
+    pub fn latest(&self) -> Option<&TelemetryV1> {
+        self.waiting.last().or(self.last.as_ref())
+    }
+
+    fn seconds(&self, at: Time) -> f64 {
+        self.origin.map_or(0.0, |origin| at.since(origin).seconds())
+    }
+
+    /// Makes rows of the waiting ticks, each with the truth nearest to it.
+    fn join(&mut self) {
+        for telemetry in std::mem::take(&mut self.waiting) {
+            let sample = FlightSample { telemetry, truth: self.truth_at(telemetry.time) };
+            self.note_changes(&sample);
+            let t_s = self.seconds(telemetry.time);
+            self.collected.ticks.push(row::tick(t_s, &sample, self.interface));
+            self.last = Some(telemetry);
+        }
+    }
+
+    fn truth_at(&self, at: Time) -> Option<TruthV1> {
+        let after = self.truths.partition_point(|truth| truth.time < at);
+        let distance = |truth: &&TruthV1| truth.time.since(at).nanos().abs();
+        let near = [after.checked_sub(1), Some(after)].into_iter().flatten();
+        let nearest = near.filter_map(|index| self.truths.get(index)).min_by_key(distance)?;
+        (distance(&nearest) <= TRUTH_DISTANCE.nanos()).then_some(*nearest)
+    }
+
+    fn note_changes(&mut self, sample: &FlightSample) {
+        let now = sample.telemetry;
+        let is_armed = |telemetry| FlightSample { telemetry, truth: None }.is_armed();
+        if is_armed(now) && self.last.is_some_and(|last| !is_armed(last)) {
+            self.armed_at.get_or_insert(now.time);
+        }
+        self.note_faults(now.time);
+        let Some(last) = self.last else {
+            return self.note(now.time, (mood(now.state), DaemonCondition::of(&now).state_text()));
+        };
+        let moods = if last.state == now.state { EventMood::Warning } else { mood(now.state) };
+        for text in event::changes(&last, &now) {
+            self.note(now.time, (moods, text));
+        }
+    }
+
+    /// Notes the faults that began or ended since the tick before.
+    fn note_faults(&mut self, now: Time) {
+        let (Some(armed_at), Some(last)) = (self.armed_at, self.last) else { return };
+        let from_s = last.time.since(armed_at).seconds();
+        let to_s = now.since(armed_at).seconds();
+        let due = self.faults.iter().filter(|(at_s, _)| *at_s > from_s && *at_s <= to_s);
+        for text in due.map(|(_, text)| text.clone()).collect::<Vec<_>>() {
+            self.note(now, (EventMood::Warning, text));
+        }
+    }
+
+    fn note(&mut self, at: Time, (mood, text): (EventMood, String)) {
+        if self.collected.events.len() < MOST_EVENTS {
+            let t_s = (self.seconds(at) * 1e3).round() * 1e-3;
+            self.collected.events.push(ViewedEvent { t_s, mood, text });
+        }
+    }
+}
+
+/// How serious a safety state is.
+fn mood(state: u8) -> EventMood {
+    match SafetyState::from_code(state) {
+        Some(SafetyState::Nominal) => EventMood::Good,
+        Some(SafetyState::Land | SafetyState::Stop) => EventMood::Bad,
+        _ => EventMood::Warning,
+    }
+}
+
+impl Sink for Collector {
+    fn truth(&mut self, _: &Reception, truth: &TruthV1) {
+        if !self.has_truth {
+            return;
+        }
+        // Another simulator's time may begin again.
+        if self.truths.back().is_some_and(|last| last.time > truth.time) {
+            self.truths.clear();
+        }
+        if self.truths.len() == TRUTHS_KEPT {
+            self.truths.pop_front();
+        }
+        self.truths.push_back(*truth);
+    }
+
+    fn telemetry(&mut self, _: &Reception, telemetry: &TelemetryV1) {
+        self.origin.get_or_insert(telemetry.time);
+        self.waiting.push(*telemetry);
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        let Some(origin) = self.origin else { return };
+        let since = |at: Time| at.since(origin).seconds();
+        let row = row::vehicle(reception.received_at, (&reception.header, vehicle), since);
+        self.collected.vehicles.push(row);
+    }
+
+    fn input(&mut self, _: &Reception, input: &InputV1) {
+        if let Some(text) = event::of_input(input) {
+            self.note(input.time, (EventMood::Neutral, text));
+        }
+    }
+
+    fn lost(&mut self, topic: ObservedTopic, count: u64) {
+        let at = self.latest().map_or(Time::UNSET, |tick| tick.time);
+        let text = format!("{count} samples of `{topic}` were lost before they were shown");
+        self.note(at, (EventMood::Warning, text));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::code::{Cause, Mode};
+
+    fn tick(millis: i64, state: SafetyState, mode: Mode) -> TelemetryV1 {
+        TelemetryV1 {
+            time: Time::VIRTUAL_START + Span::from_millis(millis),
+            position: [1.0, 2.0, 3.0],
+            reference_position: [1.0, 2.0, 2.0],
+            state: state.code(),
+            mode: mode.code(),
+            cause: if state == SafetyState::Nominal { Cause::None } else { Cause::NoPose }.code(),
+            ..TelemetryV1::default()
+        }
+    }
+
+    fn column(name: &str) -> usize {
+        row::TICK_COLUMNS.iter().position(|column| *column == name).unwrap()
+    }
+
+    #[test]
+    fn a_tick_is_compared_with_the_truth_nearest_to_it() {
+        let mut collector = Collector::new(&Config::default());
+        let reception = Reception::default();
+        collector.telemetry(&reception, &tick(20, SafetyState::Nominal, Mode::Flying));
+        for millis in [0, 18, 21, 40] {
+            let time = Time::VIRTUAL_START + Span::from_millis(millis);
+            let position = [millis as f64, 2.0, 2.0];
+            collector.truth(&reception, &TruthV1 { time, position, ..TruthV1::default() });
+        }
+        let Collected { ticks, .. } = collector.take();
+        assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (21.0, 20.0));
+    }
+
+    #[test]
+    fn without_a_truth_nearby_the_estimate_is_shown() {
+        let mut collector = Collector::new(&Config::default());
+        collector.telemetry(&Reception::default(), &tick(0, SafetyState::Nominal, Mode::Flying));
+        let ticks = collector.take().ticks;
+        assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (1.0, 1.0));
+    }
+
+    #[test]
+    fn changes_faults_and_requests_are_events() {
+        let mut config = Config::default();
+        config.fault.inject = vec!["pose:off@1+1".parse().unwrap()];
+        let mut collector = Collector::new(&config);
+        let reception = Reception::default();
+        collector.telemetry(&reception, &tick(0, SafetyState::Nominal, Mode::Disarmed));
+        collector.telemetry(&reception, &tick(100, SafetyState::Nominal, Mode::Flying));
+        collector.telemetry(&reception, &tick(1110, SafetyState::Coast, Mode::Flying));
+        collector.lost(ObservedTopic::Pose, 3);
+        let events = collector.take().events;
+        let texts: Vec<&str> = events.iter().map(|event| event.text.as_str()).collect();
+        assert!(texts[0].starts_with("3 samples of `pose`"), "{texts:?}");
+        assert_eq!(texts[1], "Nominal");
+        assert!(
+            texts[2].starts_with("fault pose:off") && texts[2].ends_with("begins"),
+            "{texts:?}"
+        );
+        assert_eq!((texts[3], events[3].mood), ("Coast: no pose", EventMood::Warning));
+    }
+}

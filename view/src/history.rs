@@ -1,0 +1,94 @@
+//! What a page that is opened later sees of the past: the latest minutes, thinned, in bounded memory.
+
+use std::collections::VecDeque;
+
+use crate::collect::{Collected, ViewedEvent};
+use crate::row::{TickRow, VehicleRow};
+
+/// One row in this many is kept.
+const THINNING: u64 = 3;
+/// Number of rows kept of each kind: two minutes at 60 Hz.
+const MOST_ROWS: usize = 2400;
+/// Number of events kept.
+const MOST_EVENTS: usize = 200;
+
+/// The past of an instance.
+#[derive(Debug, Default)]
+pub struct History {
+    ticks: Thinned<TickRow>,
+    vehicles: Thinned<VehicleRow>,
+    events: VecDeque<ViewedEvent>,
+}
+
+/// The newest of a stream of rows, thinned.
+#[derive(Debug)]
+struct Thinned<T> {
+    rows: VecDeque<T>,
+    seen: u64,
+}
+
+impl<T> Default for Thinned<T> {
+    fn default() -> Self {
+        Self { rows: VecDeque::new(), seen: 0 }
+    }
+}
+
+impl<T: Copy> Thinned<T> {
+    fn add(&mut self, row: T) {
+        if self.seen % THINNING == 0 {
+            if self.rows.len() == MOST_ROWS {
+                self.rows.pop_front();
+            }
+            self.rows.push_back(row);
+        }
+        self.seen += 1;
+    }
+}
+
+impl History {
+    /// Adds what was collected.
+    pub fn add(&mut self, collected: &Collected) {
+        collected.ticks.iter().for_each(|row| self.ticks.add(*row));
+        collected.vehicles.iter().for_each(|row| self.vehicles.add(*row));
+        for event in &collected.events {
+            if self.events.len() == MOST_EVENTS {
+                self.events.pop_front();
+            }
+            self.events.push_back(event.clone());
+        }
+    }
+
+    /// The past as rows and events.
+    pub fn collected(&self) -> Collected {
+        Collected {
+            ticks: self.ticks.rows.iter().copied().collect(),
+            vehicles: self.vehicles.rows.iter().copied().collect(),
+            events: self.events.iter().cloned().collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collect::EventMood;
+
+    #[test]
+    fn the_past_is_thinned_and_bounded() {
+        let mut history = History::default();
+        for second in 0..600 {
+            let rows = (0..60).map(|i| [f64::from(second) + f64::from(i) / 60.0; _]);
+            let event = ViewedEvent {
+                t_s: f64::from(second),
+                mood: EventMood::Neutral,
+                text: String::new(),
+            };
+            let ticks = rows.collect();
+            history.add(&Collected { ticks, vehicles: Vec::new(), events: vec![event] });
+        }
+        let past = history.collected();
+        assert_eq!((past.ticks.len(), past.events.len()), (MOST_ROWS, MOST_EVENTS));
+        assert!((past.ticks[0][0] - 480.0).abs() < 0.1);
+        assert_eq!(past.events[0].t_s, 400.0);
+    }
+}

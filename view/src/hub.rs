@@ -1,0 +1,92 @@
+//! Updates to every open page. A page that does not read is cut off: its queue is bounded, and nobody waits for it.
+
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use crate::collect::Collected;
+use crate::history::History;
+use crate::live::{LiveStatus, line};
+
+/// Updates that wait for a page at most: those of two seconds.
+const MOST_WAITING: usize = 80;
+
+/// The pages of one instance, and what they have seen so far.
+#[derive(Debug, Default)]
+pub struct Hub {
+    shared: Mutex<Shared>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    history: History,
+    status: Option<LiveStatus>,
+    pages: Vec<SyncSender<Arc<str>>>,
+}
+
+impl Hub {
+    /// Sends what was collected, and the status if there is a new one, to all pages.
+    pub fn publish(&self, collected: &Collected, status: Option<LiveStatus>) {
+        let mut shared = self.lock();
+        shared.history.add(collected);
+        let is_news = !collected.is_empty() || status.is_some();
+        if is_news && !shared.pages.is_empty() {
+            let update: Arc<str> = line(collected, status.as_ref()).into();
+            shared.pages.retain(|page| page.try_send(Arc::clone(&update)).is_ok());
+        }
+        shared.status = status.or(shared.status.take());
+    }
+
+    /// A new page: the first line is the past. The stream ends when the page was too slow.
+    #[must_use]
+    pub fn subscribe(&self) -> (String, Receiver<Arc<str>>) {
+        let (page, updates) = sync_channel(MOST_WAITING);
+        let mut shared = self.lock();
+        shared.pages.push(page);
+        (line(&shared.history.collected(), shared.status.as_ref()), updates)
+    }
+
+    /// Number of open pages \[-\].
+    #[must_use]
+    pub fn pages(&self) -> usize {
+        self.lock().pages.len()
+    }
+
+    /// Nothing that is done under the lock leaves it inconsistent.
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tick(t_s: f64) -> Collected {
+        let mut row = [0.0; _];
+        row[0] = t_s;
+        Collected { ticks: vec![row], ..Collected::default() }
+    }
+
+    #[test]
+    fn a_page_sees_the_past_and_then_every_update() {
+        let hub = Hub::default();
+        hub.publish(&tick(1.0), None);
+        let (past, updates) = hub.subscribe();
+        hub.publish(&tick(2.0), None);
+        let update = updates.try_recv().unwrap();
+        assert!(past.contains("[1.0,") && update.contains("[2.0,"), "{past}{update}");
+    }
+
+    #[test]
+    fn a_page_that_does_not_read_is_cut_off_and_others_are_not() {
+        let hub = Hub::default();
+        let (_, asleep) = hub.subscribe();
+        let (_, awake) = hub.subscribe();
+        for _ in 0..=MOST_WAITING {
+            hub.publish(&tick(1.0), None);
+            awake.try_recv().unwrap();
+        }
+        assert_eq!(hub.pages(), 1);
+        assert_eq!(asleep.into_iter().count(), MOST_WAITING);
+    }
+}

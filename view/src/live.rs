@@ -1,0 +1,178 @@
+//! Updates for the pages of a running instance: rows, events, and from time to time the status of its processes.
+
+use oqtal_bus::message::{HealthV1, InputV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::Role;
+use oqtal_config::Config;
+use oqtal_observe::sink::{ObservedTopic, Reception, Sink, Tee};
+use oqtal_observe::status::{ProcessHealth, StatusMonitor, VehicleStatus};
+use serde::Serialize;
+
+use crate::collect::{Collected, Collector};
+
+/// Most rows of a kind in one update: in virtual time thousands may have been made since the last one.
+const MOST_ROWS: usize = 240;
+/// Time between two updates of the status.
+const STATUS_PERIOD: Span = Span::from_millis(250);
+
+/// Collects what the pages of a running instance show.
+#[derive(Debug)]
+pub struct LiveView {
+    collector: Collector,
+    status: StatusMonitor,
+    config_hash: String,
+    last_status: Time,
+    last_tick: Time,
+}
+
+/// Status of the processes of an instance.
+#[derive(Clone, Debug, Serialize)]
+pub struct LiveStatus {
+    processes: Vec<ProcessHealth>,
+    vehicle: Option<VehicleStatus>,
+    /// Whether all processes run with one configuration; `None` if none was heard.
+    config_agrees: Option<bool>,
+    /// Hash of the configuration that the page describes.
+    config_hash: String,
+    /// What keeps a flight from beginning.
+    obstacles: Vec<String>,
+    /// Time since the newest tick was received \[s\]; `None` before the first.
+    silence_s: Option<f64>,
+}
+
+/// One line for a page.
+#[derive(Serialize)]
+struct Line<'a> {
+    #[serde(flatten)]
+    collected: &'a Collected,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    status: Option<&'a LiveStatus>,
+}
+
+/// An update as a line of JSON.
+pub fn line(collected: &Collected, status: Option<&LiveStatus>) -> String {
+    let line = Line { collected, status };
+    let text = serde_json::to_string(&line).expect("rows, events and status are plain JSON");
+    text + "\n"
+}
+
+impl LiveView {
+    /// The topics that a page shows.
+    #[must_use]
+    pub fn topics() -> Vec<ObservedTopic> {
+        let others = [ObservedTopic::Truth, ObservedTopic::Input];
+        StatusMonitor::TOPICS.into_iter().chain(others).collect()
+    }
+
+    /// A view of an instance that runs with `config`; health messages older than `timeout` are ignored.
+    #[must_use]
+    pub fn new(config: &Config, timeout: Span) -> Self {
+        Self {
+            collector: Collector::new(config),
+            status: StatusMonitor::new(timeout),
+            config_hash: format!("{:016x}", config.hash()),
+            last_status: Time::UNSET,
+            last_tick: Time::UNSET,
+        }
+    }
+
+    /// What was collected since the last call, and the status if it is due.
+    pub fn take(&mut self, now: Time) -> (Collected, Option<LiveStatus>) {
+        let mut collected = self.collector.take();
+        thin(&mut collected.ticks);
+        thin(&mut collected.vehicles);
+        if now.since(self.last_status) < STATUS_PERIOD {
+            return (collected, None);
+        }
+        self.last_status = now;
+        (collected, Some(self.status_at(now)))
+    }
+
+    fn status_at(&self, now: Time) -> LiveStatus {
+        let status = self.status.status(now);
+        let config_agrees = status.config_agrees();
+        let obstacles = self.collector.latest().map_or(0, |tick| tick.obstacles);
+        LiveStatus {
+            config_agrees,
+            config_hash: self.config_hash.clone(),
+            processes: status.processes,
+            vehicle: status.vehicle,
+            obstacles: ArmingObstacles::from_bits(obstacles)
+                .iter()
+                .map(|o| o.to_string())
+                .collect(),
+            silence_s: self.last_tick.is_set().then(|| now.since(self.last_tick).seconds()),
+        }
+    }
+
+    fn sinks(&mut self) -> Tee<'_, Collector, StatusMonitor> {
+        Tee(&mut self.collector, &mut self.status)
+    }
+}
+
+/// Leaves at most `MOST_ROWS`, evenly spread, the last one included.
+fn thin<T: Copy>(rows: &mut Vec<T>) {
+    let stride = rows.len().div_ceil(MOST_ROWS);
+    if stride > 1 {
+        *rows = rows.iter().rev().step_by(stride).rev().copied().collect();
+    }
+}
+
+impl Sink for LiveView {
+    fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
+        self.sinks().truth(reception, truth);
+    }
+
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        self.last_tick = reception.received_at;
+        self.sinks().telemetry(reception, telemetry);
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        self.sinks().vehicle(reception, vehicle);
+    }
+
+    fn input(&mut self, reception: &Reception, input: &InputV1) {
+        self.sinks().input(reception, input);
+    }
+
+    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
+        self.sinks().health(reception, role, health);
+    }
+
+    fn lost(&mut self, topic: ObservedTopic, count: u64) {
+        self.sinks().lost(topic, count);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_update_is_one_line_of_json_and_the_status_comes_when_it_is_due() {
+        let mut view = LiveView::new(&Config::default(), Span::from_millis(1500));
+        let now = Time::VIRTUAL_START;
+        let tick = TelemetryV1 { time: now, obstacles: 1 << 5, ..TelemetryV1::default() };
+        let reception = Reception { received_at: now, ..Reception::default() };
+        view.telemetry(&reception, &tick);
+        let (collected, status) = view.take(now);
+        let text = line(&collected, status.as_ref());
+        assert_eq!(text.matches('\n').count(), 1);
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(json["ticks"].as_array().unwrap().len(), 1);
+        assert_eq!(json["ticks"][0][11], serde_json::Value::Null, "no error on the ground");
+        assert!(json["status"]["obstacles"][0].is_string(), "{json}");
+        assert!(view.take(now + Span::from_millis(100)).1.is_none());
+        assert!(view.take(now + Span::from_millis(300)).1.is_some());
+    }
+
+    #[test]
+    fn an_update_is_bounded_and_ends_with_the_newest_row() {
+        let mut rows: Vec<usize> = (0..10_001).collect();
+        thin(&mut rows);
+        assert!(rows.len() <= MOST_ROWS && rows.last() == Some(&10_000));
+        assert!(rows.is_sorted());
+    }
+}

@@ -1,0 +1,121 @@
+//! A tick of the daemon and a vehicle message as rows of numbers, which are short as JSON. A number that is not finite is `null`.
+
+use oqtal_bus::message::{Header, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Interface;
+use oqtal_control::quaternion::Attitude;
+use oqtal_observe::flight::FlightSample;
+use oqtal_observe::latency::{HOPS, hops, sensor_to_actuator};
+
+/// Names of the columns of a [`TickRow`]: time since the origin \[s\]; position \[m, world\]; attitude, scalar last; reference
+/// position \[m, world\]; magnitudes of the errors \[m, m/s, deg\]; command by axis and collective thrust; age of the pose \[ms\];
+/// codes of mode, state, cause and phase; counters.
+pub const TICK_COLUMNS: [&str; 26] = [
+    "t", "x", "y", "z", "qx", "qy", "qz", "qw", "rx", "ry", "rz", "position", "velocity",
+    "attitude", "roll", "pitch", "yaw", "thrust", "age", "mode", "state", "cause", "phase",
+    "missed", "lost", "refused",
+];
+
+/// Names of the columns of a [`VehicleRow`]: time since the origin \[s\]; the hops and their sum \[ms\]; battery \[V\]; link
+/// quality \[0..1\]; flags; commands lost.
+pub const VEHICLE_COLUMNS: [&str; HOPS.len() + 9] = [
+    "t", HOPS[0], HOPS[1], HOPS[2], HOPS[3], HOPS[4], "wire", "whole", "battery", "quality",
+    "armed", "link", "stopped", "lost",
+];
+
+/// A tick.
+pub type TickRow = [f64; TICK_COLUMNS.len()];
+/// A vehicle message.
+pub type VehicleRow = [f64; VEHICLE_COLUMNS.len()];
+
+/// The row of a tick; `t_s` is its time since the origin.
+pub fn tick(t_s: f64, sample: &FlightSample, interface: Interface) -> TickRow {
+    let telemetry = &sample.telemetry;
+    let [x, y, z] = sample.position().map(|value| rounded(value, 4)).into();
+    let [qx, qy, qz, qw] = sample.attitude().xyzw().map(|value| rounded(value, 4));
+    let [rx, ry, rz] = telemetry.reference_position.map(|value| rounded(value, 4));
+    let [roll, pitch, yaw] = command(sample, interface).map(|value| rounded(value, 4));
+    let is_judged = sample.is_armed() && telemetry.pose_age_s.is_finite();
+    let judged = |value: f64, digits| if is_judged { rounded(value, digits) } else { f64::NAN };
+    [
+        rounded(t_s, 4),
+        x,
+        y,
+        z,
+        qx,
+        qy,
+        qz,
+        qw,
+        rx,
+        ry,
+        rz,
+        judged(sample.position_error().norm(), 5),
+        judged(sample.velocity_error().norm(), 4),
+        judged(sample.attitude_error().norm().to_degrees(), 3),
+        roll,
+        pitch,
+        yaw,
+        rounded(telemetry.thrust, 4),
+        rounded(telemetry.pose_age_s * 1e3, 2),
+        f64::from(telemetry.mode),
+        f64::from(telemetry.state),
+        f64::from(telemetry.cause),
+        f64::from(telemetry.phase),
+        telemetry.deadline_misses as f64,
+        telemetry.poses_lost as f64,
+        telemetry.poses_refused as f64,
+    ]
+}
+
+/// The command by axis: sticks \[-1..1\], torque \[N m\], or roll, pitch and yaw \[deg\], as the vehicle is commanded.
+fn command(sample: &FlightSample, interface: Interface) -> [f64; 3] {
+    let telemetry = &sample.telemetry;
+    match interface {
+        Interface::Rate => telemetry.sticks,
+        Interface::Torque => telemetry.torque,
+        Interface::Attitude => {
+            let attitude = Attitude::from_xyzw(telemetry.attitude_sent);
+            attitude.map_or([f64::NAN; 3], |attitude| {
+                let (roll, pitch, yaw) = attitude.unit_quaternion().euler_angles();
+                [roll, pitch, yaw].map(f64::to_degrees)
+            })
+        }
+    }
+}
+
+/// The row of a vehicle message; `since_origin_s` says what an instant is on the axis of time.
+pub fn vehicle(
+    received_at: Time,
+    message: (&Header, &VehicleV1),
+    since_origin_s: impl Fn(Time) -> f64,
+) -> VehicleRow {
+    let (Header { stamps, .. }, vehicle) = message;
+    let at = if stamps.applied_at.is_set() { stamps.applied_at } else { received_at };
+    let milliseconds = |span: Span| rounded(span.seconds() * 1e3, 4);
+    let wire = Span::from_nanos(vehicle.wire_ns);
+    let spans = hops(stamps).map(|spans| spans.map(milliseconds));
+    let [a, b, c, d, e] = spans.unwrap_or([f64::NAN; HOPS.len()]);
+    let whole = spans.map_or(f64::NAN, |_| milliseconds(sensor_to_actuator(stamps) + wire));
+    [
+        rounded(since_origin_s(at), 4),
+        a,
+        b,
+        c,
+        d,
+        e,
+        if wire > Span::ZERO { milliseconds(wire) } else { f64::NAN },
+        whole,
+        rounded(vehicle.battery_v, 2),
+        rounded(vehicle.link_quality, 2),
+        f64::from(vehicle.armed),
+        f64::from(vehicle.link),
+        f64::from(vehicle.stopped),
+        vehicle.lost as f64,
+    ]
+}
+
+/// `value` to this number of decimals, whose shortest decimal text is short.
+fn rounded(value: f64, decimals: i32) -> f64 {
+    let unit = 10_f64.powi(decimals);
+    (value * unit).round() / unit
+}

@@ -1,0 +1,162 @@
+//! Sockets: their time-outs and their number. A thread accepts, each connection has a thread of its own, and no connection can
+//! keep another one, or the feed, waiting.
+
+use std::io::{self, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use oqtal_bus::time::{Span, Time};
+use rustix::net::sockopt::set_socket_send_buffer_size;
+
+use crate::hub::Hub;
+use crate::request::{MOST_BODY_BYTES, MOST_HEAD_BYTES, Parsed, Request};
+use crate::response::{Response, stream_head};
+use crate::site::{Reply, Site};
+
+/// Greatest number of connections at a time; further ones are told to come later.
+pub const MOST_CONNECTIONS: usize = 48;
+/// Time within which a request must be complete.
+const REQUEST_TIMEOUT: Span = Span::from_millis(5000);
+/// Time within which a response must be taken.
+const RESPONSE_TIMEOUT: Span = Span::from_millis(30_000);
+/// Time within which an update must be taken.
+const UPDATE_TIMEOUT: Span = Span::from_millis(2000);
+/// Size of the kernel's buffer for updates that were not taken \[bytes\].
+const SEND_BUFFER_BYTES: usize = 64 * 1024;
+/// Pause after the operating system refused a connection.
+const REFUSED_PAUSE: Duration = Duration::from_millis(50);
+
+/// Accepts connections until the process ends.
+pub fn serve(listener: &TcpListener, site: &Arc<Site>) {
+    let open = Arc::new(AtomicUsize::new(0));
+    loop {
+        let Ok((stream, _)) = listener.accept() else {
+            std::thread::sleep(REFUSED_PAUSE);
+            continue;
+        };
+        let place = ConnectionPlace::take(&open);
+        let site = Arc::clone(site);
+        let thread = std::thread::Builder::new().name("page".to_owned());
+        // A thread that cannot be started closes its connection.
+        let _ = thread.spawn(move || {
+            let mut connection = Connection { stream };
+            // A connection that breaks concerns nobody else.
+            let _ = match place.is_free() {
+                true => connection.serve(&site),
+                false => connection.send(&Response::error(503, "too many pages are open"), "GET"),
+            };
+            let _ = connection.stream.shutdown(Shutdown::Both);
+        });
+    }
+}
+
+/// A connection's place among those that are open.
+struct ConnectionPlace {
+    open: Arc<AtomicUsize>,
+    number: usize,
+}
+
+impl ConnectionPlace {
+    fn take(open: &Arc<AtomicUsize>) -> Self {
+        Self { number: open.fetch_add(1, Ordering::Relaxed), open: Arc::clone(open) }
+    }
+
+    fn is_free(&self) -> bool {
+        self.number < MOST_CONNECTIONS
+    }
+}
+
+impl Drop for ConnectionPlace {
+    fn drop(&mut self) {
+        self.open.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+struct Connection {
+    stream: TcpStream,
+}
+
+impl Connection {
+    fn serve(&mut self, site: &Site) -> io::Result<()> {
+        self.stream.set_nodelay(true)?;
+        let request = match self.read(Time::now() + REQUEST_TIMEOUT)? {
+            Ok(request) => request,
+            Err(refusal) => return self.send(&refusal, "GET"),
+        };
+        match site.answer(&request) {
+            Reply::Whole(response) => self.send(&response, &request.method),
+            Reply::Updates(hub) => self.follow(hub),
+        }
+    }
+
+    /// Reads a request that is complete before `deadline`.
+    fn read(&mut self, deadline: Time) -> io::Result<Result<Request, Response>> {
+        let mut bytes = Vec::new();
+        let mut part = [0; 2048];
+        loop {
+            match Request::parse(&bytes) {
+                Parsed::Complete(request) => return Ok(Ok(request)),
+                Parsed::Refused(response) => return Ok(Err(response)),
+                Parsed::Incomplete if bytes.len() > MOST_HEAD_BYTES + MOST_BODY_BYTES => {
+                    return Ok(Err(Response::error(413, "the request is too long")));
+                }
+                Parsed::Incomplete => {}
+            }
+            let Some(rest) = until(deadline) else {
+                return Ok(Err(Response::error(408, "the request came too slowly")));
+            };
+            self.stream.set_read_timeout(Some(rest))?;
+            match self.stream.read(&mut part) {
+                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Ok(length) => bytes.extend_from_slice(&part[..length]),
+                Err(error) if is_timeout(&error) => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    fn send(&mut self, response: &Response, method: &str) -> io::Result<()> {
+        self.write(&response.to_bytes(method), RESPONSE_TIMEOUT)
+    }
+
+    /// Sends the past, then every update, until the page goes or is too slow.
+    fn follow(&mut self, hub: &Hub) -> io::Result<()> {
+        set_socket_send_buffer_size(&self.stream, SEND_BUFFER_BYTES)?;
+        self.write(stream_head().as_bytes(), UPDATE_TIMEOUT)?;
+        let (past, updates) = hub.subscribe();
+        self.write(past.as_bytes(), RESPONSE_TIMEOUT)?;
+        for update in updates {
+            self.write(update.as_bytes(), UPDATE_TIMEOUT)?;
+        }
+        Ok(())
+    }
+
+    /// Writes everything within `timeout`.
+    fn write(&mut self, mut bytes: &[u8], timeout: Span) -> io::Result<()> {
+        let deadline = Time::now() + timeout;
+        while !bytes.is_empty() {
+            let rest = until(deadline).ok_or(io::ErrorKind::TimedOut)?;
+            self.stream.set_write_timeout(Some(rest))?;
+            match self.stream.write(bytes) {
+                Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
+                Ok(length) => bytes = &bytes[length..],
+                Err(error) if is_timeout(&error) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Time until `deadline`; `None` if it has passed.
+fn until(deadline: Time) -> Option<Duration> {
+    let rest = deadline.since(Time::now()).nanos();
+    (rest > 0).then(|| Duration::from_nanos(rest.unsigned_abs()))
+}
+
+fn is_timeout(error: &io::Error) -> bool {
+    use io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    [WouldBlock, TimedOut, Interrupted].contains(&error.kind())
+}

@@ -1,0 +1,216 @@
+//! What is answered to which request. No socket is needed to test it.
+
+use std::fmt;
+use std::sync::Arc;
+
+use oqtal_bus::code::OperatorCommand;
+use serde::Deserialize;
+
+use crate::access::Access;
+use crate::assets;
+use crate::hub::Hub;
+use crate::request::Request;
+use crate::response::Response;
+use crate::scene::SceneDescription;
+
+const JSON: &str = "application/json";
+
+/// Executes commands of operators.
+pub trait Operator: fmt::Debug + Send + Sync {
+    /// Executes a command and returns the answer.
+    fn execute(&self, command: OperatorCommand) -> OperatorReply;
+}
+
+/// The answer to a command.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OperatorReply {
+    /// Whether it was accepted.
+    pub is_accepted: bool,
+    /// In words.
+    pub text: String,
+}
+
+/// What the page shows.
+#[derive(Debug)]
+pub enum Subject {
+    /// A running instance: its updates, and who executes commands.
+    Live(Arc<Hub>, Option<Box<dyn Operator>>),
+    /// A recording, as a document.
+    Recorded(String),
+}
+
+/// The site of one `oqtal view`.
+#[derive(Debug)]
+pub struct Site {
+    access: Access,
+    scene: String,
+    subject: Subject,
+}
+
+/// An answer.
+#[derive(Debug)]
+pub enum Reply<'a> {
+    /// A response.
+    Whole(Response),
+    /// Updates of an instance until one side ends.
+    Updates(&'a Hub),
+}
+
+/// The body of a command.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CommandBody {
+    command: String,
+}
+
+impl Site {
+    /// A site that shows `subject`.
+    #[must_use]
+    pub fn new(access: Access, scene: &SceneDescription, subject: Subject) -> Self {
+        let scene = serde_json::to_string(scene).expect("a scene is plain JSON");
+        Self { access, scene, subject }
+    }
+
+    /// The answer to `request`.
+    #[must_use]
+    pub fn answer(&self, request: &Request) -> Reply<'_> {
+        self.checked(request).unwrap_or_else(Reply::Whole)
+    }
+
+    fn checked(&self, request: &Request) -> Result<Reply<'_>, Response> {
+        self.access.admit(request)?;
+        if request.path == "/control" {
+            return self.control(request).map(Reply::Whole);
+        }
+        if !["GET", "HEAD"].contains(&&*request.method) {
+            return Err(Response::error(405, "only GET is answered here"));
+        }
+        if let Some(asset) = assets::find(&request.path) {
+            return Ok(Reply::Whole(asset));
+        }
+        match (&*request.path, &self.subject) {
+            ("/scene", _) => {
+                self.access.may_read(request)?;
+                Ok(Reply::Whole(Response::ok(JSON, self.scene.clone())))
+            }
+            ("/live", Subject::Live(hub, _)) => {
+                self.access.may_read(request)?;
+                Ok(Reply::Updates(hub))
+            }
+            ("/recording", Subject::Recorded(document)) => {
+                self.access.may_read(request)?;
+                Ok(Reply::Whole(Response::ok(JSON, document.clone())))
+            }
+            _ => Err(Response::error(404, "nothing is here; the page is at /")),
+        }
+    }
+
+    fn control(&self, request: &Request) -> Result<Response, Response> {
+        if request.method != "POST" {
+            return Err(Response::error(405, "commands come by POST"));
+        }
+        self.access.may_control(request)?;
+        let Subject::Live(_, Some(operator)) = &self.subject else {
+            return Err(Response::error(403, "a recording takes no commands"));
+        };
+        let command = command(&request.body)?;
+        let OperatorReply { is_accepted, text } = operator.execute(command);
+        let status = if is_accepted { 200 } else { 409 };
+        Ok(Response { status, ..Response::error(status, &text) })
+    }
+}
+
+/// The command of a body.
+fn command(body: &[u8]) -> Result<OperatorCommand, Response> {
+    use OperatorCommand::{Arm, Land, Status, Stop};
+    let known = [Arm, Land, Stop, Status];
+    let parsed: Option<CommandBody> = serde_json::from_slice(body).ok();
+    let found = known.into_iter().find(|known| {
+        parsed.as_ref().is_some_and(|CommandBody { command }| *command == known.to_string())
+    });
+    found.ok_or_else(|| {
+        Response::error(
+            400,
+            "a command is {\"command\": \"arm\"}, \"land\", \"stop\" or \"status\"",
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_config::Config;
+
+    #[derive(Debug)]
+    struct Echo;
+
+    impl Operator for Echo {
+        fn execute(&self, command: OperatorCommand) -> OperatorReply {
+            let is_accepted = command != OperatorCommand::Land;
+            OperatorReply { is_accepted, text: command.to_string() }
+        }
+    }
+
+    fn site(has_control: bool) -> Site {
+        let token = Some("secret".to_owned());
+        let listen = "127.0.0.1:1".parse().unwrap();
+        let access = Access::new(listen, has_control, false, token).unwrap();
+        let scene = SceneDescription::of_instance(&Config::default(), has_control);
+        Site::new(access, &scene, Subject::Live(Arc::default(), Some(Box::new(Echo))))
+    }
+
+    fn request(method: &str, path: &str, body: &str) -> Request {
+        let headers = [("host", "localhost:1"), ("authorization", "Bearer secret")];
+        let mut request = Request::made(method, path, &headers);
+        request.body = body.into();
+        request
+    }
+
+    fn status(site: &Site, request: &Request) -> u16 {
+        match site.answer(request) {
+            Reply::Whole(response) => response.status,
+            Reply::Updates(_) => 200,
+        }
+    }
+
+    #[test]
+    fn every_address_has_its_answer() {
+        let site = site(true);
+        for (method, path, expected) in [
+            ("GET", "/", 200),
+            ("GET", "/style.css", 200),
+            ("GET", "/scene", 200),
+            ("GET", "/live", 200),
+            ("GET", "/recording", 404),
+            ("GET", "/../etc/passwd", 404),
+            ("POST", "/", 405),
+            ("OPTIONS", "/control", 405),
+            ("GET", "/control", 405),
+        ] {
+            assert_eq!(status(&site, &request(method, path, "")), expected, "{method} {path}");
+        }
+    }
+
+    #[test]
+    fn commands_are_executed_and_a_refusal_is_said() {
+        let post = |site: &Site, body: &str| status(site, &request("POST", "/control", body));
+        let with = site(true);
+        assert_eq!(post(&with, r#"{"command": "arm"}"#), 200);
+        assert_eq!(post(&with, r#"{"command": "land"}"#), 409);
+        for wrong in ["", "arm", r#"{"command": "fly"}"#, r#"{"command": "arm", "x": 1}"#] {
+            assert_eq!(post(&with, wrong), 400, "{wrong}");
+        }
+        assert_eq!(post(&site(false), r#"{"command": "arm"}"#), 403);
+        let stranger = Request::made("POST", "/control", &[("host", "localhost:1")]);
+        assert_eq!(status(&with, &stranger), 401);
+    }
+
+    #[test]
+    fn a_request_by_another_name_gets_nothing() {
+        let site = site(true);
+        for path in ["/", "/main.js", "/scene", "/live", "/control"] {
+            let request = Request::made("GET", path, &[("host", "evil.example")]);
+            assert_eq!(status(&site, &request), 403, "{path}");
+        }
+    }
+}
