@@ -10,8 +10,8 @@ use oqtal_bus::error::BusError;
 use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Config;
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_config::{Config, InstanceOptions};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
@@ -58,6 +58,11 @@ impl Request {
             Self::Stop => OperatorCommand::Stop,
         }
     }
+
+    /// Whether the command ends a flight.
+    fn ends_flight(self) -> bool {
+        matches!(self, Self::Land | Self::Stop)
+    }
 }
 
 /// The answer of the daemon, as it is printed.
@@ -91,21 +96,22 @@ impl CtlArgs {
     /// # Errors
     /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let place = instance_paths(&config)?;
+        let (instance, config) = self.target()?;
+        let place = paths_of(&instance)?;
         place.become_owner()?;
         if let Request::Stop = self.command {
             return stop::raise(&place, self.json);
         }
         let bus = Bus::open(&place)?;
-        let asked = self.ask(&bus, &config);
+        let config_hash = config.as_ref().map_or(0, Config::hash);
+        let asked = self.ask(&bus, config_hash);
         drop(bus);
         let (response, heard) = asked?;
         let Some(response) = response else {
             for line in heard.lines() {
                 say(&line);
             }
-            let instance = &config.instance.name;
+            let instance = &instance.name;
             let message = format!(
                 "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
             );
@@ -120,8 +126,7 @@ impl CtlArgs {
             if response.cause == Cause::OtherConfig.code() {
                 message += &format!(
                     "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
-                    response.config_hash,
-                    config.hash()
+                    response.config_hash, config_hash
                 );
             }
             return Err(Failure::new(Exit::Flight, message));
@@ -130,15 +135,38 @@ impl CtlArgs {
         Ok(Exit::Ok)
     }
 
+    /// The instance that is meant, with its configuration. A flight must end whatever the configuration says: a command that ends
+    /// one needs the instance alone, and errors are only reported.
+    fn target(&self) -> Result<(InstanceOptions, Option<Config>), Failure> {
+        let (file, ends_flight) = (self.common.config.as_deref(), self.command.ends_flight());
+        let loaded = self.common.settings().and_then(|settings| Config::load(file, &settings));
+        match loaded {
+            Ok(config) => Ok((config.instance.clone(), Some(config))),
+            Err(error) if ends_flight => {
+                let (instance, errors) =
+                    InstanceOptions::salvage(file, &self.common.usable_settings());
+                let all = std::iter::once(&error).chain(errors.iter().filter(|e| **e != error));
+                all.for_each(|error| say(&format!("oqtal: warning: {error}")));
+                say(&format!(
+                    "oqtal: the configuration has errors; `{}` goes to instance `{}` all the same",
+                    self.command.command(),
+                    instance.name
+                ));
+                Ok((instance, None))
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
     /// The answer of the daemon, `None` if none answers, and the status of the instance if that was asked for.
     fn ask(
         &self,
         bus: &Bus,
-        config: &Config,
+        config_hash: u64,
     ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
         let request = ControlRequestV1 {
             valid_until: Time::now() + ANSWER_TIMEOUT,
-            config_hash: self.common.config.as_ref().map_or(0, |_| config.hash()),
+            config_hash: if self.common.config.is_some() { config_hash } else { 0 },
             ..ControlRequestV1::of(self.command.command())
         };
         let response = bus.control_client()?.ask(request, ANSWER_TIMEOUT)?;

@@ -18,7 +18,7 @@ use rustix::io::Errno;
 
 use crate::error::{BusError, system};
 use crate::paths::InstancePaths;
-use crate::remains;
+use crate::{private, remains};
 use crate::time::{Span, Time};
 
 /// The lock is held for milliseconds by processes that run: one that holds it longer was stopped or hangs.
@@ -61,6 +61,7 @@ impl Membership {
             let members = open_members(&directory)?;
             if flock(&members, FlockOperation::NonBlockingLockExclusive).is_ok() {
                 remains::remove_all(&paths.prefix(), &directory);
+                private::make(&paths.prefix(), &directory)?;
             }
             flock(&members, FlockOperation::NonBlockingLockShared)
                 .map_err(|e| system(format!("joining {}", directory.display()), &e))?;
@@ -97,9 +98,17 @@ impl Membership {
         Ok(InstanceLock(self))
     }
 
-    /// Path of the file `name` of this instance in shared memory.
-    pub(crate) fn shared_file(&self, name: &str) -> PathBuf {
-        remains::shared_file(&self.prefix, name)
+    /// Path of the words `name` that the processes of this instance share.
+    pub(crate) fn words_file(&self, name: &str) -> PathBuf {
+        self.directory.join(private::LINK).join(name)
+    }
+
+    /// Prefix of the names of iceoryx2; the lock is held.
+    ///
+    /// # Errors
+    /// As [`private::prefix`].
+    pub(crate) fn private_prefix(&self, _lock: &InstanceLock<'_>) -> Result<String, BusError> {
+        private::prefix(&self.directory)
     }
 
     /// Removes what dead processes left half-made; the lock is held.
@@ -137,7 +146,9 @@ impl Drop for Membership {
         if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
             remains::remove_all(&self.prefix, &self.directory);
             // Only an empty directory goes; one who waits for its lock notices.
-            let _ = std::fs::remove_file(self.directory.join(MEMBERS));
+            for name in [MEMBERS, private::LINK] {
+                let _ = std::fs::remove_file(self.directory.join(name));
+            }
             let _ = std::fs::remove_dir(&self.directory);
         }
     }

@@ -10,9 +10,9 @@ use rustix::io::Errno;
 /// Where shared memory has its names.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// Path of the file `name` in shared memory of the instance with this prefix.
-pub(crate) fn shared_file(prefix: &str, name: &str) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(format!("{prefix}{name}"))
+/// Path of the file or directory `name` in shared memory.
+pub(crate) fn shared(name: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(name)
 }
 
 /// Directories of iceoryx2 in an instance's directory.
@@ -22,7 +22,8 @@ const DIRECTORIES: [&str; 2] = ["nodes", "services"];
 /// it says why.
 pub(crate) fn remove_all(prefix: &str, directory: &Path) {
     for file in files(Path::new(SHARED_MEMORY), prefix) {
-        let _ = fs::remove_file(file);
+        // Not followed, if it is a link.
+        let _ = fs::remove_file(&file).or_else(|_| fs::remove_dir_all(file));
     }
     for name in DIRECTORIES {
         let _ = fs::remove_dir_all(directory.join(name));

@@ -6,7 +6,7 @@ use oqtal_bus::message::Message;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{Role, Topic};
-use oqtal_config::{ClockKind, Config};
+use oqtal_config::{ClockKind, Config, InstanceOptions};
 
 use crate::health::{Health, Heartbeat};
 use crate::loop_clock::LoopClock;
@@ -99,6 +99,14 @@ pub fn roles(config: &Config) -> &'static [Role] {
 /// # Errors
 /// A bad instance name.
 pub fn instance_paths(config: &Config) -> Result<InstancePaths, BusError> {
-    let root = Some(&config.instance.root).filter(|root| !root.is_empty());
-    InstancePaths::new(&config.instance.name, root.map(std::path::Path::new))
+    paths_of(&config.instance)
+}
+
+/// Paths and names of an instance.
+///
+/// # Errors
+/// A bad instance name.
+pub fn paths_of(instance: &InstanceOptions) -> Result<InstancePaths, BusError> {
+    let root = Some(&instance.root).filter(|root| !root.is_empty());
+    InstancePaths::new(&instance.name, root.map(std::path::Path::new))
 }
