@@ -17,9 +17,9 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 
 use crate::error::{BusError, system};
-use crate::paths::InstancePaths;
-use crate::{private, remains};
+use crate::paths::{InstancePaths, WIRE};
 use crate::time::{Span, Time};
+use crate::{private, remains};
 
 /// The lock is held for milliseconds by processes that run: one that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
@@ -61,6 +61,7 @@ impl Membership {
             let members = open_members(&directory)?;
             if flock(&members, FlockOperation::NonBlockingLockExclusive).is_ok() {
                 remains::remove_all(&paths.prefix(), &directory);
+                remove(&directory, &[WIRE]);
                 private::make(&paths.prefix(), &directory)?;
             }
             flock(&members, FlockOperation::NonBlockingLockShared)
@@ -146,9 +147,7 @@ impl Drop for Membership {
         if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
             remains::remove_all(&self.prefix, &self.directory);
             // Only an empty directory goes; one who waits for its lock notices.
-            for name in [MEMBERS, private::LINK] {
-                let _ = std::fs::remove_file(self.directory.join(name));
-            }
+            remove(&self.directory, &[WIRE, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }
@@ -156,6 +155,13 @@ impl Drop for Membership {
 
 /// The file whose lock says who takes part.
 const MEMBERS: &str = "members";
+
+/// Removes files, if they are there.
+fn remove(directory: &Path, names: &[&str]) {
+    for name in names {
+        let _ = std::fs::remove_file(directory.join(name));
+    }
+}
 
 fn open_directory(directory: &Path) -> Result<File, BusError> {
     let failed = |e: &io::Error| system(format!("opening {}", directory.display()), e);

@@ -7,8 +7,8 @@ use std::time::Duration;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
-    AttributeVerifier, FileName, Node, NodeBuilder, SemanticString, ServiceName, SignalHandlingMode,
-    ipc,
+    AttributeVerifier, FileName, Node, NodeBuilder, SemanticString, ServiceName,
+    SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};

@@ -8,6 +8,9 @@ use crate::error::{BusError, system};
 use crate::message::{FNV_OFFSET, fnv1a};
 use crate::private;
 
+/// Name of the link to an emulated vehicle in the directory of an instance.
+pub(crate) const WIRE: &str = "wire";
+
 /// Name and root directory of an instance. Buses with different paths are separate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InstancePaths {
@@ -54,6 +57,12 @@ impl InstancePaths {
     #[must_use]
     pub fn directory(&self) -> PathBuf {
         self.root.join(&self.instance)
+    }
+
+    /// Path of the link to an emulated vehicle of this instance. It goes when nobody takes part any more.
+    #[must_use]
+    pub fn wire(&self) -> PathBuf {
+        self.directory().join(WIRE)
     }
 
     /// Makes the root directory, and the configuration of iceoryx2 for this instance but for the prefix, which is drawn when the

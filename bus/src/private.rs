@@ -46,7 +46,10 @@ pub(crate) fn make(prefix: &str, directory: &Path) -> Result<(), BusError> {
 pub(crate) fn prefix(directory: &Path) -> Result<String, BusError> {
     let link = directory.join(LINK);
     let failed = |reason: &dyn std::fmt::Debug| {
-        system(format!("reading {} (remedy: end all processes of the instance)", link.display()), reason)
+        system(
+            format!("reading {} (remedy: end all processes of the instance)", link.display()),
+            reason,
+        )
     };
     let private = std::fs::read_link(&link).map_err(|error| failed(&error))?;
     let name = private.file_name().ok_or_else(|| failed(&private))?;

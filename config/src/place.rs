@@ -28,7 +28,7 @@ impl InstanceOptions {
         variables: impl Iterator<Item = (OsString, OsString)>,
         flags: &[Setting],
     ) -> (Self, Vec<ConfigError>) {
-        let (mut settings, mut errors) = 
+        let (mut settings, mut errors) =
             file.map_or_else(Default::default, |file| layer::salvage(file, SECTION));
         settings.extend(layer::from_environment(variables));
         settings.extend_from_slice(flags);

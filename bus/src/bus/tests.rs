@@ -145,7 +145,9 @@ fn f28_no_name_in_shared_memory_can_be_guessed_and_planted_ones_hinder_nobody() 
     // As another user could: the names of the last run, and those without a random number.
     let mut planted: Vec<_> =
         last.iter().map(|name| std::path::Path::new("/dev/shm").join(name)).collect();
-    planted.extend(["stop", "pose.count"].map(|name| crate::remains::shared(&(place.prefix() + name))));
+    planted.extend(
+        ["stop", "pose.count"].map(|name| crate::remains::shared(&(place.prefix() + name))),
+    );
     for path in &planted {
         std::fs::create_dir_all(path.join("full")).unwrap();
     }
