@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use oqtal_config::Config;
-use oqtal_runtime::process::{Exit, Failure, describe};
+use oqtal_runtime::process::{Exit, Failure, check_instance, describe};
 use oqtal_runtime::program::print;
 
 /// Arguments of `oqtal check`.
@@ -21,6 +21,7 @@ impl CheckArgs {
     /// The file has an error (exit code 78, with its line), or a file that it names is bad (65).
     pub fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.file.as_deref(), &[])?;
+        check_instance(&config)?;
         oqtal_bridge::check_options(&config).map_err(|error| config.locate(&error))?;
         oqtal_daemon::check(&config)?;
         oqtal_plant_sim::check(&config)?;

@@ -11,8 +11,8 @@ use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Config;
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
+use oqtal_config::{Config, InstanceOptions};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
@@ -59,6 +59,11 @@ impl Request {
             Self::Stop => OperatorCommand::Stop,
         }
     }
+
+    /// Whether the command ends a flight.
+    fn ends_flight(self) -> bool {
+        matches!(self, Self::Land | Self::Stop)
+    }
 }
 
 /// The answer of the daemon, as it is printed.
@@ -92,35 +97,59 @@ impl CtlArgs {
     /// # Errors
     /// No daemon answers (exit code 75), or it refuses the command (1).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let place = instance_paths(&config)?;
+        let (instance, config) = self.target()?;
+        let place = paths_of(&instance)?;
         place.become_owner()?;
         if let Request::Stop = self.command {
             return stop::execute(&place, self.json);
         }
         let bus = Bus::open(&place)?;
-        let asked = self.ask(&bus, &config);
+        let named = config.as_ref().filter(|_| self.common.config.is_some());
+        let expected = named.map(Config::hash);
+        let asked = self.ask(&bus, expected);
         drop(bus);
         let (response, heard) = asked?;
         let Some(response) = response else {
             heard.lines().iter().for_each(|line| say(line));
-            return Err(silent(&config));
+            return Err(silent(&instance.name));
         };
         let lines = heard.lines();
         let report = ControlReport::new(self.command.command(), &response, heard);
-        report.check(&response, &config)?;
+        report.check(&response, expected)?;
         print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
         Ok(Exit::Ok)
+    }
+
+    /// The instance that is meant, with its configuration. A flight must end whatever the configuration says: a command that ends
+    /// one needs the instance alone, and errors are only reported.
+    fn target(&self) -> Result<(InstanceOptions, Option<Config>), Failure> {
+        let (file, ends_flight) = (self.common.config.as_deref(), self.command.ends_flight());
+        let loaded = self.common.settings().and_then(|settings| Config::load(file, &settings));
+        match loaded {
+            Ok(config) => Ok((config.instance.clone(), Some(config))),
+            Err(error) if ends_flight => {
+                let (instance, errors) =
+                    InstanceOptions::salvage(file, &self.common.usable_settings());
+                let all = std::iter::once(&error).chain(errors.iter().filter(|e| **e != error));
+                all.for_each(|error| say(&format!("oqtal: warning: {error}")));
+                say(&format!(
+                    "oqtal: the configuration has errors; `{}` goes to instance `{}` all the same",
+                    self.command.command(),
+                    instance.name
+                ));
+                Ok((instance, None))
+            }
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// The answer of the daemon, `None` if none answers, and the status of the instance if that was asked for.
     fn ask(
         &self,
         bus: &Bus,
-        config: &Config,
+        expected: Option<u64>,
     ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
-        let response =
-            request(bus, config, (self.command.command(), self.common.config.is_some()))?;
+        let response = request(bus, self.command.command(), expected)?;
         let heard = match self.command {
             Request::Status => status::observe(bus)?,
             _ => InstanceStatus::default(),
@@ -129,37 +158,36 @@ impl CtlArgs {
     }
 }
 
-/// Sends a command that expires to the daemon; `None` if none answers. `expects_config`: the daemon must run with `config`.
+/// Sends a command that expires to the daemon; `None` if none answers. `expected`: hash of the configuration that the daemon must
+/// run with.
 fn request(
     bus: &Bus,
-    config: &Config,
-    (command, expects_config): (OperatorCommand, bool),
+    command: OperatorCommand,
+    expected: Option<u64>,
 ) -> Result<Option<ControlResponseV1>, BusError> {
     let request = ControlRequestV1 {
         valid_until: Time::now() + ANSWER_TIMEOUT,
-        config_hash: if expects_config { config.hash() } else { 0 },
+        config_hash: expected.unwrap_or(0),
         ..ControlRequestV1::of(command)
     };
     bus.control_client()?.ask(request, ANSWER_TIMEOUT)
 }
 
-fn silent(config: &Config) -> Failure {
-    let instance = &config.instance.name;
+fn silent(instance: &str) -> Failure {
     let message = format!(
         "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`"
     );
     Failure::new(Exit::Peer, message)
 }
 
-/// Executes a command as `oqtal ctl` does, on the calling thread; the answer in words. `expects_config`: the daemon must run with
-/// `config`.
+/// Executes a command as `oqtal ctl` does, on the calling thread; the answer in words. `expected`: hash of the configuration that
+/// the daemon must run with.
 ///
 /// # Errors
 /// No daemon answers, or it refuses; the motors are not known to be off after a stop.
 pub fn execute(
     paths: &InstancePaths,
-    config: &Config,
-    (command, expects_config): (OperatorCommand, bool),
+    (command, expected): (OperatorCommand, Option<u64>),
 ) -> Result<String, Failure> {
     if command == OperatorCommand::Stop {
         let stop = stop::raise(paths)?;
@@ -169,10 +197,9 @@ pub fn execute(
         };
     }
     let bus = Bus::open(paths)?;
-    let response = request(&bus, config, (command, expects_config))?;
-    let response = response.ok_or_else(|| silent(config))?;
+    let response = request(&bus, command, expected)?.ok_or_else(|| silent(&paths.instance))?;
     let report = ControlReport::new(command, &response, InstanceStatus::default());
-    report.check(&response, config)?;
+    report.check(&response, expected)?;
     Ok(report.to_text(&[]))
 }
 
@@ -198,7 +225,7 @@ impl ControlReport {
     }
 
     /// Fails if the daemon refused the command.
-    fn check(&self, response: &ControlResponseV1, config: &Config) -> Result<(), Failure> {
+    fn check(&self, response: &ControlResponseV1, expected: Option<u64>) -> Result<(), Failure> {
         if response.answer != Answer::Refused.code() {
             return Ok(());
         }
@@ -210,7 +237,7 @@ impl ControlReport {
             message += &format!(
                 "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
                 response.config_hash,
-                config.hash()
+                expected.unwrap_or(0)
             );
         }
         Err(Failure::new(Exit::Flight, message))

@@ -19,8 +19,8 @@ use oqtal_config::{ClockKind, Config, Fault, Setting};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
-use oqtal_runtime::process::{CommonArgs, Exit, Failure};
-use oqtal_runtime::program::print;
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, check_instance};
+use oqtal_runtime::program::{print, say};
 
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
@@ -112,6 +112,7 @@ impl FlyArgs {
     /// The flight could not be flown or its results not be written. A flight that ended badly is no error but an exit code.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let mut config = Config::load(self.common.config.as_deref(), &self.settings()?)?;
+        check_instance(&config)?;
         let commands = CommandLink::open(self.vehicle.as_ref(), &mut config)?;
         let poses = PosePath::open(self.mocap.as_ref(), &commands, &mut config)?;
         fault::check(&config, &poses.roles(commands.roles(&config)))?;
@@ -136,6 +137,10 @@ impl FlyArgs {
         directory.write(flight, &summary)?;
         if !self.json {
             print(&format!("report: {}", directory.report().display()))?;
+        }
+        if let Some(shortfall) = flight.shortfall() {
+            say(&format!("oqtal: {shortfall}"));
+            return Ok(Exit::Flight);
         }
         match flight.outcome {
             Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),

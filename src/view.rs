@@ -112,7 +112,8 @@ impl ViewArgs {
         hub: &Arc<Hub>,
     ) -> Site {
         let scene = SceneDescription::of_instance(config, self.control);
-        let operator = BusOperator::new(paths, config.clone(), self.common.config.is_some());
+        let expected = self.common.config.is_some().then(|| config.hash());
+        let operator = BusOperator::new(paths, expected);
         let operator = self.control.then(|| Box::new(operator) as _);
         Site::new(access.clone(), &scene, Subject::Live(Arc::clone(hub), operator))
     }

@@ -38,7 +38,7 @@ fn a_missing_configuration_file_is_named() {
 
 #[test]
 fn an_instance_name_must_be_plain() {
-    for words in [["ctl", "status"], ["daemon", "run"]] {
+    for words in [&["ctl", "status"][..], &["daemon", "run"], &["fly", "--clock", "in-process"]] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         let output = command.args(words).args(["--instance", "a/b"]).output().unwrap();
         let message = stderr(&output);
@@ -141,7 +141,55 @@ fn f30_a_bad_configuration_is_refused_with_file_and_line() {
     bad_config("[position]\ntilt-limit-deg = 90.0\n", 2, &["tilt-limit-deg"]);
     bad_config("[plant]\n\nmass-kg = -0.5\n", 3, &["plant.mass-kg", "above 0", "-0.5"]);
     bad_config("[bridge]\nlink = \"/dev/ttyUSB0\"\n", 2, &["bridge.link", "asctec:PATH"]);
+    bad_config("[fence]\nsoft-margin-m = 9.0\n", 2, &["fence.soft-margin-m", "x-m"]);
+    bad_config("[vehicle]\nmass-kg = 1e400\n", 2, &[]);
+    bad_config("[clock]\nseed = 999999999999999999999999999999999999999999\n", 2, &[]);
     bad_config("[trajectory.square]\nside-m = -1.0\n", 2, &["side-m"]);
+}
+
+#[test]
+fn a_flight_that_does_not_complete_says_why() {
+    let testbed = Testbed::new("incomplete");
+    let base = ["--clock", "in-process", "--trajectory", "hover", "--duration", "2", "--json"];
+    for (setting, outcome, says) in [
+        ("safety.speed-limit-m-s=0.5", "landed", "before the end of the flight: too fast"),
+        ("safety.arming-z-m=[1,2]", "timeout", "no take-off: the vehicle is not on the floor"),
+        ("plant.battery.full-v=10", "timeout", "no take-off yet: the battery is low"),
+    ] {
+        let output = testbed.fly(&[&base[..], &["--set", setting]].concat());
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{setting}: {message}");
+        let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(summary["outcome"], outcome, "{setting}: {message}");
+        assert!(message.contains(says), "{setting}: {message}");
+    }
+    let output = testbed.fly(&base);
+    assert_eq!((output.status.code(), stderr(&output).as_str()), (Some(0), ""));
+}
+
+#[test]
+fn a_limit_of_file_sizes_fails_as_a_full_disk_does_and_the_flight_goes_on() {
+    let testbed = Testbed::new("file-size");
+    let words = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "40"];
+    let fly = testbed.oqtal(&[&words[..], &["--json"]].concat());
+    let mut shell = Command::new("sh");
+    // In blocks of 512 bytes.
+    shell.args(["-c", "ulimit -f 400; exec \"$0\" \"$@\""]).arg(fly.get_program());
+    let output = shell.args(fly.get_args()).current_dir(testbed.path("")).output().unwrap();
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(71), "{message}");
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["outcome"], "landed", "{message}");
+    assert!(message.contains("File too large"), "{message}");
+}
+
+#[test]
+fn files_without_end_are_refused() {
+    let words = ["--config", "/dev/zero"];
+    refused(&words, 78, &["/dev/zero", "longer than 1 MiB"]);
+    let waypoints = "trajectory.waypoints-file=\"/dev/zero\"";
+    let words = ["--trajectory", "waypoints", "--set", waypoints];
+    refused(&words, 65, &["/dev/zero", "longer than"]);
 }
 
 /// Links and scales are read by the processes that use them, and say the line all the same.
@@ -152,6 +200,7 @@ fn a_check_names_the_line_of_a_value_that_only_a_process_reads() {
         ("[bridge]\nxbee-address = \"12\"\n", "hexadecimal"),
         ("[bridge.asctec]\nmotor-yaw-counts = 0\n", "motor-yaw-counts"),
         ("[plant.wire]\nlink = \"mavlink:/tmp/x\"\n", "plant.wire.link"),
+        ("[instance]\nname = \"A B\"\n", "instance.name"),
     ] {
         let testbed = Testbed::new("process-values");
         let file = testbed.write("bad.toml", text);

@@ -50,7 +50,7 @@ fn the_square_through_real_frames_is_as_good_as_without_them() {
         testbed.path("flights").join(format!("{}-1", testbed.instance())).join("report.html"),
     );
     assert!(report.unwrap().contains("occupied by commands"));
-    assert!(!testbed.path("run").join(format!("{}.wire", testbed.instance())).exists());
+    assert!(!testbed.paths().directory().exists());
 }
 
 /// A quarter of the commands and a fifteenth of the answers to a poll arrive intact. No poll delays a command by more than a frame.

@@ -169,3 +169,50 @@ fn f28_another_user_is_refused_and_told_where() {
     assert_eq!(output.status.code(), Some(77), "{message}");
     assert!(message.contains(&root.display().to_string()), "{message}");
 }
+
+#[test]
+fn f28_names_that_another_user_plants_in_shared_memory_hinder_nobody() {
+    use std::os::unix::fs::PermissionsExt;
+    if !rustix::process::getuid().is_root() {
+        eprintln!("skipped: only root can become other users");
+        return;
+    }
+    let testbed = Testbed::new("planted");
+    let (owner, root) = (65_533, testbed.path("run"));
+    std::fs::set_permissions(testbed.path(""), PermissionsExt::from_mode(0o755)).unwrap();
+    std::fs::create_dir(&root).unwrap();
+    std::os::unix::fs::chown(&root, Some(owner), Some(owner)).unwrap();
+    // Directories of a third user, which the owner of the instance cannot remove.
+    let names = ["stop", "pose.count", "truth.count", "vehicle.count", "shared"];
+    let planted = names.map(|name| format!("/dev/shm/{}{name}", testbed.paths().prefix()));
+    let mut stranger = Command::new("mkdir");
+    assert!(stranger.args(&planted).uid(65_534).gid(65_534).status().unwrap().success());
+    let as_owner = |words: &[&str]| {
+        let mut command = testbed.oqtal(words);
+        command.uid(owner).gid(owner);
+        command
+    };
+    let plant = Running::start(&mut as_owner(&["plant-sim", "run"]));
+    wait_for("a stop that is obeyed", || {
+        as_owner(&["ctl", "stop"]).output().unwrap().status.success().then_some(())
+    });
+    plant.signal(Signal::TERM);
+    assert!(plant.wait().status.success());
+    let mut left = testbed.remains();
+    left.retain(|name| !planted.contains(&format!("/dev/shm/{name}")));
+    assert!(left.is_empty() && !root.join(testbed.instance()).exists(), "{left:?}");
+    planted.iter().for_each(|path| std::fs::remove_dir(path).unwrap());
+    std::os::unix::fs::chown(&root, Some(0), Some(0)).unwrap();
+}
+
+#[test]
+fn too_few_files_for_the_ports_are_said_with_the_remedy() {
+    let testbed = Testbed::new("few-files");
+    let mut shell = Command::new("sh");
+    let daemon = testbed.oqtal(&["daemon", "run"]);
+    shell.args(["-c", "ulimit -n 32; exec \"$0\" \"$@\""]).arg(daemon.get_program());
+    let output = shell.args(daemon.get_args()).output().unwrap();
+    let message = stderr(&output);
+    assert_eq!(output.status.code(), Some(71), "{message}");
+    assert!(message.contains("may open 32 files") && message.contains("ulimit -n"), "{message}");
+}

@@ -156,3 +156,35 @@ fn in_lockstep_a_stop_waits_for_virtual_time_to_go_on() {
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["outcome"], "stopped", "{}", stderr(&output));
 }
+
+#[test]
+fn stop_and_land_need_no_valid_configuration() {
+    let testbed = Testbed::new("stop-broken");
+    let bus = testbed.bus();
+    let mut vehicles = bus.observer(&VEHICLE).unwrap();
+    let _plant = testbed.start(&["plant-sim", "run"]);
+    wait_for("a vehicle", || vehicles.latest().unwrap());
+    let half = testbed.write("half.toml", "[vehicle]\nmass-kg = \n[safe").display().to_string();
+    let broken: [(&[&str], &[(&str, &str)]); 5] = [
+        (&[], &[("OQTAL_FOO", "1")]),
+        (&[], &[("OQTAL_VEHICLE__MASS_KG", "banana")]),
+        (&["--config", &half], &[]),
+        (&["--config", "/nowhere.toml"], &[]),
+        (&["--set", "vehicle.mass-kg=9", "--set", "nonsense"], &[]),
+    ];
+    for (words, variables) in broken {
+        let run = |command: &str| {
+            let mut command = testbed.oqtal(&[&["ctl", command], words].concat());
+            let output = command.envs(variables.iter().copied()).output().unwrap();
+            (output.status.code(), stderr(&output))
+        };
+        let (code, message) = run("stop");
+        assert_eq!(code, Some(0), "{words:?} {variables:?}: {message}");
+        assert!(message.contains("warning: ") && message.contains(testbed.instance()), "{message}");
+        // Nothing else is done under a configuration with errors.
+        assert_eq!(run("status").0, Some(78), "{words:?} {variables:?}");
+    }
+    let land = testbed.oqtal(&["ctl", "land", "--config", &half]).output().unwrap();
+    assert_eq!(land.status.code(), Some(75), "{}", stderr(&land));
+    assert!(stderr(&land).contains("no daemon answers"), "{}", stderr(&land));
+}

@@ -2,6 +2,8 @@
 
 use std::rc::Rc;
 
+use rustix::process::{Resource, getrlimit};
+
 use crate::control::{ControlClient, ControlServer};
 use crate::error::BusError;
 use crate::membership::Membership;
@@ -16,6 +18,9 @@ use crate::wake::{EventPorts, Listener};
 
 /// Shared memory that the ports of one process take at most \[KiB\], rounded up; the daemon takes most.
 const NEEDED_KIB: u64 = 7 * 1024;
+
+/// Files that a process has open at most \[-\]; the daemon has about a hundred.
+const NEEDED_FILES: u64 = 160;
 
 /// Access of a process (or a thread) to one instance. Ports stay with the thread that opened them; the instance is left when the
 /// bus and its ports are dropped, and the last to leave removes its files.
@@ -33,6 +38,7 @@ impl Bus {
     /// # Errors
     /// The instance belongs to another user, shared memory is full, or the operating system refuses.
     pub fn open(place: &InstancePaths) -> Result<Self, BusError> {
+        check_descriptors()?;
         place.prepare()?;
         check_free_memory()?;
         let membership = Membership::join(place)?;
@@ -92,6 +98,16 @@ impl Transport for Bus {
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
         Ok(Reader::new(self.node.reader(&topic.spec(), topic.quality.buffer)?, topic.name))
+    }
+}
+
+/// Checks that the process may open the files of its ports: iceoryx2 would report an internal error.
+fn check_descriptors() -> Result<(), BusError> {
+    match getrlimit(Resource::Nofile).current {
+        Some(allowed) if allowed < NEEDED_FILES => {
+            Err(BusError::Descriptors { allowed, needed: NEEDED_FILES })
+        }
+        _ => Ok(()),
     }
 }
 

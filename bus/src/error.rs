@@ -40,6 +40,16 @@ pub enum BusError {
         /// Memory that is needed \[KiB\].
         needed_kib: u64,
     },
+    /// The process may open too few files.
+    #[error(
+        "this process may open {allowed} files, it needs up to {needed}; raise the limit: `ulimit -n 1024`, or LimitNOFILE= of the service"
+    )]
+    Descriptors {
+        /// Files that it may open \[-\].
+        allowed: u64,
+        /// Files that it needs at most \[-\].
+        needed: u64,
+    },
     /// A process keeps the lock of the instance.
     #[error(
         "{} is locked by a process that was stopped or hangs; find it with `fuser -v {}` and continue or end it",

@@ -16,6 +16,7 @@ pub mod origin;
 pub mod paths;
 pub mod port;
 mod ports;
+mod private;
 mod remains;
 pub mod shared;
 pub mod stop;

@@ -17,9 +17,9 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 use rustix::io::Errno;
 
 use crate::error::{BusError, system};
-use crate::paths::InstancePaths;
-use crate::remains;
+use crate::paths::{InstancePaths, WIRE};
 use crate::time::{Span, Time};
+use crate::{private, remains};
 
 /// The lock is held for milliseconds by processes that run: one that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
@@ -61,6 +61,8 @@ impl Membership {
             let members = open_members(&directory)?;
             if flock(&members, FlockOperation::NonBlockingLockExclusive).is_ok() {
                 remains::remove_all(&paths.prefix(), &directory);
+                remove(&directory, &[WIRE]);
+                private::make(&paths.prefix(), &directory)?;
             }
             flock(&members, FlockOperation::NonBlockingLockShared)
                 .map_err(|e| system(format!("joining {}", directory.display()), &e))?;
@@ -97,9 +99,17 @@ impl Membership {
         Ok(InstanceLock(self))
     }
 
-    /// Path of the file `name` of this instance in shared memory.
-    pub(crate) fn shared_file(&self, name: &str) -> PathBuf {
-        remains::shared_file(&self.prefix, name)
+    /// Path of the words `name` that the processes of this instance share.
+    pub(crate) fn words_file(&self, name: &str) -> PathBuf {
+        self.directory.join(private::LINK).join(name)
+    }
+
+    /// Prefix of the names of iceoryx2; the lock is held.
+    ///
+    /// # Errors
+    /// As [`private::prefix`].
+    pub(crate) fn private_prefix(&self, _lock: &InstanceLock<'_>) -> Result<String, BusError> {
+        private::prefix(&self.directory)
     }
 
     /// Removes what dead processes left half-made; the lock is held.
@@ -137,7 +147,7 @@ impl Drop for Membership {
         if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
             remains::remove_all(&self.prefix, &self.directory);
             // Only an empty directory goes; one who waits for its lock notices.
-            let _ = std::fs::remove_file(self.directory.join(MEMBERS));
+            remove(&self.directory, &[WIRE, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }
@@ -145,6 +155,13 @@ impl Drop for Membership {
 
 /// The file whose lock says who takes part.
 const MEMBERS: &str = "members";
+
+/// Removes files, if they are there.
+fn remove(directory: &Path, names: &[&str]) {
+    for name in names {
+        let _ = std::fs::remove_file(directory.join(name));
+    }
+}
 
 fn open_directory(directory: &Path) -> Result<File, BusError> {
     let failed = |e: &io::Error| system(format!("opening {}", directory.display()), e);

@@ -7,7 +7,8 @@ use std::time::Duration;
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::prelude::{
-    AttributeVerifier, Node, NodeBuilder, ServiceName, SignalHandlingMode, ipc,
+    AttributeVerifier, FileName, Node, NodeBuilder, SemanticString, ServiceName,
+    SignalHandlingMode, ipc,
 };
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
@@ -63,6 +64,9 @@ impl InstanceNode {
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
         let lock = membership.lock()?;
+        let bad_root = |error| system("naming the files of the instance", &error);
+        let prefix = membership.private_prefix(&lock)?;
+        config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bad_root)?;
         let created = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)

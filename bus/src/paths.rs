@@ -2,11 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use iceoryx2::prelude::{Config, FileName, SemanticString};
+use iceoryx2::prelude::{Config, SemanticString};
 
 use crate::error::{BusError, system};
 use crate::message::{FNV_OFFSET, fnv1a};
-use crate::remains;
+use crate::private;
+
+/// Name of the link to an emulated vehicle in the directory of an instance.
+pub(crate) const WIRE: &str = "wire";
 
 /// Name and root directory of an instance. Buses with different paths are separate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -36,7 +39,7 @@ impl InstancePaths {
         Ok(Self { instance: instance.to_owned(), root })
     }
 
-    /// Prefix of the names of this instance's files in shared memory. It contains a hash of the root, because shared memory is
+    /// Prefix of the names of this instance's files in shared memory; a random number follows in every name. It contains a hash of the root, because shared memory is
     /// common to all roots. An existing root has the same prefix by whichever path it is named.
     #[must_use]
     pub fn prefix(&self) -> String {
@@ -45,9 +48,9 @@ impl InstancePaths {
         format!("oqtal_{}_{root:016x}_", self.instance)
     }
 
-    /// Path of the file `name` of this instance in shared memory.
-    pub(crate) fn shared_file(&self, name: &str) -> PathBuf {
-        remains::shared_file(&self.prefix(), name)
+    /// Path of the words `name` that the processes of this instance share.
+    pub(crate) fn words_file(&self, name: &str) -> PathBuf {
+        self.directory().join(private::LINK).join(name)
     }
 
     /// Directory of the instance.
@@ -56,7 +59,15 @@ impl InstancePaths {
         self.root.join(&self.instance)
     }
 
-    /// Makes the root directory, and the configuration of iceoryx2 for this instance.
+    /// Path of the link to an emulated vehicle of this instance. It goes when nobody takes part any more.
+    #[must_use]
+    pub fn wire(&self) -> PathBuf {
+        self.directory().join(WIRE)
+    }
+
+    /// Makes the root directory, and the configuration of iceoryx2 for this instance but for the prefix, which is drawn when the
+    /// first process joins. Names in shared memory do not contain the root path, and not all names of files the prefix: an instance
+    /// needs both.
     ///
     /// # Errors
     /// The directory cannot be made, or its name is no absolute path of plain characters.
@@ -80,9 +91,7 @@ impl InstancePaths {
         })?;
         self.refuse_another_user()?;
         let mut config = Config::default();
-        // Names in shared memory do not contain the root path, and not all names of files the prefix: an instance needs both.
         config.global.set_root_path(&path);
-        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|_| bad_root())?;
         Ok(config)
     }
 

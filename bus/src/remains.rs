@@ -12,9 +12,9 @@ use rustix::process::geteuid;
 /// Where shared memory has its names.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// Path of the file `name` in shared memory of the instance with this prefix.
-pub(crate) fn shared_file(prefix: &str, name: &str) -> PathBuf {
-    Path::new(SHARED_MEMORY).join(format!("{prefix}{name}"))
+/// Path of the file or directory `name` in shared memory.
+pub(crate) fn shared(name: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(name)
 }
 
 /// Length up to which a description is read \[bytes\]; those of iceoryx2 have some hundreds.
@@ -27,7 +27,8 @@ const DIRECTORIES: [&str; 2] = ["nodes", "services"];
 /// it says why.
 pub(crate) fn remove_all(prefix: &str, directory: &Path) {
     for file in files(Path::new(SHARED_MEMORY), prefix) {
-        let _ = fs::remove_file(file);
+        // Not followed, if it is a link.
+        let _ = fs::remove_file(&file).or_else(|_| fs::remove_dir_all(file));
     }
     for name in DIRECTORIES {
         let _ = fs::remove_dir_all(directory.join(name));

@@ -30,7 +30,7 @@ const DAEMON: usize = 4;
 /// Number of words.
 pub(crate) const WORDS: usize = 5;
 
-/// Name of the file in shared memory, behind the prefix of the instance.
+/// Name of the file among the words of the instance.
 const FILE: &str = "stop";
 
 /// The words between processes, or in one process.
@@ -73,7 +73,7 @@ impl StopSwitch {
 
     /// The stop of the instance at `paths`; made if it does not exist. The lock of the instance is held.
     pub(crate) fn open(paths: &InstancePaths) -> Result<Self, BusError> {
-        let path = paths.shared_file(FILE);
+        let path = paths.words_file(FILE);
         let words = SharedWords::open(&path, WORDS)
             .map_err(|error| BusError::of_shared_file(FILE, path, &error))?;
         Ok(Self(StopWords::Shared(Rc::new(words))))
@@ -85,7 +85,7 @@ impl StopSwitch {
     /// # Errors
     /// It belongs to another user or another version.
     pub fn existing(paths: &InstancePaths) -> Result<Option<Self>, BusError> {
-        let path = paths.shared_file(FILE);
+        let path = paths.words_file(FILE);
         match SharedWords::open_existing(&path, WORDS) {
             Ok(words) => Ok(Some(Self(StopWords::Shared(Rc::new(words))))),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),

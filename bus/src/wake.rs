@@ -63,7 +63,7 @@ impl EventPorts {
     }
 
     pub(crate) fn path(&self, topic: &str) -> PathBuf {
-        self.membership.shared_file(&format!("{}.count", topic.replace('/', ".")))
+        self.membership.words_file(&format!("{}.count", topic.replace('/', ".")))
     }
 }
 

@@ -27,7 +27,11 @@ impl Config {
         self.position.check().map_err(|error| error.within("position"))?;
         self.trajectory.check().map_err(|error| error.within("trajectory"))?;
         self.safety.check()?;
-        self.fence.check()?;
+        self.fence.check().map_err(|error| {
+            let is_of_ranges = !error.key.ends_with("polygon-m");
+            let others: &[_] = if is_of_ranges { &["fence.soft-margin-m"] } else { &[] };
+            BrokenRule { error, others }
+        })?;
         self.bridge.check()?;
         self.receiver.check()?;
         self.record.check()?;

@@ -34,7 +34,8 @@ impl FenceOptions {
             // A comparison with NaN is false.
             let width = to - from;
             if width.is_nan() || width <= 2.0 * self.soft_margin_m {
-                let allowed = "a range wider than twice soft-margin-m";
+                let margin_m = self.soft_margin_m;
+                let allowed = format!("a range wider than twice fence.soft-margin-m, {margin_m}");
                 return Err(OptionError::new(key, format_args!("[{from}, {to}]"), allowed));
             }
         }

@@ -1,6 +1,8 @@
 //! The layers of a configuration, files and the environment, as settings.
 
 use std::ffi::OsString;
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
@@ -13,28 +15,73 @@ use crate::setting::{Setting, word_or_toml};
 /// libraries that tests compare with, and for how long.
 const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", "PEERS_SECONDS"];
 
+/// Length up to which a file is read \[bytes\]: a file without end, as a device, is refused.
+const LONGEST_FILE: u64 = 1 << 20;
+
 /// The settings of the file at `path`.
 pub(crate) fn from_file(path: &Path) -> Result<Vec<Setting>, ConfigError> {
+    from_toml(&path.display().to_string(), &read(path)?)
+}
+
+/// The text of the file at `path`.
+fn read(path: &Path) -> Result<String, ConfigError> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| ConfigError { origin: name.clone(), reason: error.to_string() })?;
-    from_toml(&name, &text)
+    let failed = |reason: String| ConfigError { origin: name.clone(), reason };
+    let file = File::open(path).map_err(|error| failed(error.to_string()))?;
+    let mut bytes = Vec::new();
+    let read = file.take(LONGEST_FILE + 1).read_to_end(&mut bytes);
+    read.map_err(|error| failed(error.to_string()))?;
+    if bytes.len() as u64 > LONGEST_FILE {
+        return Err(failed("longer than 1 MiB: no configuration".to_owned()));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = 1 + valid.iter().filter(|byte| **byte == b'\n').count();
+        ConfigError { origin: format!("{name}:{line}"), reason: "not UTF-8".to_owned() }
+    })
+}
+
+/// From the offset of a byte in `text`, that of the file `name`, to `FILE:LINE`.
+fn place(name: String, text: &str) -> impl Fn(usize) -> String {
+    move |offset| format!("{name}:{}", 1 + text[..offset].matches('\n').count())
+}
+
+/// The error of a file whose offsets are at `at`.
+fn located(at: &dyn Fn(usize) -> String, error: &toml::de::Error) -> ConfigError {
+    let origin = at(error.span().map_or(0, |span| span.start));
+    ConfigError { origin, reason: error.message().to_owned() }
 }
 
 /// The settings of a file with this name and text, each with its line.
 pub(crate) fn from_toml(file: &str, text: &str) -> Result<Vec<Setting>, ConfigError> {
-    let at = |offset: usize| format!("{file}:{}", 1 + text[..offset].matches('\n').count());
-    let parsed = DeTable::parse(text).map_err(|error| ConfigError {
-        origin: at(error.span().map_or(0, |span| span.start)),
-        reason: error.message().to_owned(),
-    })?;
-    let values: Table = text.parse().map_err(|error: toml::de::Error| ConfigError {
-        origin: file.to_owned(),
-        reason: error.message().to_owned(),
-    })?;
+    let at = place(file.to_owned(), text);
+    let parsed = DeTable::parse(text).map_err(|error| located(&at, &error))?;
+    let values: Table = text.parse().map_err(|error| located(&at, &error))?;
     let mut collector = Collector { at: &at, settings: Vec::new() };
     collector.collect(parsed.get_ref(), &values, "");
     Ok(collector.settings)
+}
+
+/// The names in the section `section` of the file at `path`, as far as it can be read, and what is wrong with the file.
+pub(crate) fn salvage(path: &Path, section: &str) -> (Vec<Setting>, Vec<ConfigError>) {
+    let (text, mut errors) = match read(path) {
+        Ok(text) => (text, Vec::new()),
+        Err(error) => return (Vec::new(), vec![error]),
+    };
+    let at = place(path.display().to_string(), &text);
+    let (parsed, wrong) = DeTable::parse_recoverable(&text);
+    errors.extend(wrong.iter().map(|error| located(&at, error)));
+    let mut settings = Vec::new();
+    let sections = parsed.get_ref().iter().filter(|(name, _)| name.get_ref() == section);
+    for (_, found) in sections {
+        let DeValue::Table(keys) = found.get_ref() else { continue };
+        for (name, value) in keys {
+            let DeValue::String(value) = value.get_ref() else { continue };
+            let (key, value) = (format!("{section}.{}", name.get_ref()), value.as_ref().into());
+            settings.push(Setting { key, value, origin: at(name.span().start) });
+        }
+    }
+    (settings, errors)
 }
 
 /// Collects the settings of a file.

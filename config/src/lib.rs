@@ -8,6 +8,7 @@
 //! | `config.rs` | the effective configuration, made of its layers |
 //! | `check.rs` | the rules of the effective configuration |
 //! | `setting.rs`, `layer.rs`, `preset.rs` | values with their origins, from flags, files, the environment, presets |
+//! | `place.rs` | the instance that is meant by a configuration with errors |
 //! | `follow.rs` | keys that follow those of another section |
 //! | `origin.rs`, `error.rs` | where a value was set, and the error that says so |
 //! | `airframe.rs` | what `[vehicle]` and `[plant]` have in common |
@@ -29,6 +30,7 @@ mod mocap_cameras;
 mod mocap_room;
 mod mocap_serve;
 mod origin;
+mod place;
 mod plant;
 mod plant_wire;
 mod preset;

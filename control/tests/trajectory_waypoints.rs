@@ -73,6 +73,7 @@ fn bad_tables_are_refused_with_line_and_reason() {
         ("t,x,y,z\n0,0,0,1\n1,0,0,NaN\n", 3, P::Number { column: "z" }),
         ("t,x,y,z\n0,inf,0,1\n", 2, P::Number { column: "x" }),
         ("t,x,y,z,yaw\n0,0,0,1,1e5\n", 2, P::Number { column: "yaw" }),
+        ("t,x,y,z\n0,0,0,1\n2,0,0,-0.4\n", 3, P::BelowFloor),
         ("t,x,y,z\n0.5,0,0,1\n", 2, P::FirstTime),
         ("t,x,y,z\n0,0,0,1\n2,0,0,1\n2,1,0,1\n", 4, P::TimeOrder),
         ("t,x,y,z\n0,0,0,1\n2,0,0,1\n1,1,0,1\n", 4, P::TimeOrder),
@@ -96,6 +97,8 @@ proptest! {
     ) {
         let mut text = String::from("t,x,y,z\n");
         let mut times = Vec::new();
+        // From the floor up.
+        let points: Vec<_> = points.into_iter().map(|(dt_s, [x, y, z])| (dt_s, [x, y, z.abs()])).collect();
         for (dt_s, [x, y, z]) in &points {
             let t_s: f64 = times.last().map_or(0.0, |last| last + dt_s);
             writeln!(text, "{t_s},{x},{y},{z}").unwrap();

@@ -2,7 +2,11 @@
 
 use oqtal_config::Config;
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
+
+/// Length up to which a file is read \[bytes\].
+const LONGEST_FILE: u64 = 1 << 24;
 
 /// The trajectory of `config`.
 ///
@@ -14,9 +18,13 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
     let waypoints = match (&options.waypoints_file, options.kind) {
         (Some(file), TrajectoryKind::Waypoints) => {
             let name = file.display();
-            let text =
-                std::fs::read_to_string(file).map_err(|error| data(format!("{name}: {error}")))?;
-            Some(Waypoints::parse(&text).map_err(|error| data(format!("{name}:{error}")))?)
+            let text = files::read_text(file, LONGEST_FILE)
+                .map_err(|error| data(format!("{name}: {error}")))?;
+            let parsed = Waypoints::parse(&text);
+            Some(
+                parsed
+                    .map_err(|error| data(format!("{name}:{}: {}", error.line, error.problem)))?,
+            )
         }
         _ => None,
     };

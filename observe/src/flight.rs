@@ -4,11 +4,13 @@ use std::fmt;
 
 use crate::latency::{Distribution, HopDistributions};
 use nalgebra::Vector3;
-use oqtal_bus::code::Mode;
+use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::{TelemetryV1, TruthV1};
+use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
+use oqtal_control::trajectory::Phase;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
@@ -118,6 +120,11 @@ impl FlightSample {
         [Mode::Flying.code(), Mode::Landing.code()].contains(&self.telemetry.mode)
     }
 
+    /// Whether the daemon brings the vehicle down by itself.
+    fn is_ended_by_daemon(&self) -> bool {
+        (SafetyState::Land.code()..SafetyState::Stop.code()).contains(&self.telemetry.state)
+    }
+
     /// Position of the vehicle \[m, world\]: the truth, or the estimate where there is none.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
@@ -171,6 +178,35 @@ impl Flight {
     /// The ticks of the scored window, by which the flight is judged.
     pub fn scored(&self) -> impl Iterator<Item = &FlightSample> {
         self.armed().filter(|sample| sample.telemetry.scored != 0)
+    }
+
+    /// Why the flight did not complete although it ended safely: the daemon landed a vehicle that was to fly on, or there was no
+    /// take-off. `None` for a complete flight, and for one whose outcome says it all.
+    #[must_use]
+    pub fn shortfall(&self) -> Option<String> {
+        match self.outcome {
+            Outcome::Landed => {
+                let cause = Cause::from_code(self.early_landing()?.telemetry.cause);
+                let cause = cause.unwrap_or(Cause::None);
+                Some(format!("the daemon landed the vehicle before the end of the flight: {cause}"))
+            }
+            Outcome::Timeout if self.armed().next().is_none() => {
+                let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
+                let reasons = ArmingObstacles::from_bits(bits);
+                let unknown = reasons.is_empty().then(|| "the daemon gives no reason".to_owned());
+                Some(format!("no take-off: {}", unknown.unwrap_or_else(|| reasons.to_string())))
+            }
+            _ => None,
+        }
+    }
+
+    /// The tick in which the daemon began to land by itself before the plan did; `None` if it did not.
+    fn early_landing(&self) -> Option<&FlightSample> {
+        let mut last = Phase::TakeOff as u8;
+        self.armed().find(|sample| {
+            let was_landing = std::mem::replace(&mut last, sample.telemetry.phase);
+            sample.is_ended_by_daemon() && was_landing != Phase::Landing as u8
+        })
     }
 
     /// Whether a recording was played.

@@ -48,8 +48,9 @@ const CHUNK: usize = 512;
 /// # Errors
 /// The link cannot be made; the bus refuses or breaks.
 pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
-    let terminal = PseudoTerminal::open(Path::new(link.path()))?;
+    // Joined first: a link that a killed vehicle left in the directory of the instance is gone then.
     let bus = context.bus()?;
+    let terminal = PseudoTerminal::open(Path::new(link.path()))?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut vehicle = WiredVehicle::new(&context.config, link, Time::now())

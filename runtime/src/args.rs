@@ -31,10 +31,22 @@ impl CommonArgs {
     /// # Errors
     /// A `--set` without `=`.
     pub fn settings(&self) -> Result<Vec<Setting>, ConfigError> {
-        let mut settings = Vec::new();
-        for text in &self.settings {
-            settings.push(Setting::parse("--set", text)?);
-        }
+        let parsed: Result<Vec<_>, _> = self.parsed().collect();
+        parsed.map(|settings| self.with_place(settings))
+    }
+
+    /// These flags as settings, those of a `--set` without `=` left out.
+    #[must_use]
+    pub fn usable_settings(&self) -> Vec<Setting> {
+        self.with_place(self.parsed().filter_map(Result::ok).collect())
+    }
+
+    fn parsed(&self) -> impl Iterator<Item = Result<Setting, ConfigError>> {
+        self.settings.iter().map(|text| Setting::parse("--set", text))
+    }
+
+    /// `settings`, and the flags that name the instance.
+    fn with_place(&self, mut settings: Vec<Setting>) -> Vec<Setting> {
         if let Some(name) = &self.instance {
             settings.push(Setting::flag("--instance", "instance.name", name.clone()));
         }
@@ -42,7 +54,7 @@ impl CommonArgs {
             let root = root.display().to_string();
             settings.push(Setting::flag("--root", "instance.root", root));
         }
-        Ok(settings)
+        settings
     }
 }
 

@@ -6,8 +6,10 @@ use oqtal_bus::message::Message;
 use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{Role, Topic};
-use oqtal_config::{ClockKind, Config};
+use oqtal_config::{ClockKind, Config, InstanceOptions};
+use oqtal_control::options::OptionError;
 
+use crate::exit::{Exit, Failure};
 use crate::health::{Health, Heartbeat};
 use crate::loop_clock::LoopClock;
 use crate::realtime;
@@ -94,11 +96,32 @@ pub fn roles(config: &Config) -> &'static [Role] {
     if config.is_replay() { &Role::ALL[1..] } else { &Role::ALL }
 }
 
+/// Checks the name of the instance of a configuration.
+///
+/// # Errors
+/// A bad name, with its origin (exit code 78; 64 if the flag `--instance` gives it).
+pub fn check_instance(config: &Config) -> Result<(), Failure> {
+    let Err(BusError::Name { value, .. }) = instance_paths(config) else { return Ok(()) };
+    let name = format!("`{}`", value.escape_debug());
+    let error = OptionError::new("instance.name", name, "1 to 32 of a-z, 0-9 and -");
+    let located = config.locate(&error);
+    let exit = if located.origin == "--instance" { Exit::Usage } else { Exit::Config };
+    Err(Failure::new(exit, located.to_string()))
+}
+
 /// Paths and names of the instance of a configuration.
 ///
 /// # Errors
 /// A bad instance name.
 pub fn instance_paths(config: &Config) -> Result<InstancePaths, BusError> {
-    let root = Some(&config.instance.root).filter(|root| !root.is_empty());
-    InstancePaths::new(&config.instance.name, root.map(std::path::Path::new))
+    paths_of(&config.instance)
+}
+
+/// Paths and names of an instance.
+///
+/// # Errors
+/// A bad instance name.
+pub fn paths_of(instance: &InstanceOptions) -> Result<InstancePaths, BusError> {
+    let root = Some(&instance.root).filter(|root| !root.is_empty());
+    InstancePaths::new(&instance.name, root.map(std::path::Path::new))
 }

@@ -62,9 +62,10 @@ impl From<BusError> for Failure {
             BusError::Version { .. } => Exit::Version,
             BusError::Permission { .. } => Exit::Permission,
             BusError::Name { .. } => Exit::Usage,
-            BusError::Full { .. } | BusError::Locked { .. } | BusError::System { .. } => {
-                Exit::System
-            }
+            BusError::Full { .. }
+            | BusError::Descriptors { .. }
+            | BusError::Locked { .. }
+            | BusError::System { .. } => Exit::System,
         };
         Self::new(exit, error.to_string())
     }

@@ -12,7 +12,7 @@ use crate::service;
 use crate::stop::StopFlag;
 
 pub use crate::args::{CommonArgs, ProcessCommand};
-pub use crate::context::{ProcessContext, instance_paths, roles};
+pub use crate::context::{ProcessContext, check_instance, instance_paths, paths_of, roles};
 pub use crate::exit::{Exit, Failure};
 
 use crate::health::Health;

@@ -4,6 +4,7 @@ use std::any::Any;
 use std::io::{ErrorKind, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
@@ -18,10 +19,17 @@ const SAY_TIMEOUT: Duration = Duration::from_millis(300);
 /// [`Exit::Internal`].
 #[must_use]
 pub fn run<C: Parser>(execute: impl FnOnce(C) -> ExitCode) -> ExitCode {
+    survive_size_limits();
     match C::try_parse() {
         Ok(command) => guarded(|| Ok(execute(command))).unwrap_or_else(|f| conclude("oqtal", &f)),
         Err(error) => explain(&error),
     }
+}
+
+/// Arranges that a write beyond a limit of file sizes (`ulimit -f`) fails, as on a full disk, and ends no process in flight.
+fn survive_size_limits() {
+    // Nobody reads the flag: with a handler the write returns an error. Refused, the signal acts as before.
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
 /// Executes `work` and turns a panic into a failure; its values are dropped as after an error.

@@ -57,7 +57,7 @@ impl BusFlight<'_> {
     /// An operator interrupted a flight that had not begun, or the recording cannot be written.
     pub fn fly_in_process(&self) -> Result<RecordedFlight, Failure> {
         let recording = self.recording(&[RecordedFlights::All])?;
-        let progress = FlightProgress::new(self.mission.expected());
+        let progress = FlightProgress::new(self.mission);
         let flown = simulation::fly_recorded(self.mission, recording, |recorder| {
             progress.show(recorder);
             self.interrupts.next()

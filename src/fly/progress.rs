@@ -1,39 +1,59 @@
 //! Progress bar and interrupts of a flight under way.
 
+use std::cell::Cell;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
-use oqtal_bus::message::VehicleV1;
-use oqtal_bus::time::Span;
+use oqtal_bus::message::{TelemetryV1, VehicleV1};
+use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Phase;
+use oqtal_lab::mission::Mission;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
 use oqtal_observe::recorder::Recorder;
 
-/// A progress bar on standard error, removed when dropped; invisible where standard error is no terminal.
+/// Time for which a flight does not begin after which it is said what keeps it.
+const PATIENCE: Span = Span::from_millis(1000);
+
+/// A progress bar on standard error, removed when dropped; invisible where standard error is no terminal. What keeps the flight from
+/// beginning is said on standard error, terminal or not.
 #[derive(Debug)]
 pub struct FlightProgress {
     bar: ProgressBar,
+    /// Whether a flight was asked for, as none is in a replay.
+    awaits_flight: bool,
+    obstruction: Cell<Obstruction>,
+}
+
+/// What keeps a flight from beginning.
+#[derive(Clone, Copy, Debug, Default)]
+struct Obstruction {
+    obstacles: ArmingObstacles,
+    since: Time,
+    is_said: bool,
 }
 
 impl FlightProgress {
-    /// A bar for a flight of the duration `expected`.
+    /// A bar for the flight `mission`.
     #[must_use]
-    pub fn new(expected: Span) -> Self {
-        let bar = ProgressBar::new(expected.seconds().ceil() as u64);
+    pub fn new(mission: &Mission) -> Self {
+        let bar = ProgressBar::new(mission.expected().seconds().ceil() as u64);
         let style = ProgressStyle::with_template("{bar:30.cyan/blue} {pos:>3}/{len} s  {msg}");
         bar.set_style(style.expect("the template is constant and valid"));
         bar.set_message("waiting for the processes");
-        Self { bar }
+        let awaits_flight = mission.recording.is_none();
+        Self { bar, awaits_flight, obstruction: Cell::default() }
     }
 
     /// Shows the newest tick of `recorder`.
     pub fn show(&self, recorder: &Recorder) {
         let Some(sample) = recorder.latest() else { return };
         let telemetry = &sample.telemetry;
+        self.tell_obstacles(telemetry);
         if telemetry.mission_s.is_finite() {
             self.bar.set_position(telemetry.mission_s.max(0.0) as u64);
         }
@@ -52,6 +72,20 @@ impl FlightProgress {
             "{mode}{phase}{state}  at {x:+.2} {y:+.2} {z:+.2} m, {error_cm:.0} cm off{}",
             recorder.wire().latest().map_or_else(String::new, vehicle)
         ));
+    }
+
+    /// Says once what keeps the flight from beginning when it has done so for a while.
+    fn tell_obstacles(&self, telemetry: &TelemetryV1) {
+        let obstacles = ArmingObstacles::from_bits(telemetry.obstacles);
+        let last = self.obstruction.get();
+        let is_same = last.obstacles == obstacles;
+        let since = if is_same { last.since } else { telemetry.time };
+        let is_long = !obstacles.is_empty() && telemetry.time.since(since) >= PATIENCE;
+        let is_said = is_same && last.is_said;
+        if self.awaits_flight && is_long && !is_said {
+            self.bar.suspend(|| say(&format!("oqtal: no take-off yet: {obstacles}")));
+        }
+        self.obstruction.set(Obstruction { obstacles, since, is_said: is_said || is_long });
     }
 
     /// Removes the bar.

@@ -70,7 +70,7 @@ impl FlightRecording<'_> {
         if self.mission.recording.is_none() {
             request_flight(&self.bus.control_client()?, self.mission.config.hash(), self.stop)?;
         }
-        let progress = FlightProgress::new(self.mission.expected());
+        let progress = FlightProgress::new(self.mission);
         let mut clock = ReviewClock::new(self.mission, self.bus, self.stop)?;
         let mut state = Progressing {
             recorder: Recorder::new(&self.mission.config),

@@ -214,7 +214,7 @@ impl CommandLink {
 /// `link` with a path that belongs to this instance.
 fn at_instance(link: &LinkSpec, config: &Config) -> Result<LinkSpec, Failure> {
     let place = instance_paths(config)?;
-    let path = place.root.join(format!("{}.wire", place.instance));
+    let path = place.wire();
     let text = link.to_string().replacen(link.path(), &path.display().to_string(), 1);
     text.parse().map_err(|error| {
         Failure::new(Exit::Usage, format!("{error}; give a --root whose name has no comma"))

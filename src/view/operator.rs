@@ -4,7 +4,6 @@ use std::sync::{Mutex, TryLockError};
 
 use oqtal_bus::code::OperatorCommand;
 use oqtal_bus::paths::InstancePaths;
-use oqtal_config::Config;
 use oqtal_view::site::{Operator, OperatorReply};
 
 use crate::ctl;
@@ -13,16 +12,15 @@ use crate::ctl;
 #[derive(Debug)]
 pub struct BusOperator {
     paths: InstancePaths,
-    config: Config,
-    /// Whether the daemon must run with `config`.
-    expects_config: bool,
+    /// Hash of the configuration that the daemon must run with.
+    expected: Option<u64>,
     busy: Mutex<()>,
 }
 
 impl BusOperator {
-    /// An operator of the instance at `paths`.
-    pub fn new(paths: InstancePaths, config: Config, expects_config: bool) -> Self {
-        Self { paths, config, expects_config, busy: Mutex::new(()) }
+    /// An operator of the instance at `paths`, whose daemon must run with the configuration of hash `expected`.
+    pub fn new(paths: InstancePaths, expected: Option<u64>) -> Self {
+        Self { paths, expected, busy: Mutex::new(()) }
     }
 }
 
@@ -36,8 +34,7 @@ impl Operator for BusOperator {
             let text = "another command is being answered".to_owned();
             return OperatorReply { is_accepted: false, text };
         }
-        let request = (command, self.expects_config);
-        match ctl::execute(&self.paths, &self.config, request) {
+        match ctl::execute(&self.paths, (command, self.expected)) {
             Ok(text) => OperatorReply { is_accepted: true, text },
             Err(failure) => OperatorReply { is_accepted: false, text: failure.message },
         }

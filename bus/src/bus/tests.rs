@@ -12,7 +12,7 @@ fn place(root: &std::path::Path) -> InstancePaths {
 }
 
 fn counters(place: &InstancePaths) -> usize {
-    let prefix = place.prepare().unwrap().global.prefix.to_string();
+    let prefix = place.prefix();
     let entries = std::fs::read_dir("/dev/shm").unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
     names.filter(|name| name.starts_with(&prefix) && name.ends_with(".global_mgmt")).count()
@@ -34,7 +34,7 @@ fn a_root_is_the_same_by_whichever_path_it_is_named() {
     let root = tempfile::tempdir().unwrap();
     let link = root.path().join("link");
     std::os::unix::fs::symlink(root.path(), &link).unwrap();
-    let prefix = |root: &std::path::Path| place(root).prepare().unwrap().global.prefix;
+    let prefix = |root: &std::path::Path| place(root).prefix();
     assert_eq!(prefix(root.path()), prefix(&link));
 }
 
@@ -107,7 +107,7 @@ fn f27_all_memory_of_a_port_is_there_when_it_is_opened() {
     let shared = files(&place).into_iter().filter(|file| file.starts_with("/dev/shm"));
     let shared: Vec<_> = shared.map(|file| (std::fs::metadata(&file).unwrap(), file)).collect();
     assert!(shared.iter().any(|(metadata, _)| metadata.len() > 1_000_000));
-    for (metadata, file) in shared {
+    for (metadata, file) in shared.iter().filter(|(metadata, _)| metadata.is_file()) {
         assert!(metadata.blocks() * 512 >= metadata.len(), "{}", file.display());
     }
 }
@@ -125,13 +125,49 @@ fn files_of_an_instance_are_private() {
     }
 }
 
+/// Names in shared memory of an instance, without the number that is drawn anew for each run of it.
+fn guessable(place: &InstancePaths) -> Vec<String> {
+    let names = files(place).into_iter().filter(|file| file.starts_with("/dev/shm"));
+    names.map(|file| file.file_name().unwrap().to_string_lossy().into_owned()).collect()
+}
+
+#[test]
+fn f28_no_name_in_shared_memory_can_be_guessed_and_planted_ones_hinder_nobody() {
+    let root = tempfile::tempdir().unwrap();
+    let place = place(root.path());
+    let bus = Bus::open(&place).unwrap();
+    let ports = (bus.writer(&POSE).unwrap(), bus.listener(&POSE).unwrap());
+    let words = bus.stop_switch().unwrap();
+    let last = guessable(&place);
+    assert!(last.len() > 3, "{last:?}");
+    drop((bus, ports, words));
+    assert_eq!(files(&place), Vec::<std::path::PathBuf>::new());
+    // As another user could: the names of the last run, and those without a random number.
+    let mut planted: Vec<_> =
+        last.iter().map(|name| std::path::Path::new("/dev/shm").join(name)).collect();
+    planted.extend(
+        ["stop", "pose.count"].map(|name| crate::remains::shared(&(place.prefix() + name))),
+    );
+    for path in &planted {
+        std::fs::create_dir_all(path.join("full")).unwrap();
+    }
+    let foreign = |path: &std::path::PathBuf| path.join("full").exists();
+    let bus = Bus::open(&place).unwrap();
+    let now = guessable(&place);
+    drop((bus.listener(&POSE).unwrap(), bus.stop_switch().unwrap(), bus));
+    assert!(now.iter().all(|name| !last.contains(name)), "{now:?}");
+    assert!(!planted.iter().any(foreign), "the instance's own remains are removed");
+}
+
 #[test]
 fn f26_a_service_built_otherwise_is_another_version_not_a_fault_of_the_system() {
     let root = tempfile::tempdir().unwrap();
     let place = place(root.path());
     let bus = Bus::open(&place).unwrap();
-    let node: Node<ipc::Service> =
-        NodeBuilder::new().config(&place.prepare().unwrap()).create().unwrap();
+    let mut config = place.prepare().unwrap();
+    let prefix = crate::private::prefix(&place.directory()).unwrap();
+    config.global.prefix = prefix.as_str().try_into().unwrap();
+    let node: Node<ipc::Service> = NodeBuilder::new().config(&config).create().unwrap();
     let named = |name: &str| node.service_builder(&ServiceName::new(name).unwrap());
     let _control = named(CONTROL).request_response::<u64, u64>().create().unwrap();
     let _typed = named("health/daemon").publish_subscribe::<u64>().create().unwrap();

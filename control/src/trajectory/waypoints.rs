@@ -73,6 +73,8 @@ pub enum WaypointProblem {
         /// Its column.
         column: &'static str,
     },
+    /// A point is below the floor, from which the flight starts.
+    BelowFloor,
     /// The first time is not 0.
     FirstTime,
     /// A time is not later than the one before it.
@@ -83,20 +85,28 @@ pub enum WaypointProblem {
 
 impl fmt::Display for WaypointError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "line {}: ", self.line)?;
-        match self.problem {
-            WaypointProblem::Header => write!(f, "the first line must be t,x,y,z or t,x,y,z,yaw"),
-            WaypointProblem::FieldCount { expected, found } => {
+        write!(f, "line {}: {}", self.line, self.problem)
+    }
+}
+
+impl fmt::Display for WaypointProblem {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Header => write!(f, "the first line must be t,x,y,z or t,x,y,z,yaw"),
+            Self::FieldCount { expected, found } => {
                 write!(f, "{found} fields where the header has {expected}")
             }
-            WaypointProblem::Number { column } => {
+            Self::Number { column } => {
                 write!(f, "{column} must be a number between -{GREATEST} and {GREATEST}")
             }
-            WaypointProblem::FirstTime => write!(f, "the first point must be at t = 0"),
-            WaypointProblem::TimeOrder => {
+            Self::BelowFloor => {
+                write!(f, "z must not be negative: the flight starts on the floor, at z = 0")
+            }
+            Self::FirstTime => write!(f, "the first point must be at t = 0"),
+            Self::TimeOrder => {
                 write!(f, "t must be at least {LEAST_SPACING_S} s later than in the line before")
             }
-            WaypointProblem::TooFew => write!(f, "there must be at least two points"),
+            Self::TooFew => write!(f, "there must be at least two points"),
         }
     }
 }
@@ -161,6 +171,9 @@ fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot
         *number = plausible.ok_or(WaypointProblem::Number { column })?;
     }
     let [t_s, x, y, z, mut yaw] = numbers;
+    if z < 0.0 {
+        return Err(WaypointProblem::BelowFloor);
+    }
     match previous {
         None if t_s != 0.0 => return Err(WaypointProblem::FirstTime),
         Some(previous) if t_s - previous.t_s < LEAST_SPACING_S => {

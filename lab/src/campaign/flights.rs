@@ -148,7 +148,8 @@ impl Prepared {
         config.clock.seed = seed;
         let mission = Mission::new(config)?;
         let flight = fly(&mission)?;
-        Ok((flight.outcome == Outcome::Landed).then_some((flight, mission)))
+        let is_complete = flight.outcome == Outcome::Landed && flight.shortfall().is_none();
+        Ok(is_complete.then_some((flight, mission)))
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fs;
 use std::io::ErrorKind;
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::{MetadataExt, symlink};
 use std::path::{Path, PathBuf};
 
 use oqtal_bus::time::{Span, Time};
@@ -143,12 +143,22 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     };
     // If the kernel reused the number of a dead process's terminal, the old target is this terminal: opening it again would release
     // the lock.
-    if old != terminal {
+    if old != terminal && !is_number_reused(link, &old) {
         refuse_if_in_use(link, &old)?;
     }
     replace(link, terminal).map_err(|error| {
         Failure::new(Exit::System, format!("replacing the stale link {shown} failed: {error}"))
     })
+}
+
+/// Whether `terminal` was made after `link` to it: the kernel gave the number of a dead process's terminal to a stranger's.
+fn is_number_reused(link: &Path, terminal: &Path) -> bool {
+    let Ok((link, terminal)) =
+        fs::symlink_metadata(link).and_then(|link| Ok((link, fs::metadata(terminal)?)))
+    else {
+        return false;
+    };
+    (link.ctime(), link.ctime_nsec()) < (terminal.ctime(), terminal.ctime_nsec())
 }
 
 /// Fails if a process holds the lock on `terminal` that [`set_up`] takes. A terminal that is gone or unlocked was a dead process's.
