@@ -56,8 +56,10 @@ pub trait CameraStream: Debug + Send {
         None
     }
 
-    /// Puts definitions that were read into force.
-    fn give_back(&mut self, _definitions: Box<BodyDefinitions>) {}
+    /// Puts definitions that were read into force. A protocol without definitions never hands any out.
+    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
+        drop(definitions);
+    }
 
     /// Whether the body of a route is known to the server.
     fn has(&self, route: usize) -> bool;

@@ -45,7 +45,7 @@ impl ScreenParts {
         let footer = (area.height > 3).then(|| rest.take_last(1));
         let status = rest.take(STATUS_LINES.min(rest.0.height));
         let mut parts = Self { title, status, footer, ..Self::default() };
-        let is_wide = area.width >= HOPS_WIDTH + EVENTS_WIDTH + 1;
+        let is_wide = area.width > HOPS_WIDTH + EVENTS_WIDTH;
         let charts = CHARTS * CHART_LINES;
         // Events say most in few lines; charts are the first to be left out.
         let (least, has_hops) = match rest.0.height {

@@ -35,7 +35,7 @@ impl<T> Default for Thinned<T> {
 
 impl<T: Copy> Thinned<T> {
     fn add(&mut self, row: T) {
-        if self.seen % THINNING == 0 {
+        if self.seen.is_multiple_of(THINNING) {
             if self.rows.len() == MOST_ROWS {
                 self.rows.pop_front();
             }

@@ -152,12 +152,12 @@ impl QtmSession {
         match command {
             QtmCommand::SetVersion(version) if version.is_supported() => {
                 self.version = version;
-                writer.command(&format!("Version set to {version}"));
+                writer.command(format!("Version set to {version}"));
             }
             QtmCommand::SetVersion(_) => writer.error("Version NOT supported"),
-            QtmCommand::Version => writer.command(&format!("Version is {}", self.version)),
+            QtmCommand::Version => writer.command(format!("Version is {}", self.version)),
             QtmCommand::ServerVersion => {
-                writer.command(&format!("QTM Version is {SERVER_VERSION}"));
+                writer.command(format!("QTM Version is {SERVER_VERSION}"));
             }
             QtmCommand::ByteOrder => writer.command(match self.order {
                 ByteOrder::Little => "Byte order is little endian",
