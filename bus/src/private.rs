@@ -1,8 +1,9 @@
 //! The private part of shared memory of an instance. Everybody may make files in `/dev/shm`: a name that another user can guess is a
 //! name that he can take before the instance does.
 //!
-//! The first process of an instance draws a random number. Names of this run of the instance begin with it; a directory of its owner
-//! alone, with the words that processes share, has it as its name. A link in the directory of the instance leads there.
+//! The first process of an instance draws a random number. Names of this run of the instance begin with it and [`SEPARATOR`]; a
+//! directory of its owner alone, with the words that processes share, has it as its name. A link in the directory of the instance
+//! leads there.
 
 use std::fs::DirBuilder;
 use std::hash::{BuildHasher, RandomState};
@@ -16,6 +17,10 @@ use crate::remains;
 /// Name of the link in the directory of an instance.
 pub(crate) const LINK: &str = "shared";
 
+/// Follows the random number in the names of iceoryx2, which refuses to list files if the name of one is its whole prefix: the
+/// name of the private directory is without.
+const SEPARATOR: char = '_';
+
 /// Makes the private directory of the instance with this prefix and directory, and the link to it. To be called when no process takes
 /// part, under the lock.
 ///
@@ -24,7 +29,7 @@ pub(crate) const LINK: &str = "shared";
 pub(crate) fn make(prefix: &str, directory: &Path) -> Result<(), BusError> {
     let private = loop {
         let random = RandomState::new().hash_one(std::process::id());
-        let path = remains::shared(&format!("{prefix}{random:016x}_"));
+        let path = remains::shared(&format!("{prefix}{random:016x}"));
         match DirBuilder::new().mode(0o700).create(&path) {
             Ok(()) => break path,
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
@@ -53,5 +58,5 @@ pub(crate) fn prefix(directory: &Path) -> Result<String, BusError> {
     };
     let private = std::fs::read_link(&link).map_err(|error| failed(&error))?;
     let name = private.file_name().ok_or_else(|| failed(&private))?;
-    Ok(name.to_string_lossy().into_owned())
+    Ok(format!("{}{SEPARATOR}", name.to_string_lossy()))
 }
