@@ -53,6 +53,8 @@ pub struct MotionGate {
     sigma: f64,
     /// The motion at the last pose that was believed; `None` on the ground.
     track: Option<Track>,
+    /// When that pose was measured \[s\]: the motion may have been carried forward since.
+    seen_s: f64,
     /// The last believed pose that is doubted.
     doubt: Option<Doubt>,
     /// The motion since which a pose that stays the same is compared with the prediction.
@@ -77,6 +79,7 @@ impl MotionGate {
             options: config.safety.filter,
             sigma: config.safety.gate_sigma,
             track: None,
+            seen_s: 0.0,
             doubt: None,
             changed: None,
             noise: PoseNoise::default(),
@@ -89,7 +92,7 @@ impl MotionGate {
     pub fn begin(&mut self, t_s: f64, pose: &MeasuredPose) {
         self.end();
         self.track = Some(Track::at_rest(self.options, t_s, pose));
-        (self.floor_m, self.changed) = (pose.position.z, self.track);
+        (self.floor_m, self.changed, self.seen_s) = (pose.position.z, self.track, t_s);
     }
 
     /// Ends it: on the ground no motion is predicted.
@@ -157,7 +160,7 @@ impl MotionGate {
         }
         self.settle_doubt(&expected, without, pose)?;
         self.refused = None;
-        self.track = Some(expected.corrected(pose, self.floor_m));
+        (self.track, self.seen_s) = (Some(expected.corrected(pose, self.floor_m)), t_s);
         let is_over = self.changed.is_none_or(|changed| t_s - changed.t_s > LONGEST_PREDICTION_S);
         if self.noise.repeats() == 0 || is_over || self.may_stand(&expected) {
             self.changed = self.track;
@@ -181,7 +184,9 @@ impl MotionGate {
                 self.doubt = None;
                 return Err(Cause::Relabel);
             }
-            Some(Verdict::Settled) | None => self.doubt = Doubt::about(expected, pose),
+            Some(Verdict::Settled) | None => {
+                self.doubt = Doubt::about(expected, pose, expected.t_s - self.seen_s);
+            }
         }
         Ok(())
     }
