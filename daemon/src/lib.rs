@@ -83,7 +83,7 @@ pub use limits::{FlightLimits, FlightView, LimitConditions};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
 pub use pose_noise::PoseNoise;
-pub use setpoint::SetpointGuard;
+pub use setpoint::{CheckedSetpoint, SetpointGuard};
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
 pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
