@@ -244,10 +244,10 @@ impl Cycle {
         let sent_s = seconds(stamps.command_published_at);
         self.guard.motion.sent(command_sequence, sent_s, &self.memory.sent);
         self.stack.active_mut().sent(command_sequence, sent_s, &self.memory.sent);
-        let late = stamps.pose_published_at.is_set()
-            && stamps.command_published_at.since(stamps.pose_published_at) > self.timing.period;
-        self.telemetry.deadline_misses += u64::from(late);
-        self.health.sent(late);
+        // A command about no pose is due when it is sent.
+        let due = Some(stamps.pose_published_at).filter(|at| at.is_set());
+        self.health.sent(due.unwrap_or(stamps.command_published_at), stamps.command_published_at);
+        self.telemetry.deadline_misses = self.health.deadline_misses();
         self.telemetry.command_sequence = command_sequence;
         self.telemetry
     }

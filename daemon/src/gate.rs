@@ -10,6 +10,7 @@ use oqtal_control::predictive::{CommandHistory, FilterOptions, MeasuredPose, Sur
 
 use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;
+use crate::floor::LIFTING;
 use crate::pose_noise::PoseNoise;
 use doubt::{Doubt, Verdict};
 use stranger::Stranger;
@@ -22,8 +23,6 @@ const RELABEL_POSES: u32 = 3;
 const MOST_TURNED_RAD: f64 = 0.5;
 /// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
 const DOUBT_SIGMA: f64 = 3.0;
-/// Thrust over the weight that lifts every vehicle that may be flown \[-\].
-const LIFTING: f64 = 1.35;
 /// Repetitions of a pose from which on its source may count as frozen \[-\].
 const FROZEN_REPEATS: u32 = 2;
 /// Predicted motion during which a pose cannot stay the same \[m\]: many times the resolution of a coarse source.

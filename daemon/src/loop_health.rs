@@ -1,14 +1,13 @@
 //! Health of the loop's input and timing: age and losses of poses, late ticks.
 
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_runtime::overrun::OverrunMonitor;
 
 use crate::limits::LimitConditions;
 
 /// Window of the share of frames that were lost or refused \[ticks\]: five seconds at 60 Hz.
 const LOSS_WINDOW: f64 = 300.0;
-/// Late ticks in a row that make an overrun \[-\].
-const OVERRUN_TICKS: u32 = 3;
 
 /// Frames of the cameras so far.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,7 +31,7 @@ pub struct LoopHealth {
     frames: FrameCounts,
     /// Share of such frames lately \[0..1\].
     loss: f64,
-    late_ticks: u32,
+    overruns: OverrunMonitor,
 }
 
 impl LoopHealth {
@@ -49,7 +48,7 @@ impl LoopHealth {
             window: LOSS_WINDOW * config.poses_per_tick(),
             frames: FrameCounts::default(),
             loss: 0.0,
-            late_ticks: 0,
+            overruns: OverrunMonitor::new(Span::period_of(config.control.rate_hz)),
         }
     }
 
@@ -64,9 +63,15 @@ impl LoopHealth {
         self.age = used.unwrap_or(self.age);
     }
 
-    /// Records whether the command of a tick was late.
-    pub fn sent(&mut self, late: bool) {
-        self.late_ticks = if late { self.late_ticks.saturating_add(1) } else { 0 };
+    /// Records the command that was sent at `sent_at` about the pose that was published at `due`.
+    pub fn sent(&mut self, due: Time, sent_at: Time) {
+        self.overruns.turn_ended(due, sent_at);
+    }
+
+    /// Number of commands sent more than a period after their pose \[-\].
+    #[must_use]
+    pub fn deadline_misses(&self) -> u64 {
+        self.overruns.late_turns()
     }
 
     /// Fills in the conditions of poses and loop.
@@ -74,7 +79,7 @@ impl LoopHealth {
         conditions.poses_old = self.age > self.age_warning;
         conditions.poses_too_old = self.age > self.age_limit;
         conditions.poses_lost = self.loss > self.loss_warning;
-        conditions.overrun = self.late_ticks >= OVERRUN_TICKS;
+        conditions.overrun = self.overruns.runs_late();
     }
 }
 

@@ -5,8 +5,8 @@ use oqtal_bus::time::Time;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint};
 
-/// Height above the floor below which a vehicle has landed, once its reference is below the floor \[m\].
-const LANDED_HEIGHT_M: f64 = 0.04;
+use crate::floor::LANDED_M;
+
 /// Time after the end of the landing's reference within which the vehicle must have landed \[s\].
 const LANDING_GRACE_S: f64 = 8.0;
 
@@ -128,6 +128,6 @@ impl ActiveMission {
         let FlightPath::Plan(_, floor_m) = &self.path else { return false };
         reference.phase == Phase::Landing
             && reference.position.z < *floor_m
-            && estimate.position.z < floor_m + LANDED_HEIGHT_M
+            && estimate.position.z < floor_m + LANDED_M
     }
 }
