@@ -20,12 +20,16 @@ use watch::Watch;
 
 /// Ticks that a flight waits for its take-off, and for its landing; after them it is ended as an operator would, by Stop.
 const PATIENCE_TICKS: u64 = 900;
+/// Flights in which everything happens that may.
+const MANY_FLIGHTS: u64 = 20;
 /// Ticks after which processes have let go of what belonged to a dead one.
 const SETTLING_TICKS: u64 = 60;
 
 /// How the flights ended, and what was done to them.
 #[derive(Debug, Default)]
 struct Count {
+    /// Those that got off the floor.
+    flown: u64,
     landed: u32,
     stopped: u32,
     refused: u32,
@@ -82,6 +86,7 @@ fn flight(laboratory: &mut Laboratory, watch: &mut Watch, random: &mut Random, c
     let in_the_air =
         |watch: &Watch| watch.height_m > 0.5 || watch.state == SafetyState::Stop.code();
     until(watch, PATIENCE_TICKS, in_the_air);
+    count.flown += u64::from(watch.height_m > 0.5);
     for _ in 0..random.below(4) {
         fly_on(watch, random);
         disturb(laboratory, random, count);
@@ -108,7 +113,7 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
     let mut count = Count::default();
     let (began, mut flights) = (Instant::now(), 0);
     let mut settled = ResourceRecord::default();
-    while flights == 0 || began.elapsed() < Duration::from_secs(seconds) {
+    while count.flown == 0 || began.elapsed() < Duration::from_secs(seconds) {
         laboratory.restart_plant();
         let is_ready = |watch: &Watch| watch.is_fresh && watch.mode == Mode::Disarmed.code();
         assert!(until(&mut watch, PATIENCE_TICKS, is_ready), "the daemon gets no poses");
@@ -118,6 +123,8 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         flight(&mut laboratory, &mut watch, &mut random, &mut count);
         flights += 1;
         watch.assert_sound();
+        // One may be stopped before it is in the air, by poses that failed or a turn that was late.
+        assert!(2 * count.flown + 1 >= flights, "{flights} flights: {count:?}");
     }
     println!(
         "{flights} flights in {} s: {count:?}; {} commands, {} ticks, {} poses refused; {:?}",
@@ -127,6 +134,10 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         watch.refused,
         settled,
     );
+    if flights >= MANY_FLIGHTS {
+        assert!(count.landed > 0 && count.stopped > 0 && count.kills > 0 && count.stops > 0);
+        assert!(watch.refused > 0, "no fault of the poses was seen");
+    }
     // Its readers are a part of the instance, too.
     drop(watch);
     laboratory.end();
