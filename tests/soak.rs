@@ -20,6 +20,8 @@ use watch::Watch;
 
 /// Ticks that a flight waits for its take-off, and for its landing; after them it is ended as an operator would, by Stop.
 const PATIENCE_TICKS: u64 = 900;
+/// Flights of which a third is in the air, whatever fails.
+const FEW_FLIGHTS: u64 = 5;
 /// Flights in which everything happens that may.
 const MANY_FLIGHTS: u64 = 20;
 /// Ticks after which processes have let go of what belonged to a dead one.
@@ -83,8 +85,11 @@ fn flight(laboratory: &mut Laboratory, watch: &mut Watch, random: &mut Random, c
         count.refused += 1;
         return;
     }
-    let in_the_air =
-        |watch: &Watch| watch.height_m > 0.5 || watch.state == SafetyState::Stop.code();
+    let asked_at = watch.ticks;
+    let in_the_air = |watch: &Watch| {
+        let was_ended = watch.mode == Mode::Disarmed.code();
+        watch.height_m > 0.5 || was_ended && watch.ticks > asked_at + SETTLING_TICKS
+    };
     until(watch, PATIENCE_TICKS, in_the_air);
     count.flown += u64::from(watch.height_m > 0.5);
     for _ in 0..random.below(4) {
@@ -123,8 +128,9 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         flight(&mut laboratory, &mut watch, &mut random, &mut count);
         flights += 1;
         watch.assert_sound();
-        // One may be stopped before it is in the air, by poses that failed or a turn that was late.
-        assert!(2 * count.flown + 1 >= flights, "{flights} flights: {count:?}");
+        // Some are stopped before they are in the air, by poses that failed.
+        let enough = if flights < FEW_FLIGHTS { 0 } else { flights / 3 };
+        assert!(count.flown >= enough, "{flights} flights: {count:?}");
     }
     println!(
         "{flights} flights in {} s: {count:?}; {} commands, {} ticks, {} poses refused; {:?}",

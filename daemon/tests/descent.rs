@@ -24,6 +24,8 @@ fn is_level(command: &CommandV1) -> bool {
     command.actuation == Actuation::Attitude.code()
         && command.sticks == [0.0; 3]
         && command.attitude[0].hypot(command.attitude[1]) < 1e-12
+        // At the heading that the vehicle had.
+        && command.attitude[2].abs() < 0.01
 }
 
 #[test]
@@ -111,6 +113,27 @@ fn f48_markers_that_were_exchanged_are_not_believed_in_a_descent() {
             let is_told = [Cause::Relabel, Cause::Jump].contains(&flight.cause());
             assert!(is_told, "{degrees} deg after {gap} frames: {}", flight.cause());
         }
+    }
+}
+
+#[test]
+fn f48_a_vehicle_that_a_gust_moved_unseen_is_believed_when_it_is_seen_again() {
+    for gap in [24, 36, 48] {
+        let mut flight = hovering(&[]);
+        flight.wind = Vector3::new(0.6, 0.3, 0.0);
+        for _ in 0..8 {
+            flight.frame(|_| None);
+        }
+        flight.wind = Vector3::zeros();
+        for _ in 8..gap {
+            flight.frame(|_| None);
+        }
+        flight.until(SafetyState::Land, Some);
+        while flight.bench.mode() != Some(Mode::Disarmed) {
+            flight.run(1);
+            assert_eq!(flight.state(), SafetyState::Land, "{gap}: {}", flight.cause());
+        }
+        assert!(flight.motion.position.z < 0.05, "{gap}");
     }
 }
 
