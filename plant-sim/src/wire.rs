@@ -24,6 +24,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::faults::RadioFaults;
+use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
@@ -52,7 +53,9 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let bus = context.bus()?;
     let terminal = PseudoTerminal::open(Path::new(link.path()))?;
     let mut truths = bus.writer(&TRUTH)?;
-    let mut heartbeat = context.heartbeat(&bus)?;
+    // It stands for a vehicle, whose configuration is its own.
+    let mut heartbeat =
+        Heartbeat::new(&bus, context.role, HealthV1::OWN_CONFIG, context.health.clone())?;
     let mut vehicle = WiredVehicle::new(&context.config, link, Time::now())
         .map_err(|error| context.config.locate(&error))?;
     let (mut outputs, mut answer) = (Vec::with_capacity(64), Vec::with_capacity(1024));

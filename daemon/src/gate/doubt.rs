@@ -23,7 +23,7 @@ pub(super) struct Doubt {
 
 /// What a further pose tells about a doubt.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Verdict {
+pub(super) enum DoubtVerdict {
     /// Nothing yet.
     Open(Doubt),
     /// The doubted pose was right.
@@ -45,14 +45,14 @@ impl Doubt {
     }
 
     /// The verdict of `pose`, for the motion `without` at its instant.
-    pub(super) fn judge(&self, without: &Track, pose: &MeasuredPose) -> Verdict {
+    pub(super) fn judge(&self, without: &Track, pose: &MeasuredPose) -> DoubtVerdict {
         let now = Stranger::of(without, pose);
         if !now.stays(&self.first) {
-            return Verdict::Settled;
+            return DoubtVerdict::Settled;
         }
         match without.t_s - self.since_s >= DOUBT_S {
-            true => Verdict::Relabel(*without, now),
-            false => Verdict::Open(Self { without: *without, ..*self }),
+            true => DoubtVerdict::Relabel(*without, now),
+            false => DoubtVerdict::Open(Self { without: *without, ..*self }),
         }
     }
 }
