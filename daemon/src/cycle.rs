@@ -366,3 +366,6 @@ impl Cycle {
         self.guard.motion.predict(t_s).map(|track| track.estimate())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -12,7 +12,7 @@ use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;
 use crate::floor::LIFTING;
 use crate::pose_noise::PoseNoise;
-use doubt::{Doubt, Verdict};
+use doubt::{Doubt, DoubtVerdict};
 use stranger::Stranger;
 
 /// Poses in a row that agree with each other and not with the motion, after which they are of another body or of markers that
@@ -176,14 +176,14 @@ impl MotionGate {
     ) -> Result<(), Cause> {
         let verdict = self.doubt.zip(without).map(|(doubt, without)| doubt.judge(&without, pose));
         match verdict {
-            Some(Verdict::Open(doubt)) => self.doubt = Some(doubt),
-            Some(Verdict::Relabel(without, stranger)) => {
+            Some(DoubtVerdict::Open(doubt)) => self.doubt = Some(doubt),
+            Some(DoubtVerdict::Relabel(without, stranger)) => {
                 self.track = Some(without);
                 self.refused = Some(Refused { stranger, poses: RELABEL_POSES });
                 self.doubt = None;
                 return Err(Cause::Relabel);
             }
-            Some(Verdict::Settled) | None => {
+            Some(DoubtVerdict::Settled) | None => {
                 self.doubt = Doubt::about(expected, pose, expected.t_s - self.seen_s);
             }
         }

@@ -11,7 +11,7 @@ const LOSS_WINDOW: f64 = 300.0;
 
 /// Frames of the cameras so far.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct FrameCounts {
+pub struct TickFrames {
     /// Those whose pose was accepted \[-\].
     pub accepted: u64,
     /// Those that were lost or whose pose was refused \[-\].
@@ -28,7 +28,7 @@ pub struct LoopHealth {
     age: Span,
     /// Frames of the camera in the window of the loss \[-\].
     window: f64,
-    frames: FrameCounts,
+    frames: TickFrames,
     /// Share of such frames lately \[0..1\].
     loss: f64,
     overruns: OverrunMonitor,
@@ -46,14 +46,14 @@ impl LoopHealth {
             loss_warning: safety.pose_loss_warning,
             age: Span::default(),
             window: LOSS_WINDOW * config.poses_per_tick(),
-            frames: FrameCounts::default(),
+            frames: TickFrames::default(),
             loss: 0.0,
             overruns: OverrunMonitor::new(Span::period_of(config.control.rate_hz)),
         }
     }
 
     /// Records a tick: the age of the pose that it uses, if any, and the frames so far.
-    pub fn tick(&mut self, used: Option<Span>, frames: FrameCounts) {
+    pub fn tick(&mut self, used: Option<Span>, frames: TickFrames) {
         let before = std::mem::replace(&mut self.frames, frames);
         let bad = frames.bad.saturating_sub(before.bad) as f64;
         let all = bad + frames.accepted.saturating_sub(before.accepted) as f64;
@@ -92,7 +92,7 @@ mod tests {
         let mut config = Config::default();
         config.plant.frame_rate_hz = frame_rate_hz;
         let mut health = LoopHealth::new(&config);
-        let mut frames = FrameCounts::default();
+        let mut frames = TickFrames::default();
         let per_tick = config.poses_per_tick().round() as u64;
         for frame in 0..6000 * per_tick {
             match frame % one_in {

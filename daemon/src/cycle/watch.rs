@@ -10,7 +10,7 @@ use crate::arming::ArmingView;
 use crate::command::VehicleCommand;
 use crate::guard::seconds;
 use crate::limits::{FlightView, LimitConditions};
-use crate::loop_health::FrameCounts;
+use crate::loop_health::TickFrames;
 
 impl Cycle {
     /// Everything that keeps a flight from beginning; nothing in flight and of a recording.
@@ -30,7 +30,7 @@ impl Cycle {
     pub(super) fn limit_conditions(&mut self, now: Time, fresh: bool) -> LimitConditions {
         let age = self.pose_age(now).filter(|_| fresh);
         let (accepted, bad) = (self.guard.accepted(), self.guard.lost() + self.guard.refused());
-        self.health.tick(age, FrameCounts { accepted, bad });
+        self.health.tick(age, TickFrames { accepted, bad });
         let mut conditions = LimitConditions {
             configs_differ: self.requests.configs_differ,
             ..LimitConditions::default()

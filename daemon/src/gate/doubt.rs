@@ -26,7 +26,7 @@ pub(super) struct Doubt {
 
 /// What a further pose tells about a doubt.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Verdict {
+pub(super) enum DoubtVerdict {
     /// Nothing yet.
     Open(Doubt),
     /// The doubted pose was right.
@@ -50,18 +50,18 @@ impl Doubt {
     }
 
     /// The verdict of `pose`, for the motion `without` at its instant.
-    pub(super) fn judge(&self, without: &Track, pose: &MeasuredPose) -> Verdict {
+    pub(super) fn judge(&self, without: &Track, pose: &MeasuredPose) -> DoubtVerdict {
         let now = Stranger::of(without, pose);
         let elapsed_s = without.t_s - self.since_s;
         let is_over = elapsed_s >= DOUBT_S;
         // Before, noise may change an offset by as much as a slow motion does.
         let growth = if is_over { elapsed_s / self.gap_s } else { f64::INFINITY };
         if !now.stays(&self.first, growth) {
-            return Verdict::Settled;
+            return DoubtVerdict::Settled;
         }
         match is_over {
-            true => Verdict::Relabel(*without, now),
-            false => Verdict::Open(Self { without: *without, ..*self }),
+            true => DoubtVerdict::Relabel(*without, now),
+            false => DoubtVerdict::Open(Self { without: *without, ..*self }),
         }
     }
 }
