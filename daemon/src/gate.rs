@@ -148,7 +148,11 @@ impl MotionGate {
     pub fn judge(&mut self, t_s: f64, pose: &MeasuredPose) -> Result<(), Cause> {
         self.noise.take(pose);
         let Some(mut expected) = self.predict(t_s) else { return Ok(()) };
-        let without = self.doubt.map(|doubt| doubt.without(t_s, &self.surroundings()));
+        let mut without = self.doubt.map(|doubt| doubt.without(t_s, &self.surroundings()));
+        if let Some(returned) = without.filter(|track| returns(track, &expected, pose)) {
+            // The doubted pose was an outlier: the motion is that without it.
+            (expected, self.doubt, without) = (returned, None, None);
+        }
         if !self.lies_on(&expected, pose, self.sigma) {
             let right = without.filter(|track| self.lies_on(track, pose, DOUBT_SIGMA));
             expected = right.ok_or_else(|| self.refuse(&expected, pose))?;
@@ -245,4 +249,10 @@ impl MotionGate {
         let Self { commands, history, floor_m, .. } = self;
         Surroundings { model: &commands.model, history, floor_m: *floor_m }
     }
+}
+
+/// Whether `pose` is where the motion `without` a doubted pose is, and further from the motion `with` it.
+fn returns(without: &Track, with: &Track, pose: &MeasuredPose) -> bool {
+    let (off, off_with) = (Stranger::of(without, pose), Stranger::of(with, pose));
+    !off.is_off() && off.distance_m() < off_with.distance_m()
 }

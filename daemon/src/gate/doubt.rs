@@ -11,6 +11,9 @@ use super::stranger::Stranger;
 /// Time for which an offset must stay the same \[s\].
 const DOUBT_S: f64 = 0.1;
 
+/// Gap that is none \[s\], in which frames of slow cameras were lost: an offset after it is not an uncertainty that has grown.
+const NO_GAP_S: f64 = 0.055;
+
 /// A believed pose that is doubted.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Doubt {
@@ -22,6 +25,8 @@ pub(super) struct Doubt {
     since_s: f64,
     /// Time between the last pose before the doubt and the doubted one \[s\].
     gap_s: f64,
+    /// Whether the offset has changed since.
+    has_changed: bool,
 }
 
 /// What a further pose tells about a doubt.
@@ -40,7 +45,8 @@ impl Doubt {
     /// it was expected.
     pub(super) fn about(expected: &Track, pose: &MeasuredPose, gap_s: f64) -> Option<Self> {
         let first = Stranger::of(expected, pose);
-        let doubt = Self { without: *expected, first, since_s: expected.t_s, gap_s };
+        let doubt =
+            Self { without: *expected, first, since_s: expected.t_s, gap_s, has_changed: false };
         first.is_off().then_some(doubt)
     }
 
@@ -56,12 +62,11 @@ impl Doubt {
         let is_over = elapsed_s >= DOUBT_S;
         // Before, noise may change an offset by as much as a slow motion does.
         let growth = if is_over { elapsed_s / self.gap_s } else { f64::INFINITY };
-        if !now.stays(&self.first, growth) {
-            return DoubtVerdict::Settled;
-        }
+        let has_changed = self.has_changed || !now.stays(&self.first, growth);
         match is_over {
+            false => DoubtVerdict::Open(Self { without: *without, has_changed, ..*self }),
+            true if has_changed || self.gap_s < NO_GAP_S => DoubtVerdict::Settled,
             true => DoubtVerdict::Relabel(*without, now),
-            false => DoubtVerdict::Open(Self { without: *without, ..*self }),
         }
     }
 }

@@ -37,6 +37,11 @@ impl Stranger {
         }
     }
 
+    /// Distance of the pose from the predicted position \[m\].
+    pub(super) fn distance_m(&self) -> f64 {
+        self.offset.norm()
+    }
+
     /// Angle of the pose from the predicted attitude \[rad\].
     pub(super) fn turn_rad(&self) -> f64 {
         self.turn.norm()
