@@ -17,7 +17,7 @@ fn f06_a_law_that_decides_on_numbers_that_are_not_finite_disarms() {
         let command = VehicleCommand::level(config.vehicle.interface, 0.0, thrust_n);
         let attitude = AttitudeReference::at_rest(Attitude::LEVEL);
         let setpoint = PositionCommand { attitude, thrust_n, velocity: Vector3::zeros() };
-        let output = ControlOutput { setpoint, command: command.clone(), saturated: false };
+        let output = ControlOutput { setpoint, command, saturated: false };
         let expected = if is_armed { command } else { VehicleCommand::Disarmed };
         assert_eq!(cycle.choose(now, Some(&output)), expected, "{thrust_n} N");
     }
