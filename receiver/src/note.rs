@@ -16,6 +16,8 @@ pub enum ReceiverNote {
     },
     /// The server's clock is not known: no poses until it is.
     ClockUnknown,
+    /// The server's clock was set by so little that poses went on.
+    ClockStepped,
     /// The cameras see a body.
     BodySeen {
         /// Route of the body.
@@ -64,6 +66,9 @@ impl ReceiverNote {
                     "the server's clock was set or restarted: no poses until it is known again"
                 );
             }
+            Self::ClockStepped => tracing::warn!(
+                "the server's clock was set by some milliseconds: switch its time service off while flying"
+            ),
             Self::BodySeen { route } => tracing::info!("the cameras see `{}`", name(route)),
             Self::BodyLost { route } => tracing::warn!(
                 "the cameras do not see `{}`: are its markers covered, is it in the volume?",
