@@ -33,6 +33,18 @@ pub enum ReceiverNote {
         /// Route of the body.
         route: usize,
     },
+    /// Another body of the server has the name of a route, and is not received.
+    BodyRefused {
+        /// The route.
+        route: usize,
+        /// Number of the body that is not received \[-\].
+        key: i64,
+    },
+    /// The machine was suspended.
+    Suspended {
+        /// For how long.
+        length: Span,
+    },
     /// Frames were lost, repeated, out of order, late or damaged in the last seconds.
     Troubled {
         /// Frames that never came \[-\].
@@ -77,6 +89,14 @@ impl ReceiverNote {
             Self::BodyMissing { route } => tracing::warn!(
                 "the server has no body `{}` any more: was it renamed or switched off?",
                 name(route)
+            ),
+            Self::BodyRefused { route, key } => tracing::warn!(
+                "the server has a second body `{}`, number {key}, which is not received: give each body a name of its own",
+                name(route)
+            ),
+            Self::Suspended { length } => tracing::warn!(
+                "the machine was suspended for {:.1} s: poses from before are old",
+                length.seconds()
             ),
             Self::Troubled { lost, repeated, out_of_order, late, damaged } => tracing::warn!(
                 lost,
