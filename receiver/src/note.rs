@@ -63,7 +63,6 @@ pub enum ReceiverNote {
 impl ReceiverNote {
     /// Writes the event to the log; `names` are those of the bodies.
     pub fn log(self, names: &[String]) {
-        let name = |route: usize| names.get(route).map_or("?", String::as_str);
         match self {
             Self::Receiving => tracing::info!("frames come"),
             Self::Silent => tracing::warn!("no frames come: connecting again"),
@@ -81,6 +80,29 @@ impl ReceiverNote {
             Self::ClockStepped => tracing::warn!(
                 "the server's clock was set by some milliseconds: switch its time service off while flying"
             ),
+            Self::Suspended { length } => tracing::warn!(
+                "the machine was suspended for {:.1} s: poses from before are old",
+                length.seconds()
+            ),
+            Self::Troubled { lost, repeated, out_of_order, late, damaged } => tracing::warn!(
+                lost,
+                repeated,
+                out_of_order,
+                late,
+                damaged,
+                "frames of the last seconds; `oqtal receiver probe` examines the connection"
+            ),
+            Self::BodySeen { .. }
+            | Self::BodyLost { .. }
+            | Self::BodyMissing { .. }
+            | Self::BodyRefused { .. } => self.log_body(names),
+        }
+    }
+
+    /// Writes an event of one body to the log.
+    fn log_body(self, names: &[String]) {
+        let name = |route: usize| names.get(route).map_or("?", String::as_str);
+        match self {
             Self::BodySeen { route } => tracing::info!("the cameras see `{}`", name(route)),
             Self::BodyLost { route } => tracing::warn!(
                 "the cameras do not see `{}`: are its markers covered, is it in the volume?",
@@ -94,18 +116,8 @@ impl ReceiverNote {
                 "the server has a second body `{}`, number {key}, which is not received: give each body a name of its own",
                 name(route)
             ),
-            Self::Suspended { length } => tracing::warn!(
-                "the machine was suspended for {:.1} s: poses from before are old",
-                length.seconds()
-            ),
-            Self::Troubled { lost, repeated, out_of_order, late, damaged } => tracing::warn!(
-                lost,
-                repeated,
-                out_of_order,
-                late,
-                damaged,
-                "frames of the last seconds; `oqtal receiver probe` examines the connection"
-            ),
+            // The others are of no body.
+            _ => {}
         }
     }
 }

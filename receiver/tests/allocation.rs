@@ -98,23 +98,10 @@ fn received(stream: &mut dyn CameraStream, last: u32) -> u64 {
     })
 }
 
-#[test]
-fn a_vrpn_server_that_asks_and_renames_without_an_end_makes_nobody_allocate() {
-    let names = ["quad".to_owned()];
+/// Pings and names of trackers that nobody wants.
+fn questions() -> Vec<u8> {
     let mut flood = Vec::new();
-    let mut greeting = Vec::new();
-    let mut session = VrpnSession::open(&names, &mut greeting);
-    let mut answer = {
-        let mut first = true;
-        move |bytes: &[u8], out: &mut Vec<u8>| {
-            if std::mem::take(&mut first) {
-                out.append(&mut greeting);
-            }
-            session.receive(bytes, out).unwrap();
-            session.is_greeted()
-        }
-    };
-    // The types as the session numbers them are in its greeting; a number of our own is described for pings.
+    // The types as the session numbers them are in its greeting: a number of our own is described for pings.
     let name =
         |text: &str| [&(text.len() as u32 + 1).to_be_bytes()[..], text.as_bytes(), &[0]].concat();
     let described = name(PING_TYPE);
@@ -130,6 +117,25 @@ fn a_vrpn_server_that_asks_and_renames_without_an_end_makes_nobody_allocate() {
         };
         write_message(&mut flood, &sender, 0);
     }
+    flood
+}
+
+#[test]
+fn a_vrpn_server_that_asks_and_renames_without_an_end_makes_nobody_allocate() {
+    let names = ["quad".to_owned()];
+    let mut greeting = Vec::new();
+    let mut session = VrpnSession::open(&names, &mut greeting);
+    let mut answer = {
+        let mut first = true;
+        move |bytes: &[u8], out: &mut Vec<u8>| {
+            if std::mem::take(&mut first) {
+                out.append(&mut greeting);
+            }
+            session.receive(bytes, out).unwrap();
+            session.is_greeted()
+        }
+    };
+    let mut flood = questions();
     let bodies = [seen()];
     let mut poses = VrpnSession::open(&names, &mut Vec::new());
     let mut cookie = Vec::new();
