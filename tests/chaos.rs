@@ -54,9 +54,22 @@ fn on_all_processors(count: u64, work: impl Fn(u64) + Sync) {
     });
 }
 
-/// How the flights of each law ended.
+/// How the flights of each law ended, and what they were subjected to.
 #[derive(Default)]
 struct Tally(BTreeMap<&'static str, BTreeMap<String, u32>>);
+
+/// Least share of all flights of each kind, so that a study of flights that never begin, or never fail, does not pass.
+const LEAST: [(&str, f64); 7] = [
+    ("landed", 0.15),
+    ("stopped", 0.15),
+    ("Coast", 0.15),
+    ("Degraded", 0.1),
+    ("Land", 0.05),
+    ("faults", 0.5),
+    ("polygon", 0.15),
+];
+/// Flights from which on the shares are judged.
+const LEAST_FLIGHTS: u64 = 40;
 
 impl Tally {
     fn add(&mut self, law: &str, flight: &Flight) {
@@ -65,6 +78,18 @@ impl Tally {
         *counts.entry(flight.outcome.to_string()).or_default() += 1;
         for state in invariants::states_of(flight) {
             *counts.entry(state).or_default() += 1;
+        }
+        *counts.entry("faults".to_owned()).or_default() += invariants::faults_in_the_air(flight);
+        let is_polygon = !flight.config.fence.polygon_m.is_empty();
+        *counts.entry("polygon".to_owned()).or_default() += u32::from(is_polygon);
+    }
+
+    /// Fails if there was less than [`LEAST`] of anything in `flights` flights.
+    fn assert_enough(&self, flights: u64) {
+        for (name, share) in LEAST {
+            let count: u32 = self.0.values().filter_map(|counts| counts.get(name)).sum();
+            let least = share * flights as f64;
+            assert!(f64::from(count) >= least, "{name}: {count} in {flights} flights");
         }
     }
 
@@ -99,9 +124,13 @@ fn whatever_fails_no_flight_leaves_the_fence_goes_on_tipped_or_commands_nonsense
             violations.lock().unwrap().push(text);
         }
     });
-    tally.into_inner().unwrap().print();
+    let tally = tally.into_inner().unwrap();
+    tally.print();
     let violations = violations.into_inner().unwrap();
     assert!(violations.is_empty(), "{}:\n  {}", violations.len(), violations.join("\n  "));
+    if count >= LEAST_FLIGHTS {
+        tally.assert_enough(count);
+    }
 }
 
 /// Cameras of the study of outliers: a preset, or quanta of 1 mm and 0.5 deg without noise.

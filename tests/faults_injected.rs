@@ -14,7 +14,8 @@ const BRIEF: [&str; 6] = ["fly", "--trajectory", "hover", "--duration", "1", "--
 struct Flown {
     code: Option<i32>,
     summary: Value,
-    causes: Vec<String>,
+    /// The table `telemetry.csv`, a row for each tick.
+    table: Vec<Vec<String>>,
     message: String,
 }
 
@@ -38,7 +39,29 @@ impl Flown {
     /// The fault was the cause of a state.
     #[track_caller]
     fn by(&self, cause: &str) -> &Self {
-        assert!(self.causes.iter().any(|named| named == cause), "{:?}", self.causes);
+        let causes = self.column("cause");
+        assert!(causes.contains(&cause), "{causes:?}");
+        self
+    }
+
+    /// A column of the table.
+    fn column(&self, name: &str) -> Vec<&str> {
+        let column = self.table[0].iter().position(|column| column == name).unwrap();
+        self.table[1..].iter().map(|row| row[column].as_str()).collect()
+    }
+
+    /// The same as numbers; NaN where there is none.
+    fn numbers(&self, name: &str) -> Vec<f64> {
+        self.column(name).iter().map(|text| text.parse().unwrap_or(f64::NAN)).collect()
+    }
+
+    /// No pose that a tick used was captured longer before \[ms\].
+    #[track_caller]
+    fn flies_on_poses_no_older_than(&self, millis: f64) -> &Self {
+        let [now, captured, fresh] = ["t_s", "pose_captured_s", "fresh"].map(|c| self.numbers(c));
+        let used = (0..now.len()).filter(|&tick| fresh[tick] == 1.0);
+        let oldest = used.map(|tick| 1e3 * (now[tick] - captured[tick])).fold(0.0, f64::max);
+        assert!((1.0..=millis).contains(&oldest), "{oldest} ms");
         self
     }
 
@@ -58,22 +81,15 @@ impl Flown {
 }
 
 fn fly(flight: &[&str], line: &str) -> Flown {
-    fly_in(flight, line).1
-}
-
-/// The same, with the testbed that holds the files of the flight.
-fn fly_in(flight: &[&str], line: &str) -> (Testbed, Flown) {
     let testbed = Testbed::new("injected");
     let words: Vec<&str> = flight.iter().copied().chain(line.split_whitespace()).collect();
     let mut command = testbed.oqtal(&words);
     let output = command.arg("--out").arg(testbed.path("out")).output().unwrap();
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
     let table = std::fs::read_to_string(testbed.path("out/telemetry.csv")).unwrap_or_default();
-    let column = table.lines().next().and_then(|head| head.split(',').position(|c| c == "cause"));
-    let cause = |row: &str| Some(row.split(',').nth(column?)?.to_owned());
-    let causes = table.lines().skip(1).filter_map(cause).collect();
+    let table = table.lines().map(|row| row.split(',').map(str::to_owned).collect()).collect();
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
-    (testbed, Flown { code: output.status.code(), summary, causes, message: stderr(&output) })
+    Flown { code: output.status.code(), summary, table, message: stderr(&output) }
 }
 
 #[test]
@@ -140,7 +156,14 @@ fn f13_cameras_that_die_end_a_flight_through_processes() {
 fn f14_a_daemon_that_is_replaced_does_not_take_off_again() {
     let flown = fly(&BRIEF, "--fault daemon:kill@1.5+0.3");
     assert_eq!((flown.code, &flown.summary["outcome"]), (Some(1), &"crashed".into()));
-    fly(&HOVER, "--clock in-process --fault daemon:kill@4+0.3");
+    // The new daemon sees the vehicle that falls, and could command it.
+    let flown = fly(&HOVER, "--clock in-process --fault daemon:kill@4+0.3");
+    assert_eq!(flown.summary["outcome"], "crashed", "{}", flown.summary);
+    let (times, modes) = (flown.numbers("t_s"), flown.column("mode"));
+    let (thrusts, states) = (flown.numbers("thrust"), flown.column("state"));
+    let new: Vec<usize> = (0..times.len()).filter(|&tick| times[tick] > 4.2).collect();
+    assert!(new.iter().any(|&tick| states[tick] == "Nominal"), "{states:?}");
+    assert!(new.iter().all(|&tick| modes[tick] == "disarmed" && thrusts[tick] == 0.0));
 }
 
 #[test]
@@ -181,8 +204,17 @@ fn f21_garbage_in_place_of_commands_moves_nothing_beyond_its_limits() {
 #[test]
 fn f22_late_turns_act_on_the_newest_pose_and_are_not_made_up_for() {
     let flown = fly(&HOVER, "--clock lockstep --fault daemon:slow=20ms@4+0.5");
-    flown.lands();
-    assert!(number(&flown.summary, "/poses_superseded") > 2.0, "{}", flown.summary);
+    // Every second pose is superseded; the other one is used at once.
+    flown.lands().flies_on_poses_no_older_than(15.0 + 16.7);
+    let superseded = number(&flown.summary, "/poses_superseded");
+    assert!((14.0..=16.0).contains(&superseded), "{}", flown.summary);
+    let (times, lateness) = (flown.numbers("t_s"), flown.numbers("wakeup_lateness_us"));
+    let late = |tick: &usize| lateness[*tick] > 1000.0;
+    let late: Vec<f64> = (0..times.len()).filter(late).map(|tick| times[tick]).collect();
+    assert!(late.len() >= 14 && late.iter().all(|t_s| (4.0..4.55).contains(t_s)), "{late:?}");
+    let least = times.windows(2).map(|pair| pair[1] - pair[0]).fold(1.0, f64::min);
+    assert!(least > 0.5 / 60.0, "two ticks within {least} s");
+    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 2);
 }
 
 #[test]
@@ -270,19 +302,6 @@ fn faults_that_a_flight_cannot_have_are_refused() {
     }
 }
 
-/// Whether every pose that a tick used was captured at most this long before \[ms\].
-fn flies_on_poses_no_older_than(testbed: &Testbed, millis: f64) -> bool {
-    let table = std::fs::read_to_string(testbed.path("out/telemetry.csv")).unwrap();
-    let column = |name: &str| table.lines().next().unwrap().split(',').position(|c| c == name);
-    let columns = ["t_s", "pose_captured_s", "fresh"].map(|name| column(name).unwrap());
-    let ages = table.lines().skip(1).filter_map(|row| {
-        let row: Vec<&str> = row.split(',').collect();
-        let [now, captured, fresh] = columns.map(|column| row[column].parse::<f64>());
-        (fresh == Ok(1.0)).then(|| now.unwrap() - captured.unwrap())
-    });
-    ages.fold(0.0, f64::max) <= millis * 1e-3
-}
-
 /// In a stall poses queue and then arrive together.
 #[test]
 fn f52_poses_that_queued_in_a_stall_are_flown_only_while_they_are_young() {
@@ -290,10 +309,9 @@ fn f52_poses_that_queued_in_a_stall_are_flown_only_while_they_are_young() {
         ("--clock lockstep --fault pose:delayed=120ms@4+0.08", "landed"),
         ("--clock lockstep --fault pose:delayed=220ms@4+0.3", "stopped"),
     ] {
-        let (testbed, flown) = fly_in(&HOVER, line);
+        let flown = fly(&HOVER, line);
         assert_eq!(flown.summary["outcome"], outcome, "{line}: {}", flown.message);
-        flown.coasts().refuses(2.0);
-        assert!(flies_on_poses_no_older_than(&testbed, 80.0), "{line}");
+        flown.coasts().refuses(2.0).flies_on_poses_no_older_than(80.0);
     }
 }
 

@@ -20,12 +20,18 @@ use watch::Watch;
 
 /// Ticks that a flight waits for its take-off, and for its landing; after them it is ended as an operator would, by Stop.
 const PATIENCE_TICKS: u64 = 900;
+/// Flights of which a third is in the air, whatever fails.
+const FEW_FLIGHTS: u64 = 5;
+/// Flights in which everything happens that may.
+const MANY_FLIGHTS: u64 = 20;
 /// Ticks after which processes have let go of what belonged to a dead one.
 const SETTLING_TICKS: u64 = 60;
 
 /// How the flights ended, and what was done to them.
 #[derive(Debug, Default)]
 struct Count {
+    /// Those that got off the floor.
+    flown: u64,
     landed: u32,
     stopped: u32,
     refused: u32,
@@ -79,9 +85,13 @@ fn flight(laboratory: &mut Laboratory, watch: &mut Watch, random: &mut Random, c
         count.refused += 1;
         return;
     }
-    let in_the_air =
-        |watch: &Watch| watch.height_m > 0.5 || watch.state == SafetyState::Stop.code();
+    let asked_at = watch.ticks;
+    let in_the_air = |watch: &Watch| {
+        let was_ended = watch.mode == Mode::Disarmed.code();
+        watch.height_m > 0.5 || was_ended && watch.ticks > asked_at + SETTLING_TICKS
+    };
     until(watch, PATIENCE_TICKS, in_the_air);
+    count.flown += u64::from(watch.height_m > 0.5);
     for _ in 0..random.below(4) {
         fly_on(watch, random);
         disturb(laboratory, random, count);
@@ -108,7 +118,7 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
     let mut count = Count::default();
     let (began, mut flights) = (Instant::now(), 0);
     let mut settled = ResourceRecord::default();
-    while flights == 0 || began.elapsed() < Duration::from_secs(seconds) {
+    while count.flown == 0 || began.elapsed() < Duration::from_secs(seconds) {
         laboratory.restart_plant();
         let is_ready = |watch: &Watch| watch.is_fresh && watch.mode == Mode::Disarmed.code();
         assert!(until(&mut watch, PATIENCE_TICKS, is_ready), "the daemon gets no poses");
@@ -118,6 +128,9 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         flight(&mut laboratory, &mut watch, &mut random, &mut count);
         flights += 1;
         watch.assert_sound();
+        // Some are stopped before they are in the air, by poses that failed.
+        let enough = if flights < FEW_FLIGHTS { 0 } else { flights / 3 };
+        assert!(count.flown >= enough, "{flights} flights: {count:?}");
     }
     println!(
         "{flights} flights in {} s: {count:?}; {} commands, {} ticks, {} poses refused; {:?}",
@@ -127,6 +140,10 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         watch.refused,
         settled,
     );
+    if flights >= MANY_FLIGHTS {
+        assert!(count.landed > 0 && count.stopped > 0 && count.kills > 0 && count.stops > 0);
+        assert!(watch.refused > 0, "no fault of the poses was seen");
+    }
     // Its readers are a part of the instance, too.
     drop(watch);
     laboratory.end();

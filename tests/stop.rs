@@ -9,7 +9,7 @@ use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
 use oqtal_bus::message::{CommandV1, Stamps, VehicleV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{COMMAND, TELEMETRY, VEHICLE};
+use oqtal_bus::topic::{COMMAND, Role, TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -161,9 +161,9 @@ fn in_lockstep_a_stop_waits_for_virtual_time_to_go_on() {
 fn stop_and_land_need_no_valid_configuration() {
     let testbed = Testbed::new("stop-broken");
     let bus = testbed.bus();
-    let mut vehicles = bus.observer(&VEHICLE).unwrap();
+    let mut health = bus.observer(&Role::Plant.health()).unwrap();
     let _plant = testbed.start(&["plant-sim", "run"]);
-    wait_for("a vehicle", || vehicles.latest().unwrap());
+    wait_for("a vehicle", || health.latest().unwrap());
     let half = testbed.write("half.toml", "[vehicle]\nmass-kg = \n[safe").display().to_string();
     let broken = [
         (vec![], Some(("OQTAL_FOO", "1"))),

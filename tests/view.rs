@@ -64,7 +64,7 @@ impl View {
 
 impl Drop for View {
     fn drop(&mut self) {
-        signal(self.child.id(), Signal::INT);
+        signal(self.child.id(), Signal::TERM);
         let _ = self.child.wait();
     }
 }
@@ -177,7 +177,7 @@ fn a_recording_that_is_cut_off_is_shown_and_one_of_another_version_is_not() {
     let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
     let mut messages = BufReader::new(child.stderr.take().unwrap()).lines();
     let first = messages.next().unwrap().unwrap();
-    signal(child.id(), Signal::INT);
+    signal(child.id(), Signal::TERM);
     child.wait().unwrap();
     assert!(first.contains("cut.mcap is cut off"), "{first}");
     // The layout of the recording is a fact of its metadata: key, length, value.

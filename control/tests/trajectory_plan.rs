@@ -116,7 +116,7 @@ fn hover_is_scored_from_10_s_after_its_height_is_reached_until_its_end() {
 #[test]
 fn nothing_is_scored_after_an_early_landing() {
     let mut plan = plan(&options(TrajectoryKind::Square));
-    plan.land_from(8.0, plan.sample(8.0).position);
+    plan.land_from(8.0, plan.sample(8.0).into());
     assert!(plan.scored(7.9));
     assert!(!plan.scored(8.1));
 }
@@ -124,18 +124,18 @@ fn nothing_is_scored_after_an_early_landing() {
 #[test]
 fn a_landing_is_not_begun_again() {
     let mut plan = plan(&options(TrajectoryKind::Square));
-    plan.land_from(8.0, plan.sample(8.0).position);
+    plan.land_from(8.0, plan.sample(8.0).into());
     let before = plan.clone();
-    plan.land_from(9.0, Vector3::new(9.0, 9.0, 9.0));
+    plan.land_from(9.0, START);
     assert_eq!(plan, before);
 }
 
 #[test]
 fn landing_from_below_its_end_stays_there() {
     let mut plan = plan(&options(TrajectoryKind::Hover));
-    let low = START.position - Vector3::z();
+    let low = StartPoint { position: START.position - Vector3::z(), yaw_rad: 1.0 };
     plan.land_from(1.0, low);
-    assert_eq!(plan.sample(1.5).position, low);
+    assert_eq!(StartPoint::from(plan.sample(1.5)), low);
     assert_eq!(plan.sample(1.5).velocity, Vector3::zeros());
 }
 
@@ -146,9 +146,9 @@ proptest! {
     ) {
         let mut plan = plan(&options(kind));
         if let Some(t_s) = early {
-            let from = plan.sample(t_s).position;
+            let from = StartPoint::from(plan.sample(t_s));
             plan.land_from(t_s, from);
-            prop_assert!((plan.sample(t_s + 1e-6).position - from).norm() < 1e-6);
+            prop_assert!((plan.sample(t_s + 1e-6).position - from.position).norm() < 1e-6);
         }
         let h = 1e-3;
         for k in 0..(plan.end_s() / h) as u32 {

@@ -228,7 +228,8 @@ impl Peer {
             self.last = Some(health);
         }
         self.last.is_some_and(|health| {
-            health.config_hash != hash && Time::now().since(health.time) < PEER_TIMEOUT
+            let is_other = ![hash, HealthV1::OWN_CONFIG].contains(&health.config_hash);
+            is_other && Time::now().since(health.time) < PEER_TIMEOUT
         })
     }
 }

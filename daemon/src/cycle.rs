@@ -20,7 +20,7 @@ use oqtal_config::{Config, Interface};
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
-use oqtal_control::trajectory::{Reference, Trajectory, TrajectoryOptions};
+use oqtal_control::trajectory::{Trajectory, TrajectoryOptions};
 
 use crate::arming::ArmingCheck;
 use crate::command::VehicleCommand;
@@ -29,8 +29,8 @@ use crate::guard::{Guard, seconds};
 use crate::limits::FlightLimits;
 use crate::loop_health::LoopHealth;
 use crate::mission::ActiveMission;
-use crate::setpoint::SetpointGuard;
-use crate::stack::{ControlStack, ControlStep};
+use crate::setpoint::{CheckedSetpoint, SetpointGuard};
+use crate::stack::{ControlOutput, ControlStack, ControlStep};
 use crate::supervisor::Supervisor;
 use crate::vehicle::VehicleWatch;
 
@@ -92,8 +92,8 @@ struct Memory {
     fresh: Option<Header>,
     /// Why the last pose that was due is missing.
     missing: Cause,
-    /// Whether the reference of the last tick was refused.
-    setpoint_refused: bool,
+    /// The reference of this tick, which is flown and by which the flight is judged.
+    setpoint: CheckedSetpoint,
     /// What keeps a flight from beginning, as of the last tick.
     obstacles: ArmingObstacles,
     /// The last position inside the soft border of the fence \[m, world\].
@@ -116,7 +116,7 @@ impl Memory {
             last_nominal: None,
             fresh: None,
             missing: Cause::NoPose,
-            setpoint_refused: false,
+            setpoint: CheckedSetpoint::default(),
             obstacles: ArmingObstacles::default(),
             inside: None,
             stands_since: None,
@@ -227,7 +227,7 @@ impl Cycle {
 
     /// Takes the state of the vehicle, and the instant at which a command took effect.
     pub fn hear(&mut self, now: Time, header: &Header, vehicle: &VehicleV1) {
-        self.notice_speaker(header.source);
+        self.cancel_if_vehicle_replaced(header.source);
         self.vehicle.hear(now, header.source, vehicle);
         self.requests.stop |= vehicle.stopped != 0 && self.is_flying();
         let applied_at = header.stamps.applied_at;
@@ -244,10 +244,10 @@ impl Cycle {
         let sent_s = seconds(stamps.command_published_at);
         self.guard.motion.sent(command_sequence, sent_s, &self.memory.sent);
         self.stack.active_mut().sent(command_sequence, sent_s, &self.memory.sent);
-        let late = stamps.pose_published_at.is_set()
-            && stamps.command_published_at.since(stamps.pose_published_at) > self.timing.period;
-        self.telemetry.deadline_misses += u64::from(late);
-        self.health.sent(late);
+        // A command about no pose is due when it is sent.
+        let due = Some(stamps.pose_published_at).filter(|at| at.is_set());
+        self.health.sent(due.unwrap_or(stamps.command_published_at), stamps.command_published_at);
+        self.telemetry.deadline_misses = self.health.deadline_misses();
         self.telemetry.command_sequence = command_sequence;
         self.telemetry
     }
@@ -288,6 +288,7 @@ impl Cycle {
         if arrival.is_none() && fresh.is_none() {
             self.memory.missing = Cause::NoPose;
         }
+        self.check_setpoint(now);
         self.supervise(now, fresh.is_some());
         self.memory.obstacles = self.obstacles(now);
         self.change_mode(now, fresh.is_some());
@@ -306,27 +307,11 @@ impl Cycle {
         }
     }
 
-    /// The command of this tick: the control stack's on a fresh pose or on the predicted motion, else the last one; disarmed when
-    /// not flying; idle rotors until the motors run; level where the vehicle descends without poses.
+    /// The message of this tick, recorded in telemetry.
     fn command(&mut self, now: Time, step: ControlStep, fresh: bool) -> CommandV1 {
-        let estimate = if fresh { Some(self.estimator.latest()) } else { self.predicted(now) };
-        let reference = self.reference(now);
-        let is_held = self.is_held();
-        let descends = self.supervisor.state() == SafetyState::Descend;
-        let output = match (&reference, &estimate) {
-            (Some(reference), Some(estimate)) if !is_held && !descends => {
-                self.stack.active_mut().decide(step, estimate, reference)
-            }
-            _ => None,
-        };
-        let command = match &output {
-            _ if reference.is_none() => VehicleCommand::Disarmed,
-            _ if is_held => self.idle(),
-            _ if descends => self.descend(now),
-            Some(output) => self.lowered(now, output.command.finite_or_disarmed()),
-            None => self.memory.held,
-        };
-        self.record(now, reference.as_ref(), output.as_ref(), fresh);
+        let output = self.decide(now, step, fresh);
+        let command = self.choose(now, output.as_ref());
+        self.record(now, output.as_ref(), fresh);
         let message = command.to_message(self.interface, self.max_thrust_n);
         self.telemetry.sticks = message.sticks;
         self.telemetry.torque = message.torque;
@@ -342,21 +327,32 @@ impl Cycle {
         message
     }
 
+    /// The decision of the control stack, on a fresh pose or on the predicted motion; `None` where it has neither or is not asked.
+    fn decide(&mut self, now: Time, step: ControlStep, fresh: bool) -> Option<ControlOutput> {
+        let reference = self.memory.setpoint.reference?;
+        if self.is_held() || self.supervisor.state() == SafetyState::Descend {
+            return None;
+        }
+        let estimate = if fresh { self.estimator.latest() } else { self.predicted(now)? };
+        self.stack.active_mut().decide(step, &estimate, &reference)
+    }
+
+    /// The command of this tick: the control stack's, else the last one; disarmed when not flying; idle rotors until the motors
+    /// run; level where the vehicle descends without poses.
+    fn choose(&self, now: Time, output: Option<&ControlOutput>) -> VehicleCommand {
+        match output {
+            _ if self.memory.setpoint.reference.is_none() => VehicleCommand::Disarmed,
+            _ if self.is_held() => self.idle(),
+            _ if self.supervisor.state() == SafetyState::Descend => self.descend(now),
+            Some(output) => self.lowered(now, output.command.finite_or_disarmed()),
+            None => self.memory.held,
+        }
+    }
+
     /// The command that keeps the rotors idling, at the present heading.
     fn idle(&self) -> VehicleCommand {
         let heading = EulerAngles::from_attitude(&self.estimator.latest().attitude).yaw;
         VehicleCommand::idle(self.interface, heading)
-    }
-
-    /// The reference of this tick, or the last valid one in place of an absurd one; `None` without a mission.
-    fn reference(&mut self, now: Time) -> Option<Reference> {
-        let reference = self.mission.as_ref()?.reference(now);
-        if self.observe_only {
-            return Some(reference);
-        }
-        let (valid, refused) = self.setpoint.pass(&reference);
-        self.memory.setpoint_refused = refused;
-        valid
     }
 
     /// The motion to act on in a tick without a pose, as old as that of the last tick with one; `None` if poses have been missing
@@ -370,3 +366,6 @@ impl Cycle {
         self.guard.motion.predict(t_s).map(|track| track.estimate())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,8 +10,9 @@ use oqtal_control::predictive::{CommandHistory, FilterOptions, MeasuredPose, Sur
 
 use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;
+use crate::floor::LIFTING;
 use crate::pose_noise::PoseNoise;
-use doubt::{Doubt, Verdict};
+use doubt::{Doubt, DoubtVerdict};
 use stranger::Stranger;
 
 /// Poses in a row that agree with each other and not with the motion, after which they are of another body or of markers that
@@ -22,8 +23,6 @@ const RELABEL_POSES: u32 = 3;
 const MOST_TURNED_RAD: f64 = 0.5;
 /// Greatest innovation of a pose that agrees with the motion without a doubted one before it \[standard deviations\].
 const DOUBT_SIGMA: f64 = 3.0;
-/// Thrust over the weight that lifts every vehicle that may be flown \[-\].
-const LIFTING: f64 = 1.35;
 /// Repetitions of a pose from which on its source may count as frozen \[-\].
 const FROZEN_REPEATS: u32 = 2;
 /// Predicted motion during which a pose cannot stay the same \[m\]: many times the resolution of a coarse source.
@@ -53,6 +52,8 @@ pub struct MotionGate {
     sigma: f64,
     /// The motion at the last pose that was believed; `None` on the ground.
     track: Option<Track>,
+    /// When that pose was measured \[s\]: the motion may have been carried forward since.
+    seen_s: f64,
     /// The last believed pose that is doubted.
     doubt: Option<Doubt>,
     /// The motion since which a pose that stays the same is compared with the prediction.
@@ -77,6 +78,7 @@ impl MotionGate {
             options: config.safety.filter,
             sigma: config.safety.gate_sigma,
             track: None,
+            seen_s: 0.0,
             doubt: None,
             changed: None,
             noise: PoseNoise::default(),
@@ -89,7 +91,7 @@ impl MotionGate {
     pub fn begin(&mut self, t_s: f64, pose: &MeasuredPose) {
         self.end();
         self.track = Some(Track::at_rest(self.options, t_s, pose));
-        (self.floor_m, self.changed) = (pose.position.z, self.track);
+        (self.floor_m, self.changed, self.seen_s) = (pose.position.z, self.track, t_s);
     }
 
     /// Ends it: on the ground no motion is predicted.
@@ -157,7 +159,7 @@ impl MotionGate {
         }
         self.settle_doubt(&expected, without, pose)?;
         self.refused = None;
-        self.track = Some(expected.corrected(pose, self.floor_m));
+        (self.track, self.seen_s) = (Some(expected.corrected(pose, self.floor_m)), t_s);
         let is_over = self.changed.is_none_or(|changed| t_s - changed.t_s > LONGEST_PREDICTION_S);
         if self.noise.repeats() == 0 || is_over || self.may_stand(&expected) {
             self.changed = self.track;
@@ -174,14 +176,16 @@ impl MotionGate {
     ) -> Result<(), Cause> {
         let verdict = self.doubt.zip(without).map(|(doubt, without)| doubt.judge(&without, pose));
         match verdict {
-            Some(Verdict::Open(doubt)) => self.doubt = Some(doubt),
-            Some(Verdict::Relabel(without, stranger)) => {
+            Some(DoubtVerdict::Open(doubt)) => self.doubt = Some(doubt),
+            Some(DoubtVerdict::Relabel(without, stranger)) => {
                 self.track = Some(without);
                 self.refused = Some(Refused { stranger, poses: RELABEL_POSES });
                 self.doubt = None;
                 return Err(Cause::Relabel);
             }
-            Some(Verdict::Settled) | None => self.doubt = Doubt::about(expected, pose),
+            Some(DoubtVerdict::Settled) | None => {
+                self.doubt = Doubt::about(expected, pose, expected.t_s - self.seen_s);
+            }
         }
         Ok(())
     }

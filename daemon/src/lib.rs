@@ -11,7 +11,7 @@
 //! | `guard.rs` | the checks that a pose must pass |
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
 //! | `pose_noise.rs` | whether a source repeats poses |
-//! | `limits.rs`, `fence.rs` | the limits of a flight |
+//! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
 //! | `arming.rs` | what keeps a flight from beginning |
 //! | `setpoint.rs` | the check of the reference |
 //! | `loop_health.rs` | age and losses of poses, late ticks |
@@ -38,6 +38,7 @@ mod descent;
 mod fence;
 mod flight_marker;
 mod flight_room;
+mod floor;
 mod gate;
 mod guard;
 mod intake;
@@ -83,7 +84,7 @@ pub use limits::{FlightLimits, FlightView, LimitConditions};
 pub use loop_health::LoopHealth;
 pub use mission::ActiveMission;
 pub use pose_noise::PoseNoise;
-pub use setpoint::SetpointGuard;
+pub use setpoint::{CheckedSetpoint, SetpointGuard};
 pub use stack::{ControlOutput, ControlStack, ControlStep, FlightStack};
 pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};

@@ -7,18 +7,13 @@ use oqtal_control::predictive::Track;
 use oqtal_control::trajectory::Reference;
 
 use crate::fence::Fence;
+use crate::floor::{LIFTING, OFF_FLOOR_M};
 
 /// Standard deviations of the predicted position by which the border of the fence is kept \[-\].
 const FENCE_SIGMA: f64 = 3.0;
 /// The same for a descent without poses: level and under less thrust than a hover the vehicle moves less than the uncertainty, which
 /// is that of any flight, allows, and motors that stop let it fall.
 const DESCENT_SIGMA: f64 = 0.5;
-/// Height above the floor below which a vehicle is on it \[m\].
-const ON_FLOOR_M: f64 = 0.05;
-/// Height of the reference above the floor from which on the vehicle must have left the floor \[m\].
-const OFF_FLOOR_M: f64 = 0.3;
-/// Thrust over the weight that must lift every vehicle that may be flown \[-\].
-const LIFTING: f64 = 1.35;
 /// Fraction of maximum thrust, as commanded, above which thrust counts as full \[-\].
 const FULL_THRUST: f64 = 0.95;
 /// Distance below the reference \[m\] and speed downward \[m/s\] at which a vehicle under full thrust sinks.
@@ -150,7 +145,7 @@ impl FlightLimits {
         conditions.far_off = reference.attitude.is_none() && !is_within(off.norm(), self.tracking);
         let sinks = off.z < -SINKS_M && motion.velocity.z < -SINKS_M_S;
         conditions.sinks = sinks && thrust_n * upright >= FULL_THRUST * self.greatest_lift;
-        let is_on_floor = motion.position.z < floor_m + ON_FLOOR_M;
+        let is_on_floor = flight.motion.is_at_floor(floor_m);
         conditions.stays_on_floor = is_on_floor && thrust_n >= LIFTING * self.weight;
         let is_above = reference.position.z > floor_m + OFF_FLOOR_M;
         conditions.lies_on_floor = is_on_floor && is_above && thrust_n > 0.0;

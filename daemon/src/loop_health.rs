@@ -1,18 +1,17 @@
 //! Health of the loop's input and timing: age and losses of poses, late ticks.
 
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_runtime::overrun::OverrunMonitor;
 
 use crate::limits::LimitConditions;
 
 /// Window of the share of frames that were lost or refused \[ticks\]: five seconds at 60 Hz.
 const LOSS_WINDOW: f64 = 300.0;
-/// Late ticks in a row that make an overrun \[-\].
-const OVERRUN_TICKS: u32 = 3;
 
 /// Frames of the cameras so far.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct FrameCounts {
+pub struct TickFrames {
     /// Those whose pose was accepted \[-\].
     pub accepted: u64,
     /// Those that were lost or whose pose was refused \[-\].
@@ -29,10 +28,10 @@ pub struct LoopHealth {
     age: Span,
     /// Frames of the camera in the window of the loss \[-\].
     window: f64,
-    frames: FrameCounts,
+    frames: TickFrames,
     /// Share of such frames lately \[0..1\].
     loss: f64,
-    late_ticks: u32,
+    overruns: OverrunMonitor,
 }
 
 impl LoopHealth {
@@ -47,14 +46,14 @@ impl LoopHealth {
             loss_warning: safety.pose_loss_warning,
             age: Span::default(),
             window: LOSS_WINDOW * config.poses_per_tick(),
-            frames: FrameCounts::default(),
+            frames: TickFrames::default(),
             loss: 0.0,
-            late_ticks: 0,
+            overruns: OverrunMonitor::new(Span::period_of(config.control.rate_hz)),
         }
     }
 
     /// Records a tick: the age of the pose that it uses, if any, and the frames so far.
-    pub fn tick(&mut self, used: Option<Span>, frames: FrameCounts) {
+    pub fn tick(&mut self, used: Option<Span>, frames: TickFrames) {
         let before = std::mem::replace(&mut self.frames, frames);
         let bad = frames.bad.saturating_sub(before.bad) as f64;
         let all = bad + frames.accepted.saturating_sub(before.accepted) as f64;
@@ -64,9 +63,15 @@ impl LoopHealth {
         self.age = used.unwrap_or(self.age);
     }
 
-    /// Records whether the command of a tick was late.
-    pub fn sent(&mut self, late: bool) {
-        self.late_ticks = if late { self.late_ticks.saturating_add(1) } else { 0 };
+    /// Records the command that was sent at `sent_at` about the pose that was published at `due`.
+    pub fn sent(&mut self, due: Time, sent_at: Time) {
+        self.overruns.turn_ended(due, sent_at);
+    }
+
+    /// Number of commands sent more than a period after their pose \[-\].
+    #[must_use]
+    pub fn deadline_misses(&self) -> u64 {
+        self.overruns.late_turns()
     }
 
     /// Fills in the conditions of poses and loop.
@@ -74,7 +79,7 @@ impl LoopHealth {
         conditions.poses_old = self.age > self.age_warning;
         conditions.poses_too_old = self.age > self.age_limit;
         conditions.poses_lost = self.loss > self.loss_warning;
-        conditions.overrun = self.late_ticks >= OVERRUN_TICKS;
+        conditions.overrun = self.overruns.runs_late();
     }
 }
 
@@ -87,7 +92,7 @@ mod tests {
         let mut config = Config::default();
         config.plant.frame_rate_hz = frame_rate_hz;
         let mut health = LoopHealth::new(&config);
-        let mut frames = FrameCounts::default();
+        let mut frames = TickFrames::default();
         let per_tick = config.poses_per_tick().round() as u64;
         for frame in 0..6000 * per_tick {
             match frame % one_in {

@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_control::estimator::Estimate;
-use oqtal_control::trajectory::{FlightPlan, Phase, Reference};
+use oqtal_control::trajectory::{FlightPlan, Phase, Reference, StartPoint};
 
-/// Height above the floor below which a vehicle has landed, once its reference is below the floor \[m\].
-const LANDED_HEIGHT_M: f64 = 0.04;
+use crate::floor::LANDED_M;
+
 /// Time after the end of the landing's reference within which the vehicle must have landed \[s\].
 const LANDING_GRACE_S: f64 = 8.0;
 
@@ -15,6 +15,8 @@ const LANDING_GRACE_S: f64 = 8.0;
 pub struct ActiveMission {
     began: Time,
     path: FlightPath,
+    /// Number of changes of the plan \[-\].
+    changes: u32,
     /// Since when the mission waits, and the reference meanwhile.
     held: Option<(Time, Reference)>,
 }
@@ -31,13 +33,19 @@ impl ActiveMission {
     /// The flight of `plan` from `now` on, from the floor at `floor_m` \[m, world z\].
     #[must_use]
     pub fn fly(plan: FlightPlan, floor_m: f64, now: Time) -> Self {
-        Self { began: now, path: FlightPath::Plan(plan, floor_m), held: None }
+        Self { began: now, path: FlightPath::Plan(plan, floor_m), changes: 0, held: None }
     }
 
     /// Observes a vehicle with the fixed reference `point` \[m, world\].
     #[must_use]
     pub fn observe(point: Vector3<f64>, now: Time) -> Self {
-        Self { began: now, path: FlightPath::Observe(point), held: None }
+        Self { began: now, path: FlightPath::Observe(point), changes: 0, held: None }
+    }
+
+    /// Number of changes of the plan so far, as by a landing: the reference may jump at one \[-\].
+    #[must_use]
+    pub fn changes(&self) -> u32 {
+        self.changes
     }
 
     /// Moves the beginning to `now`.
@@ -52,12 +60,11 @@ impl ActiveMission {
         now.since(self.began).seconds()
     }
 
-    /// Holds the vehicle at `point` \[m, world\]; the mission waits.
-    pub fn hold(&mut self, now: Time, point: Vector3<f64>) {
+    /// Holds the vehicle at `reference` unless it is held already; the mission waits.
+    pub fn hold(&mut self, now: Time, reference: Reference) {
         if self.held.is_none() {
-            let Reference { yaw_rad, phase, .. } = self.reference(now);
-            let reference = Reference { yaw_rad, ..Reference::rest(point, phase) };
             self.held = Some((now, reference));
+            self.changes += 1;
         }
     }
 
@@ -65,6 +72,7 @@ impl ActiveMission {
     pub fn resume(&mut self, now: Time) {
         if let Some((since, _)) = self.held.take() {
             self.began = self.began + now.since(since);
+            self.changes += 1;
         }
     }
 
@@ -104,19 +112,13 @@ impl ActiveMission {
         }
     }
 
-    /// Lands early, above the present position, from the height of the reference.
-    pub fn land(&mut self, now: Time, estimate: &Estimate) {
-        self.resume(now);
-        let height = self.reference(now).position.z;
-        self.land_from(now, estimate.position.xy().push(height));
-    }
-
-    /// Lands early from `point` \[m, world\].
-    pub fn land_from(&mut self, now: Time, point: Vector3<f64>) {
+    /// Lands early from `point`.
+    pub fn land_from(&mut self, now: Time, point: StartPoint) {
         self.resume(now);
         let elapsed_s = self.elapsed_s(now);
         if let FlightPath::Plan(plan, _) = &mut self.path {
             plan.land_from(elapsed_s, point);
+            self.changes += 1;
         }
     }
 
@@ -126,6 +128,6 @@ impl ActiveMission {
         let FlightPath::Plan(_, floor_m) = &self.path else { return false };
         reference.phase == Phase::Landing
             && reference.position.z < *floor_m
-            && estimate.position.z < floor_m + LANDED_HEIGHT_M
+            && estimate.position.z < floor_m + LANDED_M
     }
 }

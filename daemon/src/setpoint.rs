@@ -1,6 +1,7 @@
 //! The check of the reference: an absurd one is replaced by the last valid one.
 
-use oqtal_control::trajectory::Reference;
+use nalgebra::Vector3;
+use oqtal_control::trajectory::{Phase, Reference};
 
 use crate::fence::Fence;
 
@@ -12,13 +13,35 @@ const LARGEST_TURN_RAD: f64 = 2.4;
 pub struct SetpointGuard {
     fence: Fence,
     last: Option<Reference>,
+    /// The change of the plan to which it belongs.
+    plan: u32,
+}
+
+/// A reference that was checked.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CheckedSetpoint {
+    /// The reference to fly; `None` if there was no valid one yet.
+    pub reference: Option<Reference>,
+    /// Whether another one was refused.
+    pub is_refused: bool,
+}
+
+impl CheckedSetpoint {
+    /// The reference at rest at `point` \[m, world\], with the heading and in the phase of this one.
+    #[must_use]
+    pub fn at(&self, point: Vector3<f64>) -> Reference {
+        let (yaw_rad, phase) = self
+            .reference
+            .map_or((0.0, Phase::TakeOff), |reference| (reference.yaw_rad, reference.phase));
+        Reference { yaw_rad, ..Reference::rest(point, phase) }
+    }
 }
 
 impl SetpointGuard {
     /// The check of references that must stay inside `fence`.
     #[must_use]
     pub fn new(fence: Fence) -> Self {
-        Self { fence, last: None }
+        Self { fence, last: None, plan: 0 }
     }
 
     /// Forgets the last reference: a flight begins.
@@ -26,16 +49,25 @@ impl SetpointGuard {
         self.last = None;
     }
 
-    /// The reference to fly: `reference` if it is finite, inside the fence, and does not turn round at once, otherwise the last
-    /// valid one. `None` if there was none. The second value tells whether it was refused.
-    pub fn pass(&mut self, reference: &Reference) -> (Option<Reference>, bool) {
-        let is_valid = reference.is_finite()
-            && self.fence.inside_m(&reference.position) > 0.0
-            && self.last.is_none_or(|last| !turns_round(&last, reference));
-        if is_valid {
-            self.last = Some(*reference);
+    /// The reference to fly: `reference` if it is finite, inside the fence and does not turn round at once, otherwise the last
+    /// valid one; of one that only turns round, its position with the last heading. Within one plan, numbered by its changes so
+    /// far: the first reference of a landing or of a hold may turn.
+    pub fn pass(&mut self, plan: u32, reference: &Reference) -> CheckedSetpoint {
+        let is_new = std::mem::replace(&mut self.plan, plan) != plan;
+        let is_sound = reference.is_finite() && self.fence.inside_m(&reference.position) > 0.0;
+        if !is_sound {
+            return CheckedSetpoint { reference: self.last, is_refused: true };
         }
-        (self.last, !is_valid)
+        let turned = self.last.filter(|last| !is_new && turns_round(last, reference));
+        let valid = match turned {
+            // A turn that lasts must not keep a landing from its way down.
+            Some(Reference { yaw_rad, attitude, .. }) => {
+                Reference { yaw_rad, attitude, ..*reference }
+            }
+            None => *reference,
+        };
+        self.last = Some(valid);
+        CheckedSetpoint { reference: self.last, is_refused: turned.is_some() }
     }
 }
 
@@ -53,24 +85,38 @@ fn turns_round(last: &Reference, next: &Reference) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector3;
     use oqtal_config::Config;
-    use oqtal_control::trajectory::Phase;
 
     fn at(x: f64, yaw_rad: f64) -> Reference {
         Reference { yaw_rad, ..Reference::rest(Vector3::new(x, 0.0, 1.0), Phase::Trajectory) }
     }
 
+    fn checked(reference: Option<Reference>, is_refused: bool) -> CheckedSetpoint {
+        CheckedSetpoint { reference, is_refused }
+    }
+
     #[test]
     fn f35_an_absurd_set_point_leaves_the_last_valid_one_in_force() {
         let mut guard = SetpointGuard::new(Fence::new(&Config::default().fence));
-        assert_eq!(guard.pass(&at(f64::NAN, 0.0)), (None, true));
-        assert_eq!(guard.pass(&at(0.5, 0.1)), (Some(at(0.5, 0.1)), false));
+        assert_eq!(guard.pass(0, &at(f64::NAN, 0.0)), checked(None, true));
+        assert_eq!(guard.pass(0, &at(0.5, 0.1)), checked(Some(at(0.5, 0.1)), false));
         for wrong in [at(f64::NAN, 0.1), at(1e9, 0.1), at(0.5, f64::INFINITY), at(0.5, 3.2)] {
-            assert_eq!(guard.pass(&wrong), (Some(at(0.5, 0.1)), true), "{wrong:?}");
+            assert_eq!(guard.pass(0, &wrong), checked(Some(at(0.5, 0.1)), true), "{wrong:?}");
         }
-        assert_eq!(guard.pass(&at(1.8, 0.1)), (Some(at(1.8, 0.1)), false), "corners may jump");
+        let jumped = checked(Some(at(1.8, 0.1)), false);
+        assert_eq!(guard.pass(0, &at(1.8, 0.1)), jumped, "corners may jump");
         guard.reset();
-        assert_eq!(guard.pass(&at(0.0, -3.0)), (Some(at(0.0, -3.0)), false));
+        assert_eq!(guard.pass(0, &at(0.0, -3.0)), checked(Some(at(0.0, -3.0)), false));
+    }
+
+    #[test]
+    fn f35_a_turn_is_refused_within_a_plan_and_what_goes_on_turned_is_flown_with_the_last_heading()
+    {
+        let mut guard = SetpointGuard::new(Fence::new(&Config::default().fence));
+        guard.pass(0, &at(0.5, 0.0));
+        assert_eq!(guard.pass(0, &at(0.5, 3.1)), checked(Some(at(0.5, 0.0)), true));
+        assert_eq!(guard.pass(0, &at(0.9, 3.1)), checked(Some(at(0.9, 0.0)), true));
+        assert_eq!(guard.pass(1, &at(0.9, 3.1)), checked(Some(at(0.9, 3.1)), false), "a new plan");
+        assert_eq!(guard.pass(2, &at(f64::NAN, 3.1)), checked(Some(at(0.9, 3.1)), true));
     }
 }

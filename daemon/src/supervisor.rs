@@ -107,7 +107,7 @@ pub const LIMITS: [SafetyRow; 31] = {
         Row { id: "F46", cause: Some(Cause::Link), when: |c| c.limits.link_poor, after_ms: 2000, action: Degraded, ends: Gone(2000) },
         Row { id: "F04", cause: Some(Cause::PosesLate), when: |c| c.limits.poses_old, after_ms: 200, action: Degraded, ends: Gone(1000) },
         Row { id: "F11", cause: Some(Cause::PosesLost), when: |c| c.limits.poses_lost, after_ms: 0, action: Degraded, ends: Gone(1000) },
-        Row { id: "F22", cause: Some(Cause::Overrun), when: |c| c.limits.overrun, after_ms: 0, action: Degraded, ends: Gone(1000) },
+        Row { id: "F22", cause: Some(Cause::Overrun), when: |c| c.limits.overrun, after_ms: 0, action: Degraded, ends: Gone(0) },
         Row { id: "F31", cause: Some(Cause::Configuration), when: |c| c.limits.configs_differ, after_ms: 0, action: Degraded, ends: Gone(0) },
         Row { id: "F44", cause: Some(Cause::Tracking), when: |c| c.limits.far_off, after_ms: 1000, action: Degraded, ends: Gone(1000) },
         Row { id: "F42", cause: Some(Cause::NoLift), when: |c| c.limits.sinks, after_ms: 200, action: Degraded, ends: Gone(1000) },

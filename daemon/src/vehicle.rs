@@ -108,12 +108,6 @@ impl VehicleWatch {
         vehicle.simulated == 0 && (given_up || now.since(since) > self.start)
     }
 
-    /// Whether an operator's stop keeps the motors off, by the last message.
-    #[must_use]
-    pub fn is_stopped(&self) -> bool {
-        self.heard.is_some_and(|(_, vehicle)| vehicle.stopped != 0)
-    }
-
     /// Whether the vehicle is simulated; `None` before the first message.
     #[must_use]
     pub fn is_simulated(&self) -> Option<bool> {

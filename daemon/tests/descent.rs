@@ -3,10 +3,10 @@
 mod common;
 
 use common::LAWS;
-use common::flight::{Flight, relabelled, set};
+use common::flight::{Flight, moved, relabelled, set};
 use nalgebra::Vector3;
-use oqtal_bus::code::{Actuation, Cause, SafetyState};
-use oqtal_bus::message::CommandV1;
+use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
+use oqtal_bus::message::{CommandV1, PoseV1};
 use oqtal_bus::time::Span;
 use oqtal_config::Setting;
 
@@ -24,6 +24,8 @@ fn is_level(command: &CommandV1) -> bool {
     command.actuation == Actuation::Attitude.code()
         && command.sticks == [0.0; 3]
         && command.attitude[0].hypot(command.attitude[1]) < 1e-12
+        // At the heading that the vehicle had.
+        && command.attitude[2].abs() < 0.01
 }
 
 #[test]
@@ -110,6 +112,54 @@ fn f48_markers_that_were_exchanged_are_not_believed_in_a_descent() {
             }
             let is_told = [Cause::Relabel, Cause::Jump].contains(&flight.cause());
             assert!(is_told, "{degrees} deg after {gap} frames: {}", flight.cause());
+        }
+    }
+}
+
+#[test]
+fn f48_a_vehicle_that_a_gust_moved_unseen_is_believed_when_it_is_seen_again() {
+    for gap in [24, 36, 48] {
+        let mut flight = hovering(&[]);
+        flight.wind = Vector3::new(0.6, 0.3, 0.0);
+        for _ in 0..8 {
+            flight.frame(|_| None);
+        }
+        flight.wind = Vector3::zeros();
+        for _ in 8..gap {
+            flight.frame(|_| None);
+        }
+        flight.until(SafetyState::Land, Some);
+        while flight.bench.mode() != Some(Mode::Disarmed) {
+            flight.run(1);
+            assert_eq!(flight.state(), SafetyState::Land, "{gap}: {}", flight.cause());
+        }
+        assert!(flight.motion.position.z < 0.05, "{gap}");
+    }
+}
+
+/// Whether another body, of which `change` makes the pose, is landed on after `gap` frames of the descent.
+fn lands_on(gap: usize, change: impl Fn(PoseV1) -> PoseV1) -> bool {
+    let mut flight = hovering(&[]);
+    for _ in 0..gap {
+        flight.frame(|_| None);
+    }
+    let mut seen = 0;
+    while flight.bench.mode() != Some(Mode::Disarmed) {
+        flight.frame(|pose| Some(change(pose)));
+        seen += u32::from(flight.bench.cycle.telemetry().fresh);
+    }
+    flight.state() != SafetyState::Stop || seen > 8
+}
+
+#[test]
+fn f48_a_body_that_is_off_by_little_is_not_flown_on_after_a_descent() {
+    for gap in [20, 36, 50] {
+        for degrees in [8.0, -15.0, 25.0] {
+            assert!(!lands_on(gap, |pose| relabelled(pose, degrees)), "{degrees} deg, {gap}");
+        }
+        for metres in [0.15, 0.4, -1.0] {
+            let offset = Vector3::new(metres, 0.3 * metres, 0.0);
+            assert!(!lands_on(gap, |pose| moved(pose, offset)), "{metres} m, {gap}");
         }
     }
 }

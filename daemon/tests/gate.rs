@@ -98,6 +98,31 @@ fn f03_a_source_that_freezes_in_hover_or_at_take_off_is_noticed_before_the_vehic
 }
 
 #[test]
+fn f03_a_source_without_noise_that_freezes_on_the_floor_or_in_a_turn_is_noticed() {
+    let mut flight = Flight::new(&[]);
+    flight.noise = 0.0;
+    flight.run(20);
+    assert!(flight.motion.position.z < 0.02, "{:?}", flight.motion);
+    let mut frozen = None;
+    flight.until(SafetyState::Stop, |pose| Some(*frozen.get_or_insert(pose)));
+    assert_eq!(flight.cause(), Cause::Frozen);
+    // A vehicle that is heavier than configured would stand under up to 1.35 times the weight.
+    assert!(flight.motion.position.z < 1.2, "climbed unseen to {} m", flight.motion.position.z);
+    let turn = ["trajectory.kind=\"step\"", "trajectory.step.axis=\"yaw\""];
+    let angle = ["trajectory.step.angle-deg=90.0", "trajectory.step.hold-s=5.0"];
+    let mut flight =
+        Flight::new(&[turn, angle].as_flattened().iter().map(|text| set(text)).collect::<Vec<_>>());
+    flight.noise = 0.0;
+    while flight.motion.rate.z < 0.8 {
+        flight.run(1);
+    }
+    let mut frozen = None;
+    let waited = flight.until(SafetyState::Stop, |pose| Some(*frozen.get_or_insert(pose)));
+    assert_eq!(flight.cause(), Cause::Frozen);
+    assert!(waited <= Span::from_millis(450), "{waited:?}");
+}
+
+#[test]
 fn perfect_and_coarse_poses_take_off_and_hover() {
     let rounded = |x: f64, quantum: f64| (x / quantum).round() * quantum;
     for quantum in [0.0, 1e-3] {

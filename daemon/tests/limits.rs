@@ -39,6 +39,9 @@ fn f47_outside_the_soft_border_the_vehicle_goes_back_and_holds() {
     flight.wind = Vector3::x() * 3.5;
     until(&mut flight, SafetyState::Hold);
     assert_eq!(flight.cause(), Cause::Fence);
+    // The soft border is at 0.8 m.
+    let [held, ..] = flight.bench.cycle.telemetry().reference_position;
+    assert!((0.75..=0.8).contains(&held), "held at {held} m");
     flight.wind = Vector3::zeros();
     until(&mut flight, SafetyState::Nominal);
     flight.run(300);

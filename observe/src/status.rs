@@ -118,8 +118,9 @@ impl InstanceStatus {
     /// Whether all processes received run with one configuration; `None` if none was listened for.
     #[must_use]
     pub fn config_agrees(&self) -> Option<bool> {
-        let mut hashes = self.processes.iter().filter_map(|p| Some(&p.heard.as_ref()?.config_hash));
-        let first = hashes.next();
+        let hashes = self.processes.iter().filter_map(|p| p.heard.as_ref()?.config_hash.as_ref());
+        let mut hashes = hashes.peekable();
+        let first = hashes.peek().copied();
         (!self.processes.is_empty()).then(|| hashes.all(|hash| Some(hash) == first))
     }
 
@@ -154,7 +155,8 @@ pub struct ProcessHealth {
 struct HealthReport {
     pid: u64,
     age_ms: f64,
-    config_hash: String,
+    /// `None` for an emulated vehicle behind a radio, whose configuration is its own.
+    config_hash: Option<String>,
     /// Of the daemon only.
     #[serde(skip_serializing_if = "Option::is_none")]
     daemon: Option<DaemonHealth>,
@@ -235,7 +237,8 @@ impl HealthReport {
         Self {
             pid: u64::from(header.origin().process()),
             age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
-            config_hash: format!("{:016x}", health.config_hash),
+            config_hash: (health.config_hash != HealthV1::OWN_CONFIG)
+                .then(|| format!("{:016x}", health.config_hash)),
             daemon,
             vehicle_answers: (role == Role::Bridge).then_some(health.cause == Cause::None.code()),
             runs_late: health.runs_late != 0,
@@ -261,7 +264,8 @@ impl fmt::Display for ProcessHealth {
         };
         let HealthReport { pid, age_ms, config_hash, daemon, .. } = heard;
         let (name, state) = (self.name, heard.state());
-        write!(f, "{name:<10} {state:<8} {age_ms:>4.0} ms ago  config {config_hash}  pid {pid}")?;
+        let config = config_hash.as_deref().unwrap_or("of its own");
+        write!(f, "{name:<10} {state:<8} {age_ms:>4.0} ms ago  config {config}  pid {pid}")?;
         if heard.runs_late {
             write!(f, "  runs late")?;
         }
@@ -317,9 +321,17 @@ mod tests {
     fn processes_with_different_configurations_are_reported() {
         let mut monitor = monitor(&[Role::Mocap, Role::Daemon], Span::ZERO);
         let reception = Reception { received_at: Time::VIRTUAL_START, ..Reception::default() };
-        let other = HealthV1 { time: Time::VIRTUAL_START, config_hash: 7, ..HealthV1::default() };
+        let runs_with = |config_hash| HealthV1 {
+            time: Time::VIRTUAL_START,
+            config_hash,
+            ..HealthV1::default()
+        };
+        monitor.health(&reception, Role::Daemon, &runs_with(5));
+        monitor.health(&reception, Role::Mocap, &runs_with(5));
         assert_eq!(monitor.status(Time::VIRTUAL_START).config_agrees(), Some(true));
-        monitor.health(&reception, Role::Mocap, &other);
+        monitor.health(&reception, Role::Mocap, &runs_with(HealthV1::OWN_CONFIG));
+        assert_eq!(monitor.status(Time::VIRTUAL_START).config_agrees(), Some(true));
+        monitor.health(&reception, Role::Mocap, &runs_with(7));
         let status = monitor.status(Time::VIRTUAL_START);
         assert_eq!(status.config_agrees(), Some(false));
         assert!(status.lines().last().unwrap().contains("configurations differ"));

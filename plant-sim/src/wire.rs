@@ -18,12 +18,14 @@ mod vehicle;
 
 use std::path::Path;
 
+use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{HealthV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::faults::RadioFaults;
+use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::link::LinkSpec;
 
@@ -52,7 +54,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let bus = context.bus()?;
     let terminal = PseudoTerminal::open(Path::new(link.path()))?;
     let mut truths = bus.writer(&TRUTH)?;
-    let mut heartbeat = context.heartbeat(&bus)?;
+    let mut heartbeat = heartbeat(context, &bus)?;
     let mut vehicle = WiredVehicle::new(&context.config, link, Time::now())
         .map_err(|error| context.config.locate(&error))?;
     let (mut outputs, mut answer) = (Vec::with_capacity(64), Vec::with_capacity(1024));
@@ -88,6 +90,11 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     }
     report(&vehicle);
     Ok(())
+}
+
+/// The heartbeat of a process that stands for a vehicle.
+fn heartbeat(context: &ProcessContext, bus: &Bus) -> Result<Heartbeat, BusError> {
+    Heartbeat::new(bus, context.role, HealthV1::OWN_CONFIG, context.health.clone())
 }
 
 /// Publishes every truth sample, and wakes the cameras at those that they capture.

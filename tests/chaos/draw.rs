@@ -30,7 +30,21 @@ pub fn flight(seed: u64) -> Vec<String> {
     let faults: Vec<String> =
         (0..random.below(4)).map(|_| format!("\"{}\"", fault(random))).collect();
     settings.push(format!("fault.inject=[{}]", faults.join(", ")));
+    if random.one_in(3) {
+        settings.push(polygon(random));
+    }
     settings
+}
+
+/// A fence of five to nine corners around the room of every flight, near enough for wind to blow the vehicle there.
+fn polygon(random: &mut Random) -> String {
+    let corners = 5 + random.below(5);
+    let corner = |k: u64| {
+        let angle = std::f64::consts::TAU * k as f64 / corners as f64;
+        format!("[{:.3}, {:.3}]", 5.0 * angle.cos(), 5.0 * angle.sin())
+    };
+    let corners: Vec<String> = (0..corners).map(corner).collect();
+    format!("fence.polygon-m=[{}]", corners.join(", "))
 }
 
 /// A constant force of up to 3 N in any direction, mostly sideways.

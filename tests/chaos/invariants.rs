@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::time::Span;
+use oqtal_daemon::Fence;
 use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Time for which motors may run on after the vehicle has tipped.
@@ -20,6 +21,15 @@ pub fn states_of(flight: &Flight) -> Vec<String> {
     states.dedup();
     let names = states.into_iter().filter_map(SafetyState::from_code);
     names.filter(|state| *state > SafetyState::Nominal).map(|state| state.to_string()).collect()
+}
+
+/// Number of faults that began in the air \[-\].
+pub fn faults_in_the_air(flight: &Flight) -> u32 {
+    let times = |sample: &FlightSample| sample.telemetry.time.since(flight.origin()).seconds();
+    let (first, last) = (flight.armed().next().map(times), flight.armed().last().map(times));
+    let (Some(first), Some(last)) = (first, last) else { return 0 };
+    let faults = flight.config.fault.inject.iter();
+    faults.filter(|fault| (first..=last).contains(&(first + fault.at_s))).count() as u32
 }
 
 /// Whether the daemon commands thrust.
@@ -61,13 +71,9 @@ fn tipped(flight: &Flight) -> Option<String> {
 
 /// A vehicle that flies under power beyond the hard border of the fence.
 fn outside(flight: &Flight) -> Option<String> {
-    let fence = &flight.config.fence;
-    let away = |sample: &&FlightSample| {
-        let position = sample.position();
-        let ranges = [fence.x_m, fence.y_m, fence.z_m];
-        let mut axes = ranges.iter().zip(position.iter());
-        is_powered(sample) && !axes.all(|([from, to], x)| (from..=to).contains(&x))
-    };
+    let fence = Fence::new(&flight.config.fence);
+    let away =
+        |sample: &&FlightSample| is_powered(sample) && fence.inside_m(&sample.position()) <= 0.0;
     let sample = flight.samples.iter().find(away)?;
     let position = sample.position();
     Some(format!("under power at {:.1?} at {:.3} s", position.as_slice(), at(flight, sample)))

@@ -36,11 +36,12 @@ function until(page, id, part) {
 }
 
 async function live(page) {
-	const rate = () => Number(/(\d+) updates/.exec(document.getElementById('connection').textContent)?.[1]);
-	await page.waitForFunction(`(${rate})() >= 30`, null, TIMEOUT);
+	const isFast = () => Number(/(\d+) updates/.exec(document.getElementById('connection').textContent)?.[1]) >= 30;
+	await page.waitForFunction(isFast, null, TIMEOUT);
+	const updates = Number(/(\d+) updates/.exec(await text(page, 'connection'))?.[1]);
 	const first = await text(page, 'figures');
 	await page.waitForFunction((before) => document.getElementById('figures').textContent !== before, first, TIMEOUT);
-	return { updates: await page.evaluate(rate), control: await page.isVisible('#control') };
+	return { updates, control: await page.isVisible('#control') };
 }
 
 // A command by a page without the token, and one by a page of another site.

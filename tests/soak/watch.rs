@@ -1,11 +1,14 @@
 //! The observer of the soak: what it saw, and what must never be seen.
 
+use nalgebra::Vector3;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Actuation, Cause, SafetyState};
+use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
 use oqtal_bus::message::{CommandV1, TelemetryV1, TruthV1};
 use oqtal_bus::port::Reader;
 use oqtal_bus::topic::{COMMAND, TELEMETRY, TRUTH};
 use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_config::Config;
+use oqtal_daemon::Fence;
 
 use crate::laboratory::Laboratory;
 
@@ -16,6 +19,8 @@ pub struct Watch {
     commands_in: Reader<CommandV1>,
     telemetry_in: Reader<TelemetryV1>,
     truth_in: Reader<TruthV1>,
+    fence: Fence,
+    position: Vector3<f64>,
     pub commands: u64,
     pub ticks: u64,
     pub refused: u64,
@@ -36,6 +41,8 @@ impl Watch {
             commands_in: bus.observer(&COMMAND).unwrap(),
             telemetry_in: bus.observer(&TELEMETRY).unwrap(),
             truth_in: bus.observer(&TRUTH).unwrap(),
+            fence: Fence::new(&Config::default().fence),
+            position: Vector3::zeros(),
             commands: 0,
             ticks: 0,
             refused: 0,
@@ -61,7 +68,8 @@ impl Watch {
             self.tick(&tick);
         }
         if let Some((_, truth)) = self.truth_in.latest().unwrap() {
-            self.height_m = truth.position[2];
+            self.position = truth.position.into();
+            self.height_m = self.position.z;
         }
     }
 
@@ -70,6 +78,10 @@ impl Watch {
         self.refused += tick.poses_refused.saturating_sub(self.last_refused);
         self.last_refused = tick.poses_refused;
         (self.mode, self.state, self.is_fresh) = (tick.mode, tick.state, tick.fresh != 0);
+        let is_powered = tick.mode != Mode::Disarmed.code() && tick.thrust > 0.0;
+        if is_powered && self.fence.inside_m(&self.position) <= 0.0 {
+            self.violations.push(format!("under power at {}: {tick:?}", self.position));
+        }
         let waits_for_the_vehicle = tick.cause == Cause::NoVehicle.code();
         let coasts = tick.state == SafetyState::Coast.code() && !waits_for_the_vehicle;
         self.recovering = if coasts && self.is_fresh { self.recovering + 1 } else { 0 };

@@ -229,7 +229,8 @@ message! {
     HealthV1 = "oqtal.Health.v1" {
         /// Instant of this message, by the clock of the machine, whatever clock drives the flight.
         time: Time ["ns"],
-        /// Hash of the effective configuration: processes that disagree were started from different files.
+        /// Hash of the effective configuration: processes that disagree were started from different files. `OWN_CONFIG` for an
+        /// emulated vehicle behind a radio, which need not agree.
         config_hash: u64 ["-"],
         /// [`crate::code::SafetyState`], for the daemon.
         state: u8 ["code"],
@@ -246,6 +247,11 @@ message! {
         /// [`crate::obstacle::ArmingObstacles`] of the daemon.
         obstacles: u32 ["-"],
     }
+}
+
+impl HealthV1 {
+    /// The configuration hash of an emulated vehicle behind a radio: like that of a real one, its configuration is its own.
+    pub const OWN_CONFIG: u64 = 0;
 }
 
 message! {

@@ -30,6 +30,12 @@ pub struct StartPoint {
     pub yaw_rad: f64,
 }
 
+impl From<Reference> for StartPoint {
+    fn from(reference: Reference) -> Self {
+        Self { position: reference.position, yaw_rad: reference.yaw_rad }
+    }
+}
+
 /// The references of a whole flight as a function of the time since its start.
 ///
 /// The flight is relative to the pose of the vehicle at the start: its position is the origin of the path, whose axes
@@ -59,7 +65,7 @@ impl FlightPlan {
             descent_m_s: options.descent_m_s,
             landing: Landing::NEVER,
         };
-        plan.land_from(end_s, plan.sample(end_s).position);
+        plan.land_from(end_s, plan.sample(end_s).into());
         plan
     }
 
@@ -79,15 +85,15 @@ impl FlightPlan {
         reference
     }
 
-    /// Begins a landing from `position` \[m, world\] at `t_s` \[s\] after the start of the flight. A landing that has
-    /// begun is not begun again.
-    pub fn land_from(&mut self, t_s: f64, position: Vector3<f64>) {
+    /// Begins a landing from `from` at `t_s` \[s\] after the start of the flight. A landing that has begun is not begun
+    /// again.
+    pub fn land_from(&mut self, t_s: f64, from: StartPoint) {
         if t_s <= self.landing.start_s {
-            let depth_m = (position.z - self.start.position.z + LANDING_DEPTH_M).max(0.0);
+            let depth_m = (from.position.z - self.start.position.z + LANDING_DEPTH_M).max(0.0);
             self.landing = Landing {
                 start_s: t_s,
                 duration_s: (MINIMUM_JERK_PEAK * depth_m / self.descent_m_s).max(LEAST_DESCENT_S),
-                from: StartPoint { position, yaw_rad: self.sample(t_s).yaw_rad },
+                from,
                 depth_m,
             };
         }

@@ -5,10 +5,9 @@ use oqtal_control::euler::EulerAngles;
 
 use super::Cycle;
 use crate::command::VehicleCommand;
+use crate::floor::AIRBORNE_M;
 use crate::guard::seconds;
 
-/// Height above the floor at the last accepted pose from which on a vehicle is in the air \[m\].
-const AIRBORNE_M: f64 = 0.1;
 /// Age of the predicted motion from which on it is carried forward \[s\]: less than the commands that are remembered.
 const OLD_TRACK_S: f64 = 0.5;
 /// Age of the motion that is carried forward \[s\]: more than that of any pose that is accepted.

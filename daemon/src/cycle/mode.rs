@@ -9,6 +9,7 @@ use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint};
 use super::Cycle;
 use super::at_start::AtStart;
 use crate::mission::ActiveMission;
+use crate::setpoint::CheckedSetpoint;
 
 impl Cycle {
     /// Whether the daemon commands a flying vehicle.
@@ -41,6 +42,7 @@ impl Cycle {
                 self.stack.active_mut().reset();
                 self.mission = Some(ActiveMission::observe(estimate.position, now));
                 self.mode = Mode::Flying;
+                self.check_setpoint(now);
             }
             // `arm` begins a flight at once or not at all: poses were good when the operator asked.
             (Mode::Waiting, SafetyState::Nominal | SafetyState::Degraded) if may_begin => {
@@ -59,6 +61,8 @@ impl Cycle {
             }
             (Mode::Flying | Mode::Landing, state) => {
                 self.act_on(now, state);
+                // The plan may have changed.
+                self.check_setpoint(now);
                 self.go_on(now, &estimate);
             }
             _ => {}
@@ -68,22 +72,21 @@ impl Cycle {
     /// Holds the position, lands or waits for the end of a descent if the safety state demands it, and goes on with the mission if
     /// it does no longer.
     fn act_on(&mut self, now: Time, state: SafetyState) {
-        let estimate = self.estimator.latest();
+        let position = self.estimator.latest().position;
         let Some(mission) = self.mission.as_mut().filter(|_| !self.observe_only) else { return };
+        let at = |point| self.memory.setpoint.at(point);
         match state {
             // Poses have come back.
-            SafetyState::Land if std::mem::take(&mut self.memory.descends) => {
-                mission.land_from(now, estimate.position);
+            SafetyState::Land if self.memory.descends => {
+                mission.land_from(now, at(position).into());
+                self.memory.descends = false;
             }
-            SafetyState::Land if self.mode == Mode::Flying => {
-                mission.land(now, &estimate);
-                self.mode = Mode::Landing;
-            }
+            SafetyState::Land if self.mode == Mode::Flying => self.land_early(now),
             SafetyState::Hold if self.mode == Mode::Flying => {
-                mission.hold(now, self.memory.inside.unwrap_or(estimate.position));
+                mission.hold(now, at(self.memory.inside.unwrap_or(position)));
             }
             SafetyState::Descend => {
-                mission.hold(now, estimate.position);
+                mission.hold(now, at(position));
                 (self.memory.descends, self.mode) = (true, Mode::Landing);
             }
             // Blindness interrupts neither.
@@ -92,10 +95,32 @@ impl Cycle {
         }
     }
 
+    /// Lands above the present position, from the height and at the heading of the reference that was flown last.
+    pub(super) fn land_early(&mut self, now: Time) {
+        let position = self.estimator.latest().position;
+        let height = self.memory.setpoint.reference.map_or(position.z, |last| last.position.z);
+        if let Some(mission) = &mut self.mission {
+            let point = self.memory.setpoint.at(position.xy().push(height));
+            mission.land_from(now, point.into());
+            self.mode = Mode::Landing;
+        }
+    }
+
+    /// Checks the reference at `now`: once in a tick, and again where the plan has changed in it.
+    pub(super) fn check_setpoint(&mut self, now: Time) {
+        let Some(mission) = &self.mission else { return };
+        let reference = mission.reference(now);
+        self.memory.setpoint = match self.observe_only {
+            true => CheckedSetpoint { reference: Some(reference), is_refused: false },
+            false => self.setpoint.pass(mission.changes(), &reference),
+        };
+    }
+
     /// Ends the flight: motors off.
     pub(super) fn end_flight(&mut self) {
         self.guard.motion.end();
         self.mission = None;
+        self.memory.setpoint = CheckedSetpoint::default();
         self.mode = Mode::Disarmed;
     }
 
@@ -113,6 +138,7 @@ impl Cycle {
         self.memory.descends = false;
         self.mission = Some(ActiveMission::fly(plan, estimate.position.z, now));
         self.mode = Mode::Flying;
+        self.check_setpoint(now);
         if self.requests.at_start == AtStart::Awaited {
             self.requests.at_start = AtStart::Taken;
         }
@@ -125,10 +151,13 @@ impl Cycle {
             if let Some(mission) = &mut self.mission {
                 mission.restart(now);
             }
+            self.check_setpoint(now);
             return;
         }
-        let Some(mission) = &self.mission else { return };
-        let reference = mission.reference(now);
+        let (Some(mission), Some(reference)) = (&self.mission, self.memory.setpoint.reference)
+        else {
+            return;
+        };
         if mission.has_landed(&reference, estimate) || self.stands(now, reference.phase) {
             self.end_flight();
         } else if reference.phase == Phase::Landing {

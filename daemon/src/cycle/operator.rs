@@ -106,9 +106,9 @@ impl Cycle {
         self.requests.at_start == AtStart::Awaited && self.vehicle.is_simulated() == Some(true)
     }
 
-    /// Records which process publishes the topic `vehicle`. A requested flight is meant for the vehicle that was there: with another
-    /// vehicle it is cancelled and must be requested again.
-    pub(super) fn notice_speaker(&mut self, speaker: u64) {
+    /// Cancels a requested flight if another process than before, `speaker`, publishes the topic `vehicle`: the flight is meant for
+    /// the vehicle that was there, and must be requested again.
+    pub(super) fn cancel_if_vehicle_replaced(&mut self, speaker: u64) {
         let is_another = self.vehicle.speaker().is_some_and(|known| known != speaker);
         if is_another && self.mode == Mode::Waiting {
             self.call_off();
@@ -122,14 +122,12 @@ impl Cycle {
             self.end_flight();
             return Ok(Answer::Done);
         }
-        match (self.mode, &mut self.mission) {
-            (Mode::Flying, _) if self.observe_only => Err(Cause::WrongMode),
-            (Mode::Flying, Some(mission)) => {
-                mission.land(now, &self.estimator.latest());
-                self.mode = Mode::Landing;
+        match self.mode {
+            Mode::Flying if !self.observe_only => {
+                self.land_early(now);
                 Ok(Answer::Done)
             }
-            (Mode::Landing, _) => Ok(Answer::Done),
+            Mode::Landing => Ok(Answer::Done),
             _ => Err(Cause::WrongMode),
         }
     }

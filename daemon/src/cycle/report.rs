@@ -29,13 +29,8 @@ impl Cycle {
     }
 
     /// Fills in the telemetry of this tick.
-    pub(super) fn record(
-        &mut self,
-        now: Time,
-        reference: Option<&Reference>,
-        output: Option<&ControlOutput>,
-        fresh: bool,
-    ) {
+    pub(super) fn record(&mut self, now: Time, output: Option<&ControlOutput>, fresh: bool) {
+        let reference = self.memory.setpoint.reference;
         let estimate = self.estimator.latest();
         let age_s = self.pose_age(now).map_or(f64::NAN, Span::seconds);
         let obstacles = if self.is_armed() { 0 } else { self.memory.obstacles.bits() };
@@ -62,7 +57,7 @@ impl Cycle {
         let scored = self.mission.as_ref().is_some_and(|mission| mission.is_scored(now));
         telemetry.scored = u8::from(scored);
         telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
-        record_commands(telemetry, reference, output);
+        record_commands(telemetry, reference.as_ref(), output);
     }
 }
 

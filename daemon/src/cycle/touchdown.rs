@@ -6,6 +6,7 @@ use oqtal_control::trajectory::Phase;
 
 use super::Cycle;
 use crate::command::VehicleCommand;
+use crate::floor;
 
 /// Time after the end of the landing's reference from which on thrust is lowered \[s\].
 const LOWERED_AFTER_S: f64 = 1.5;
@@ -13,8 +14,6 @@ const LOWERED_AFTER_S: f64 = 1.5;
 const LOWERED_PER_S: f64 = 0.1;
 /// Greatest share of the thrust that is taken away \[-\].
 const MOST_LOWERED: f64 = 0.5;
-/// Thrust over the weight below which no vehicle that may be flown stays in the air \[-\].
-const STANDING_THRUST: f64 = 0.5;
 /// Speed below which a vehicle is at rest \[m/s\].
 const STANDING_M_S: f64 = 0.1;
 /// Time for which it must be.
@@ -39,7 +38,7 @@ impl Cycle {
             VehicleCommand::Disarmed => f64::INFINITY,
         };
         let is_at_rest = phase == Phase::Landing
-            && thrust_n < STANDING_THRUST * self.limits.weight_n()
+            && thrust_n < floor::STANDING * self.limits.weight_n()
             && self.estimator.latest().velocity.norm() < STANDING_M_S;
         if !is_at_rest {
             self.memory.stands_since = None;

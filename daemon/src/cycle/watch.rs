@@ -10,7 +10,7 @@ use crate::arming::ArmingView;
 use crate::command::VehicleCommand;
 use crate::guard::seconds;
 use crate::limits::{FlightView, LimitConditions};
-use crate::loop_health::FrameCounts;
+use crate::loop_health::TickFrames;
 
 impl Cycle {
     /// Everything that keeps a flight from beginning; nothing in flight and of a recording.
@@ -30,7 +30,7 @@ impl Cycle {
     pub(super) fn limit_conditions(&mut self, now: Time, fresh: bool) -> LimitConditions {
         let age = self.pose_age(now).filter(|_| fresh);
         let (accepted, bad) = (self.guard.accepted(), self.guard.lost() + self.guard.refused());
-        self.health.tick(age, FrameCounts { accepted, bad });
+        self.health.tick(age, TickFrames { accepted, bad });
         let mut conditions = LimitConditions {
             configs_differ: self.requests.configs_differ,
             ..LimitConditions::default()
@@ -39,7 +39,7 @@ impl Cycle {
             return conditions;
         }
         self.health.judge(&mut conditions);
-        conditions.setpoint_refused = self.memory.setpoint_refused;
+        conditions.setpoint_refused = self.memory.setpoint.is_refused;
         if let Some(vehicle) = self.vehicle.answer(now) {
             let vehicle: &VehicleV1 = vehicle;
             self.limits.judge_vehicle(vehicle, &mut conditions);
@@ -52,7 +52,9 @@ impl Cycle {
         // A Stop decided in the next tick, whose command is late by a period, takes effect then.
         let acts_at = now + self.timing.period.scaled(2.0);
         let acts_s = seconds(acts_at) + self.guard.motion.delay_s();
-        let (Some(mission), Some(motion)) = (&self.mission, self.guard.motion.predict(acts_s))
+        let motion = self.guard.motion.predict(acts_s);
+        let (Some(mission), Some(reference), Some(motion)) =
+            (&self.mission, &self.memory.setpoint.reference, &motion)
         else {
             return;
         };
@@ -62,9 +64,9 @@ impl Cycle {
             VehicleCommand::Disarmed => 0.0,
         };
         let flight = FlightView {
-            motion: &motion,
+            motion,
             floor_m: self.guard.motion.floor_m(),
-            reference: &mission.reference(now),
+            reference,
             thrust_n,
             is_descent: self.supervisor.state() == SafetyState::Descend,
         };

@@ -1,7 +1,8 @@
 //! The doubt about a pose that was believed for the uncertainty of the prediction, as after a gap.
 //!
 //! Such a pose may be of another body, or of markers that were exchanged: then its offset from the motion predicted without it
-//! stays the same. An offset that a force made grows, because the force gave the vehicle a velocity, too.
+//! stays the same. An offset that a force made during the gap grows, because the force gave the vehicle a velocity, too: by at
+//! least the share of itself that the time since is of the gap.
 
 use oqtal_control::predictive::{MeasuredPose, Surroundings, Track};
 
@@ -19,11 +20,13 @@ pub(super) struct Doubt {
     first: Stranger,
     /// When it was measured \[s\].
     since_s: f64,
+    /// Time between the last pose before the doubt and the doubted one \[s\].
+    gap_s: f64,
 }
 
 /// What a further pose tells about a doubt.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Verdict {
+pub(super) enum DoubtVerdict {
     /// Nothing yet.
     Open(Doubt),
     /// The doubted pose was right.
@@ -33,10 +36,12 @@ pub(super) enum Verdict {
 }
 
 impl Doubt {
-    /// The doubt about `pose`, measured at the instant of `expected`; `None` if the pose is where it was expected.
-    pub(super) fn about(expected: &Track, pose: &MeasuredPose) -> Option<Self> {
+    /// The doubt about `pose`, measured at the instant of `expected` after a gap of `gap_s` \[s\]; `None` if the pose is where
+    /// it was expected.
+    pub(super) fn about(expected: &Track, pose: &MeasuredPose, gap_s: f64) -> Option<Self> {
         let first = Stranger::of(expected, pose);
-        first.is_off().then_some(Self { without: *expected, first, since_s: expected.t_s })
+        let doubt = Self { without: *expected, first, since_s: expected.t_s, gap_s };
+        first.is_off().then_some(doubt)
     }
 
     /// The motion predicted for `t_s` \[s\] without the doubted poses.
@@ -45,14 +50,18 @@ impl Doubt {
     }
 
     /// The verdict of `pose`, for the motion `without` at its instant.
-    pub(super) fn judge(&self, without: &Track, pose: &MeasuredPose) -> Verdict {
+    pub(super) fn judge(&self, without: &Track, pose: &MeasuredPose) -> DoubtVerdict {
         let now = Stranger::of(without, pose);
-        if !now.stays(&self.first) {
-            return Verdict::Settled;
+        let elapsed_s = without.t_s - self.since_s;
+        let is_over = elapsed_s >= DOUBT_S;
+        // Before, noise may change an offset by as much as a slow motion does.
+        let growth = if is_over { elapsed_s / self.gap_s } else { f64::INFINITY };
+        if !now.stays(&self.first, growth) {
+            return DoubtVerdict::Settled;
         }
-        match without.t_s - self.since_s >= DOUBT_S {
-            true => Verdict::Relabel(*without, now),
-            false => Verdict::Open(Self { without: *without, ..*self }),
+        match is_over {
+            true => DoubtVerdict::Relabel(*without, now),
+            false => DoubtVerdict::Open(Self { without: *without, ..*self }),
         }
     }
 }

@@ -14,9 +14,12 @@ const AGREED_SHARE: f64 = 0.15;
 const OFFSET_M: f64 = 0.03;
 /// The same of the attitude \[rad\].
 const OFFSET_RAD: f64 = 0.1;
-/// Change of an offset that counts as none, as a share of it \[-\]. What moved a vehicle during a gap also gave it a velocity, so
-/// that the offset grows by half of itself and more within the time of a doubt.
+/// Change of an offset that counts as none, as a share of it \[-\]. What moved a vehicle during a short gap also gave it a velocity,
+/// so that the offset grows by half of itself and more within the time of a doubt.
 const SAME_SHARE: f64 = 0.3;
+/// The same over the growth of an offset by a constant velocity since the gap began \[-\]: half way from an offset that stays. After
+/// a long gap that growth is small.
+const SAME_GROWTH: f64 = 0.5;
 
 /// A pose relative to the predicted motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -52,13 +55,17 @@ impl Stranger {
         !self.agrees(&Self::default())
     }
 
-    /// Whether the offset from the prediction is a large one and has not changed since `first`.
-    pub(super) fn stays(&self, first: &Self) -> bool {
-        let stays = |now: &Vector3<f64>, first: &Vector3<f64>, least: f64| {
-            (first.norm() >= least).then(|| (now - first).norm() <= SAME_SHARE * first.norm())
+    /// Whether the offset from the prediction is a large one and has not changed since `first`, for a time of `growth` gaps
+    /// \[-\]. A body that only moved is told from a moving one by less than one that turned, too: no force turns a vehicle and then
+    /// leaves it there.
+    pub(super) fn stays(&self, first: &Self, growth: f64) -> bool {
+        let share = |now: &Vector3<f64>, first: &Vector3<f64>, least: f64| {
+            (first.norm() >= least).then(|| (now - first).norm() / first.norm())
         };
-        let position = stays(&self.offset, &first.offset, OFFSET_M);
-        let attitude = stays(&self.turn, &first.turn, OFFSET_RAD);
-        position.or(attitude).is_some() && position != Some(false) && attitude != Some(false)
+        let moved = share(&self.offset, &first.offset, OFFSET_M);
+        match share(&self.turn, &first.turn, OFFSET_RAD) {
+            Some(turned) => moved.unwrap_or(0.0).max(turned) <= SAME_SHARE,
+            None => moved.is_some_and(|moved| moved <= SAME_SHARE.min(SAME_GROWTH * growth)),
+        }
     }
 }

@@ -65,6 +65,23 @@ impl Watch {
         self.supervisor.step(self.now, conditions, pose_cause)
     }
 
+    /// The state ends as docs/faults.md says, and no sooner.
+    fn assert_ends(&mut self, state: SafetyState, cause: Cause) {
+        let (lasts, end) = match (state, cause) {
+            (Stop, _) => (1000, SafetyConditions { operator_arms: true, ..GOOD }),
+            (Land, _) => (1000, GOOD),
+            (Hold, _) | (_, Cause::Setpoint) => (480, FLYING),
+            (_, Cause::Battery | Cause::Link) => (1980, FLYING),
+            (_, Cause::Overrun | Cause::Configuration) => (0, FLYING),
+            _ => (980, FLYING),
+        };
+        for _ in 0..lasts / 10 {
+            assert_eq!(self.tick(&FLYING), state, "{cause}");
+        }
+        let more = self.until(Nominal, &end);
+        assert!(more <= 20, "{cause}: {more} ms more");
+    }
+
     /// Time until `state` under constant conditions \[ms\].
     fn until(&mut self, state: SafetyState, conditions: &SafetyConditions) -> i64 {
         let since = self.now;
@@ -117,6 +134,10 @@ fn f48_a_blind_vehicle_that_may_descends_until_it_is_down_or_may_no_longer_and_l
     watch.tick(&blind);
     let down = SafetyConditions { is_down: true, ..blind };
     assert!((200..=210).contains(&watch.until(Stop, &down)));
+    watch.assert_ends(Stop, Cause::NoPose);
+    watch.tick(&blind);
+    assert_eq!(watch.tick(&FLYING), Land);
+    watch.assert_ends(Land, Cause::NoPose);
 }
 
 #[test]
@@ -202,6 +223,7 @@ fn every_limit_acts_within_its_bound_and_tells_its_cause() {
         let waited = watch.until(state, &conditions);
         assert!((millis..=millis + 10).contains(&waited), "{cause}: {waited} ms");
         assert_eq!(watch.supervisor.cause(), cause);
+        watch.assert_ends(state, cause);
     }
 }
 
@@ -251,4 +273,5 @@ fn f47_a_position_is_not_held_for_ever() {
     let mut watch = Watch::nominal();
     assert!((10_000..=10_010).contains(&watch.until(Land, &margin)));
     assert_eq!(watch.supervisor.cause(), Cause::HeldTooLong);
+    watch.assert_ends(Land, Cause::HeldTooLong);
 }

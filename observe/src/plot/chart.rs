@@ -39,7 +39,7 @@ pub enum Mark {
     Block(Ink, Point, Point),
     /// A disc; omitted if its centre cannot be drawn.
     Disc(Ink, Point),
-    /// A vertical line at an instant of the horizontal axis.
+    /// A vertical line at a place on the horizontal axis \[unit of the axis\].
     Instant(f64),
 }
 

@@ -1,0 +1,13 @@
+//! The floor: heights and thrusts by which a vehicle stands on it, is carried off it, or is in the air.
+
+/// Thrust over the weight that lifts every vehicle that may be flown off the floor \[-\].
+pub(crate) const LIFTING: f64 = 1.35;
+/// Thrust over the weight below which no vehicle that may be flown stays in the air \[-\].
+pub(crate) const STANDING: f64 = 0.5;
+
+/// Height above the floor below which a vehicle has landed, once its reference is below the floor \[m\].
+pub(crate) const LANDED_M: f64 = 0.04;
+/// Height above the floor at the last accepted pose from which on a vehicle is in the air \[m\].
+pub(crate) const AIRBORNE_M: f64 = 0.1;
+/// Height of the reference above the floor from which on the vehicle must have left the floor \[m\].
+pub(crate) const OFF_FLOOR_M: f64 = 0.3;
