@@ -7,7 +7,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::{Testbed, stderr, wait_for};
+use common::{Testbed, skipped, stderr, wait_for};
 use oqtal_bus::topic::{TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Subscribe, Transport};
 
@@ -17,7 +17,7 @@ const NOBODY: u32 = 65_534;
 fn is_root() -> bool {
     let is_root = rustix::process::getuid().is_root();
     if !is_root {
-        eprintln!("skipped: only root can become another user");
+        skipped("only root can become another user");
     }
     is_root
 }

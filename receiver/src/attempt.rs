@@ -69,6 +69,16 @@ pub enum ConnectError {
         /// Versions.
         reason: String,
     },
+    /// The server has no place for another client, or no answer.
+    #[error(
+        "the server at {address} refuses: {reason}; see its messages, end clients that are not needed"
+    )]
+    Refused {
+        /// Address and port.
+        address: String,
+        /// The server's words.
+        reason: String,
+    },
     /// The server measures nothing.
     #[error("the server at {address} measures nothing; start its real-time measurement")]
     Idle {
@@ -84,6 +94,14 @@ pub enum ConnectError {
         address: String,
         /// The bodies that are there, in words.
         known: String,
+    },
+    /// Several bodies have the wanted name.
+    #[error("several bodies `{name}` at {address}; give each body a name of its own there")]
+    Ambiguous {
+        /// The wanted name.
+        name: String,
+        /// Address and port.
+        address: String,
     },
     /// A port of this machine is taken.
     #[error(
@@ -108,10 +126,14 @@ pub enum ConnectError {
 impl From<ConnectError> for Failure {
     fn from(error: ConnectError) -> Self {
         let exit = match error {
+            // What may be otherwise in a moment: a service manager starts the receiver again.
             ConnectError::Host { .. }
             | ConnectError::NoServer { .. }
-            | ConnectError::Idle { .. } => Exit::System,
-            ConnectError::NotSpoken { .. } | ConnectError::NoBody { .. } => Exit::Config,
+            | ConnectError::Refused { .. }
+            | ConnectError::Idle { .. }
+            | ConnectError::NoBody { .. }
+            | ConnectError::Ambiguous { .. } => Exit::System,
+            ConnectError::NotSpoken { .. } => Exit::Config,
             ConnectError::Version { .. } => Exit::Version,
             ConnectError::PortInUse { .. } => Exit::Peer,
             ConnectError::Permission { .. } => Exit::Permission,
@@ -162,6 +184,13 @@ impl Attempt {
             _ => error.to_string(),
         };
         ConnectError::NoServer { kind, address, reason }
+    }
+
+    /// The failure of a server that does not answer.
+    #[must_use]
+    pub fn silent(&self, reason: &str) -> ConnectError {
+        let (kind, address) = (self.link.protocol.name(), self.address.to_string());
+        ConnectError::NoServer { kind, address, reason: reason.to_owned() }
     }
 
     /// The failure of a server that speaks otherwise.

@@ -7,20 +7,27 @@
 //!
 //! A frame whose stamp contradicts the line is *suspect*: it arrived before it was captured, or its stamp is not after the last
 //! one. Suspects are held back. If they persist the server's clock was set, and it is learned anew. A delay that grew is no
-//! contradiction, however long it stays: such frames are old.
+//! contradiction, however long it stays: such frames are old. A step back looks alike but for the stamps themselves, by which
+//! [`StepWatch`] tells it. Behind a small step, forward or back, only the pairs from before it are forgotten, so that poses go on.
 
 mod envelope;
+mod step;
 
 use oqtal_bus::time::{Span, Time};
 
 pub use envelope::{EnvelopeLine, LowerEnvelope, MAX_DRIFT, StampPair};
+pub use step::{StepWatch, SuspectedStep};
 
 /// Shortest time over which a clock is learned.
 const LEARNING_TIME: Span = Span::from_millis(500);
 /// Least number of frames from which a clock is learned \[-\].
 const LEARNING_FRAMES: u32 = 12;
-/// A frame that arrives so much before the line says that the server's clock was set; less only corrects the line.
+/// A frame that arrives so much before the line, or a contraction of stamps by so much, says that the server's clock was set; less
+/// only corrects the line.
 const IMPOSSIBLE: Span = Span::from_millis(25);
+/// A line that is lowered by so much within so short a time makes all pairs from before worthless.
+const SMALL_STEP: Span = Span::from_millis(1);
+const LOWERING_TIME: Span = Span::from_millis(500);
 /// Suspects in a row, and the time that they span, after which the server's clock counts as set anew.
 const SUSPECTS: u32 = 5;
 const SUSPECT_TIME: Span = Span::from_millis(100);
@@ -80,6 +87,11 @@ pub struct ServerClock {
     suspect_since: Time,
     /// The last suspect's stamp \[ns\].
     suspect_ns: u64,
+    steps: StepWatch,
+    /// A lowering of the line: its first arrival, the stamp before it \[ns\], by how much \[ns\].
+    lowered: (Time, u64, f64),
+    /// Mean delay of the pairs that were forgotten behind a step \[ns\]: few pairs do not tell how they scatter.
+    scatter_ns: f64,
     known: bool,
     relearned: u64,
 }
@@ -96,6 +108,9 @@ impl ServerClock {
             suspects: 0,
             suspect_since: Time::UNSET,
             suspect_ns: 0,
+            steps: StepWatch::default(),
+            lowered: (Time::UNSET, 0, 0.0),
+            scatter_ns: 0.0,
             known: false,
             relearned: 0,
         }
@@ -106,6 +121,9 @@ impl ServerClock {
         self.relearned += u64::from(self.origin.is_some());
         self.envelope.clear();
         self.origin = None;
+        self.steps = StepWatch::default();
+        self.lowered = (Time::UNSET, 0, 0.0);
+        self.scatter_ns = 0.0;
         self.known = false;
         self.suspects = 0;
     }
@@ -116,14 +134,25 @@ impl ServerClock {
         if self.origin.is_some() && arrival.since(self.last.1) > SILENCE {
             self.forget();
         }
-        if self.contradicts(stamp_ns, arrival) && !self.is_set_anew(stamp_ns, arrival) {
+        let step = self.watch_for_step(stamp_ns, arrival);
+        let is_great = step.is_some_and(|step| step.contraction_ns > IMPOSSIBLE.nanos());
+        let contradicts = is_great || self.contradicts(stamp_ns, arrival);
+        if contradicts && !self.is_set_anew(stamp_ns, arrival) {
             return StampVerdict::Suspect;
         }
         self.suspects = 0;
-        self.last = (stamp_ns, arrival);
+        let before_ns = std::mem::replace(&mut self.last, (stamp_ns, arrival)).0;
         let origin = *self.origin.get_or_insert((stamp_ns, arrival));
         let pair = relative(origin, (stamp_ns, arrival));
+        let ahead_ns = self.envelope.line().offset_ns(pair.stamp_ns) - pair.offset_ns;
         self.envelope.add(pair);
+        self.watch_for_lowering(before_ns, arrival, ahead_ns);
+        let lasting = |step: &SuspectedStep| {
+            !is_great && step.has_lasted(arrival, LEARNING_TIME, LEARNING_FRAMES)
+        };
+        if let Some(step) = step.filter(lasting) {
+            self.forget_through(step.stamp_ns);
+        }
         self.known = self.known
             || (arrival.since(origin.1) >= LEARNING_TIME
                 && self.envelope.count() >= LEARNING_FRAMES);
@@ -155,9 +184,49 @@ impl ServerClock {
     }
 
     fn uncertainty(&self) -> Span {
-        let count = f64::from(self.envelope.count().max(1));
-        let bound_ns = UNCERTAINTY_FACTOR * self.envelope.mean_delay_ns() / count;
+        let count = self.envelope.count().max(1);
+        let scatter_ns = if count < LEARNING_FRAMES { self.scatter_ns } else { 0.0 };
+        let mean_ns = self.envelope.mean_delay_ns().max(scatter_ns);
+        let bound_ns = UNCERTAINTY_FACTOR * mean_ns / f64::from(count);
         Span::from_nanos(bound_ns.round() as i64)
+    }
+
+    /// The step back that is suspected with this frame.
+    fn watch_for_step(&mut self, stamp_ns: u64, arrival: Time) -> Option<SuspectedStep> {
+        let delay_ns = self.origin.map_or(0.0, |origin| {
+            let pair = relative(origin, (stamp_ns, arrival));
+            pair.offset_ns - self.envelope.line().offset_ns(pair.stamp_ns)
+        });
+        self.steps.observe(stamp_ns, arrival, delay_ns)
+    }
+
+    /// Forgets what is from before a quick lowering of the line: nothing can be faster than the fastest, so that the clock was set
+    /// forward, or the way has become shorter.
+    fn watch_for_lowering(&mut self, before_ns: u64, arrival: Time, ahead_ns: f64) {
+        if ahead_ns <= 0.0 {
+            return;
+        }
+        let (since, stamp_ns, by_ns) = self.lowered;
+        let recent = arrival.since(since) <= LOWERING_TIME;
+        self.lowered = if recent {
+            (since, stamp_ns, by_ns + ahead_ns)
+        } else {
+            (arrival, before_ns, ahead_ns)
+        };
+        if self.known && self.lowered.2 > SMALL_STEP.nanos() as f64 {
+            self.forget_through(self.lowered.1);
+            self.lowered = (Time::UNSET, 0, 0.0);
+        }
+    }
+
+    /// Forgets the pairs up to this stamp, those from before a small step: poses go on with what is left.
+    fn forget_through(&mut self, stamp_ns: u64) {
+        let Some(origin) = self.origin else { return };
+        let stamp_ns = stamp_ns.wrapping_sub(origin.0).cast_signed();
+        self.scatter_ns = self.envelope.mean_delay_ns();
+        self.envelope.forget_through(stamp_ns as f64);
+        self.steps.settle();
+        self.relearned += 1;
     }
 
     /// Whether a stamp cannot be true if the clock is as it was.

@@ -10,6 +10,9 @@ use crate::link::{CameraLink, CameraProtocol};
 use crate::routes::CameraBody;
 use crate::{natnet, qtm, vrpn};
 
+/// Most bodies that a message lists \[-\].
+const MAX_LISTED: usize = 32;
+
 /// Opens the connection of `link`.
 ///
 /// # Errors
@@ -28,15 +31,20 @@ pub fn connect(link: &CameraLink) -> Result<CameraConnection, ConnectError> {
 /// Opens the connection of `link` to a server that has all wanted bodies.
 ///
 /// # Errors
-/// As [`connect`], and the first wanted body that is not there.
+/// As [`connect`], and the first wanted body that is not there, or that is there twice.
 pub fn connect_to_all(link: &CameraLink) -> Result<CameraConnection, ConnectError> {
-    let connection = connect(link)?;
+    let mut connection = connect(link)?;
+    let address = format!("{}:{}", link.host, link.port);
+    if let Some(refused) = connection.stream.take_refused() {
+        let name = connection.wanted[refused.route].clone();
+        return Err(ConnectError::Ambiguous { name, address });
+    }
     let missing = (0..connection.wanted.len()).find(|route| !connection.stream.has(*route));
     match missing {
         None => Ok(connection),
         Some(route) => Err(ConnectError::NoBody {
             name: connection.wanted[route].clone(),
-            address: format!("{}:{}", link.host, link.port),
+            address,
             known: known(&connection.bodies),
         }),
     }
@@ -47,8 +55,13 @@ fn known(bodies: &[CameraBody]) -> String {
     if bodies.is_empty() {
         return "it has none: define the vehicle as a rigid body there".to_owned();
     }
-    let names: Vec<String> = bodies.iter().map(|body| format!("`{}`", body.name)).collect();
-    format!("there are {}", names.join(", "))
+    let listed = bodies.iter().take(MAX_LISTED);
+    let names: Vec<String> = listed.map(|body| format!("`{}`", body.name)).collect();
+    let names = names.join(", ");
+    match bodies.len().saturating_sub(MAX_LISTED) {
+        0 => format!("there are {names}"),
+        more => format!("there are {names} and {more} more"),
+    }
 }
 
 /// The address of the host. A resolver may hang for longer than anybody waits: it is asked on a thread of its own.

@@ -114,6 +114,13 @@ impl FrameGate {
         }
     }
 
+    /// Forgets the server's clock and its count. The frames that go on are numbered as before.
+    pub fn forget(&mut self) {
+        self.clock.forget();
+        self.last = None;
+        self.renumbered = (0, 0);
+    }
+
     /// Judges a frame that arrived at `arrival`. Frames are given in the order of their arrival.
     ///
     /// # Errors

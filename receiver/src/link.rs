@@ -9,6 +9,8 @@ pub const FORMS: &str = "qtm:HOST[:PORT],body=NAME[@INSTANCE][,transport=udp|tcp
      natnet:HOST[:PORT],body=NAME|ID[@INSTANCE][,multicast=ADDR|unicast]; several bodies by several body=";
 /// Versions of the protocol of QTM that are spoken, the oldest first.
 pub const QTM_VERSIONS: [u8; 2] = [8, 28];
+/// Longest name of a body \[bytes\].
+const MAX_NAME_BYTES: usize = 255;
 /// Most bodies of one link.
 pub const MAX_BODIES: usize = 64;
 
@@ -200,7 +202,11 @@ fn parse_body(text: &str) -> Result<BodyRoute, String> {
         }
         _ => BodyRoute { name: text.to_owned(), instance: None },
     };
-    if route.name.is_empty() { Err("a body without a name".to_owned()) } else { Ok(route) }
+    match route.name.len() {
+        0 => Err("a body without a name".to_owned()),
+        1..=MAX_NAME_BYTES => Ok(route),
+        length => Err(format!("a name of {length} bytes, more than {MAX_NAME_BYTES}")),
+    }
 }
 
 fn is_instance(text: &str) -> bool {

@@ -2,24 +2,29 @@
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, UdpSocket};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::AsFd;
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::natnet::{
     NatNetClient, NatNetClientError, NatNetEvent, NatNetFrame, NatNetStage, NatNetVersion,
     ServerInfo,
 };
+use oqtal_wire::text::printable;
 
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::definitions::{BodyDefinitions, DefinitionFormat, DefinitionSlot, read};
 use crate::gate::FrameStamp;
 use crate::link::{CameraProtocol, NatnetDelivery};
-use crate::routes::RouteTable;
+use crate::routes::{RefusedBody, RouteTable};
 use crate::socket::{bind_group, lost, receive_some};
-use crate::stream::{CameraStream, FrameSink, MeasuredBody};
+use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
 
 /// Size of the read buffer \[bytes\]: the longest datagram.
 const BUFFER: usize = 65_536;
+/// Frames in a row that are numbered anew, after which the server counts as restarted \[-\]: fewer than the gate lets through.
+const COUNTED_ANEW: u32 = 4;
+/// Time between two requests for the names of the bodies.
+const MODELS_PERIOD: Span = Span::from_millis(1000);
 /// Most datagrams of one turn and socket \[-\].
 const MAX_READS: usize = 64;
 
@@ -34,7 +39,34 @@ pub struct NatnetConnection {
     clock_hz: u64,
     routes: RouteTable,
     definitions: DefinitionSlot,
+    count: FrameCount,
+    /// Instant of the next request for the names of the bodies, which may change without a word.
+    next_models: Time,
     buffer: Vec<u8>,
+}
+
+/// Watch for a server that counts its frames anew: it was restarted, so that its bodies may be others.
+#[derive(Clone, Copy, Debug, Default)]
+struct FrameCount {
+    last: Option<i32>,
+    /// Numbers before the last one in a row, each after the one before, and the last of them.
+    anew: (u32, i32),
+}
+
+impl FrameCount {
+    /// Takes the number of a frame. Returns whether the server has begun to count anew.
+    fn begins_anew(&mut self, number: i32) -> bool {
+        let Some(last) = self.last.filter(|last| number.wrapping_sub(*last) <= 0) else {
+            *self = Self { last: Some(number), anew: (0, number) };
+            return false;
+        };
+        let (count, before) = self.anew;
+        // A repeated frame is none of a new count.
+        if number != last {
+            self.anew = (if count > 0 && number > before { count + 1 } else { 1 }, number);
+        }
+        self.anew.0 >= COUNTED_ANEW
+    }
 }
 
 /// Connects, reads the definitions of the bodies, and joins the group of the frames.
@@ -71,9 +103,9 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     connection.definitions = DefinitionSlot::new(format, &connection.routes);
     let [major, minor, ..] = info.app_version;
     Ok(CameraConnection {
-        server: format!("{} {major}.{minor}, NatNet {}", info.name, info.version),
-        bodies: connection.routes.bodies().cloned().collect(),
-        wanted: connection.routes.wanted().to_vec(),
+        server: format!("{} {major}.{minor}, NatNet {}", printable(&info.name), info.version),
+        bodies: connection.routes.listed(),
+        wanted: connection.routes.wanted().iter().map(|name| printable(name)).collect(),
         stream: Box::new(connection),
     })
 }
@@ -87,7 +119,7 @@ impl NatnetConnection {
             socket.set_read_timeout(Some(Span::from_millis(20).to_duration()))?;
             Ok(socket)
         };
-        let routes = attempt.routes();
+        let routes = attempt.routes().with_numbers();
         let format = DefinitionFormat::Natnet(NatNetVersion::OLDEST);
         Ok(Self {
             client: NatNetClient::new(unicast),
@@ -97,6 +129,8 @@ impl NatnetConnection {
             clock_hz: 1,
             definitions: DefinitionSlot::new(format, &routes),
             routes,
+            count: FrameCount::default(),
+            next_models: Time::UNSET,
             buffer: vec![0; BUFFER],
         })
     }
@@ -169,16 +203,20 @@ impl NatnetConnection {
         now: &dyn Fn() -> Time,
         sink: &mut dyn FrameSink,
     ) -> io::Result<()> {
-        let Self { client, frames, routes, clock_hz, buffer, server, definitions, .. } = self;
+        let Self { client, frames, routes, clock_hz, buffer, server, definitions, count, .. } =
+            self;
         let socket = if commands { Some(&self.commands) } else { frames.as_ref() };
         let Some(socket) = socket else { return Ok(()) };
         let mut changed = false;
         for _ in 0..MAX_READS {
-            let count = receive_some(socket, *server, buffer)?;
-            if count == 0 {
+            let bytes = receive_some(socket, *server, buffer)?;
+            if bytes == 0 {
                 break;
             }
-            match client.receive(&buffer[..count]) {
+            match client.receive(&buffer[..bytes]) {
+                Ok(NatNetEvent::Frame(frame)) if count.begins_anew(frame.number()) => {
+                    return Err(lost("the server was restarted"));
+                }
                 Ok(NatNetEvent::Frame(frame)) => {
                     changed |= frame.models_changed();
                     pass_on(&frame, (routes, *clock_hz), (now(), &mut *sink));
@@ -203,9 +241,8 @@ fn is_final(error: &io::Error) -> bool {
 }
 
 impl CameraStream for NatnetConnection {
-    fn sockets(&self) -> Vec<BorrowedFd<'_>> {
-        let frames = self.frames.as_ref().map(AsFd::as_fd);
-        std::iter::once(self.commands.as_fd()).chain(frames).collect()
+    fn sockets(&self) -> StreamSockets<'_> {
+        [Some(self.commands.as_fd()), self.frames.as_ref().map(AsFd::as_fd)]
     }
 
     fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()> {
@@ -214,6 +251,10 @@ impl CameraStream for NatnetConnection {
     }
 
     fn maintain(&mut self, now: Time) -> io::Result<()> {
+        if now >= self.next_models {
+            self.next_models = now + MODELS_PERIOD;
+            self.client.request_models();
+        }
         if let Some(datagram) = self.client.poll_output(now.nanos()) {
             // A server that does not listen now may do so again; silence ends the connection.
             let _ = self.commands.send(datagram);
@@ -233,6 +274,10 @@ impl CameraStream for NatnetConnection {
 
     fn has(&self, route: usize) -> bool {
         self.routes.has(route)
+    }
+
+    fn take_refused(&mut self) -> Option<RefusedBody> {
+        self.routes.take_refused()
     }
 }
 
@@ -269,4 +314,20 @@ fn stamp_ns(frame: &NatNetFrame<'_>, clock_hz: u64) -> Option<u64> {
         nanos as u64
     };
     ticks.map(in_ns).or(since_start_ns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_count_is_told_from_frames_that_are_lost_repeated_or_late() {
+        let mut count = FrameCount::default();
+        let numbers = [100, 101, 103, 103, 102, 104, 102, 103, 105, 110, 109, 109, 109, 109, 111];
+        assert!(!numbers.into_iter().any(|number| count.begins_anew(number)));
+        let restarted: Vec<bool> = (1..=5).map(|number| count.begins_anew(number)).collect();
+        assert_eq!(restarted, [false, false, false, true, true]);
+        let mut young = FrameCount::default();
+        assert!(![i32::MAX, i32::MIN, i32::MIN + 1].into_iter().any(|n| young.begins_anew(n)));
+    }
 }

@@ -16,6 +16,8 @@ pub enum ReceiverNote {
     },
     /// The server's clock is not known: no poses until it is.
     ClockUnknown,
+    /// The server's clock was set by so little that poses went on.
+    ClockStepped,
     /// The cameras see a body.
     BodySeen {
         /// Route of the body.
@@ -30,6 +32,18 @@ pub enum ReceiverNote {
     BodyMissing {
         /// Route of the body.
         route: usize,
+    },
+    /// Another body of the server has the name of a route, and is not received.
+    BodyRefused {
+        /// The route.
+        route: usize,
+        /// Number of the body that is not received \[-\].
+        key: i64,
+    },
+    /// The machine was suspended.
+    Suspended {
+        /// For how long.
+        length: Span,
     },
     /// Frames were lost, repeated, out of order, late or damaged in the last seconds.
     Troubled {
@@ -49,7 +63,6 @@ pub enum ReceiverNote {
 impl ReceiverNote {
     /// Writes the event to the log; `names` are those of the bodies.
     pub fn log(self, names: &[String]) {
-        let name = |route: usize| names.get(route).map_or("?", String::as_str);
         match self {
             Self::Receiving => tracing::info!("frames come"),
             Self::Silent => tracing::warn!("no frames come: connecting again"),
@@ -64,14 +77,12 @@ impl ReceiverNote {
                     "the server's clock was set or restarted: no poses until it is known again"
                 );
             }
-            Self::BodySeen { route } => tracing::info!("the cameras see `{}`", name(route)),
-            Self::BodyLost { route } => tracing::warn!(
-                "the cameras do not see `{}`: are its markers covered, is it in the volume?",
-                name(route)
+            Self::ClockStepped => tracing::warn!(
+                "the server's clock was set by some milliseconds: switch its time service off while flying"
             ),
-            Self::BodyMissing { route } => tracing::warn!(
-                "the server has no body `{}` any more: was it renamed or switched off?",
-                name(route)
+            Self::Suspended { length } => tracing::warn!(
+                "the machine was suspended for {:.1} s: poses from before are old",
+                length.seconds()
             ),
             Self::Troubled { lost, repeated, out_of_order, late, damaged } => tracing::warn!(
                 lost,
@@ -81,6 +92,32 @@ impl ReceiverNote {
                 damaged,
                 "frames of the last seconds; `oqtal receiver probe` examines the connection"
             ),
+            Self::BodySeen { .. }
+            | Self::BodyLost { .. }
+            | Self::BodyMissing { .. }
+            | Self::BodyRefused { .. } => self.log_body(names),
+        }
+    }
+
+    /// Writes an event of one body to the log.
+    fn log_body(self, names: &[String]) {
+        let name = |route: usize| names.get(route).map_or("?", String::as_str);
+        match self {
+            Self::BodySeen { route } => tracing::info!("the cameras see `{}`", name(route)),
+            Self::BodyLost { route } => tracing::warn!(
+                "the cameras do not see `{}`: are its markers covered, is it in the volume?",
+                name(route)
+            ),
+            Self::BodyMissing { route } => tracing::warn!(
+                "the server has no body `{}` any more: was it renamed or switched off?",
+                name(route)
+            ),
+            Self::BodyRefused { route, key } => tracing::warn!(
+                "the server has a second body `{}`, number {key}, which is not received: give each body a name of its own",
+                name(route)
+            ),
+            // The others are of no body.
+            _ => {}
         }
     }
 }

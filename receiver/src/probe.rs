@@ -79,8 +79,9 @@ fn name_bodies(
 /// Waits until a socket of the stream is readable, at most [`WAIT_NS`].
 fn wait(stream: &dyn crate::stream::CameraStream) -> Result<(), Failure> {
     let sockets = stream.sockets();
+    let sockets = sockets.into_iter().flatten();
     let mut polled: Vec<PollFd<'_>> =
-        sockets.iter().map(|socket| PollFd::from_borrowed_fd(*socket, PollFlags::IN)).collect();
+        sockets.map(|socket| PollFd::from_borrowed_fd(socket, PollFlags::IN)).collect();
     match poll(&mut polled, Some(&Timespec { tv_sec: 0, tv_nsec: WAIT_NS })) {
         Ok(_) | Err(Errno::INTR) => Ok(()),
         Err(error) => {

@@ -18,6 +18,7 @@ use crate::attempt::CameraConnection;
 use crate::background::Connector;
 use crate::connect::connect_to_all;
 use crate::link::CameraLink;
+use crate::note::ReceiverNote;
 use crate::receiver::PoseReceiver;
 use crate::turn::{ReceiverParts, ReceiverTurn, SocketSet};
 
@@ -135,7 +136,14 @@ impl Turn for BeatingTurn {
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         self.turn.turn(clock)?;
         let health = self.turn.health(clock.now());
-        self.heartbeats.iter_mut().try_for_each(|heartbeat| heartbeat.beat(health))
+        let mut suspended = None;
+        for heartbeat in &mut self.heartbeats {
+            suspended = suspended.max(heartbeat.beat_unlogged(health)?);
+        }
+        if let Some(length) = suspended {
+            self.turn.note(ReceiverNote::Suspended { length });
+        }
+        Ok(())
     }
 
     fn health(&self, now: Time) -> HealthV1 {

@@ -2,27 +2,30 @@
 
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, TcpStream, UdpSocket};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::AsFd;
 
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_wire::ByteOrder;
 use oqtal_wire::qtm::{
     ComponentKind, ComponentSet, DataPacket, QtmClient, QtmClientError, QtmClientEvent,
     QtmClientOptions, QtmEvent, QtmPacket, QtmVersion, StreamRate, StreamRequest, StreamTarget,
 };
+use oqtal_wire::text::printable;
 
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::definitions::{BodyDefinitions, DefinitionFormat, DefinitionSlot, read};
 use crate::gate::FrameStamp;
 use crate::link::{CameraProtocol, QTM_VERSIONS};
-use crate::routes::{CameraBody, RouteTable};
+use crate::routes::{CameraBody, RefusedBody, RouteTable};
 use crate::socket::{lost, read_some, receive_some, write_all};
-use crate::stream::{CameraStream, FrameSink, MeasuredBody};
+use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
 
 /// Port of the server whose packets are big endian.
 const BIG_ENDIAN_PORT: u16 = 22224;
 /// Size of the read buffer \[bytes\]: the longest datagram.
 const BUFFER: usize = 65_536;
+/// Time between two requests for parameters that do not agree with the frames.
+const REQUEST_PERIOD: Span = Span::from_millis(500);
 /// Most reads of one turn \[-\].
 const MAX_READS: usize = 64;
 
@@ -35,8 +38,18 @@ pub struct QtmConnection {
     order: ByteOrder,
     routes: RouteTable,
     definitions: DefinitionSlot,
+    agreement: BodyAgreement,
     server: IpAddr,
     buffer: Vec<u8>,
+}
+
+/// Agreement of frames and definitions on the number of bodies. Frames name bodies by their place alone: where the numbers differ,
+/// a place says nothing.
+#[derive(Clone, Copy, Debug)]
+struct BodyAgreement {
+    holds: bool,
+    /// Instant from which parameters may be requested again.
+    next_request: Time,
 }
 
 /// Connects, agrees on a version, reads the names of the bodies and asks for frames.
@@ -54,8 +67,8 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     let server = version.map_or_else(String::new, |version| format!("QTM RT protocol {version}"));
     Ok(CameraConnection {
         server,
-        bodies: connection.routes.bodies().cloned().collect(),
-        wanted: connection.routes.wanted().to_vec(),
+        bodies: connection.routes.listed(),
+        wanted: connection.routes.wanted().iter().map(|name| printable(name)).collect(),
         stream: Box::new(connection),
     })
 }
@@ -91,26 +104,27 @@ impl QtmConnection {
         let routes = attempt.routes();
         let definitions = DefinitionSlot::new(DefinitionFormat::Qtm, &routes);
         let (server, buffer) = (attempt.address.ip(), vec![0; BUFFER]);
-        Ok(Self { client, control, frames, order, routes, definitions, server, buffer })
+        let agreement = BodyAgreement { holds: true, next_request: Time::UNSET };
+        Ok(Self { client, control, frames, order, routes, definitions, agreement, server, buffer })
     }
 
     /// Blocks until the bodies have been named and the stream was asked for.
     fn shake_hands(&mut self, attempt: &Attempt) -> Result<Vec<CameraBody>, ConnectError> {
         loop {
             if attempt.is_over() {
-                return Err(attempt.not_spoken("it says nothing"));
+                return Err(attempt.silent("it says nothing"));
             }
             let refused = |error: io::Error| attempt.refused(&error);
             self.control.set_read_timeout(Some(attempt.left())).map_err(refused)?;
             let count =
                 self.control.read(&mut self.buffer).map_err(|error| match error.kind() {
                     io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => {
-                        attempt.not_spoken("it says nothing")
+                        attempt.silent("it says nothing")
                     }
                     _ => attempt.refused(&error),
                 })?;
             if count == 0 {
-                return Err(attempt.not_spoken("it closes the connection"));
+                return Err(attempt.silent("it closes the connection"));
             }
             self.client.receive(&self.buffer[..count]);
             let bodies = self.next_bodies(attempt)?;
@@ -129,6 +143,9 @@ impl QtmConnection {
             let event = self.client.poll().map_err(|error| match error {
                 QtmClientError::Version { .. } => {
                     ConnectError::Version { address: address.clone(), reason: error.to_string() }
+                }
+                QtmClientError::Refused(reason) => {
+                    ConnectError::Refused { address: address.clone(), reason }
                 }
                 other => attempt.not_spoken(other),
             })?;
@@ -163,10 +180,12 @@ impl QtmConnection {
 
     /// Handles what has arrived on the control connection.
     fn handle_control(&mut self, arrival: Time, sink: &mut dyn FrameSink) -> io::Result<()> {
-        let Self { client, routes, definitions, .. } = self;
+        let Self { client, routes, definitions, agreement, .. } = self;
         while let Some(event) = client.poll().map_err(lost)? {
             match event {
-                QtmClientEvent::Frame(data) => pass_on(&data, routes, (arrival, &mut *sink)),
+                QtmClientEvent::Frame(data) => {
+                    agreement.holds = pass_on(&data, routes, (arrival, &mut *sink));
+                }
                 QtmClientEvent::Parameters(text) => definitions.receive(text.as_bytes()),
                 QtmClientEvent::Event(QtmEvent::ShuttingDown) => {
                     return Err(lost("QTM is shutting down"));
@@ -189,7 +208,9 @@ impl QtmConnection {
                 break;
             }
             match QtmPacket::parse(&self.buffer[..count], self.order) {
-                Ok(QtmPacket::Data(data)) => pass_on(&data, &self.routes, (now(), &mut *sink)),
+                Ok(QtmPacket::Data(data)) => {
+                    self.agreement.holds = pass_on(&data, &self.routes, (now(), &mut *sink));
+                }
                 Ok(_) => {}
                 Err(_) => sink.damaged(),
             }
@@ -199,9 +220,8 @@ impl QtmConnection {
 }
 
 impl CameraStream for QtmConnection {
-    fn sockets(&self) -> Vec<BorrowedFd<'_>> {
-        let frames = self.frames.as_ref().map(AsFd::as_fd);
-        std::iter::once(self.control.as_fd()).chain(frames).collect()
+    fn sockets(&self) -> StreamSockets<'_> {
+        [Some(self.control.as_fd()), self.frames.as_ref().map(AsFd::as_fd)]
     }
 
     fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()> {
@@ -209,8 +229,12 @@ impl CameraStream for QtmConnection {
         self.receive_control(now, sink)
     }
 
-    fn maintain(&mut self, _now: Time) -> io::Result<()> {
-        let Self { client, control, .. } = self;
+    fn maintain(&mut self, now: Time) -> io::Result<()> {
+        let Self { client, control, agreement, .. } = self;
+        if !agreement.holds && now >= agreement.next_request {
+            agreement.next_request = now + REQUEST_PERIOD;
+            client.request_parameters();
+        }
         client.flush(|output| write_all(control, output))
     }
 
@@ -225,7 +249,11 @@ impl CameraStream for QtmConnection {
     }
 
     fn has(&self, route: usize) -> bool {
-        self.routes.has(route)
+        self.agreement.holds && self.routes.has(route)
+    }
+
+    fn take_refused(&mut self) -> Option<RefusedBody> {
+        self.routes.take_refused()
     }
 }
 
@@ -240,21 +268,27 @@ fn open_datagrams(attempt: &Attempt) -> Result<UdpSocket, ConnectError> {
     open().map_err(|error: io::Error| attempt.refused(&error))
 }
 
-/// Passes on the wanted bodies of a frame.
+/// Passes on the wanted bodies of a frame. Returns whether it has as many bodies as are defined; otherwise none is tracked.
 fn pass_on(
     data: &DataPacket<'_>,
     routes: &RouteTable,
     (arrival, sink): (Time, &mut dyn FrameSink),
-) {
+) -> bool {
     let stamp = FrameStamp {
         number: Some(data.frame()),
         stamp_ns: Some(data.timestamp_us().wrapping_mul(1000)),
     };
     sink.frame(0, stamp, arrival);
+    if data.bodies().count() != routes.bodies().count() {
+        let untracked = MeasuredBody { number: 0, pose: None, residual_m: f64::NAN };
+        (0..routes.wanted().len()).for_each(|route| sink.body(0, route, untracked));
+        return false;
+    }
     for (record, key) in data.bodies().zip(0_u32..) {
         let Some(route) = routes.route(i64::from(key)) else { continue };
         let residual_m = record.residual_mm.map_or(f64::NAN, |mm| f64::from(mm) * 1e-3);
         let body = MeasuredBody { number: key + 1, pose: record.pose().ok(), residual_m };
         sink.body(0, route, body);
     }
+    true
 }

@@ -55,6 +55,17 @@ impl PoseReceiver {
         }
     }
 
+    /// Forgets what is known of the server, as for a new connection: its clock, its count of frames, the bodies it sees.
+    pub fn forget(&mut self) {
+        for entrance in &mut self.entrances {
+            entrance.gate.forget();
+            entrance.current = None;
+        }
+        for body in &mut self.bodies {
+            body.tracked = false;
+        }
+    }
+
     /// The newest pose of a body that was not taken before.
     pub fn take(&mut self, route: usize) -> Option<Delivery> {
         self.bodies[route].pending.take()

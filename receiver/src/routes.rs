@@ -1,5 +1,7 @@
 //! Which body of the camera system goes where.
 
+use oqtal_wire::text::printable;
+
 /// A body of a camera system.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CameraBody {
@@ -12,16 +14,30 @@ pub struct CameraBody {
 /// Most bodies of a camera system that are kept \[-\]; a list without an end is none of bodies.
 const MAX_KNOWN: usize = 2048;
 
+/// A body that has the name of a route, which another body has already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RefusedBody {
+    /// Number by which frames name it \[-\].
+    pub key: i64,
+    /// The route.
+    pub route: usize,
+}
+
 /// The routes of wanted bodies, by the numbers that frames name bodies by.
 #[derive(Clone, Debug, Default)]
 pub struct RouteTable {
     /// Wanted names, a route each; those of all bodies if none was wanted.
     wanted: Vec<String>,
     takes_all: bool,
+    /// Whether a wanted name may be the number of a body.
+    takes_numbers: bool,
     /// Bodies of the camera system.
     bodies: Vec<CameraBody>,
-    /// Numbers of the bodies that are wanted, with their routes: one body a route.
+    /// Numbers of the bodies that are wanted, with their routes: one body a route, one route a body.
     routes: Vec<(i64, usize)>,
+    refused: Option<RefusedBody>,
+    /// The refused body that was told last.
+    told: Option<RefusedBody>,
 }
 
 impl RouteTable {
@@ -29,15 +45,30 @@ impl RouteTable {
     #[must_use]
     pub fn new(wanted: Vec<String>) -> Self {
         let routes = Vec::with_capacity(wanted.len());
-        Self { takes_all: wanted.is_empty(), wanted, bodies: Vec::new(), routes }
+        Self { takes_all: wanted.is_empty(), wanted, routes, ..Self::default() }
+    }
+
+    /// The same routes, which also take the body whose number is wanted, if none has that name.
+    #[must_use]
+    pub fn with_numbers(self) -> Self {
+        Self { takes_numbers: true, ..self }
     }
 
     /// Replaces the bodies.
     pub fn replace(&mut self, bodies: impl IntoIterator<Item = CameraBody>) {
         self.bodies.clear();
         self.routes.clear();
+        self.refused = None;
         for body in bodies.into_iter().take(MAX_KNOWN) {
             self.insert(body);
+        }
+        for route in (0..self.wanted.len()).filter(|_| self.takes_numbers) {
+            let key = self.wanted[route].parse::<i64>().ok().filter(|_| !self.has(route));
+            if let Some(body) = key.and_then(|key| self.bodies.iter().find(|b| b.key == key))
+                && self.route(body.key).is_none()
+            {
+                self.routes.push((body.key, route));
+            }
         }
     }
 
@@ -57,13 +88,24 @@ impl RouteTable {
         }
     }
 
-    /// Names a body, or names it anew, for its route alone: nothing is allocated.
+    /// Names a body, or names it anew, for its route alone: nothing is allocated. Of two bodies of one name the first has the route.
     pub fn rename(&mut self, key: i64, name: &str) {
-        let route = self.wanted.iter().position(|wanted| is_named(wanted, key, name));
-        // Of two bodies of one name the last is the one: a server that numbers its bodies anew names them again.
-        self.routes.retain(|(known, taken)| *known != key && Some(*taken) != route);
-        // There are at most as many as are wanted.
-        self.routes.extend(route.map(|route| (key, route)));
+        let route = self.wanted.iter().position(|wanted| wanted == name);
+        self.routes.retain(|(known, taken)| *known != key || Some(*taken) == route);
+        let Some(route) = route else { return };
+        match self.routes.iter().find(|(_, taken)| *taken == route) {
+            Some((known, _)) if *known == key => {}
+            Some(_) => self.refused = Some(RefusedBody { key, route }),
+            // There are at most as many as are wanted.
+            None => self.routes.push((key, route)),
+        }
+    }
+
+    /// The body that was refused last, unless it was the last one told.
+    pub fn take_refused(&mut self) -> Option<RefusedBody> {
+        let refused = self.refused.take().filter(|refused| self.told != Some(*refused))?;
+        self.told = Some(refused);
+        self.told
     }
 
     /// The route of a body; `None` if it is not wanted.
@@ -75,6 +117,13 @@ impl RouteTable {
     /// The bodies of the camera system, without those that were only renamed.
     pub fn bodies(&self) -> impl Iterator<Item = &CameraBody> {
         self.bodies.iter()
+    }
+
+    /// The bodies of the camera system with names that can be printed.
+    #[must_use]
+    pub fn listed(&self) -> Vec<CameraBody> {
+        let listed = |body: &CameraBody| CameraBody { name: printable(&body.name), ..*body };
+        self.bodies.iter().map(listed).collect()
     }
 
     /// Wanted names, in the order of their routes.
@@ -90,11 +139,6 @@ impl RouteTable {
     }
 }
 
-/// Whether a link wants this body: by its name, or by its number.
-fn is_named(wanted: &str, key: i64, name: &str) -> bool {
-    wanted == name || wanted.parse::<i64>().is_ok_and(|number| number == key)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -105,7 +149,7 @@ mod tests {
 
     #[test]
     fn bodies_are_found_by_name_or_number_and_a_renamed_one_is_no_longer_there() {
-        let mut table = RouteTable::new(vec!["b".to_owned(), "7".to_owned()]);
+        let mut table = RouteTable::new(vec!["b".to_owned(), "7".to_owned()]).with_numbers();
         table.replace([body(3, "a"), body(7, "c"), body(9, "b")]);
         assert_eq!([3, 7, 9, 1].map(|key| table.route(key)), [None, Some(1), Some(0), None]);
         table.insert(body(9, "other"));
@@ -114,13 +158,35 @@ mod tests {
     }
 
     #[test]
-    fn one_body_has_a_route_however_often_it_is_named() {
+    fn a_name_goes_before_a_number_and_only_some_protocols_have_numbers() {
+        let wanted = || RouteTable::new(vec!["7".to_owned()]);
+        let bodies = || [body(7, "c"), body(9, "7")];
+        for mut table in [wanted(), wanted().with_numbers()] {
+            table.replace(bodies());
+            assert_eq!((table.route(7), table.route(9)), (None, Some(0)));
+            assert_eq!(table.take_refused(), None);
+        }
+        let mut names = wanted();
+        names.replace([body(7, "c")]);
+        assert!(!names.has(0));
+        // A body has one route, also if it is wanted by its name and by its number.
+        let mut both = RouteTable::new(vec!["7".to_owned(), "c".to_owned()]).with_numbers();
+        both.replace([body(7, "c")]);
+        assert_eq!((both.has(0), both.route(7)), (false, Some(1)));
+    }
+
+    #[test]
+    fn of_two_bodies_of_one_name_the_second_is_refused() {
         let mut table = RouteTable::new(vec!["b".to_owned()]);
-        table.replace([body(3, "a"), body(9, "b")]);
+        table.replace([body(3, "a"), body(9, "b"), body(12, "b")]);
+        assert_eq!((table.route(9), table.route(12)), (Some(0), None));
+        assert_eq!(table.take_refused(), Some(RefusedBody { key: 12, route: 0 }));
+        assert_eq!(table.take_refused(), None);
         (100..10_000).for_each(|key| table.rename(key, "b"));
-        assert_eq!((table.route(9), table.route(100), table.route(9999)), (None, None, Some(0)));
-        table.rename(9999, "x");
-        assert!(!table.has(0));
+        assert_eq!((table.route(9), table.route(9999)), (Some(0), None));
+        table.rename(9, "x");
+        table.rename(9999, "b");
+        assert_eq!((table.route(9), table.route(9999)), (None, Some(0)));
     }
 
     #[test]

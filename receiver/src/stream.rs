@@ -9,6 +9,7 @@ use oqtal_wire::motion::RigidPose;
 
 use crate::definitions::BodyDefinitions;
 use crate::gate::FrameStamp;
+use crate::routes::RefusedBody;
 
 /// A body in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,10 +35,13 @@ pub trait FrameSink {
     fn damaged(&mut self);
 }
 
+/// The sockets of a stream, at most two.
+pub type StreamSockets<'a> = [Option<BorrowedFd<'a>>; 2];
+
 /// An open connection to a camera system. No method blocks; `receive` and `maintain` do not allocate unless the connection is lost.
 pub trait CameraStream: Debug + Send {
     /// Sockets that become readable when something has arrived.
-    fn sockets(&self) -> Vec<BorrowedFd<'_>>;
+    fn sockets(&self) -> StreamSockets<'_>;
 
     /// Reads what has arrived, with bounded work; `now` reads the clock.
     ///
@@ -63,6 +67,9 @@ pub trait CameraStream: Debug + Send {
 
     /// Whether the body of a route is known to the server.
     fn has(&self, route: usize) -> bool;
+
+    /// A body that was refused because another has its name; each is told once.
+    fn take_refused(&mut self) -> Option<RefusedBody>;
 
     /// Whether every body has a gate of its own; otherwise there is one gate for all.
     fn gate_per_body(&self) -> bool {

@@ -16,6 +16,7 @@ use rustix::event::epoll;
 
 use crate::background::{ReceiverHandle, StreamPart};
 use crate::definitions::BodyDefinitions;
+use crate::note::ReceiverNote;
 use crate::receiver::PoseReceiver;
 use crate::stream::CameraStream;
 use crate::watch::ReceiverWatch;
@@ -46,7 +47,7 @@ impl SocketSet {
 
     /// Adds the sockets of a stream. They leave the set when they are closed.
     fn add(&self, stream: &dyn CameraStream) -> io::Result<()> {
-        for socket in stream.sockets() {
+        for socket in stream.sockets().into_iter().flatten() {
             epoll::add(
                 &self.0,
                 socket.as_fd(),
@@ -58,7 +59,7 @@ impl SocketSet {
     }
 
     fn remove(&self, stream: &dyn CameraStream) {
-        for socket in stream.sockets() {
+        for socket in stream.sockets().into_iter().flatten() {
             // It is closed soon anyway.
             let _ = epoll::delete(&self.0, socket.as_fd());
         }
@@ -128,11 +129,20 @@ impl<T: Transport> ReceiverTurn<T> {
     /// Receives from `stream` from now on.
     pub fn set_stream(&mut self, stream: Box<dyn CameraStream>, now: Time) {
         self.connected_at = now;
+        // A new connection may be to another server: nothing is known of its clock, its count and its bodies.
+        self.receiver.forget();
         let added = self.sockets.add(&*stream);
-        self.stream = Some(stream);
+        if let Some(before) = self.stream.replace(stream) {
+            self.handle.reply(StreamPart::Stream(before));
+        }
         if added.is_err() {
             self.give_up();
         }
+    }
+
+    /// Passes on something for the log.
+    pub fn note(&mut self, note: ReceiverNote) {
+        self.handle.note(note);
     }
 
     /// Hands a lost stream to the background thread, which closes it and connects again.
@@ -164,6 +174,9 @@ impl<T: Transport> ReceiverTurn<T> {
         watch.look(now, (receiver, gates), &|route| stream.has(route), &mut |note| {
             handle.note(note)
         });
+        if let Some(refused) = stream.take_refused() {
+            handle.note(ReceiverNote::BodyRefused { route: refused.route, key: refused.key });
+        }
         let heard_at = receiver.arrived_at().max(self.connected_at);
         if stream.maintain(now).is_err() || now.since(heard_at) > self.silence {
             self.give_up();

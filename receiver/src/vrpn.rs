@@ -2,16 +2,17 @@
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::AsFd;
 
 use oqtal_bus::time::{Span, Time};
+use oqtal_wire::text::printable;
 use oqtal_wire::vrpn::{TrackerPose, VrpnClient, VrpnEvent, VrpnVersion};
 
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::gate::FrameStamp;
-use crate::routes::{CameraBody, RouteTable};
+use crate::routes::{CameraBody, RefusedBody, RouteTable};
 use crate::socket::{lost, read_some, write_all};
-use crate::stream::{CameraStream, FrameSink, MeasuredBody};
+use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
 
 /// Size of the read buffer \[bytes\].
 const BUFFER: usize = 65_536;
@@ -59,8 +60,8 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
     connection.is_open = true;
     Ok(CameraConnection {
         server: connection.greeted.clone().unwrap_or_default(),
-        bodies: connection.routes.bodies().cloned().collect(),
-        wanted: connection.routes.wanted().to_vec(),
+        bodies: connection.routes.listed(),
+        wanted: connection.routes.wanted().iter().map(|name| printable(name)).collect(),
         stream: Box::new(connection),
     })
 }
@@ -81,7 +82,7 @@ impl VrpnConnection {
                 break;
             }
             match self.socket.read(&mut self.buffer) {
-                Ok(0) => return Err(attempt.not_spoken("it closes the connection")),
+                Ok(0) => return Err(attempt.silent("it closes the connection")),
                 Ok(count) => self.client.receive(&self.buffer[..count]),
                 Err(error)
                     if matches!(
@@ -96,7 +97,7 @@ impl VrpnConnection {
                 named_by = (Time::now() + NAMING_TIME).min(attempt.deadline);
             }
         }
-        if self.greeted.is_some() { Ok(()) } else { Err(attempt.not_spoken("it says nothing")) }
+        if self.greeted.is_some() { Ok(()) } else { Err(attempt.silent("it says nothing")) }
     }
 
     /// Handles the messages that were received; `pose` takes those of poses, with sender and time \[us, server clock\].
@@ -146,8 +147,8 @@ fn pass_on(
 }
 
 impl CameraStream for VrpnConnection {
-    fn sockets(&self) -> Vec<BorrowedFd<'_>> {
-        vec![self.socket.as_fd()]
+    fn sockets(&self) -> StreamSockets<'_> {
+        [Some(self.socket.as_fd()), None]
     }
 
     fn receive(&mut self, now: &dyn Fn() -> Time, sink: &mut dyn FrameSink) -> io::Result<()> {
@@ -179,6 +180,10 @@ impl CameraStream for VrpnConnection {
 
     fn has(&self, route: usize) -> bool {
         self.routes.has(route)
+    }
+
+    fn take_refused(&mut self) -> Option<RefusedBody> {
+        self.routes.take_refused()
     }
 
     fn gate_per_body(&self) -> bool {

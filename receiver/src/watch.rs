@@ -20,6 +20,7 @@ pub struct ReceiverWatch {
     next_trouble: Time,
     receiving: bool,
     clock_known: bool,
+    relearned: u64,
     seen: Vec<bool>,
     there: Vec<bool>,
     /// Frame counts and damaged messages at the last note of trouble.
@@ -35,6 +36,7 @@ impl ReceiverWatch {
             next_trouble: Time::UNSET,
             receiving: false,
             clock_known: false,
+            relearned: 0,
             seen: vec![false; bodies],
             there: vec![true; bodies],
             noted: (FrameCounts::default(), 0),
@@ -86,7 +88,11 @@ impl ReceiverWatch {
         clock: crate::clock::ClockState,
         note: &mut dyn FnMut(ReceiverNote),
     ) {
+        let relearned = clock.relearned > std::mem::replace(&mut self.relearned, clock.relearned);
         if clock.is_known == std::mem::replace(&mut self.clock_known, clock.is_known) {
+            if clock.is_known && relearned {
+                note(ReceiverNote::ClockStepped);
+            }
             return;
         }
         let uncertainty = clock.uncertainty;

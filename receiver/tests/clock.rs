@@ -1,86 +1,11 @@
 //! The estimator of a server's clock in virtual time: against clocks whose truth is known.
 
-use oqtal_bus::time::{Span, Time};
+#[path = "clock/server.rs"]
+mod server;
+
+use oqtal_bus::time::Span;
 use oqtal_receiver::clock::{CaptureTime, ServerClock, StampVerdict};
-
-/// Random numbers of the tests: a 64-bit generator (SplitMix64).
-struct Random(u64);
-
-impl Random {
-    /// A number in 0..1.
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn exponential_ms(&mut self, mean_ms: f64) -> f64 {
-        -mean_ms * (1.0 - self.uniform()).ln()
-    }
-}
-
-/// A server with a clock of its own behind a network with delays.
-struct Server {
-    rate_hz: f64,
-    /// Rate of the server's clock minus one.
-    drift: f64,
-    /// Server clock at the true time zero.
-    offset_ns: u64,
-    jitter: Jitter,
-    random: Random,
-    /// Arrival of the frame before: a connection keeps the order.
-    last_arrival: Time,
-    frame: u64,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Jitter {
-    /// Uniform from 0.1 to 5 ms.
-    Uniform,
-    /// 0.1 ms and an exponential delay of 1.5 ms.
-    Exponential,
-    /// As exponential, and a stall of 0.1 to 0.5 s every few seconds, after which all arrive at once.
-    Stalls,
-}
-
-const LEAST_DELAY: Span = Span::from_nanos(100_000);
-
-impl Server {
-    fn new(seed: u64, drift: f64, jitter: Jitter) -> Self {
-        let mut random = Random(seed);
-        let offset_ns = (1.7e18 * random.uniform()) as u64;
-        Self {
-            rate_hz: 60.0,
-            drift,
-            offset_ns,
-            jitter,
-            random,
-            last_arrival: Time::UNSET,
-            frame: 0,
-        }
-    }
-
-    /// The next frame: true instant of capture, stamp, arrival.
-    fn next(&mut self) -> (Time, u64, Time) {
-        self.frame += 1;
-        let true_s = self.frame as f64 / self.rate_hz;
-        let captured = Time::VIRTUAL_START + Span::from_seconds(true_s);
-        let stamp_ns = self.offset_ns + (true_s * (1.0 + self.drift) * 1e9) as u64;
-        let delay_ms = match self.jitter {
-            Jitter::Uniform => 4.9 * self.random.uniform(),
-            Jitter::Exponential => self.random.exponential_ms(1.5),
-            Jitter::Stalls if self.random.uniform() < 0.005 => {
-                100.0 + 400.0 * self.random.uniform()
-            }
-            Jitter::Stalls => self.random.exponential_ms(1.5),
-        };
-        let arrival = captured + LEAST_DELAY + Span::from_seconds(delay_ms * 1e-3);
-        self.last_arrival = arrival.max(self.last_arrival + Span::from_nanos(1000));
-        (captured, stamp_ns, self.last_arrival)
-    }
-}
+use server::{Jitter, LEAST_DELAY, Server};
 
 /// Errors \[ns\] of the frames after `from_s` seconds, beyond the least delay.
 fn errors_after(from_s: f64, server: &mut Server, clock: &mut ServerClock) -> Vec<i64> {

@@ -161,3 +161,30 @@ fn f53_a_server_whose_clock_is_set_publishes_nothing_until_it_is_known_again() {
         assert_eq!(cameras.receiver.clock(0).relearned, 1);
     }
 }
+
+#[test]
+fn f54_a_new_connection_knows_neither_the_clock_nor_the_count_of_the_one_before() {
+    let mut cameras = Cameras::known();
+    cameras.receiver.forget();
+    assert!(!cameras.receiver.clock(0).is_known && !cameras.receiver.is_tracked(0));
+    // Another server: its clock is 20 ms behind the first one's, and it counts from 1.
+    let mut first = None;
+    for number in 1..=100_u32 {
+        let captured_at = Cameras::captured_at(cameras.frame + number);
+        let stamp_ns = Some(captured_at.nanos() + AHEAD_NS - 20_000_000);
+        cameras.receiver.frame(
+            0,
+            FrameStamp { number: Some(number), stamp_ns },
+            captured_at + LATENCY,
+        );
+        let pose = RigidPose::new([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+        cameras.receiver.body(0, 0, MeasuredBody { number: 1, pose, residual_m: 0.0 });
+        let Some(delivery) = cameras.receiver.take(0) else { continue };
+        let error = delivery.stamps.captured_at.since(captured_at).nanos().abs();
+        assert!(error < 300_000, "dated wrong by {error} ns");
+        first.get_or_insert((number, delivery.frame));
+    }
+    let (number, frame) = first.expect("poses of the new server");
+    assert!(number > 40 && frame > 100, "numbers go on: {number}, {frame}");
+    assert_eq!(cameras.receiver.counts(0).out_of_order, 0);
+}

@@ -1,25 +1,27 @@
 //! Servers that mean harm, or are broken: the connection ends, or nothing happens; nothing hangs, grows or publishes nonsense.
 
 use std::io::{Read, Write};
-use std::net::{Ipv4Addr, TcpListener, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, UdpSocket};
+use std::thread::JoinHandle;
 
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
-use oqtal_receiver::{CameraStream, PoseReceiver, connect_to_all};
+use oqtal_receiver::{CameraStream, ConnectError, PoseReceiver, connect_to_all};
 use oqtal_wire::ByteOrder;
-use oqtal_wire::motion::{BodySample, MotionFrame};
+use oqtal_wire::motion::{BodySample, MotionFrame, RigidPose};
 use oqtal_wire::qtm::{
     ComponentKind, ComponentSet, QtmBody, QtmHost, QtmParameters, QtmSession, QtmWriter,
 };
 
-/// Connects to a server that agrees to everything and then sends `bytes` and nothing more.
-fn connected(rest: &str, bytes: Vec<u8>) -> (Box<dyn CameraStream>, std::net::TcpStream) {
+/// A server that names these bodies, agrees to everything and then sends `bytes` and nothing more: its address and its connection.
+fn serve(names: &[&str], bytes: Vec<u8>) -> (SocketAddr, JoinHandle<std::net::TcpStream>) {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
-    let link = format!("qtm:{},body=quad{rest}", listener.local_addr().unwrap());
+    let address = listener.local_addr().unwrap();
+    let body = |name: &&str| QtmBody { name: (*name).to_owned(), ..QtmBody::default() };
+    let bodies = names.iter().map(body).collect();
     let server = std::thread::spawn(move || {
         let (mut stream, mut out) = (listener.accept().unwrap().0, Vec::new());
-        let body = QtmBody { name: "quad".to_owned(), ..QtmBody::default() };
-        let parameters = QtmParameters { bodies: Some(vec![body]), ..QtmParameters::default() };
+        let parameters = QtmParameters { bodies: Some(bodies), ..QtmParameters::default() };
         let mut host = QtmHost::new(parameters);
         let mut session = QtmSession::open(1, String::new(), ByteOrder::Little, &mut out);
         let mut buffer = [0; 4096];
@@ -32,6 +34,13 @@ fn connected(rest: &str, bytes: Vec<u8>) -> (Box<dyn CameraStream>, std::net::Tc
         stream.write_all(&bytes).unwrap();
         stream
     });
+    (address, server)
+}
+
+/// Connects to a server with one body.
+fn connected(rest: &str, bytes: Vec<u8>) -> (Box<dyn CameraStream>, std::net::TcpStream) {
+    let (address, server) = serve(&["quad"], bytes);
+    let link = format!("qtm:{address},body=quad{rest}");
     let stream = connect_to_all(&link.parse().unwrap()).unwrap().stream;
     (stream, server.join().unwrap())
 }
@@ -99,12 +108,7 @@ fn a_list_of_bodies_that_is_rubbish_or_never_ends_changes_no_route_for_long() {
 
 #[test]
 fn a_body_without_a_place_is_not_tracked_and_a_frame_of_another_sender_is_none() {
-    let components = ComponentSet::new().with(ComponentKind::BodiesResidual);
-    let bodies = [BodySample::LOST];
-    let frame =
-        MotionFrame { number: 7, captured_ns: 7, sent_ns: 7, bodies: &bodies, markers: &[] };
-    let mut bytes = Vec::new();
-    QtmWriter::new(&mut bytes, ByteOrder::Little).data(&frame, &components);
+    let bytes = frame(&[BodySample::LOST]);
     let (mut stream, _server) = connected(",transport=tcp", bytes.clone());
     let mut lost = receiver();
     let arrived = |_: &mut dyn CameraStream, receiver: &PoseReceiver| {
@@ -115,7 +119,7 @@ fn a_body_without_a_place_is_not_tracked_and_a_frame_of_another_sender_is_none()
     let (mut stream, _server) = connected("", Vec::new());
     let foreign = UdpSocket::bind("127.0.0.2:0").unwrap();
     let mut spoofed = receiver();
-    for socket in stream.sockets() {
+    for socket in stream.sockets().into_iter().flatten() {
         let address = rustix::net::getsockname(socket).unwrap();
         let address = std::net::SocketAddr::try_from(address).unwrap();
         let _ = foreign.send_to(&bytes, (Ipv4Addr::LOCALHOST, address.port()));
@@ -127,4 +131,71 @@ fn a_body_without_a_place_is_not_tracked_and_a_frame_of_another_sender_is_none()
     })
     .unwrap();
     assert!(!spoofed.arrived_at().is_set());
+}
+
+/// A frame with these bodies.
+fn frame(bodies: &[BodySample]) -> Vec<u8> {
+    let components = ComponentSet::new().with(ComponentKind::BodiesResidual);
+    let frame = MotionFrame { number: 7, captured_ns: 7, sent_ns: 7, bodies, markers: &[] };
+    let mut bytes = Vec::new();
+    QtmWriter::new(&mut bytes, ByteOrder::Little).data(&frame, &components);
+    bytes
+}
+
+#[test]
+fn a_frame_with_more_or_fewer_bodies_than_are_defined_is_nobodys_and_the_names_are_asked_for_again()
+{
+    let pose = RigidPose::new([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0]);
+    let seen = BodySample { pose, ..BodySample::LOST };
+    for (bodies, is_ours) in [(&[seen][..], true), (&[seen, seen], false), (&[], false)] {
+        let (mut stream, mut server) = connected(",transport=tcp", frame(bodies));
+        let mut receiver = receiver();
+        receive(&mut *stream, &mut receiver, |_, receiver| receiver.arrived_at().is_set()).unwrap();
+        assert_eq!(receiver.is_tracked(0), is_ours, "{} bodies", bodies.len());
+        assert_eq!(stream.has(0), is_ours, "{} bodies", bodies.len());
+        // What the client says next: nothing, or a request.
+        server.set_nonblocking(is_ours).unwrap();
+        let mut request = [0; 1000];
+        let count = server.read(&mut request).unwrap_or(0);
+        let asks = String::from_utf8_lossy(&request[..count]).contains("GetParameters");
+        assert_eq!(asks, !is_ours, "{} bodies", bodies.len());
+    }
+}
+
+#[test]
+fn two_bodies_of_the_wanted_name_are_refused() {
+    let (address, server) = serve(&["quad", "other", "quad"], Vec::new());
+    let link = format!("qtm:{address},body=quad");
+    let refused = connect_to_all(&link.parse().unwrap()).unwrap_err();
+    assert!(matches!(refused, ConnectError::Ambiguous { .. }), "{refused}");
+    assert!(refused.to_string().contains("several bodies `quad`"), "{refused}");
+    server.join().unwrap();
+}
+
+#[test]
+fn the_words_of_a_server_reach_a_message_as_one_short_line() {
+    let words = "\u{1b}[2J\nroot: all is well\n".repeat(40_000);
+    let mut texts = vec![Vec::new(), Vec::new()];
+    QtmWriter::new(&mut texts[0], ByteOrder::Little).command("QTM RT Interface connected");
+    QtmWriter::new(&mut texts[0], ByteOrder::Little).command("Version set to 1.25");
+    QtmWriter::new(&mut texts[0], ByteOrder::Little).error(&words);
+    QtmWriter::new(&mut texts[1], ByteOrder::Little).command(&words);
+    for text in texts {
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let link = format!("qtm:{},body=quad", listener.local_addr().unwrap());
+        let server = std::thread::spawn(move || {
+            let mut stream = listener.accept().unwrap().0;
+            let _ = stream.write_all(&text);
+            stream
+        });
+        let message = connect_to_all(&link.parse().unwrap()).unwrap_err().to_string();
+        assert!(message.contains("all is well") && message.len() < 4000, "{}", message.len());
+        assert!(!message.contains(char::is_control), "{message:?}");
+        server.join().unwrap();
+    }
+    let (address, server) = serve(&["a\u{202e}b", &"n".repeat(100_000)], Vec::new());
+    let link = format!("qtm:{address},body=quad");
+    let message = connect_to_all(&link.parse().unwrap()).unwrap_err().to_string();
+    assert!(message.contains("`a\\u{202e}b`") && message.len() < 4000, "{:.300}", message);
+    server.join().unwrap();
 }

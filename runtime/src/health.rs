@@ -118,13 +118,22 @@ impl Heartbeat {
     /// # Errors
     /// The bus broke.
     pub fn beat(&mut self, health: HealthV1) -> Result<(), BusError> {
-        let readings = ClockReadings::now();
-        if let Some(length) = self.suspend.observe(&readings) {
+        if let Some(length) = self.beat_unlogged(health)? {
             tracing::warn!(
                 "the machine was suspended for {:.1} s: poses and commands from before are old",
                 length.seconds()
             );
         }
+        Ok(())
+    }
+
+    /// As [`Heartbeat::beat`], without the log: returns the length of a suspension of the machine.
+    ///
+    /// # Errors
+    /// The bus broke.
+    pub fn beat_unlogged(&mut self, health: HealthV1) -> Result<Option<Span>, BusError> {
+        let readings = ClockReadings::now();
+        let suspended = self.suspend.observe(&readings);
         let record = &self.health.0;
         let health = HealthV1 {
             time: readings.boot,
@@ -140,6 +149,6 @@ impl Heartbeat {
             self.last = health;
             self.writer.send(0, Stamps::default(), self.last)?;
         }
-        Ok(())
+        Ok(suspended)
     }
 }

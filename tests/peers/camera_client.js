@@ -1,7 +1,7 @@
 // Qualisys's JavaScript SDK against a server of oqtal.
 //
 // usage: node camera_client.js PORT BODY FRAMES
-// Prints what camera_clients.py prints. Run by mocap-emu/tests/peers.rs, where Node.js has the packages of package.json.
+// Prints what camera_clients.py prints. Run by mocap-emu/tests/camera_peers.rs, where Node.js has the packages of package.json.
 
 const qtm = require('qualisys-rt');
 
@@ -11,8 +11,9 @@ const collected = [];
 let names = [];
 
 function finish() {
-	console.log(JSON.stringify({ bodies: names, frames: collected }));
-	process.exit(0);
+	const text = JSON.stringify({ bodies: names, frames: collected });
+	// A pipe takes 64 KiB at once: the process ends when the rest is written, too.
+	process.stdout.write(text + '\n', function () { process.exit(0); });
 }
 
 api.on('frame', function (frame) {

@@ -64,8 +64,11 @@ impl Network {
     const HERE: &str = "10.213.77.1/24";
     pub const THERE: &str = "10.213.77.2";
 
-    /// `None` where this user may not make one.
+    /// `None` where networks cannot be made, which is said.
     pub fn new() -> Option<Self> {
+        if !Self::can_be_made() {
+            return None;
+        }
         let id = std::process::id();
         let network = Self { name: format!("oqtal-{id}"), cable: format!("oq{id}") };
         let (name, cable, there) = (&network.name, &network.cable, format!("oq{id}b"));
@@ -78,17 +81,36 @@ impl Network {
             &["-n", name, "link", "set", &there, "up"],
             &["link", "set", cable, "up"],
         ];
-        steps.iter().all(|words| ip(words)).then_some(network)
+        steps.iter().for_each(|words| assert!(ip(words), "ip {words:?} (package iproute2)"));
+        Some(network)
     }
 
-    /// A network without a cable: whatever is started there hears itself alone. `None` where this user may not make one.
+    /// Whether this user may make networks. Where he may, a test that cannot make one fails.
+    fn can_be_made() -> bool {
+        const NET_ADMIN: u64 = 1 << 12;
+        const SYS_ADMIN: u64 = 1 << 21;
+        let status = std::fs::read_to_string("/proc/self/status").unwrap();
+        let held = status.lines().find_map(|line| line.strip_prefix("CapEff:")).unwrap().trim();
+        let held = u64::from_str_radix(held, 16).unwrap();
+        if held & (NET_ADMIN | SYS_ADMIN) != NET_ADMIN | SYS_ADMIN {
+            super::common::skipped("only root may make a network namespace");
+            return false;
+        }
+        true
+    }
+
+    /// A network without a cable: whatever is started there hears itself alone. `None` where networks cannot be made, which is said.
     pub fn alone() -> Option<Self> {
+        if !Self::can_be_made() {
+            return None;
+        }
         let name = format!("oqtal-alone-{}", std::process::id());
         let network = Self { name, cable: String::new() };
         let name = &network.name;
         let steps: [&[&str]; 2] =
             [&["netns", "add", name], &["-n", name, "link", "set", "lo", "up"]];
-        steps.iter().all(|words| ip(words)).then_some(network)
+        steps.iter().for_each(|words| assert!(ip(words), "ip {words:?} (package iproute2)"));
+        Some(network)
     }
 
     /// Name of the namespace.

@@ -17,6 +17,7 @@
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
 //! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
+//! | [`text`] | text of another machine, made fit for a log |
 //! | [`motion`] | what a camera system measures: poses of bodies, positions of markers |
 //! | [`qtm`] | the RT protocol of Qualisys Track Manager |
 //! | [`vrpn`] | VRPN, as Vicon Tracker, Motive and others serve it |
@@ -30,6 +31,7 @@ pub mod motion;
 pub mod natnet;
 pub mod qtm;
 pub mod stream;
+pub mod text;
 pub mod vrpn;
 pub mod xbee;
 

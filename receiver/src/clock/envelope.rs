@@ -78,6 +78,17 @@ impl LowerEnvelope {
         self.line = EnvelopeLine::default();
     }
 
+    /// Forgets the pairs up to this stamp \[ns, server clock\], and those of the same interval; the last interval is kept.
+    pub fn forget_through(&mut self, stamp_ns: f64) {
+        let index = (stamp_ns / INTERVAL_NS).floor() as i64;
+        while self.intervals.len() > 1
+            && self.intervals.front().is_some_and(|first| first.index <= index)
+        {
+            self.intervals.pop_front();
+        }
+        self.fit();
+    }
+
     /// The line below the pairs; meaningless before the first one.
     #[must_use]
     pub fn line(&self) -> EnvelopeLine {

@@ -10,6 +10,10 @@ use super::stream_request::{StreamRate, StreamRequest, StreamTarget};
 use super::version::QtmVersion;
 use super::writer::QtmWriter;
 use crate::bytes::{ByteOrder, OUTPUT_BYTES, flush};
+use crate::text::printable;
+
+/// Longest command of a client \[bytes\].
+const MAX_COMMAND_BYTES: usize = 256;
 
 /// What a client wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,7 +65,7 @@ pub enum QtmClientError {
     /// Bytes that are no packets.
     #[error(transparent)]
     Packet(#[from] QtmPacketError),
-    /// Server of another kind, with what it said first.
+    /// Server of another kind, with what it said first, made printable.
     #[error("the server is no QTM: it says `{0}`")]
     NotQtm(String),
     /// Server that is too old or too new.
@@ -72,7 +76,7 @@ pub enum QtmClientError {
         /// Newest version that was asked for.
         newest: QtmVersion,
     },
-    /// Refusal, with the server's words.
+    /// Refusal, with the server's words, made printable.
     #[error("the server refuses: {0}")]
     Refused(String),
 }
@@ -165,7 +169,11 @@ impl Dialogue {
         (self.stage == Stage::Established).then_some(self.options.newest)
     }
 
+    /// Appends a command. A server that makes us say more than there is room for before anything can be sent gets no more of it.
     fn send(&mut self, command: &QtmCommand) {
+        if self.output.len() > OUTPUT_BYTES - MAX_COMMAND_BYTES {
+            return;
+        }
         QtmWriter::new(&mut self.output, self.options.order).command(command);
     }
 
@@ -189,7 +197,7 @@ impl Dialogue {
                 self.request_version(self.options.newest);
             }
             (Stage::Greeting, QtmPacket::Command(text)) => {
-                return Err(QtmClientError::NotQtm(text.to_owned()));
+                return Err(QtmClientError::NotQtm(printable(text)));
             }
             (Stage::Version(version), QtmPacket::Command(text))
                 if text.starts_with("Version set") =>
@@ -206,7 +214,7 @@ impl Dialogue {
             (Stage::Established, QtmPacket::Error("Parameters not available")) => {
                 return Ok(QtmClientEvent::NoData);
             }
-            (_, QtmPacket::Error(text)) => return Err(QtmClientError::Refused(text.to_owned())),
+            (_, QtmPacket::Error(text)) => return Err(QtmClientError::Refused(printable(text))),
             (_, QtmPacket::NoMoreData) => return Ok(QtmClientEvent::NoData),
             (_, QtmPacket::Data(data)) => return Ok(QtmClientEvent::Frame(data)),
             (_, QtmPacket::Command(_) | QtmPacket::Xml(_) | QtmPacket::Other(_)) => {}

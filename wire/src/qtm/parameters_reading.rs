@@ -6,6 +6,7 @@ use quick_xml::events::{BytesRef, BytesStart, Event};
 use quick_xml::reader::Reader;
 
 use super::parameters::{QtmBody, QtmParameters, QtmParametersError, QtmPoint};
+use crate::text::printable;
 
 /// Greatest depth of elements \[-\]. Servers write skeletons of about thirty.
 const MAX_DEPTH: usize = 128;
@@ -42,7 +43,7 @@ impl QtmParameters {
 }
 
 fn not_xml(error: impl std::fmt::Display) -> QtmParametersError {
-    QtmParametersError::Xml(error.to_string())
+    QtmParametersError::Xml(printable(&error.to_string()))
 }
 
 /// The text of `&amp;` or `&#38;`.

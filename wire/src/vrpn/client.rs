@@ -7,6 +7,9 @@ use crate::bytes::{OUTPUT_BYTES, flush};
 
 use super::{PING_TYPE, PONG_TYPE, POSE_TYPE};
 
+/// Length of a message without content, and of a description without its name \[bytes\]; the padding is included.
+const MESSAGE_BYTES: usize = 32;
+const DESCRIPTION_BYTES: usize = 40;
 /// Our numbers of the types, in the order of their description.
 const PING: i32 = 1;
 const PONG: i32 = 2;
@@ -146,7 +149,7 @@ impl VrpnClient {
 
     /// Asks the tracker `name` whether the server is alive; about once a second is usual.
     pub fn ping(&mut self, name: &str) {
-        if self.state.greeted {
+        if self.state.greeted && self.state.has_room(name.len() + DESCRIPTION_BYTES) {
             self.state.describe((0, VrpnMessage::SENDER_DESCRIPTION), name);
             self.state.send(&VrpnMessage::new(0, PING));
         }
@@ -186,12 +189,18 @@ impl ClientState {
             },
             Some(PONG_TYPE) => VrpnEvent::Pong,
             // Either end may ask the other.
-            Some(PING_TYPE) => {
+            Some(PING_TYPE) if self.has_room(MESSAGE_BYTES) => {
                 self.send(&VrpnMessage::new(0, PONG));
                 VrpnEvent::Other
             }
             _ => VrpnEvent::Other,
         }
+    }
+
+    /// Whether so many bytes and a message go into the output as it is. A server that asks more often than anything can be sent gets
+    /// no more answers.
+    fn has_room(&self, bytes: usize) -> bool {
+        self.output.len() + bytes + MESSAGE_BYTES <= OUTPUT_BYTES
     }
 
     fn describe(&mut self, (number, kind): (i32, i32), name: &str) {

@@ -1,0 +1,98 @@
+//! Steps of a server's clock of any size, forward and back, against delays that grow by as much.
+
+#[path = "clock/server.rs"]
+mod server;
+
+use oqtal_bus::time::Span;
+use oqtal_receiver::clock::{ServerClock, StampVerdict};
+use proptest::prelude::*;
+use server::{Jitter, LEAST_DELAY, Server};
+
+/// Frames that are dated around a change: errors \[ns\] of those in the first two seconds behind it, and of those later.
+struct Dated {
+    soon: Vec<i64>,
+    later: Vec<i64>,
+    /// How often the clock was learned anew behind the change.
+    relearned: u64,
+}
+
+/// Eight seconds of frames, a change, and eight seconds more, whose stamps are set by `step_ns` and whose delays grow by `slower`.
+fn around(mut server: Server, (step_ns, slower): (i64, Span)) -> Dated {
+    let mut clock = ServerClock::new(Span::ZERO);
+    let frames = (8.0 * server.rate_hz) as u64;
+    let mut dated = Dated { soon: Vec::new(), later: Vec::new(), relearned: 0 };
+    for frame in 0..2 * frames {
+        if frame == frames {
+            dated.relearned = clock.state().relearned;
+            server.offset_ns = server.offset_ns.wrapping_add_signed(step_ns);
+        }
+        let (captured, stamp_ns, arrival) = server.next();
+        let behind = frame >= frames;
+        let arrival = arrival + if behind { slower } else { Span::ZERO };
+        if let StampVerdict::Known(known) = clock.observe(stamp_ns, arrival) {
+            assert!(known.captured_at <= arrival, "captured after it arrived");
+            let error = known.captured_at.since(captured) - LEAST_DELAY;
+            let soon = frame < frames + (2.0 * server.rate_hz) as u64;
+            match (behind, soon) {
+                (false, _) => {}
+                (true, true) => dated.soon.push(error.nanos().abs()),
+                (true, false) => dated.later.push(error.nanos().abs()),
+            }
+        }
+    }
+    dated.relearned = clock.state().relearned - dated.relearned;
+    dated.soon.sort_unstable();
+    dated.later.sort_unstable();
+    dated
+}
+
+/// Number of the jitter with stalls.
+const STALLS: usize = 2;
+
+fn server(seed: u64, rate_hz: f64, jitter: usize) -> Server {
+    let jitter = [Jitter::Uniform, Jitter::Exponential, Jitter::Stalls][jitter];
+    let mut server = Server::new(seed, 40e-6, jitter);
+    server.rate_hz = rate_hz;
+    server
+}
+
+fn p99(sorted: &[i64]) -> i64 {
+    sorted[(sorted.len() - 1) * 99 / 100]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_step_of_any_size_is_over_after_two_seconds(
+        (exponent, back, seed) in (0.0..1.0_f64, any::<bool>(), any::<u64>()),
+        (rate_hz, jitter) in (prop::sample::select(vec![60.0, 100.0, 240.0]), 0..3_usize),
+    ) {
+        // From 2 ms to 2 s, as many small ones as great ones.
+        let step_ns = (2e6 * 1000_f64.powf(exponent)) as i64;
+        let step_ns = if back { -step_ns } else { step_ns };
+        let dated = around(server(seed, rate_hz, jitter), (step_ns, Span::ZERO));
+        let frames = (6.0 * rate_hz) as usize;
+        prop_assert!(dated.later.len() >= frames * 9 / 10, "{step_ns}: {} known", dated.later.len());
+        let late = p99(&dated.later);
+        prop_assert!(late <= 600_000, "{step_ns} ns at {rate_hz} Hz: {late} ns");
+        // Until a small step is known its frames are dated wrong by it, and never by more than that.
+        let greatest = dated.soon.last().copied().unwrap_or(0);
+        // Frames that queue in a stall do not arrive before they were captured, however their clock was set.
+        prop_assert!(jitter == STALLS || greatest <= 26_000_000, "{step_ns} ns: {greatest} ns");
+    }
+
+    #[test]
+    fn a_delay_that_grew_by_any_amount_is_no_step(
+        // With a stall more it would be a silence.
+        (slower_ms, seed) in (2..450_i64, any::<u64>()),
+        (rate_hz, jitter) in (prop::sample::select(vec![60.0, 100.0, 240.0]), 0..3_usize),
+    ) {
+        let slower = Span::from_millis(slower_ms);
+        let dated = around(server(seed, rate_hz, jitter), (0, slower));
+        prop_assert_eq!(dated.relearned, 0, "{} ms", slower_ms);
+        // A line of the greatest slope follows a delay by 2 ms in 10 s.
+        let greatest = p99(&dated.later);
+        prop_assert!(greatest <= 2_500_000, "{slower_ms} ms: {greatest} ns");
+    }
+}
