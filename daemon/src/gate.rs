@@ -156,7 +156,6 @@ impl MotionGate {
         if !self.lies_on(&expected, pose, self.sigma) {
             let right = without.filter(|track| self.lies_on(track, pose, DOUBT_SIGMA));
             expected = right.ok_or_else(|| self.refuse(&expected, pose))?;
-            self.doubt = None;
         }
         if self.is_frozen(t_s) {
             return Err(Cause::Frozen);

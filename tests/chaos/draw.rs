@@ -110,7 +110,8 @@ fn value(kind: FaultKind, target: FaultTarget, random: &mut Random) -> String {
     format!("{}{magnitude}", kind.name())
 }
 
-/// Distances \[m\] and shares of outliers: all combinations in the study, one of them for each seed in short.
+/// Distances \[m\] and shares of outliers: all combinations in the study; in short one of them for each seed, and two that are
+/// hard on a gate: at its border, and small and frequent.
 pub fn outliers(seed: u64) -> Vec<(f64, f64)> {
     let all = [0.05, 0.14, 0.3, 1.0].into_iter().flat_map(|d| [0.01, 0.05, 0.2].map(|p| (d, p)));
     let all: Vec<(f64, f64)> = all.collect();
@@ -118,5 +119,5 @@ pub fn outliers(seed: u64) -> Vec<(f64, f64)> {
         return all;
     }
     let mut random = Random(seed);
-    vec![random.pick(&all), (0.14, 0.05)]
+    vec![random.pick(&all), (0.14, 0.05), (0.05, 0.2)]
 }

@@ -1,18 +1,18 @@
-//! The doubt about a pose that was believed for the uncertainty of the prediction, as after a gap.
+//! The doubt about a pose that was believed although it was off the prediction.
 //!
-//! Such a pose may be of another body, or of markers that were exchanged: then its offset from the motion predicted without it
-//! stays the same. An offset that a force made during the gap grows, because the force gave the vehicle a velocity, too: by at
+//! Such a pose may be an outlier: then the poses after it return to the motion predicted without it. After a gap, in which the
+//! uncertainty has grown, it may be of another body, or of markers that were exchanged: then its offset from that motion stays the
+//! same. An offset that a force made during the gap grows, because the force gave the vehicle a velocity, too: by at
 //! least the share of itself that the time since is of the gap.
 
 use oqtal_control::predictive::{MeasuredPose, Surroundings, Track};
 
 use super::stranger::Stranger;
 
-/// Time for which an offset must stay the same \[s\].
+/// Time for which a doubt lasts, and an offset must stay the same \[s\].
 const DOUBT_S: f64 = 0.1;
-
-/// Gap that is none \[s\], in which frames of slow cameras were lost: an offset after it is not an uncertainty that has grown.
-const NO_GAP_S: f64 = 0.055;
+/// Least gap after which an offset may be that of another body \[s\]: two frames lost at 60 Hz. Without one the gate is narrow.
+const LEAST_GAP_S: f64 = 0.055;
 
 /// A believed pose that is doubted.
 #[derive(Clone, Copy, Debug)]
@@ -25,8 +25,6 @@ pub(super) struct Doubt {
     since_s: f64,
     /// Time between the last pose before the doubt and the doubted one \[s\].
     gap_s: f64,
-    /// Whether the offset has changed since.
-    has_changed: bool,
 }
 
 /// What a further pose tells about a doubt.
@@ -45,8 +43,7 @@ impl Doubt {
     /// it was expected.
     pub(super) fn about(expected: &Track, pose: &MeasuredPose, gap_s: f64) -> Option<Self> {
         let first = Stranger::of(expected, pose);
-        let doubt =
-            Self { without: *expected, first, since_s: expected.t_s, gap_s, has_changed: false };
+        let doubt = Self { without: *expected, first, since_s: expected.t_s, gap_s };
         first.is_off().then_some(doubt)
     }
 
@@ -59,14 +56,14 @@ impl Doubt {
     pub(super) fn judge(&self, without: &Track, pose: &MeasuredPose) -> DoubtVerdict {
         let now = Stranger::of(without, pose);
         let elapsed_s = without.t_s - self.since_s;
-        let is_over = elapsed_s >= DOUBT_S;
-        // Before, noise may change an offset by as much as a slow motion does.
-        let growth = if is_over { elapsed_s / self.gap_s } else { f64::INFINITY };
-        let has_changed = self.has_changed || !now.stays(&self.first, growth);
-        match is_over {
-            false => DoubtVerdict::Open(Self { without: *without, has_changed, ..*self }),
-            true if has_changed || self.gap_s < NO_GAP_S => DoubtVerdict::Settled,
-            true => DoubtVerdict::Relabel(*without, now),
+        if elapsed_s < DOUBT_S {
+            return DoubtVerdict::Open(Self { without: *without, ..*self });
+        }
+        let is_after_gap = self.gap_s >= LEAST_GAP_S;
+        if is_after_gap && now.stays(&self.first, elapsed_s / self.gap_s) {
+            DoubtVerdict::Relabel(*without, now)
+        } else {
+            DoubtVerdict::Settled
         }
     }
 }
