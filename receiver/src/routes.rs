@@ -36,6 +36,8 @@ pub struct RouteTable {
     /// Numbers of the bodies that are wanted, with their routes: one body a route, one route a body.
     routes: Vec<(i64, usize)>,
     refused: Option<RefusedBody>,
+    /// The body that has the name of a route, and gets the route when the one that has it is renamed.
+    waiting: Option<RefusedBody>,
     /// The refused body that was told last.
     told: Option<RefusedBody>,
 }
@@ -58,7 +60,7 @@ impl RouteTable {
     pub fn replace(&mut self, bodies: impl IntoIterator<Item = CameraBody>) {
         self.bodies.clear();
         self.routes.clear();
-        self.refused = None;
+        (self.refused, self.waiting) = (None, None);
         for body in bodies.into_iter().take(MAX_KNOWN) {
             self.insert(body);
         }
@@ -88,14 +90,23 @@ impl RouteTable {
         }
     }
 
-    /// Names a body, or names it anew, for its route alone: nothing is allocated. Of two bodies of one name the first has the route.
+    /// Names a body, or names it anew, for its route alone: nothing is allocated. Of two bodies of one name the first has the route
+    /// until it is renamed.
     pub fn rename(&mut self, key: i64, name: &str) {
         let route = self.wanted.iter().position(|wanted| wanted == name);
+        self.waiting = self.waiting.filter(|waiting| waiting.key != key);
         self.routes.retain(|(known, taken)| *known != key || Some(*taken) == route);
+        if let Some(RefusedBody { key, route }) = self.waiting.filter(|one| !self.has(one.route)) {
+            self.routes.push((key, route));
+            self.waiting = None;
+        }
         let Some(route) = route else { return };
         match self.routes.iter().find(|(_, taken)| *taken == route) {
             Some((known, _)) if *known == key => {}
-            Some(_) => self.refused = Some(RefusedBody { key, route }),
+            Some(_) => {
+                self.waiting = Some(RefusedBody { key, route });
+                self.refused = self.waiting;
+            }
             // There are at most as many as are wanted.
             None => self.routes.push((key, route)),
         }
@@ -173,6 +184,18 @@ mod tests {
         let mut both = RouteTable::new(vec!["7".to_owned(), "c".to_owned()]).with_numbers();
         both.replace([body(7, "c")]);
         assert_eq!((both.has(0), both.route(7)), (false, Some(1)));
+    }
+
+    #[test]
+    fn bodies_that_exchange_their_names_one_after_the_other_are_found_by_the_new_ones() {
+        let mut table = RouteTable::new(vec!["b".to_owned()]);
+        table.replace([body(1, "b"), body(2, "other")]);
+        table.rename(2, "b");
+        table.rename(1, "other");
+        assert_eq!((table.route(1), table.route(2)), (None, Some(0)));
+        table.rename(2, "other");
+        table.rename(1, "b");
+        assert_eq!((table.route(1), table.route(2)), (Some(0), None));
     }
 
     #[test]
