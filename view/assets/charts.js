@@ -31,14 +31,15 @@ export class Charts {
     const figure = document.createElement("figure");
     figure.className = "card";
     const caption = figure.appendChild(document.createElement("figcaption"));
-    caption.appendChild(document.createElement("b")).textContent = chart.title;
+    const title = chart.unit ? `${chart.title} [${chart.unit}]` : chart.title;
+    caption.appendChild(document.createElement("b")).textContent = title;
     const names = caption.appendChild(document.createElement("span"));
     names.className = "names";
     const labels = chart.traces.map(([, name, color]) => this.label(names, name, color));
     const output = caption.appendChild(document.createElement("output"));
     const canvas = figure.appendChild(document.createElement("canvas"));
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", chart.title);
+    canvas.setAttribute("aria-label", title);
     place.appendChild(figure);
     const columns = chart.rows === "ticks" ? this.store.tick : this.store.vehicle;
     const made = { ...chart, canvas, output, labels, columns };
