@@ -76,7 +76,7 @@ fn a_hover_goes_on_for_a_minute_through_one_wrong_bit_in_a_hundred() {
         });
     }
     let output = flight.wait();
-    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(output.status.success(), "{output:?}");
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     landed(&summary);
     // A full battery has 12.6 V; half a minute of hover takes little more than half a volt.
