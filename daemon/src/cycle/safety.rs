@@ -45,13 +45,15 @@ impl Cycle {
             || self.is_flying() && self.vehicle.is_lost(now);
         let briefly_unseen = self.supervisor.cause() == Cause::NoPose
             && !self.is_past(now, self.memory.last_nominal, SHORT_GAP_PERIODS);
+        let blind_too_long = is_armed && age.is_none_or(|age| age > self.timing.coast);
         let needed = if briefly_unseen { 1 } else { self.timing.recovery_poses };
         SafetyConditions {
             poses_missing,
             poses_good: fresh && self.guard.good_in_a_row() >= needed,
             may_descend: self.may_descend(now),
-            is_down: self.is_down(now),
-            blind_too_long: is_armed && age.is_none_or(|age| age > self.timing.coast),
+            // Only a blind vehicle is asked for: the answer costs a prediction.
+            is_down: blind_too_long && self.is_down(now),
+            blind_too_long,
             vehicle_silent,
             vehicle_lost,
             operator_stops: std::mem::take(&mut self.requests.stop),
