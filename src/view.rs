@@ -14,7 +14,7 @@ use oqtal_bus::paths::InstancePaths;
 use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_observe::observer::BusObserver;
-use oqtal_runtime::health::HEALTH_PERIOD;
+use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::say;
 use oqtal_runtime::stop::StopFlag;
@@ -26,7 +26,7 @@ use oqtal_view::scene::SceneDescription;
 use oqtal_view::server;
 use oqtal_view::site::{Site, Subject};
 
-use crate::record::require_daemon;
+use crate::ctl::require_daemon;
 use crate::recordings::{self, failure};
 use operator::BusOperator;
 
@@ -34,8 +34,6 @@ use operator::BusOperator;
 const UPDATE_PERIOD: Duration = Duration::from_millis(25);
 /// Period at which it is checked whether the command is interrupted, while a recording is shown.
 const CHECK_PERIOD: Duration = Duration::from_millis(50);
-/// Health messages older than this many of their periods are ignored.
-const SILENT_PERIODS: f64 = 3.0;
 /// Random bytes of a token.
 const TOKEN_BYTES: usize = 16;
 
@@ -155,7 +153,7 @@ fn feed(
     config: &Config,
     (hub, stop): (&Hub, &StopFlag),
 ) -> Result<(), Failure> {
-    let mut view = LiveView::new(config, HEALTH_PERIOD.scaled(SILENT_PERIODS));
+    let mut view = LiveView::new(config, SILENCE);
     while !stop.is_set() {
         std::thread::sleep(UPDATE_PERIOD);
         let now = Time::now();

@@ -83,6 +83,14 @@ code! {
     }
 }
 
+impl SafetyState {
+    /// Whether the daemon ends the flight by itself in this state.
+    #[must_use]
+    pub fn ends_flight(self) -> bool {
+        self >= Self::Land
+    }
+}
+
 code! {
     /// Reason of a safety state, or of a refused request.
     Cause {

@@ -228,7 +228,7 @@ impl Peer {
             self.last = Some(health);
         }
         self.last.is_some_and(|health| {
-            let is_other = ![hash, HealthV1::OWN_CONFIG].contains(&health.config_hash);
+            let is_other = health.compared_config().is_some_and(|other| other != hash);
             is_other && Time::now().since(health.time) < PEER_TIMEOUT
         })
     }

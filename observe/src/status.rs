@@ -237,8 +237,7 @@ impl HealthReport {
         Self {
             pid: u64::from(header.origin().process()),
             age_ms: now.since(health.time).max(Span::ZERO).seconds() * 1e3,
-            config_hash: (health.config_hash != HealthV1::OWN_CONFIG)
-                .then(|| format!("{:016x}", health.config_hash)),
+            config_hash: health.compared_config().map(|hash| format!("{hash:016x}")),
             daemon,
             vehicle_answers: (role == Role::Bridge).then_some(health.cause == Cause::None.code()),
             runs_late: health.runs_late != 0,

@@ -91,6 +91,9 @@ impl Health {
 /// Time between two heartbeats without a change.
 pub const HEALTH_PERIOD: Span = Span::from_millis(500);
 
+/// Time without a health message after which a process counts as silent: three periods.
+pub const SILENCE: Span = Span::from_millis(1500);
+
 /// Publishes the state of a process on its health topic.
 #[derive(Debug)]
 pub struct Heartbeat {

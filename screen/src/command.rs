@@ -8,7 +8,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_observe::observer::BusObserver;
-use oqtal_runtime::health::HEALTH_PERIOD;
+use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::stop::StopFlag;
 
@@ -19,8 +19,6 @@ use crate::terminal::{Key, OpenTerminal};
 
 /// Period of the picture.
 const PICTURE_PERIOD: Duration = Duration::from_millis(100);
-/// Time within which a process of a running instance is heard, in health periods \[-\].
-const FOUND_PERIODS: f64 = 3.0;
 
 /// Arguments of `oqtal monitor`.
 #[derive(Args, Debug)]
@@ -82,7 +80,7 @@ struct Watch {
 impl Watch {
     /// Waits until a process of the instance is heard.
     fn find(&mut self) -> Result<(), Failure> {
-        let give_up = Time::now() + HEALTH_PERIOD.scaled(FOUND_PERIODS);
+        let give_up = Time::now() + SILENCE;
         while !self.stop.is_set() {
             self.poll()?;
             if self.model.processes.is_alive() {

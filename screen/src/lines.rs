@@ -55,8 +55,8 @@ fn state(model: &MonitorModel) -> StatusLine {
         let condition = DaemonCondition::of(&tick);
         let weight = match condition.state() {
             Some(SafetyState::Nominal) => Weight::Good,
-            Some(SafetyState::Land | SafetyState::Stop) | None => Weight::Alarm,
-            Some(_) => Weight::Warning,
+            Some(state) if !state.ends_flight() => Weight::Warning,
+            _ => Weight::Alarm,
         };
         return line(label, condition.state_text(), weight);
     }

@@ -3,13 +3,11 @@
 use oqtal_bus::message::{Header, HealthV1};
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::Role;
-use oqtal_runtime::health::HEALTH_PERIOD;
+use oqtal_runtime::health::SILENCE;
 
 /// Processes that are observed.
 pub const OBSERVED: [Role; 5] =
     [Role::Daemon, Role::Plant, Role::Bridge, Role::Mocap, Role::Receiver];
-/// A process counts as silent after this many periods without a health message.
-const SILENT_PERIODS: f64 = 3.0;
 
 /// What was heard last of a process.
 #[derive(Clone, Copy, Debug)]
@@ -87,12 +85,13 @@ impl ProcessTable {
     /// Whether processes that are heard run with different configurations.
     #[must_use]
     pub fn configs_differ(&self) -> bool {
-        let mut hashes = self.0.iter().filter(|p| !p.is_silent).map(|p| p.health.config_hash);
+        let heard = self.0.iter().filter(|process| !process.is_silent);
+        let mut hashes = heard.filter_map(|process| process.health.compared_config());
         let first = hashes.next();
         hashes.any(|hash| Some(hash) != first)
     }
 }
 
 fn is_old(health: &HealthV1, now: Time) -> bool {
-    now.since(health.time) > HEALTH_PERIOD.scaled(SILENT_PERIODS)
+    now.since(health.time) > SILENCE
 }

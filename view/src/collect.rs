@@ -85,15 +85,11 @@ impl Collector {
     /// A collector for an instance that runs with `config`.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let faults = config.fault.inject.iter().flat_map(|fault| {
-            let begins = (fault.at_s, format!("fault {fault} begins"));
-            let ends = (fault.end_s(), format!("fault {fault} ends"));
-            [begins, ends].into_iter().filter(|(at_s, _)| at_s.is_finite())
-        });
+        let faults = config.fault.inject.iter().flat_map(event::of_fault);
         Self {
             interface: config.vehicle.interface,
             has_truth: !config.is_replay() && !config.plant.shadow,
-            faults: faults.collect(),
+            faults: faults.map(|(at_s, text)| (at_s, format!("fault {text}"))).collect(),
             origin: None,
             armed_at: None,
             truths: VecDeque::new(),
@@ -183,7 +179,7 @@ impl Collector {
 fn mood(state: u8) -> EventMood {
     match SafetyState::from_code(state) {
         Some(SafetyState::Nominal) => EventMood::Good,
-        Some(SafetyState::Land | SafetyState::Stop) => EventMood::Bad,
+        Some(state) if state.ends_flight() => EventMood::Bad,
         _ => EventMood::Warning,
     }
 }

@@ -252,6 +252,12 @@ message! {
 impl HealthV1 {
     /// The configuration hash of an emulated vehicle behind a radio: like that of a real one, its configuration is its own.
     pub const OWN_CONFIG: u64 = 0;
+
+    /// The configuration hash \[-\]; `None` for a process whose configuration need not agree with that of the others.
+    #[must_use]
+    pub fn compared_config(&self) -> Option<u64> {
+        Some(self.config_hash).filter(|hash| *hash != Self::OWN_CONFIG)
+    }
 }
 
 message! {
