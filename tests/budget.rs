@@ -4,15 +4,16 @@
 #[path = "budget/camera_link.rs"]
 mod camera_link;
 mod common;
+#[path = "../control/tests/allocation/counter.rs"]
+mod counter;
 #[path = "budget/flight.rs"]
 mod flight;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::process::{Command, Stdio};
 
 use common::{Running, Testbed, wait_for};
+use counter::allocations;
 use oqtal_bus::code::Mode;
 use oqtal_bus::message::{PoseV1, Stamps, TruthV1};
 use oqtal_bus::time::{Span, Time};
@@ -22,49 +23,6 @@ use oqtal_config::{Config, Setting};
 use oqtal_mocap_emu::Cameras;
 use oqtal_receiver::PoseReceiver;
 use rustix::process::Signal;
-
-/// Allocator that counts the allocations of each thread.
-struct Counting;
-
-thread_local! {
-    static TAKEN: Cell<u64> = const { Cell::new(0) };
-}
-
-fn count() {
-    // The counter of a thread that is ending no longer exists.
-    let _ = TAKEN.try_with(|taken| taken.set(taken.get() + 1));
-}
-
-// SAFETY: every call goes to the system's allocator unchanged; counting touches no heap, since the counter is a constant
-// initialised thread local without destructor.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        // SAFETY: the caller keeps the contract of `dealloc`; the memory came from `System`.
-        unsafe { System.dealloc(memory, layout) }
-    }
-
-    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
-        // SAFETY: the caller keeps the contract of `realloc`; the memory came from `System`.
-        unsafe { System.realloc(memory, layout, size) }
-    }
-}
-
-#[global_allocator]
-static HEAP: Counting = Counting;
-
-/// Number of heap allocations made by `work`, and its result.
-fn allocations<T>(work: impl FnOnce() -> T) -> (u64, T) {
-    let before = TAKEN.get();
-    let result = work();
-    (TAKEN.get() - before, result)
-}
 
 #[test]
 fn the_counter_counts() {

@@ -1,7 +1,7 @@
 //! No step of a law or of the autopilot allocates.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+#[path = "allocation/counter.rs"]
+mod counter;
 
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
@@ -15,45 +15,15 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::rigid_body::Inertia;
 use oqtal_control::trajectory::{Phase, Reference};
 
+use counter::allocations;
+
 const DT_S: f64 = 1.0 / 60.0;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-/// The system's allocator, counted for each thread.
-struct Counted;
-
-// SAFETY: every call goes on to the system's allocator as it is; counting touches no memory of its own, for the cell
-// is a constant-initialised number without a destructor.
-unsafe impl GlobalAlloc for Counted {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the pointer came from `alloc` above, that is, from the system.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTED: Counted = Counted;
-
-/// How often `act` allocates.
-fn allocations(act: impl FnOnce()) -> u64 {
-    let before = ALLOCATIONS.get();
-    act();
-    ALLOCATIONS.get() - before
-}
 
 fn check_laws<I: InputForm>(options: &ControllerOptions, input: impl Fn() -> I) {
     for controller in ControllerName::ALL {
         let options = ControllerOptions { controller, ..*options };
         let mut law = Controller::new(&options, input()).unwrap();
-        let count = allocations(|| {
+        let (count, ()) = allocations(|| {
             for tick in 0..60 {
                 // Through several cells, so that Riccati equations are solved.
                 let turn = Vector3::new(0.03, -0.02, 0.01) * f64::from(tick);
@@ -68,7 +38,7 @@ fn check_laws<I: InputForm>(options: &ControllerOptions, input: impl Fn() -> I) 
 
 #[test]
 fn the_count_counts() {
-    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))), 1);
+    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))).0, 1);
 }
 
 #[test]
@@ -95,7 +65,7 @@ fn the_autopilot_does_not_allocate_in_a_step() {
         Autopilot::new(design, OqtalDtOptions::default(), &options, &loops).unwrap();
     let reference = Reference::rest(Vector3::new(1.3, 0.0, 1.0), Phase::Trajectory);
     let mut decided = 0;
-    let count = allocations(|| {
+    let (count, ()) = allocations(|| {
         for tick in 1..=200 {
             let now_s = tick as f64 * DT_S;
             autopilot.observe(now_s - 0.015, &Estimate::default());

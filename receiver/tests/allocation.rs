@@ -1,7 +1,8 @@
 //! What runs on the real-time thread does not allocate, whatever the server sends, while the connection stands.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+#[path = "../../control/tests/allocation/counter.rs"]
+mod counter;
+
 use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::thread::JoinHandle;
@@ -14,41 +15,11 @@ use oqtal_wire::motion::{BodySample, MotionFrame, RigidPose};
 use oqtal_wire::qtm::{QtmBody, QtmEvent, QtmHost, QtmParameters, QtmSession, QtmWriter};
 use oqtal_wire::vrpn::{PING_TYPE, VrpnMessage, VrpnSession, write_message};
 
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-/// The system's allocator, counted for each thread.
-struct Counted;
-
-// SAFETY: every call goes on to the system's allocator as it is; counting touches no memory of its own, for the cell
-// is a constant-initialised number without a destructor.
-unsafe impl GlobalAlloc for Counted {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the pointer came from `alloc` above, that is, from the system.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static COUNTED: Counted = Counted;
-
-/// How often `act` allocates.
-fn allocations(act: impl FnOnce()) -> u64 {
-    let before = ALLOCATIONS.get();
-    act();
-    ALLOCATIONS.get() - before
-}
+use counter::allocations;
 
 #[test]
 fn the_count_counts() {
-    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))), 1);
+    assert_eq!(allocations(|| drop(std::hint::black_box(Box::new(1)))).0, 1);
 }
 
 /// Messages of a round \[-\], whose answers are more than a client has memory for.
@@ -96,6 +67,7 @@ fn received(stream: &mut dyn CameraStream, last: u32) -> u64 {
             let _ = (receiver.take(0), stream.take_refused(), stream.sockets());
         }
     })
+    .0
 }
 
 /// Pings and names of trackers that nobody wants.
