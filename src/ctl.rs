@@ -180,6 +180,18 @@ fn silent(instance: &str) -> Failure {
     Failure::new(Exit::Peer, message)
 }
 
+/// Fails if no daemon answers on `instance`; `otherwise` is what else can be done.
+///
+/// # Errors
+/// No daemon answers (exit code 75), or the bus refuses.
+pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), Failure> {
+    if request(bus, OperatorCommand::Status, None)?.is_some() {
+        return Ok(());
+    }
+    let Failure { exit, message } = silent(instance);
+    Err(Failure::new(exit, format!("{message}, or {otherwise}")))
+}
+
 /// Executes a command as `oqtal ctl` does, on the calling thread; the answer in words. `expected`: hash of the configuration that
 /// the daemon must run with.
 ///

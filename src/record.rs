@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::OperatorCommand;
-use oqtal_bus::message::{ControlRequestV1, HealthV1, TelemetryV1};
+use oqtal_bus::message::{HealthV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::Config;
@@ -19,12 +18,11 @@ use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
 
+use crate::ctl::require_daemon;
 use crate::provenance::PROVENANCE;
 
 /// Period of polling: the resolution of the times of reception.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
-/// Time within which a running daemon answers.
-const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
 /// Highest number of a file `recordings/INSTANCE-N.mcap`.
 const MAX_NUMBER: u32 = 100_000;
 
@@ -156,18 +154,6 @@ impl Sink for DaemonFacts {
     fn lost(&mut self, _: ObservedTopic, count: u64) {
         self.lost += count;
     }
-}
-
-/// Fails if no daemon answers; `otherwise` is what else can be done.
-pub fn require_daemon(bus: &Bus, instance: &str, otherwise: &str) -> Result<(), Failure> {
-    let status = ControlRequestV1::of(OperatorCommand::Status);
-    if bus.control_client()?.ask(status, ANSWER_TIMEOUT)?.is_some() {
-        return Ok(());
-    }
-    let message = format!(
-        "no daemon answers on instance `{instance}`; start one with `oqtal daemon run --instance {instance}`, or {otherwise}"
-    );
-    Err(Failure::new(Exit::Peer, message))
 }
 
 /// Prints what was recorded.

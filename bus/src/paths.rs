@@ -39,8 +39,8 @@ impl InstancePaths {
         Ok(Self { instance: instance.to_owned(), root })
     }
 
-    /// Prefix of the names of this instance's files in shared memory; a random number follows in every name. It contains a hash of the root, because shared memory is
-    /// common to all roots. An existing root has the same prefix by whichever path it is named.
+    /// Prefix of the names of this instance's files in shared memory; a random number follows in every name. It contains a hash of
+    /// the root, because shared memory is common to all roots. An existing root has the same prefix by whichever path it is named.
     #[must_use]
     pub fn prefix(&self) -> String {
         let root = self.root.canonicalize().unwrap_or_else(|_| self.root.clone());

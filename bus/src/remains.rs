@@ -119,7 +119,7 @@ pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
     Ok(())
 }
 
-/// Opens a regular file of this user and of one name. Names in shared memory can be guessed: what another user planted there, a
+/// Opens a regular file of this user and of one name. Everybody sees the names in shared memory: what another user planted there, a
 /// link above all, is not opened.
 fn open_own(path: &Path, access: OFlags) -> Option<File> {
     let flags = access | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;

@@ -4,6 +4,7 @@ use std::fmt;
 
 use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{InputV1, TelemetryV1};
+use oqtal_config::Fault;
 
 /// Mode, safety state and cause of the daemon in a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +67,13 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let more = counted.into_iter().filter(|(_, before, now)| now > before);
     let counts = more.map(|(name, before, now)| format!("{name}: {}", now - before));
     state.then(|| DaemonCondition::of(now).state_text()).into_iter().chain(counts).collect()
+}
+
+/// Beginning and, if it has one, end of a fault by hand: time after arming \[s\], and words.
+pub fn of_fault(fault: &Fault) -> impl Iterator<Item = (f64, String)> {
+    let begins = (fault.at_s, format!("{fault} begins"));
+    let ends = fault.duration_s.map(|_| (fault.end_s(), format!("{fault} ends")));
+    std::iter::once(begins).chain(ends)
 }
 
 /// What an input of the daemon says, in words; `None` for an ordinary turn, and for a request that only asks for the state.

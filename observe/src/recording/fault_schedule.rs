@@ -4,7 +4,9 @@
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, Fault};
+use oqtal_config::Config;
+
+use crate::event::of_fault;
 
 /// The faults of a flight that have not begun or ended yet.
 #[derive(Debug)]
@@ -20,7 +22,9 @@ impl FaultSchedule {
     /// The faults of `config`.
     #[must_use]
     pub fn of(config: &Config) -> Self {
-        let mut pending: Vec<_> = config.fault.inject.iter().flat_map(changes_of).collect();
+        let changes = config.fault.inject.iter().flat_map(of_fault);
+        let mut pending: Vec<_> =
+            changes.map(|(at_s, text)| (Span::from_seconds(at_s), text)).collect();
         pending.sort_by_key(|(at, _)| std::cmp::Reverse(*at));
         // An emulated vehicle behind a bridge is simulated, but the bridge does not know.
         let acts_on_any = config.fault.with_real_vehicle || !config.plant.wire.link.is_empty();
@@ -49,14 +53,6 @@ impl FaultSchedule {
         }
         self.pending.pop().map(|(_, text)| (at, text))
     }
-}
-
-/// Beginning and end of a fault.
-fn changes_of(fault: &Fault) -> Vec<(Span, String)> {
-    let change = |at_s: f64, what: &str| (Span::from_seconds(at_s), format!("{fault} {what}"));
-    let begins = change(fault.at_s, "begins");
-    let ends = fault.duration_s.map(|_| change(fault.end_s(), "ends"));
-    std::iter::once(begins).chain(ends).collect()
 }
 
 #[cfg(test)]
