@@ -133,7 +133,7 @@ message! {
         riccati_solves: u64 ["-"],
         /// Riccati equations that had no solution, so that the last gain was kept.
         riccati_failures: u64 ["-"],
-        /// Ticks so far whose command came later than one period after its pose.
+        /// Ticks so far whose command came later than one period after it was due: after its pose, or after the tick's deadline.
         deadline_misses: u64 ["-"],
         /// Camera frames that never became a pose, in total.
         poses_lost: u64 ["-"],
