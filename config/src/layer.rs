@@ -15,6 +15,9 @@ use crate::setting::{Setting, word_or_toml};
 /// libraries that tests compare with, and for how long.
 const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", "PEERS_SECONDS"];
 
+/// Keys that name a file to read.
+pub(crate) const FILE_KEYS: [&str; 2] = ["mocap.replay", "trajectory.waypoints-file"];
+
 /// Length up to which a file is read \[bytes\]: a file without end, as a device, is refused.
 const LONGEST_FILE: u64 = 1 << 20;
 
@@ -52,13 +55,21 @@ fn located(at: &dyn Fn(usize) -> String, error: &toml::de::Error) -> ConfigError
     ConfigError { origin, reason: error.message().to_owned() }
 }
 
-/// The settings of a file with this name and text, each with its line.
+/// The settings of a file with this name and text, each with its line. Relative paths in it start at its directory, so that a flight's
+/// configuration finds the files beside it wherever it is.
 pub(crate) fn from_toml(file: &str, text: &str) -> Result<Vec<Setting>, ConfigError> {
     let at = place(file.to_owned(), text);
     let parsed = DeTable::parse(text).map_err(|error| located(&at, &error))?;
     let values: Table = text.parse().map_err(|error| located(&at, &error))?;
     let mut collector = Collector { at: &at, settings: Vec::new() };
     collector.collect(parsed.get_ref(), &values, "");
+    let directory = Path::new(file).parent().unwrap_or(Path::new(""));
+    let is_path = |setting: &&mut Setting| FILE_KEYS.contains(&setting.key.as_str());
+    for setting in collector.settings.iter_mut().filter(is_path) {
+        if let Some(path) = setting.value.as_str().filter(|path| !path.is_empty()) {
+            setting.value = directory.join(path).display().to_string().into();
+        }
+    }
     Ok(collector.settings)
 }
 

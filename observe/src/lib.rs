@@ -4,6 +4,7 @@
 
 pub mod command_path;
 pub mod compare;
+pub mod crash;
 pub mod csv;
 pub mod event;
 pub mod fault;
@@ -14,6 +15,7 @@ pub mod loop_monitor;
 pub mod observer;
 pub mod page;
 pub mod plot;
+pub mod provenance;
 pub mod recorder;
 pub mod recording;
 pub mod report;
