@@ -1,8 +1,6 @@
 //! The layers of a configuration, files and the environment, as settings.
 
 use std::ffi::OsString;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
@@ -10,6 +8,7 @@ use toml::{Spanned, Table, Value};
 
 use crate::error::ConfigError;
 use crate::setting::{Setting, word_or_toml};
+use crate::text::read_text;
 
 /// Variables that begin with `OQTAL_` and are no settings: where tests find recordings, an interpreter and packages with the
 /// libraries that tests compare with, and for how long.
@@ -18,8 +17,8 @@ const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", 
 /// Keys that name a file to read.
 pub(crate) const FILE_KEYS: [&str; 2] = ["mocap.replay", "trajectory.waypoints-file"];
 
-/// Length up to which a file is read \[bytes\]: a file without end, as a device, is refused.
-const LONGEST_FILE: u64 = 1 << 20;
+/// Length up to which a file is read \[MiB\].
+const LONGEST_FILE_MIB: u64 = 1;
 
 /// The settings of the file at `path`.
 pub(crate) fn from_file(path: &Path) -> Result<Vec<Setting>, ConfigError> {
@@ -28,20 +27,9 @@ pub(crate) fn from_file(path: &Path) -> Result<Vec<Setting>, ConfigError> {
 
 /// The text of the file at `path`.
 fn read(path: &Path) -> Result<String, ConfigError> {
-    let name = path.display().to_string();
-    let failed = |reason: String| ConfigError { origin: name.clone(), reason };
-    let file = File::open(path).map_err(|error| failed(error.to_string()))?;
-    let mut bytes = Vec::new();
-    let read = file.take(LONGEST_FILE + 1).read_to_end(&mut bytes);
-    read.map_err(|error| failed(error.to_string()))?;
-    if bytes.len() as u64 > LONGEST_FILE {
-        return Err(failed("longer than 1 MiB: no configuration".to_owned()));
-    }
-    String::from_utf8(bytes).map_err(|error| {
-        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-        let line = 1 + valid.iter().filter(|byte| **byte == b'\n').count();
-        ConfigError { origin: format!("{name}:{line}"), reason: "not UTF-8".to_owned() }
-    })
+    let origin = || path.display().to_string();
+    read_text(path, LONGEST_FILE_MIB)
+        .map_err(|error| ConfigError { origin: origin(), reason: error.to_string() })
 }
 
 /// From the offset of a byte in `text`, that of the file `name`, to `FILE:LINE`.

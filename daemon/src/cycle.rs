@@ -243,7 +243,7 @@ impl Cycle {
     }
 
     /// Records that the command of the last tick was published, and returns the telemetry of that tick.
-    pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> TelemetryV1 {
+    pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> &TelemetryV1 {
         let sent_s = seconds(stamps.command_published_at);
         self.guard.motion.sent(command_sequence, sent_s, &self.memory.sent);
         self.stack.active_mut().sent(command_sequence, sent_s, &self.memory.sent);
@@ -253,7 +253,7 @@ impl Cycle {
         self.health.sent(due, stamps.command_published_at);
         self.telemetry.deadline_misses = self.health.deadline_misses();
         self.telemetry.command_sequence = command_sequence;
-        self.telemetry
+        &self.telemetry
     }
 
     /// The telemetry of the last tick.

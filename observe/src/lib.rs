@@ -12,6 +12,7 @@ pub mod flight;
 pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;
+pub mod nearest;
 pub mod observer;
 pub mod page;
 pub mod plot;

@@ -12,6 +12,7 @@ use oqtal_config::Config;
 use crate::command_path::CommandPath;
 use crate::crash::Crash;
 use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
+use crate::nearest::nearest;
 use crate::sink::{ObservedTopic, Reception, Sink};
 use crate::wire::WireRecord;
 
@@ -163,10 +164,10 @@ impl Recorder {
     /// same instant.
     fn join(&mut self) {
         let Some(newest) = self.truths.back().map(|truth| truth.time) else { return };
-        while let Some(telemetry) = self.waiting.front().copied().filter(|t| t.time <= newest) {
-            self.waiting.pop_front();
-            let distance = |truth: &&TruthV1| truth.time.since(telemetry.time).nanos().abs();
-            let truth = self.truths.iter().min_by_key(distance).copied();
+        while self.waiting.front().is_some_and(|first| first.time <= newest) {
+            let Some(telemetry) = self.waiting.pop_front() else { return };
+            let index = nearest(&self.truths, telemetry.time, |truth| truth.time);
+            let truth = index.map(|index| self.truths[index]);
             self.push(FlightSample { telemetry, truth });
         }
     }
