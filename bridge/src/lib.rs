@@ -8,6 +8,7 @@
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
 //! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
+//! | `mavlink.rs` | protocol of PX4 and ArduPilot | transport, safety |
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
@@ -25,6 +26,7 @@ mod background;
 mod bridge;
 mod line;
 mod link;
+mod mavlink;
 mod monitor;
 mod motors;
 mod note;
@@ -59,6 +61,7 @@ pub use background::{BridgeHandle, PortKeeper};
 pub use bridge::{Bridge, VehicleReport};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
+pub use mavlink::Mavlink;
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
 pub use note::Note;
 pub use options::{check as check_options, link};
