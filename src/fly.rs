@@ -59,8 +59,9 @@ pub struct FlyArgs {
     /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
     #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
-    /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its radio protocol,
-    /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
+    /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its protocol,
+    /// bridge:asctec[,baud=N][,xbee=MODE] or bridge:mavlink[,autopilot=px4|ardupilot]; or at a link, link:asctec:PATH,
+    /// link:mavlink:udpin:HOST:PORT
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]

@@ -8,12 +8,14 @@
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
 //! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
+//! | `mavlink.rs` | protocol of PX4 and ArduPilot | transport, safety |
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
 //! | `monitor.rs` | state of the vehicle as its replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs` | protocol, transport and port that the configuration asks for | |
+//! | `vehicle_setup.rs` | the command `setup`: parameters of an autopilot | |
 //! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
 //! The bridge is the second of three lines of safety, each independent of the others: the daemon checks poses, the bridge checks
@@ -25,6 +27,7 @@ mod background;
 mod bridge;
 mod line;
 mod link;
+mod mavlink;
 mod monitor;
 mod motors;
 mod note;
@@ -41,6 +44,7 @@ mod tcp;
 mod transport;
 mod turn;
 mod udp;
+mod vehicle_setup;
 mod xbee;
 
 use std::rc::Rc;
@@ -51,14 +55,17 @@ use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::handoff::handoff;
-use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
+use oqtal_runtime::program::{conclude, print};
+use oqtal_wire::link::{InvalidLink, LinkSpec};
 
 pub use asctec::Asctec;
 pub use background::{BridgeHandle, PortKeeper};
 pub use bridge::{Bridge, VehicleReport};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
+pub use mavlink::{Mavlink, WantedParameter, WantedValue, wanted_parameters};
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
 pub use note::Note;
 pub use options::{check as check_options, link};
@@ -76,6 +83,7 @@ pub use tcp::{TcpLink, TcpPortOptions};
 pub use transport::{BareTransport, VehicleTransport};
 pub use turn::{BridgePorts, BridgeTurn};
 pub use udp::{UdpLink, UdpPortOptions};
+pub use vehicle_setup::{ParameterReport, set_up};
 pub use xbee::XbeeTransport;
 
 /// Commands of the bridge's command line.
@@ -85,6 +93,21 @@ pub enum BridgeCommand {
     Run(BridgeArgs),
     /// Check the configuration the process would run with, and print it
     Check(BridgeArgs),
+    /// Read the parameters of a vehicle that matter, say which are wrong and why, and set them when asked
+    Setup(SetupArgs),
+}
+
+/// Arguments of the setup.
+#[derive(Args, Clone, Debug)]
+pub struct SetupArgs {
+    /// Where the vehicle is, as for `run`
+    #[arg(value_name = "LINK")]
+    link: String,
+    /// Set what is wrong, and read it back
+    #[arg(long)]
+    apply: bool,
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
 /// Arguments of the bridge's command line.
@@ -105,8 +128,27 @@ impl BridgeCommand {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),
             Self::Check(args) => ProcessCommand::Check(args.common()),
+            Self::Setup(args) => {
+                return match args.execute() {
+                    Ok(exit) => exit.into(),
+                    Err(failure) => conclude("oqtal bridge setup", &failure),
+                };
+            }
         };
         execute(Role::Bridge, &command, run, check)
+    }
+}
+
+impl SetupArgs {
+    fn execute(&self) -> Result<Exit, Failure> {
+        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let spec: LinkSpec = self
+            .link
+            .parse()
+            .map_err(|error: InvalidLink| Failure::new(Exit::Usage, error.to_string()))?;
+        let (table, all_right) = set_up(&config, &spec, self.apply)?;
+        print(table.trim_end())?;
+        Ok(if all_right { Exit::Ok } else { Exit::Flight })
     }
 }
 

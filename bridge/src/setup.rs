@@ -1,6 +1,6 @@
 //! What the configuration asks of the bridge: the link, the protocol that is spoken there, the transport that carries it.
 
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
@@ -11,6 +11,7 @@ use crate::asctec::Asctec;
 use crate::bridge::word_spacing;
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
+use crate::mavlink::Mavlink;
 use crate::options;
 use crate::protocol::VehicleProtocol;
 use crate::serial::SerialPortOptions;
@@ -58,8 +59,9 @@ impl VehicleSetup {
         let peer = options::address(config).map_err(located)?;
         let protocol: Box<dyn VehicleProtocol> = match &spec {
             LinkSpec::Asctec(_) => Box::new(Asctec::new(config).map_err(located)?),
-            LinkSpec::Mavlink(_) => {
-                return Err(Failure::new(Exit::Config, "the bridge does not speak MAVLink yet"));
+            LinkSpec::Mavlink(link) => {
+                let unix_us = (Time::now() + Time::wall_offset()).nanos() / 1000;
+                Box::new(Mavlink::new(config, link, unix_us).map_err(located)?)
             }
         };
         let port = port(&spec, config);
@@ -125,7 +127,7 @@ pub fn transport(spec: &LinkSpec, peer: Address) -> Box<dyn VehicleTransport> {
 }
 
 /// The port of the link `spec`.
-fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
+pub(crate) fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
     match spec.port() {
         PortSpec::Serial(SerialSpec { path, baud }) => Box::new(SerialPortOptions {
             path: path.into(),

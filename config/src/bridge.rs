@@ -4,6 +4,7 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
 use crate::asctec::AsctecOptions;
+use crate::mavlink::MavlinkOptions;
 
 /// Command timeouts allowed \[control periods\]: below, no command arrives in time; above, the vehicle flies on too long.
 const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
@@ -12,7 +13,8 @@ const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct BridgeOptions {
-    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`; empty for none. Parsed by the bridge.
+    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]` or `mavlink:PORT[,…]`; empty for none. Parsed
+    /// by the bridge.
     pub link: String,
     /// The vehicle's XBee, 4 or 16 hexadecimal digits; API modes only. Parsed by the bridge.
     pub xbee_address: String,
@@ -34,6 +36,8 @@ pub struct BridgeOptions {
     pub air_latency_ms: f64,
     /// `[bridge.asctec]`: what counts mean.
     pub asctec: AsctecOptions,
+    /// `[bridge.mavlink]`.
+    pub mavlink: MavlinkOptions,
 }
 
 impl BridgeOptions {
@@ -46,6 +50,7 @@ impl BridgeOptions {
             ("rest-ms", self.rest_ms, Rule::Positive),
             ("air-latency-ms", self.air_latency_ms, Rule::NotNegative),
         ])
+        .and_then(|()| self.mavlink.check())
         .map_err(|error| error.within("bridge"))
     }
 }

@@ -17,12 +17,22 @@ struct Preset {
 }
 
 /// All presets. A further one is a row and a file.
-const PRESETS: [Preset; 6] = [
+const PRESETS: [Preset; 8] = [
     Preset { key: "vehicle.preset", name: "hummingbird", text: "" },
     Preset {
         key: "vehicle.preset",
         name: "spacecraft",
         text: include_str!("../../deploy/presets/spacecraft.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
+        name: "ardupilot-quad",
+        text: include_str!("../../deploy/presets/ardupilot-quad.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
+        name: "px4-quad",
+        text: include_str!("../../deploy/presets/px4-quad.toml"),
     },
     Preset { key: "mocap.preset", name: "qualisys", text: "" },
     Preset {

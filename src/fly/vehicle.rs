@@ -14,7 +14,7 @@ use oqtal_wire::link::{AsctecLink, HostPort, LinkSpec, MavlinkLink, PortSpec, Se
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
-  sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
+  sim[:hummingbird|:spacecraft|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
   link:LINK, where LINK is one of";
