@@ -11,6 +11,7 @@ import warnings
 from cflib.crazyflie.commander import Commander
 from cflib.crazyflie.localization import Localization
 from cflib.crazyflie.log import Log, LogConfig, LogTocElement, LogVariable
+from cflib.crazyflie.mem import Memory
 from cflib.crazyflie.param import Param, ParamTocElement, _ParamUpdater
 from cflib.crazyflie.platformservice import PlatformService
 from cflib.crazyflie.supervisor import Supervisor
@@ -28,6 +29,7 @@ class Host:
     def __init__(self, protocol):
         self.link, self.packets, self.log = self, [], self
         self.log_blocks = []
+        self.disconnected = self.connection_requested = Caller()
         self.toc = Toc()
         self.platform = self
         self.protocol = protocol
@@ -111,6 +113,8 @@ def services():
     show("protocol_version", [], host)
     host.packets.append(CRTPPacket(0xFF))
     show("null", [], host)
+    Memory(host).refresh(None)
+    show("memory_count", [], host)
 
 
 def tables(draw):
@@ -126,7 +130,6 @@ def tables(draw):
 
 def parameters():
     host = Host(7)
-    host.disconnected = host.connection_requested = Caller()
     param = Param(host)
     param._useV2 = True
     param._initialized.set()

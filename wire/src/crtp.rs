@@ -7,6 +7,7 @@
 //! | 2, 0 and 5, 0 | table of contents of parameters and of log variables: size and CRC (3), element (2, id u16) | the same: count u16, CRC u32; id u16, type, group, name |
 //! | 2, 1 and 2, 2 | reads (id u16) and writes (id u16, value) a parameter | id u16, result u8, value; id u16, value |
 //! | 3, 0 | set-point: roll, pitch, yaw (f32, degrees or deg/s), thrust (u16, 0..60000) | |
+//! | 4, 0 | number of memories (1) | the same |
 //! | 5, 1 | log blocks: reset (5), create (6), start (3) | command, block, result |
 //! | 5, 2 | | log data: block, milliseconds (u24), values |
 //! | 6, 1 | external pose (8), of several vehicles (9); before protocol 12 emergency stop (3) and its keep-alive (4) | |
@@ -31,6 +32,7 @@ mod request;
 mod setpoint;
 mod supervision;
 mod table;
+mod thrust;
 mod value;
 
 pub use logging::{LogBlock, LogFields, MAX_LOG_VARIABLES};
@@ -42,4 +44,5 @@ pub use request::CrtpRequest;
 pub use setpoint::{LegacySetpoint, MAX_CRTP_THRUST};
 pub use supervision::{SUPERVISOR_PROTOCOL, Supervision, SupervisorCommand};
 pub use table::{TableElement, TableInfo, TableKind};
+pub use thrust::ThrustCurve;
 pub use value::{LogType, ParameterType, ParameterValue};

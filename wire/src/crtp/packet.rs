@@ -18,6 +18,8 @@ pub enum Port {
     Parameters = 2,
     /// Set-points of roll, pitch, yaw and thrust.
     Commander = 3,
+    /// Memories.
+    Memory = 4,
     /// Log variables.
     Logging = 5,
     /// Poses from outside; before protocol 12, the emergency stop.
@@ -33,10 +35,11 @@ pub enum Port {
 }
 
 impl Port {
-    const ALL: [Self; 9] = [
+    const ALL: [Self; 10] = [
         Self::Console,
         Self::Parameters,
         Self::Commander,
+        Self::Memory,
         Self::Logging,
         Self::Localization,
         Self::GenericCommander,

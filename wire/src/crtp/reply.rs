@@ -57,6 +57,8 @@ pub enum CrtpReply<'a> {
     Written(u16, ParameterValue),
     /// There is no parameter of this number.
     NoParameter(u16),
+    /// Number of memories \[-\].
+    MemoryCount(u8),
     /// Answer to a setting of the log port: block, and 0 or the reason for a refusal \[-\].
     Log(LogCommand, u8, u8),
     /// Values of a log block.
@@ -103,6 +105,10 @@ impl<'a> CrtpReply<'a> {
             (Port::Parameters, 0) => read_table(TableKind::Parameters, payload),
             (Port::Logging, 0) => read_table(TableKind::Logging, payload),
             (Port::Parameters, channel) => read_parameter(channel, payload),
+            (Port::Memory, 0) => match payload {
+                [1, count, ..] => Some(Self::MemoryCount(*count)),
+                _ => None,
+            },
             (Port::Logging, SETTINGS) => read_logging(payload),
             (Port::Logging, DATA) => read_data(payload),
             _ => None,
@@ -140,6 +146,7 @@ impl<'a> CrtpReply<'a> {
             }
             // No such entry, as the errors of C number it.
             Self::NoParameter(id) => of(Port::Parameters, 1, &id.to_le_bytes()).with(&[2]),
+            Self::MemoryCount(count) => of(Port::Memory, 0, &[1, *count]),
             Self::Log(command, block, reason) => {
                 of(Port::Logging, SETTINGS, &[*command as u8, *block, *reason])
             }

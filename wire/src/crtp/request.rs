@@ -51,6 +51,8 @@ pub enum CrtpRequest {
     ReadParameter(u16),
     /// Writes a parameter by its number.
     WriteParameter(u16, ParameterValue),
+    /// Asks how many memories there are.
+    MemoryCount,
     /// Deletes all log blocks.
     ResetLogging,
     /// Makes a log block.
@@ -91,6 +93,7 @@ impl CrtpRequest {
             Self::WriteParameter(id, value) => {
                 of(Port::Parameters, 2, &id.to_le_bytes()).with(value.as_bytes())
             }
+            Self::MemoryCount => of(Port::Memory, 0, &[1]),
             Self::ResetLogging => of(Port::Logging, SETTINGS, &[RESET_LOGGING]),
             Self::CreateBlock(block) => block.create_packet(CREATE_BLOCK),
             Self::StartBlock { id, period } => {
@@ -121,6 +124,7 @@ impl CrtpRequest {
             (Port::Parameters, 0) => read_table(TableKind::Parameters, payload),
             (Port::Logging, 0) => read_table(TableKind::Logging, payload),
             (Port::Parameters, channel) => read_parameter(channel, payload),
+            (Port::Memory, 0) => (payload.first() == Some(&1)).then_some(Self::MemoryCount),
             (Port::Logging, SETTINGS) => read_logging(payload),
             _ => None,
         }

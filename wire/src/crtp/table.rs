@@ -47,6 +47,24 @@ pub struct TableInfo {
     pub crc: u32,
 }
 
+/// CRC of the identity of a table.
+const IDENTITY: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+impl TableInfo {
+    /// Size and identity of the table of `elements`: any change of a type or a name changes the CRC.
+    #[must_use]
+    pub fn of<'a>(elements: impl Iterator<Item = TableElement<'a>>) -> Self {
+        let (mut count, mut digest) = (0, IDENTITY.digest());
+        for element in elements {
+            count += 1;
+            let TableElement { kind, group, name, .. } = element;
+            let parts = [&[kind], group.as_bytes(), &[0], name.as_bytes(), &[0]];
+            parts.into_iter().for_each(|part| digest.update(part));
+        }
+        Self { count, crc: digest.finalize() }
+    }
+}
+
 /// Element of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TableElement<'a> {

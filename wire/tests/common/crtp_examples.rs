@@ -67,6 +67,7 @@ impl Example {
             }
             "create_block" => CrtpRequest::CreateBlock(self.block()),
             "start_block" => CrtpRequest::StartBlock { id: self.number(0), period: self.number(1) },
+            "memory_count" => CrtpRequest::MemoryCount,
             "reset_logging" => CrtpRequest::ResetLogging,
             other => panic!("unknown kind {other}"),
         }
@@ -105,6 +106,6 @@ pub fn check(examples: &str) {
     let mut kinds: Vec<&str> = examples.iter().map(|example| example.kind.as_str()).collect();
     kinds.sort_unstable();
     kinds.dedup();
-    assert_eq!(kinds.len(), 18, "{kinds:?}");
+    assert_eq!(kinds.len(), 19, "{kinds:?}");
     examples.iter().for_each(Example::check);
 }
