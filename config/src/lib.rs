@@ -16,6 +16,7 @@
 
 mod airframe;
 mod asctec;
+mod crtp;
 mod bridge;
 mod check;
 mod config;
@@ -43,6 +44,7 @@ mod vehicle;
 
 pub use airframe::Interface;
 pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns};
+pub use crtp::{CrtpOptions, CrtpVehicleOptions};
 pub use bridge::BridgeOptions;
 pub use config::{Config, DEFAULTS};
 pub use error::ConfigError;
