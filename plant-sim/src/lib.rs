@@ -17,7 +17,7 @@ use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
 use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::faults::FaultyTransport;
-use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 
@@ -85,7 +85,10 @@ fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
 /// The bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     match link(&context.config)? {
-        Some(link) => wire::run(context, &link),
+        Some(LinkSpec::Asctec(link)) => wire::run(context, &link),
+        Some(LinkSpec::Mavlink(_)) => {
+            Err(Failure::new(Exit::Config, "the emulated vehicle does not speak MAVLink yet"))
+        }
         None => fly(context),
     }
 }
