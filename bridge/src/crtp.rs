@@ -27,7 +27,6 @@ mod names;
 mod search;
 mod status;
 
-use crossbeam_channel::Sender;
 use oqtal_bus::code::{EstimatorState, VehicleRefusal};
 use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
@@ -50,8 +49,7 @@ use connection::{Connection, ConnectionWishes};
 use console::ConsoleLine;
 use status::{CrazyflieStatus, ReportNews};
 
-pub use cache::{CacheKeeper, read_tables};
-pub use known::{KnownElement, KnownTable, KnownTables};
+pub use cache::{TableKeeper, TableStore};
 
 /// Time between two echoes.
 const ECHO_PERIOD: Span = Span::from_millis(100);
@@ -117,21 +115,17 @@ pub struct Crtp {
     radio_id: Option<u8>,
     echo: PeriodicTimer,
     keep_alive: Option<PeriodicTimer>,
-    /// Where newly learned tables go, to be kept.
-    learned: Option<Sender<KnownTable>>,
     damaged: u64,
 }
 
 impl Crtp {
-    /// Protocol of `config`, with the tables of earlier connections; those that are new go to `learned`. A vehicle on a radio has
-    /// an address, which ends with `radio_id`.
+    /// Protocol of `config`, with the tables of earlier connections. A vehicle on a radio has an address, which ends with `radio_id`.
     ///
     /// # Errors
     /// The thrust curve cannot be used.
     pub fn new(
         config: &Config,
-        tables: KnownTables,
-        learned: Option<Sender<KnownTable>>,
+        tables: TableStore,
         radio_id: Option<u8>,
     ) -> Result<Self, OptionError> {
         let options = &config.bridge.crtp;
@@ -155,7 +149,6 @@ impl Crtp {
             radio_id,
             echo: PeriodicTimer::new(ECHO_PERIOD),
             keep_alive,
-            learned,
             damaged: 0,
         })
     }
@@ -193,10 +186,7 @@ impl Crtp {
     }
 
     fn connect(&mut self, message: &CrtpReply, reply: &mut dyn FnMut(VehicleReply)) {
-        if let (Some(table), Some(learned)) = (self.connection.take(message), &self.learned) {
-            // A table that is not kept is read again next time.
-            let _ = learned.try_send(table);
-        }
+        self.connection.take(message);
         if self.connection.is_unusable() {
             reply(VehicleReply::Refused(VehicleRefusal::OtherVersion));
         }
@@ -305,9 +295,7 @@ impl VehicleProtocol for Crtp {
             return word(self.supervisor(SupervisorCommand::KeepAlive));
         }
         let echo = || frame(&CrtpRequest::Echo(now.since(Time::UNSET).nanos().cast_unsigned()));
-        self.echo
-            .is_due(now, false)
-            .then(|| PeriodicWord { frame: echo(), is_answered: true })
+        self.echo.is_due(now, false).then(|| PeriodicWord { frame: echo(), is_answered: true })
     }
 
     fn emergency_stop(&mut self) -> VehicleFrame {

@@ -8,6 +8,7 @@
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
 //! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
+//! | `crtp.rs` | protocol of the Crazyflie | transport, safety |
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
@@ -23,6 +24,7 @@
 mod asctec;
 mod background;
 mod bridge;
+mod crtp;
 mod line;
 mod link;
 mod monitor;
@@ -57,6 +59,7 @@ use oqtal_runtime::process_loop;
 pub use asctec::Asctec;
 pub use background::{BridgeHandle, PortKeeper};
 pub use bridge::{Bridge, VehicleReport};
+pub use crtp::{Crtp, TableKeeper, TableStore};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
@@ -134,7 +137,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);
-    let VehicleSetup { spec, protocol, transport, port } = setup;
+    let VehicleSetup { spec, protocol, transport, port, chore } = setup;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
@@ -147,7 +150,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let (handle, background) = handoff();
     with_background(
         context,
-        || Ok(PortKeeper::new(background, port)),
+        || Ok(PortKeeper::new(background, port).beside(chore)),
         || {
             context.enter_realtime();
             let health = context.health.clone();

@@ -8,7 +8,9 @@ use oqtal_wire::link::{AsctecLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
+use crate::background::Chore;
 use crate::bridge::word_spacing;
+use crate::crtp::{Crtp, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
 use crate::options;
@@ -33,6 +35,8 @@ pub struct VehicleSetup {
     pub transport: Box<dyn VehicleTransport>,
     /// The port that carries the bytes.
     pub port: Box<dyn PortOptions>,
+    /// What the protocol leaves to the background thread.
+    pub chore: Option<Box<dyn Chore>>,
 }
 
 impl VehicleSetup {
@@ -56,14 +60,20 @@ impl VehicleSetup {
             Failure::new(Exit::Config, reason)
         })?;
         let peer = options::address(config).map_err(located)?;
+        let mut chore = None;
         let protocol: Box<dyn VehicleProtocol> = match &spec {
             LinkSpec::Asctec(_) => Box::new(Asctec::new(config).map_err(located)?),
             LinkSpec::Mavlink(_) => {
                 return Err(Failure::new(Exit::Config, "the bridge does not speak MAVLink yet"));
             }
+            LinkSpec::Crtp(_) => {
+                let (tables, keeper) = TableStore::open(&config.bridge.crtp.table_cache);
+                chore = keeper.map(|keeper| Box::new(keeper) as Box<dyn Chore>);
+                Box::new(Crtp::new(config, tables, None).map_err(located)?)
+            }
         };
         let port = port(&spec, config);
-        let setup = Self { protocol, transport: transport(&spec, peer), port, spec };
+        let setup = Self { protocol, transport: transport(&spec, peer), port, spec, chore };
         setup.check_room(config).map_err(located)?;
         Ok(setup)
     }

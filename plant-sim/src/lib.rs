@@ -19,7 +19,7 @@ use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
-use oqtal_wire::link::LinkSpec;
+use oqtal_wire::link::{CrtpLink, LinkSpec};
 
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
 pub use plant::{Plant, PlantOutput};
@@ -88,6 +88,9 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         Some(LinkSpec::Asctec(link)) => wire::run(context, &link),
         Some(LinkSpec::Mavlink(_)) => {
             Err(Failure::new(Exit::Config, "the emulated vehicle does not speak MAVLink yet"))
+        }
+        Some(LinkSpec::Crtp(CrtpLink::Udp(address))) => {
+            wire::run_crazyflie(context, &address.to_string())
         }
         None => fly(context),
     }

@@ -10,16 +10,20 @@ use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
-use oqtal_wire::link::{AsctecLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec};
+use oqtal_wire::link::{
+    AsctecLink, CrtpLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec,
+};
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
   sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
+  bridge:crtp
   link:LINK, where LINK is one of";
 /// Port of an emulated vehicle until the flight names one; a link without a port is none.
-const NO_PORT: [(&str, &str); 2] = [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550")];
+const NO_PORT: [(&str, &str); 3] =
+    [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550"), ("crtp", "udp:127.0.0.1:19850")];
 /// Time within which a running simulator publishes the truth, which it does every millisecond.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
 /// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
@@ -167,6 +171,10 @@ impl CommandLink {
                 let bridge = at(PortSpec::UdpIn(address.clone()));
                 Self::Bridged { bridge, vehicle: at(PortSpec::UdpOut(address)) }
             }
+            LinkSpec::Crtp(_) => {
+                let vehicle = LinkSpec::Crtp(CrtpLink::Udp(own_address()));
+                Self::Bridged { bridge: vehicle.clone(), vehicle }
+            }
         })
     }
 
@@ -286,7 +294,7 @@ mod tests {
     #[test]
     fn every_form_is_read_and_anything_else_is_told_the_forms() {
         let config = Config::default();
-        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3"] {
+        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3", "crtp"] {
             let bridged = parse(&format!("bridge:{kind}")).unwrap();
             let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
             let path = CommandLink::bridged(&link, &config).unwrap().command_path();

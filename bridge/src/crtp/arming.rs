@@ -113,8 +113,7 @@ mod tests {
     #[test]
     fn of_a_vehicle_that_arms_by_itself_the_bridge_keeps_account() {
         let mut arming = Arming::new();
-        let state =
-            Supervision::ARMED.with(Supervision::CAN_FLY).with(Supervision::ARMS_ITSELF);
+        let state = Supervision::ARMED.with(Supervision::CAN_FLY).with(Supervision::ARMS_ITSELF);
         assert!(!arming.motors_run(state));
         assert_eq!(arming.start(at(0), state), None);
         assert!(arming.motors_run(state));

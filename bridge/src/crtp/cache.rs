@@ -5,31 +5,65 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crossbeam_channel::Receiver;
+use crossbeam_channel::{Receiver, Sender, bounded};
 use oqtal_runtime::background::BackgroundWorker;
+use oqtal_wire::crtp::TableKind;
 
 use super::known::{KnownTable, KnownTables};
 
 /// Greatest file that is read \[bytes\].
 const MAX_BYTES: u64 = 64 * 1024;
 
-/// Keeper of the file.
+/// Tables that learned ones may wait for the background thread \[-\]: both of a vehicle, and those of the next connection.
+const MAX_LEARNED: usize = 4;
+
+/// What is known of tables, and where newly learned ones go.
+#[derive(Clone, Debug)]
+pub struct TableStore {
+    tables: KnownTables,
+    learned: Option<Sender<KnownTable>>,
+}
+
+impl TableStore {
+    /// Store without a file: what is learned is kept as long as the store.
+    #[must_use]
+    pub fn without_file() -> Self {
+        Self { tables: KnownTables::from_text(""), learned: None }
+    }
+
+    /// Store of the file that `bridge.crtp.table-cache` names, and the keeper of that file, if there is one.
+    #[must_use]
+    pub fn open(setting: &str) -> (Self, Option<TableKeeper>) {
+        let Some(path) = path(setting) else { return (Self::without_file(), None) };
+        let tables = read_tables(&path);
+        let (sender, learned) = bounded(MAX_LEARNED);
+        let store = Self { tables: tables.clone(), learned: Some(sender) };
+        (store, Some(TableKeeper { path, tables, learned }))
+    }
+
+    /// The table of this kind and CRC.
+    pub(super) fn find(&self, table: TableKind, crc: u32) -> Option<&KnownTable> {
+        self.tables.find(table, crc)
+    }
+
+    /// Adds a table. Does not block; a table that is not kept in the file is read again next time.
+    pub(super) fn learn(&mut self, table: KnownTable) {
+        self.tables.add(table);
+        if let Some(learned) = &self.learned {
+            let _ = learned.try_send(table);
+        }
+    }
+}
+
+/// Keeper of the file of tables, for the background thread.
 #[derive(Debug)]
-pub struct CacheKeeper {
+pub struct TableKeeper {
     path: PathBuf,
     tables: KnownTables,
     learned: Receiver<KnownTable>,
 }
 
-impl CacheKeeper {
-    /// Keeper of the file at `path`, which holds `tables`; adds what arrives in `learned`.
-    #[must_use]
-    pub fn new(path: PathBuf, tables: KnownTables, learned: Receiver<KnownTable>) -> Self {
-        Self { path, tables, learned }
-    }
-}
-
-impl BackgroundWorker for CacheKeeper {
+impl BackgroundWorker for TableKeeper {
     fn poll(&mut self) {
         let before = self.tables.clone();
         self.learned.try_iter().for_each(|table| self.tables.add(table));
@@ -44,8 +78,7 @@ impl BackgroundWorker for CacheKeeper {
 }
 
 /// Path of the file that `bridge.crtp.table-cache` names; `None` for no file.
-#[must_use]
-pub fn path(setting: &str) -> Option<PathBuf> {
+fn path(setting: &str) -> Option<PathBuf> {
     match setting {
         "" => None,
         "auto" => {
@@ -62,8 +95,7 @@ pub fn path(setting: &str) -> Option<PathBuf> {
 }
 
 /// The tables of the file at `path`; none if it cannot be read.
-#[must_use]
-pub fn read_tables(path: &Path) -> KnownTables {
+fn read_tables(path: &Path) -> KnownTables {
     let is_short = fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() <= MAX_BYTES);
     let text = if is_short { fs::read_to_string(path).unwrap_or_default() } else { String::new() };
     KnownTables::from_text(&text)
@@ -87,17 +119,16 @@ fn write(path: &Path, text: &str) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_wire::crtp::TableKind;
 
     #[test]
     fn a_learned_table_is_in_the_file_and_a_broken_file_is_no_harm() {
         let directory = std::env::temp_dir().join(format!("oqtal-tables-{}", std::process::id()));
         let path = directory.join("cache/tables");
         assert_eq!(read_tables(&path), KnownTables::from_text(""));
-        let (sender, receiver) = crossbeam_channel::bounded(4);
-        let mut keeper = CacheKeeper::new(path.clone(), read_tables(&path), receiver);
+        let (mut store, keeper) = TableStore::open(path.to_str().unwrap());
+        let mut keeper = keeper.unwrap();
         for crc in [1, 2] {
-            sender.send(KnownTable::new(TableKind::Logging, crc)).unwrap();
+            store.learn(KnownTable::new(TableKind::Logging, crc));
             keeper.poll();
         }
         let read = read_tables(&path);

@@ -12,8 +12,11 @@ use oqtal_wire::crtp::{
     CrtpReply, CrtpRequest, LogBlock, LogCommand, LogType, ParameterType, ParameterValue, TableKind,
 };
 
-use super::known::{KnownElement, KnownTable, KnownTables};
-use super::names::{BATTERY, ESTIMATE, ESTIMATOR, MAX_NAMES, REQUIRED_PARAMETERS, SUPERVISOR, names};
+use super::cache::TableStore;
+use super::known::{KnownElement, KnownTable};
+use super::names::{
+    BATTERY, ESTIMATE, ESTIMATOR, MAX_NAMES, REQUIRED_PARAMETERS, SUPERVISOR, names,
+};
 use super::search::TableSearch;
 
 /// Time after which a request is repeated.
@@ -60,7 +63,7 @@ pub struct ConnectionWishes {
 #[derive(Debug)]
 pub struct Connection {
     wishes: ConnectionWishes,
-    tables: KnownTables,
+    tables: TableStore,
     step: Step,
     asked_at: Time,
     protocol: u8,
@@ -70,9 +73,9 @@ pub struct Connection {
 }
 
 impl Connection {
-    /// Connection that has not begun; `tables` are those of earlier connections.
+    /// Connection that has not begun; `tables` holds those of earlier connections.
     #[must_use]
-    pub fn new(wishes: ConnectionWishes, tables: KnownTables) -> Self {
+    pub fn new(wishes: ConnectionWishes, tables: TableStore) -> Self {
         Self {
             wishes,
             tables,
@@ -137,8 +140,8 @@ impl Connection {
         }
     }
 
-    /// Takes a reply. Returns a table that was not known before.
-    pub fn take(&mut self, reply: &CrtpReply) -> Option<KnownTable> {
+    /// Takes a reply.
+    pub fn take(&mut self, reply: &CrtpReply) {
         match (self.step, reply) {
             (Step::Greeting, CrtpReply::Source) => self.go_to(Step::Version),
             (Step::Version, CrtpReply::ProtocolVersion(version)) => {
@@ -149,7 +152,7 @@ impl Connection {
             (Step::ResetLogging, CrtpReply::Log(LogCommand::Reset, ..)) => {
                 self.begin_table(TableKind::Logging);
             }
-            (Step::Table(table), _) => return self.take_table(table, reply),
+            (Step::Table(table), _) => self.take_table(table, reply),
             (Step::Parameter(place), CrtpReply::Written(id, value)) => {
                 if self.parameter(place) == Some((*id, *value)) {
                     self.next_parameter(place + 1);
@@ -167,7 +170,6 @@ impl Connection {
             }
             _ => {}
         }
-        None
     }
 
     /// Values of a report: places among the log variables, and types.
@@ -189,12 +191,9 @@ impl Connection {
         self.go_to(Step::Table(table));
     }
 
-    fn take_table(&mut self, table: TableKind, reply: &CrtpReply) -> Option<KnownTable> {
-        let news = self.search.take(reply, &self.tables);
-        if let Some(news) = news {
-            self.tables.add(news);
-        }
-        let found = *self.search.found()?;
+    fn take_table(&mut self, table: TableKind, reply: &CrtpReply) {
+        self.search.take(reply, &mut self.tables);
+        let Some(found) = self.search.found().copied() else { return };
         match table {
             TableKind::Logging => {
                 self.logging = found;
@@ -213,11 +212,11 @@ impl Connection {
                 }
             }
         }
-        news
     }
 
     fn next_parameter(&mut self, from: usize) {
-        let next = (from..names(TableKind::Parameters).len()).find(|p| self.parameter(*p).is_some());
+        let next =
+            (from..names(TableKind::Parameters).len()).find(|p| self.parameter(*p).is_some());
         match next {
             Some(place) => self.go_to(Step::Parameter(place)),
             None => self.next_block(0),

@@ -4,7 +4,8 @@
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{CrtpReply, CrtpRequest, TableElement, TableInfo, TableKind};
 
-use super::known::{KnownElement, KnownTable, KnownTables};
+use super::cache::TableStore;
+use super::known::{KnownElement, KnownTable};
 use super::names::names;
 
 /// Requests that may be unanswered at a time \[-\]: firmware queues five packets at least.
@@ -63,34 +64,34 @@ impl TableSearch {
         Some(CrtpRequest::TableElement(table, id))
     }
 
-    /// Takes a reply. Returns the table if the search ends and it was not known.
-    pub fn take(&mut self, reply: &CrtpReply, tables: &KnownTables) -> Option<KnownTable> {
+    /// Takes a reply. A table that is read to its end is added to `tables`.
+    pub fn take(&mut self, reply: &CrtpReply, tables: &mut TableStore) {
         match reply {
             CrtpReply::TableInfo(table, info) if *table == self.known.table => {
-                self.take_info(*info, tables)
+                self.take_info(*info, tables);
             }
             CrtpReply::TableElement(table, element) if *table == self.known.table => {
-                self.take_element(element)
+                self.take_element(element, tables);
             }
-            _ => None,
+            _ => {}
         }
     }
 
-    fn take_info(&mut self, info: TableInfo, tables: &KnownTables) -> Option<KnownTable> {
+    fn take_info(&mut self, info: TableInfo, tables: &mut TableStore) {
         if self.info.is_some() {
-            return None;
+            return;
         }
         (self.info, self.known.crc) = (Some(info), info.crc);
         if let Some(known) = tables.find(self.known.table, info.crc) {
             (self.known, self.is_done) = (*known, true);
-            return None;
         }
-        self.finish()
+        self.finish(tables);
     }
 
-    fn take_element(&mut self, element: &TableElement) -> Option<KnownTable> {
-        let place = usize::from(element.id.checked_sub(self.first)?);
-        let slot = self.slots.get_mut(place).filter(|(asked_at, _)| asked_at.is_set())?;
+    fn take_element(&mut self, element: &TableElement, tables: &mut TableStore) {
+        let place = element.id.checked_sub(self.first).map(usize::from);
+        let slot = place.and_then(|place| self.slots.get_mut(place));
+        let Some(slot) = slot.filter(|(asked_at, _)| asked_at.is_set()) else { return };
         slot.1 = true;
         let mut pairs = self.known.elements.iter_mut().zip(names(self.known.table));
         if let Some((found, _)) = pairs.find(|(_, name)| **name == (element.group, element.name)) {
@@ -101,15 +102,17 @@ impl TableSearch {
             self.slots[WINDOW - 1] = (Time::UNSET, false);
             self.first = self.first.saturating_add(1);
         }
-        self.finish()
+        self.finish(tables);
     }
 
-    /// Ends the search if nothing is left to find; returns the table then.
-    fn finish(&mut self) -> Option<KnownTable> {
+    /// Ends the search if nothing is left to find.
+    fn finish(&mut self, tables: &mut TableStore) {
         let is_at_end = self.info.is_some_and(|info| self.first >= info.count);
         let ends = !self.is_done && (is_at_end || self.known.is_complete());
-        self.is_done |= ends;
-        ends.then_some(self.known)
+        if ends {
+            self.is_done = true;
+            tables.learn(self.known);
+        }
     }
 }
 
@@ -129,9 +132,9 @@ mod tests {
     }
 
     /// Searches with every `lost`th answer lost; returns what was found, and the number of requests.
-    fn search(tables: &KnownTables, lost: u32) -> (KnownTable, u32, Option<KnownTable>) {
+    fn search(tables: &mut TableStore, lost: u32) -> (KnownTable, u32) {
         let mut search = TableSearch::new(TableKind::Logging);
-        let (mut requests, mut news) = (0, None);
+        let mut requests = 0;
         for millis in 0..20_000 {
             let now = Time::VIRTUAL_START + Span::from_millis(millis);
             while let Some(request) = search.request(now) {
@@ -147,11 +150,11 @@ mod tests {
                     other => panic!("{other:?}"),
                 };
                 if requests % lost != 0 {
-                    news = search.take(&reply, tables).or(news);
+                    search.take(&reply, tables);
                 }
             }
             if let Some(found) = search.found() {
-                return (*found, requests, news);
+                return (*found, requests);
             }
         }
         panic!("the search does not end");
@@ -159,10 +162,11 @@ mod tests {
 
     #[test]
     fn every_name_is_found_also_where_answers_are_lost_and_no_more_is_asked_than_needed() {
-        let nothing = KnownTables::default();
         for lost in [u32::MAX, 10, 3, 2] {
-            let (found, requests, news) = search(&nothing, lost);
-            assert!(found.is_complete() && news == Some(found));
+            let mut tables = TableStore::without_file();
+            let (found, requests) = search(&mut tables, lost);
+            assert!(found.is_complete());
+            assert_eq!(tables.find(TableKind::Logging, CRC), Some(&found));
             assert_eq!(found.elements[1], Some(KnownElement { id: 201, kind: 7 }));
             assert!(lost != u32::MAX || requests < 215, "{requests}");
         }
@@ -170,20 +174,18 @@ mod tests {
 
     #[test]
     fn a_known_table_is_not_asked_for_again() {
-        let nothing = KnownTables::default();
-        let (found, ..) = search(&nothing, u32::MAX);
-        let mut tables = KnownTables::default();
-        tables.add(found);
-        assert_eq!(search(&tables, u32::MAX), (found, 1, None));
+        let mut tables = TableStore::without_file();
+        let (found, _) = search(&mut tables, u32::MAX);
+        assert_eq!(search(&mut tables, u32::MAX), (found, 1));
     }
 
     #[test]
     fn an_element_that_was_not_asked_for_is_ignored() {
         let mut search = TableSearch::new(TableKind::Logging);
         let info = TableInfo { count: COUNT, crc: CRC };
-        search.take(&CrtpReply::TableInfo(TableKind::Logging, info), &KnownTables::default());
-        let reply = CrtpReply::TableElement(TableKind::Logging, element(0));
-        search.take(&reply, &KnownTables::default());
+        let mut tables = TableStore::without_file();
+        search.take(&CrtpReply::TableInfo(TableKind::Logging, info), &mut tables);
+        search.take(&CrtpReply::TableElement(TableKind::Logging, element(0)), &mut tables);
         assert_eq!(search.first, 0);
     }
 }

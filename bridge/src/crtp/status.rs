@@ -28,8 +28,7 @@ pub enum ReportNews {
 
 impl CrazyflieStatus {
     /// State of a vehicle that has reported nothing.
-    pub const UNKNOWN: Self =
-        Self { reported_at: Time::UNSET, values: [f64::NAN; MAX_NAMES] };
+    pub const UNKNOWN: Self = Self { reported_at: Time::UNSET, values: [f64::NAN; MAX_NAMES] };
 
     /// Takes a report of log block `block`.
     pub fn take(
