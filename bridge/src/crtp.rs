@@ -29,14 +29,15 @@ mod status;
 
 use oqtal_bus::code::{EstimatorState, VehicleRefusal};
 use oqtal_bus::message::CommandV1;
+use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Config;
+use oqtal_config::{Config, VehicleOptions};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::crtp::{
-    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, LegacySetpoint, MAX_CRTP_PACKET, PackedPose,
-    PackedPoses, Supervision, SupervisorCommand, ThrustCurve,
+    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, LegacySetpoint, MAX_CRTP_PACKET, MAX_CRTP_THRUST,
+    PackedPose, PackedPoses, Supervision, SupervisorCommand, ThrustCurve,
 };
 
 use crate::protocol::{
@@ -59,6 +60,8 @@ const KEEP_ALIVE_PERIOD: Span = Span::from_millis(200);
 const WORDS: usize = 3;
 /// Longest time between two reads of the port.
 const READ_PERIOD: Span = Span::from_millis(5);
+/// Share by which the greatest thrust of a command may exceed what counts give, for rounded values \[-\].
+const THRUST_TOLERANCE: f64 = 0.02;
 /// Length of a set-point \[bytes\].
 const SETPOINT_BYTES: usize = 15;
 
@@ -80,12 +83,17 @@ impl CrtpScales {
             let rule = "coefficients of a thrust that rises from zero to full duty";
             OptionError::new("bridge.crtp.thrust-curve-n", format!("{curve:?}"), rule)
         };
-        Ok(Self {
-            holds_attitude: config.vehicle.interface.holds_attitude(),
-            authority: config.vehicle.rate_authority_rad_s,
-            max_thrust: config.vehicle.max_thrust_n,
-            curve: ThrustCurve::new(curve).ok_or_else(refused)?,
-        })
+        let (curve, max_thrust) =
+            (ThrustCurve::new(curve).ok_or_else(refused)?, config.vehicle.max_thrust_n);
+        let greatest = curve.force(MAX_CRTP_THRUST);
+        if max_thrust > greatest * (1.0 + THRUST_TOLERANCE) {
+            let rule = format!(
+                "at most {greatest:.3}, the thrust of {MAX_CRTP_THRUST} counts by bridge.crtp.thrust-curve-n; set vehicle.preset = \"crazyflie-2.1\", or the values of the vehicle"
+            );
+            return Err(OptionError::new("vehicle.max-thrust-n", max_thrust, rule));
+        }
+        let VehicleOptions { interface, rate_authority_rad_s: authority, .. } = config.vehicle;
+        Ok(Self { holds_attitude: interface.holds_attitude(), authority, max_thrust, curve })
     }
 
     /// Converts a command; `None` if roll and pitch are angles and the command has no attitude.
@@ -108,6 +116,8 @@ pub struct Crtp {
     status: CrazyflieStatus,
     arming: Arming,
     console: ConsoleLine,
+    /// What keeps the vehicle from flying, as it was told last.
+    told: Option<ShortText>,
     /// Time without a report after which the connection begins again.
     silence: Span,
     pose_period: Option<Span>,
@@ -144,6 +154,7 @@ impl Crtp {
             status: CrazyflieStatus::UNKNOWN,
             arming: Arming::new(),
             console: ConsoleLine::new(),
+            told: None,
             silence: Span::from_seconds(config.bridge.silence_ms * 1e-3),
             pose_period,
             radio_id,
@@ -175,9 +186,7 @@ impl Crtp {
                 let news = self.status.take(now, (block, values), &self.connection);
                 self.report(news, reply);
             }
-            CrtpReply::Granted(answer) if answer.is_arming && !answer.granted => {
-                self.refuse(VehicleRefusal::Arming, reply);
-            }
+            CrtpReply::Granted(answer) if answer.is_arming && !answer.granted => self.refuse(reply),
             other => {
                 reply(VehicleReply::Other);
                 self.connect(&other, reply);
@@ -198,8 +207,8 @@ impl Crtp {
                 let state = self.status.supervision();
                 reply(VehicleReply::Battery(self.status.battery_v()));
                 reply(VehicleReply::Motors(self.arming.motors_run(state)));
-                if state.contains(Supervision::LOCKED) {
-                    self.refuse(VehicleRefusal::Locked, reply);
+                if arming::obstacle(state).is_some() {
+                    self.refuse(reply);
                 }
             }
             ReportNews::Estimate => {
@@ -213,9 +222,16 @@ impl Crtp {
         }
     }
 
-    fn refuse(&self, refusal: VehicleRefusal, reply: &mut dyn FnMut(VehicleReply)) {
+    /// Tells why the vehicle cannot fly; its text once.
+    fn refuse(&mut self, reply: &mut dyn FnMut(VehicleReply)) {
+        let state = self.status.supervision();
+        let is_locked = state.contains(Supervision::LOCKED);
+        let refusal = if is_locked { VehicleRefusal::Locked } else { VehicleRefusal::Arming };
         reply(VehicleReply::Refused(refusal));
-        if let Some(text) = arming::obstacle(self.status.supervision()) {
+        let obstacle = arming::obstacle(state);
+        if std::mem::replace(&mut self.told, obstacle) != obstacle
+            && let Some(text) = obstacle
+        {
             reply(VehicleReply::Text(VehicleText { is_trouble: true, text }));
         }
     }
@@ -302,6 +318,11 @@ impl VehicleProtocol for Crtp {
         self.supervisor(SupervisorCommand::EmergencyStop)
     }
 
+    /// The end of the set-points: the vehicle goes on without thrust, and counts as landed. The emergency stop would lock it.
+    fn final_stop(&mut self) -> VehicleFrame {
+        frame(&CrtpRequest::EndOfSetpoints(0))
+    }
+
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         match CrtpPacket::parse(bytes) {
             Ok(packet) if packet.is_null() => reply(VehicleReply::Other),
@@ -316,7 +337,7 @@ impl VehicleProtocol for Crtp {
 
     fn reset(&mut self) {
         self.restart();
-        self.console = ConsoleLine::new();
+        (self.console, self.told) = (ConsoleLine::new(), None);
         self.echo.restart();
     }
 }

@@ -4,7 +4,7 @@ use oqtal_bus::time::Span;
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_wire::link::{AsctecLink, LinkSpec, PortSpec, SerialSpec};
+use oqtal_wire::link::{AsctecLink, CrtpLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
@@ -15,6 +15,7 @@ use crate::line::LineOccupancy;
 use crate::link::PortOptions;
 use crate::options;
 use crate::protocol::VehicleProtocol;
+use crate::radio::RadioPortOptions;
 use crate::serial::SerialPortOptions;
 use crate::tcp::TcpPortOptions;
 use crate::transport::{BareTransport, VehicleTransport};
@@ -66,10 +67,14 @@ impl VehicleSetup {
             LinkSpec::Mavlink(_) => {
                 return Err(Failure::new(Exit::Config, "the bridge does not speak MAVLink yet"));
             }
-            LinkSpec::Crtp(_) => {
+            LinkSpec::Crtp(link) => {
+                let radio_id = match link {
+                    CrtpLink::Radio(radio) => Some(radio.vehicle_id()),
+                    CrtpLink::Udp(_) => None,
+                };
                 let (tables, keeper) = TableStore::open(&config.bridge.crtp.table_cache);
                 chore = keeper.map(|keeper| Box::new(keeper) as Box<dyn Chore>);
-                Box::new(Crtp::new(config, tables, None).map_err(located)?)
+                Box::new(Crtp::new(config, tables, radio_id).map_err(located)?)
             }
         };
         let port = port(&spec, config);
@@ -145,5 +150,9 @@ fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
         PortSpec::UdpIn(host) => Box::new(UdpPortOptions::In(host)),
         PortSpec::UdpOut(host) => Box::new(UdpPortOptions::Out(host)),
         PortSpec::Tcp(server) => Box::new(TcpPortOptions { server }),
+        PortSpec::Radio(vehicle) => Box::new(RadioPortOptions {
+            vehicle,
+            packets_per_s: config.bridge.crtp.radio_packets_per_s,
+        }),
     }
 }

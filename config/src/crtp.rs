@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// Rates of external poses \[Hz\]: the vehicle's estimator takes up to its own rate, and its radio has room for so many.
 const POSE_RATE_HZ: Rule = Rule::Between(0.0, 100.0);
+/// Packets per second of one vehicle: enough for poses and reports, and what one radio sends at most.
+const RADIO_PACKETS: Rule = Rule::Between(50.0, 1000.0);
 /// Rates of log data \[Hz\]: their period is sent in steps of 10 ms, as one byte.
 const LOG_RATE_HZ: Rule = Rule::Between(0.4, 100.0);
 
@@ -20,6 +22,8 @@ pub struct CrtpOptions {
     pub log_rate_hz: f64,
     /// Whether the vehicle is to stop its motors, and to lock itself, a second after it heard the bridge last.
     pub keep_alive: bool,
+    /// Packets other than set-points that a Crazyradio sends to the vehicle at most \[1/s\].
+    pub radio_packets_per_s: f64,
     /// File of known tables of contents, `auto` for one in the user's cache directory; empty for none.
     pub table_cache: String,
 }
@@ -30,6 +34,7 @@ impl CrtpOptions {
         check_options([
             ("pose-rate-hz", self.pose_rate_hz, POSE_RATE_HZ),
             ("log-rate-hz", self.log_rate_hz, LOG_RATE_HZ),
+            ("radio-packets-per-s", self.radio_packets_per_s, RADIO_PACKETS),
         ])
     }
 }

@@ -16,10 +16,10 @@
 
 mod airframe;
 mod asctec;
-mod crtp;
 mod bridge;
 mod check;
 mod config;
+mod crtp;
 mod error;
 mod fault;
 mod fence;
@@ -44,9 +44,9 @@ mod vehicle;
 
 pub use airframe::Interface;
 pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns};
-pub use crtp::{CrtpOptions, CrtpVehicleOptions};
 pub use bridge::BridgeOptions;
 pub use config::{Config, DEFAULTS};
+pub use crtp::{CrtpOptions, CrtpVehicleOptions};
 pub use error::ConfigError;
 pub use fault::{Fault, FaultKind, FaultOptions, FaultTarget, FaultUnit, Magnitude};
 pub use fence::FenceOptions;

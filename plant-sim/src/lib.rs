@@ -92,6 +92,10 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         Some(LinkSpec::Crtp(CrtpLink::Udp(address))) => {
             wire::run_crazyflie(context, &address.to_string())
         }
+        Some(LinkSpec::Crtp(CrtpLink::Radio(_))) => {
+            let reason = "an emulated Crazyflie has no radio; give --wire crtp:udp:HOST:PORT";
+            Err(Failure::new(Exit::Config, reason))
+        }
         None => fly(context),
     }
 }

@@ -16,7 +16,7 @@ use oqtal_wire::link::{
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
-  sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
+  sim[:hummingbird|:spacecraft|:crazyflie-2.1][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
   bridge:crtp
@@ -92,10 +92,14 @@ fn parse_simulated(text: &str) -> Option<VehicleChoice> {
 impl VehicleChoice {
     /// Appends the settings of the configuration that the flag implies.
     pub fn settings(&self, settings: &mut Vec<Setting>) {
-        let Self::Simulated { preset, fidelity } = self else { return };
         let mut set = |key: &str, value: toml::Value| {
             settings.push(Setting::flag("--vehicle", key, value));
         };
+        // No other vehicle speaks its protocol.
+        if let Self::Bridged(LinkSpec::Crtp(_)) = self {
+            set("vehicle.preset", "crazyflie-2.1".into());
+        }
+        let Self::Simulated { preset, fidelity } = self else { return };
         set("plant.wire.link", "".into());
         set("plant.shadow", false.into());
         for (key, value) in [("vehicle.preset", preset), ("plant.fidelity", fidelity)] {

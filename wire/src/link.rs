@@ -2,7 +2,7 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `port.rs` | ports: serial, UDP, TCP |
+//! | `port.rs`, `radio.rs` | ports: serial, UDP, TCP, Crazyradio |
 //! | `options.rs` | the options behind a port |
 //! | `asctec.rs`, `mavlink.rs`, `crtp.rs` | the link of one language; a further language is a file like these, and a variant of [`LinkSpec`] |
 
@@ -11,6 +11,7 @@ mod crtp;
 mod mavlink;
 mod options;
 mod port;
+mod radio;
 
 use std::fmt;
 use std::str::FromStr;
@@ -21,6 +22,7 @@ pub use asctec::AsctecLink;
 pub use crtp::CrtpLink;
 pub use mavlink::{AutopilotKind, MavlinkLink};
 pub use port::{HostPort, PortSpec, SerialSpec};
+pub use radio::{RadioRate, RadioSpec};
 
 /// Link to a vehicle: language, port, options.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

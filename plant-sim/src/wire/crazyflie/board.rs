@@ -105,7 +105,10 @@ impl CrazyflieBoard {
             }
             CrtpRequest::Setpoint(setpoint) => self.take_setpoint(now, setpoint),
             CrtpRequest::Stop => self.take_setpoint(now, LegacySetpoint::ZERO),
-            CrtpRequest::EndOfSetpoints(_) => {}
+            CrtpRequest::EndOfSetpoints(_) => {
+                self.setpoint = LegacySetpoint::ZERO;
+                self.supervisor.relax();
+            }
             CrtpRequest::Pose(pose) => self.pose = Some(pose),
             CrtpRequest::Poses(poses) => {
                 let own = poses.poses().iter().find(|pose| pose.vehicle == ADDRESS_END);

@@ -10,7 +10,8 @@
 //! | no set-point for 2 s, or disarmed | flying, levels out | locked |
 //! | emergency stop, or its keep-alive missing for 1 s | any | locked |
 //!
-//! Only a restart ends `Locked`.
+//! Only a restart ends `Locked`. A host that ends its set-points by a packet of its own is not missed: the age of the last one no
+//! longer counts, and its thrust is off.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{Supervision, SupervisorCommand};
@@ -39,6 +40,8 @@ pub struct SupervisorModel {
     arms_itself: bool,
     armed: bool,
     setpoint_at: Time,
+    /// Whether the host has ended its set-points: their age does not count.
+    is_relaxed: bool,
     thrust_at: Time,
     keep_alive_at: Option<Time>,
     emergency: bool,
@@ -53,6 +56,7 @@ impl SupervisorModel {
             arms_itself,
             armed: false,
             setpoint_at: now,
+            is_relaxed: false,
             thrust_at: Time::UNSET,
             keep_alive_at: None,
             emergency: false,
@@ -61,10 +65,15 @@ impl SupervisorModel {
 
     /// Takes a set-point, with thrust or without.
     pub fn take_setpoint(&mut self, now: Time, has_thrust: bool) {
-        self.setpoint_at = now;
+        (self.setpoint_at, self.is_relaxed) = (now, false);
         if has_thrust && self.may_run() {
             self.thrust_at = now;
         }
+    }
+
+    /// Takes the end of the set-points: the vehicle goes on without thrust.
+    pub fn relax(&mut self) {
+        self.is_relaxed = true;
     }
 
     /// Takes a command; returns whether it is granted.
@@ -107,7 +116,7 @@ impl SupervisorModel {
 
     fn next(&self, now: Time) -> SupervisorState {
         use SupervisorState::{Armed, Flying, Landed, LevelsOut, Locked, Ready};
-        let age = now.since(self.setpoint_at);
+        let age = if self.is_relaxed { Span::ZERO } else { now.since(self.setpoint_at) };
         let dead = self.keep_alive_at.is_some_and(|at| now.since(at) > KEEP_ALIVE);
         if self.emergency || dead {
             return Locked;
@@ -207,6 +216,16 @@ mod tests {
         run(&mut model, 2980..3020, None);
         assert!(model.bits().contains(Supervision::LOCKED) && !model.may_run());
         assert!(!model.command(at(3100), SupervisorCommand::Arm(true)));
+    }
+
+    #[test]
+    fn a_host_that_says_that_it_ends_is_not_missed() {
+        let mut model = flying();
+        model.relax();
+        for now in (1000..6200).step_by(10).map(at) {
+            model.tick(now, false);
+        }
+        assert!(model.bits().contains(Supervision::CAN_BE_ARMED));
     }
 
     #[test]
