@@ -100,7 +100,7 @@ fn a_rate_about_each_axis_turns_the_vehicle_that_way() {
 }
 
 #[test]
-fn in_silence_the_vehicle_levels_out_after_half_a_second_and_is_locked_after_two() {
+fn f65_in_silence_the_vehicle_levels_out_after_half_a_second_and_is_locked_after_two() {
     let mut host = Host::new(|_| ());
     host.fly();
     let tilted = LegacySetpoint { roll: 1.0, ..thrusting(0.55) };

@@ -56,10 +56,11 @@ impl CrazyflieStatus {
         self.reported_at.is_set() && now.since(self.reported_at) > silence
     }
 
-    /// Battery voltage \[V\]; NaN if it is not reported.
+    /// Battery voltage \[V\]; NaN if it is not reported, or not measured: a vehicle that reports has more than none.
     #[must_use]
     pub fn battery_v(&self) -> f64 {
-        self.values[BATTERY]
+        let volts = self.values[BATTERY];
+        if volts > 0.0 { volts } else { f64::NAN }
     }
 
     /// Bits of the supervisor; none before the first report.

@@ -14,7 +14,7 @@ use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::crtp::{
     CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, LegacySetpoint, ParameterValue,
-    SUPERVISOR_PROTOCOL, SupervisorAnswer, SupervisorCommand, ThrustCurve,
+    SUPERVISOR_PROTOCOL, Supervision, SupervisorAnswer, SupervisorCommand, ThrustCurve,
 };
 
 use super::super::on_board::Measured;
@@ -203,6 +203,12 @@ impl CrazyflieBoard {
         let EulerAngles { roll, pitch, .. } = angles(truth.attitude);
         let yaw = angles(sent.attitude).yaw;
         CrtpPose { position: sent.position, attitude: EulerAngles { roll, pitch, yaw }.xyzw() }
+    }
+
+    /// State of the supervisor.
+    #[must_use]
+    pub fn supervision(&self) -> Supervision {
+        self.supervisor.bits()
     }
 
     /// Whether the motors run, or would with thrust.
