@@ -10,8 +10,8 @@ use common::{Testbed, stderr, wait_for};
 use laboratory::{Laboratory, configuration};
 use oqtal_bridge::Note;
 use oqtal_bus::code::VehicleRefusal;
-use oqtal_wire::crtp::SupervisorCommand;
-use oqtal_wire::crtp::{CrtpRequest, Supervision};
+use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
+use oqtal_wire::crtp::{CrtpRequest, Supervision, SupervisorCommand};
 use rustix::process::Signal;
 
 /// Flies `count` vehicles for ten seconds at a metre; returns the laboratory.
@@ -66,7 +66,7 @@ fn f66_a_locked_crazyflie_is_not_flown_and_says_that_it_must_be_restarted() {
     let mut laboratory = flown(1, 0.0);
     let stop = CrtpRequest::Supervisor(SupervisorCommand::EmergencyStop);
     let now = laboratory.air.borrow().now;
-    laboratory.air.borrow_mut().vehicles[0].host_sends(now, stop.packet());
+    laboratory.air.borrow_mut().vehicles[0].host_writes(now, stop.packet().as_bytes());
     laboratory.pass(2000);
     assert!(!laboratory.motors_run(0));
     let locked = |note: &&Note| **note == Note::Refused(VehicleRefusal::Locked);
@@ -80,7 +80,7 @@ fn f66_a_locked_crazyflie_is_not_flown_and_says_that_it_must_be_restarted() {
 fn f67_a_crazyflie_that_restarts_is_set_up_again_before_it_flies() {
     let mut laboratory = flown(1, 0.0);
     let start = laboratory.air.borrow().now;
-    let fresh = oqtal_plant_sim::wire::CrtpVehicle::new(&configuration(), start).unwrap();
+    let fresh = CrtpVehicle::new(&configuration(), start).unwrap();
     laboratory.air.borrow_mut().vehicles[0] = fresh;
     laboratory.pass(6000);
     assert_eq!(laboratory.truth(0).position[2], 0.0, "the flight was not asked for again");

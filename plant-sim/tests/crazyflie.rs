@@ -2,7 +2,7 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_plant_sim::wire::CrtpVehicle;
+use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
 use oqtal_wire::crtp::{
     CrtpReply, CrtpRequest, LegacySetpoint, LogBlock, LogType, ParameterType, ParameterValue,
     Supervision, SupervisorCommand, TableKind,
@@ -31,7 +31,7 @@ impl Host {
     }
 
     fn send(&mut self, request: CrtpRequest) {
-        self.vehicle.host_sends(self.now, request.packet());
+        self.vehicle.host_writes(self.now, request.packet().as_bytes());
     }
 
     /// Lets `millis` pass; with a set-point, it is sent every 10 ms.
@@ -41,7 +41,7 @@ impl Host {
                 self.send(CrtpRequest::Setpoint(setpoint));
             }
             self.now = self.now + Span::from_millis(10);
-            self.vehicle.advance(self.now, |_| ());
+            self.vehicle.advance(self.now, &mut |_| ());
             while let Some(packet) = self.vehicle.host_receives(self.now) {
                 self.heard.extend(CrtpReply::read(&packet).map(|reply| format!("{reply:?}")));
             }

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use oqtal_bridge::{RadioAck, RadioDongle};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_plant_sim::wire::CrtpVehicle;
+use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
 use oqtal_wire::crtp::CrtpPacket;
 use oqtal_wire::link::RadioSpec;
 
@@ -45,7 +45,7 @@ impl Air {
     pub fn pass(&mut self, span: Span) {
         self.now = self.now + span;
         let now = self.now;
-        self.vehicles.iter_mut().for_each(|vehicle| vehicle.advance(now, |_| ()));
+        self.vehicles.iter_mut().for_each(|vehicle| vehicle.advance(now, &mut |_| ()));
     }
 
     fn is_lost(&mut self) -> bool {
@@ -66,7 +66,7 @@ impl RadioDongle for EmulatedRadio {
                 continue;
             }
             let now = air.now;
-            air.vehicles[vehicle].host_sends(now, *packet);
+            air.vehicles[vehicle].host_writes(now, packet.as_bytes());
             let reply = air.vehicles[vehicle].host_receives(now);
             return Ok(RadioAck { is_acknowledged: true, repeated, reply });
         }
