@@ -125,8 +125,7 @@ impl EmulatedVehicle for CrtpVehicle {
     }
 
     fn counters(&self) -> WireCounters {
-        let [up, down] =
-            [LinkDirection::Up, LinkDirection::Down].map(|way| self.air.traffic(way));
+        let [up, down] = [LinkDirection::Up, LinkDirection::Down].map(|way| self.air.traffic(way));
         WireCounters { read: self.read, damaged: self.damaged, up, down }
     }
 }
