@@ -4,7 +4,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
 use oqtal_wire::crtp::{
-    CrtpReply, CrtpRequest, LegacySetpoint, LogBlock, LogType, ParameterType, ParameterValue,
+    CrtpReply, CrtpRequest, CrtpValue, LegacySetpoint, LogBlock, LogType, ParameterType,
     Supervision, SupervisorCommand, TableKind,
 };
 
@@ -55,7 +55,7 @@ impl Host {
     /// Sets rates, arms, and flies up for half a second.
     fn fly(&mut self) {
         for id in [3, 4] {
-            let rates = ParameterValue::of(ParameterType::U8, 0.0);
+            let rates = CrtpValue::of(ParameterType::U8, 0.0);
             self.send(CrtpRequest::WriteParameter(id, rates));
         }
         self.send(CrtpRequest::Supervisor(SupervisorCommand::Arm(true)));

@@ -4,7 +4,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::euler::EulerAngles;
 use oqtal_wire::crtp::{LogFields, Supervision};
 
-use super::connection::{Connection, ESTIMATE_BLOCK, STATUS_BLOCK};
+use super::connection::{CrtpConnection, ESTIMATE_BLOCK, STATUS_BLOCK};
 use super::names::{BATTERY, ESTIMATE, MAX_NAMES, SUPERVISOR};
 
 /// State of the vehicle.
@@ -35,7 +35,7 @@ impl CrazyflieStatus {
         &mut self,
         now: Time,
         (block, mut values): (u8, LogFields),
-        connection: &Connection,
+        connection: &CrtpConnection,
     ) -> ReportNews {
         let mut read = self.values;
         for (place, kind) in connection.fields(block) {
