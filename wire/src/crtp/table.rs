@@ -20,7 +20,7 @@ pub enum TableKind {
 }
 
 impl TableKind {
-    /// CrtpPort of the table.
+    /// Port of the table.
     #[must_use]
     pub fn port(self) -> CrtpPort {
         match self {
