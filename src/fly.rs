@@ -59,9 +59,9 @@ pub struct FlyArgs {
     /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
     #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
-    /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its protocol,
-    /// bridge:asctec[,baud=N][,xbee=MODE] or bridge:mavlink[,autopilot=px4|ardupilot]; or at a link, link:asctec:PATH,
-    /// link:mavlink:udpin:HOST:PORT
+    /// Vehicle: simulated, sim[:NAME][,fidelity=eq61|rotors] with the name of a preset, as hummingbird or crazyflie-2.1; simulated
+    /// behind a bridge and its protocol, bridge:asctec[,baud=N][,xbee=MODE], bridge:mavlink[,autopilot=px4|ardupilot] or
+    /// bridge:crtp; or at a link, link:LINK, as link:asctec:PATH, link:mavlink:udpin:HOST:PORT or link:crtp:radio:CHANNEL/RATE/ADDRESS
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]

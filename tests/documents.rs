@@ -280,6 +280,7 @@ fn every_preset_is_what_its_name_gives() {
         ("vehicle.preset", "spacecraft", "spacecraft"),
         ("vehicle.preset", "ardupilot-quad", "ardupilot-quad"),
         ("vehicle.preset", "px4-quad", "px4-quad"),
+        ("vehicle.preset", "crazyflie-2.1", "crazyflie-2.1"),
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
         ("mocap.preset", "room", "mocap-room"),

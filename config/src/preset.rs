@@ -17,7 +17,7 @@ struct Preset {
 }
 
 /// All presets. A further one is a row and a file.
-const PRESETS: [Preset; 8] = [
+const PRESETS: [Preset; 9] = [
     Preset { key: "vehicle.preset", name: "hummingbird", text: "" },
     Preset {
         key: "vehicle.preset",
@@ -33,6 +33,11 @@ const PRESETS: [Preset; 8] = [
         key: "vehicle.preset",
         name: "px4-quad",
         text: include_str!("../../deploy/presets/px4-quad.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
+        name: "crazyflie-2.1",
+        text: include_str!("../../deploy/presets/crazyflie-2.1.toml"),
     },
     Preset { key: "mocap.preset", name: "qualisys", text: "" },
     Preset {

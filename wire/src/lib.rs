@@ -14,6 +14,7 @@
 //! | module | what |
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
+//! | [`crtp`] | CRTP, the protocol of the Crazyflie |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
 //! | [`mavlink`] | MAVLink 2, as PX4 and ArduPilot speak it |
 //! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
@@ -27,6 +28,7 @@
 
 pub mod asctec;
 mod bytes;
+pub mod crtp;
 pub mod link;
 pub mod mavlink;
 pub mod motion;
