@@ -61,6 +61,10 @@ pub struct FlyArgs {
     /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
+    /// True motion of the vehicle at a link, where it is a firmware that runs as a program, for the emulated cameras:
+    /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]
+    #[arg(long, value_name = "SOURCE")]
+    truth: Option<String>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
     faults: Vec<Fault>,
     /// Directory of the results [default: flights/INSTANCE-N]
@@ -170,6 +174,9 @@ impl FlyArgs {
         }
         if let Some(vehicle) = &self.vehicle {
             vehicle.settings(&mut settings);
+        }
+        if let Some(truth) = &self.truth {
+            settings.push(Setting::flag("--truth", "plant.truth", truth.as_str().into()));
         }
         Ok(settings)
     }

@@ -82,6 +82,7 @@ impl VehicleChoice {
             settings.push(Setting::flag("--vehicle", key, value));
         };
         set("plant.wire.link", "".into());
+        set("plant.truth", "".into());
         set("plant.shadow", false.into());
         for (key, value) in [("vehicle.preset", preset), ("plant.fidelity", fidelity)] {
             value.iter().for_each(|value| set(key, value.as_str().into()));
@@ -113,6 +114,13 @@ impl CommandLink {
             Some(VehicleChoice::Linked(link)) => Self::Linked(link.clone()),
             None => Self::configured(config)?,
         };
+        if !config.plant.truth.is_empty() && !matches!(path, Self::Linked(_)) {
+            let message = format!(
+                "--truth {} is for a vehicle at a link: give --vehicle link:LINK, or leave out --truth",
+                config.plant.truth
+            );
+            return Err(Failure::new(Exit::Usage, message));
+        }
         if path == Self::Bus {
             return Ok(path);
         }
@@ -135,7 +143,9 @@ impl CommandLink {
             return Ok(Self::Bridged(at_instance(&link, config)?));
         }
         let link = oqtal_bridge::link(config).map_err(located)?;
-        Ok(link.filter(|_| config.plant.shadow).map_or(Self::Bus, Self::Linked))
+        Ok(link
+            .filter(|_| config.plant.shadow || !config.plant.truth.is_empty())
+            .map_or(Self::Bus, Self::Linked))
     }
 
     fn complete(&self, config: &mut Config) -> Result<(), Failure> {
@@ -151,7 +161,7 @@ impl CommandLink {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link.clear();
                 // A vehicle that publishes its truth is emulated, and its poses are its own.
-                config.plant.shadow = !is_truth_published(config)?;
+                config.plant.shadow = config.plant.truth.is_empty() && !is_truth_published(config)?;
                 config.safety.allow_emulated_poses |= !config.plant.shadow;
             }
         }
@@ -176,7 +186,9 @@ impl CommandLink {
     pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
             Self::Bus => roles(config),
-            Self::Linked(_) if !config.plant.shadow => &[Role::Mocap, Role::Bridge, Role::Daemon],
+            Self::Linked(_) if !config.plant.shadow && config.plant.truth.is_empty() => {
+                &[Role::Mocap, Role::Bridge, Role::Daemon]
+            }
             Self::Bridged(_) | Self::Linked(_) => {
                 &[Role::Plant, Role::Mocap, Role::Bridge, Role::Daemon]
             }
