@@ -20,8 +20,8 @@ use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::asctec::{
-    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, LlStatus, Poll, Scales,
-    Status, StickMeaning, Sticks, acknowledgement_frame, poll_frame,
+    ControlInput, Descriptor, EMERGENCY_STOP, HostDecoder, HostEvent, Poll, Scales, Status,
+    StickMeaning, Sticks, acknowledgement_frame, poll_frame,
 };
 
 use crate::options;
@@ -83,7 +83,7 @@ impl VehicleProtocol for Asctec {
         }
     }
 
-    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> VehicleFrame {
+    fn setpoint(&mut self, _: Time, setpoint: &VehicleSetpoint) -> VehicleFrame {
         let input = match setpoint {
             VehicleSetpoint::Zero => ControlInput::ZERO_SETPOINT,
             VehicleSetpoint::Fly(command) => self
@@ -93,6 +93,7 @@ impl VehicleProtocol for Asctec {
             VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => {
                 self.scales.motor_switch()
             }
+            VehicleSetpoint::Released => return VehicleFrame::EMPTY,
         };
         VehicleFrame::of(&input.frame())
     }
@@ -107,13 +108,18 @@ impl VehicleProtocol for Asctec {
         VehicleFrame::of(&EMERGENCY_STOP)
     }
 
-    fn decode(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
+    fn decode(&mut self, _: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         for event in self.decoder.push(bytes) {
-            reply(match event {
-                HostEvent::Acknowledged(Descriptor::ControlInput) => VehicleReply::Acknowledged,
-                HostEvent::LlStatus(status) => status_of(status),
-                _ => VehicleReply::Other,
-            });
+            match event {
+                HostEvent::Acknowledged(Descriptor::ControlInput) => reply(VehicleReply::Answer),
+                HostEvent::LlStatus(status) => {
+                    let Status { battery_v, motors_on, .. } = Status::from(status);
+                    reply(VehicleReply::Answer);
+                    reply(VehicleReply::Battery(battery_v));
+                    reply(VehicleReply::Motors(motors_on));
+                }
+                _ => reply(VehicleReply::Other),
+            }
         }
     }
 
@@ -127,11 +133,6 @@ impl VehicleProtocol for Asctec {
     }
 }
 
-fn status_of(status: LlStatus) -> VehicleReply {
-    let Status { battery_v, motors_on, .. } = Status::from(status);
-    VehicleReply::Status { battery_v, motors_run: motors_on }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -143,7 +144,7 @@ mod tests {
 
     /// The control input that the vehicle decodes from the frame of `command`.
     fn read(protocol: &mut Asctec, command: CommandV1) -> ControlInput {
-        let frame = protocol.setpoint(&VehicleSetpoint::Fly(command));
+        let frame = protocol.setpoint(Time::VIRTUAL_START, &VehicleSetpoint::Fly(command));
         let reply: Vec<HostCommand> = VehicleDecoder::new().push(frame.bytes()).collect();
         let [HostCommand::Control(input)] = reply[..] else { panic!("{reply:?}") };
         input
@@ -158,7 +159,10 @@ mod tests {
             VehicleSetpoint::StartMotors,
             VehicleSetpoint::Fly(CommandV1::default()),
         ] {
-            assert_eq!(protocol.setpoint(&setpoint).bytes().len(), sizes.setpoint);
+            assert_eq!(
+                protocol.setpoint(Time::VIRTUAL_START, &setpoint).bytes().len(),
+                sizes.setpoint
+            );
         }
         let word = protocol.periodic(Time::VIRTUAL_START, false).unwrap();
         assert_eq!(word.frame.bytes().len(), sizes.periodic);

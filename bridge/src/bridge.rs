@@ -1,7 +1,7 @@
 //! The bridge between commands on the bus and bytes on a port: which frame is due, what it contains, and what its replies show.
 //! Pure: bytes and time are arguments.
 
-use oqtal_bus::message::{CommandV1, Header, Stamps, VehicleV1};
+use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_runtime::actuation::actuation_of;
@@ -11,7 +11,8 @@ use crate::monitor::VehicleMonitor;
 use crate::motors::MotorEvent;
 use crate::note::Note;
 use crate::outbox::{FrameKind, Outbox};
-use crate::protocol::{FrameSizes, VehicleFrame, VehicleProtocol, VehicleReply};
+use crate::poses::PoseRelay;
+use crate::protocol::{FrameSizes, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply};
 use crate::safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
 use crate::schedule::{Schedule, spacing};
 use crate::setpoint::VehicleSetpoint;
@@ -38,6 +39,10 @@ pub struct Bridge {
     schedule: Schedule,
     monitor: VehicleMonitor,
     outbox: Outbox,
+    poses: PoseRelay,
+    /// Periodic words and poses that may still go behind the last set-point \[-\].
+    words_left: usize,
+    read_at: Time,
     is_open: bool,
     /// The next frame is a zero set-point: bytes were discarded, and no frame has been sent since.
     zero_first: bool,
@@ -56,10 +61,15 @@ pub struct Bridge {
     rejected_at: Time,
 }
 
-/// Spacing of periodic words on `line`, for frames of `sizes` on the port; `None` if there is no room for any.
-pub(crate) fn word_spacing(line: &LineOccupancy, period: Span, sizes: FrameSizes) -> Option<Span> {
+/// Spacing of periodic words on `line`, for frames of `sizes` on the port, `words` together; `None` if there is no room for any.
+pub(crate) fn word_spacing(
+    line: &LineOccupancy,
+    period: Span,
+    sizes: FrameSizes,
+    words: usize,
+) -> Option<Span> {
     let FrameSizes { setpoint, acknowledgement, periodic, periodic_reply } = sizes;
-    let exchange = line.time_for(periodic + periodic_reply);
+    let exchange = line.time_for(words * (periodic + periodic_reply));
     spacing(period, line.time_for(setpoint + acknowledgement), exchange)
 }
 
@@ -77,9 +87,13 @@ impl Bridge {
         let line = LineOccupancy::new(transport.byte_rate());
         let sizes = protocol.sizes().with_overhead(transport.overhead());
         // A configuration without room for any word was rejected at start.
-        let spacing = word_spacing(&line, period, sizes).unwrap_or(period);
+        let spacing = word_spacing(&line, period, sizes, protocol.words()).unwrap_or(period);
+        let limits = limits(config, spacing);
         Self {
-            gate: CommandGate::new(now, limits(config, spacing)),
+            poses: PoseRelay::new(limits.command_age),
+            words_left: 0,
+            read_at: Time::UNSET,
+            gate: CommandGate::new(now, limits),
             schedule: Schedule::new(period, spacing),
             monitor: VehicleMonitor::new(millis(options.silence_ms)),
             outbox: Outbox::new(line, sizes.setpoint, period),
@@ -112,6 +126,8 @@ impl Bridge {
         self.transport.reset();
         self.schedule.restart();
         self.outbox.clear();
+        self.poses.reset();
+        self.words_left = 0;
         (self.emergency_stop_waits, self.zero_first) = (false, false);
     }
 
@@ -125,11 +141,30 @@ impl Bridge {
     #[must_use]
     pub fn next_event(&self, now: Time) -> Time {
         let clear_at = self.outbox.clear_at(now);
-        self.outbox.retry_at(now).unwrap_or(if self.command_waits {
+        let due = self.outbox.retry_at(now).unwrap_or(if self.command_waits {
             clear_at
         } else {
             self.schedule.next_setpoint().max(clear_at)
-        })
+        });
+        let read_at = self.protocol.read_period().map(|period| self.read_at + period);
+        read_at.filter(|_| self.is_open).map_or(due, |read_at| due.min(read_at))
+    }
+
+    /// Shortest time between two poses that the vehicle takes; `None` if it takes none.
+    #[must_use]
+    pub fn pose_period(&self) -> Option<Span> {
+        self.protocol.pose_period()
+    }
+
+    /// Takes a pose from the bus.
+    pub fn receive_pose(&mut self, header: &Header, pose: &PoseV1) {
+        self.poses.receive(header, pose);
+    }
+
+    /// Records that the port is read at `now`. Returns whether the vehicle at its other end answers.
+    pub fn begin_read(&mut self, now: Time) -> bool {
+        self.read_at = now;
+        self.is_answering(now)
     }
 
     /// Takes a command that arrived at `now`; `lost` is the number of commands lost on the bus so far.
@@ -157,18 +192,28 @@ impl Bridge {
     }
 
     /// Takes bytes, or one packet, that the port received.
-    pub fn receive_bytes(&mut self, now: Time, bytes: &[u8]) {
+    pub fn receive_bytes(&mut self, now: Time, bytes: &[u8], note: &mut dyn FnMut(Note)) {
         let Self { transport, protocol, monitor, gate, .. } = self;
         let mut take = |reply| {
-            monitor.receive(now, reply);
-            if let VehicleReply::Status { motors_run, .. } = reply {
-                gate.update_status(MotorStatus { received_at: now, running: motors_run });
+            match reply {
+                VehicleReply::Motors(running) => {
+                    gate.update_status(MotorStatus { received_at: now, running });
+                }
+                VehicleReply::Control(control) => gate.update_control(control),
+                VehicleReply::Text(text) => note(Note::Text(text)),
+                // The same refusal comes again with every attempt.
+                VehicleReply::Refused(refusal) if refusal != monitor.refusal() => {
+                    note(Note::Refused(refusal));
+                }
+                _ => {}
             }
+            monitor.receive(now, reply);
         };
-        transport.unwrap(bytes, &mut |payload| protocol.decode(payload, &mut take));
+        transport.unwrap(bytes, &mut |payload| protocol.decode(now, payload, &mut take));
     }
 
-    /// Begins the set-point that is due, if the port is free. Without a port, returns the report that is due.
+    /// Begins the set-point that is due, if the port is free. If none is sent, because there is no port or another has control, returns
+    /// the report that is due.
     pub fn turn(&mut self, now: Time, note: &mut dyn FnMut(Note)) -> Option<VehicleReport> {
         self.note_changes(now, note);
         let due = self.command_waits || now >= self.schedule.next_setpoint();
@@ -188,33 +233,51 @@ impl Bridge {
         }
         let with_command = std::mem::take(&mut self.command_waits);
         self.schedule.add_setpoint(now, with_command);
-        if self.is_open {
-            let frame = self.protocol.setpoint(&setpoint);
-            self.begin(now, FrameKind::Setpoint(forwarded), &frame);
-            None
-        } else {
-            Some(self.report(now, None, Span::ZERO))
+        self.words_left = self.protocol.words();
+        let frame = match setpoint {
+            _ if !self.is_open => VehicleFrame::EMPTY,
+            VehicleSetpoint::Released => VehicleFrame::EMPTY,
+            _ => self.protocol.setpoint(now, &setpoint),
+        };
+        if frame.bytes().is_empty() {
+            // Nothing is sent that could fly: a stop is obeyed.
+            self.stop_sent |= self.is_open && self.stopped_since.is_some();
+            return Some(self.report(now, None, Span::ZERO));
         }
+        self.begin(now, FrameKind::Setpoint(forwarded), &frame);
+        None
     }
 
-    /// Begins the frame that goes directly behind a set-point: the emergency stop, or a periodic word if there is room for it.
-    pub fn follow_up(&mut self, now: Time) {
+    /// Begins a frame that goes directly behind a set-point: the emergency stop, or a pose or a periodic word if there is room for
+    /// it. Returns whether it does; called until it does not.
+    pub fn follow_up(&mut self, now: Time) -> bool {
         if !self.is_open || !self.outbox.is_empty() {
-            return;
+            return false;
         }
-        if std::mem::take(&mut self.emergency_stop_waits) {
+        if std::mem::take(&mut self.emergency_stop_waits) && !self.gate.is_released() {
             let frame = self.protocol.emergency_stop();
             self.begin(now, FrameKind::EmergencyStop, &frame);
-            return;
+            return true;
         }
         let sending = self.outbox.time_for(self.sizes.periodic);
-        if !self.schedule.has_room(now, self.outbox.ahead(now), sending) {
-            return;
+        if self.words_left == 0 || !self.schedule.has_room(now, self.outbox.ahead(now), sending) {
+            return false;
         }
-        if let Some(word) = self.protocol.periodic(now, self.gate.is_in_sequence()) {
-            self.schedule.add_word(now);
-            let kind = FrameKind::Periodic { is_answered: word.is_answered };
-            self.begin(now, kind, &word.frame);
+        let Some(word) = self.next_word(now) else { return false };
+        self.words_left -= 1;
+        self.schedule.add_word(now);
+        let kind = FrameKind::Periodic { is_answered: word.is_answered };
+        self.begin(now, kind, &word.frame);
+        true
+    }
+
+    /// The pose that is due, or else the periodic word.
+    fn next_word(&mut self, now: Time) -> Option<PeriodicWord> {
+        let pose = self.protocol.pose_period().and_then(|period| self.poses.take(now, period));
+        let frame = pose.map(|pose| self.protocol.pose(now, &pose));
+        match frame.filter(|frame| !frame.bytes().is_empty()) {
+            Some(frame) => Some(PeriodicWord { frame, is_answered: false }),
+            None => self.protocol.periodic(now, self.gate.is_in_sequence()),
         }
     }
 
@@ -230,7 +293,9 @@ impl Bridge {
         match kind {
             FrameKind::Setpoint(forwarded) => {
                 self.stop_sent |= self.stop_begun;
-                self.monitor.count_request(now);
+                if self.sizes.acknowledgement > 0 {
+                    self.monitor.count_request(now);
+                }
                 Some(self.report(now, forwarded, on_wire))
             }
             FrameKind::Periodic { is_answered } => {
@@ -256,10 +321,12 @@ impl Bridge {
         self.zero_first = true;
     }
 
-    /// Begins a zero set-point, whatever was commanded.
+    /// Begins a zero set-point, whatever was commanded; nothing if another has control.
     pub fn begin_zero_setpoint(&mut self, now: Time) {
-        let frame = self.protocol.setpoint(&VehicleSetpoint::Zero);
-        self.begin(now, FrameKind::Setpoint(None), &frame);
+        if !self.gate.is_released() {
+            let frame = self.protocol.setpoint(now, &VehicleSetpoint::Zero);
+            self.begin(now, FrameKind::Setpoint(None), &frame);
+        }
     }
 
     /// Begins the emergency stop if the motors may run because of this bridge, which is about to end; returns whether it does.
@@ -289,18 +356,18 @@ impl Bridge {
         if let Some(forwarded) = &forwarded {
             self.last_command = forwarded.command;
         }
+        let answers = self.is_answering(now);
         let vehicle = VehicleV1 {
             command_sequence: self.last_command,
             lost: self.commands_lost,
-            battery_v: self.monitor.battery_v(),
-            link_quality: self.monitor.quality(now),
             wire_ns: on_wire.nanos(),
             air_ns: self.air.nanos(),
-            armed: u8::from(self.is_answering(now) && self.gate.last_status_running()),
+            armed: u8::from(answers && self.gate.last_status_running()),
             starting: u8::from(self.gate.is_starting()),
             stopped: u8::from(self.stopped_since.is_some()),
-            link: u8::from(self.is_answering(now)),
-            simulated: 0,
+            link: u8::from(answers),
+            control: self.gate.control().code(),
+            ..self.monitor.state(now)
         };
         let stamps = forwarded
             .map_or_else(Stamps::default, |command| Stamps { applied_at: now, ..command.stamps });

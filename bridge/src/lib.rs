@@ -8,8 +8,9 @@
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
 //! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
-//! | `xbee.rs`, `serial.rs` | packets of an XBee; serial ports | format, safety |
+//! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
+//! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
 //! | `monitor.rs` | state of the vehicle as its replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs` | protocol, transport and port that the configuration asks for | |
@@ -29,14 +30,17 @@ mod motors;
 mod note;
 mod options;
 mod outbox;
+mod poses;
 mod protocol;
 mod safety;
 mod schedule;
 mod serial;
 mod setpoint;
 mod setup;
+mod tcp;
 mod transport;
 mod turn;
+mod udp;
 mod xbee;
 
 use std::rc::Rc;
@@ -58,16 +62,20 @@ pub use link::{PortOpenError, PortOptions, VehicleLink};
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
 pub use note::Note;
 pub use options::{check as check_options, link};
+pub use poses::PoseRelay;
 pub use protocol::{
-    FrameSizes, MAX_FRAME, PeriodicTimer, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply,
+    FrameSizes, MAX_FRAME, PeriodicTimer, PeriodicWord, VehicleEstimate, VehicleFrame, VehiclePose,
+    VehicleProtocol, VehicleReply, VehicleText,
 };
 pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
 pub use schedule::{Schedule, spacing};
 pub use serial::{SerialLink, SerialPortOptions};
 pub use setpoint::VehicleSetpoint;
 pub use setup::{VehicleSetup, transport};
-pub use transport::{SerialStream, VehicleTransport};
+pub use tcp::{TcpLink, TcpPortOptions};
+pub use transport::{BareTransport, VehicleTransport};
 pub use turn::{BridgePorts, BridgeTurn};
+pub use udp::{UdpLink, UdpPortOptions};
 pub use xbee::XbeeTransport;
 
 /// Commands of the bridge's command line.
@@ -82,7 +90,8 @@ pub enum BridgeCommand {
 /// Arguments of the bridge's command line.
 #[derive(Args, Clone, Debug)]
 pub struct BridgeArgs {
-    /// Where the vehicle is: asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]
+    /// Where the vehicle is: asctec:PATH[,baud=57600][,xbee=transparent|api1|api2], or mavlink:serial:PATH[,baud=921600],
+    /// mavlink:udpin:HOST:PORT, mavlink:udpout:HOST:PORT, mavlink:tcp:HOST:PORT, with [,autopilot=px4|ardupilot][,system=N]
     #[arg(long, value_name = "LINK")]
     link: Option<String>,
     #[command(flatten)]
@@ -128,7 +137,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let VehicleSetup { spec, protocol, transport, port } = setup;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
-    let ports = BridgePorts::open(&faulty)?;
+    let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
     let mut heartbeat = context.heartbeat(&bus)?;
     let mut clock = context.loop_clock(&bus, &COMMAND)?;
     let link = port.open()?;

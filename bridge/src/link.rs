@@ -2,7 +2,7 @@
 //! knows no format and no set-point; one implementation per kind of port.
 
 use std::fmt::Debug;
-use std::io;
+use std::io::{self, ErrorKind};
 
 use oqtal_runtime::process::{Exit, Failure};
 
@@ -44,6 +44,19 @@ pub trait VehicleLink: Debug + Send {
     /// # Errors
     /// The link is lost.
     fn discard(&mut self) -> io::Result<()>;
+
+    /// Whether a port that learns its peer keeps the one it has, because the vehicle answers. Called before reads.
+    fn keep_peer(&mut self, _is_kept: bool) {}
+}
+
+/// `result`, with 0 bytes in place of a call that would block.
+pub(crate) fn without_waiting(result: io::Result<usize>) -> io::Result<usize> {
+    match result {
+        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+            Ok(0)
+        }
+        other => other,
+    }
 }
 
 /// Failure to open a port.
@@ -73,13 +86,45 @@ pub enum PortOpenError {
         /// The path.
         path: String,
     },
+    /// Another program listens at the address.
+    #[error(
+        "{address} is used by another program on this machine, perhaps a second bridge or a ground station; stop that one, or \
+         name another port in `bridge.link` or --link"
+    )]
+    AddressInUse {
+        /// Host and port.
+        address: String,
+    },
+    /// The address is of another machine, or of an interface that is down.
+    #[error(
+        "{address} is no address of this machine; name one of its own in `bridge.link` or --link, as 0.0.0.0 for all, or use \
+         `udpout` for the address of the vehicle"
+    )]
+    NotLocal {
+        /// Host and port.
+        address: String,
+    },
+    /// No server at the address.
+    #[error(
+        "nobody accepts a connection at {address}; switch the vehicle on, or name another in `bridge.link` or --link"
+    )]
+    NobodyListens {
+        /// Host and port.
+        address: String,
+    },
+    /// The host has no address.
+    #[error("no host `{host}`: {reason}; name another in `bridge.link` or --link")]
+    UnknownHost {
+        /// Name of the host.
+        host: String,
+        /// Message of the operating system.
+        reason: String,
+    },
     /// The operating system refused for another reason.
-    #[error("opening {path} at {baud} baud failed: {reason}")]
+    #[error("opening {port} failed: {reason}")]
     System {
-        /// Path of the port.
-        path: String,
-        /// Requested speed \[baud\].
-        baud: u32,
+        /// Path and speed, or address, of the port.
+        port: String,
         /// Message of the operating system.
         reason: String,
     },
@@ -89,9 +134,12 @@ impl From<PortOpenError> for Failure {
     fn from(error: PortOpenError) -> Self {
         let exit = match error {
             PortOpenError::Permission { .. } => Exit::Permission,
-            PortOpenError::Busy { .. } => Exit::Peer,
+            PortOpenError::Busy { .. } | PortOpenError::AddressInUse { .. } => Exit::Peer,
             PortOpenError::Missing { .. }
             | PortOpenError::NotATerminal { .. }
+            | PortOpenError::NotLocal { .. }
+            | PortOpenError::NobodyListens { .. }
+            | PortOpenError::UnknownHost { .. }
             | PortOpenError::System { .. } => Exit::System,
         };
         Self::new(exit, error.to_string())

@@ -1,8 +1,11 @@
 //! State of the vehicle as its replies show it: whether it answers, its battery, and the share of requests that it answers.
 
+use oqtal_bus::code::VehicleRefusal;
+use oqtal_bus::message::VehicleV1;
+use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 
-use crate::protocol::VehicleReply;
+use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
 
 /// Number of intervals in the last second, over which requests and answers are counted.
 const INTERVALS: usize = 10;
@@ -22,6 +25,9 @@ pub struct VehicleMonitor {
     silence: Span,
     received_at: Time,
     battery_v: f64,
+    estimate: VehicleEstimate,
+    refusal: VehicleRefusal,
+    text: ShortText,
     intervals: [Exchanges; INTERVALS],
     current: usize,
     current_began: Time,
@@ -35,6 +41,9 @@ impl VehicleMonitor {
             silence,
             received_at: Time::UNSET,
             battery_v: f64::NAN,
+            estimate: VehicleEstimate::UNKNOWN,
+            refusal: VehicleRefusal::None,
+            text: ShortText::EMPTY,
             intervals: [Exchanges::default(); INTERVALS],
             current: 0,
             current_began: Time::UNSET,
@@ -53,14 +62,48 @@ impl VehicleMonitor {
 
     /// Takes a valid reply.
     pub fn receive(&mut self, now: Time, reply: VehicleReply) {
-        self.received_at = now;
+        // A vehicle that is refused as a whole does not answer as the one that was asked for.
+        let is_another = matches!(
+            reply,
+            VehicleReply::Refused(VehicleRefusal::OtherAutopilot | VehicleRefusal::OtherSystem)
+        );
+        if !is_another {
+            self.received_at = now;
+        }
         match reply {
-            VehicleReply::Acknowledged => self.interval(now).answers += 1,
-            VehicleReply::Status { battery_v, .. } => {
-                self.battery_v = battery_v;
-                self.interval(now).answers += 1;
+            VehicleReply::Answer => self.interval(now).answers += 1,
+            VehicleReply::Battery(volts) => self.battery_v = volts,
+            VehicleReply::Motors(true) => {
+                (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY);
             }
-            VehicleReply::Other => {}
+            VehicleReply::Estimate(estimate) => self.estimate = estimate,
+            VehicleReply::Refused(refusal) => self.refusal = refusal,
+            VehicleReply::Text(VehicleText { is_trouble: true, text }) => self.text = text,
+            VehicleReply::Motors(false)
+            | VehicleReply::Text(_)
+            | VehicleReply::Control(_)
+            | VehicleReply::Other => {}
+        }
+    }
+
+    /// Why the vehicle did not do what was asked last.
+    #[must_use]
+    pub fn refusal(&self) -> VehicleRefusal {
+        self.refusal
+    }
+
+    /// The state of the vehicle at `now`, as far as its replies tell it.
+    #[must_use]
+    pub fn state(&mut self, now: Time) -> VehicleV1 {
+        VehicleV1 {
+            battery_v: self.battery_v,
+            link_quality: self.quality(now),
+            estimate_position: self.estimate.position,
+            estimate_attitude: self.estimate.attitude,
+            refusal: self.refusal.code(),
+            estimator: self.estimate.state.code(),
+            text: self.text,
+            ..VehicleV1::default()
         }
     }
 
@@ -68,12 +111,6 @@ impl VehicleMonitor {
     #[must_use]
     pub fn is_answering(&self, now: Time) -> bool {
         self.received_at.is_set() && now.since(self.received_at) <= self.silence
-    }
-
-    /// Battery voltage last reported \[V\]; NaN before the first report.
-    #[must_use]
-    pub fn battery_v(&self) -> f64 {
-        self.battery_v
     }
 
     /// Share of the last second's requests that were answered \[-, 0..1\]; NaN if there was no request.
@@ -108,7 +145,7 @@ impl VehicleMonitor {
 mod tests {
     use super::*;
 
-    const STATUS: VehicleReply = VehicleReply::Status { battery_v: 11.1, motors_run: false };
+    const STATUS: VehicleReply = VehicleReply::Battery(11.1);
 
     fn at(millis: i64) -> Time {
         Time::VIRTUAL_START + Span::from_millis(millis)
@@ -117,12 +154,31 @@ mod tests {
     #[test]
     fn a_vehicle_is_silent_before_its_first_reply_and_a_while_after_its_last() {
         let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
-        assert!(!vehicle.is_answering(at(0)) && vehicle.battery_v().is_nan());
+        assert!(!vehicle.is_answering(at(0)) && vehicle.state(at(0)).battery_v.is_nan());
         vehicle.receive(at(0), STATUS);
         assert!(vehicle.is_answering(at(1000)) && !vehicle.is_answering(at(1001)));
-        assert_eq!(vehicle.battery_v(), 11.1);
+        assert_eq!(vehicle.state(at(1)).battery_v, 11.1);
         vehicle.reset();
         assert!(!vehicle.is_answering(at(1)));
+    }
+
+    #[test]
+    fn a_trouble_is_shown_until_the_motors_run_and_another_vehicle_is_no_answer() {
+        let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
+        vehicle.receive(at(0), VehicleReply::Refused(VehicleRefusal::OtherSystem));
+        assert!(!vehicle.is_answering(at(0)));
+        let says = |is_trouble, text| {
+            VehicleReply::Text(VehicleText { is_trouble, text: ShortText::new(text) })
+        };
+        vehicle.receive(at(1), VehicleReply::Refused(VehicleRefusal::Arming));
+        vehicle.receive(at(2), says(true, "PreArm: Gyros inconsistent"));
+        vehicle.receive(at(3), says(false, "ready"));
+        let state = vehicle.state(at(4));
+        assert_eq!(state.refusal, VehicleRefusal::Arming.code());
+        assert_eq!(state.text.as_str(), "PreArm: Gyros inconsistent");
+        vehicle.receive(at(5), VehicleReply::Motors(true));
+        let state = vehicle.state(at(6));
+        assert!(state.text.is_empty() && state.refusal == VehicleRefusal::None.code());
     }
 
     #[test]
@@ -133,7 +189,7 @@ mod tests {
             vehicle.count_request(at(20 * tick));
             // In the second half, one request of five is answered.
             if tick < 50 || tick % 5 == 0 {
-                vehicle.receive(at(20 * tick + 5), VehicleReply::Acknowledged);
+                vehicle.receive(at(20 * tick + 5), VehicleReply::Answer);
             }
         }
         assert!((vehicle.quality(at(1999)) - 0.2).abs() < 0.05, "{}", vehicle.quality(at(1999)));

@@ -18,6 +18,8 @@
 //!   therefore does not start motors.
 //! - Ours: motors are stopped only after the daemon has commanded "disarmed" for `bridge.rest-ms`. A daemon that died commands
 //!   nothing: the zero set-point is sent, and the rotors idle until a daemon is back or the pilot stops them.
+//! - Ours: where another takes control, the state is `Inhibited` and the motors are his: nothing is sent, not even a zero set-point,
+//!   which would drop a vehicle in a pilot's hands.
 //! - Ours: motors that the bridge did not start are left alone, so that a pilot can fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where
 //!   the zero set-point is not enough: after a stop sequence that failed, and when the bridge ends while motors run. A Stop of
@@ -120,6 +122,8 @@ pub enum MotorEvent {
     StoppedInFlight,
     /// The daemon fell silent while the motors ran.
     DaemonSilent,
+    /// A pilot or the vehicle itself took control while the motors ran, or were being started or stopped.
+    ControlTaken,
 }
 
 /// State machine of the motors.
@@ -147,6 +151,14 @@ impl MotorSequencer {
     /// Sets the state `Inhibited`.
     pub fn inhibit(&mut self, now: Time) {
         (self.state, self.since) = (MotorState::Inhibited, now);
+    }
+
+    /// Sets the state `Inhibited`, and leaves the motors alone: another has control. Returns what is to be logged.
+    pub fn release(&mut self, now: Time) -> Option<MotorEvent> {
+        let event = self.may_run().then_some(MotorEvent::ControlTaken);
+        self.inhibit(now);
+        self.started_here = false;
+        event
     }
 
     /// Whether the motors may run because of what the bridge sent.

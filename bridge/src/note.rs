@@ -1,6 +1,9 @@
 //! Events of the bridge that are logged.
 
+use oqtal_bus::code::VehicleRefusal;
+
 use crate::motors::MotorEvent;
+use crate::protocol::VehicleText;
 
 /// Event for the log, passed from the real-time thread to the background thread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,6 +21,10 @@ pub enum Note {
     CommandRejected,
     /// The port did not send what it was given, and that was discarded.
     Stuck,
+    /// The vehicle refuses what was asked.
+    Refused(VehicleRefusal),
+    /// Line of text of the vehicle.
+    Text(VehicleText),
 }
 
 impl Note {
@@ -36,6 +43,11 @@ impl Note {
             Self::Stuck => tracing::warn!(
                 "the port did not send what it was given, which was discarded: check `bridge.hardware-flow-control` against the radio"
             ),
+            Self::Refused(refusal) => tracing::warn!("{refusal}"),
+            Self::Text(VehicleText { is_trouble: true, text }) => {
+                tracing::warn!("the vehicle says: {text}");
+            }
+            Self::Text(VehicleText { text, .. }) => tracing::info!("the vehicle says: {text}"),
         }
     }
 }
@@ -47,7 +59,7 @@ fn log_motors(event: MotorEvent) {
         MotorEvent::Stopping => tracing::info!("motors are being stopped"),
         MotorEvent::Stopped => tracing::info!("motors have stopped"),
         MotorEvent::StartFailed => tracing::warn!(
-            "motors did not start: zero set-point until disarmed; check `bridge.asctec.motor-yaw-counts` and the remote control"
+            "motors did not start: zero set-point until disarmed; see what the vehicle says, and for AscTec check `bridge.asctec.motor-yaw-counts` and the remote control"
         ),
         MotorEvent::StopFailed => {
             tracing::warn!("motors did not stop: zero set-point; stop them by the remote control")
@@ -57,6 +69,9 @@ fn log_motors(event: MotorEvent) {
         }
         MotorEvent::DaemonSilent => tracing::warn!(
             "the daemon fell silent in flight: zero set-point until it is back and disarmed"
+        ),
+        MotorEvent::ControlTaken => tracing::warn!(
+            "a pilot or the vehicle itself has control: nothing is sent to it until it is given back"
         ),
     }
 }

@@ -3,7 +3,10 @@
 
 use std::fmt::Debug;
 
+use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
+use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
+use oqtal_control::quaternion::Attitude;
 
 use crate::setpoint::VehicleSetpoint;
 
@@ -39,20 +42,62 @@ impl VehicleFrame {
     }
 }
 
-/// Message of the vehicle.
+/// Content of a valid message of the vehicle; a message may have several.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VehicleReply {
-    /// Acknowledgement of a set-point.
-    Acknowledged,
-    /// State of the vehicle.
-    Status {
-        /// Battery voltage \[V\].
-        battery_v: f64,
-        /// Whether the motors run.
-        motors_run: bool,
-    },
-    /// Any other valid message.
+    /// Answer to a request: to a set-point that is acknowledged, or to a periodic word that is answered.
+    Answer,
+    /// Whether the motors run.
+    Motors(bool),
+    /// Battery voltage \[V\].
+    Battery(f64),
+    /// Who has control. A vehicle that never tells is the bridge's.
+    Control(ControlHolder),
+    /// The vehicle refuses what was asked last.
+    Refused(VehicleRefusal),
+    /// What the vehicle knows of its own motion.
+    Estimate(VehicleEstimate),
+    /// Line of text for people.
+    Text(VehicleText),
+    /// Anything else.
     Other,
+}
+
+/// Motion of a vehicle as it estimates it itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VehicleEstimate {
+    /// Whether the vehicle trusts its estimate.
+    pub state: EstimatorState,
+    /// Position \[m, world\]; NaN if unknown.
+    pub position: [f64; 3],
+    /// Attitude \[body to world\], scalar last; zeros if unknown.
+    pub attitude: [f64; 4],
+}
+
+impl VehicleEstimate {
+    /// Estimate of a vehicle that has told nothing yet.
+    pub const UNKNOWN: Self =
+        Self { state: EstimatorState::Unknown, position: [f64::NAN; 3], attitude: [0.0; 4] };
+}
+
+/// Line of text of a vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VehicleText {
+    /// Whether it tells of a trouble: it is shown until the motors run.
+    pub is_trouble: bool,
+    /// The text.
+    pub text: ShortText,
+}
+
+/// Pose for a vehicle that estimates its own motion: finite, of a body that cameras see, newer than the one before.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VehiclePose {
+    /// Instant at which cameras saw it.
+    pub captured_at: Time,
+    /// Position \[m, world\].
+    pub position: [f64; 3],
+    /// Attitude \[body to world\].
+    pub attitude: Attitude,
 }
 
 /// Frame that a protocol sends at its own rate: a status request, a heartbeat, a keep-alive.
@@ -100,8 +145,30 @@ pub trait VehicleProtocol: Debug + Send {
     /// Frame lengths.
     fn sizes(&self) -> FrameSizes;
 
-    /// Encodes a set-point.
-    fn setpoint(&mut self, setpoint: &VehicleSetpoint) -> VehicleFrame;
+    /// Encodes a set-point that is sent at `now`; empty if the vehicle is to be sent none. Starting and stopping the motors may take
+    /// the protocol several frames: it is called with the same set-point until the vehicle reports the motors running or stopped,
+    /// and sends what is next.
+    fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame;
+
+    /// Shortest time between two poses; `None` for a vehicle that takes none.
+    fn pose_period(&self) -> Option<Span> {
+        None
+    }
+
+    /// Encodes a pose that is sent at `now`. Called at most every [`VehicleProtocol::pose_period`], with poses that are not old.
+    fn pose(&mut self, _now: Time, _pose: &VehiclePose) -> VehicleFrame {
+        VehicleFrame::EMPTY
+    }
+
+    /// Most periodic words and poses behind one set-point \[-\].
+    fn words(&self) -> usize {
+        1
+    }
+
+    /// Longest time between two reads of the port; `None` if the vehicle is read with every set-point.
+    fn read_period(&self) -> Option<Span> {
+        None
+    }
 
     /// Returns the periodic word that is due at `now`, if any. Called after a set-point whenever the transport has room for one
     /// more frame. While `is_status_urgent`, a motor sequence waits for the vehicle's state: a status request is then due
@@ -111,8 +178,8 @@ pub trait VehicleProtocol: Debug + Send {
     /// Encodes the command that stops the motors at once.
     fn emergency_stop(&mut self) -> VehicleFrame;
 
-    /// Decodes received bytes and passes every complete message to `reply`. A stream may cut messages anywhere.
-    fn decode(&mut self, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply));
+    /// Decodes bytes received at `now` and passes what every complete message says to `reply`. A stream may cut messages anywhere.
+    fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply));
 
     /// Number of damaged frames received since the start.
     fn damaged(&self) -> u64;

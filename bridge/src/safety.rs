@@ -5,7 +5,7 @@
 //! arrival: both must be within the timeout. A stamp that is missing or lies in the future is rejected. A command that waited in a
 //! buffer while this process was suspended is therefore never sent.
 
-use oqtal_bus::code::Actuation;
+use oqtal_bus::code::{Actuation, ControlHolder};
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 
@@ -62,6 +62,7 @@ pub struct CommandGate {
     motors: MotorSequencer,
     newest: Option<Newest>,
     status: Option<MotorStatus>,
+    control: ControlHolder,
     /// Instant of the last flight request.
     last_request: Time,
     /// Instant since which "disarmed" has been commanded.
@@ -80,6 +81,7 @@ impl CommandGate {
             motors: MotorSequencer::new(now, limits.sequence),
             newest: None,
             status: None,
+            control: ControlHolder::Nobody,
             last_request: now,
             disarmed_since: None,
             stopped_since: None,
@@ -90,7 +92,7 @@ impl CommandGate {
     /// Forgets the state of the vehicle and inhibits flight: a port was opened or lost.
     pub fn reset(&mut self, now: Time) {
         self.motors.inhibit(now);
-        self.status = None;
+        (self.status, self.control) = (None, ControlHolder::Nobody);
         self.last_request = now;
     }
 
@@ -140,6 +142,23 @@ impl CommandGate {
         self.status = Some(status);
     }
 
+    /// Takes who has control of the vehicle.
+    pub fn update_control(&mut self, control: ControlHolder) {
+        self.control = control;
+    }
+
+    /// Who has control of the vehicle.
+    #[must_use]
+    pub fn control(&self) -> ControlHolder {
+        self.control
+    }
+
+    /// Whether another has control: nothing is sent as a set-point.
+    #[must_use]
+    pub fn is_released(&self) -> bool {
+        self.control == ControlHolder::Another
+    }
+
     /// Chooses the set-point of a frame that begins at `now`; returns it, the command that it forwards for the first time, and
     /// the event of the motors.
     pub fn decide(
@@ -149,6 +168,9 @@ impl CommandGate {
         let flight = self.flight(now);
         if flight.is_some() {
             self.last_request = now;
+        }
+        if self.is_released() {
+            return (VehicleSetpoint::Released, None, self.motors.release(now));
         }
         let conditions = self.conditions(now, flight.is_some());
         let event = self.motors.step(now, conditions);
@@ -231,7 +253,9 @@ impl CommandGate {
         let carries_it_out = match setpoint {
             VehicleSetpoint::Fly(_) => true,
             VehicleSetpoint::Zero => !self.is_flight(&newest.command) && within,
-            VehicleSetpoint::StartMotors | VehicleSetpoint::StopMotors => false,
+            VehicleSetpoint::StartMotors
+            | VehicleSetpoint::StopMotors
+            | VehicleSetpoint::Released => false,
         };
         newest.is_forwarded = carries_it_out;
         self.newest = Some(newest);

@@ -28,6 +28,8 @@ pub struct Schedule {
     /// Set-points sent by the bridge's own clock since the last one that carried a command.
     own_setpoints: u32,
     last_word: Time,
+    /// Set-point behind which the last word was sent.
+    word_slot: Time,
 }
 
 impl Schedule {
@@ -41,12 +43,14 @@ impl Schedule {
             last_setpoint: Time::UNSET,
             own_setpoints: 0,
             last_word: Time::UNSET,
+            word_slot: Time::UNSET,
         }
     }
 
     /// Makes a set-point due at once: a port was opened.
     pub fn restart(&mut self) {
         (self.last_setpoint, self.last_word, self.own_setpoints) = (Time::UNSET, Time::UNSET, 0);
+        self.word_slot = Time::UNSET;
     }
 
     /// Instant of the next set-point if no command arrives.
@@ -65,20 +69,21 @@ impl Schedule {
         self.own_setpoints = if with_command { 0 } else { self.own_setpoints.saturating_add(1) };
     }
 
-    /// Whether a periodic word has room behind the set-point that went at `now`: no other word went too recently, and it leaves
-    /// before the next set-point, after `ahead` is off the line and `sending` for itself.
+    /// Whether a periodic word has room behind the set-point that went at `now`: no word behind another set-point went too recently,
+    /// and it leaves before the next set-point, after `ahead` is off the line and `sending` for itself.
     #[must_use]
     pub fn has_room(&self, now: Time, ahead: Span, sending: Span) -> bool {
         // The next command comes a period after this set-point, also where the own clock would wait longer.
         let room = (self.last_setpoint + self.period).since(now);
         let command_is_late = (1..ALONE_AFTER).contains(&self.own_setpoints);
-        let is_spaced = now >= self.last_word + self.spacing;
+        let is_spaced = now >= self.last_word + self.spacing
+            || self.word_slot.is_set() && self.word_slot == self.last_setpoint;
         is_spaced && !command_is_late && ahead + sending + TURNAROUND <= room
     }
 
     /// Records a periodic word that begins at `now`.
     pub fn add_word(&mut self, now: Time) {
-        self.last_word = now;
+        (self.last_word, self.word_slot) = (now, self.last_setpoint);
     }
 }
 

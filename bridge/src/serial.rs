@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use rustix::fs::OFlags;
 use serialport::{ClearBuffer, FlowControl, SerialPort, TTYPort};
 
-use crate::link::{PortOpenError, PortOptions, VehicleLink};
+use crate::link::{PortOpenError, PortOptions, VehicleLink, without_waiting};
 
 /// Buffering time of a USB adapter above which a warning is logged \[ms\].
 const GOOD_LATENCY_MS: u32 = 1;
@@ -82,7 +82,10 @@ impl SerialPortOptions {
             ErrorKind::PermissionDenied => PortOpenError::Permission { path },
             ErrorKind::ResourceBusy => PortOpenError::Busy { path },
             ErrorKind::IsADirectory => PortOpenError::NotATerminal { path },
-            _ => PortOpenError::System { path, baud: self.baud, reason: reason.to_string() },
+            _ => PortOpenError::System {
+                port: format!("{path} at {} baud", self.baud),
+                reason: reason.to_string(),
+            },
         }
     }
 }
@@ -107,16 +110,6 @@ impl VehicleLink for SerialLink {
 
     fn discard(&mut self) -> io::Result<()> {
         Ok(self.control.clear(ClearBuffer::Output)?)
-    }
-}
-
-/// `result`, with 0 bytes in place of a call that would block.
-fn without_waiting(result: io::Result<usize>) -> io::Result<usize> {
-    match result {
-        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
-            Ok(0)
-        }
-        other => other,
     }
 }
 

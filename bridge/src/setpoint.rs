@@ -9,8 +9,10 @@ pub enum VehicleSetpoint {
     Zero,
     /// Sticks and thrust of a command.
     Fly(CommandV1),
-    /// No thrust, and the stick position that starts the motors.
+    /// No thrust, and what starts the motors.
     StartMotors,
-    /// No thrust, and the stick position that stops the motors.
+    /// No thrust, and what stops the motors.
     StopMotors,
+    /// Nothing is sent: another has control.
+    Released,
 }

@@ -4,7 +4,7 @@ use oqtal_bus::time::Span;
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_wire::link::{LinkSpec, ProtocolKind};
+use oqtal_wire::link::{AsctecLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
@@ -14,7 +14,9 @@ use crate::link::PortOptions;
 use crate::options;
 use crate::protocol::VehicleProtocol;
 use crate::serial::SerialPortOptions;
-use crate::transport::{SerialStream, VehicleTransport};
+use crate::tcp::TcpPortOptions;
+use crate::transport::{BareTransport, VehicleTransport};
+use crate::udp::UdpPortOptions;
 use crate::xbee::XbeeTransport;
 
 /// Greatest share of the line's time that set-points may take \[-\].
@@ -54,16 +56,14 @@ impl VehicleSetup {
             Failure::new(Exit::Config, reason)
         })?;
         let peer = options::address(config).map_err(located)?;
-        let protocol: Box<dyn VehicleProtocol> = match spec.kind() {
-            ProtocolKind::Asctec => Box::new(Asctec::new(config).map_err(located)?),
+        let protocol: Box<dyn VehicleProtocol> = match &spec {
+            LinkSpec::Asctec(_) => Box::new(Asctec::new(config).map_err(located)?),
+            LinkSpec::Mavlink(_) => {
+                return Err(Failure::new(Exit::Config, "the bridge does not speak MAVLink yet"));
+            }
         };
-        let port = SerialPortOptions {
-            path: spec.path().into(),
-            baud: spec.baud(),
-            hardware_flow_control: config.bridge.hardware_flow_control,
-        };
-        let setup =
-            Self { protocol, transport: transport(&spec, peer), port: Box::new(port), spec };
+        let port = port(&spec, config);
+        let setup = Self { protocol, transport: transport(&spec, peer), port, spec };
         setup.check_room(config).map_err(located)?;
         Ok(setup)
     }
@@ -71,7 +71,8 @@ impl VehicleSetup {
     /// Warns if commands go to every radio in reach.
     pub fn warn_of_broadcast(&self, config: &Config) {
         let is_broadcast = options::address(config).is_ok_and(Address::is_broadcast);
-        if is_broadcast && self.spec.xbee() != Framing::Transparent {
+        let LinkSpec::Asctec(link) = &self.spec else { return };
+        if is_broadcast && link.xbee != Framing::Transparent {
             tracing::warn!(
                 "commands go to every radio in reach, and a reply of any radio counts as the vehicle's; set `bridge.xbee-address` to the address of its radio"
             );
@@ -93,7 +94,7 @@ impl VehicleSetup {
         }
         let sizes = bare.with_overhead(self.transport.overhead());
         let line = LineOccupancy::new(self.transport.byte_rate());
-        let (rate, baud) = (config.control.rate_hz, self.spec.baud());
+        let (rate, baud) = (config.control.rate_hz, self.spec.port().baud().unwrap_or_default());
         let period = Span::period_of(rate);
         if line.time_for(sizes.setpoint) > period.scaled(MAX_OCCUPANCY) {
             return wrong(format!(
@@ -102,7 +103,7 @@ impl VehicleSetup {
                 MAX_OCCUPANCY * 100.0
             ));
         }
-        match word_spacing(&line, period, sizes) {
+        match word_spacing(&line, period, sizes, self.protocol.words()) {
             Some(_) => Ok(()),
             None => wrong(format!(
                 "is too slow: between two of {rate} set-points a second, {baud} baud leave no room to request the vehicle's status; lower `control.rate-hz`, or use a faster line"
@@ -114,8 +115,25 @@ impl VehicleSetup {
 /// The transport over the link `spec`, to the radio `peer` if the link is a radio in API mode.
 #[must_use]
 pub fn transport(spec: &LinkSpec, peer: Address) -> Box<dyn VehicleTransport> {
-    match spec.xbee() {
-        Framing::Transparent => Box::new(SerialStream::new(spec.baud())),
-        framing => Box::new(XbeeTransport::new(framing, peer, spec.baud())),
+    if let LinkSpec::Asctec(AsctecLink { serial, xbee }) = spec
+        && *xbee != Framing::Transparent
+    {
+        return Box::new(XbeeTransport::new(*xbee, peer, serial.baud));
+    }
+    let bare = spec.port().baud().map_or_else(BareTransport::immediate, BareTransport::serial);
+    Box::new(bare)
+}
+
+/// The port of the link `spec`.
+fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
+    match spec.port() {
+        PortSpec::Serial(SerialSpec { path, baud }) => Box::new(SerialPortOptions {
+            path: path.into(),
+            baud,
+            hardware_flow_control: config.bridge.hardware_flow_control,
+        }),
+        PortSpec::UdpIn(host) => Box::new(UdpPortOptions::In(host)),
+        PortSpec::UdpOut(host) => Box::new(UdpPortOptions::Out(host)),
+        PortSpec::Tcp(server) => Box::new(TcpPortOptions { server }),
     }
 }

@@ -40,21 +40,27 @@ pub fn serial_byte_rate(baud: u32) -> f64 {
     f64::from(baud) / BITS_PER_BYTE
 }
 
-/// Bare bytes over a serial line: a cable, or a radio in transparent mode.
+/// Frames as they are: over a cable, a radio in transparent mode, or a network.
 #[derive(Clone, Copy, Debug)]
-pub struct SerialStream {
-    baud: u32,
+pub struct BareTransport {
+    byte_rate: Option<f64>,
 }
 
-impl SerialStream {
-    /// Stream at `baud`.
+impl BareTransport {
+    /// Frames over a serial line at `baud`.
     #[must_use]
-    pub fn new(baud: u32) -> Self {
-        Self { baud }
+    pub fn serial(baud: u32) -> Self {
+        Self { byte_rate: Some(serial_byte_rate(baud)) }
+    }
+
+    /// Frames that leave the machine at once.
+    #[must_use]
+    pub fn immediate() -> Self {
+        Self { byte_rate: None }
     }
 }
 
-impl VehicleTransport for SerialStream {
+impl VehicleTransport for BareTransport {
     fn max_frame(&self) -> usize {
         MAX_FRAME
     }
@@ -64,7 +70,7 @@ impl VehicleTransport for SerialStream {
     }
 
     fn byte_rate(&self) -> Option<f64> {
-        Some(serial_byte_rate(self.baud))
+        self.byte_rate
     }
 
     fn wrap(&mut self, frame: &VehicleFrame) -> VehicleFrame {

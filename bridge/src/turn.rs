@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use oqtal_bus::code::Cause;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{CommandV1, HealthV1, VehicleV1};
+use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, VehicleV1};
 use oqtal_bus::stop::VehicleStop;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{COMMAND, VEHICLE};
+use oqtal_bus::topic::{COMMAND, POSE, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_runtime::health::Health;
 use oqtal_runtime::turn::{Turn, TurnClock};
@@ -19,11 +19,11 @@ use crate::link::VehicleLink;
 use crate::note::Note;
 use crate::protocol::MAX_FRAME;
 
-/// Size of the read buffer \[bytes\]: more than a longest packet, or a period of a serial line at 57600 baud.
-const READ_BUFFER: usize = 512;
+/// Size of the read buffer \[bytes\]: more than a longest datagram of a vehicle, or a period of a serial line at 921600 baud.
+const READ_BUFFER: usize = 2048;
 const _: () = assert!(READ_BUFFER >= MAX_FRAME);
 /// Most reads of one turn \[-\], however many bytes arrive.
-const MAX_READS: usize = 4;
+const MAX_READS: usize = 16;
 /// Number of zero set-points sent at the end.
 const FINAL_FRAMES: usize = 3;
 /// Time that the final frames have to leave the port before they are discarded.
@@ -33,19 +33,23 @@ const SHUTDOWN_TIMEOUT: Span = Span::from_millis(60);
 #[derive(Debug)]
 pub struct BridgePorts<T: Transport> {
     commands: T::Reader<CommandV1>,
+    /// `None` for a vehicle that takes no poses.
+    poses: Option<T::Reader<PoseV1>>,
     vehicles: T::Writer<VehicleV1>,
     stop: VehicleStop,
 }
 
 impl<T: Transport> BridgePorts<T> {
-    /// Opens them, the vehicle topic first: its single writer is the lock against a second bridge, and a plant.
+    /// Opens them, the vehicle topic first: its single writer is the lock against a second bridge, and a plant. Poses are read for
+    /// a vehicle that `takes_poses`.
     ///
     /// # Errors
     /// Another bridge or a plant holds the vehicle topic, or the transport failed.
-    pub fn open(bus: &T) -> Result<Self, BusError> {
+    pub fn open(bus: &T, takes_poses: bool) -> Result<Self, BusError> {
         let vehicles = bus.writer(&VEHICLE)?;
         let stop = VehicleStop::new(bus.stop_switch()?);
-        Ok(Self { vehicles, commands: bus.reader(&COMMAND)?, stop })
+        let poses = takes_poses.then(|| bus.reader(&POSE)).transpose()?;
+        Ok(Self { vehicles, commands: bus.reader(&COMMAND)?, poses, stop })
     }
 
     fn report(&mut self, report: VehicleReport) -> Result<(), BusError> {
@@ -94,6 +98,11 @@ impl<T: Transport> Turn for BridgeTurn<T> {
             let (now, lost) = (clock.now(), self.ports.commands.lost());
             self.bridge.receive_command(now, &header, command, lost);
         }
+        if let Some(poses) = &mut self.ports.poses
+            && let Some((header, pose)) = poses.latest()?
+        {
+            self.bridge.receive_pose(&header, &pose);
+        }
         self.write_due(clock)?;
         self.confirm_stop();
         Ok(())
@@ -135,9 +144,16 @@ impl<T: Transport> BridgeTurn<T> {
     fn read_link(&mut self, clock: &impl TurnClock) {
         let mut buffer = [0; READ_BUFFER];
         for _ in 0..MAX_READS {
-            match self.link.as_mut().map(|link| link.read(&mut buffer)) {
+            let answers = self.bridge.begin_read(clock.now());
+            let read = self.link.as_mut().map(|link| {
+                link.keep_peer(answers);
+                link.read(&mut buffer)
+            });
+            match read {
                 Some(Ok(count)) if count > 0 => {
-                    self.bridge.receive_bytes(clock.now(), &buffer[..count]);
+                    let handle = &mut self.handle;
+                    let mut note = |said| handle.note(said);
+                    self.bridge.receive_bytes(clock.now(), &buffer[..count], &mut note);
                 }
                 Some(Err(_)) => return self.close_link(clock.now()),
                 Some(Ok(_)) | None => return,
@@ -151,14 +167,13 @@ impl<T: Transport> BridgeTurn<T> {
         self.discard_if_stuck(clock);
         self.write_outbox(clock)?;
         let handle = &mut self.handle;
-        let without_port = self.bridge.turn(clock.now(), &mut |note| handle.note(note));
-        if let Some(report) = without_port {
+        let unsent = self.bridge.turn(clock.now(), &mut |note| handle.note(note));
+        if let Some(report) = unsent {
             self.health.count_output();
             self.ports.report(report)?;
         }
-        if !self.bridge.outbox().is_empty() {
-            self.write_outbox(clock)?;
-            self.bridge.follow_up(clock.now());
+        self.write_outbox(clock)?;
+        while self.bridge.follow_up(clock.now()) {
             self.write_outbox(clock)?;
         }
         Ok(())

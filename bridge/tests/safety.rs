@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use oqtal_bridge::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits, VehicleSetpoint};
-use oqtal_bus::code::Actuation;
+use oqtal_bridge::{
+    CommandGate, ForwardedCommand, MotorEvent, MotorStatus, SafetyLimits, VehicleSetpoint,
+};
+use oqtal_bus::code::{Actuation, ControlHolder};
 use oqtal_bus::message::{CommandV1, Header, Stamps};
 use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
@@ -25,6 +27,8 @@ enum Stimulus {
     Command { actuation: u8, stick: f64, age_us: i64 },
     /// The vehicle reports its motors.
     Status { running: bool },
+    /// Who has control of the vehicle.
+    Control(ControlHolder),
     /// The port is opened again.
     Reopened,
     /// A set-point is due.
@@ -38,6 +42,7 @@ fn stimulus() -> impl Strategy<Value = Stimulus> {
     prop_oneof![
         6 => command.prop_map(|(actuation, stick, age_us)| Stimulus::Command { actuation, stick, age_us }),
         3 => any::<bool>().prop_map(|running| Stimulus::Status { running }),
+        1 => prop_oneof![Just(ControlHolder::Bridge), Just(ControlHolder::Another)].prop_map(Stimulus::Control),
         1 => Just(Stimulus::Reopened),
         8 => Just(Stimulus::Frame),
     ]
@@ -98,6 +103,7 @@ impl Player {
                 self.status = Some(status);
                 self.gate.update_status(status);
             }
+            Stimulus::Control(control) => self.gate.update_control(control),
             Stimulus::Reopened => {
                 self.gate.reset(self.now);
                 (self.status, self.is_first) = (None, true);
@@ -127,7 +133,10 @@ proptest! {
             if let Some(ForwardedCommand { stamps, .. }) = forwarded {
                 prop_assert!(now.since(stamps.command_published_at) <= LIMITS.command_age);
             }
-            prop_assert!(!player.is_first || setpoint == VehicleSetpoint::Zero, "{:?}", setpoint);
+            let is_released = player.gate.control() == ControlHolder::Another;
+            prop_assert_eq!(setpoint == VehicleSetpoint::Released, is_released);
+            let is_quiet = matches!(setpoint, VehicleSetpoint::Zero | VehicleSetpoint::Released);
+            prop_assert!(!player.is_first || is_quiet, "{:?}", setpoint);
             player.is_first = false;
         }
     }
@@ -141,7 +150,7 @@ proptest! {
             let running = match setpoint {
                 VehicleSetpoint::StartMotors => false,
                 VehicleSetpoint::StopMotors => true,
-                VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => {
+                VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) | VehicleSetpoint::Released => {
                     toggling_since = toggling_since.filter(|_| player.gate.is_in_sequence());
                     continue;
                 }
@@ -301,4 +310,38 @@ fn f15_an_operators_stop_ends_flight_at_once_and_stops_the_motors_without_rest()
     assert!(player.gate.motors_are_off());
     player.gate.keep_stopped(None);
     assert!(matches!(flown(&mut player, false), VehicleSetpoint::StartMotors));
+}
+
+#[test]
+fn f57_nothing_is_sent_once_another_has_control_until_it_is_given_back_and_flight_is_asked_for_anew()
+ {
+    let mut flying = Flying::new();
+    flying.status(true);
+    assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
+    flying.gate.update_control(ControlHolder::Another);
+    let (setpoint, forwarded, event) = flying.gate.decide(flying.now);
+    assert_eq!((setpoint, forwarded), (VehicleSetpoint::Released, None));
+    assert_eq!(event, Some(MotorEvent::ControlTaken));
+    assert!(!flying.gate.may_run(), "no emergency stop at the end of the bridge either");
+    // The daemon says "motors off" for as long as it likes: the motors are the pilot's.
+    for _ in 0..300 {
+        flying.status(true);
+        assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Released);
+    }
+    flying.gate.keep_stopped(Some(flying.now));
+    assert_eq!(flying.frame(), VehicleSetpoint::Released);
+    flying.gate.keep_stopped(None);
+    // Given back in the air while a daemon still wants to fly: it must end its flight first.
+    flying.command(flight(0.1));
+    flying.gate.update_control(ControlHolder::Bridge);
+    for _ in 0..30 {
+        flying.status(true);
+        assert_eq!(flying.command(flight(0.1)), VehicleSetpoint::Zero);
+    }
+    for _ in 0..120 {
+        flying.status(true);
+        assert_eq!(flying.command(CommandV1::default()), VehicleSetpoint::Zero, "not started here");
+    }
+    flying.status(true);
+    assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
 }

@@ -157,7 +157,7 @@ proptest! {
                 now = bridge.next_event(now).max(now);
                 let (bytes, _) = turn(&mut bridge, now);
                 requests += usize::from(bytes.len() > setpoint);
-                bridge.receive_bytes(now, &acknowledgement_frame(Descriptor::ControlInput));
+                bridge.receive_bytes(now, &acknowledgement_frame(Descriptor::ControlInput), &mut |_| {});
             }
             now = arrives;
             bridge.receive_command(now, &header(sequence, now), CommandV1::default(), 0);
@@ -206,7 +206,7 @@ proptest! {
     #[test]
     fn any_bytes_may_come(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
         let mut bridge = bridge();
-        bridge.receive_bytes(START, &bytes);
+        bridge.receive_bytes(START, &bytes, &mut |_| {});
         let (_, reported) = turn(&mut bridge, START);
         prop_assert!(reported.is_some());
     }
@@ -241,17 +241,21 @@ fn bytes_that_a_port_keeps_although_they_were_discarded_are_waited_for() {
 #[test]
 fn motors_count_as_running_without_a_status_while_the_vehicle_answers() {
     let mut bridge = bridge();
-    bridge.receive_bytes(START, &status(1));
+    bridge.receive_bytes(START, &status(1), &mut |_| {});
     let mut armed = |millis: i64, acknowledged: bool| {
         let now = START + Span::from_millis(millis);
         if acknowledged {
-            bridge.receive_bytes(now, &acknowledgement_frame(Descriptor::ControlInput));
+            bridge.receive_bytes(
+                now,
+                &acknowledgement_frame(Descriptor::ControlInput),
+                &mut |_| {},
+            );
         }
         bridge.report(now, None, Span::ZERO).2.armed
     };
     assert!((1..=60).all(|step| armed(500 * step, true) == 1));
     assert_eq!((armed(31_000, false), armed(31_001, false)), (1, 0), "silent for a second");
-    bridge.receive_bytes(START + Span::from_millis(32_000), &status(0));
+    bridge.receive_bytes(START + Span::from_millis(32_000), &status(0), &mut |_| {});
     assert_eq!(bridge.report(START + Span::from_millis(32_000), None, Span::ZERO).2.armed, 0);
 }
 
@@ -309,7 +313,7 @@ fn ages_through(pauses: &[(i64, i64)]) -> Vec<Span> {
             due = due + PERIOD;
             published.push(now);
             let sequence = published.len();
-            bridge.receive_bytes(now, &status(1));
+            bridge.receive_bytes(now, &status(1), &mut |_| {});
             bridge.receive_command(now, &header(sequence as u64, now), numbered(sequence), 0);
         }
         if bridge.is_stuck(now, port.queue.len()) {
@@ -363,7 +367,7 @@ fn a_vehicle_whose_motors_do_not_stop_gets_the_emergency_stop_once() {
     let mut step = |bridge: &mut Bridge, command: CommandV1, motors_on: i8| {
         now = now + PERIOD;
         sequence += 1;
-        bridge.receive_bytes(now, &status(motors_on));
+        bridge.receive_bytes(now, &status(motors_on), &mut |_| {});
         bridge.receive_command(now, &header(sequence, now), command, 0);
         let (bytes, _) = turn(bridge, now);
         let reply: Vec<HostCommand> = VehicleDecoder::new().push(&bytes).collect();

@@ -153,10 +153,60 @@ code! {
         HeldTooLong = 27 => "held for too long",
         /// Something keeps a flight from beginning: the reply lists it.
         NotReady = 28 => "not ready",
+        /// A pilot or the vehicle itself took control: a flight ends, nothing is commanded.
+        ControlTaken = 29 => "another has control",
         /// The request was read after the operator had given up waiting for the answer.
         Expired = 40 => "request came too late",
         /// The operator expects the daemon to run with another configuration.
         OtherConfig = 41 => "another configuration expected",
+    }
+}
+
+code! {
+    /// Who has control of a vehicle.
+    ControlHolder {
+        /// Nobody: its motors are off. Or the vehicle does not tell.
+        Nobody = 0 => "nobody",
+        /// The bridge: the vehicle follows its set-points.
+        Bridge = 1 => "the bridge",
+        /// A pilot, another ground station, or the vehicle's own failsafe: set-points are not sent.
+        Another = 2 => "a pilot or the vehicle itself",
+    }
+}
+
+code! {
+    /// Why a vehicle did not do what was asked.
+    VehicleRefusal {
+        /// No refusal since motors ran last.
+        None = 0 => "",
+        /// The vehicle refused to run its motors: its checks before arming fail.
+        Arming = 1 => "the vehicle refuses to arm",
+        /// The vehicle refused to stop its motors.
+        Disarming = 2 => "the vehicle refuses to disarm",
+        /// The vehicle refused the mode in which it follows set-points.
+        Mode = 3 => "the vehicle refuses the mode for set-points",
+        /// A command that starting needs was not answered.
+        NoAnswer = 4 => "the vehicle does not answer commands",
+        /// The autopilot is of another kind than the link says.
+        OtherAutopilot = 5 => "the autopilot is of another kind than the link says",
+        /// Only vehicles of another system id than the link says are heard.
+        OtherSystem = 6 => "a vehicle of another system id is heard",
+        /// The vehicle is locked until it is restarted.
+        Locked = 7 => "the vehicle is locked until it is restarted",
+        /// The vehicle speaks a version of its language that the bridge does not.
+        OtherVersion = 8 => "the vehicle speaks another protocol version",
+    }
+}
+
+code! {
+    /// What a vehicle knows of its own motion.
+    EstimatorState {
+        /// It does not tell.
+        Unknown = 0 => "unknown",
+        /// It has no position, or does not trust it.
+        NotReady = 1 => "not ready",
+        /// It has attitude and position.
+        Ready = 2 => "ready",
     }
 }
 

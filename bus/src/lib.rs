@@ -21,6 +21,7 @@ mod remains;
 pub mod shared;
 pub mod stop;
 pub mod suspend;
+pub mod text;
 pub mod time;
 pub mod topic;
 pub mod transport;

@@ -48,6 +48,10 @@ obstacles! {
     Configuration = 9 => "processes run with different configurations",
     /// An operator's stop keeps the motors off until the controller has commanded them off.
     Stopped = 10 => "an operator's stop is in force until the vehicle is disarmed",
+    /// A pilot or the vehicle itself has control.
+    ControlTaken = 11 => "a pilot or the vehicle itself has control",
+    /// The vehicle's own estimate of its motion is not ready.
+    EstimatorNotReady = 12 => "the vehicle's own estimate of its motion is not ready",
 }
 
 /// A set of reasons against arming.

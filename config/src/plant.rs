@@ -67,7 +67,8 @@ pub struct PlantOptions {
     /// plant then flies by the commands on the bus and does not publish `vehicle`.
     pub shadow: bool,
     /// Source of the truth where the vehicle is a firmware that runs as a program,
-    /// `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]`; empty for the simulated vehicle. Parsed by plant-sim.
+    /// `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]` or `mavlink:udpin:HOST:PORT`; empty for the simulated vehicle. Parsed by
+    /// plant-sim.
     pub truth: String,
     /// `[plant.rotors]`.
     pub rotors: RotorOptions,

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::Vector3;
+use oqtal_bus::code::{ControlHolder, EstimatorState};
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
@@ -89,7 +90,14 @@ impl ArmingCheck {
         use ArmingObstacle as O;
         let real = view.vehicle.is_some_and(|vehicle| vehicle.simulated == 0);
         let low = view.vehicle.is_some_and(|vehicle| self.limits.is_battery_low(vehicle));
+        let has_code = |code: fn(&VehicleV1) -> u8, value| {
+            view.vehicle.is_some_and(|vehicle| code(vehicle) == value)
+        };
+        let taken = has_code(|vehicle| vehicle.control, ControlHolder::Another.code());
+        let lost = has_code(|vehicle| vehicle.estimator, EstimatorState::NotReady.code());
         let general = ArmingObstacles::default()
+            .with(O::ControlTaken, taken)
+            .with(O::EstimatorNotReady, lost)
             .with(O::NoPoses, !view.poses_good || view.last.is_none())
             .with(O::VehicleSilent, view.vehicle.is_none())
             .with(O::BatteryLow, low)

@@ -28,6 +28,8 @@ pub struct SafetyConditions {
     /// In flight: the vehicle has not answered for too long, its motors stand, or its bridge was restarted. Before a flight:
     /// another vehicle took the place of the one for which the flight was requested.
     pub vehicle_lost: bool,
+    /// In flight: a pilot or the vehicle itself took control.
+    pub control_taken: bool,
     /// An operator requested a stop.
     pub operator_stops: bool,
     /// An operator requested a flight.
@@ -70,13 +72,14 @@ pub struct SafetyRow {
 
 /// All limits, the most severe first.
 #[rustfmt::skip]
-pub const LIMITS: [SafetyRow; 31] = {
+pub const LIMITS: [SafetyRow; 32] = {
     use Ending::{Armed, Gone, Landed, PosesGood};
     use SafetyRow as Row;
     [
         // Motors off, latched.
         Row { id: "F33", cause: Some(Cause::Operator), when: |c| c.operator_stops, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F02", cause: None, when: |c| c.blind_too_long && !c.may_descend, after_ms: 0, action: Stop, ends: Armed },
+        Row { id: "F57", cause: Some(Cause::ControlTaken), when: |c| c.control_taken, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F18", cause: Some(Cause::NoVehicle), when: |c| c.vehicle_lost, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F37", cause: Some(Cause::Fence), when: |c| c.limits.leaves_fence, after_ms: 0, action: Stop, ends: Armed },
         Row { id: "F38", cause: Some(Cause::Tilt), when: |c| c.limits.tipped, after_ms: 100, action: Stop, ends: Armed },

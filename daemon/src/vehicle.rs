@@ -1,5 +1,6 @@
 //! The daemon's knowledge of the vehicle: whether it answers, whether its motors are being started, whether it is simulated.
 
+use oqtal_bus::code::ControlHolder;
 use oqtal_bus::message::VehicleV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::SafetyOptions;
@@ -91,6 +92,13 @@ impl VehicleWatch {
         stands || self.is_replaced || self.is_old(now, self.answered_at) || self.does_not_start(now)
     }
 
+    /// Whether another than the bridge has control of the vehicle, by the last message.
+    #[must_use]
+    pub fn control_is_taken(&self) -> bool {
+        let another = ControlHolder::Another.code();
+        self.heard.is_some_and(|(_, vehicle)| vehicle.control == another)
+    }
+
     /// Whether the flight waits for the motors: while they are being started, and with a real vehicle until they run.
     #[must_use]
     pub fn holds_flight(&self) -> bool {
@@ -131,11 +139,17 @@ mod tests {
         link_quality: 1.0,
         wire_ns: 0,
         air_ns: 0,
+        estimate_position: [f64::NAN; 3],
+        estimate_attitude: [0.0; 4],
         armed: 0,
         starting: 0,
         stopped: 0,
         link: 1,
         simulated: 0,
+        control: 0,
+        refusal: 0,
+        estimator: 0,
+        text: oqtal_bus::text::ShortText::EMPTY,
     };
 
     /// Silent after 500 ms; motors start within 3500 ms.

@@ -3,7 +3,9 @@
 mod common;
 
 use common::{Bench, FRAME, LAWS, REAL, WELL, still};
-use oqtal_bus::code::{Actuation, Answer, Cause, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{
+    Actuation, Answer, Cause, ControlHolder, EstimatorState, Mode, OperatorCommand, SafetyState,
+};
 use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::Span;
 use oqtal_config::Setting;
@@ -62,6 +64,41 @@ fn f18_a_vehicle_that_falls_silent_in_flight_is_told_to_stop_within_its_limit() 
         bench.show(still(bench.frame));
         assert_eq!(bench.mode(), Some(Mode::Flying));
     }
+}
+
+#[test]
+fn f57_control_that_another_takes_is_left_to_it_in_the_same_tick_until_an_operator_arms_again() {
+    let mut bench = Bench::flying(&[]);
+    assert_ne!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    bench.vehicle.control = ControlHolder::Another.code();
+    bench.show(still(bench.frame));
+    // The message about the vehicle comes with the command before: it is read in the next tick.
+    for _ in 0..20 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+        assert_eq!(bench.state(), Some(SafetyState::Stop));
+        assert_eq!(bench.cycle.telemetry().cause, Cause::ControlTaken.code());
+    }
+    let refusal = bench.cycle.request(bench.now, OperatorCommand::Arm);
+    assert_eq!(refusal.cause, Cause::ControlTaken.code());
+    bench.vehicle.control = ControlHolder::Nobody.code();
+    for _ in 0..20 {
+        assert_eq!(bench.show(still(bench.frame)).unwrap().command, CommandV1::default());
+    }
+    assert_eq!(bench.state(), Some(SafetyState::Stop), "latched");
+    bench.cycle.request(bench.now, OperatorCommand::Arm);
+    bench.show(still(bench.frame));
+    assert_eq!(bench.mode(), Some(Mode::Flying));
+}
+
+#[test]
+fn a_vehicle_that_does_not_know_its_own_motion_is_not_armed() {
+    let mut bench = Bench::new(&[]);
+    bench.vehicle.estimator = EstimatorState::NotReady.code();
+    for _ in 0..20 {
+        bench.show(still(bench.frame));
+    }
+    let refusal = bench.cycle.request(bench.now, OperatorCommand::Arm);
+    assert_eq!(refusal.cause, Cause::NotReady.code());
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use oqtal_bus::code::{Cause, Mode, SafetyState};
+use oqtal_bus::code::{Cause, ControlHolder, EstimatorState, Mode, SafetyState, VehicleRefusal};
 use oqtal_bus::message::{Header, HealthV1, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
@@ -188,6 +188,16 @@ pub struct VehicleStatus {
     stopped: bool,
     battery_v: Option<f64>,
     link_quality: Option<f64>,
+    /// Who has control of it.
+    control: String,
+    /// Why it did not do what was asked last; empty for nothing.
+    refusal: String,
+    /// What it knows of its own motion.
+    estimator: String,
+    /// Position as it estimates it \[m, world\].
+    estimate_m: Option<[f64; 3]>,
+    /// What it last said of a trouble; empty for nothing.
+    text: String,
 }
 
 impl VehicleStatus {
@@ -201,6 +211,12 @@ impl VehicleStatus {
             stopped: vehicle.stopped != 0,
             battery_v: known(vehicle.battery_v),
             link_quality: known(vehicle.link_quality),
+            control: word(ControlHolder::from_code(vehicle.control)),
+            refusal: word(VehicleRefusal::from_code(vehicle.refusal)),
+            estimator: word(EstimatorState::from_code(vehicle.estimator)),
+            estimate_m: Some(vehicle.estimate_position)
+                .filter(|position| position.iter().all(|number| number.is_finite())),
+            text: vehicle.text.as_str().to_owned(),
         }
     }
 }
@@ -219,10 +235,19 @@ impl fmt::Display for VehicleStatus {
         if let Some(volts) = self.battery_v {
             write!(f, ", battery {volts:.1} V")?;
         }
-        match self.link_quality {
-            Some(share) => write!(f, ", link quality {:.0} %", share * 100.0),
-            None => Ok(()),
+        if let Some(share) = self.link_quality {
+            write!(f, ", link quality {:.0} %", share * 100.0)?;
         }
+        if self.control == ControlHolder::Another.to_string() {
+            write!(f, ", control: {}", self.control)?;
+        }
+        if self.estimator == EstimatorState::NotReady.to_string() {
+            write!(f, ", its estimate is not ready")?;
+        }
+        if !self.refusal.is_empty() {
+            write!(f, ", {}", self.refusal)?;
+        }
+        if self.text.is_empty() { Ok(()) } else { write!(f, ", it says: {}", self.text) }
     }
 }
 

@@ -6,11 +6,9 @@
 //! |---|---|
 //! | `body.rs` | rotors and inertial sensors, pure |
 //! | `relay.rs` | CRTP packets on their way, with the faults of the radio, pure |
-//! | `sockets.rs` | the UDP sockets |
 
 mod body;
 mod relay;
-mod sockets;
 
 use std::net::SocketAddr;
 
@@ -22,14 +20,14 @@ use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Failure, ProcessContext};
-use oqtal_wire::crazyflie_sitl::{FirmwarePacket, HELLO, is_from_client};
+use oqtal_wire::crazyflie_sitl::{FirmwarePacket, HELLO, MAX_DATAGRAM, is_from_client};
 
+use crate::socket::{self, PeerSocket};
 use crate::turn::tell_skipped;
 use crate::wire::LinkDirection;
 
 pub use body::{BodyOutput, FirmwareBody, ImuDatagram};
 pub use relay::{CrtpRelay, Datagram};
-pub use sockets::PeerSocket;
 
 /// Most datagrams that are read in one turn from each socket \[-\].
 const MOST_READ: usize = 64;
@@ -62,7 +60,7 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
     context.enter_realtime();
     while !context.stop.is_set() {
         context.health.count_turn();
-        sockets::wait([&link.firmware, &link.client], link.body.next_event())?;
+        socket::wait([&link.firmware, &link.client], link.body.next_event())?;
         heartbeat.beat(HealthV1::default())?;
         let now = Time::now();
         link.relay.disturb(radio.at(now)?);
@@ -86,6 +84,14 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
         "the body is at rest"
     );
     Ok(())
+}
+
+/// The next datagram at `socket` and its sender; one that is too long counts as empty.
+fn read(socket: &PeerSocket) -> Option<(Datagram, SocketAddr)> {
+    let mut bytes = [0; MAX_DATAGRAM + 1];
+    let (length, sender) = socket.read(&mut bytes)?;
+    let datagram = Datagram::new(&bytes[..length]).or_else(|| Datagram::new(&[]));
+    datagram.map(|datagram| (datagram, sender))
 }
 
 /// Publishes a truth sample, and wakes the cameras at those that they capture.
@@ -127,7 +133,7 @@ impl FirmwareLink {
     fn read(&mut self, now: Time) -> bool {
         let mut driven = false;
         for _ in 0..MOST_READ {
-            let Some((datagram, sender)) = self.firmware.read() else { break };
+            let Some((datagram, sender)) = read(&self.firmware) else { break };
             match FirmwarePacket::decode(datagram.as_bytes()) {
                 FirmwarePacket::Hello => self.greet(sender),
                 FirmwarePacket::Motors(motors) => {
@@ -141,7 +147,7 @@ impl FirmwareLink {
             }
         }
         for _ in 0..MOST_READ {
-            let Some((datagram, sender)) = self.client.read() else { break };
+            let Some((datagram, sender)) = read(&self.client) else { break };
             if is_from_client(datagram.as_bytes()) {
                 self.client.accept(sender);
                 self.relay.push(LinkDirection::Up, now, datagram);

@@ -1,12 +1,14 @@
 //! The plant process: a simulated vehicle and its radio, in place of a real one.
 //!
-//! [`Plant`] is pure; [`run`] wires it to the bus, puts it at the other end of a radio's wire ([`wire`]), or makes it the body of a
-//! firmware that runs as a program ([`firmware`]).
+//! [`Plant`] is pure; [`run`] wires it to the bus, puts it at the other end of a radio's wire ([`wire`]), makes it the body of a
+//! firmware that runs as a program ([`firmware`]), or tells the truth of an autopilot's own simulator ([`autopilot`]).
 #![forbid(unsafe_code)]
 
+pub mod autopilot;
 mod dynamics;
 pub mod firmware;
 mod plant;
+mod socket;
 mod spread;
 mod state;
 mod turn;
@@ -20,7 +22,7 @@ use oqtal_bus::topic::{COMMAND, Role};
 use oqtal_config::{Config, FaultTarget};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::FaultyTransport;
-use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::truth::TruthSource;
@@ -45,7 +47,8 @@ pub struct PlantArgs {
     /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal
     #[arg(long, value_name = "LINK")]
     wire: Option<String>,
-    /// Be the body of a Crazyflie's firmware that runs as a program: crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]
+    /// Be the body of a Crazyflie's firmware that runs as a program, crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or publish the
+    /// truth of an autopilot's own simulator, mavlink:udpin:HOST:PORT
     #[arg(long, value_name = "LINK", conflicts_with = "wire")]
     truth: Option<String>,
     #[command(flatten)]
@@ -106,7 +109,11 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         (Some(TruthSource::CrazyflieSitl { body, crtp }), _) => {
             firmware::run(context, firmware::BodyAddresses { body, crtp })
         }
-        (None, Some(link)) => wire::run(context, &link),
+        (Some(TruthSource::Mavlink(address)), _) => autopilot::run(context, address),
+        (None, Some(LinkSpec::Asctec(link))) => wire::run(context, &link),
+        (None, Some(LinkSpec::Mavlink(_))) => {
+            Err(Failure::new(Exit::Config, "the emulated vehicle does not speak MAVLink yet"))
+        }
         (None, None) => fly(context),
     }
 }

@@ -222,6 +222,7 @@ impl Plant {
             lost: self.commands_lost,
             battery_v: self.battery.voltage(),
             link_quality: f64::NAN,
+            estimate_position: [f64::NAN; 3],
             armed: u8::from(self.armed),
             stopped: u8::from(self.stopped),
             link: 1,

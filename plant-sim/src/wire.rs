@@ -27,7 +27,7 @@ use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Failure, ProcessContext};
-use oqtal_wire::link::LinkSpec;
+use oqtal_wire::link::AsctecLink;
 
 use crate::PlantOutput;
 use crate::turn::tell_skipped;
@@ -49,10 +49,10 @@ const CHUNK: usize = 512;
 ///
 /// # Errors
 /// The link cannot be made; the bus refuses or breaks.
-pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
+pub fn run(context: &ProcessContext, link: &AsctecLink) -> Result<(), Failure> {
     // Joined first: a link that a killed vehicle left in the directory of the instance is gone then.
     let bus = context.bus()?;
-    let terminal = PseudoTerminal::open(Path::new(link.path()))?;
+    let terminal = PseudoTerminal::open(Path::new(&link.serial.path))?;
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat = heartbeat(context, &bus)?;
     let mut vehicle = WiredVehicle::new(&context.config, link, Time::now())
@@ -61,7 +61,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let mut radio = RadioFaults::open(&bus, &context.config)?;
     let mut released_at = Time::UNSET;
     let mut chunk = [0; CHUNK];
-    tracing::info!(link = link.path(), "the emulated vehicle waits for a host");
+    tracing::info!(link = link.serial.path, "the emulated vehicle waits for a host");
     context.enter_realtime();
     while !context.stop.is_set() {
         context.health.count_turn();

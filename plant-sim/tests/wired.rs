@@ -8,10 +8,17 @@ use oqtal_wire::asctec::{
     ControlInput, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent, LlStatus, Poll, Scales,
     StickMeaning, Sticks, VehicleDecoder, poll_frame,
 };
-use oqtal_wire::link::LinkSpec;
+use oqtal_wire::link::{AsctecLink, LinkSpec};
 use oqtal_wire::xbee::{Address, Carrier, RadioEvent, Side};
 use proptest::prelude::*;
 use rand::RngExt;
+
+fn link(text: &str) -> AsctecLink {
+    match text.parse() {
+        Ok(LinkSpec::Asctec(link)) => link,
+        other => panic!("{other:?}"),
+    }
+}
 
 const START: Time = Time::VIRTUAL_START;
 const PERIOD_US: i64 = 16_667;
@@ -36,7 +43,7 @@ struct Host {
 
 impl Host {
     fn new(config: &Config) -> Self {
-        let link = "asctec:/dev/null".parse().unwrap();
+        let link = link("asctec:/dev/null");
         Self {
             vehicle: WiredVehicle::new(config, &link, START).unwrap(),
             scales: scales_of(config),
@@ -141,7 +148,7 @@ fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
 #[test]
 fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     let config = Config::default();
-    let link = "asctec:/dev/null".parse().unwrap();
+    let link = link("asctec:/dev/null");
     let mut vehicle = WiredVehicle::new(&config, &link, START).unwrap();
     vehicle.host_writes(START, &ControlInput::ZERO_SETPOINT.frame());
     let delay = |millis: f64| START + Span::from_seconds(1e-3 * millis);
@@ -156,9 +163,9 @@ fn a_command_acts_after_the_delay_of_the_direct_simulation() {
 fn both_api_modes_carry_commands_and_answers() {
     for framing in ["api1", "api2"] {
         let config = Config::default();
-        let link: LinkSpec = format!("asctec:/dev/null,xbee={framing}").parse().unwrap();
+        let link = link(&format!("asctec:/dev/null,xbee={framing}"));
         let mut vehicle = WiredVehicle::new(&config, &link, START).unwrap();
-        let mut host = Carrier::new(link.xbee(), Side::Host, Address::BROADCAST);
+        let mut host = Carrier::new(link.xbee, Side::Host, Address::BROADCAST);
         let request = host.wrap(1, &poll_frame(Poll::LL_STATUS)).unwrap();
         vehicle.host_writes(START, request.as_bytes());
         let later = START + Span::from_millis(200);

@@ -1,6 +1,6 @@
 //! The model as lines of text: a label, words, and how much they matter.
 
-use oqtal_bus::code::{Mode, SafetyState};
+use oqtal_bus::code::{ControlHolder, Mode, SafetyState};
 use oqtal_bus::message::{TelemetryV1, VehicleV1};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Span;
@@ -174,7 +174,12 @@ fn faults(model: &MonitorModel) -> StatusLine {
         found.push("configurations differ".to_owned());
     }
     if let Some(Newest { body, .. }) = model.vehicle {
-        let wrong = [(body.link == 0, "vehicle silent"), (body.stopped == 1, "operator's stop")];
+        let taken = body.control == ControlHolder::Another.code();
+        let wrong = [
+            (body.link == 0, "vehicle silent"),
+            (body.stopped == 1, "operator's stop"),
+            (taken, "another has control"),
+        ];
         found.extend(wrong.into_iter().filter(|(is, _)| *is).map(|(_, text)| text.to_owned()));
     }
     let counters = model.figures.counters();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
+use oqtal_bus::code::{ControlHolder, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{TelemetryV1, VehicleV1};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
@@ -107,6 +107,9 @@ fn vehicle(vehicle: &VehicleV1) -> String {
     }
     let state = match vehicle {
         VehicleV1 { link: 0, .. } => return ", vehicle silent".to_owned(),
+        vehicle if vehicle.control == ControlHolder::Another.code() => {
+            return ", another has control".to_owned();
+        }
         VehicleV1 { starting: 1, .. } => "motors starting",
         VehicleV1 { armed: 1, .. } => "motors running",
         _ => "motors off",

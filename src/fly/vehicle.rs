@@ -10,13 +10,16 @@ use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
-use oqtal_wire::link::LinkSpec;
+use oqtal_wire::link::{AsctecLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec};
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
   sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
-  link:asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]";
+  bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
+  link:LINK, where LINK is one of";
+/// Port of an emulated vehicle until the flight names one; a link without a port is none.
+const NO_PORT: [(&str, &str); 2] = [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550")];
 /// Time within which a running simulator publishes the truth, which it does every millisecond.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
 /// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
@@ -32,7 +35,7 @@ pub enum VehicleChoice {
         /// `plant.fidelity`.
         fidelity: Option<String>,
     },
-    /// The simulated vehicle, commanded by a bridge over a pseudo-terminal; the path of the link is not final.
+    /// The simulated vehicle, commanded by a bridge over a wire; the port of the link is not final.
     Bridged(LinkSpec),
     /// The vehicle at a link, commanded by a bridge.
     Linked(LinkSpec),
@@ -48,12 +51,20 @@ pub fn parse(text: &str) -> Result<VehicleChoice, String> {
         Some(("bridge", rest)) => {
             let (kind, options) =
                 rest.split_once(',').map_or((rest, ""), |(kind, _)| (kind, &rest[kind.len()..]));
-            let usage = |_| FORMS.to_owned();
-            link(&format!("{kind}:/{options}")).map(VehicleChoice::Bridged).map_err(usage)
+            let port = NO_PORT.iter().find(|(known, _)| *known == kind).map(|(_, port)| port);
+            let port = port.ok_or_else(forms)?;
+            let usage = |_| forms();
+            link(&format!("{kind}:{port}{options}")).map(VehicleChoice::Bridged).map_err(usage)
         }
         Some(("link", rest)) => link(rest).map(VehicleChoice::Linked),
-        _ => parse_simulated(text).ok_or_else(|| FORMS.to_owned()),
+        _ => parse_simulated(text).ok_or_else(forms),
     }
+}
+
+/// The forms of the flag, and of links.
+fn forms() -> String {
+    let links = LinkSpec::forms().into_iter().map(|form| format!("\n    {form}"));
+    std::iter::once(FORMS.to_owned()).chain(links).collect()
 }
 
 fn parse_simulated(text: &str) -> Option<VehicleChoice> {
@@ -96,8 +107,13 @@ pub enum CommandLink {
     /// Over the bus to the simulated vehicle.
     #[default]
     Bus,
-    /// By a bridge over this link to the simulated vehicle.
-    Bridged(LinkSpec),
+    /// By a bridge over a wire to the simulated vehicle.
+    Bridged {
+        /// The bridge's end.
+        bridge: LinkSpec,
+        /// The vehicle's end.
+        vehicle: LinkSpec,
+    },
     /// By a bridge to the vehicle at this link.
     Linked(LinkSpec),
 }
@@ -110,7 +126,7 @@ impl CommandLink {
     pub fn open(choice: Option<&VehicleChoice>, config: &mut Config) -> Result<Self, Failure> {
         let path = match choice {
             Some(VehicleChoice::Simulated { .. }) => Self::Bus,
-            Some(VehicleChoice::Bridged(link)) => Self::Bridged(at_instance(link, config)?),
+            Some(VehicleChoice::Bridged(link)) => Self::bridged(link, config)?,
             Some(VehicleChoice::Linked(link)) => Self::Linked(link.clone()),
             None => Self::configured(config)?,
         };
@@ -140,7 +156,7 @@ impl CommandLink {
     fn configured(config: &Config) -> Result<Self, Failure> {
         let located = |error: OptionError| Failure::from(config.locate(&error));
         if let Some(link) = oqtal_plant_sim::wire::link(config).map_err(located)? {
-            return Ok(Self::Bridged(at_instance(&link, config)?));
+            return Self::bridged(&link, config);
         }
         let link = oqtal_bridge::link(config).map_err(located)?;
         Ok(link
@@ -148,12 +164,28 @@ impl CommandLink {
             .map_or(Self::Bus, Self::Linked))
     }
 
+    /// The path over `link`, at ports that belong to this instance.
+    fn bridged(link: &LinkSpec, config: &Config) -> Result<Self, Failure> {
+        Ok(match link {
+            LinkSpec::Asctec(link) => {
+                let bridge = checked_path(link, &instance_paths(config)?.wire())?;
+                Self::Bridged { vehicle: bridge.clone(), bridge }
+            }
+            LinkSpec::Mavlink(link) => {
+                let at = |port| LinkSpec::Mavlink(MavlinkLink { port, ..link.clone() });
+                let address = own_address();
+                let bridge = at(PortSpec::UdpIn(address.clone()));
+                Self::Bridged { bridge, vehicle: at(PortSpec::UdpOut(address)) }
+            }
+        })
+    }
+
     fn complete(&self, config: &mut Config) -> Result<(), Failure> {
         match self {
             Self::Bus => {}
-            Self::Bridged(link) => {
-                config.bridge.link = link.to_string();
-                config.plant.wire.link = link.to_string();
+            Self::Bridged { bridge, vehicle } => {
+                config.bridge.link = bridge.to_string();
+                config.plant.wire.link = vehicle.to_string();
                 config.plant.shadow = false;
                 config.safety.allow_emulated_poses = true;
             }
@@ -173,10 +205,7 @@ impl CommandLink {
     pub fn command_path(&self) -> CommandPath {
         match self {
             Self::Bus => CommandPath::Bus,
-            Self::Bridged(link) => {
-                let path = format!(":{}", link.path());
-                CommandPath::Bridged(link.to_string().replacen(&path, "", 1))
-            }
+            Self::Bridged { bridge, .. } => CommandPath::Bridged(bridge.kind()),
             Self::Linked(link) => CommandPath::Linked(link.to_string()),
         }
     }
@@ -189,18 +218,20 @@ impl CommandLink {
             Self::Linked(_) if !config.plant.shadow && config.plant.truth.is_empty() => {
                 &[Role::Mocap, Role::Bridge, Role::Daemon]
             }
-            Self::Bridged(_) | Self::Linked(_) => {
+            Self::Bridged { .. } | Self::Linked(_) => {
                 &[Role::Plant, Role::Mocap, Role::Bridge, Role::Daemon]
             }
         }
     }
 
-    /// The link that the plant creates and the bridge then opens; `None` if the plant creates none.
+    /// The path that the plant creates and the bridge then opens; `None` if the plant creates none.
     #[must_use]
     pub fn awaited(&self) -> Option<&Path> {
         match self {
-            Self::Bridged(link) => Some(Path::new(link.path())),
-            Self::Bus | Self::Linked(_) => None,
+            Self::Bridged { vehicle: LinkSpec::Asctec(link), .. } => {
+                Some(Path::new(&link.serial.path))
+            }
+            Self::Bridged { .. } | Self::Bus | Self::Linked(_) => None,
         }
     }
 
@@ -223,12 +254,20 @@ impl CommandLink {
     }
 }
 
-/// `link` with a path that belongs to this instance.
-fn at_instance(link: &LinkSpec, config: &Config) -> Result<LinkSpec, Failure> {
-    let place = instance_paths(config)?;
-    let path = place.wire();
-    let text = link.to_string().replacen(link.path(), &path.display().to_string(), 1);
-    text.parse().map_err(|error| {
+/// Port of emulated vehicles on an address of their own.
+const VEHICLE_PORT: u16 = 14_550;
+
+/// Address of this machine that no other flight uses: one of the loopback network, named by the process.
+fn own_address() -> HostPort {
+    let [_, high, middle, low] = std::process::id().to_be_bytes();
+    HostPort { host: format!("127.{}.{middle}.{low}", 64 + high), port: VEHICLE_PORT }
+}
+
+/// `path` as the path of a serial link.
+fn checked_path(link: &AsctecLink, path: &Path) -> Result<LinkSpec, Failure> {
+    let serial = SerialSpec { path: path.display().to_string(), ..link.serial.clone() };
+    let link = LinkSpec::Asctec(AsctecLink { serial, ..link.clone() });
+    link.to_string().parse().map_err(|error| {
         Failure::new(Exit::Usage, format!("{error}; give a --root whose name has no comma"))
     })
 }
@@ -258,13 +297,13 @@ mod tests {
 
     #[test]
     fn every_form_is_read_and_anything_else_is_told_the_forms() {
-        let bridged = parse("bridge:asctec,baud=115200,xbee=api2").unwrap();
-        let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
-        assert_eq!(link.baud(), 115_200);
-        assert_eq!(
-            CommandLink::Bridged(link).command_path().to_string(),
-            "bridge:asctec,baud=115200,xbee=api2"
-        );
+        let config = Config::default();
+        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3"] {
+            let bridged = parse(&format!("bridge:{kind}")).unwrap();
+            let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
+            let path = CommandLink::bridged(&link, &config).unwrap().command_path();
+            assert_eq!(path.to_string(), format!("bridge:{kind}"));
+        }
         let linked = parse("link:asctec:/dev/ttyUSB0").unwrap();
         let VehicleChoice::Linked(link) = linked else { panic!("{linked:?}") };
         assert_eq!(
@@ -275,8 +314,7 @@ mod tests {
             parse("sim:hummingbird,fidelity=rotors"),
             Ok(VehicleChoice::Simulated { preset: Some(_), fidelity: Some(_) })
         ));
-        for wrong in ["bridge", "bridge:mavlink", "bridge:asctec,parity=1", "simulated", "sim,x=1"]
-        {
+        for wrong in ["bridge", "bridge:msp", "bridge:asctec,parity=1", "simulated", "sim,x=1"] {
             assert!(parse(wrong).unwrap_err().contains("link:asctec:PATH"), "{wrong}");
         }
         assert!(parse("link:/dev/ttyUSB0").unwrap_err().contains("asctec:PATH"));

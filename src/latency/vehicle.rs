@@ -25,6 +25,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
             lost: commands.lost(),
             battery_v: f64::NAN,
             link_quality: f64::NAN,
+            estimate_position: [f64::NAN; 3],
             armed: u8::from(command.actuation != Actuation::Disarmed.code()),
             link: 1,
             ..VehicleV1::default()

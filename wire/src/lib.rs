@@ -15,7 +15,8 @@
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
 //! | [`crazyflie_sitl`] | the Crazyflie's firmware as a program, and the simulator of its body |
-//! | [`truth`] | text form of a source of the truth: `crazyflie-sitl:udp:127.0.0.1:19950` |
+//! | [`simulator`] | the truth of the simulator within an autopilot, over MAVLink |
+//! | [`truth`] | text form of a source of the truth: `mavlink:udpin:127.0.0.1:14550` |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
 //! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
@@ -33,6 +34,7 @@ pub mod link;
 pub mod motion;
 pub mod natnet;
 pub mod qtm;
+pub mod simulator;
 pub mod stream;
 pub mod text;
 pub mod truth;

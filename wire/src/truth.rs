@@ -1,12 +1,12 @@
 //! Text form of a source of the truth, where the vehicle is a firmware that runs as a program:
-//! `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]`.
+//! `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]` or `mavlink:udpin:HOST:PORT`.
 
 use std::fmt;
 use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::str::FromStr;
 
 /// Text form, for error messages.
-const FORM: &str = "crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]";
+const FORM: &str = "crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT] or mavlink:udpin:HOST:PORT";
 /// Default address at which clients reach the firmware over CRTP, that of Crazyflie's own tools.
 const DEFAULT_CRTP: SocketAddr = SocketAddr::V4(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 19850));
 
@@ -20,6 +20,8 @@ pub enum TruthSource {
         /// Address at which the simulator passes on CRTP packets of a client.
         crtp: SocketAddr,
     },
+    /// The simulator within an autopilot, which sends `SIM_STATE` or `HIL_STATE_QUATERNION` to this address.
+    Mavlink(SocketAddr),
 }
 
 /// Error in the text of a source of the truth.
@@ -54,6 +56,10 @@ fn parse(text: &str) -> Result<TruthSource, String> {
     let (kind, rest) = text.split_once(':').ok_or("no kind before a colon")?;
     match kind {
         "crazyflie-sitl" => parse_crazyflie(rest),
+        "mavlink" => {
+            let port = rest.strip_prefix("udpin:").ok_or("no `udpin:` after the kind")?;
+            address(port).map(TruthSource::Mavlink)
+        }
         _ => Err(format!("unknown kind `{kind}`")),
     }
 }
@@ -87,12 +93,15 @@ fn address(text: &str) -> Result<SocketAddr, String> {
 
 impl fmt::Display for TruthSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self::CrazyflieSitl { body, crtp } = self;
-        write!(f, "crazyflie-sitl:udp:{body}")?;
-        if *crtp != DEFAULT_CRTP {
-            write!(f, ",crtp={crtp}")?;
+        match self {
+            Self::Mavlink(address) => write!(f, "mavlink:udpin:{address}"),
+            Self::CrazyflieSitl { body, crtp } if *crtp == DEFAULT_CRTP => {
+                write!(f, "crazyflie-sitl:udp:{body}")
+            }
+            Self::CrazyflieSitl { body, crtp } => {
+                write!(f, "crazyflie-sitl:udp:{body},crtp={crtp}")
+            }
         }
-        Ok(())
     }
 }
 
@@ -104,7 +113,7 @@ mod tests {
     #[test]
     fn the_address_of_clients_is_that_of_crazyflie_s_tools_unless_given() {
         let source: TruthSource = "crazyflie-sitl:udp:localhost:19950".parse().unwrap();
-        let TruthSource::CrazyflieSitl { body, crtp } = source;
+        let TruthSource::CrazyflieSitl { body, crtp } = source else { panic!("{source}") };
         assert_eq!((body.to_string(), crtp), ("127.0.0.1:19950".to_owned(), DEFAULT_CRTP));
         assert_eq!(source.to_string(), "crazyflie-sitl:udp:127.0.0.1:19950");
     }
@@ -121,6 +130,8 @@ mod tests {
             ("crazyflie-sitl:udp:127.0.0.1:1,baud=9600", "unknown option `baud=9600`"),
             ("crazyflie-sitl:udp:127.0.0.1:1,crtp=127.0.0.1:2,crtp=127.0.0.1:2", "`crtp` twice"),
             ("crazyflie-sitl:udp:127.0.0.1:19850", "need an address each"),
+            ("mavlink:udpout:127.0.0.1:14550", "no `udpin:` after the kind"),
+            ("mavlink:udpin:/dev/ttyS0", "`/dev/ttyS0` is no address"),
         ] {
             let message = text.parse::<TruthSource>().unwrap_err().to_string();
             assert!(message.contains(problem), "{text}: {message}");
@@ -133,6 +144,8 @@ mod tests {
         fn what_is_written_is_read_back(body in 1..30000_u16, crtp in 30000_u16..) {
             let at = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
             let source = TruthSource::CrazyflieSitl { body: at(body), crtp: at(crtp) };
+            prop_assert_eq!(source.to_string().parse(), Ok(source));
+            let source = TruthSource::Mavlink(at(body));
             prop_assert_eq!(source.to_string().parse(), Ok(source));
         }
     }

@@ -4,6 +4,7 @@ use super::definition::{message, structure};
 use super::field::{Field, Value, total_size};
 use super::header::HEADER_SCHEMA;
 use super::schema::{Message, schema};
+use crate::text::ShortText;
 use crate::time::Time;
 
 message! {
@@ -79,6 +80,10 @@ message! {
         wire_ns: i64 ["ns"],
         /// Time from a command's last byte on the wire to its effect, as far as it is known; 0 if `applied_at` is the effect.
         air_ns: i64 ["ns"],
+        /// Position as the vehicle itself estimates it; NaN if it does not tell, or has none.
+        estimate_position: [f64; 3] ["m, world"],
+        /// Attitude as the vehicle itself estimates it, scalar last; zeros if it does not tell.
+        estimate_attitude: [f64; 4] ["body to world"],
         /// 1 if the motors run.
         armed: u8 ["flag"],
         /// 1 while the motors are being started: a flight begins when they run.
@@ -89,6 +94,14 @@ message! {
         stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
         simulated: u8 ["flag"],
+        /// [`crate::code::ControlHolder`]: who has control of the vehicle.
+        control: u8 ["code"],
+        /// [`crate::code::VehicleRefusal`]: why it did not do what was asked last.
+        refusal: u8 ["code"],
+        /// [`crate::code::EstimatorState`] of the vehicle itself.
+        estimator: u8 ["code"],
+        /// What the vehicle last said of a trouble, since its motors ran last; zeros behind it.
+        text: ShortText ["text"],
     }
 }
 

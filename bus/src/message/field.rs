@@ -1,5 +1,6 @@
 //! Fields of messages: their description, and the encoding of their values.
 
+use crate::text::ShortText;
 use crate::time::Time;
 
 /// Type of the elements of a field.
@@ -43,7 +44,7 @@ pub struct Field {
     /// Number of elements; 1 for a scalar.
     pub length: usize,
     /// Unit and frame of its elements; `-` for numbers without unit, `code` for an enumeration of [`crate::code`], `flag` for
-    /// 0 or 1.
+    /// 0 or 1, `text` for the bytes of a text.
     pub unit: &'static str,
     /// Description.
     pub doc: &'static str,
@@ -113,6 +114,23 @@ impl Value for Time {
 
     fn take(bytes: &mut &[u8]) -> Self {
         Self::from_nanos(u64::take(bytes))
+    }
+}
+
+impl Value for ShortText {
+    const ELEMENT: FieldType = FieldType::U8;
+    const LENGTH: usize = size_of::<Self>();
+
+    fn put(self, bytes: &mut [u8]) -> &mut [u8] {
+        let (own, rest) = bytes.split_at_mut(size_of::<Self>());
+        own.copy_from_slice(&self.bytes());
+        rest
+    }
+
+    fn take(bytes: &mut &[u8]) -> Self {
+        let (own, rest) = bytes.split_first_chunk().expect("a message of its full size");
+        *bytes = rest;
+        Self::from_bytes(*own)
     }
 }
 

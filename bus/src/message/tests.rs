@@ -10,10 +10,11 @@ use super::*;
 use crate::time::Time;
 
 /// Every unit that a field may have.
-const UNITS: [&str; 17] = [
+const UNITS: [&str; 18] = [
     "-",
     "code",
     "flag",
+    "text",
     "ns",
     "s",
     "m",
@@ -63,7 +64,12 @@ fn every_field_has_a_unit_and_a_description() {
             assert!(UNITS.contains(&field.unit), "{message}.{}: `{}`", field.name, field.unit);
             assert!(!field.doc.is_empty(), "{message}.{} has no description", field.name);
             let is_byte = field.element == FieldType::U8;
-            assert_eq!(is_byte, ["code", "flag"].contains(&field.unit), "{message}.{}", field.name);
+            assert_eq!(
+                is_byte,
+                ["code", "flag", "text"].contains(&field.unit),
+                "{message}.{}",
+                field.name
+            );
         }
     }
 }

@@ -76,6 +76,7 @@ impl Cycle {
                 Some(ArmingObstacle::NoPoses) => Err(self.memory.missing),
                 Some(ArmingObstacle::VehicleSilent) => Err(Cause::NoVehicle),
                 Some(ArmingObstacle::Stopped) => Err(Cause::Operator),
+                Some(ArmingObstacle::ControlTaken) => Err(Cause::ControlTaken),
                 Some(_) => Err(Cause::NotReady),
             }
         }

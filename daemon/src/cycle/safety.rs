@@ -56,6 +56,7 @@ impl Cycle {
             blind_too_long,
             vehicle_silent,
             vehicle_lost,
+            control_taken: self.is_flying() && self.vehicle.control_is_taken(),
             operator_stops: std::mem::take(&mut self.requests.stop),
             // No operator arms a recording: its state follows its poses.
             operator_arms: self.mode == Mode::Waiting || self.observe_only,

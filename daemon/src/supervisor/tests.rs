@@ -14,6 +14,7 @@ const NOTHING: SafetyConditions = SafetyConditions {
     is_down: false,
     vehicle_silent: false,
     vehicle_lost: false,
+    control_taken: false,
     operator_stops: false,
     operator_arms: false,
     is_flying: false,
@@ -146,6 +147,15 @@ fn f18_a_lost_vehicle_stops_from_every_flying_state() {
     let mut watch = Watch::nominal();
     assert_eq!(watch.tick(&lost), Stop);
     assert_eq!(watch.supervisor.cause(), Cause::NoVehicle);
+}
+
+#[test]
+fn f57_control_that_another_takes_ends_a_flight_at_once_until_it_is_armed_again() {
+    let mut watch = Watch::nominal();
+    let taken = SafetyConditions { control_taken: true, vehicle_lost: true, ..FLYING };
+    assert_eq!(watch.tick(&taken), Stop);
+    assert_eq!(watch.supervisor.cause(), Cause::ControlTaken);
+    watch.assert_ends(Stop, Cause::ControlTaken);
 }
 
 #[test]

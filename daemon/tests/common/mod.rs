@@ -41,11 +41,17 @@ pub const WELL: VehicleV1 = VehicleV1 {
     link_quality: 1.0,
     wire_ns: 0,
     air_ns: 0,
+    estimate_position: [f64::NAN; 3],
+    estimate_attitude: [0.0; 4],
     armed: 0,
     starting: 0,
     stopped: 0,
     link: 1,
     simulated: 1,
+    control: 0,
+    refusal: 0,
+    estimator: 0,
+    text: oqtal_bus::text::ShortText::EMPTY,
 };
 
 /// A vehicle that really flies and answers; its motors stand.

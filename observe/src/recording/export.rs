@@ -15,6 +15,8 @@ use crate::sink::{ObservedTopic, Reception, Sink};
 
 /// Names of vector components in columns.
 const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
+/// Unit of a field that holds the bytes of a text.
+const TEXT: &str = "text";
 
 /// Texts by name.
 pub type Tables = BTreeMap<String, String>;
@@ -43,6 +45,12 @@ impl CsvExport {
         body.encode(&mut packed);
         let mut rest = packed.as_slice();
         for field in M::FIELDS {
+            if field.unit == TEXT {
+                let (text, behind) = rest.split_at(field.size());
+                cells.push(quoted(text));
+                rest = behind;
+                continue;
+            }
             for _ in 0..field.length {
                 let (element, behind) = rest.split_at(field.element.size());
                 cells.push(text_of(field.element, element));
@@ -59,10 +67,17 @@ fn columns(field: &Field) -> Vec<String> {
     let name = member_name(field);
     match field.length {
         1 => vec![name],
+        _ if field.unit == TEXT => vec![name],
         length => {
             COMPONENTS[..length].iter().map(|component| format!("{name}_{component}")).collect()
         }
     }
+}
+
+/// The bytes of a text as a quoted cell, without the zeros behind it.
+fn quoted(bytes: &[u8]) -> String {
+    let text = String::from_utf8_lossy(bytes);
+    format!("\"{}\"", text.trim_end_matches('\0').replace('"', "\"\""))
 }
 
 /// An element as text; empty for NaN.

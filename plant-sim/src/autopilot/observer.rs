@@ -6,6 +6,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
+use oqtal_wire::simulator::ReportedMotion;
 
 /// Time without a sample after which the motion is unknown: the simulator has stopped.
 const SAMPLE_TIMEOUT: Span = Span::from_millis(250);
@@ -13,21 +14,6 @@ const SAMPLE_TIMEOUT: Span = Span::from_millis(250);
 const LONGEST_PREDICTION: Span = Span::from_millis(50);
 /// Distance by which the reported position differs from the integrated one where the simulator has placed the vehicle anew \[m\].
 const JUMP_M: f64 = 0.5;
-
-/// Motion of a vehicle as its simulator reports it, in axes north, east, down and forward, right, down.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ReportedMotion {
-    /// Position from any fixed point \[m, north-east-down\].
-    pub position: Vector3<f64>,
-    /// Step in which the position is reported, by axis \[m\].
-    pub step: Vector3<f64>,
-    /// Velocity \[m/s, north-east-down\].
-    pub velocity: Vector3<f64>,
-    /// Attitude \[forward-right-down to north-east-down\].
-    pub attitude: UnitQuaternion<f64>,
-    /// Rate \[rad/s, forward-right-down\].
-    pub rate: Vector3<f64>,
-}
 
 /// Motion in the axes of the world.
 #[derive(Clone, Copy, Debug)]
@@ -69,7 +55,8 @@ impl MotionObserver {
         let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
         let reported = turned(report.position - start.position);
         // Half a step of latitude and longitude, whichever way the world is turned.
-        let half = Vector3::new(report.step.xy().max(), report.step.xy().max(), report.step.z) / 2.0;
+        let half =
+            Vector3::new(report.step.xy().max(), report.step.xy().max(), report.step.z) / 2.0;
         let position = match self.predicted(now) {
             Some(at) if (at.position - reported).norm() < JUMP_M => {
                 let least = reported - half;

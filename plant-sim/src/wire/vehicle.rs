@@ -5,7 +5,7 @@ use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::RadioDisturbance;
 use oqtal_wire::asctec::{HostCommand, VehicleDecoder};
-use oqtal_wire::link::LinkSpec;
+use oqtal_wire::link::AsctecLink;
 use oqtal_wire::stream::DecoderCounters;
 use oqtal_wire::xbee::{Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
@@ -35,13 +35,13 @@ impl WiredVehicle {
     ///
     /// # Errors
     /// An option of `[plant.wire]` cannot be used.
-    pub fn new(config: &Config, link: &LinkSpec, start: Time) -> Result<Self, OptionError> {
+    pub fn new(config: &Config, link: &AsctecLink, start: Time) -> Result<Self, OptionError> {
         // The frames of answers are of the kind that the host's requests are.
         let peer = address(config)?;
         Ok(Self {
             plant: Plant::new(config, start),
-            radio: RadioModel::new(&config.plant.wire, config.clock.seed, link.baud()),
-            carrier: Carrier::new(link.xbee(), Side::Radio, peer),
+            radio: RadioModel::new(&config.plant.wire, config.clock.seed, link.serial.baud),
+            carrier: Carrier::new(link.xbee, Side::Radio, peer),
             decoder: VehicleDecoder::new(),
             on_board: OnBoard::new(&config.plant, scales(config)?),
             received: Vec::with_capacity(1024),

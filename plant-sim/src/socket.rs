@@ -1,15 +1,12 @@
-//! The two UDP sockets of a firmware's body: one for the firmware, one for the client that flies it.
+//! UDP sockets of programs that run beside the plant: a firmware under test, its client, the simulator within an autopilot.
 
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_wire::crazyflie_sitl::MAX_DATAGRAM;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-
-use super::relay::Datagram;
 
 /// Longest wait for datagrams.
 const LONGEST_WAIT: Span = Span::from_millis(20);
@@ -43,12 +40,10 @@ impl PeerSocket {
         })
     }
 
-    /// Reads the next datagram and its sender; `None` if there is none. A datagram that is too long counts as empty.
-    pub fn read(&self) -> Option<(Datagram, SocketAddr)> {
-        let mut bytes = [0; MAX_DATAGRAM + 1];
-        let (length, sender) = self.socket.recv_from(&mut bytes).ok()?;
-        let datagram = Datagram::new(&bytes[..length]).or_else(|| Datagram::new(&[]));
-        datagram.map(|datagram| (datagram, sender))
+    /// Reads the next datagram into `buffer`; returns its length and sender, or `None` if there is none. What is longer than `buffer`
+    /// is cut off.
+    pub fn read(&self, buffer: &mut [u8]) -> Option<(usize, SocketAddr)> {
+        self.socket.recv_from(buffer).ok()
     }
 
     /// Answers `sender` from now on; returns whether this is a change.
@@ -74,7 +69,7 @@ impl PeerSocket {
 ///
 /// # Errors
 /// The operating system refuses.
-pub fn wait(sockets: [&PeerSocket; 2], until: Time) -> Result<(), Failure> {
+pub fn wait<const N: usize>(sockets: [&PeerSocket; N], until: Time) -> Result<(), Failure> {
     let left = until.since(Time::now()).clamp(Span::ZERO, LONGEST_WAIT).to_duration();
     let timeout = Timespec::try_from(left).unwrap_or_default();
     let mut fds = sockets.map(|peer| PollFd::new(&peer.socket, PollFlags::IN));

@@ -1,0 +1,127 @@
+//! Poses on their way to a vehicle that estimates its own motion: the newest one, once, while it is young.
+
+use oqtal_bus::message::{Header, PoseV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::quaternion::Attitude;
+
+use crate::protocol::VehiclePose;
+
+/// Share of the shortest time between two poses by which one may come too early \[-\]: the cadence of cameras varies.
+const TOLERANCE: f64 = 0.05;
+
+/// Pose that has not been sent.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    published_at: Time,
+    pose: VehiclePose,
+}
+
+/// The newest pose, and when one was sent last.
+#[derive(Clone, Debug)]
+pub struct PoseRelay {
+    /// Age since its publication above which a pose is not sent.
+    age: Span,
+    waiting: Option<Waiting>,
+    captured_at: Time,
+    sent_at: Time,
+}
+
+impl PoseRelay {
+    /// Relay of poses published at most `age` ago.
+    #[must_use]
+    pub fn new(age: Span) -> Self {
+        Self { age, waiting: None, captured_at: Time::UNSET, sent_at: Time::UNSET }
+    }
+
+    /// Takes a pose from the bus; poses that are not finite, of a lost body, or not newer than the last one are left out.
+    pub fn receive(&mut self, header: &Header, pose: &PoseV1) {
+        let captured_at = header.stamps.captured_at;
+        let is_newer =
+            captured_at.is_set() && (!self.captured_at.is_set() || captured_at > self.captured_at);
+        let is_finite = pose.position.iter().all(|number| number.is_finite());
+        let attitude = Attitude::from_xyzw(pose.attitude).filter(|_| is_finite && is_newer);
+        let Some(attitude) = attitude.filter(|_| pose.tracked == 1) else { return };
+        self.captured_at = captured_at;
+        let pose = VehiclePose { captured_at, position: pose.position, attitude };
+        self.waiting = Some(Waiting { published_at: header.stamps.pose_published_at, pose });
+    }
+
+    /// Takes the pose that is due at `now`, where poses are sent `period` apart.
+    pub fn take(&mut self, now: Time, period: Span) -> Option<VehiclePose> {
+        let Waiting { published_at, pose } = self.waiting?;
+        if now.since(published_at) > self.age {
+            self.waiting = None;
+            return None;
+        }
+        if self.sent_at.is_set() && now.since(self.sent_at) < period.scaled(1.0 - TOLERANCE) {
+            return None;
+        }
+        (self.waiting, self.sent_at) = (None, now);
+        Some(pose)
+    }
+
+    /// Forgets the pose that waits: a port was opened.
+    pub fn reset(&mut self) {
+        self.waiting = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::message::Stamps;
+
+    const PERIOD: Span = Span::from_millis(20);
+
+    fn at(millis: i64) -> Time {
+        Time::VIRTUAL_START + Span::from_millis(millis)
+    }
+
+    fn header(captured_ms: i64) -> Header {
+        let (captured_at, pose_published_at) = (at(captured_ms), at(captured_ms + 15));
+        let stamps = Stamps { captured_at, pose_published_at, ..Stamps::default() };
+        Header { stamps, ..Header::default() }
+    }
+
+    const SEEN: PoseV1 = PoseV1 {
+        position: [1.0, 2.0, 3.0],
+        attitude: [0.0, 0.0, 0.0, 1.0],
+        residual_m: 0.0,
+        capture_uncertainty_s: 0.0,
+        body: 1,
+        tracked: 1,
+        simulated: 0,
+    };
+
+    #[test]
+    fn the_newest_pose_goes_out_once_at_its_rate_with_its_time_and_never_an_old_one() {
+        let mut relay = PoseRelay::new(Span::from_millis(50));
+        relay.receive(&header(0), &SEEN);
+        assert_eq!(relay.take(at(16), PERIOD).unwrap().captured_at, at(0));
+        assert!(relay.take(at(40), PERIOD).is_none(), "once");
+        relay.receive(&header(20), &SEEN);
+        relay.receive(&header(24), &SEEN);
+        assert!(relay.take(at(34), PERIOD).is_none(), "too soon");
+        assert_eq!(relay.take(at(39), PERIOD).unwrap().captured_at, at(24));
+        relay.receive(&header(40), &SEEN);
+        assert!(relay.take(at(106), PERIOD).is_none(), "published more than 50 ms ago");
+    }
+
+    #[test]
+    fn poses_of_nothing_and_poses_that_go_back_are_left_out() {
+        let mut relay = PoseRelay::new(Span::from_millis(50));
+        for wrong in [
+            PoseV1 { tracked: 0, ..SEEN },
+            PoseV1 { position: [f64::NAN, 0.0, 0.0], ..SEEN },
+            PoseV1 { attitude: [0.0; 4], ..SEEN },
+        ] {
+            relay.receive(&header(1), &wrong);
+            assert!(relay.take(at(17), PERIOD).is_none(), "{wrong:?}");
+        }
+        relay.receive(&header(2), &SEEN);
+        assert!(relay.take(at(18), PERIOD).is_some());
+        relay.receive(&header(2), &SEEN);
+        relay.receive(&header(1), &SEEN);
+        assert!(relay.take(at(60), PERIOD).is_none());
+    }
+}

@@ -1,0 +1,237 @@
+//! UDP as a link: one frame is one datagram.
+//!
+//! `udpin` is bound to an address of this machine and learns its peer from the datagrams that arrive: while the vehicle answers,
+//! datagrams of others are discarded. `udpout` sends to one address, and takes only what comes from there.
+
+use std::io::{self, ErrorKind};
+use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+
+use oqtal_wire::link::HostPort;
+
+use crate::link::{PortOpenError, PortOptions, VehicleLink, without_waiting};
+
+/// Most datagrams of others that one read discards \[-\].
+const MAX_FOREIGN: usize = 16;
+
+/// Address of a UDP port.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum UdpPortOptions {
+    /// Address of this machine to which vehicles send.
+    In(HostPort),
+    /// Address of the vehicle.
+    Out(HostPort),
+}
+
+/// Open UDP port.
+#[derive(Debug)]
+pub struct UdpLink {
+    socket: UdpSocket,
+    /// `None` for a connected socket, whose peer the operating system knows.
+    learned: Option<LearnedPeer>,
+}
+
+/// Peer of a port to which vehicles send.
+#[derive(Debug, Default)]
+struct LearnedPeer {
+    address: Option<SocketAddr>,
+    is_kept: bool,
+}
+
+impl PortOptions for UdpPortOptions {
+    fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError> {
+        let link = match self {
+            Self::In(host) => {
+                let socket = bind(addresses(host)?.as_slice(), host)?;
+                UdpLink { socket, learned: Some(LearnedPeer::default()) }
+            }
+            Self::Out(host) => {
+                let peer = addresses(host)?[0];
+                let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+                let socket = UdpSocket::bind(any).map_err(|error| refused(host, &error))?;
+                socket.connect(peer).map_err(|error| refused(host, &error))?;
+                UdpLink { socket, learned: None }
+            }
+        };
+        let system = |error: io::Error| PortOpenError::System {
+            port: self.name(),
+            reason: error.to_string(),
+        };
+        link.socket.set_nonblocking(true).map_err(system)?;
+        Ok(Box::new(link))
+    }
+}
+
+impl UdpPortOptions {
+    fn name(&self) -> String {
+        match self {
+            Self::In(host) | Self::Out(host) => host.to_string(),
+        }
+    }
+}
+
+/// Addresses of `host`, at least one.
+pub(crate) fn addresses(host: &HostPort) -> Result<Vec<SocketAddr>, PortOpenError> {
+    let unknown = |reason: String| PortOpenError::UnknownHost { host: host.host.clone(), reason };
+    let text = host.to_string();
+    let found = text.to_socket_addrs().map_err(|error| unknown(error.to_string()))?;
+    let found: Vec<SocketAddr> = found.collect();
+    if found.is_empty() { Err(unknown("it has no address".to_owned())) } else { Ok(found) }
+}
+
+fn bind(addresses: &[SocketAddr], host: &HostPort) -> Result<UdpSocket, PortOpenError> {
+    UdpSocket::bind(addresses).map_err(|error| refused(host, &error))
+}
+
+/// The failure of `host` to become a port.
+pub(crate) fn refused(host: &HostPort, error: &io::Error) -> PortOpenError {
+    let address = host.to_string();
+    match error.kind() {
+        ErrorKind::AddrInUse => PortOpenError::AddressInUse { address },
+        ErrorKind::AddrNotAvailable => PortOpenError::NotLocal { address },
+        ErrorKind::ConnectionRefused | ErrorKind::TimedOut => {
+            PortOpenError::NobodyListens { address }
+        }
+        ErrorKind::PermissionDenied => PortOpenError::Permission { path: address },
+        _ => PortOpenError::System { port: address, reason: error.to_string() },
+    }
+}
+
+impl VehicleLink for UdpLink {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let Some(learned) = &mut self.learned else {
+            return absent_is_silent(self.socket.recv(buffer));
+        };
+        for _ in 0..MAX_FOREIGN {
+            let (count, source) = match self.socket.recv_from(buffer) {
+                Ok(received) => received,
+                Err(error) => return absent_is_silent(Err(error)),
+            };
+            if !learned.is_kept || learned.address.is_none() {
+                learned.address = Some(source);
+            }
+            if learned.address == Some(source) {
+                return Ok(count);
+            }
+        }
+        Ok(0)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let sent = match &self.learned {
+            None => self.socket.send(bytes),
+            Some(LearnedPeer { address: Some(peer), .. }) => self.socket.send_to(bytes, peer),
+            // Nobody to send to yet: the frame is gone, as on a network.
+            Some(LearnedPeer { address: None, .. }) => return Ok(bytes.len()),
+        };
+        match sent {
+            // The other end is not there, or the way to it is not: a datagram is lost.
+            Err(error) if is_absence(error.kind()) => Ok(bytes.len()),
+            other => without_waiting(other),
+        }
+    }
+
+    fn queued(&self) -> io::Result<usize> {
+        Ok(0)
+    }
+
+    fn discard(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn keep_peer(&mut self, is_kept: bool) {
+        if let Some(learned) = &mut self.learned {
+            learned.is_kept = is_kept;
+        }
+    }
+}
+
+/// `result`, with 0 bytes in place of an error that says that nobody is there.
+fn absent_is_silent(result: io::Result<usize>) -> io::Result<usize> {
+    match result {
+        Err(error) if is_absence(error.kind()) => Ok(0),
+        other => without_waiting(other),
+    }
+}
+
+fn is_absence(kind: ErrorKind) -> bool {
+    use ErrorKind::{ConnectionRefused, ConnectionReset, HostUnreachable, NetworkUnreachable};
+    matches!(
+        kind,
+        ConnectionRefused
+            | ConnectionReset
+            | HostUnreachable
+            | NetworkUnreachable
+            | ErrorKind::NetworkDown
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn here(port: u16) -> HostPort {
+        HostPort { host: "127.0.0.1".to_owned(), port }
+    }
+
+    /// An open port to which `vehicles` vehicles send, and those.
+    fn listening(vehicles: usize) -> (Box<dyn VehicleLink>, Vec<UdpSocket>) {
+        let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let link = UdpPortOptions::In(here(port)).open().unwrap();
+        let vehicle = || {
+            let vehicle = UdpSocket::bind("127.0.0.1:0").unwrap();
+            vehicle.connect(("127.0.0.1", port)).unwrap();
+            vehicle.set_nonblocking(true).unwrap();
+            vehicle
+        };
+        (link, std::iter::repeat_with(vehicle).take(vehicles).collect())
+    }
+
+    #[test]
+    fn the_peer_is_whoever_sent_last_until_the_vehicle_answers_and_then_stays() {
+        let (mut link, vehicles) = listening(2);
+        let mut buffer = [0; 16];
+        assert_eq!(link.write(b"nobody").unwrap(), 6);
+        for (vehicle, name) in vehicles.iter().zip([b"a", b"b"]) {
+            vehicle.send(name).unwrap();
+            assert_eq!((link.read(&mut buffer).unwrap(), &buffer[..1]), (1, &name[..]));
+            link.write(b"hello").unwrap();
+            assert_eq!(vehicle.recv(&mut buffer).unwrap(), 5);
+        }
+        link.keep_peer(true);
+        vehicles[0].send(b"a").unwrap();
+        assert_eq!(link.read(&mut buffer).unwrap(), 0, "of another");
+        vehicles[1].send(b"b").unwrap();
+        assert_eq!(link.read(&mut buffer).unwrap(), 1);
+        link.keep_peer(false);
+        vehicles[0].send(b"a").unwrap();
+        assert_eq!(link.read(&mut buffer).unwrap(), 1, "the vehicle was restarted");
+    }
+
+    #[test]
+    fn a_vehicle_that_is_not_there_yet_is_no_error() {
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let mut link = UdpPortOptions::Out(here(free)).open().unwrap();
+        let mut buffer = [0; 16];
+        for _ in 0..3 {
+            assert_eq!(link.write(b"hello").unwrap(), 5);
+            assert_eq!(link.read(&mut buffer).unwrap(), 0);
+        }
+        let vehicle = UdpSocket::bind(("127.0.0.1", free)).unwrap();
+        link.write(b"hello").unwrap();
+        assert_eq!(vehicle.recv(&mut buffer).unwrap(), 5);
+    }
+
+    #[test]
+    fn an_address_in_use_and_one_of_another_machine_are_told_apart() {
+        let holder = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let used = here(holder.local_addr().unwrap().port());
+        let error = UdpPortOptions::In(used).open().unwrap_err();
+        assert!(matches!(error, PortOpenError::AddressInUse { .. }), "{error}");
+        let elsewhere = HostPort { host: "192.0.2.1".to_owned(), port: 14_550 };
+        let error = UdpPortOptions::In(elsewhere).open().unwrap_err();
+        assert!(matches!(error, PortOpenError::NotLocal { .. }), "{error}");
+        let nowhere = HostPort { host: "no.such.host.invalid".to_owned(), port: 1 };
+        let error = UdpPortOptions::Out(nowhere).open().unwrap_err();
+        assert!(matches!(error, PortOpenError::UnknownHost { .. }), "{error}");
+    }
+}

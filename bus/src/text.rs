@@ -1,0 +1,98 @@
+//! Short text in a message.
+
+use std::fmt;
+
+/// Capacity \[bytes\].
+const CAPACITY: usize = 56;
+
+/// Text of up to 56 bytes of UTF-8; longer text is cut.
+#[derive(Clone, Copy, PartialEq, Eq)]
+#[repr(transparent)]
+pub struct ShortText([u8; CAPACITY]);
+
+impl ShortText {
+    /// No text.
+    pub const EMPTY: Self = Self([0; CAPACITY]);
+
+    /// Text of `text`, without control characters.
+    #[must_use]
+    pub fn new(text: &str) -> Self {
+        let mut bytes = [0; CAPACITY];
+        let mut length = 0;
+        for character in text.chars().filter(|character| !character.is_control()) {
+            let width = character.len_utf8();
+            let Some(place) = bytes.get_mut(length..length + width) else { break };
+            character.encode_utf8(place);
+            length += width;
+        }
+        Self(bytes)
+    }
+
+    /// Text of arbitrary bytes up to the first zero; bytes that are no printable ASCII become `?`.
+    #[must_use]
+    pub fn from_ascii(bytes: &[u8]) -> Self {
+        let mut text = Self::EMPTY;
+        let ends = bytes.iter().take_while(|byte| **byte != 0);
+        for (place, byte) in text.0.iter_mut().zip(ends) {
+            *place = if (b' '..=b'~').contains(byte) { *byte } else { b'?' };
+        }
+        text
+    }
+
+    /// The text; bytes of another process that are no text count as none.
+    #[must_use]
+    pub fn as_str(&self) -> &str {
+        let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(CAPACITY);
+        str::from_utf8(&self.0[..length]).unwrap_or_default()
+    }
+
+    /// Whether there is no text.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.as_str().is_empty()
+    }
+
+    /// The bytes, zeros behind the text.
+    #[must_use]
+    pub(crate) const fn bytes(self) -> [u8; CAPACITY] {
+        self.0
+    }
+
+    /// Text of the bytes of a message.
+    pub(crate) const fn from_bytes(bytes: [u8; CAPACITY]) -> Self {
+        Self(bytes)
+    }
+}
+
+impl Default for ShortText {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
+impl fmt::Display for ShortText {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+impl fmt::Debug for ShortText {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.as_str())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_cut_between_characters_and_arbitrary_bytes_are_no_text() {
+        assert_eq!(ShortText::new("PreArm: \nGyros").as_str(), "PreArm: Gyros");
+        let long = ShortText::new(&"\u{e9}".repeat(40));
+        assert_eq!(long.as_str().chars().count(), 28);
+        assert_eq!(ShortText::from_ascii(b"a\xffb\0c").as_str(), "a?b");
+        assert_eq!(ShortText::from_ascii(&[b'x'; 200]).as_str().len(), 56);
+        assert!(ShortText::from_bytes([0xff; 56]).is_empty() && ShortText::EMPTY.is_empty());
+    }
+}

@@ -1,0 +1,121 @@
+//! Ports of links: `serial:PATH`, `udpin:HOST:PORT`, `udpout:HOST:PORT`, `tcp:HOST:PORT`.
+
+use std::fmt;
+use std::ops::RangeInclusive;
+
+use super::options::LinkOptions;
+
+/// Allowed speeds of a serial port \[baud\].
+pub(super) const BAUD: RangeInclusive<u32> = 1200..=3_000_000;
+
+/// Serial port and its speed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SerialSpec {
+    /// Path of the port.
+    pub path: String,
+    /// Speed \[baud\].
+    pub baud: u32,
+}
+
+/// Host and port of the internet protocols.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HostPort {
+    /// Name or address of the host; an IPv6 address in brackets.
+    pub host: String,
+    /// Port, 1..65535 \[-\].
+    pub port: u16,
+}
+
+/// Port of this machine, or what it leads to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PortSpec {
+    /// Serial port.
+    Serial(SerialSpec),
+    /// UDP, bound to an address of this machine; the other end sends first.
+    UdpIn(HostPort),
+    /// UDP to an address; this end sends first.
+    UdpOut(HostPort),
+    /// TCP, connected to a server.
+    Tcp(HostPort),
+}
+
+impl SerialSpec {
+    /// Parses a path, and takes the option `baud`.
+    pub(super) fn parse(
+        path: &str,
+        options: &mut LinkOptions<'_>,
+        default_baud: u32,
+    ) -> Result<Self, String> {
+        if path.is_empty() {
+            return Err("no path of a serial port".to_owned());
+        }
+        let baud = options.take("baud").map_or(Ok(default_baud), parse_baud)?;
+        Ok(Self { path: path.to_owned(), baud })
+    }
+}
+
+fn parse_baud(value: &str) -> Result<u32, String> {
+    let baud = value.parse().ok().filter(|baud| BAUD.contains(baud));
+    baud.ok_or_else(|| format!("baud `{value}` is not between {} and {}", BAUD.start(), BAUD.end()))
+}
+
+impl HostPort {
+    /// Parses `HOST:PORT`.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let (host, port) = text.rsplit_once(':').ok_or_else(|| format!("no port in `{text}`"))?;
+        if host.is_empty() {
+            return Err("no host before the port".to_owned());
+        }
+        let is_bracketed = host.starts_with('[') && host.ends_with(']');
+        if host.contains(':') && !is_bracketed {
+            return Err(format!("host `{host}`: write an IPv6 address in brackets"));
+        }
+        let number = port.parse().ok().filter(|port: &u16| *port != 0);
+        let port = number.ok_or_else(|| format!("port `{port}` is not between 1 and 65535"))?;
+        Ok(Self { host: host.to_owned(), port })
+    }
+}
+
+impl fmt::Display for HostPort {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:{}", self.host, self.port)
+    }
+}
+
+impl PortSpec {
+    /// Parses `KIND:…`; takes the option `baud` of a serial port.
+    pub(super) fn parse(
+        text: &str,
+        options: &mut LinkOptions<'_>,
+        default_baud: u32,
+    ) -> Result<Self, String> {
+        let (kind, rest) = text.split_once(':').ok_or_else(|| format!("no port in `{text}`"))?;
+        match kind {
+            "serial" => SerialSpec::parse(rest, options, default_baud).map(Self::Serial),
+            "udpin" => HostPort::parse(rest).map(Self::UdpIn),
+            "udpout" => HostPort::parse(rest).map(Self::UdpOut),
+            "tcp" => HostPort::parse(rest).map(Self::Tcp),
+            _ => Err(format!("unknown kind of port `{kind}`")),
+        }
+    }
+
+    /// Speed of a serial port \[baud\]; `None` for other ports.
+    #[must_use]
+    pub fn baud(&self) -> Option<u32> {
+        match self {
+            Self::Serial(serial) => Some(serial.baud),
+            Self::UdpIn(_) | Self::UdpOut(_) | Self::Tcp(_) => None,
+        }
+    }
+}
+
+impl fmt::Display for PortSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Serial(serial) => write!(f, "serial:{}", serial.path),
+            Self::UdpIn(address) => write!(f, "udpin:{address}"),
+            Self::UdpOut(address) => write!(f, "udpout:{address}"),
+            Self::Tcp(address) => write!(f, "tcp:{address}"),
+        }
+    }
+}
