@@ -67,6 +67,10 @@ pub struct FlyArgs {
     truth: Option<String>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
     faults: Vec<Fault>,
+    /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
+    /// --plant rate-lag-ms=80; repeatable
+    #[arg(long = "plant", value_name = "KEY=VALUE")]
+    plant: Vec<String>,
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -157,6 +161,9 @@ impl FlyArgs {
     /// The flags as settings of the configuration.
     fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = self.common.settings()?;
+        for text in &self.plant {
+            settings.push(Setting::parse_in("plant", "--plant", text)?);
+        }
         let mut set = |flag: &str, key: &str, value: Option<toml::Value>| {
             if let Some(value) = value {
                 settings.push(Setting::flag(flag, key, value));

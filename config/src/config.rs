@@ -94,10 +94,27 @@ impl Config {
     /// A file that cannot be read or parsed, an unknown key, a value of the wrong type, or one that breaks a rule; with its
     /// origin.
     pub fn load(file: Option<&Path>, flags: &[Setting]) -> Result<Self, ConfigError> {
-        let mut settings = file.map_or(Ok(Vec::new()), layer::from_file)?;
-        settings.extend(layer::from_environment(std::env::vars_os()));
+        let mut settings = Self::layers(file)?;
         settings.extend_from_slice(flags);
         Self::from_settings(&settings)
+    }
+
+    /// The settings of `file`, each with its line.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no TOML.
+    pub fn file_settings(file: &Path) -> Result<Vec<Setting>, ConfigError> {
+        layer::from_file(file)
+    }
+
+    /// The settings of `file`, if any, under those of the environment.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no TOML; with its line.
+    pub fn layers(file: Option<&Path>) -> Result<Vec<Setting>, ConfigError> {
+        let mut settings = file.map_or(Ok(Vec::new()), Self::file_settings)?;
+        settings.extend(layer::from_environment(std::env::vars_os()));
+        Ok(settings)
     }
 
     /// The configuration of a file with the name `file` and this `text` under `flags`, whatever the environment says: that of a
