@@ -18,6 +18,7 @@
 //! | [`simulator`] | the truth of the simulator within an autopilot, over MAVLink |
 //! | [`truth`] | text form of a source of the truth: `mavlink:udpin:127.0.0.1:14550` |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
+//! | [`mavlink`] | MAVLink 2, as PX4 and ArduPilot speak it |
 //! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
 //! | [`text`] | text of another machine, made fit for a log |
@@ -31,6 +32,7 @@ pub mod asctec;
 mod bytes;
 pub mod crazyflie_sitl;
 pub mod link;
+pub mod mavlink;
 pub mod motion;
 pub mod natnet;
 pub mod qtm;

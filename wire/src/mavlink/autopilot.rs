@@ -1,0 +1,162 @@
+//! Autopilots, and those of their modes that matter: the one in which they follow set-points, and what the others are called.
+
+use std::fmt;
+
+use crate::link::AutopilotKind;
+
+/// Family of an autopilot, as its heartbeat says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Autopilot {
+    /// PX4 or ArduPilot.
+    Known(AutopilotKind),
+    /// An autopilot that is not supported.
+    Unknown,
+    /// No autopilot: a ground station, a camera, this computer.
+    None,
+}
+
+impl fmt::Display for Autopilot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Known(AutopilotKind::Px4) => "PX4",
+            Self::Known(AutopilotKind::ArduPilot) => "ArduPilot",
+            Self::Unknown => "an autopilot that is not supported",
+            Self::None => "no autopilot",
+        })
+    }
+}
+
+/// Modes of ArduCopter: numbers of `custom_mode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ArduPilotMode(pub u32);
+
+impl ArduPilotMode {
+    /// Attitude or rates by set-point, without any need of a position.
+    pub const GUIDED_NO_GPS: Self = Self(20);
+    /// Angles by the pilot's sticks: the mode after the start.
+    pub const STABILIZE: Self = Self(0);
+    /// Landing by itself.
+    pub const LAND: Self = Self(9);
+
+    /// Name as ground stations show it; empty for a number without one here.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            0 => "Stabilize",
+            1 => "Acro",
+            2 => "AltHold",
+            3 => "Auto",
+            4 => "Guided",
+            5 => "Loiter",
+            6 => "RTL",
+            7 => "Circle",
+            9 => "Land",
+            13 => "Sport",
+            16 => "PosHold",
+            17 => "Brake",
+            18 => "Throw",
+            20 => "Guided_NoGPS",
+            21 => "Smart_RTL",
+            _ => "",
+        }
+    }
+}
+
+/// Modes of PX4: `custom_mode` holds the main mode in its third byte, and the sub-mode in its fourth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Px4Mode(pub u32);
+
+impl Px4Mode {
+    /// Set-points from outside.
+    pub const OFFBOARD: Self = Self::main(6);
+    /// Position by the pilot's sticks.
+    pub const POSITION: Self = Self::main(3);
+
+    /// Mode of this main mode.
+    #[must_use]
+    pub const fn main(number: u8) -> Self {
+        Self((number as u32) << 16)
+    }
+
+    /// Number of the main mode \[-\].
+    #[must_use]
+    pub const fn main_number(self) -> u8 {
+        (self.0 >> 16) as u8
+    }
+
+    /// Name of the main mode as ground stations show it; empty for a number without one here.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match (self.main_number(), self.0 >> 24) {
+            (1, _) => "Manual",
+            (2, _) => "Altitude",
+            (3, _) => "Position",
+            (4, 3) => "Hold",
+            (4, 5) => "Return",
+            (4, 6) => "Land",
+            (4, _) => "Auto",
+            (5, _) => "Acro",
+            (6, _) => "Offboard",
+            (7, _) => "Stabilized",
+            _ => "",
+        }
+    }
+}
+
+impl AutopilotKind {
+    /// The `custom_mode` in which this autopilot follows set-points \[-\].
+    #[must_use]
+    pub fn setpoint_mode(self) -> u32 {
+        match self {
+            Self::Px4 => Px4Mode::OFFBOARD.0,
+            Self::ArduPilot => ArduPilotMode::GUIDED_NO_GPS.0,
+        }
+    }
+
+    /// The number by which this autopilot is told to enter that mode \[-\].
+    #[must_use]
+    pub fn setpoint_mode_command(self) -> u32 {
+        match self {
+            Self::Px4 => u32::from(Px4Mode::OFFBOARD.main_number()),
+            Self::ArduPilot => ArduPilotMode::GUIDED_NO_GPS.0,
+        }
+    }
+
+    /// Whether `custom_mode` is the mode in which this autopilot follows set-points.
+    #[must_use]
+    pub fn follows_setpoints(self, custom_mode: u32) -> bool {
+        match self {
+            Self::Px4 => Px4Mode(custom_mode).main_number() == Px4Mode::OFFBOARD.main_number(),
+            Self::ArduPilot => custom_mode == ArduPilotMode::GUIDED_NO_GPS.0,
+        }
+    }
+
+    /// Name of the mode `custom_mode`; empty for one without a name here.
+    #[must_use]
+    pub fn mode_name(self, custom_mode: u32) -> &'static str {
+        match self {
+            Self::Px4 => Px4Mode(custom_mode).name(),
+            Self::ArduPilot => ArduPilotMode(custom_mode).name(),
+        }
+    }
+
+    /// Whether the autopilot's parameters of integer type travel as the integer's bits in the place of the number.
+    #[must_use]
+    pub fn sends_integers_as_bits(self) -> bool {
+        self == Self::Px4
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_modes_for_set_points_are_those_measured() {
+        assert_eq!(AutopilotKind::Px4.setpoint_mode(), 0x60000);
+        assert_eq!(AutopilotKind::ArduPilot.setpoint_mode(), 20);
+        assert!(!AutopilotKind::Px4.follows_setpoints(0x30000));
+        assert_eq!(AutopilotKind::Px4.mode_name(0x30000), "Position");
+        assert_eq!(AutopilotKind::ArduPilot.mode_name(20), "Guided_NoGPS");
+    }
+}
