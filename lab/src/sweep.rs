@@ -199,7 +199,8 @@ fn combinations(axes: &[Axis]) -> Result<Vec<Vec<toml::Value>>, Failure> {
     let mut all = vec![Vec::new()];
     for axis in axes {
         let longer = |values: &Vec<toml::Value>| {
-            let with = |value: &toml::Value| [values.as_slice(), std::slice::from_ref(value)].concat();
+            let with =
+                |value: &toml::Value| [values.as_slice(), std::slice::from_ref(value)].concat();
             axis.values.iter().map(with).collect::<Vec<_>>()
         };
         all = all.iter().flat_map(longer).collect();

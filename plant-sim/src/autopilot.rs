@@ -5,13 +5,15 @@ mod observer;
 
 use std::net::SocketAddr;
 
-use oqtal_bus::message::HealthV1;
+use oqtal_bus::message::{HealthV1, TruthV1};
 use oqtal_bus::time::{Grid, Span, Time};
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Failure, ProcessContext};
-use oqtal_wire::simulator::{SimulatorDecoder, truth_requests};
+use oqtal_wire::mavlink::{
+    CommandKind, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, VehicleCommandLong,
+};
 
 use crate::socket::{self, PeerSocket};
 
@@ -21,6 +23,12 @@ pub use observer::MotionObserver;
 const MOST_READ: usize = 64;
 /// Longest datagram that is read \[bytes\].
 const MAX_DATAGRAM: usize = 2048;
+/// Address of this process among MAVLink's systems: a program on the ground that controls nothing.
+const OWN: MavlinkAddress = MavlinkAddress { system: 254, component: 191 };
+/// Messages with the truth: SIM_STATE of ArduPilot, HIL_STATE_QUATERNION of PX4.
+const TRUTH_MESSAGES: [u32; 2] = [108, 115];
+/// Time between two of them that is asked for \[us\]; an autopilot sends as often as it can.
+const TRUTH_INTERVAL_US: u32 = 4000;
 /// Time between two requests for the truth: an autopilot that was rebooted has forgotten the last one.
 const REQUEST_PERIOD: Span = Span::from_millis(1000);
 
@@ -56,11 +64,7 @@ pub fn run(context: &ProcessContext, address: SocketAddr) -> Result<(), Failure>
         };
         context.health.count_output();
         let capture = if is_captured { camera.index() } else { 0 };
-        truths.send(
-            capture,
-            Default::default(),
-            oqtal_bus::message::TruthV1 { capture, ..truth },
-        )?;
+        truths.send(capture, Default::default(), TruthV1 { capture, ..truth })?;
         if is_captured {
             truths.notify()?;
         }
@@ -72,61 +76,62 @@ pub fn run(context: &ProcessContext, address: SocketAddr) -> Result<(), Failure>
 #[derive(Debug)]
 struct SimulatedAutopilot {
     socket: PeerSocket,
-    decoder: SimulatorDecoder,
+    decoder: MavlinkDecoder,
+    encoder: MavlinkEncoder,
     observer: MotionObserver,
-    /// System and component ids, once it was heard \[-\].
-    ids: Option<(u8, u8)>,
+    /// Its address, once it was heard.
+    address: Option<MavlinkAddress>,
     requested_at: Time,
-    /// Number of the next packet \[-\].
-    sequence: u8,
 }
 
 impl SimulatedAutopilot {
     fn open(address: SocketAddr) -> Result<Self, Failure> {
         Ok(Self {
             socket: PeerSocket::open(address, "the autopilot's truth")?,
-            decoder: SimulatorDecoder::default(),
+            decoder: MavlinkDecoder::new(),
+            encoder: MavlinkEncoder::new(OWN),
             observer: MotionObserver::default(),
-            ids: None,
+            address: None,
             requested_at: Time::UNSET,
-            sequence: 0,
         })
     }
 
     /// Reads what has arrived; returns whether the motion was reported.
     fn read(&mut self, now: Time) -> bool {
-        let Self { socket, decoder, observer, ids, .. } = self;
+        let Self { socket, decoder, observer, address, .. } = self;
         let (mut buffer, mut has_news) = ([0; MAX_DATAGRAM], false);
         for _ in 0..MOST_READ {
             let Some((length, sender)) = socket.read(&mut buffer) else { break };
-            let mut heard = *ids;
-            decoder.push(
-                &buffer[..length],
-                |system, component| heard = Some((system, component)),
-                |report| {
+            for packet in decoder.push(&buffer[..length]) {
+                if packet.from.component == MavlinkAddress::AUTOPILOT {
+                    *address = Some(packet.from);
+                }
+                if let MavlinkContent::Truth(sample) = packet.content {
                     has_news = true;
-                    observer.take(now, &report);
-                },
-            );
-            if heard.is_some() && socket.accept(sender) {
+                    observer.take(now, &sample);
+                }
+            }
+            if address.is_some() && socket.accept(sender) {
                 tracing::info!(autopilot = %sender, "the autopilot has started");
                 self.requested_at = Time::UNSET;
             }
-            *ids = heard;
         }
         has_news
     }
 
     /// Asks for the truth, once a second.
     fn request(&mut self, now: Time) {
-        let Some((system, component)) = self.ids else { return };
+        let Some(target) = self.address else { return };
         if now.since(self.requested_at) < REQUEST_PERIOD {
             return;
         }
         self.requested_at = now;
-        for packet in truth_requests(system, component, self.sequence) {
-            self.socket.send(&packet);
-            self.sequence = self.sequence.wrapping_add(1);
+        for message in TRUTH_MESSAGES {
+            let kind = CommandKind::MessageInterval { message, interval_us: TRUTH_INTERVAL_US };
+            let command = VehicleCommandLong { target, kind, confirmation: 0 };
+            if let Some(packet) = self.encoder.encode(&MavlinkContent::Command(command)) {
+                self.socket.send(packet.as_bytes());
+            }
         }
     }
 }

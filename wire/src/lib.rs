@@ -15,7 +15,6 @@
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
 //! | [`crazyflie_sitl`] | the Crazyflie's firmware as a program, and the simulator of its body |
-//! | [`simulator`] | the truth of the simulator within an autopilot, over MAVLink |
 //! | [`truth`] | text form of a source of the truth: `mavlink:udpin:127.0.0.1:14550` |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
 //! | [`mavlink`] | MAVLink 2, as PX4 and ArduPilot speak it |
@@ -36,7 +35,6 @@ pub mod mavlink;
 pub mod motion;
 pub mod natnet;
 pub mod qtm;
-pub mod simulator;
 pub mod stream;
 pub mod text;
 pub mod truth;

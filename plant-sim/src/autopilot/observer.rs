@@ -6,7 +6,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_wire::simulator::ReportedMotion;
+use oqtal_control::quaternion::Attitude;
+use oqtal_wire::mavlink::MavlinkTruth;
 
 /// Time without a sample after which the motion is unknown: the simulator has stopped.
 const SAMPLE_TIMEOUT: Span = Span::from_millis(250);
@@ -14,6 +15,10 @@ const SAMPLE_TIMEOUT: Span = Span::from_millis(250);
 const LONGEST_PREDICTION: Span = Span::from_millis(50);
 /// Distance by which the reported position differs from the integrated one where the simulator has placed the vehicle anew \[m\].
 const JUMP_M: f64 = 0.5;
+/// Radius of the earth at the equator, by which simulators place vehicles on a plane \[m\].
+const EARTH_M: f64 = 6_378_137.0;
+/// One count of latitude and longitude \[rad\].
+const COUNT: f64 = 1e-7 * std::f64::consts::PI / 180.0;
 
 /// Motion in the axes of the world.
 #[derive(Clone, Copy, Debug)]
@@ -28,8 +33,33 @@ struct Motion {
 /// Place and heading of the vehicle in its first sample: the origin of the world, and its x axis.
 #[derive(Clone, Copy, Debug)]
 struct Start {
-    position: Vector3<f64>,
+    latitude_e7: i32,
+    longitude_e7: i32,
+    altitude_m: f64,
     heading: UnitQuaternion<f64>,
+}
+
+impl Start {
+    fn new(sample: &MavlinkTruth) -> Self {
+        let yaw = attitude_of(sample).euler_angles().2;
+        Self {
+            latitude_e7: sample.latitude_e7,
+            longitude_e7: sample.longitude_e7,
+            altitude_m: sample.altitude_m,
+            heading: UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw),
+        }
+    }
+
+    /// Position \[m, world\] on the plane that touches the earth here.
+    fn position(&self, sample: &MavlinkTruth) -> Vector3<f64> {
+        let north = f64::from(sample.latitude_e7) - f64::from(self.latitude_e7);
+        let east = f64::from(sample.longitude_e7) - f64::from(self.longitude_e7);
+        let narrowing = (f64::from(self.latitude_e7) * COUNT).cos();
+        let up = sample.altitude_m - self.altitude_m;
+        let position =
+            Vector3::new(north * COUNT * EARTH_M, -east * COUNT * EARTH_M * narrowing, up);
+        self.heading.inverse() * position
+    }
 }
 
 /// Observer of a vehicle's motion. The world's origin is where the vehicle first is, and x points where it then points.
@@ -40,36 +70,25 @@ pub struct MotionObserver {
 }
 
 impl MotionObserver {
-    /// Takes a report that arrived at `now`.
-    pub fn take(&mut self, now: Time, report: &ReportedMotion) {
-        let start = *self.start.get_or_insert_with(|| Start {
-            position: report.position,
-            heading: UnitQuaternion::from_axis_angle(
-                &Vector3::z_axis(),
-                report.attitude.euler_angles().2,
-            ),
-        });
-        // Half a turn about the x axis maps north-east-down, turned to the heading, to the world, and the body's axes likewise.
-        let flip = |vector: Vector3<f64>| Vector3::new(vector.x, -vector.y, -vector.z);
-        let turned = |vector: Vector3<f64>| flip(start.heading.inverse() * vector);
-        let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-        let reported = turned(report.position - start.position);
-        // Half a step of latitude and longitude, whichever way the world is turned.
-        let half =
-            Vector3::new(report.step.xy().max(), report.step.xy().max(), report.step.z) / 2.0;
+    /// Takes a sample that arrived at `now`.
+    pub fn take(&mut self, now: Time, sample: &MavlinkTruth) {
+        let start = *self.start.get_or_insert_with(|| Start::new(sample));
+        let reported = start.position(sample);
+        // Half a step of latitude, whichever way the world is turned; of longitude it is less, and the altitude is finer.
+        let half = Vector3::new(0.5, 0.5, 0.0) * (COUNT * EARTH_M);
         let position = match self.predicted(now) {
             Some(at) if (at.position - reported).norm() < JUMP_M => {
-                let least = reported - half;
-                at.position.sup(&least).inf(&(reported + half))
+                at.position.sup(&(reported - half)).inf(&(reported + half))
             }
             _ => reported,
         };
+        let world = start.heading.inverse();
         self.motion = Some(Motion {
             at: now,
             position,
-            velocity: turned(report.velocity),
-            attitude: half_turn * start.heading.inverse() * report.attitude * half_turn,
-            rate: flip(report.rate),
+            velocity: world * Vector3::from(sample.velocity),
+            attitude: world * attitude_of(sample),
+            rate: sample.rate.into(),
         });
     }
 
@@ -101,23 +120,40 @@ impl MotionObserver {
     }
 }
 
+fn attitude_of(sample: &MavlinkTruth) -> UnitQuaternion<f64> {
+    *Attitude::from_xyzw(sample.attitude).unwrap_or_default().unit_quaternion()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     const START: Time = Time::VIRTUAL_START;
+    /// One count of latitude \[m\].
+    const STEP_M: f64 = COUNT * EARTH_M;
 
-    /// A vehicle that points north-east, at a place of its own.
-    fn report() -> ReportedMotion {
-        ReportedMotion {
-            position: Vector3::new(100.0, -50.0, -584.0),
-            step: Vector3::new(0.011, 0.009, 0.0),
-            velocity: Vector3::zeros(),
-            attitude: UnitQuaternion::from_axis_angle(
-                &Vector3::z_axis(),
-                std::f64::consts::FRAC_PI_4,
-            ),
-            rate: Vector3::zeros(),
+    /// A vehicle on the equator that points north-west: x is north, y west.
+    fn sample() -> MavlinkTruth {
+        let (sin, cos) = std::f64::consts::FRAC_PI_8.sin_cos();
+        MavlinkTruth {
+            time_us: None,
+            latitude_e7: 0,
+            longitude_e7: 1_491_652_300,
+            altitude_m: 584.0,
+            velocity: [0.0; 3],
+            attitude: [0.0, 0.0, sin, cos],
+            rate: [0.0; 3],
+        }
+    }
+
+    /// The same vehicle at another place \[counts\], with another velocity.
+    fn at(north: i32, east: i32, velocity: [f64; 3]) -> MavlinkTruth {
+        let first = sample();
+        MavlinkTruth {
+            latitude_e7: first.latitude_e7 + north,
+            longitude_e7: first.longitude_e7 + east,
+            velocity,
+            ..first
         }
     }
 
@@ -129,71 +165,54 @@ mod tests {
     fn the_first_sample_is_the_origin_and_x_points_forward() {
         let mut observer = MotionObserver::default();
         assert!(observer.truth(START).is_none());
-        observer.take(START, &report());
+        observer.take(START, &sample());
         let truth = observer.truth(START).unwrap();
         assert!(near(truth.position, [0.0; 3]), "{truth:?}");
         assert!((truth.attitude[3].abs() - 1.0).abs() < 1e-12, "{truth:?}");
-        // A metre forward, two to the right, three down.
-        let step = report().attitude * Vector3::new(1.0, 2.0, 3.0);
-        let later = START + Span::from_millis(10);
-        let position = report().position + step;
-        observer.take(later, &ReportedMotion { position, velocity: step, ..report() });
-        let truth = observer.truth(later).unwrap();
-        assert!(near(truth.position, [1.0, -2.0, -3.0]), "{truth:?}");
-        assert!(near(truth.velocity, [1.0, -2.0, -3.0]), "{truth:?}");
+        // A jump to the north-west is one forward; climbing is upward.
+        let moved = MavlinkTruth { altitude_m: 586.0, ..at(1000, -1000, [1.0, 1.0, 3.0]) };
+        observer.take(START, &moved);
+        let truth = observer.truth(START).unwrap();
+        assert!(near(truth.position, [1000.0 * STEP_M * 2f64.sqrt(), 0.0, 2.0]), "{truth:?}");
+        assert!(near(truth.velocity, [2f64.sqrt(), 0.0, 3.0]), "{truth:?}");
     }
 
     #[test]
-    fn a_turn_about_each_axis_goes_the_right_way() {
-        // Right-handed about forward, right, down; seen from forward, left, up the last two are negative.
-        for (axis, sign) in [(0, 1.0), (1, -1.0), (2, -1.0)] {
-            let mut observer = MotionObserver::default();
-            observer.take(START, &report());
-            let turn = Vector3::ith(axis, 0.2);
-            let attitude = report().attitude * UnitQuaternion::from_scaled_axis(turn);
-            observer.take(START, &ReportedMotion { attitude, rate: turn, ..report() });
-            let truth = observer.truth(START).unwrap();
-            let expected = sign * f64::sin(0.1);
-            assert!((truth.attitude[axis] * truth.attitude[3].signum() - expected).abs() < 1e-12);
-            assert!((truth.rate[axis] - sign * 0.2).abs() < 1e-12);
-        }
+    fn a_turn_is_told_in_the_axes_of_the_start_and_goes_on_between_samples() {
+        let mut observer = MotionObserver::default();
+        observer.take(START, &sample());
+        observer.take(START, &MavlinkTruth { rate: [0.0, 0.0, 2.0], ..sample() });
+        let truth = observer.truth(START + Span::from_millis(50)).unwrap();
+        assert!((truth.attitude[2] - f64::sin(0.05)).abs() < 1e-12, "{truth:?}");
     }
 
-    /// Flies at 1 m/s along the heading, sampled at 100 Hz in steps of a centimetre.
+    /// Flies forward at 1 m/s, sampled at 100 Hz in steps of a centimetre.
     #[test]
     fn steps_of_the_position_are_smoothed_by_the_velocity() {
         let mut observer = MotionObserver::default();
-        let forward = report().attitude * Vector3::x();
-        let step = report().step;
         let mut worst: f64 = 0.0;
-        for sample in 0..300 {
-            let now = START + Span::from_millis(10 * sample);
-            let travelled = 0.01 * sample as f64;
-            let exact = report().position + forward * travelled;
-            let position = Vector3::new(
-                (exact.x / step.x).floor() * step.x,
-                (exact.y / step.y).floor() * step.y,
-                exact.z,
-            );
-            observer.take(now, &ReportedMotion { position, velocity: forward, ..report() });
-            let between = now + Span::from_millis(5);
-            let truth = observer.truth(between).unwrap();
-            if sample > 5 {
+        for number in 0..300 {
+            let now = START + Span::from_millis(10 * number);
+            let travelled = 0.01 * number as f64;
+            let counts = (travelled / STEP_M / 2f64.sqrt()).floor() as i32;
+            let forward = std::f64::consts::FRAC_1_SQRT_2;
+            observer.take(now, &at(counts, -counts, [forward, forward, 0.0]));
+            let truth = observer.truth(now + Span::from_millis(5)).unwrap();
+            if number > 5 {
                 worst = worst.max((truth.position[0] - travelled - 0.005).abs());
             }
         }
-        assert!(worst < 0.011, "{worst}");
+        assert!(worst < STEP_M, "{worst}");
     }
 
     #[test]
     fn a_simulator_that_stops_has_no_motion_and_one_that_starts_anew_jumps() {
         let mut observer = MotionObserver::default();
-        observer.take(START, &ReportedMotion { velocity: Vector3::x(), ..report() });
+        observer.take(START, &at(0, 0, [1.0, 0.0, 0.0]));
         assert!(observer.truth(START + Span::from_millis(250)).is_some());
         assert!(observer.truth(START + Span::from_millis(251)).is_none());
-        let moved = report().position + report().attitude * Vector3::new(5.0, 0.0, 0.0);
-        let later = START + Span::from_millis(10);
-        observer.take(later, &ReportedMotion { position: moved, ..report() });
-        assert!(near(observer.truth(later).unwrap().position, [5.0, 0.0, 0.0]));
+        observer.take(START + Span::from_millis(10), &at(1000, -1000, [0.0; 3]));
+        let truth = observer.truth(START + Span::from_millis(10)).unwrap();
+        assert!((truth.position[0] - 1000.0 * STEP_M * 2f64.sqrt()).abs() < 1e-9);
     }
 }
