@@ -57,7 +57,7 @@ pub struct FlyArgs {
     /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
     #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
-    /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its radio protocol,
+    /// Vehicle: simulated, sim[:hummingbird|:spacecraft|:crazyflie-2.1][,fidelity=eq61|rotors]; simulated behind a bridge and its radio protocol,
     /// bridge:asctec[,baud=N][,xbee=MODE]; or at a link, link:asctec:PATH[,baud=N][,xbee=MODE]
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,

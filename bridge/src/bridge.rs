@@ -329,11 +329,11 @@ impl Bridge {
         }
     }
 
-    /// Begins the emergency stop if the motors may run because of this bridge, which is about to end; returns whether it does.
+    /// Begins the frame that stops motors which may run because of this bridge, which is about to end; returns whether it does.
     pub fn begin_final_emergency_stop(&mut self, now: Time) -> bool {
         let needed = self.is_open && self.has_emergency_stop && self.gate.may_run();
         if needed {
-            let frame = self.protocol.emergency_stop();
+            let frame = self.protocol.final_stop();
             self.begin(now, FrameKind::EmergencyStop, &frame);
         }
         needed
@@ -398,7 +398,11 @@ impl Bridge {
         }
     }
 
+    /// Begins a frame; nothing if it is empty.
     fn begin(&mut self, now: Time, kind: FrameKind, frame: &VehicleFrame) {
+        if frame.bytes().is_empty() {
+            return;
+        }
         if let FrameKind::Setpoint(_) = kind {
             self.stop_begun = self.stopped_since.is_some();
         }

@@ -8,6 +8,8 @@
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
 //! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
+//! | `crtp.rs` | protocol of the Crazyflie | transport, safety |
+//! | `radio.rs` | Crazyradio: schedule, USB, several bridges on one radio | format, safety |
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
@@ -23,6 +25,7 @@
 mod asctec;
 mod background;
 mod bridge;
+mod crtp;
 mod line;
 mod link;
 mod monitor;
@@ -32,6 +35,7 @@ mod options;
 mod outbox;
 mod poses;
 mod protocol;
+mod radio;
 mod safety;
 mod schedule;
 mod serial;
@@ -52,11 +56,12 @@ use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::handoff::handoff;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
-use oqtal_runtime::process_loop;
+use oqtal_runtime::{process_loop, program};
 
 pub use asctec::Asctec;
 pub use background::{BridgeHandle, PortKeeper};
 pub use bridge::{Bridge, VehicleReport};
+pub use crtp::{Crtp, TableKeeper, TableStore};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
@@ -66,6 +71,10 @@ pub use poses::PoseRelay;
 pub use protocol::{
     FrameSizes, MAX_FRAME, PeriodicTimer, PeriodicWord, VehicleEstimate, VehicleFrame, VehiclePose,
     VehicleProtocol, VehicleReply, VehicleText,
+};
+pub use radio::{
+    MAX_AGE, RadioAck, RadioCounts, RadioDongle, RadioPortOptions, RadioSchedule, RadioWorker,
+    SharedVehicle, share_radio,
 };
 pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
 pub use schedule::{Schedule, spacing};
@@ -85,6 +94,20 @@ pub enum BridgeCommand {
     Run(BridgeArgs),
     /// Check the configuration the process would run with, and print it
     Check(BridgeArgs),
+    /// Share one Crazyradio among the bridges of several Crazyflies until SIGINT or SIGTERM
+    Radio(RadioArgs),
+}
+
+/// Arguments of `bridge radio`.
+#[derive(Args, Clone, Debug)]
+pub struct RadioArgs {
+    /// A vehicle, and the address for its bridge: CHANNEL/RATE/ADDRESS@IP:PORT, as 80/2M/E7E7E7E701@127.0.0.1:19851, for a bridge with
+    /// --link crtp:udp:127.0.0.1:19851. May be repeated
+    #[arg(long = "vehicle", value_name = "VEHICLE", required = true)]
+    vehicles: Vec<SharedVehicle>,
+    /// Most packets beside set-points for each vehicle \[1/s\]
+    #[arg(long, value_name = "N", default_value_t = 250)]
+    packets_per_s: u16,
 }
 
 /// Arguments of the bridge's command line.
@@ -105,8 +128,19 @@ impl BridgeCommand {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),
             Self::Check(args) => ProcessCommand::Check(args.common()),
+            Self::Radio(args) => return args.execute(),
         };
         execute(Role::Bridge, &command, run, check)
+    }
+}
+
+impl RadioArgs {
+    fn execute(self) -> std::process::ExitCode {
+        let packets_per_s = f64::from(self.packets_per_s.max(50));
+        match share_radio(&self.vehicles, packets_per_s) {
+            Ok(()) => std::process::ExitCode::SUCCESS,
+            Err(failure) => program::conclude("oqtal bridge radio", &failure),
+        }
     }
 }
 
@@ -134,7 +168,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);
-    let VehicleSetup { spec, protocol, transport, port } = setup;
+    let VehicleSetup { spec, protocol, transport, port, chore } = setup;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
@@ -147,7 +181,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let (handle, background) = handoff();
     with_background(
         context,
-        || Ok(PortKeeper::new(background, port)),
+        || Ok(PortKeeper::new(background, port).beside(chore)),
         || {
             context.enter_realtime();
             let health = context.health.clone();

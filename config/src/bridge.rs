@@ -4,6 +4,7 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
 use crate::asctec::AsctecOptions;
+use crate::crtp::CrtpOptions;
 
 /// Command timeouts allowed \[control periods\]: below, no command arrives in time; above, the vehicle flies on too long.
 const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
@@ -34,10 +35,13 @@ pub struct BridgeOptions {
     pub air_latency_ms: f64,
     /// `[bridge.asctec]`: what counts mean.
     pub asctec: AsctecOptions,
+    /// `[bridge.crtp]`: a Crazyflie.
+    pub crtp: CrtpOptions,
 }
 
 impl BridgeOptions {
     pub(crate) fn check(&self) -> Result<(), OptionError> {
+        self.crtp.check().map_err(|error| error.within("bridge.crtp"))?;
         check_options([
             ("status-rate-hz", self.status_rate_hz, Rule::Positive),
             ("silence-ms", self.silence_ms, Rule::Positive),

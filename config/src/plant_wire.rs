@@ -4,6 +4,7 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
 use crate::asctec::AsctecOptions;
+use crate::crtp::CrtpVehicleOptions;
 
 /// `[plant.wire]`. With the defaults a command acts as long after its first byte as one that comes over the bus acts after it
 /// was received, `plant.command-delay-ms`.
@@ -29,10 +30,13 @@ pub struct PlantWireOptions {
     pub xbee_address: String,
     /// `[plant.wire.asctec]`: what counts mean to the emulated vehicle.
     pub asctec: AsctecOptions,
+    /// `[plant.wire.crtp]`: the emulated vehicle as a Crazyflie.
+    pub crtp: CrtpVehicleOptions,
 }
 
 impl PlantWireOptions {
     pub(crate) fn check(&self) -> Result<(), OptionError> {
+        self.crtp.check().map_err(|error| error.within("crtp"))?;
         check_options([
             ("latency-ms", self.latency_ms, Rule::NotNegative),
             ("loss-probability", self.loss_probability, Rule::Between(0.0, 1.0)),

@@ -24,7 +24,7 @@ use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
-use oqtal_wire::link::LinkSpec;
+use oqtal_wire::link::{CrtpLink, LinkSpec};
 use oqtal_wire::truth::TruthSource;
 
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
@@ -105,16 +105,32 @@ fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
 /// # Errors
 /// The bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    match (truth(&context.config)?, link(&context.config)?) {
-        (Some(TruthSource::CrazyflieSitl { body, crtp }), _) => {
-            firmware::run(context, firmware::BodyAddresses { body, crtp })
-        }
-        (Some(TruthSource::Mavlink(address)), _) => autopilot::run(context, address),
-        (None, Some(LinkSpec::Asctec(link))) => wire::run(context, &link),
-        (None, Some(LinkSpec::Mavlink(_))) => {
+    if let Some(source) = truth(&context.config)? {
+        return follow(context, source);
+    }
+    match link(&context.config)? {
+        Some(LinkSpec::Asctec(link)) => wire::run(context, &link),
+        Some(LinkSpec::Mavlink(_)) => {
             Err(Failure::new(Exit::Config, "the emulated vehicle does not speak MAVLink yet"))
         }
-        (None, None) => fly(context),
+        Some(LinkSpec::Crtp(CrtpLink::Udp(address))) => {
+            wire::run_crazyflie(context, &address.to_string())
+        }
+        Some(LinkSpec::Crtp(CrtpLink::Radio(_))) => {
+            let reason = "an emulated Crazyflie has no radio; give --wire crtp:udp:HOST:PORT";
+            Err(Failure::new(Exit::Config, reason))
+        }
+        None => fly(context),
+    }
+}
+
+/// Publishes the truth of a firmware that runs as a program.
+fn follow(context: &ProcessContext, source: TruthSource) -> Result<(), Failure> {
+    match source {
+        TruthSource::CrazyflieSitl { body, crtp } => {
+            firmware::run(context, firmware::BodyAddresses { body, crtp })
+        }
+        TruthSource::Mavlink(address) => autopilot::run(context, address),
     }
 }
 

@@ -8,10 +8,14 @@
 //! | `options.rs` | `[plant.wire]` in the terms of `oqtal-wire` |
 //! | `motors.rs` | the switch that starts and stops the motors |
 //! | `vehicle.rs` | the emulated vehicle without its pseudo-terminal, pure |
+//! | `crazyflie.rs` | an emulated Crazyflie, over UDP |
+//! | `packet_air.rs` | model of a link that carries packets: latency, jitter, losses |
 
+mod crazyflie;
 mod motors;
 mod on_board;
 mod options;
+mod packet_air;
 mod pty;
 mod radio;
 mod vehicle;
@@ -32,9 +36,11 @@ use oqtal_wire::link::AsctecLink;
 use crate::PlantOutput;
 use crate::turn::tell_skipped;
 
+pub use crazyflie::{CrazyflieBoard, CrtpVehicle, SupervisorModel, run_crazyflie};
 pub use motors::MotorSwitch;
 pub use on_board::{Measured, OnBoard};
 pub use options::link;
+pub use packet_air::PacketAir;
 pub use pty::PseudoTerminal;
 pub use radio::{LinkDirection, RadioModel, Traffic};
 pub use vehicle::WiredVehicle;

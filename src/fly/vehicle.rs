@@ -10,16 +10,20 @@ use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
-use oqtal_wire::link::{AsctecLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec};
+use oqtal_wire::link::{
+    AsctecLink, CrtpLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec,
+};
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
-  sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]
+  sim[:hummingbird|:spacecraft|:crazyflie-2.1][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
+  bridge:crtp
   link:LINK, where LINK is one of";
 /// Port of an emulated vehicle until the flight names one; a link without a port is none.
-const NO_PORT: [(&str, &str); 2] = [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550")];
+const NO_PORT: [(&str, &str); 3] =
+    [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550"), ("crtp", "udp:127.0.0.1:19850")];
 /// Time within which a running simulator publishes the truth, which it does every millisecond.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
 /// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
@@ -88,10 +92,14 @@ fn parse_simulated(text: &str) -> Option<VehicleChoice> {
 impl VehicleChoice {
     /// Appends the settings of the configuration that the flag implies.
     pub fn settings(&self, settings: &mut Vec<Setting>) {
-        let Self::Simulated { preset, fidelity } = self else { return };
         let mut set = |key: &str, value: toml::Value| {
             settings.push(Setting::flag("--vehicle", key, value));
         };
+        // No other vehicle speaks its protocol.
+        if let Self::Bridged(LinkSpec::Crtp(_)) = self {
+            set("vehicle.preset", "crazyflie-2.1".into());
+        }
+        let Self::Simulated { preset, fidelity } = self else { return };
         set("plant.wire.link", "".into());
         set("plant.truth", "".into());
         set("plant.shadow", false.into());
@@ -176,6 +184,10 @@ impl CommandLink {
                 let address = own_address();
                 let bridge = at(PortSpec::UdpIn(address.clone()));
                 Self::Bridged { bridge, vehicle: at(PortSpec::UdpOut(address)) }
+            }
+            LinkSpec::Crtp(_) => {
+                let vehicle = LinkSpec::Crtp(CrtpLink::Udp(own_address()));
+                Self::Bridged { bridge: vehicle.clone(), vehicle }
             }
         })
     }
@@ -298,7 +310,7 @@ mod tests {
     #[test]
     fn every_form_is_read_and_anything_else_is_told_the_forms() {
         let config = Config::default();
-        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3"] {
+        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3", "crtp"] {
             let bridged = parse(&format!("bridge:{kind}")).unwrap();
             let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
             let path = CommandLink::bridged(&link, &config).unwrap().command_path();
