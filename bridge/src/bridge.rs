@@ -257,7 +257,7 @@ impl Bridge {
         if std::mem::take(&mut self.emergency_stop_waits) && !self.gate.is_released() {
             let frame = self.protocol.emergency_stop();
             self.begin(now, FrameKind::EmergencyStop, &frame);
-            return true;
+            return !self.outbox.is_empty();
         }
         let sending = self.outbox.time_for(self.sizes.periodic);
         if self.words_left == 0 || !self.schedule.has_room(now, self.outbox.ahead(now), sending) {
@@ -398,7 +398,7 @@ impl Bridge {
         }
     }
 
-    /// Begins a frame; nothing if it is empty.
+    /// Begins `frame`, unless it is empty: the vehicle is sent nothing of this kind.
     fn begin(&mut self, now: Time, kind: FrameKind, frame: &VehicleFrame) {
         if frame.bytes().is_empty() {
             return;

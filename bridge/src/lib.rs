@@ -10,6 +10,7 @@
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
 //! | `crtp.rs` | protocol of the Crazyflie | transport, safety |
 //! | `radio.rs` | Crazyradio: schedule, USB, several bridges on one radio | format, safety |
+//! | `mavlink.rs` | protocol of PX4 and ArduPilot | transport, safety |
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
@@ -28,6 +29,7 @@ mod bridge;
 mod crtp;
 mod line;
 mod link;
+mod mavlink;
 mod monitor;
 mod motors;
 mod note;
@@ -64,6 +66,7 @@ pub use bridge::{Bridge, VehicleReport};
 pub use crtp::{Crtp, TableKeeper, TableStore};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
+pub use mavlink::Mavlink;
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
 pub use note::Note;
 pub use options::{check as check_options, link};

@@ -1,6 +1,6 @@
 //! What the configuration asks of the bridge: the link, the protocol that is spoken there, the transport that carries it.
 
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
@@ -13,6 +13,7 @@ use crate::bridge::word_spacing;
 use crate::crtp::{Crtp, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
+use crate::mavlink::Mavlink;
 use crate::options;
 use crate::protocol::VehicleProtocol;
 use crate::radio::RadioPortOptions;
@@ -64,8 +65,9 @@ impl VehicleSetup {
         let mut chore = None;
         let protocol: Box<dyn VehicleProtocol> = match &spec {
             LinkSpec::Asctec(_) => Box::new(Asctec::new(config).map_err(located)?),
-            LinkSpec::Mavlink(_) => {
-                return Err(Failure::new(Exit::Config, "the bridge does not speak MAVLink yet"));
+            LinkSpec::Mavlink(link) => {
+                let unix_us = (Time::now() + Time::wall_offset()).nanos() / 1000;
+                Box::new(Mavlink::new(config, link, unix_us).map_err(located)?)
             }
             LinkSpec::Crtp(link) => {
                 let radio_id = match link {

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::asctec::AsctecOptions;
 use crate::crtp::CrtpOptions;
+use crate::mavlink::MavlinkOptions;
 
 /// Command timeouts allowed \[control periods\]: below, no command arrives in time; above, the vehicle flies on too long.
 const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
@@ -13,7 +14,8 @@ const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct BridgeOptions {
-    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`; empty for none. Parsed by the bridge.
+    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]` or `mavlink:PORT[,…]`; empty for none. Parsed
+    /// by the bridge.
     pub link: String,
     /// The vehicle's XBee, 4 or 16 hexadecimal digits; API modes only. Parsed by the bridge.
     pub xbee_address: String,
@@ -37,6 +39,8 @@ pub struct BridgeOptions {
     pub asctec: AsctecOptions,
     /// `[bridge.crtp]`: a Crazyflie.
     pub crtp: CrtpOptions,
+    /// `[bridge.mavlink]`.
+    pub mavlink: MavlinkOptions,
 }
 
 impl BridgeOptions {
@@ -50,6 +54,7 @@ impl BridgeOptions {
             ("rest-ms", self.rest_ms, Rule::Positive),
             ("air-latency-ms", self.air_latency_ms, Rule::NotNegative),
         ])
+        .and_then(|()| self.mavlink.check())
         .map_err(|error| error.within("bridge"))
     }
 }

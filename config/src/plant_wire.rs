@@ -5,17 +5,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::asctec::AsctecOptions;
 use crate::crtp::CrtpVehicleOptions;
+use crate::mavlink::PlantMavlinkOptions;
 
 /// `[plant.wire]`. With the defaults a command acts as long after its first byte as one that comes over the bus acts after it
 /// was received, `plant.command-delay-ms`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlantWireOptions {
-    /// Link, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`: PATH becomes a symbolic link to a pseudo-terminal; empty
-    /// for no wire, with commands off the bus. Parsed by plant-sim.
+    /// Link, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`: PATH becomes a symbolic link to a pseudo-terminal; or
+    /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
     pub link: String,
     /// From a byte's last bit to its arrival, each way \[ms\].
     pub latency_ms: f64,
+    /// Further time that a datagram takes, drawn for each between none and this \[ms\]; UDP only.
+    pub jitter_ms: f64,
     /// Whether the two ends take turns on the air.
     pub half_duplex: bool,
     /// Probability that a frame is lost, each way \[0..1\].
@@ -32,6 +35,8 @@ pub struct PlantWireOptions {
     pub asctec: AsctecOptions,
     /// `[plant.wire.crtp]`: the emulated vehicle as a Crazyflie.
     pub crtp: CrtpVehicleOptions,
+    /// `[plant.wire.mavlink]`: the emulated autopilot.
+    pub mavlink: PlantMavlinkOptions,
 }
 
 impl PlantWireOptions {
@@ -39,10 +44,12 @@ impl PlantWireOptions {
         self.crtp.check().map_err(|error| error.within("crtp"))?;
         check_options([
             ("latency-ms", self.latency_ms, Rule::NotNegative),
+            ("jitter-ms", self.jitter_ms, Rule::NotNegative),
             ("loss-probability", self.loss_probability, Rule::Between(0.0, 1.0)),
             ("bit-error-rate", self.bit_error_rate, Rule::Between(0.0, 1.0)),
             ("motor-switch-ms", self.motor_switch_ms, Rule::NotNegative),
             ("time-out-ms", self.time_out_ms, Rule::Positive),
         ])
+        .and_then(|()| self.mavlink.check())
     }
 }

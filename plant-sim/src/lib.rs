@@ -22,9 +22,9 @@ use oqtal_bus::topic::{COMMAND, Role};
 use oqtal_config::{Config, FaultTarget};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::FaultyTransport;
-use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
-use oqtal_wire::link::{CrtpLink, LinkSpec};
+use oqtal_wire::link::LinkSpec;
 use oqtal_wire::truth::TruthSource;
 
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
@@ -109,17 +109,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
         return follow(context, source);
     }
     match link(&context.config)? {
-        Some(LinkSpec::Asctec(link)) => wire::run(context, &link),
-        Some(LinkSpec::Mavlink(_)) => {
-            Err(Failure::new(Exit::Config, "the emulated vehicle does not speak MAVLink yet"))
-        }
-        Some(LinkSpec::Crtp(CrtpLink::Udp(address))) => {
-            wire::run_crazyflie(context, &address.to_string())
-        }
-        Some(LinkSpec::Crtp(CrtpLink::Radio(_))) => {
-            let reason = "an emulated Crazyflie has no radio; give --wire crtp:udp:HOST:PORT";
-            Err(Failure::new(Exit::Config, reason))
-        }
+        Some(link) => wire::run(context, &link),
         None => fly(context),
     }
 }

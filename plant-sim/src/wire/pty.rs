@@ -15,8 +15,12 @@ use rustix::process::{Flock, FlockType, fcntl_getlk};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 
+use super::end::VehiclePort;
+
 /// Directory of the kernel's pseudo-terminals.
 const TERMINALS: &str = "/dev/pts/";
+/// Time between two releases of exclusive access to the terminal.
+const RELEASE_PERIOD: Span = Span::from_millis(100);
 /// Longest wait for bytes.
 const LONGEST_WAIT: Span = Span::from_millis(20);
 
@@ -28,6 +32,7 @@ pub struct PseudoTerminal {
     far: OwnedFd,
     terminal: PathBuf,
     link: PathBuf,
+    released_at: Time,
 }
 
 impl PseudoTerminal {
@@ -45,14 +50,13 @@ impl PseudoTerminal {
         set_up(&near, &far).map_err(failed)?;
         let terminal = PathBuf::from(name.to_string_lossy().into_owned());
         make_link(link, &terminal)?;
-        Ok(Self { near, far, terminal, link: link.to_path_buf() })
+        Ok(Self { near, far, terminal, link: link.to_path_buf(), released_at: Time::UNSET })
     }
+}
 
+impl VehiclePort for PseudoTerminal {
     /// Sleeps until `until`, or, if `listen`, until bytes arrive, at most `LONGEST_WAIT`.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    pub fn wait(&self, until: Time, listen: bool) -> Result<(), Failure> {
+    fn wait(&self, until: Time, listen: bool) -> Result<(), Failure> {
         let left = until.since(Time::now()).clamp(Span::ZERO, LONGEST_WAIT).to_duration();
         let timeout = Timespec::try_from(left).unwrap_or_default();
         let mut fds = [PollFd::new(&self.near, PollFlags::IN)];
@@ -63,11 +67,7 @@ impl PseudoTerminal {
         }
     }
 
-    /// Reads what the host wrote into `buffer`; returns the number of bytes.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    pub fn read(&self, buffer: &mut [u8]) -> Result<usize, Failure> {
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Failure> {
         match rustix::io::read(&self.near, buffer) {
             Ok(bytes) => Ok(bytes),
             Err(Errno::AGAIN | Errno::INTR | Errno::IO) => Ok(0),
@@ -76,10 +76,7 @@ impl PseudoTerminal {
     }
 
     /// Writes `bytes`; without a host they are lost, as on a serial port.
-    ///
-    /// # Errors
-    /// The operating system refuses.
-    pub fn write(&self, bytes: &[u8]) -> Result<(), Failure> {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         match rustix::io::write(&self.near, bytes) {
             Ok(_) | Err(Errno::AGAIN | Errno::INTR | Errno::IO) => Ok(()),
             Err(error) => Err(system("writing to the line", &error)),
@@ -87,9 +84,13 @@ impl PseudoTerminal {
     }
 
     /// Releases exclusive access to the line: a host that is killed leaves it set, and it would last as long as this end.
-    pub fn release_exclusive(&self) {
-        // On failure the line stays exclusive until the next try.
-        let _ = ioctl_tiocnxcl(&self.far);
+    fn maintain(&mut self) {
+        let now = Time::now();
+        if now.since(self.released_at) >= RELEASE_PERIOD {
+            self.released_at = now;
+            // On failure the line stays exclusive until the next try.
+            let _ = ioctl_tiocnxcl(&self.far);
+        }
     }
 }
 

@@ -9,6 +9,7 @@ use oqtal_wire::link::AsctecLink;
 use oqtal_wire::stream::DecoderCounters;
 use oqtal_wire::xbee::{Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
+use super::end::{EmulatedVehicle, WireCounters};
 use super::on_board::{Measured, OnBoard};
 use super::options::{address, scales};
 use super::radio::{LinkDirection, RadioModel};
@@ -28,6 +29,8 @@ pub struct WiredVehicle {
     requests: Vec<u8>,
     commands: Vec<HostCommand>,
     answer: Vec<u8>,
+    /// Bytes that have arrived at the host.
+    arrived: Vec<u8>,
 }
 
 impl WiredVehicle {
@@ -48,6 +51,7 @@ impl WiredVehicle {
             requests: Vec::with_capacity(64),
             commands: Vec::with_capacity(64),
             answer: Vec::with_capacity(1024),
+            arrived: Vec::with_capacity(1024),
         })
     }
 
@@ -150,5 +154,48 @@ impl WiredVehicle {
             }
             answer.clear();
         }
+    }
+}
+
+impl EmulatedVehicle for WiredVehicle {
+    fn next_event(&self) -> Time {
+        WiredVehicle::next_event(self)
+    }
+
+    fn has_room(&self, now: Time) -> bool {
+        WiredVehicle::has_room(self, now)
+    }
+
+    fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
+        WiredVehicle::disturb_radio(self, disturbance);
+    }
+
+    fn skip_pause(&mut self, now: Time) -> Span {
+        WiredVehicle::skip_pause(self, now)
+    }
+
+    fn host_writes(&mut self, now: Time, bytes: &[u8]) {
+        WiredVehicle::host_writes(self, now, bytes);
+    }
+
+    fn advance(&mut self, until: Time, out: &mut dyn FnMut(PlantOutput)) {
+        WiredVehicle::advance(self, until, out);
+    }
+
+    fn host_reads(&mut self, now: Time, packet: &mut dyn FnMut(&[u8])) {
+        let mut bytes = std::mem::take(&mut self.arrived);
+        WiredVehicle::host_reads(self, now, &mut bytes);
+        if !bytes.is_empty() {
+            packet(&bytes);
+        }
+        bytes.clear();
+        self.arrived = bytes;
+    }
+
+    fn counters(&self) -> WireCounters {
+        let DecoderCounters { frames, damaged, .. } = WiredVehicle::counters(self);
+        let traffic = |direction| self.radio.traffic(direction);
+        let (up, down) = (traffic(LinkDirection::Up), traffic(LinkDirection::Down));
+        WireCounters { read: frames, damaged, up, down }
     }
 }

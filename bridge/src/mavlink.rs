@@ -1,0 +1,261 @@
+//! Protocol of PX4 and ArduPilot over MAVLink 2: set-points, poses and errands to messages, messages to replies. Bytes and axes are
+//! `oqtal-wire`'s.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `vehicle.rs` | the autopilot at the other end: who it is, its mode, what it says of itself |
+//! | `starting.rs` | the commands that start and stop the motors |
+//! | `errands.rs` | heartbeat, message rates, origin of the world, exchanges of clocks |
+//!
+//! | set-point | SET_ATTITUDE_TARGET |
+//! |---|---|
+//! | zero | body rates and thrust of zero |
+//! | flight, `vehicle.interface = "rate"` | the command's sticks as body rates, and thrust |
+//! | flight, `attitude` | the commanded attitude, the rate that the yaw stick stands for, and thrust |
+//! | start, stop | zero set-points, among them the commands for mode and arming, or disarming, until the heartbeat shows their effect |
+//!
+//! The autopilot is in the bridge's hands while it is armed in the mode for set-points, Offboard or Guided_NoGPS. Armed in any other
+//! mode, it is in those of a pilot, of another ground station, or of its own failsafe.
+
+mod errands;
+mod starting;
+mod vehicle;
+
+use oqtal_bus::code::VehicleRefusal;
+use oqtal_bus::message::CommandV1;
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_wire::link::{AutopilotKind, MavlinkLink};
+use oqtal_wire::mavlink::{
+    AttitudeTarget, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkPose,
+    SetpointKind, SigningKey, ThrustCurve,
+};
+
+use crate::protocol::{
+    FrameSizes, PeriodicWord, VehicleFrame, VehiclePose, VehicleProtocol, VehicleReply,
+};
+use crate::setpoint::VehicleSetpoint;
+use errands::Errands;
+use starting::StartSequence;
+use vehicle::AutopilotState;
+
+/// Frame lengths \[bytes\]: header and checksum around the greatest payload.
+const ENVELOPE: usize = 12;
+const SIGNATURE: usize = 13;
+const SETPOINT: usize = 39;
+const ODOMETRY: usize = 233;
+const TIMESYNC: usize = 18;
+/// Words behind one set-point: a pose, an exchange of clocks, an answer to one, and an errand.
+const WORDS: usize = 4;
+/// Time between two reads of the port, by which an exchange of clocks is dated too late at most.
+const READ_PERIOD: Span = Span::from_millis(2);
+
+/// The protocol of MAVLink's autopilots.
+#[derive(Debug)]
+pub struct Mavlink {
+    encoder: MavlinkEncoder,
+    decoder: MavlinkDecoder,
+    vehicle: AutopilotState,
+    starting: StartSequence,
+    errands: Errands,
+    holds_attitude: bool,
+    /// Body rates of full sticks \[rad/s\].
+    authority: [f64; 3],
+    thrust: ThrustCurve,
+    pose_period: Span,
+    position_sd_m: f64,
+    attitude_sd_rad: f64,
+    is_signed: bool,
+    /// Instant at which the port was opened: set-points count time from it.
+    opened: Time,
+}
+
+impl Mavlink {
+    /// Protocol to the vehicle at `link`, where Unix time is `unix_us` \[us\].
+    ///
+    /// # Errors
+    /// A value of `[bridge.mavlink]` cannot be used.
+    pub fn new(config: &Config, link: &MavlinkLink, unix_us: u64) -> Result<Self, OptionError> {
+        let options = &config.bridge.mavlink;
+        let own = MavlinkAddress { system: options.system, component: options.component };
+        let mut encoder = MavlinkEncoder::new(own);
+        let key = signing_key(&options.signing_key)?;
+        let is_signed = key.is_some();
+        if let Some(key) = key {
+            encoder.sign(key, unix_us);
+        }
+        let thrust = ThrustCurve::new(&options.thrust_table).map_err(|error| {
+            OptionError::new("bridge.mavlink.thrust-table", "unusable", error.to_string())
+        })?;
+        Ok(Self {
+            encoder,
+            decoder: MavlinkDecoder::new(),
+            vehicle: AutopilotState::new(link.autopilot, link.system),
+            starting: StartSequence::default(),
+            errands: Errands::new(Span::period_of(config.bridge.status_rate_hz)),
+            holds_attitude: config.vehicle.interface.holds_attitude(),
+            authority: config.vehicle.rate_authority_rad_s,
+            thrust,
+            pose_period: Span::period_of(options.pose_rate_hz),
+            position_sd_m: options.position_sd_mm * 1e-3,
+            attitude_sd_rad: options.attitude_sd_deg.to_radians(),
+            is_signed,
+            opened: Time::UNSET,
+        })
+    }
+
+    /// The packet of `content`; empty if it cannot be sent.
+    fn frame(&mut self, content: &MavlinkContent) -> VehicleFrame {
+        let wire = self.encoder.encode(content);
+        wire.map_or(VehicleFrame::EMPTY, |wire| VehicleFrame::of(wire.as_bytes()))
+    }
+
+    /// The set-point of `command`; zero rates and no thrust without one.
+    fn target(&self, now: Time, target: MavlinkAddress, command: &CommandV1) -> AttitudeTarget {
+        let CommandV1 { sticks, attitude, thrust, .. } = *command;
+        let mut rates = sticks;
+        for (rate, authority) in rates.iter_mut().zip(self.authority) {
+            *rate *= authority;
+        }
+        let has_attitude = attitude.iter().any(|number| *number != 0.0);
+        let kind = if self.holds_attitude && has_attitude {
+            SetpointKind::Attitude { attitude, yaw_rate: rates[2] }
+        } else {
+            SetpointKind::Rates(rates)
+        };
+        let since = if self.opened.is_set() { now.since(self.opened) } else { Span::ZERO };
+        // `as` keeps the number in range: the count begins anew after 49 days.
+        let time_ms = (since.nanos() / 1_000_000) as u32;
+        AttitudeTarget { target, time_ms, kind, thrust: self.thrust.thrust(thrust) }
+    }
+}
+
+/// The key of `[bridge.mavlink] signing-key`.
+fn signing_key(text: &str) -> Result<Option<SigningKey>, OptionError> {
+    if text.is_empty() {
+        return Ok(None);
+    }
+    // The key is a secret: it is not part of the message.
+    let wrong =
+        || OptionError::new("bridge.mavlink.signing-key", "unusable", "64 hexadecimal digits");
+    SigningKey::from_hex(text).map(Some).ok_or_else(wrong)
+}
+
+impl VehicleProtocol for Mavlink {
+    fn sizes(&self) -> FrameSizes {
+        let around = ENVELOPE + if self.is_signed { SIGNATURE } else { 0 };
+        FrameSizes {
+            setpoint: SETPOINT + around,
+            acknowledgement: 0,
+            periodic: ODOMETRY + around,
+            periodic_reply: TIMESYNC + around,
+        }
+    }
+
+    fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame {
+        if !self.opened.is_set() {
+            self.opened = now;
+        }
+        let Some((target, kind)) = self.vehicle.known() else { return VehicleFrame::EMPTY };
+        let command = match setpoint {
+            VehicleSetpoint::Released => {
+                self.starting.reset();
+                return VehicleFrame::EMPTY;
+            }
+            VehicleSetpoint::StartMotors => self.starting.start(now, kind, &self.vehicle),
+            VehicleSetpoint::StopMotors => self.starting.stop(now),
+            VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => {
+                self.starting.rest();
+                None
+            }
+        };
+        if let Some(command) = command {
+            return self.frame(&command.to(target));
+        }
+        self.starting.note_setpoint(now);
+        let flight = match setpoint {
+            VehicleSetpoint::Fly(command) => *command,
+            _ => CommandV1::default(),
+        };
+        let target = self.target(now, target, &flight);
+        self.frame(&MavlinkContent::AttitudeTarget(target))
+    }
+
+    fn pose_period(&self) -> Option<Span> {
+        Some(self.pose_period)
+    }
+
+    fn pose(&mut self, _: Time, pose: &VehiclePose) -> VehicleFrame {
+        let Some((_, kind)) = self.vehicle.known() else { return VehicleFrame::EMPTY };
+        let pose = MavlinkPose {
+            time_us: pose.captured_at.nanos() / 1000,
+            position: pose.position,
+            attitude: pose.attitude.xyzw(),
+            position_sd_m: self.position_sd_m,
+            attitude_sd_rad: self.attitude_sd_rad,
+        };
+        // ArduPilot takes positions alone from the one, and wants velocities with the other.
+        self.frame(&match kind {
+            AutopilotKind::Px4 => MavlinkContent::Odometry(pose),
+            AutopilotKind::ArduPilot => MavlinkContent::VisionPosition(pose),
+        })
+    }
+
+    fn words(&self) -> usize {
+        WORDS
+    }
+
+    fn read_period(&self) -> Option<Span> {
+        Some(READ_PERIOD)
+    }
+
+    fn periodic(&mut self, now: Time, _: bool) -> Option<PeriodicWord> {
+        let (content, is_answered) = self.errands.next(now, &self.vehicle)?;
+        let frame = self.frame(&content);
+        (!frame.bytes().is_empty()).then_some(PeriodicWord { frame, is_answered })
+    }
+
+    fn emergency_stop(&mut self) -> VehicleFrame {
+        match self.vehicle.known() {
+            Some((target, _)) => self.frame(&StartSequence::forced_stop().to(target)),
+            None => VehicleFrame::EMPTY,
+        }
+    }
+
+    fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
+        let Self { decoder, vehicle, starting, errands, .. } = self;
+        for packet in decoder.push(bytes) {
+            if !vehicle.takes(&packet, reply) {
+                continue;
+            }
+            match packet.content {
+                MavlinkContent::Timesync(sync) => errands.receive(now, sync, reply),
+                MavlinkContent::Acknowledged { command, result } => {
+                    errands.acknowledged(command);
+                    starting.acknowledged(now, command, result, reply);
+                }
+                content => vehicle.receive(now, &content, reply),
+            }
+        }
+        if starting.is_unanswered() {
+            reply(VehicleReply::Refused(VehicleRefusal::NoAnswer));
+        }
+        if vehicle.was_restarted() {
+            errands.restart();
+            starting.reset();
+        }
+    }
+
+    fn damaged(&self) -> u64 {
+        self.decoder.counters().damaged
+    }
+
+    fn reset(&mut self) {
+        self.decoder.reset();
+        self.vehicle.reset();
+        self.starting.reset();
+        self.errands.restart();
+        self.opened = Time::UNSET;
+    }
+}

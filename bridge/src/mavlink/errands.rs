@@ -1,0 +1,180 @@
+//! What is sent besides set-points and poses: heartbeats, message rates, the origin of the world, exchanges of clocks.
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::mavlink::{
+    Autopilot, CommandKind, MavlinkContent, MavlinkHeartbeat, Timesync, VehicleCommandLong,
+};
+
+use super::vehicle::AutopilotState;
+use crate::protocol::{PeriodicTimer, VehicleReply};
+
+/// Own heartbeat, by which autopilots know that a computer is there.
+const HEARTBEAT: Span = Span::from_millis(500);
+/// The origin of the world is sent so often until the vehicle has a position.
+const ORIGIN: Span = Span::from_millis(1000);
+/// Time within which a message rate is acknowledged.
+const RATE_WITHIN: Span = Span::from_millis(200);
+/// Tries of each message rate \[-\].
+const RATE_TRIES: u8 = 3;
+/// Time without a heartbeat after which the rates are asked for again: the vehicle sends them by itself only once a second.
+const HEARTBEATS_RARE: Span = Span::from_millis(400);
+/// Pause before the rates are asked for again.
+const RATES_AGAIN: Span = Span::from_millis(3000);
+const MESSAGE_INTERVAL: u16 = 511;
+/// Longest time between a request and its answer.
+const SYNC_WITHIN: Span = Span::from_millis(100);
+
+/// Messages that are asked for, and the time between two \[us\]. The heartbeat carries mode and motors: what a pilot does is known as
+/// soon as it comes.
+const RATES: [(u32, u32); 4] = [(0, 50_000), (1, 500_000), (32, 50_000), (31, 50_000)];
+/// Flags of the estimator: EKF_STATUS_REPORT and ESTIMATOR_STATUS.
+const ESTIMATOR: [(AutopilotKind, u32); 2] =
+    [(AutopilotKind::ArduPilot, 193), (AutopilotKind::Px4, 230)];
+const ESTIMATOR_US: u32 = 200_000;
+
+/// Requests of message rates, one after another.
+#[derive(Clone, Debug, Default)]
+struct RateRequests {
+    next: usize,
+    tries: u8,
+    asked_at: Option<Time>,
+    done_at: Option<Time>,
+}
+
+/// Errands.
+#[derive(Clone, Debug)]
+pub(super) struct Errands {
+    heartbeat: PeriodicTimer,
+    origin: PeriodicTimer,
+    sync: PeriodicTimer,
+    rates: RateRequests,
+    /// Request of the vehicle that waits for its answer.
+    answer: Option<Timesync>,
+    /// Own request that was sent last.
+    asked: Option<Time>,
+}
+
+impl Errands {
+    /// Errands with an exchange of clocks every `sync`.
+    pub(super) fn new(sync: Span) -> Self {
+        Self {
+            heartbeat: PeriodicTimer::new(HEARTBEAT),
+            origin: PeriodicTimer::new(ORIGIN),
+            sync: PeriodicTimer::new(sync),
+            rates: RateRequests::default(),
+            answer: None,
+            asked: None,
+        }
+    }
+
+    /// Begins all over: a port was opened, or the vehicle was restarted.
+    pub(super) fn restart(&mut self) {
+        self.heartbeat.restart();
+        self.origin.restart();
+        self.sync.restart();
+        (self.rates, self.answer, self.asked) = (RateRequests::default(), None, None);
+    }
+
+    /// The message that is due at `now`, and whether the vehicle answers it as a request.
+    pub(super) fn next(
+        &mut self,
+        now: Time,
+        vehicle: &AutopilotState,
+    ) -> Option<(MavlinkContent, bool)> {
+        if let Some(asked) = self.answer.take() {
+            let answered = own_clock(now);
+            return Some((MavlinkContent::Timesync(Timesync { answered, ..asked }), false));
+        }
+        if self.heartbeat.is_due(now, false) {
+            return Some((MavlinkContent::Heartbeat(OWN_HEARTBEAT), false));
+        }
+        let (target, kind) = vehicle.known()?;
+        if self.sync.is_due(now, false) {
+            self.asked = Some(now);
+            let request = Timesync { answered: 0, asked: own_clock(now) };
+            return Some((MavlinkContent::Timesync(request), true));
+        }
+        let heard_lately = vehicle.heard_at().is_some_and(|at| now.since(at) <= HEARTBEATS_RARE);
+        if let Some(kind) = self.rates.next(now, kind, heard_lately) {
+            let command = VehicleCommandLong { target, kind, confirmation: 0 };
+            return Some((MavlinkContent::Command(command), false));
+        }
+        let needs_origin = kind == AutopilotKind::ArduPilot && !vehicle.has_position();
+        if needs_origin && self.origin.is_due(now, false) {
+            return Some((MavlinkContent::GlobalOrigin { system: target.system }, false));
+        }
+        None
+    }
+
+    /// Takes an exchange of clocks: a request is answered with the next word, an answer is one.
+    pub(super) fn receive(
+        &mut self,
+        now: Time,
+        sync: Timesync,
+        reply: &mut dyn FnMut(VehicleReply),
+    ) {
+        if sync.answered == 0 {
+            self.answer = Some(sync);
+        } else if let Some(asked) = self.asked.filter(|asked| own_clock(*asked) == sync.asked) {
+            self.asked = None;
+            if now.since(asked) <= SYNC_WITHIN {
+                reply(VehicleReply::Answer);
+            }
+        }
+    }
+
+    /// Takes the acknowledgement of a command.
+    pub(super) fn acknowledged(&mut self, command: u16) {
+        if command == MESSAGE_INTERVAL {
+            self.rates.advance();
+        }
+    }
+}
+
+/// Heartbeat of this computer.
+const OWN_HEARTBEAT: MavlinkHeartbeat = MavlinkHeartbeat {
+    autopilot: Autopilot::None,
+    custom_mode: 0,
+    is_armed: false,
+    is_simulated: false,
+};
+
+/// Clock by which poses are dated \[ns\].
+fn own_clock(now: Time) -> i64 {
+    now.nanos().cast_signed()
+}
+
+impl RateRequests {
+    fn next(&mut self, now: Time, kind: AutopilotKind, heard_lately: bool) -> Option<CommandKind> {
+        let (message, interval_us) = match RATES.get(self.next) {
+            Some(rate) => *rate,
+            None if self.next == RATES.len() => {
+                let (_, message) = ESTIMATOR.iter().find(|(known, _)| *known == kind)?;
+                (*message, ESTIMATOR_US)
+            }
+            None => {
+                let done_at = *self.done_at.get_or_insert(now);
+                if !heard_lately && now.since(done_at) > RATES_AGAIN {
+                    *self = Self::default();
+                }
+                return None;
+            }
+        };
+        if self.asked_at.is_some_and(|at| now.since(at) < RATE_WITHIN) {
+            return None;
+        }
+        if self.tries >= RATE_TRIES {
+            self.advance();
+            return None;
+        }
+        (self.asked_at, self.tries) = (Some(now), self.tries + 1);
+        Some(CommandKind::MessageInterval { message, interval_us })
+    }
+
+    fn advance(&mut self) {
+        if self.next <= RATES.len() {
+            (self.next, self.tries, self.asked_at) = (self.next + 1, 0, None);
+        }
+    }
+}

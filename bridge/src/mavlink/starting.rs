@@ -1,0 +1,158 @@
+//! Commands that start and stop the motors: mode, then arming; disarming, by force if the vehicle refuses.
+
+use oqtal_bus::code::VehicleRefusal;
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::mavlink::{
+    AckResult, CommandKind, MavlinkAddress, MavlinkContent, VehicleCommandLong,
+};
+
+use super::vehicle::AutopilotState;
+use crate::protocol::VehicleReply;
+
+/// Time for which set-points must have flowed before the mode that needs them is asked for.
+const STREAM_FIRST: Span = Span::from_millis(2000);
+/// Pause between set-points that ends a stream of them.
+const STREAM_GAP: Span = Span::from_millis(300);
+/// Time within which an answer comes.
+const ANSWER_WITHIN: Span = Span::from_millis(250);
+/// Pause after a refusal.
+const AFTER_REFUSAL: Span = Span::from_millis(600);
+/// Commands without an answer after which the vehicle does not answer \[-\].
+const UNANSWERED: u8 = 4;
+const SET_MODE: u16 = 176;
+const ARM: u16 = 400;
+
+/// Command to be addressed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Unaddressed {
+    kind: CommandKind,
+    confirmation: u8,
+}
+
+impl Unaddressed {
+    /// The command to `target`.
+    pub(super) fn to(self, target: MavlinkAddress) -> MavlinkContent {
+        let Self { kind, confirmation } = self;
+        MavlinkContent::Command(VehicleCommandLong { target, kind, confirmation })
+    }
+}
+
+/// Sequence of commands.
+#[derive(Clone, Debug, Default)]
+pub(super) struct StartSequence {
+    /// Instant before which no command is sent.
+    not_before: Option<Time>,
+    /// Commands sent since the last answer \[-\].
+    unanswered: u8,
+    is_stopping: bool,
+    /// Whether a stop was refused.
+    is_forced: bool,
+    stream_since: Option<Time>,
+    last_setpoint: Option<Time>,
+}
+
+impl StartSequence {
+    /// Forgets everything: a port was opened, another has control, or the vehicle was restarted.
+    pub(super) fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Ends a sequence; the stream of set-points goes on.
+    pub(super) fn rest(&mut self) {
+        (self.not_before, self.unanswered) = (None, 0);
+        (self.is_stopping, self.is_forced) = (false, false);
+    }
+
+    /// Records a set-point that is sent at `now`.
+    pub(super) fn note_setpoint(&mut self, now: Time) {
+        let continues = self.last_setpoint.is_some_and(|last| now.since(last) <= STREAM_GAP);
+        if !continues {
+            self.stream_since = Some(now);
+        }
+        self.last_setpoint = Some(now);
+    }
+
+    /// The command that starting the motors of `vehicle` needs at `now`; `None` for a zero set-point.
+    pub(super) fn start(
+        &mut self,
+        now: Time,
+        kind: AutopilotKind,
+        vehicle: &AutopilotState,
+    ) -> Option<Unaddressed> {
+        let streams = self.stream_since.is_some_and(|since| now.since(since) >= STREAM_FIRST);
+        if !streams || !self.is_due(now) {
+            return None;
+        }
+        let command = if vehicle.follows_setpoints() {
+            CommandKind::Arm { run: true, is_forced: false }
+        } else {
+            CommandKind::SetMode { mode: kind.setpoint_mode_command(), sub_mode: 0 }
+        };
+        Some(self.send(now, command))
+    }
+
+    /// The command that stopping the motors needs at `now`; `None` for a zero set-point.
+    pub(super) fn stop(&mut self, now: Time) -> Option<Unaddressed> {
+        if !std::mem::replace(&mut self.is_stopping, true) {
+            (self.not_before, self.unanswered) = (None, 0);
+        }
+        if !self.is_due(now) {
+            return None;
+        }
+        // The daemon says that the motors are off: a vehicle that believes to fly is told again, by force.
+        let is_forced = self.is_forced || self.unanswered > 0;
+        Some(self.send(now, CommandKind::Arm { run: false, is_forced }))
+    }
+
+    /// The command that stops the motors whatever the vehicle thinks of it.
+    pub(super) fn forced_stop() -> Unaddressed {
+        Unaddressed { kind: CommandKind::Arm { run: false, is_forced: true }, confirmation: 0 }
+    }
+
+    /// Takes the result of a command.
+    pub(super) fn acknowledged(
+        &mut self,
+        now: Time,
+        command: u16,
+        result: AckResult,
+        reply: &mut dyn FnMut(VehicleReply),
+    ) {
+        let refusal = match command {
+            SET_MODE => VehicleRefusal::Mode,
+            ARM if self.is_stopping => VehicleRefusal::Disarming,
+            ARM => VehicleRefusal::Arming,
+            _ => return,
+        };
+        self.unanswered = 0;
+        match result {
+            AckResult::Accepted => self.not_before = Some(now + ANSWER_WITHIN),
+            AckResult::InProgress => {}
+            _ if self.is_stopping => {
+                // Without delay: the daemon wants the motors off.
+                (self.is_forced, self.not_before) = (true, Some(now));
+                reply(VehicleReply::Refused(refusal));
+            }
+            _ => {
+                self.not_before = Some(now + AFTER_REFUSAL);
+                reply(VehicleReply::Refused(refusal));
+            }
+        }
+    }
+
+    /// Whether commands are not answered.
+    pub(super) fn is_unanswered(&self) -> bool {
+        self.unanswered >= UNANSWERED
+    }
+
+    fn is_due(&self, now: Time) -> bool {
+        self.not_before.is_none_or(|at| now >= at)
+    }
+
+    fn send(&mut self, now: Time, kind: CommandKind) -> Unaddressed {
+        let confirmation = self.unanswered;
+        self.unanswered = self.unanswered.saturating_add(1);
+        self.not_before = Some(now + ANSWER_WITHIN);
+        Unaddressed { kind, confirmation }
+    }
+}

@@ -1,0 +1,187 @@
+//! The autopilot at the other end: who it is, in which mode, and what it says of itself.
+
+use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
+use oqtal_bus::text::ShortText;
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::mavlink::{
+    Autopilot, MavlinkAddress, MavlinkContent, MavlinkHeartbeat, MavlinkPacket, MavlinkText,
+    TextSeverity,
+};
+
+use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
+
+/// Time without an estimator's flags after which the estimator is unknown.
+const FLAGS_AGE: Span = Span::from_millis(3000);
+/// Step back of the vehicle's clock by which a restart is noticed \[ms\].
+const RESTART_MS: u32 = 2000;
+
+/// Autopilot that was chosen from those that are heard.
+#[derive(Clone, Copy, Debug)]
+struct Chosen {
+    address: MavlinkAddress,
+    kind: AutopilotKind,
+    custom_mode: u32,
+    is_armed: bool,
+    heard_at: Time,
+}
+
+/// State of the autopilot.
+#[derive(Clone, Debug)]
+pub(super) struct AutopilotState {
+    wanted_kind: Option<AutopilotKind>,
+    wanted_system: Option<u8>,
+    chosen: Option<Chosen>,
+    estimate: VehicleEstimate,
+    flags_at: Time,
+    /// The vehicle's clock as last heard \[ms\].
+    time_ms: u32,
+    is_restarted: bool,
+}
+
+impl AutopilotState {
+    /// An autopilot of this kind and system that has not been heard; any, where they are `None`.
+    pub(super) fn new(wanted_kind: Option<AutopilotKind>, wanted_system: Option<u8>) -> Self {
+        Self {
+            wanted_kind,
+            wanted_system,
+            chosen: None,
+            estimate: VehicleEstimate::UNKNOWN,
+            flags_at: Time::UNSET,
+            time_ms: 0,
+            is_restarted: false,
+        }
+    }
+
+    /// Forgets the autopilot.
+    pub(super) fn reset(&mut self) {
+        *self = Self::new(self.wanted_kind, self.wanted_system);
+    }
+
+    /// Address and kind of the autopilot; `None` before it is heard.
+    pub(super) fn known(&self) -> Option<(MavlinkAddress, AutopilotKind)> {
+        self.chosen.map(|chosen| (chosen.address, chosen.kind))
+    }
+
+    /// Whether the autopilot is in the mode in which it follows set-points.
+    pub(super) fn follows_setpoints(&self) -> bool {
+        self.chosen.is_some_and(|chosen| chosen.kind.follows_setpoints(chosen.custom_mode))
+    }
+
+    /// Instant of the last heartbeat.
+    pub(super) fn heard_at(&self) -> Option<Time> {
+        self.chosen.map(|chosen| chosen.heard_at)
+    }
+
+    /// Whether the estimator has a position, or is not known.
+    pub(super) fn has_position(&self) -> bool {
+        self.estimate.state == EstimatorState::Ready
+    }
+
+    /// Whether the vehicle was restarted since this was asked last.
+    pub(super) fn was_restarted(&mut self) -> bool {
+        std::mem::take(&mut self.is_restarted)
+    }
+
+    /// Whether `packet` is of the autopilot. Chooses it by its first heartbeat; tells of one that is of another kind or system.
+    pub(super) fn takes(
+        &mut self,
+        packet: &MavlinkPacket,
+        reply: &mut dyn FnMut(VehicleReply),
+    ) -> bool {
+        if let Some(chosen) = &self.chosen {
+            return chosen.address == packet.from;
+        }
+        let MavlinkContent::Heartbeat(MavlinkHeartbeat { autopilot, .. }) = packet.content else {
+            return false;
+        };
+        if autopilot == Autopilot::None {
+            return false;
+        }
+        let refusal = match autopilot {
+            _ if self.wanted_system.is_some_and(|wanted| wanted != packet.from.system) => {
+                VehicleRefusal::OtherSystem
+            }
+            Autopilot::Known(kind) if self.wanted_kind.is_none_or(|wanted| wanted == kind) => {
+                self.chosen = Some(Chosen {
+                    address: packet.from,
+                    kind,
+                    custom_mode: 0,
+                    is_armed: false,
+                    heard_at: Time::UNSET,
+                });
+                return true;
+            }
+            _ => VehicleRefusal::OtherAutopilot,
+        };
+        reply(VehicleReply::Refused(refusal));
+        false
+    }
+
+    /// Takes a message of the autopilot.
+    pub(super) fn receive(
+        &mut self,
+        now: Time,
+        content: &MavlinkContent,
+        reply: &mut dyn FnMut(VehicleReply),
+    ) {
+        match content {
+            MavlinkContent::Heartbeat(heartbeat) => self.heartbeat(now, heartbeat, reply),
+            MavlinkContent::Battery(volts) if volts.is_finite() => {
+                reply(VehicleReply::Battery(*volts));
+            }
+            MavlinkContent::Position(position) => {
+                self.note_time(position.time_ms);
+                self.estimate.position = position.position;
+            }
+            MavlinkContent::Attitude(attitude) => {
+                self.note_time(attitude.time_ms);
+                self.estimate.attitude = attitude.attitude;
+            }
+            MavlinkContent::Estimator(flags) => {
+                let wanted = MavlinkContent::ESTIMATOR_READY;
+                let is_ready = flags & wanted == wanted;
+                self.flags_at = now;
+                self.estimate.state =
+                    if is_ready { EstimatorState::Ready } else { EstimatorState::NotReady };
+                reply(VehicleReply::Estimate(self.estimate));
+            }
+            MavlinkContent::Text(text) => reply(VehicleReply::Text(text_of(text))),
+            _ => {}
+        }
+        reply(VehicleReply::Other);
+    }
+
+    fn heartbeat(
+        &mut self,
+        now: Time,
+        heartbeat: &MavlinkHeartbeat,
+        reply: &mut dyn FnMut(VehicleReply),
+    ) {
+        let Some(chosen) = &mut self.chosen else { return };
+        chosen.custom_mode = heartbeat.custom_mode;
+        chosen.is_armed = heartbeat.is_armed;
+        chosen.heard_at = now;
+        let follows = chosen.kind.follows_setpoints(heartbeat.custom_mode);
+        reply(VehicleReply::Motors(heartbeat.is_armed));
+        reply(VehicleReply::Control(match (heartbeat.is_armed, follows) {
+            (false, _) => ControlHolder::Nobody,
+            (true, true) => ControlHolder::Bridge,
+            (true, false) => ControlHolder::Another,
+        }));
+        if self.flags_at.is_set() && now.since(self.flags_at) > FLAGS_AGE {
+            self.estimate.state = EstimatorState::Unknown;
+        }
+        reply(VehicleReply::Estimate(self.estimate));
+    }
+
+    fn note_time(&mut self, time_ms: u32) {
+        self.is_restarted |= time_ms.saturating_add(RESTART_MS) < self.time_ms;
+        self.time_ms = time_ms;
+    }
+}
+
+fn text_of(text: &MavlinkText) -> VehicleText {
+    let is_trouble = text.severity == TextSeverity::Trouble;
+    VehicleText { is_trouble, text: ShortText::from_ascii(&text.text) }
+}

@@ -1,0 +1,288 @@
+//! Emulated autopilot, PX4 or ArduCopter: modes, arming and its refusals, set-points and their time-out, telemetry, parameters.
+//! Behaves as the firmware was measured, as far as a bridge can tell. Pure.
+//!
+//! | | ArduCopter | PX4 |
+//! |---|---|---|
+//! | set-points are followed in | Guided_NoGPS | Offboard, entered only while they flow |
+//! | no set-point for | 3 s: level, height held, mode unchanged | 1 s: Position, level and sinking |
+//! | position is known | 1.5 s after poses and the origin of the world | 1.5 s after poses by ODOMETRY |
+//! | disarming in the air | refused unless forced | refused unless forced |
+
+mod motion;
+mod parameters;
+mod streams;
+
+use oqtal_bus::message::{CommandV1, TruthV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_control::options::OptionError;
+use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::mavlink::{
+    AckResult, ArduPilotMode, Autopilot, CommandKind, MavlinkAddress, MavlinkAttitude,
+    MavlinkContent, MavlinkHeartbeat, MavlinkPosition, MavlinkText, Px4Mode, TextSeverity,
+    Timesync,
+};
+
+use super::on_board::Measured;
+use motion::SetpointFollower;
+use parameters::ParameterTable;
+use streams::{Stream, TelemetryStreams};
+
+/// Time from the first pose to a position.
+const ALIGNMENT: Span = Span::from_millis(1500);
+/// Time without a pose after which the position is not known any more.
+const POSES_LOST: Span = Span::from_millis(1000);
+/// Age of a set-point up to which set-points flow.
+const FLOWING: Span = Span::from_millis(500);
+
+/// Time without a set-point after which PX4 leaves Offboard, COM_OF_LOSS_T.
+const OFFBOARD_TIMEOUT: Span = Span::from_millis(1000);
+
+/// Emulated autopilot.
+#[derive(Debug)]
+pub struct EmulatedAutopilot {
+    kind: AutopilotKind,
+    own: MavlinkAddress,
+    started: Time,
+    refuses_arming: Span,
+    custom_mode: u32,
+    is_armed: bool,
+    follower: SetpointFollower,
+    streams: TelemetryStreams,
+    parameters: ParameterTable,
+    poses_since: Option<Time>,
+    posed_at: Option<Time>,
+    has_origin: bool,
+}
+
+impl EmulatedAutopilot {
+    /// Autopilot of this kind and system, switched on at `started`.
+    ///
+    /// # Errors
+    /// `plant.wire.mavlink.thrust-table` is no thrust curve.
+    pub fn new(
+        config: &Config,
+        kind: AutopilotKind,
+        system: u8,
+        started: Time,
+    ) -> Result<Self, OptionError> {
+        let refuses_arming = config.plant.wire.mavlink.refuses_arming_ms;
+        Ok(Self {
+            kind,
+            own: MavlinkAddress { system, component: MavlinkAddress::AUTOPILOT },
+            started,
+            refuses_arming: Span::from_seconds(refuses_arming * 1e-3),
+            custom_mode: Self::first_mode(kind),
+            is_armed: false,
+            follower: SetpointFollower::new(config, kind)?,
+            streams: TelemetryStreams::new(started),
+            parameters: ParameterTable::new(kind),
+            poses_since: None,
+            posed_at: None,
+            has_origin: false,
+        })
+    }
+
+    fn first_mode(kind: AutopilotKind) -> u32 {
+        match kind {
+            AutopilotKind::ArduPilot => ArduPilotMode::STABILIZE.0,
+            AutopilotKind::Px4 => Px4Mode::POSITION.0,
+        }
+    }
+
+    /// The autopilot's address.
+    #[must_use]
+    pub fn own(&self) -> MavlinkAddress {
+        self.own
+    }
+
+    /// Whether the motors run.
+    #[must_use]
+    pub fn motors_run(&self) -> bool {
+        self.is_armed
+    }
+
+    /// Instant at which telemetry or a time-out is due.
+    #[must_use]
+    pub fn next_event(&self) -> Time {
+        let timeout = self.follower.timeout_at().filter(|_| self.is_armed);
+        timeout.map_or(self.streams.next_event(), |at| at.min(self.streams.next_event()))
+    }
+
+    /// Executes a message that arrives at `now`, and appends what it answers.
+    pub fn execute(
+        &mut self,
+        now: Time,
+        content: &MavlinkContent,
+        answers: &mut Vec<MavlinkContent>,
+    ) {
+        match content {
+            MavlinkContent::AttitudeTarget(target) if self.own.is_meant_by(target.target) => {
+                self.follower.take(now, target);
+            }
+            MavlinkContent::Timesync(sync) if sync.answered == 0 => {
+                let answered = self.clock(now).nanos();
+                answers.push(MavlinkContent::Timesync(Timesync { answered, ..*sync }));
+            }
+            MavlinkContent::Odometry(_) => self.pose(now),
+            MavlinkContent::VisionPosition(_) if self.kind == AutopilotKind::ArduPilot => {
+                self.pose(now);
+            }
+            MavlinkContent::GlobalOrigin { system } if *system == self.own.system => {
+                self.has_origin = true;
+            }
+            MavlinkContent::Command(command) if self.own.is_meant_by(command.target) => {
+                let result = self.obey(now, &command.kind, answers);
+                let command = command.kind.number();
+                answers.push(MavlinkContent::Acknowledged { command, result });
+            }
+            MavlinkContent::ParameterRequest { target, name } if self.own.is_meant_by(*target) => {
+                answers.extend(self.parameters.get(name));
+            }
+            MavlinkContent::ParameterSet { target, name, value }
+                if self.own.is_meant_by(*target) =>
+            {
+                answers.extend(self.parameters.set(name, *value));
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes what has passed by `now`: time-outs; appends the telemetry that is due.
+    pub fn tick(&mut self, now: Time, measured: &Measured, out: &mut Vec<MavlinkContent>) {
+        self.follower.watch_height(now, measured.truth.position[2]);
+        let leaves = self.kind == AutopilotKind::Px4
+            && self.follows()
+            && !self.follower.flows(now, OFFBOARD_TIMEOUT);
+        if leaves {
+            self.custom_mode = Px4Mode::POSITION.0;
+            if self.is_armed {
+                out.push(text(TextSeverity::Trouble, "Failsafe: offboard signal lost"));
+            }
+        }
+        let due = self.streams.due(now);
+        out.extend(due.into_iter().flatten().map(|stream| self.telemetry(now, stream, measured)));
+    }
+
+    /// Command that the vehicle follows in the state `truth`; "disarmed" while the motors are stopped.
+    #[must_use]
+    pub fn command(&self, now: Time, truth: &TruthV1) -> CommandV1 {
+        if !self.is_armed {
+            return CommandV1::default();
+        }
+        self.follower.command(now, truth, self.follows())
+    }
+
+    /// A pilot changes the mode by R/C.
+    pub fn pilot_takes_over(&mut self) {
+        self.custom_mode = Self::first_mode(self.kind);
+    }
+
+    fn follows(&self) -> bool {
+        self.kind.follows_setpoints(self.custom_mode)
+    }
+
+    fn clock(&self, now: Time) -> Span {
+        now.since(self.started)
+    }
+
+    fn pose(&mut self, now: Time) {
+        if !self.sees_poses(now) {
+            self.poses_since = Some(now);
+        }
+        self.posed_at = Some(now);
+    }
+
+    fn sees_poses(&self, now: Time) -> bool {
+        self.posed_at.is_some_and(|at| now.since(at) <= POSES_LOST)
+    }
+
+    fn has_position(&self, now: Time) -> bool {
+        let aligned = self.poses_since.is_some_and(|since| now.since(since) >= ALIGNMENT);
+        self.sees_poses(now) && aligned && (self.has_origin || self.kind == AutopilotKind::Px4)
+    }
+
+    /// Executes a command that is acknowledged.
+    fn obey(
+        &mut self,
+        now: Time,
+        kind: &CommandKind,
+        answers: &mut Vec<MavlinkContent>,
+    ) -> AckResult {
+        match *kind {
+            CommandKind::SetMode { mode, .. } => self.set_mode(now, mode),
+            CommandKind::Arm { run: true, .. } => self.arm(now, answers),
+            CommandKind::Arm { run: false, is_forced } => {
+                if self.is_armed && !is_forced && !self.follower.has_landed(now) {
+                    return AckResult::Failed;
+                }
+                self.is_armed = false;
+                AckResult::Accepted
+            }
+            CommandKind::MessageInterval { message, interval_us } => {
+                let is_known = self.streams.set(now, message, interval_us);
+                if is_known { AckResult::Accepted } else { AckResult::Denied }
+            }
+            CommandKind::Reboot => AckResult::Unsupported,
+        }
+    }
+
+    fn set_mode(&mut self, now: Time, mode: u32) -> AckResult {
+        self.custom_mode = match self.kind {
+            AutopilotKind::ArduPilot => mode,
+            AutopilotKind::Px4 => {
+                let mode = Px4Mode::main(mode as u8);
+                if mode == Px4Mode::OFFBOARD && !self.follower.flows(now, FLOWING) {
+                    return AckResult::TemporarilyRejected;
+                }
+                mode.0
+            }
+        };
+        AckResult::Accepted
+    }
+
+    fn arm(&mut self, now: Time, answers: &mut Vec<MavlinkContent>) -> AckResult {
+        if self.clock(now) < self.refuses_arming {
+            answers.push(text(TextSeverity::Trouble, "Arm: Gyros inconsistent"));
+            return AckResult::Failed;
+        }
+        if !self.is_armed {
+            self.follower.begin(now);
+        }
+        self.is_armed = true;
+        AckResult::Accepted
+    }
+
+    fn telemetry(&self, now: Time, stream: Stream, measured: &Measured) -> MavlinkContent {
+        let time_ms = (self.clock(now).nanos() / 1_000_000) as u32;
+        let TruthV1 { position, velocity, attitude, rate, .. } = measured.truth;
+        match stream {
+            Stream::Heartbeat => MavlinkContent::Heartbeat(MavlinkHeartbeat {
+                autopilot: Autopilot::Known(self.kind),
+                custom_mode: self.custom_mode,
+                is_armed: self.is_armed,
+                is_simulated: false,
+            }),
+            Stream::Battery => MavlinkContent::Battery(measured.battery_v),
+            Stream::Attitude => {
+                MavlinkContent::Attitude(MavlinkAttitude { time_ms, attitude, rate })
+            }
+            Stream::Position => {
+                MavlinkContent::Position(MavlinkPosition { time_ms, position, velocity })
+            }
+            // Without a position an estimator still has attitude and height.
+            Stream::Estimator if self.has_position(now) => {
+                MavlinkContent::Estimator(MavlinkContent::ESTIMATOR_READY)
+            }
+            Stream::Estimator => MavlinkContent::Estimator(1 | 32),
+        }
+    }
+}
+
+fn text(severity: TextSeverity, words: &str) -> MavlinkContent {
+    let mut text = [0; 50];
+    for (place, byte) in text.iter_mut().zip(words.bytes()) {
+        *place = byte;
+    }
+    MavlinkContent::Text(MavlinkText { severity, text, piece: 0 })
+}

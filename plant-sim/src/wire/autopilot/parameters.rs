@@ -1,0 +1,77 @@
+//! Parameters of the emulated autopilot: those that a set-up reads, with the values of a vehicle fresh from the factory.
+
+use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::mavlink::{MavlinkContent, ParameterName, ParameterValue};
+
+/// MAV_PARAM_TYPE_INT8.
+const INT8: u8 = 2;
+
+/// Parameters of ArduCopter: name, type, value.
+const ARDUPILOT: [(&str, u8, f64); 14] = [
+    ("VISO_TYPE", INT8, 0.0),
+    ("VISO_DELAY_MS", 4, 10.0),
+    ("EK3_SRC1_POSXY", INT8, 3.0),
+    ("EK3_SRC1_VELXY", INT8, 3.0),
+    ("EK3_SRC1_POSZ", INT8, 1.0),
+    ("EK3_SRC1_VELZ", INT8, 3.0),
+    ("EK3_SRC1_YAW", INT8, 1.0),
+    ("GPS1_TYPE", INT8, 1.0),
+    ("COMPASS_USE", INT8, 1.0),
+    ("COMPASS_USE2", INT8, 1.0),
+    ("COMPASS_USE3", INT8, 1.0),
+    ("GUID_OPTIONS", ParameterValue::INT32, 0.0),
+    ("GUID_TIMEOUT", ParameterValue::REAL32, 3.0),
+    ("FS_EKF_ACTION", INT8, 1.0),
+];
+/// Parameters of PX4.
+const PX4: [(&str, u8, f64); 11] = [
+    ("EKF2_EV_CTRL", ParameterValue::INT32, 0.0),
+    ("EKF2_GPS_CTRL", ParameterValue::INT32, 7.0),
+    ("EKF2_HGT_REF", ParameterValue::INT32, 1.0),
+    ("EKF2_EV_DELAY", ParameterValue::REAL32, 0.0),
+    ("EKF2_MAG_TYPE", ParameterValue::INT32, 0.0),
+    ("EKF2_BARO_CTRL", ParameterValue::INT32, 1.0),
+    ("COM_RC_IN_MODE", ParameterValue::INT32, 3.0),
+    ("NAV_DLL_ACT", ParameterValue::INT32, 0.0),
+    ("NAV_RCL_ACT", ParameterValue::INT32, 2.0),
+    ("COM_RCL_EXCEPT", ParameterValue::INT32, 0.0),
+    ("COM_OF_LOSS_T", ParameterValue::REAL32, 1.0),
+];
+
+/// Table of parameters.
+#[derive(Clone, Debug)]
+pub(super) struct ParameterTable(Vec<(ParameterName, ParameterValue)>);
+
+impl ParameterTable {
+    /// Parameters of a fresh autopilot.
+    pub(super) fn new(kind: AutopilotKind) -> Self {
+        let table = match kind {
+            AutopilotKind::ArduPilot => &ARDUPILOT[..],
+            AutopilotKind::Px4 => &PX4[..],
+        };
+        let as_bits = kind.sends_integers_as_bits();
+        let entries = table.iter().filter_map(|(name, code, number)| {
+            let is_real = *code == ParameterValue::REAL32;
+            let value = ParameterValue { raw: 0.0, is_real, code: *code };
+            Some((ParameterName::new(name)?, value.with(*number, as_bits)))
+        });
+        Self(entries.collect())
+    }
+
+    /// The parameter `name` as it is told; `None` for one that is unknown.
+    pub(super) fn get(&self, name: &ParameterName) -> Option<MavlinkContent> {
+        let (name, value) = *self.0.iter().find(|(known, _)| known == name)?;
+        Some(MavlinkContent::Parameter { name, value })
+    }
+
+    /// Sets the parameter `name`, and tells it; `None` for one that is unknown.
+    pub(super) fn set(
+        &mut self,
+        name: &ParameterName,
+        value: ParameterValue,
+    ) -> Option<MavlinkContent> {
+        let (_, place) = self.0.iter_mut().find(|(known, _)| known == name)?;
+        place.raw = value.raw;
+        self.get(name)
+    }
+}
