@@ -183,7 +183,11 @@ impl FlyArgs {
             vehicle.settings(&mut settings);
         }
         if let Some(truth) = &self.truth {
-            settings.push(Setting::flag("--truth", "plant.truth", truth.as_str().into()));
+            settings.push(Setting::flag(
+                "--truth",
+                "plant.truth",
+                toml::Value::from(truth.as_str()),
+            ));
         }
         Ok(settings)
     }

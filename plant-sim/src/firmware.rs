@@ -33,6 +33,11 @@ pub use relay::{CrtpRelay, Datagram};
 const MOST_READ: usize = 64;
 /// Most samples of the sensors that are sent in one turn \[-\]: the firmware's queue holds five packets.
 const MOST_IMU: usize = 3;
+/// Time by which the body may be ahead of the firmware's last motor values: a little more than between two of them. A processor
+/// that is busy delays the firmware by more than its loops stand; the body then stands still instead.
+const LEAD: Span = Span::from_millis(3);
+/// Longest time for which the body waits for motor values.
+const PATIENCE: Span = Span::from_millis(20);
 /// Time without motor values after which the firmware counts as dead.
 const FIRMWARE_TIMEOUT: Span = Span::from_millis(250);
 
@@ -60,11 +65,11 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
     context.enter_realtime();
     while !context.stop.is_set() {
         context.health.count_turn();
-        socket::wait([&link.firmware, &link.client], link.body.next_event())?;
+        socket::wait([&link.firmware, &link.client], link.next_event())?;
         heartbeat.beat(HealthV1::default())?;
         let now = Time::now();
         link.relay.disturb(radio.at(now)?);
-        tell_skipped(link.body.skip_pause(now));
+        tell_skipped(link.body.skip_pause(now - link.slip));
         if link.read(now) {
             context.health.count_input();
         }
@@ -81,6 +86,7 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
     tracing::info!(
         lost_packets = link.relay.lost(),
         late_samples = link.late_samples,
+        waited_s = link.slip.seconds(),
         "the body is at rest"
     );
     Ok(())
@@ -112,6 +118,10 @@ struct FirmwareLink {
     client: PeerSocket,
     /// When motor values last arrived; `None` while the firmware is not running.
     heard_at: Option<Time>,
+    /// The body's time then.
+    body_heard_at: Time,
+    /// Time for which the body has waited for the firmware: its own time is behind by so much.
+    slip: Span,
     /// Samples that were not sent, because the process was late \[-\].
     late_samples: u64,
 }
@@ -125,6 +135,8 @@ impl FirmwareLink {
             body: FirmwareBody::new(config, Time::now()),
             relay: CrtpRelay::new(config.clock.seed),
             heard_at: None,
+            body_heard_at: Time::UNSET,
+            slip: Span::ZERO,
             late_samples: 0,
         })
     }
@@ -139,6 +151,7 @@ impl FirmwareLink {
                 FirmwarePacket::Motors(motors) => {
                     driven = true;
                     self.heard_at = Some(now);
+                    self.body_heard_at = self.body.time();
                     self.body.drive(motors);
                 }
                 FirmwarePacket::Calibrated => tracing::info!("the firmware has calibrated"),
@@ -173,13 +186,35 @@ impl FirmwareLink {
         }
     }
 
+    /// The next instant at which there is something to do without a datagram.
+    fn next_event(&self) -> Time {
+        let next = self.body.next_event() + self.slip;
+        match self.heard_at {
+            Some(at) if self.body.next_event() > self.body_heard_at + LEAD => {
+                next.max(at + PATIENCE)
+            }
+            _ => next,
+        }
+    }
+
+    /// The body's time at `now`; the body waits for a firmware that is late.
+    fn body_time(&mut self, now: Time) -> Time {
+        let wanted = now - self.slip;
+        let is_awaited = self.heard_at.is_some_and(|at| now.since(at) < PATIENCE);
+        let until = if is_awaited { wanted.min(self.body_heard_at + LEAD) } else { wanted };
+        let until = until.max(self.body.time());
+        self.slip = now.since(until);
+        until
+    }
+
     /// Integrates to `now`; sends samples of the sensors, and with them at most one packet of the client: the firmware has one short
     /// queue for both.
     fn advance(&mut self, now: Time, mut truth: impl FnMut(TruthV1)) {
-        let Self { body, relay, firmware, late_samples, .. } = self;
+        let until = self.body_time(now);
+        let Self { body, relay, firmware, late_samples, slip, .. } = self;
         let mut sent = 0;
-        body.advance(now, |output| match output {
-            BodyOutput::Truth(sample) => truth(sample),
+        body.advance(until, |output| match output {
+            BodyOutput::Truth(sample) => truth(TruthV1 { time: sample.time + *slip, ..sample }),
             BodyOutput::Imu(_) if sent >= MOST_IMU => *late_samples += 1,
             BodyOutput::Imu(datagram) => {
                 sent += 1;

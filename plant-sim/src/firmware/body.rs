@@ -55,6 +55,12 @@ impl FirmwareBody {
         self.plant.next_sample().min(self.imu.next())
     }
 
+    /// The instant up to which the motion is integrated.
+    #[must_use]
+    pub fn time(&self) -> Time {
+        self.plant.truth().time
+    }
+
     /// Drives the motors at the powers that the firmware commands \[0..1\], from now on.
     pub fn drive(&mut self, motors: [f64; 4]) {
         self.plant.drive(motors);
