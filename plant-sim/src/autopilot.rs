@@ -29,7 +29,7 @@ const OWN: MavlinkAddress = MavlinkAddress { system: 254, component: 191 };
 const TRUTH_MESSAGES: [u32; 2] = [108, 115];
 /// Time between two of them that is asked for \[us\]; an autopilot sends as often as it can.
 const TRUTH_INTERVAL_US: u32 = 4000;
-/// Time between two requests for the truth: an autopilot that was rebooted has forgotten the last one.
+/// Time without the truth after which it is asked for again: an autopilot that was rebooted has forgotten the last request.
 const REQUEST_PERIOD: Span = Span::from_millis(1000);
 
 /// Publishes the truth of the autopilot that sends to `address`, until asked to stop.
@@ -82,6 +82,7 @@ struct SimulatedAutopilot {
     /// Its address, once it was heard.
     address: Option<MavlinkAddress>,
     requested_at: Time,
+    reported_at: Time,
 }
 
 impl SimulatedAutopilot {
@@ -93,6 +94,7 @@ impl SimulatedAutopilot {
             observer: MotionObserver::default(),
             address: None,
             requested_at: Time::UNSET,
+            reported_at: Time::UNSET,
         })
     }
 
@@ -116,13 +118,20 @@ impl SimulatedAutopilot {
                 self.requested_at = Time::UNSET;
             }
         }
+        if has_news {
+            self.reported_at = now;
+        }
         has_news
     }
 
-    /// Asks for the truth, once a second.
+    /// Asks for the truth where it is missing.
     fn request(&mut self, now: Time) {
         let Some(target) = self.address else { return };
-        if now.since(self.requested_at) < REQUEST_PERIOD {
+        let missing_since = match self.requested_at.is_set() {
+            true => self.requested_at.max(self.reported_at),
+            false => Time::UNSET,
+        };
+        if now.since(missing_since) < REQUEST_PERIOD {
             return;
         }
         self.requested_at = now;
