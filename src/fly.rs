@@ -26,6 +26,8 @@ use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
 
+use crate::provenance::PROVENANCE;
+
 use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
 use paths::FlightPaths;
@@ -74,6 +76,9 @@ pub struct FlyArgs {
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replace the files of a flight that the directory of --out holds
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Print the summary as JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -127,7 +132,10 @@ impl FlyArgs {
         let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
-        let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
+        let directory = match self.force {
+            true => FlightDirectory::create_or_replace(self.out.as_deref(), &mission.config)?,
+            false => FlightDirectory::create(self.out.as_deref(), &mission.config)?,
+        };
         let interrupts = &Interrupts::listen()?;
         let bus_flight = BusFlight { mission: &mission, paths, directory: &directory, interrupts };
         let (flight, recording) = match mission.config.clock.kind {
@@ -141,12 +149,12 @@ impl FlyArgs {
     /// Prints the figures before it writes the files, so that a full disk does not take them away.
     fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
-        print(&if self.json { summary.to_json() } else { table::closing(&summary) })?;
+        print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
         directory.write(flight, &summary)?;
         if !self.json {
             print(&format!("report: {}", directory.report().display()))?;
         }
-        if let Some(shortfall) = flight.shortfall() {
+        if let Some(shortfall) = &summary.shortfall {
             say(&format!("oqtal: {shortfall}"));
             return Ok(Exit::Flight);
         }

@@ -349,7 +349,11 @@ fn every_flight_in_the_readme_flies() {
         command.env("OQTAL_ROOT", testbed.path("run"));
         if line.starts_with("oqtal fly") {
             // Virtual time unless the line names a clock.
-            command.env("OQTAL_CLOCK__KIND", "in-process").arg("--out").arg(testbed.path("out"));
+            command
+                .env("OQTAL_CLOCK__KIND", "in-process")
+                .arg("--out")
+                .arg(testbed.path("out"))
+                .arg("--force");
         }
         let output = command.output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout);

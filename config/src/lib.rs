@@ -11,6 +11,7 @@
 //! | `place.rs` | the instance that is meant by a configuration with errors |
 //! | `follow.rs` | keys that follow those of another section |
 //! | `origin.rs`, `error.rs` | where a value was set, and the error that says so |
+//! | `text.rs` | files read as text |
 //! | `airframe.rs` | what `[vehicle]` and `[plant]` have in common |
 //! | the others | a section each |
 
@@ -41,6 +42,7 @@ mod receiver;
 mod record;
 mod safety;
 mod setting;
+mod text;
 mod vehicle;
 
 pub use airframe::Interface;
@@ -64,4 +66,5 @@ pub use receiver::{ReceiverOptions, StampSource, UpAxis};
 pub use record::{RecordOptions, RecordedFlights};
 pub use safety::SafetyOptions;
 pub use setting::Setting;
+pub use text::read_text;
 pub use vehicle::VehicleOptions;

@@ -74,21 +74,20 @@ impl Dynamics {
         Self { translation: Translation::new(plant), body }
     }
 
-    /// The state `h` seconds after `state`, under a constant input and disturbance.
-    #[must_use]
-    pub fn step(
+    /// Advances `state` by `h` seconds under a constant input and disturbance.
+    pub fn advance(
         &self,
-        state: &State,
+        state: &mut State,
         h: f64,
         input: &PlantInput,
         disturbance: &Disturbance,
-    ) -> State {
+    ) {
         let moved = |s: &State, response| self.translation.derivative(s, response, disturbance);
         // One dispatch a step in place of one at each of the four Runge-Kutta stages.
         match &self.body {
-            Body::Spacecraft(it) => state.step(h, |s| moved(s, it.response(s, input))),
-            Body::Eq61(it) => state.step(h, |s| moved(s, it.response(s, input, disturbance))),
-            Body::Rotors(it) => state.step(h, |s| moved(s, it.response(s, input, disturbance))),
+            Body::Spacecraft(it) => state.advance(h, |s| moved(s, it.response(s, input))),
+            Body::Eq61(it) => state.advance(h, |s| moved(s, it.response(s, input, disturbance))),
+            Body::Rotors(it) => state.advance(h, |s| moved(s, it.response(s, input, disturbance))),
         }
     }
 
