@@ -36,8 +36,8 @@ use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::crtp::{
-    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, LegacySetpoint, MAX_CRTP_PACKET, MAX_CRTP_THRUST,
-    PackedPose, PackedPoses, Supervision, SupervisorCommand, ThrustCurve,
+    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, CrtpThrustCurve, LegacySetpoint, MAX_CRTP_PACKET,
+    MAX_CRTP_THRUST, PackedPose, PackedPoses, Supervision, SupervisorCommand,
 };
 
 use crate::protocol::{
@@ -46,7 +46,7 @@ use crate::protocol::{
 };
 use crate::setpoint::VehicleSetpoint;
 use arming::Arming;
-use connection::{Connection, ConnectionWishes};
+use connection::{CrtpConnection, CrtpWishes};
 use console::ConsoleLine;
 use status::{CrazyflieStatus, ReportNews};
 
@@ -73,7 +73,7 @@ struct CrtpScales {
     authority: [f64; 3],
     /// Collective thrust of a command of one \[N\].
     max_thrust: f64,
-    curve: ThrustCurve,
+    curve: CrtpThrustCurve,
 }
 
 impl CrtpScales {
@@ -84,7 +84,7 @@ impl CrtpScales {
             OptionError::new("bridge.crtp.thrust-curve-n", format!("{curve:?}"), rule)
         };
         let (curve, max_thrust) =
-            (ThrustCurve::new(curve).ok_or_else(refused)?, config.vehicle.max_thrust_n);
+            (CrtpThrustCurve::new(curve).ok_or_else(refused)?, config.vehicle.max_thrust_n);
         let greatest = curve.force(MAX_CRTP_THRUST);
         if max_thrust > greatest * (1.0 + THRUST_TOLERANCE) {
             let rule = format!(
@@ -112,7 +112,7 @@ impl CrtpScales {
 #[derive(Debug)]
 pub struct Crtp {
     scales: CrtpScales,
-    connection: Connection,
+    connection: CrtpConnection,
     status: CrazyflieStatus,
     arming: Arming,
     console: ConsoleLine,
@@ -142,7 +142,7 @@ impl Crtp {
         let scales = CrtpScales::new(config)?;
         let pose_period =
             (options.pose_rate_hz > 0.0).then(|| Span::period_of(options.pose_rate_hz));
-        let wishes = ConnectionWishes {
+        let wishes = CrtpWishes {
             holds_attitude: scales.holds_attitude,
             sends_poses: pose_period.is_some(),
             report_period: Span::period_of(options.log_rate_hz),
@@ -150,7 +150,7 @@ impl Crtp {
         let keep_alive = options.keep_alive.then(|| PeriodicTimer::new(KEEP_ALIVE_PERIOD));
         Ok(Self {
             scales,
-            connection: Connection::new(wishes, tables),
+            connection: CrtpConnection::new(wishes, tables),
             status: CrazyflieStatus::UNKNOWN,
             arming: Arming::new(),
             console: ConsoleLine::new(),

@@ -117,7 +117,7 @@ pub struct RadioArgs {
 #[derive(Args, Clone, Debug)]
 pub struct BridgeArgs {
     /// Where the vehicle is: asctec:PATH[,baud=57600][,xbee=transparent|api1|api2], or mavlink:serial:PATH[,baud=921600],
-    /// mavlink:udpin:HOST:PORT, mavlink:udpout:HOST:PORT, mavlink:tcp:HOST:PORT, with [,autopilot=px4|ardupilot][,system=N]
+    /// mavlink:udpin:HOST:PORT, mavlink:udpout:HOST:PORT, mavlink:tcp:HOST:PORT, with [,autopilot=px4|ardupilot][,system=N], or crtp:radio:CHANNEL/RATE/ADDRESS, crtp:udp:HOST:PORT
     #[arg(long, value_name = "LINK")]
     link: Option<String>,
     #[command(flatten)]

@@ -14,8 +14,8 @@ const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct BridgeOptions {
-    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]` or `mavlink:PORT[,…]`; empty for none. Parsed
-    /// by the bridge.
+    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`, `mavlink:PORT[,…]` or `crtp:PORT`; empty for
+    /// none. Parsed by the bridge.
     pub link: String,
     /// The vehicle's XBee, 4 or 16 hexadecimal digits; API modes only. Parsed by the bridge.
     pub xbee_address: String,

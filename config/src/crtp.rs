@@ -49,17 +49,12 @@ pub struct CrtpVehicleOptions {
     pub protocol: f64,
     /// Whether the vehicle arms by itself.
     pub arms_itself: bool,
-    /// Greatest further delay of a packet, each way, drawn for each \[ms\].
-    pub jitter_ms: f64,
 }
 
 impl CrtpVehicleOptions {
     pub(crate) fn check(&self) -> Result<(), OptionError> {
         check_curve(self.thrust_curve_n)?;
-        check_options([
-            ("protocol", self.protocol, Rule::Between(4.0, 255.0)),
-            ("jitter-ms", self.jitter_ms, Rule::NotNegative),
-        ])
+        check_options([("protocol", self.protocol, Rule::Between(4.0, 255.0))])
     }
 }
 

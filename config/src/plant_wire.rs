@@ -13,7 +13,7 @@ use crate::mavlink::PlantMavlinkOptions;
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlantWireOptions {
     /// Link, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`: PATH becomes a symbolic link to a pseudo-terminal; or
-    /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
+    /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`, `crtp:udp:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
     pub link: String,
     /// From a byte's last bit to its arrival, each way \[ms\].
     pub latency_ms: f64,

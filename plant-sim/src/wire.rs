@@ -7,14 +7,13 @@
 //! | `on_board.rs` | the on-board computer: commands to motors, answers |
 //! | `options.rs` | `[plant.wire]` in the terms of `oqtal-wire` |
 //! | `motors.rs` | the switch that starts and stops the motors |
+//! | `crazyflie.rs` | an emulated Crazyflie, over UDP |
 //! | `vehicle.rs` | AscTec's emulated vehicle without its pseudo-terminal, pure |
 //! | `udp.rs` | the UDP port |
 //! | `datagrams.rs` | model of the network: latency, jitter, losses |
 //! | `autopilot.rs` | the emulated autopilot |
 //! | `mavlink.rs` | the emulated autopilot with its network, without its port, pure |
 //! | `end.rs` | what every port and every emulated vehicle does |
-//! | `crazyflie.rs` | an emulated Crazyflie, over UDP |
-//! | `packet_air.rs` | model of a link that carries packets: latency, jitter, losses |
 
 mod autopilot;
 mod crazyflie;
@@ -24,7 +23,6 @@ mod mavlink;
 mod motors;
 mod on_board;
 mod options;
-mod packet_air;
 mod pty;
 mod radio;
 mod udp;
@@ -48,14 +46,13 @@ use crate::PlantOutput;
 use crate::turn::tell_skipped;
 
 pub use autopilot::EmulatedAutopilot;
-pub use crazyflie::{CrazyflieBoard, CrtpVehicle, SupervisorModel, run_crazyflie};
+pub use crazyflie::{CrazyflieBoard, CrtpVehicle, SupervisorModel};
 pub use datagrams::DatagramModel;
 pub use end::{EmulatedVehicle, VehiclePort, WireCounters};
 pub use mavlink::MavlinkVehicle;
 pub use motors::MotorSwitch;
 pub use on_board::{Measured, OnBoard};
 pub use options::link;
-pub use packet_air::PacketAir;
 pub use pty::PseudoTerminal;
 pub use radio::{LinkDirection, RadioModel, Traffic};
 pub use udp::UdpPort;
@@ -93,8 +90,9 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
             fly(context, &bus, port, (vehicle, shown))
         }
         LinkSpec::Crtp(CrtpLink::Udp(address)) => {
-            drop(bus);
-            run_crazyflie(context, &address.to_string())
+            let port = UdpPort::at(address)?;
+            let vehicle = CrtpVehicle::new(config, now).map_err(located)?;
+            fly(context, &bus, port, (vehicle, shown))
         }
         LinkSpec::Crtp(CrtpLink::Radio(_)) => {
             let reason = "an emulated Crazyflie has no radio; give --wire crtp:udp:HOST:PORT";

@@ -2,9 +2,9 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_plant_sim::wire::CrtpVehicle;
+use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
 use oqtal_wire::crtp::{
-    CrtpReply, CrtpRequest, LegacySetpoint, LogBlock, LogType, ParameterType, ParameterValue,
+    CrtpReply, CrtpRequest, CrtpValue, LegacySetpoint, LogBlock, LogType, ParameterType,
     Supervision, SupervisorCommand, TableKind,
 };
 
@@ -31,7 +31,7 @@ impl Host {
     }
 
     fn send(&mut self, request: CrtpRequest) {
-        self.vehicle.host_sends(self.now, request.packet());
+        self.vehicle.host_writes(self.now, request.packet().as_bytes());
     }
 
     /// Lets `millis` pass; with a set-point, it is sent every 10 ms.
@@ -41,7 +41,7 @@ impl Host {
                 self.send(CrtpRequest::Setpoint(setpoint));
             }
             self.now = self.now + Span::from_millis(10);
-            self.vehicle.advance(self.now, |_| ());
+            self.vehicle.advance(self.now, &mut |_| ());
             while let Some(packet) = self.vehicle.host_receives(self.now) {
                 self.heard.extend(CrtpReply::read(&packet).map(|reply| format!("{reply:?}")));
             }
@@ -55,7 +55,7 @@ impl Host {
     /// Sets rates, arms, and flies up for half a second.
     fn fly(&mut self) {
         for id in [3, 4] {
-            let rates = ParameterValue::of(ParameterType::U8, 0.0);
+            let rates = CrtpValue::of(ParameterType::U8, 0.0);
             self.send(CrtpRequest::WriteParameter(id, rates));
         }
         self.send(CrtpRequest::Supervisor(SupervisorCommand::Arm(true)));
@@ -100,7 +100,7 @@ fn a_rate_about_each_axis_turns_the_vehicle_that_way() {
 }
 
 #[test]
-fn in_silence_the_vehicle_levels_out_after_half_a_second_and_is_locked_after_two() {
+fn f65_in_silence_the_vehicle_levels_out_after_half_a_second_and_is_locked_after_two() {
     let mut host = Host::new(|_| ());
     host.fly();
     let tilted = LegacySetpoint { roll: 1.0, ..thrusting(0.55) };

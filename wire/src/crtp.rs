@@ -36,7 +36,7 @@ mod thrust;
 mod value;
 
 pub use logging::{LogBlock, LogFields, MAX_LOG_VARIABLES};
-pub use packet::{CrtpError, CrtpPacket, MAX_CRTP_PACKET, MAX_CRTP_PAYLOAD, Port};
+pub use packet::{CrtpError, CrtpPacket, CrtpPort, MAX_CRTP_PACKET, MAX_CRTP_PAYLOAD};
 pub use pose::{CrtpPose, PackedPose, PackedPoses};
 pub use quaternion::{compress, decompress};
 pub use reply::{CrtpReply, LogCommand, SupervisorAnswer};
@@ -44,5 +44,5 @@ pub use request::CrtpRequest;
 pub use setpoint::{LegacySetpoint, MAX_CRTP_THRUST};
 pub use supervision::{SUPERVISOR_PROTOCOL, Supervision, SupervisorCommand};
 pub use table::{TableElement, TableInfo, TableKind};
-pub use thrust::ThrustCurve;
-pub use value::{LogType, ParameterType, ParameterValue};
+pub use thrust::CrtpThrustCurve;
+pub use value::{CrtpValue, LogType, ParameterType};

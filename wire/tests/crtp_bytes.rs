@@ -5,8 +5,8 @@ mod common;
 
 use common::{crtp_examples, hex};
 use oqtal_wire::crtp::{
-    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, LegacySetpoint, LogCommand, LogType, PackedPose,
-    PackedPoses, ParameterType, ParameterValue, Supervision, SupervisorAnswer, SupervisorCommand,
+    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, CrtpValue, LegacySetpoint, LogCommand, LogType,
+    PackedPose, PackedPoses, ParameterType, Supervision, SupervisorAnswer, SupervisorCommand,
     TableElement, TableInfo, TableKind,
 };
 use proptest::prelude::*;
@@ -51,7 +51,7 @@ fn two_vehicles_share_a_packet_of_poses() {
 
 fn replies() -> Vec<CrtpReply<'static>> {
     let element = TableElement { id: 300, kind: 7, group: "stateEstimate", name: "roll" };
-    let value = ParameterValue::of(ParameterType::F32, 0.25);
+    let value = CrtpValue::of(ParameterType::F32, 0.25);
     let granted = SupervisorAnswer { is_arming: true, granted: true };
     vec![
         CrtpReply::Null,

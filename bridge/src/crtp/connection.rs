@@ -9,7 +9,7 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{
-    CrtpReply, CrtpRequest, LogBlock, LogCommand, LogType, ParameterType, ParameterValue, TableKind,
+    CrtpReply, CrtpRequest, CrtpValue, LogBlock, LogCommand, LogType, ParameterType, TableKind,
 };
 
 use super::cache::TableStore;
@@ -50,7 +50,7 @@ enum Step {
 
 /// What the connection asks of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ConnectionWishes {
+pub struct CrtpWishes {
     /// Whether roll and pitch are angles, and not rates.
     pub holds_attitude: bool,
     /// Whether poses are sent to the vehicle's estimator.
@@ -61,8 +61,8 @@ pub struct ConnectionWishes {
 
 /// Connection to one vehicle.
 #[derive(Debug)]
-pub struct Connection {
-    wishes: ConnectionWishes,
+pub struct CrtpConnection {
+    wishes: CrtpWishes,
     tables: TableStore,
     step: Step,
     asked_at: Time,
@@ -72,10 +72,10 @@ pub struct Connection {
     parameters: KnownTable,
 }
 
-impl Connection {
+impl CrtpConnection {
     /// Connection that has not begun; `tables` holds those of earlier connections.
     #[must_use]
-    pub fn new(wishes: ConnectionWishes, tables: TableStore) -> Self {
+    pub fn new(wishes: CrtpWishes, tables: TableStore) -> Self {
         Self {
             wishes,
             tables,
@@ -229,7 +229,7 @@ impl Connection {
     }
 
     /// Number of a parameter, and the value that it is to have; `None` if the firmware lacks it, or it may stay as it is.
-    fn parameter(&self, place: usize) -> Option<(u16, ParameterValue)> {
+    fn parameter(&self, place: usize) -> Option<(u16, CrtpValue)> {
         let KnownElement { id, kind } = self.parameters.elements[place]?;
         let wanted = match place {
             0 | 1 => f64::from(u8::from(self.wishes.holds_attitude)),
@@ -237,7 +237,7 @@ impl Connection {
             ESTIMATOR => return None,
             _ => 0.0,
         };
-        Some((id, ParameterValue::of(ParameterType::from_wire(kind)?, wanted)))
+        Some((id, CrtpValue::of(ParameterType::from_wire(kind)?, wanted)))
     }
 
     fn variable(&self, place: usize) -> Option<(u16, LogType)> {

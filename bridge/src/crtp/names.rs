@@ -3,13 +3,13 @@
 use oqtal_wire::crtp::TableKind;
 
 /// Name: group, and name within it.
-pub type Name = (&'static str, &'static str);
+pub type TableName = (&'static str, &'static str);
 
 /// Greatest number of names of one table \[-\].
 pub const MAX_NAMES: usize = 8;
 
 /// Log variables; the places are those of [`LogName`].
-const LOG_NAMES: [Name; 8] = [
+const LOG_NAMES: [TableName; 8] = [
     ("pm", "vbat"),
     ("supervisor", "info"),
     ("stateEstimate", "x"),
@@ -27,7 +27,7 @@ pub const SUPERVISOR: usize = 1;
 pub const ESTIMATE: usize = 2;
 
 /// Parameters.
-const PARAMETER_NAMES: [Name; 7] = [
+const PARAMETER_NAMES: [TableName; 7] = [
     ("flightmode", "stabModeRoll"),
     ("flightmode", "stabModePitch"),
     ("flightmode", "stabModeYaw"),
@@ -43,7 +43,7 @@ pub const ESTIMATOR: usize = 6;
 
 /// The names that are looked for in a table.
 #[must_use]
-pub fn names(table: TableKind) -> &'static [Name] {
+pub fn names(table: TableKind) -> &'static [TableName] {
     match table {
         TableKind::Logging => &LOG_NAMES,
         TableKind::Parameters => &PARAMETER_NAMES,

@@ -4,7 +4,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::euler::EulerAngles;
 use oqtal_wire::crtp::{LogFields, Supervision};
 
-use super::connection::{Connection, ESTIMATE_BLOCK, STATUS_BLOCK};
+use super::connection::{CrtpConnection, ESTIMATE_BLOCK, STATUS_BLOCK};
 use super::names::{BATTERY, ESTIMATE, MAX_NAMES, SUPERVISOR};
 
 /// State of the vehicle.
@@ -35,7 +35,7 @@ impl CrazyflieStatus {
         &mut self,
         now: Time,
         (block, mut values): (u8, LogFields),
-        connection: &Connection,
+        connection: &CrtpConnection,
     ) -> ReportNews {
         let mut read = self.values;
         for (place, kind) in connection.fields(block) {
@@ -56,10 +56,11 @@ impl CrazyflieStatus {
         self.reported_at.is_set() && now.since(self.reported_at) > silence
     }
 
-    /// Battery voltage \[V\]; NaN if it is not reported.
+    /// Battery voltage \[V\]; NaN if it is not reported, or not measured: a vehicle that reports has more than none.
     #[must_use]
     pub fn battery_v(&self) -> f64 {
-        self.values[BATTERY]
+        let volts = self.values[BATTERY];
+        if volts > 0.0 { volts } else { f64::NAN }
     }
 
     /// Bits of the supervisor; none before the first report.

@@ -9,7 +9,7 @@
 use std::collections::VecDeque;
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_wire::crtp::{CrtpPacket, Port};
+use oqtal_wire::crtp::{CrtpPacket, CrtpPort};
 
 /// Age above which a packet is never sent.
 pub const MAX_AGE: Span = Span::from_millis(50);
@@ -180,8 +180,8 @@ impl RadioVehicle {
 
 /// Whether only the newest of such packets counts: set-points of either kind.
 fn is_setpoint(packet: &CrtpPacket) -> bool {
-    let is_generic = packet.port() == Port::GenericCommander as u8 && packet.channel() == 0;
-    packet.port() == Port::Commander as u8 || is_generic
+    let is_generic = packet.port() == CrtpPort::GenericCommander as u8 && packet.channel() == 0;
+    packet.port() == CrtpPort::Commander as u8 || is_generic
 }
 
 #[cfg(test)]

@@ -6,17 +6,14 @@
 //! | `tables.rs` | its parameters and log variables |
 //! | `logs.rs` | log blocks that a host made, and when they are due |
 //! | `board.rs` | the on-board computer: packets to set-points, answers |
-//! | `vehicle.rs` | the vehicle behind its radio, without a socket, pure |
-//! | `socket.rs` | one packet a datagram over UDP |
+//! | `vehicle.rs` | the vehicle behind its radio, without its port, pure |
 
 mod board;
 mod logs;
-mod socket;
 mod supervisor;
 mod tables;
 mod vehicle;
 
 pub use board::CrazyflieBoard;
-pub use socket::run_crazyflie;
 pub use supervisor::SupervisorModel;
 pub use vehicle::CrtpVehicle;

@@ -1,6 +1,6 @@
 //! Log blocks: variables that the vehicle sends together, at a rate of its own.
 
-use super::packet::{CrtpPacket, Port};
+use super::packet::{CrtpPacket, CrtpPort};
 use super::value::LogType;
 use crate::bytes::{ByteOrder, ByteReader};
 
@@ -44,7 +44,7 @@ impl LogBlock {
     }
 
     pub(super) fn create_packet(&self, command: u8) -> CrtpPacket {
-        let packet = CrtpPacket::new(Port::Logging, SETTINGS, &[command, self.id]);
+        let packet = CrtpPacket::new(CrtpPort::Logging, SETTINGS, &[command, self.id]);
         self.variables().iter().fold(packet, |packet, (kind, id)| {
             // Stored as, and sent as.
             let kinds = (*kind as u8) << 4 | *kind as u8;

@@ -11,7 +11,7 @@ const LINK_BITS: u8 = 0x0C;
 /// Ports that are used here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Port {
+pub enum CrtpPort {
     /// Text.
     Console = 0,
     /// Parameters.
@@ -34,7 +34,7 @@ pub enum Port {
     LinkService = 15,
 }
 
-impl Port {
+impl CrtpPort {
     const ALL: [Self; 10] = [
         Self::Console,
         Self::Parameters,
@@ -80,7 +80,7 @@ impl CrtpPacket {
 
     /// Packet of `payload`, cut off beyond [`MAX_CRTP_PAYLOAD`].
     #[must_use]
-    pub fn new(port: Port, channel: u8, payload: &[u8]) -> Self {
+    pub fn new(port: CrtpPort, channel: u8, payload: &[u8]) -> Self {
         let mut packet = Self { bytes: [0; MAX_CRTP_PACKET], length: 1 };
         packet.bytes[0] = (port as u8) << 4 | LINK_BITS | (channel & 3);
         packet.put(payload);
@@ -128,7 +128,7 @@ impl CrtpPacket {
     /// Whether the packet carries nothing.
     #[must_use]
     pub fn is_null(&self) -> bool {
-        self.port() == Port::LinkService as u8 && self.channel() == 3
+        self.port() == CrtpPort::LinkService as u8 && self.channel() == 3
     }
 
     /// Appends `bytes`, as far as there is room.
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn the_header_holds_port_and_channel_whatever_a_radio_counts_there() {
-        let packet = CrtpPacket::new(Port::Commander, 0, &[]);
+        let packet = CrtpPacket::new(CrtpPort::Commander, 0, &[]);
         assert_eq!(packet.as_bytes(), [0x3C]);
         for header in [0x30, 0x34, 0x38, 0x3C] {
             assert_eq!(CrtpPacket::parse(&[header]), Ok(packet));
@@ -164,6 +164,6 @@ mod tests {
         assert_eq!(CrtpPacket::parse(&[]), Err(CrtpError::Length(0)));
         assert_eq!(CrtpPacket::parse(&[0x3C; 31]).unwrap().payload().len(), 30);
         assert_eq!(CrtpPacket::parse(&[0x3C; 32]), Err(CrtpError::Length(32)));
-        assert_eq!(CrtpPacket::new(Port::Platform, 1, &[0; 40]).payload().len(), 30);
+        assert_eq!(CrtpPacket::new(CrtpPort::Platform, 1, &[0; 40]).payload().len(), 30);
     }
 }

@@ -1,6 +1,6 @@
 //! Poses from a camera system: of one vehicle in full, or of up to two vehicles in one packet that every vehicle may receive.
 
-use super::packet::{CrtpPacket, Port};
+use super::packet::{CrtpPacket, CrtpPort};
 use super::quaternion::{compress, decompress};
 use crate::bytes::{ByteOrder, ByteReader};
 
@@ -22,7 +22,7 @@ pub struct CrtpPose {
 
 impl CrtpPose {
     pub(super) fn packet(&self) -> CrtpPacket {
-        let packet = CrtpPacket::new(Port::Localization, CHANNEL, &[FULL_POSE]);
+        let packet = CrtpPacket::new(CrtpPort::Localization, CHANNEL, &[FULL_POSE]);
         let numbers = self.position.into_iter().chain(self.attitude);
         numbers.fold(packet, |packet, number| packet.with(&(number as f32).to_le_bytes()))
     }
@@ -108,7 +108,7 @@ impl PackedPoses {
     }
 
     pub(super) fn packet(&self) -> CrtpPacket {
-        let mut packet = CrtpPacket::new(Port::Localization, CHANNEL, &[PACKED_POSES]);
+        let mut packet = CrtpPacket::new(CrtpPort::Localization, CHANNEL, &[PACKED_POSES]);
         self.poses().iter().for_each(|pose| pose.put_into(&mut packet));
         packet
     }

@@ -1,11 +1,11 @@
 //! Packets from the vehicle to the host, by their meaning.
 
 use super::logging::{DATA, LogFields, SETTINGS, put_value};
-use super::packet::{CrtpPacket, Port};
+use super::packet::{CrtpPacket, CrtpPort};
 use super::request::{CREATE_BLOCK, GET_STATE, RESET_LOGGING, START_BLOCK};
 use super::supervision::{Supervision, SupervisorCommand};
 use super::table::{TableElement, TableInfo, TableKind, TableWord};
-use super::value::{LogType, ParameterValue};
+use super::value::{CrtpValue, LogType};
 
 /// Text by which a Crazyflie names itself.
 const SOURCE: &[u8] = b"Bitcraze Crazyflie";
@@ -52,9 +52,9 @@ pub enum CrtpReply<'a> {
     /// The table has no element of the number that was asked for.
     NoElement(TableKind),
     /// Value of a parameter that was read.
-    Parameter(u16, ParameterValue),
+    Parameter(u16, CrtpValue),
     /// Value of a parameter that was written.
-    Written(u16, ParameterValue),
+    Written(u16, CrtpValue),
     /// There is no parameter of this number.
     NoParameter(u16),
     /// Number of memories \[-\].
@@ -89,28 +89,28 @@ impl<'a> CrtpReply<'a> {
             return Some(Self::Null);
         }
         let payload = packet.payload();
-        match (Port::from_wire(packet.port())?, packet.channel()) {
-            (Port::Console, 0) => Some(Self::Console(payload)),
-            (Port::LinkService, 0) => match payload {
+        match (CrtpPort::from_wire(packet.port())?, packet.channel()) {
+            (CrtpPort::Console, 0) => Some(Self::Console(payload)),
+            (CrtpPort::LinkService, 0) => match payload {
                 [0, stamp @ ..] => Some(Self::Echo(u64::from_le_bytes(stamp.try_into().ok()?))),
                 _ => None,
             },
-            (Port::LinkService, 1) => payload.starts_with(SOURCE).then_some(Self::Source),
-            (Port::Platform, 1) => match payload {
+            (CrtpPort::LinkService, 1) => payload.starts_with(SOURCE).then_some(Self::Source),
+            (CrtpPort::Platform, 1) => match payload {
                 [0, version, ..] => Some(Self::ProtocolVersion(*version)),
                 _ => None,
             },
-            (Port::Platform, 0) => read_granted(payload),
-            (Port::Supervisor, _) => read_supervisor(payload),
-            (Port::Parameters, 0) => read_table(TableKind::Parameters, payload),
-            (Port::Logging, 0) => read_table(TableKind::Logging, payload),
-            (Port::Parameters, channel) => read_parameter(channel, payload),
-            (Port::Memory, 0) => match payload {
+            (CrtpPort::Platform, 0) => read_granted(payload),
+            (CrtpPort::Supervisor, _) => read_supervisor(payload),
+            (CrtpPort::Parameters, 0) => read_table(TableKind::Parameters, payload),
+            (CrtpPort::Logging, 0) => read_table(TableKind::Logging, payload),
+            (CrtpPort::Parameters, channel) => read_parameter(channel, payload),
+            (CrtpPort::Memory, 0) => match payload {
                 [1, count, ..] => Some(Self::MemoryCount(*count)),
                 _ => None,
             },
-            (Port::Logging, SETTINGS) => read_logging(payload),
-            (Port::Logging, DATA) => read_data(payload),
+            (CrtpPort::Logging, SETTINGS) => read_logging(payload),
+            (CrtpPort::Logging, DATA) => read_data(payload),
             _ => None,
         }
     }
@@ -121,34 +121,34 @@ impl<'a> CrtpReply<'a> {
         let of = CrtpPacket::new;
         match self {
             Self::Null => CrtpPacket::NULL,
-            Self::Console(text) => of(Port::Console, 0, text),
-            Self::Echo(stamp) => of(Port::LinkService, 0, &[0]).with(&stamp.to_le_bytes()),
+            Self::Console(text) => of(CrtpPort::Console, 0, text),
+            Self::Echo(stamp) => of(CrtpPort::LinkService, 0, &[0]).with(&stamp.to_le_bytes()),
             Self::Source => {
                 let padding = [0; super::MAX_CRTP_PAYLOAD - SOURCE.len()];
-                of(Port::LinkService, 1, SOURCE).with(&padding)
+                of(CrtpPort::LinkService, 1, SOURCE).with(&padding)
             }
-            Self::ProtocolVersion(version) => of(Port::Platform, 1, &[0, *version, 0, 0, 0]),
+            Self::ProtocolVersion(version) => of(CrtpPort::Platform, 1, &[0, *version, 0, 0, 0]),
             Self::Supervision(state) => {
-                of(Port::Supervisor, 0, &[GET_STATE | ANSWER]).with(&state.bits().to_le_bytes())
+                of(CrtpPort::Supervisor, 0, &[GET_STATE | ANSWER]).with(&state.bits().to_le_bytes())
             }
             Self::Granted(answer) => {
                 let command = if answer.is_arming { 1 } else { 2 };
-                of(Port::Platform, 0, &[command, u8::from(answer.granted)])
+                of(CrtpPort::Platform, 0, &[command, u8::from(answer.granted)])
             }
             Self::TableInfo(table, info) => TableWord::Info(*info).reply(*table),
             Self::TableElement(table, element) => TableWord::Element(*element).reply(*table),
             Self::NoElement(table) => TableWord::NoElement.reply(*table),
             Self::Parameter(id, value) => {
-                of(Port::Parameters, 1, &id.to_le_bytes()).with(&[0]).with(value.as_bytes())
+                of(CrtpPort::Parameters, 1, &id.to_le_bytes()).with(&[0]).with(value.as_bytes())
             }
             Self::Written(id, value) => {
-                of(Port::Parameters, 2, &id.to_le_bytes()).with(value.as_bytes())
+                of(CrtpPort::Parameters, 2, &id.to_le_bytes()).with(value.as_bytes())
             }
             // No such entry, as the errors of C number it.
-            Self::NoParameter(id) => of(Port::Parameters, 1, &id.to_le_bytes()).with(&[2]),
-            Self::MemoryCount(count) => of(Port::Memory, 0, &[1, *count]),
+            Self::NoParameter(id) => of(CrtpPort::Parameters, 1, &id.to_le_bytes()).with(&[2]),
+            Self::MemoryCount(count) => of(CrtpPort::Memory, 0, &[1, *count]),
             Self::Log(command, block, reason) => {
-                of(Port::Logging, SETTINGS, &[*command as u8, *block, *reason])
+                of(CrtpPort::Logging, SETTINGS, &[*command as u8, *block, *reason])
             }
             Self::LogData { block, clock_ms, values } => {
                 data_head(*block, *clock_ms).with(values.rest())
@@ -179,13 +179,13 @@ impl SupervisorAnswer {
             SupervisorCommand::KeepAlive => (4, true),
         };
         let fields = [code | ANSWER, u8::from(self.granted), u8::from(holds)];
-        CrtpPacket::new(Port::Supervisor, 1, &fields)
+        CrtpPacket::new(CrtpPort::Supervisor, 1, &fields)
     }
 }
 
 fn data_head(block: u8, clock_ms: u32) -> CrtpPacket {
     let [low, middle, high, _] = clock_ms.to_le_bytes();
-    CrtpPacket::new(Port::Logging, DATA, &[block, low, middle, high])
+    CrtpPacket::new(CrtpPort::Logging, DATA, &[block, low, middle, high])
 }
 
 fn read_granted<'a>(payload: &[u8]) -> Option<CrtpReply<'a>> {
@@ -227,10 +227,10 @@ fn read_parameter<'a>(channel: u8, payload: &[u8]) -> Option<CrtpReply<'a>> {
     let id = u16::from_le_bytes(*id);
     match (channel, fields) {
         (1, [0, value @ ..]) => {
-            ParameterValue::from_wire(value).map(|value| CrtpReply::Parameter(id, value))
+            CrtpValue::from_wire(value).map(|value| CrtpReply::Parameter(id, value))
         }
         (1, [_]) => Some(CrtpReply::NoParameter(id)),
-        (2, value) => ParameterValue::from_wire(value).map(|value| CrtpReply::Written(id, value)),
+        (2, value) => CrtpValue::from_wire(value).map(|value| CrtpReply::Written(id, value)),
         _ => None,
     }
 }

@@ -1,12 +1,12 @@
 //! Packets from the host to the vehicle, by their meaning.
 
 use super::logging::{LogBlock, SETTINGS};
-use super::packet::{CrtpPacket, Port};
+use super::packet::{CrtpPacket, CrtpPort};
 use super::pose::{CrtpPose, FULL_POSE, PACKED_POSES, PackedPoses};
 use super::setpoint::LegacySetpoint;
 use super::supervision::SupervisorCommand;
 use super::table::{TableKind, TableWord};
-use super::value::ParameterValue;
+use super::value::CrtpValue;
 
 /// Commands of the log port's settings.
 pub(super) const START_BLOCK: u8 = 3;
@@ -50,7 +50,7 @@ pub enum CrtpRequest {
     /// Reads a parameter by its number.
     ReadParameter(u16),
     /// Writes a parameter by its number.
-    WriteParameter(u16, ParameterValue),
+    WriteParameter(u16, CrtpValue),
     /// Asks how many memories there are.
     MemoryCount,
     /// Deletes all log blocks.
@@ -74,30 +74,30 @@ impl CrtpRequest {
         match self {
             Self::Null => CrtpPacket::NULL,
             // The first byte marks a measurement of the delay.
-            Self::Echo(stamp) => of(Port::LinkService, 0, &[0]).with(&stamp.to_le_bytes()),
-            Self::Source => of(Port::LinkService, 1, &[0]),
-            Self::ProtocolVersion => of(Port::Platform, 1, &[0]),
-            Self::Supervision => of(Port::Supervisor, 0, &[GET_STATE]),
+            Self::Echo(stamp) => of(CrtpPort::LinkService, 0, &[0]).with(&stamp.to_le_bytes()),
+            Self::Source => of(CrtpPort::LinkService, 1, &[0]),
+            Self::ProtocolVersion => of(CrtpPort::Platform, 1, &[0]),
+            Self::Supervision => of(CrtpPort::Supervisor, 0, &[GET_STATE]),
             Self::Supervisor(command) => supervisor(*command),
             Self::LegacySupervisor(command) => legacy_supervisor(*command),
             Self::Setpoint(setpoint) => setpoint.packet(),
-            Self::Stop => of(Port::GenericCommander, 0, &[0]),
+            Self::Stop => of(CrtpPort::GenericCommander, 0, &[0]),
             Self::EndOfSetpoints(millis) => {
-                of(Port::GenericCommander, 1, &[0]).with(&millis.to_le_bytes())
+                of(CrtpPort::GenericCommander, 1, &[0]).with(&millis.to_le_bytes())
             }
             Self::Pose(pose) => pose.packet(),
             Self::Poses(poses) => poses.packet(),
             Self::TableInfo(table) => table.info_request(),
             Self::TableElement(table, id) => table.element_request(*id),
-            Self::ReadParameter(id) => of(Port::Parameters, 1, &id.to_le_bytes()),
+            Self::ReadParameter(id) => of(CrtpPort::Parameters, 1, &id.to_le_bytes()),
             Self::WriteParameter(id, value) => {
-                of(Port::Parameters, 2, &id.to_le_bytes()).with(value.as_bytes())
+                of(CrtpPort::Parameters, 2, &id.to_le_bytes()).with(value.as_bytes())
             }
-            Self::MemoryCount => of(Port::Memory, 0, &[1]),
-            Self::ResetLogging => of(Port::Logging, SETTINGS, &[RESET_LOGGING]),
+            Self::MemoryCount => of(CrtpPort::Memory, 0, &[1]),
+            Self::ResetLogging => of(CrtpPort::Logging, SETTINGS, &[RESET_LOGGING]),
             Self::CreateBlock(block) => block.create_packet(CREATE_BLOCK),
             Self::StartBlock { id, period } => {
-                of(Port::Logging, SETTINGS, &[START_BLOCK, *id, *period])
+                of(CrtpPort::Logging, SETTINGS, &[START_BLOCK, *id, *period])
             }
         }
     }
@@ -109,30 +109,32 @@ impl CrtpRequest {
             return Some(Self::Null);
         }
         let payload = packet.payload();
-        match (Port::from_wire(packet.port())?, packet.channel()) {
-            (Port::LinkService, 0) => match payload {
+        match (CrtpPort::from_wire(packet.port())?, packet.channel()) {
+            (CrtpPort::LinkService, 0) => match payload {
                 [0, stamp @ ..] => Some(Self::Echo(u64::from_le_bytes(stamp.try_into().ok()?))),
                 _ => None,
             },
-            (Port::LinkService, 1) => Some(Self::Source),
-            (Port::Platform, 1) => (payload.first() == Some(&0)).then_some(Self::ProtocolVersion),
-            (Port::Platform, 0) => read_platform(payload),
-            (Port::Supervisor, channel) => read_supervisor(channel, payload),
-            (Port::Commander, 0) => LegacySetpoint::read(payload).map(Self::Setpoint),
-            (Port::GenericCommander, channel) => read_generic(channel, payload),
-            (Port::Localization, 1) => read_localization(payload),
-            (Port::Parameters, 0) => read_table(TableKind::Parameters, payload),
-            (Port::Logging, 0) => read_table(TableKind::Logging, payload),
-            (Port::Parameters, channel) => read_parameter(channel, payload),
-            (Port::Memory, 0) => (payload.first() == Some(&1)).then_some(Self::MemoryCount),
-            (Port::Logging, SETTINGS) => read_logging(payload),
+            (CrtpPort::LinkService, 1) => Some(Self::Source),
+            (CrtpPort::Platform, 1) => {
+                (payload.first() == Some(&0)).then_some(Self::ProtocolVersion)
+            }
+            (CrtpPort::Platform, 0) => read_platform(payload),
+            (CrtpPort::Supervisor, channel) => read_supervisor(channel, payload),
+            (CrtpPort::Commander, 0) => LegacySetpoint::read(payload).map(Self::Setpoint),
+            (CrtpPort::GenericCommander, channel) => read_generic(channel, payload),
+            (CrtpPort::Localization, 1) => read_localization(payload),
+            (CrtpPort::Parameters, 0) => read_table(TableKind::Parameters, payload),
+            (CrtpPort::Logging, 0) => read_table(TableKind::Logging, payload),
+            (CrtpPort::Parameters, channel) => read_parameter(channel, payload),
+            (CrtpPort::Memory, 0) => (payload.first() == Some(&1)).then_some(Self::MemoryCount),
+            (CrtpPort::Logging, SETTINGS) => read_logging(payload),
             _ => None,
         }
     }
 }
 
 fn supervisor(command: SupervisorCommand) -> CrtpPacket {
-    let of = |payload: &[u8]| CrtpPacket::new(Port::Supervisor, 1, payload);
+    let of = |payload: &[u8]| CrtpPacket::new(CrtpPort::Supervisor, 1, payload);
     match command {
         SupervisorCommand::Arm(arm) => of(&[1, u8::from(arm)]),
         SupervisorCommand::Recover => of(&[2]),
@@ -143,10 +145,10 @@ fn supervisor(command: SupervisorCommand) -> CrtpPacket {
 
 fn legacy_supervisor(command: SupervisorCommand) -> CrtpPacket {
     match command {
-        SupervisorCommand::Arm(arm) => CrtpPacket::new(Port::Platform, 0, &[1, u8::from(arm)]),
-        SupervisorCommand::Recover => CrtpPacket::new(Port::Platform, 0, &[2]),
-        SupervisorCommand::EmergencyStop => CrtpPacket::new(Port::Localization, 1, &[3]),
-        SupervisorCommand::KeepAlive => CrtpPacket::new(Port::Localization, 1, &[4]),
+        SupervisorCommand::Arm(arm) => CrtpPacket::new(CrtpPort::Platform, 0, &[1, u8::from(arm)]),
+        SupervisorCommand::Recover => CrtpPacket::new(CrtpPort::Platform, 0, &[2]),
+        SupervisorCommand::EmergencyStop => CrtpPacket::new(CrtpPort::Localization, 1, &[3]),
+        SupervisorCommand::KeepAlive => CrtpPacket::new(CrtpPort::Localization, 1, &[4]),
     }
 }
 
@@ -205,7 +207,7 @@ fn read_parameter(channel: u8, payload: &[u8]) -> Option<CrtpRequest> {
     let id = u16::from_le_bytes(*id);
     match channel {
         1 => Some(CrtpRequest::ReadParameter(id)),
-        2 => ParameterValue::from_wire(value).map(|value| CrtpRequest::WriteParameter(id, value)),
+        2 => CrtpValue::from_wire(value).map(|value| CrtpRequest::WriteParameter(id, value)),
         _ => None,
     }
 }

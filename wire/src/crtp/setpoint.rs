@@ -1,6 +1,6 @@
 //! Set-point of roll, pitch, yaw rate and thrust, the one that rates and attitudes are sent in.
 
-use super::packet::{CrtpPacket, Port};
+use super::packet::{CrtpPacket, CrtpPort};
 use crate::bytes::{ByteOrder, ByteReader};
 
 /// Thrust of full power \[counts\].
@@ -28,7 +28,7 @@ impl LegacySetpoint {
     pub const ZERO: Self = Self { roll: 0.0, pitch: 0.0, yaw_rate: 0.0, thrust: 0 };
 
     pub(super) fn packet(&self) -> CrtpPacket {
-        let mut packet = CrtpPacket::new(Port::Commander, 0, &[]);
+        let mut packet = CrtpPacket::new(CrtpPort::Commander, 0, &[]);
         // Zero has no sign: a negated zero would be another packet than every other host's.
         let signed = [self.roll, -self.pitch, -self.yaw_rate].map(|number| number + 0.0);
         for number in signed {

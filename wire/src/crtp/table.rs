@@ -1,6 +1,6 @@
 //! Tables of contents: the vehicle numbers its parameters and its log variables, and a CRC tells whether a table is known already.
 
-use super::packet::{CrtpPacket, Port};
+use super::packet::{CrtpPacket, CrtpPort};
 use crate::bytes::{ByteOrder, ByteReader};
 
 /// Channel of tables.
@@ -22,10 +22,10 @@ pub enum TableKind {
 impl TableKind {
     /// Port of the table.
     #[must_use]
-    pub fn port(self) -> Port {
+    pub fn port(self) -> CrtpPort {
         match self {
-            Self::Parameters => Port::Parameters,
-            Self::Logging => Port::Logging,
+            Self::Parameters => CrtpPort::Parameters,
+            Self::Logging => CrtpPort::Logging,
         }
     }
 

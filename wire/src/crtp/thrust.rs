@@ -7,12 +7,12 @@ const FULL_DUTY: f64 = 65_535.0;
 
 /// Collective thrust `linear u + quadratic u^2` over the commanded duty cycle `u` of all motors, counts / 65535.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ThrustCurve {
+pub struct CrtpThrustCurve {
     linear: f64,
     quadratic: f64,
 }
 
-impl ThrustCurve {
+impl CrtpThrustCurve {
     /// Curve of these coefficients \[N\]; `None` unless it rises from zero to full duty.
     #[must_use]
     pub fn new([linear, quadratic]: [f64; 2]) -> Option<Self> {
@@ -48,7 +48,7 @@ mod tests {
     #[test]
     fn counts_give_the_thrust_that_they_were_made_of() {
         for curve in [[0.5886, 0.0], [0.2707, 0.366], [0.0, 0.6], [0.8, -0.2]] {
-            let curve = ThrustCurve::new(curve).unwrap();
+            let curve = CrtpThrustCurve::new(curve).unwrap();
             for counts in (0..=60_000).step_by(500) {
                 assert_eq!(curve.counts(curve.force(counts)), counts, "{curve:?}");
             }
@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn a_curve_must_rise() {
         for wrong in [[0.0, 0.0], [-0.1, 1.0], [1.0, -0.6], [f64::NAN, 1.0]] {
-            assert_eq!(ThrustCurve::new(wrong), None);
+            assert_eq!(CrtpThrustCurve::new(wrong), None);
         }
     }
 }

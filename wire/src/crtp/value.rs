@@ -43,12 +43,12 @@ impl ParameterType {
 
 /// Value of a parameter, in its type's bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ParameterValue {
+pub struct CrtpValue {
     bytes: [u8; 4],
     length: usize,
 }
 
-impl ParameterValue {
+impl CrtpValue {
     /// The value `number` \[-\] as `kind`; rounded, and limited to what the type holds.
     #[must_use]
     pub fn of(kind: ParameterType, number: f64) -> Self {

@@ -1,8 +1,8 @@
 //! Packets that cflib encoded, and what they say in the terms of this crate.
 
 use oqtal_wire::crtp::{
-    CrtpPacket, CrtpPose, CrtpRequest, LegacySetpoint, LogBlock, LogType, ParameterType,
-    ParameterValue, SupervisorCommand, TableKind, compress, decompress,
+    CrtpPacket, CrtpPose, CrtpRequest, CrtpValue, LegacySetpoint, LogBlock, LogType, ParameterType,
+    SupervisorCommand, TableKind, compress, decompress,
 };
 use serde::Deserialize;
 
@@ -61,7 +61,7 @@ impl Example {
             "read_parameter" => CrtpRequest::ReadParameter(self.number(0)),
             "write_parameter" => {
                 let kind = ParameterType::from_wire(self.number(1)).unwrap();
-                let value = ParameterValue::of(kind, self.fields[2]);
+                let value = CrtpValue::of(kind, self.fields[2]);
                 assert_eq!(value.number(kind), Some(self.fields[2]));
                 CrtpRequest::WriteParameter(self.number(0), value)
             }

@@ -13,8 +13,8 @@ use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::crtp::{
-    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, LegacySetpoint, ParameterValue,
-    SUPERVISOR_PROTOCOL, SupervisorAnswer, SupervisorCommand, ThrustCurve,
+    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, CrtpThrustCurve, CrtpValue, LegacySetpoint,
+    SUPERVISOR_PROTOCOL, Supervision, SupervisorAnswer, SupervisorCommand,
 };
 
 use super::super::on_board::Measured;
@@ -30,7 +30,7 @@ const ADDRESS_END: u8 = 0xE7;
 pub struct CrazyflieBoard {
     started: Time,
     protocol: u8,
-    curve: ThrustCurve,
+    curve: CrtpThrustCurve,
     max_thrust: f64,
     authority: [f64; 3],
     attitude_gain: f64,
@@ -51,7 +51,7 @@ impl CrazyflieBoard {
     /// The thrust curve does not rise.
     pub fn new(plant: &PlantOptions, now: Time) -> Result<Self, OptionError> {
         let options = &plant.wire.crtp;
-        let curve = ThrustCurve::new(options.thrust_curve_n).ok_or_else(|| {
+        let curve = CrtpThrustCurve::new(options.thrust_curve_n).ok_or_else(|| {
             let found = format!("{:?}", options.thrust_curve_n);
             OptionError::new("plant.wire.crtp.thrust-curve-n", found, "a curve that rises")
         })?;
@@ -154,14 +154,14 @@ impl CrazyflieBoard {
         match PARAMETERS.get(usize::from(id)) {
             Some((_, _, kind, _)) => {
                 let number = self.parameters[usize::from(id)];
-                CrtpReply::Parameter(id, ParameterValue::of(*kind, number))
+                CrtpReply::Parameter(id, CrtpValue::of(*kind, number))
             }
             None => CrtpReply::NoParameter(id),
         }
     }
 
     /// Writes a parameter; a value of another type is ignored.
-    fn write_parameter(&mut self, id: u16, value: ParameterValue) -> Option<CrtpReply<'static>> {
+    fn write_parameter(&mut self, id: u16, value: CrtpValue) -> Option<CrtpReply<'static>> {
         let Some((_, _, kind, _)) = PARAMETERS.get(usize::from(id)) else {
             return Some(CrtpReply::NoParameter(id));
         };
@@ -203,6 +203,12 @@ impl CrazyflieBoard {
         let EulerAngles { roll, pitch, .. } = angles(truth.attitude);
         let yaw = angles(sent.attitude).yaw;
         CrtpPose { position: sent.position, attitude: EulerAngles { roll, pitch, yaw }.xyzw() }
+    }
+
+    /// State of the supervisor.
+    #[must_use]
+    pub fn supervision(&self) -> Supervision {
+        self.supervisor.bits()
     }
 
     /// Whether the motors run, or would with thrust.
