@@ -59,9 +59,9 @@ pub struct FlyArgs {
     /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
     #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
-    /// Vehicle: simulated, sim[:hummingbird|:spacecraft|:crazyflie-2.1][,fidelity=eq61|rotors]; simulated behind a bridge and its radio protocol,
-    /// bridge:asctec[,baud=N][,xbee=MODE], bridge:mavlink[,autopilot=KIND][,system=N], bridge:crtp; or at a link, link:LINK, as
-    /// link:asctec:PATH, link:mavlink:udpin:HOST:PORT, link:crtp:radio:CHANNEL/RATE/ADDRESS
+    /// Vehicle: simulated, sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]; simulated
+    /// behind a bridge and its protocol, bridge:asctec[,baud=N][,xbee=MODE], bridge:mavlink[,autopilot=px4|ardupilot] or bridge:crtp;
+    /// or at a link, link:LINK, as link:asctec:PATH, link:mavlink:udpin:HOST:PORT, link:crtp:radio:CHANNEL/RATE/ADDRESS
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
     /// True motion of the vehicle at a link, where it is a firmware that runs as a program, for the emulated cameras:

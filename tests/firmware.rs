@@ -96,7 +96,11 @@ fn flies_hover_and_square(firmware: &Firmware) {
         assert!(rms <= HOVER_M, "{} hovers with {controller} within {rms} m", firmware.variable);
         let square = fly(firmware, controller, &["--trajectory", "square"]).unwrap();
         let mean = square["position_error_m"]["mean"].as_f64().unwrap();
-        assert!(mean <= SQUARE_M, "{} flies a square with {controller} within {mean} m", firmware.variable);
+        assert!(
+            mean <= SQUARE_M,
+            "{} flies a square with {controller} within {mean} m",
+            firmware.variable
+        );
     }
 }
 

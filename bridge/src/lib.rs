@@ -17,6 +17,7 @@
 //! | `monitor.rs` | state of the vehicle as its replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs` | protocol, transport and port that the configuration asks for | |
+//! | `vehicle_setup.rs` | the command `setup`: parameters of an autopilot | |
 //! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
 //! The bridge is the second of three lines of safety, each independent of the others: the daemon checks poses, the bridge checks
@@ -47,6 +48,7 @@ mod tcp;
 mod transport;
 mod turn;
 mod udp;
+mod vehicle_setup;
 mod xbee;
 
 use std::rc::Rc;
@@ -57,8 +59,10 @@ use oqtal_config::{Config, FaultTarget};
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::handoff::handoff;
-use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
-use oqtal_runtime::{process_loop, program};
+use oqtal_runtime::process::{CommonArgs, Exit, Failure, ProcessCommand, ProcessContext, execute};
+use oqtal_runtime::process_loop;
+use oqtal_runtime::program::{conclude, print};
+use oqtal_wire::link::{InvalidLink, LinkSpec};
 
 pub use asctec::Asctec;
 pub use background::{BridgeHandle, PortKeeper};
@@ -66,7 +70,7 @@ pub use bridge::{Bridge, VehicleReport};
 pub use crtp::{Crtp, TableKeeper, TableStore};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
-pub use mavlink::Mavlink;
+pub use mavlink::{Mavlink, WantedParameter, WantedValue, wanted_parameters};
 pub use motors::{MotorConditions, MotorEvent, MotorSequencer, MotorState};
 pub use note::Note;
 pub use options::{check as check_options, link};
@@ -88,6 +92,7 @@ pub use tcp::{TcpLink, TcpPortOptions};
 pub use transport::{BareTransport, VehicleTransport};
 pub use turn::{BridgePorts, BridgeTurn};
 pub use udp::{UdpLink, UdpPortOptions};
+pub use vehicle_setup::{ParameterReport, set_up};
 pub use xbee::XbeeTransport;
 
 /// Commands of the bridge's command line.
@@ -99,6 +104,8 @@ pub enum BridgeCommand {
     Check(BridgeArgs),
     /// Share one Crazyradio among the bridges of several Crazyflies until SIGINT or SIGTERM
     Radio(RadioArgs),
+    /// Read the parameters of a vehicle that matter, say which are wrong and why, and set them when asked
+    Setup(SetupArgs),
 }
 
 /// Arguments of `bridge radio`.
@@ -111,6 +118,19 @@ pub struct RadioArgs {
     /// Most packets beside set-points for each vehicle \[1/s\]
     #[arg(long, value_name = "N", default_value_t = 250)]
     packets_per_s: u16,
+}
+
+/// Arguments of the setup.
+#[derive(Args, Clone, Debug)]
+pub struct SetupArgs {
+    /// Where the vehicle is, as for `run`
+    #[arg(value_name = "LINK")]
+    link: String,
+    /// Set what is wrong, and read it back
+    #[arg(long)]
+    apply: bool,
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
 /// Arguments of the bridge's command line.
@@ -132,6 +152,12 @@ impl BridgeCommand {
             Self::Run(args) => ProcessCommand::Run(args.common()),
             Self::Check(args) => ProcessCommand::Check(args.common()),
             Self::Radio(args) => return args.execute(),
+            Self::Setup(args) => {
+                return match args.execute() {
+                    Ok(exit) => exit.into(),
+                    Err(failure) => conclude("oqtal bridge setup", &failure),
+                };
+            }
         };
         execute(Role::Bridge, &command, run, check)
     }
@@ -142,8 +168,21 @@ impl RadioArgs {
         let packets_per_s = f64::from(self.packets_per_s.max(50));
         match share_radio(&self.vehicles, packets_per_s) {
             Ok(()) => std::process::ExitCode::SUCCESS,
-            Err(failure) => program::conclude("oqtal bridge radio", &failure),
+            Err(failure) => conclude("oqtal bridge radio", &failure),
         }
+    }
+}
+
+impl SetupArgs {
+    fn execute(&self) -> Result<Exit, Failure> {
+        let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
+        let spec: LinkSpec = self
+            .link
+            .parse()
+            .map_err(|error: InvalidLink| Failure::new(Exit::Usage, error.to_string()))?;
+        let (table, all_right) = set_up(&config, &spec, self.apply)?;
+        print(table.trim_end())?;
+        Ok(if all_right { Exit::Ok } else { Exit::Flight })
     }
 }
 

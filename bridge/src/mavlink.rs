@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `vehicle.rs` | the autopilot at the other end: who it is, its mode, what it says of itself |
 //! | `starting.rs` | the commands that start and stop the motors |
+//! | `wanted.rs` | parameters that the autopilot needs |
 //! | `errands.rs` | heartbeat, message rates, origin of the world, exchanges of clocks |
 //!
 //! | set-point | SET_ATTITUDE_TARGET |
@@ -20,6 +21,7 @@
 mod errands;
 mod starting;
 mod vehicle;
+mod wanted;
 
 use oqtal_bus::code::VehicleRefusal;
 use oqtal_bus::message::CommandV1;
@@ -29,9 +31,10 @@ use oqtal_control::options::OptionError;
 use oqtal_wire::link::{AutopilotKind, MavlinkLink};
 use oqtal_wire::mavlink::{
     AttitudeTarget, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkPose,
-    SetpointKind, SigningKey, ThrustCurve,
+    SetpointKind, ThrustCurve,
 };
 
+use crate::options;
 use crate::protocol::{
     FrameSizes, PeriodicWord, VehicleFrame, VehiclePose, VehicleProtocol, VehicleReply,
 };
@@ -39,6 +42,8 @@ use crate::setpoint::VehicleSetpoint;
 use errands::Errands;
 use starting::StartSequence;
 use vehicle::AutopilotState;
+
+pub use wanted::{WantedParameter, WantedValue, wanted_parameters};
 
 /// Frame lengths \[bytes\]: header and checksum around the greatest payload.
 const ENVELOPE: usize = 12;
@@ -80,14 +85,12 @@ impl Mavlink {
         let options = &config.bridge.mavlink;
         let own = MavlinkAddress { system: options.system, component: options.component };
         let mut encoder = MavlinkEncoder::new(own);
-        let key = signing_key(&options.signing_key)?;
+        let key = options::signing_key(config)?;
         let is_signed = key.is_some();
         if let Some(key) = key {
             encoder.sign(key, unix_us);
         }
-        let thrust = ThrustCurve::new(&options.thrust_table).map_err(|error| {
-            OptionError::new("bridge.mavlink.thrust-table", "unusable", error.to_string())
-        })?;
+        let thrust = options::thrust_curve(config)?;
         Ok(Self {
             encoder,
             decoder: MavlinkDecoder::new(),
@@ -129,17 +132,6 @@ impl Mavlink {
         let time_ms = (since.nanos() / 1_000_000) as u32;
         AttitudeTarget { target, time_ms, kind, thrust: self.thrust.thrust(thrust) }
     }
-}
-
-/// The key of `[bridge.mavlink] signing-key`.
-fn signing_key(text: &str) -> Result<Option<SigningKey>, OptionError> {
-    if text.is_empty() {
-        return Ok(None);
-    }
-    // The key is a secret: it is not part of the message.
-    let wrong =
-        || OptionError::new("bridge.mavlink.signing-key", "unusable", "64 hexadecimal digits");
-    SigningKey::from_hex(text).map(Some).ok_or_else(wrong)
 }
 
 impl VehicleProtocol for Mavlink {

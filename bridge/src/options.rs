@@ -4,6 +4,7 @@ use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_wire::asctec::{InvalidScale, Scales, StickMeaning};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
+use oqtal_wire::mavlink::{SigningKey, ThrustCurve};
 use oqtal_wire::xbee::Address;
 
 /// Checks link, address and scales, whether or not a bridge is used.
@@ -13,6 +14,8 @@ use oqtal_wire::xbee::Address;
 pub fn check(config: &Config) -> Result<(), OptionError> {
     address(config)?;
     scales(config)?;
+    thrust_curve(config)?;
+    signing_key(config)?;
     link(config).map(drop)
 }
 
@@ -55,4 +58,29 @@ pub fn scales(config: &Config) -> Result<Scales, OptionError> {
         OptionError::new(format!("bridge.asctec.{}", error.key), "unusable", error.rule)
     };
     checked.map(|()| scales).map_err(refused)
+}
+
+/// What the thrust of a MAVLink set-point means.
+///
+/// # Errors
+/// `bridge.mavlink.thrust-table` is no thrust curve.
+pub fn thrust_curve(config: &Config) -> Result<ThrustCurve, OptionError> {
+    let curve = ThrustCurve::new(&config.bridge.mavlink.thrust_table);
+    let key = "bridge.mavlink.thrust-table";
+    curve.map_err(|error| OptionError::new(key, "unusable", error.to_string()))
+}
+
+/// The key by which MAVLink packets are signed; `None` for packets without a signature.
+///
+/// # Errors
+/// `bridge.mavlink.signing-key` is no key.
+pub fn signing_key(config: &Config) -> Result<Option<SigningKey>, OptionError> {
+    let text = &config.bridge.mavlink.signing_key;
+    if text.is_empty() {
+        return Ok(None);
+    }
+    // The key is a secret: it is not part of the message.
+    let key = "bridge.mavlink.signing-key";
+    let wrong = || OptionError::new(key, "unusable", "64 hexadecimal digits");
+    SigningKey::from_hex(text).map(Some).ok_or_else(wrong)
 }

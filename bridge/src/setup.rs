@@ -142,7 +142,7 @@ pub fn transport(spec: &LinkSpec, peer: Address) -> Box<dyn VehicleTransport> {
 }
 
 /// The port of the link `spec`.
-fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
+pub(crate) fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
     match spec.port() {
         PortSpec::Serial(SerialSpec { path, baud }) => Box::new(SerialPortOptions {
             path: path.into(),

@@ -38,9 +38,9 @@ pub trait LanguageVehicle {
 
 /// Language: its bridge without a port, and a vehicle.
 pub struct Language {
-    pub name: &'static str,
-    pub bridge: fn(Time) -> Bridge,
-    pub vehicle: fn() -> Box<dyn LanguageVehicle>,
+    pub(crate) name: &'static str,
+    pub(crate) bridge: fn(Time) -> Bridge,
+    pub(crate) vehicle: fn() -> Box<dyn LanguageVehicle>,
 }
 
 /// All languages. A further one is a row.

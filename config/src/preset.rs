@@ -17,7 +17,7 @@ struct Preset {
 }
 
 /// All presets. A further one is a row and a file.
-const PRESETS: [Preset; 7] = [
+const PRESETS: [Preset; 9] = [
     Preset { key: "vehicle.preset", name: "hummingbird", text: "" },
     Preset {
         key: "vehicle.preset",
@@ -28,6 +28,16 @@ const PRESETS: [Preset; 7] = [
         key: "vehicle.preset",
         name: "crazyflie-2.1",
         text: include_str!("../../deploy/presets/crazyflie-2.1.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
+        name: "ardupilot-quad",
+        text: include_str!("../../deploy/presets/ardupilot-quad.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
+        name: "px4-quad",
+        text: include_str!("../../deploy/presets/px4-quad.toml"),
     },
     Preset { key: "mocap.preset", name: "qualisys", text: "" },
     Preset {

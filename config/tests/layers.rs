@@ -88,7 +88,11 @@ fn an_interface_or_a_preset_that_is_none_is_told_those_there_are() {
     let interface = error(&["vehicle.interface=thrust"]);
     assert!(interface.contains("`rate`, `torque`, `attitude`"), "{interface}");
     let preset = error(&["vehicle.preset=boat"]);
-    assert!(preset.contains("`boat`, it must be hummingbird or spacecraft"), "{preset}");
+    assert!(
+        preset
+            .contains("`boat`, it must be hummingbird or spacecraft or ardupilot-quad or px4-quad"),
+        "{preset}"
+    );
 }
 
 #[test]

@@ -16,7 +16,7 @@ use oqtal_wire::link::{
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
-  sim[:hummingbird|:spacecraft|:crazyflie-2.1][,fidelity=eq61|rotors]
+  sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
   bridge:crtp

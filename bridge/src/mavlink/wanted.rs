@@ -1,0 +1,131 @@
+//! Parameters that an autopilot needs for flights by set-points and external poses, and why.
+
+use oqtal_wire::link::AutopilotKind;
+
+/// Rule for the value of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WantedValue {
+    /// This value.
+    Exactly(f64),
+    /// Any value with these bits set.
+    Bits(u32),
+    /// At most this value, and more than zero.
+    AtMost(f64),
+}
+
+/// Parameter that matters.
+#[derive(Clone, Copy, Debug)]
+pub struct WantedParameter {
+    /// Its name.
+    pub name: &'static str,
+    /// What it should be.
+    pub value: WantedValue,
+    /// Why.
+    pub reason: &'static str,
+}
+
+/// Shorthand for the tables.
+const fn exactly(name: &'static str, value: f64, reason: &'static str) -> WantedParameter {
+    WantedParameter { name, value: WantedValue::Exactly(value), reason }
+}
+
+/// ArduCopter 4.x.
+const ARDUPILOT: [WantedParameter; 12] = [
+    exactly("VISO_TYPE", 1.0, "poses of cameras come over MAVLink"),
+    exactly("EK3_SRC1_POSXY", 6.0, "position from those poses"),
+    exactly("EK3_SRC1_VELXY", 0.0, "they carry no velocity"),
+    exactly("EK3_SRC1_POSZ", 6.0, "height from those poses"),
+    exactly("EK3_SRC1_VELZ", 0.0, "they carry no velocity"),
+    exactly("EK3_SRC1_YAW", 6.0, "heading from those poses"),
+    exactly("GPS1_TYPE", 0.0, "no GPS indoors; takes a restart"),
+    exactly("COMPASS_USE", 0.0, "steel bends the field indoors"),
+    exactly("COMPASS_USE2", 0.0, "steel bends the field indoors"),
+    exactly("COMPASS_USE3", 0.0, "steel bends the field indoors"),
+    WantedParameter {
+        name: "GUID_OPTIONS",
+        value: WantedValue::Bits(8),
+        reason: "thrust of a set-point is thrust; without bit 3 it is a climb rate",
+    },
+    WantedParameter {
+        name: "GUID_TIMEOUT",
+        value: WantedValue::AtMost(0.1),
+        reason: "s without a set-point until the vehicle levels by itself",
+    },
+];
+
+/// PX4 1.15 and later.
+const PX4: [WantedParameter; 8] = [
+    WantedParameter {
+        name: "EKF2_EV_CTRL",
+        value: WantedValue::Bits(11),
+        reason: "position, height and heading from poses of cameras",
+    },
+    exactly("EKF2_HGT_REF", 3.0, "height is that of those poses"),
+    exactly("EKF2_GPS_CTRL", 0.0, "no GPS indoors"),
+    exactly("EKF2_MAG_TYPE", 5.0, "no compass: steel bends the field indoors"),
+    exactly("EKF2_BARO_CTRL", 0.0, "pressure changes with every door"),
+    exactly("EKF2_EV_DELAY", 0.0, "poses carry the time at which cameras saw them"),
+    WantedParameter {
+        name: "COM_RCL_EXCEPT",
+        value: WantedValue::Bits(4),
+        reason: "Offboard goes on without R/C",
+    },
+    WantedParameter {
+        name: "COM_OF_LOSS_T",
+        value: WantedValue::AtMost(0.1),
+        reason: "s without a set-point until the vehicle leaves Offboard",
+    },
+];
+
+/// The parameters that matter to this autopilot.
+#[must_use]
+pub fn wanted_parameters(kind: AutopilotKind) -> &'static [WantedParameter] {
+    match kind {
+        AutopilotKind::ArduPilot => &ARDUPILOT,
+        AutopilotKind::Px4 => &PX4,
+    }
+}
+
+impl WantedValue {
+    /// Whether `value` \[-\] will do.
+    #[must_use]
+    pub fn is_met_by(self, value: f64) -> bool {
+        match self {
+            Self::Exactly(wanted) => (value - wanted).abs() < 1e-6,
+            Self::Bits(bits) => value >= 0.0 && value as u32 & bits == bits,
+            // Single precision on the wire.
+            Self::AtMost(most) => value > 0.0 && value <= most * (1.0 + 1e-6),
+        }
+    }
+
+    /// The value to be set in place of `value` \[-\].
+    #[must_use]
+    pub fn in_place_of(self, value: f64) -> f64 {
+        match self {
+            Self::Exactly(wanted) => wanted,
+            Self::Bits(bits) => f64::from(value.max(0.0) as u32 | bits),
+            Self::AtMost(most) => most,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_wire::mavlink::ParameterName;
+
+    #[test]
+    fn what_is_set_is_what_is_wanted_and_keeps_other_bits() {
+        for kind in [AutopilotKind::ArduPilot, AutopilotKind::Px4] {
+            for wanted in wanted_parameters(kind) {
+                assert!(ParameterName::new(wanted.name).is_some(), "{}", wanted.name);
+                for found in [0.0, 1.0, 3.0, 100.0] {
+                    let set = f64::from(wanted.value.in_place_of(found) as f32);
+                    assert!(wanted.value.is_met_by(set), "{}: {set}", wanted.name);
+                }
+            }
+        }
+        assert_eq!(WantedValue::Bits(8).in_place_of(1.0), 9.0);
+        assert!(!WantedValue::AtMost(0.1).is_met_by(3.0));
+    }
+}

@@ -1,0 +1,239 @@
+//! The command `setup`: reads the parameters of an autopilot that matter, says which are wrong and why, and sets them when asked.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_wire::link::{AutopilotKind, LinkSpec, MavlinkLink};
+use oqtal_wire::mavlink::{
+    Autopilot, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkHeartbeat,
+    ParameterName, ParameterValue,
+};
+
+use crate::link::VehicleLink;
+use crate::mavlink::{WantedParameter, wanted_parameters};
+use crate::setup::port;
+
+/// Time within which a heartbeat must come.
+const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
+/// Time within which a parameter must come, and how often it is asked for.
+const ANSWER_WITHIN: Span = Span::from_millis(500);
+const TRIES: usize = 5;
+/// Own heartbeats, which some autopilots need before they speak.
+const OWN_HEARTBEAT: Span = Span::from_millis(500);
+const PAUSE: Duration = Duration::from_millis(2);
+const READ_BUFFER: usize = 2048;
+
+/// State of one parameter.
+#[derive(Clone, Copy, Debug)]
+pub struct ParameterReport {
+    /// The parameter.
+    pub wanted: &'static WantedParameter,
+    /// Its value as found \[-\]; `None` if the vehicle has none of this name.
+    pub found: Option<f64>,
+    /// Its value as read back after it was set \[-\]; `None` if it was not set.
+    pub set: Option<f64>,
+}
+
+impl ParameterReport {
+    /// Whether the parameter is as it should be.
+    #[must_use]
+    pub fn is_right(&self) -> bool {
+        self.set.or(self.found).is_some_and(|value| self.wanted.value.is_met_by(value))
+    }
+}
+
+/// Reads the parameters of the vehicle at `spec`, and sets the wrong ones if asked to `apply`. Returns the table to print, and whether
+/// all are right.
+///
+/// # Errors
+/// The link has no parameters, the port cannot be opened, or the vehicle does not answer.
+pub fn set_up(config: &Config, spec: &LinkSpec, apply: bool) -> Result<(String, bool), Failure> {
+    let LinkSpec::Mavlink(link) = spec else {
+        let message = format!("{spec}: only vehicles of MAVLink have parameters that are set up");
+        return Err(Failure::new(Exit::Usage, message));
+    };
+    let mut session = ParameterSession::open(config, spec, link)?;
+    let mut reports = Vec::new();
+    for wanted in wanted_parameters(session.kind) {
+        reports.push(session.check(wanted, apply)?);
+    }
+    let all_right = reports.iter().all(ParameterReport::is_right);
+    Ok((table(&session, &reports), all_right))
+}
+
+fn table(session: &ParameterSession, reports: &[ParameterReport]) -> String {
+    let mut text = format!(
+        "{} of system {}\n{:<16} {:>9} {:>9}  why\n",
+        Autopilot::Known(session.kind),
+        session.vehicle.system,
+        "parameter",
+        "is",
+        "should be"
+    );
+    for report in reports {
+        let ParameterReport { wanted, found, set } = report;
+        let is = found.map_or("none".to_owned(), |value| format!("{value}"));
+        let should = wanted.value.in_place_of(found.unwrap_or_default());
+        let mark = match (report.is_right(), set) {
+            (true, Some(_)) => "set",
+            (true, None) => "",
+            (false, Some(_)) => "NOT TAKEN",
+            (false, None) => "wrong",
+        };
+        let line = format!("{:<16} {is:>9} {should:>9}  {} {mark}", wanted.name, wanted.reason);
+        let _ = writeln!(text, "{}", line.trim_end());
+    }
+    text
+}
+
+/// Exchange of parameters with one vehicle.
+struct ParameterSession {
+    link: Box<dyn VehicleLink>,
+    encoder: MavlinkEncoder,
+    decoder: MavlinkDecoder,
+    vehicle: MavlinkAddress,
+    kind: AutopilotKind,
+    heartbeat_at: Time,
+}
+
+impl ParameterSession {
+    fn open(config: &Config, spec: &LinkSpec, link: &MavlinkLink) -> Result<Self, Failure> {
+        let options = &config.bridge.mavlink;
+        let own = MavlinkAddress { system: options.system, component: options.component };
+        let mut session = Self {
+            link: port(spec, config).open()?,
+            encoder: MavlinkEncoder::new(own),
+            decoder: MavlinkDecoder::new(),
+            vehicle: MavlinkAddress::ALL,
+            kind: AutopilotKind::ArduPilot,
+            heartbeat_at: Time::UNSET,
+        };
+        let is_wanted = |heartbeat: &MavlinkHeartbeat, from: MavlinkAddress| {
+            let Autopilot::Known(kind) = heartbeat.autopilot else { return None };
+            let fits = link.autopilot.is_none_or(|wanted| wanted == kind)
+                && link.system.is_none_or(|wanted| wanted == from.system);
+            fits.then_some((from, kind))
+        };
+        let found = session.wait_for(HEARTBEAT_WITHIN, |from, content| match content {
+            MavlinkContent::Heartbeat(heartbeat) => is_wanted(heartbeat, from),
+            _ => None,
+        })?;
+        let (vehicle, kind) = found.ok_or_else(|| {
+            let message = format!(
+                "no heartbeat of such a vehicle at {spec} within {} s; check that it is switched on, that port, speed, autopilot and system are its own",
+                HEARTBEAT_WITHIN.seconds()
+            );
+            Failure::new(Exit::Peer, message)
+        })?;
+        (session.vehicle, session.kind) = (vehicle, kind);
+        Ok(session)
+    }
+
+    /// Reads a parameter, and sets it if it is wrong and is to `apply`.
+    fn check(
+        &mut self,
+        wanted: &'static WantedParameter,
+        apply: bool,
+    ) -> Result<ParameterReport, Failure> {
+        let Some(name) = ParameterName::new(wanted.name) else {
+            return Err(Failure::new(Exit::Internal, format!("{} is no name", wanted.name)));
+        };
+        let as_bits = self.kind.sends_integers_as_bits();
+        let target = self.vehicle;
+        let request = MavlinkContent::ParameterRequest { target, name };
+        let value = self.exchange(&request, name)?;
+        let found = value.map(|value| value.number(as_bits));
+        let mut report = ParameterReport { wanted, found, set: None };
+        if let (true, false, Some(value), Some(number)) = (apply, report.is_right(), value, found) {
+            let value = value.with(wanted.value.in_place_of(number), as_bits);
+            self.exchange(&MavlinkContent::ParameterSet { target, name, value }, name)?;
+            // What the vehicle says of its own accord may be what it was told: it is asked again.
+            let read = self.exchange(&request, name)?;
+            report.set = read.map(|value| value.number(as_bits));
+        }
+        Ok(report)
+    }
+
+    /// Sends `request` until the parameter `name` comes; `None` if it never does.
+    fn exchange(
+        &mut self,
+        request: &MavlinkContent,
+        name: ParameterName,
+    ) -> Result<Option<ParameterValue>, Failure> {
+        for _ in 0..TRIES {
+            self.send(request)?;
+            let vehicle = self.vehicle;
+            let value = self.wait_for(ANSWER_WITHIN, |from, content| match content {
+                MavlinkContent::Parameter { name: told, value }
+                    if from == vehicle && *told == name =>
+                {
+                    Some(*value)
+                }
+                _ => None,
+            })?;
+            if value.is_some() {
+                return Ok(value);
+            }
+        }
+        Ok(None)
+    }
+
+    /// Waits until `pick` finds something in a message; `None` after the time `within`.
+    fn wait_for<T>(
+        &mut self,
+        within: Span,
+        mut pick: impl FnMut(MavlinkAddress, &MavlinkContent) -> Option<T>,
+    ) -> Result<Option<T>, Failure> {
+        let deadline = Time::now() + within;
+        let mut buffer = [0; READ_BUFFER];
+        while Time::now() < deadline {
+            self.beat()?;
+            let count = self.link.read(&mut buffer).map_err(|error| broken(&error))?;
+            let mut packets = self.decoder.push(&buffer[..count]);
+            let found = packets.find_map(|packet| pick(packet.from, &packet.content));
+            packets.for_each(drop);
+            if found.is_some() {
+                return Ok(found);
+            }
+            if count == 0 {
+                std::thread::sleep(PAUSE);
+            }
+        }
+        Ok(None)
+    }
+
+    fn beat(&mut self) -> Result<(), Failure> {
+        let now = Time::now();
+        if self.heartbeat_at.is_set() && now.since(self.heartbeat_at) < OWN_HEARTBEAT {
+            return Ok(());
+        }
+        self.heartbeat_at = now;
+        self.send(&MavlinkContent::Heartbeat(MavlinkHeartbeat {
+            autopilot: Autopilot::None,
+            custom_mode: 0,
+            is_armed: false,
+            is_simulated: false,
+        }))
+    }
+
+    fn send(&mut self, content: &MavlinkContent) -> Result<(), Failure> {
+        let Some(wire) = self.encoder.encode(content) else { return Ok(()) };
+        let mut rest = wire.as_bytes();
+        let deadline = Time::now() + ANSWER_WITHIN;
+        while !rest.is_empty() && Time::now() < deadline {
+            let taken = self.link.write(rest).map_err(|error| broken(&error))?;
+            rest = &rest[taken..];
+            if taken == 0 {
+                std::thread::sleep(PAUSE);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn broken(error: &std::io::Error) -> Failure {
+    Failure::new(Exit::System, format!("the port broke: {error}"))
+}

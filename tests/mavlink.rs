@@ -1,0 +1,140 @@
+//! The bridge and an emulated autopilot over a network, in virtual time: starting, refusals, control that another takes, silence.
+
+#[path = "mavlink/air.rs"]
+mod air;
+
+use air::{Air, disarmed, flight};
+use oqtal_bridge::{MotorEvent, Note};
+use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
+use oqtal_bus::time::Span;
+use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::mavlink::MavlinkContent;
+
+const BOTH: [AutopilotKind; 2] = [AutopilotKind::ArduPilot, AutopilotKind::Px4];
+
+#[test]
+fn a_vehicle_is_found_gets_poses_and_knows_where_it_is() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &[]);
+        assert_eq!((air.said.link, air.said.estimator), (0, EstimatorState::Unknown.code()));
+        air.fly_for(4000, disarmed());
+        assert_eq!(air.said.link, 1, "{kind:?}");
+        assert_eq!(air.said.estimator, EstimatorState::Ready.code(), "{kind:?}");
+        assert!(air.said.estimate_position.iter().all(|number| number.abs() < 0.05), "{kind:?}");
+        assert!(air.said.battery_v > 11.0 && air.said.link_quality > 0.9, "{:?}", air.said);
+        let poses = air.sent.iter().filter(|content| match kind {
+            AutopilotKind::Px4 => matches!(content, MavlinkContent::Odometry(_)),
+            AutopilotKind::ArduPilot => matches!(content, MavlinkContent::VisionPosition(_)),
+        });
+        let poses_per_second = poses.count() as f64 / 4.0;
+        assert!((28.0..52.0).contains(&poses_per_second), "{kind:?}: {poses_per_second}");
+    }
+}
+
+#[test]
+fn motors_start_fly_and_stop_by_mode_arming_and_disarming() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &[]);
+        air.fly_for(1000, disarmed());
+        air.fly_for(3500, flight(0.3));
+        assert_eq!(air.said.armed, 1, "{kind:?}");
+        assert_eq!(air.said.control, ControlHolder::Bridge.code());
+        air.fly_for(800, flight(0.3));
+        assert!(air.height() > 0.2, "{kind:?}: {}", air.height());
+        air.fly_for(2500, disarmed());
+        assert!(air.said.armed == 0 && !air.motors_run(), "{kind:?}");
+        let noted = |event| air.notes.contains(&Note::Motors(event));
+        assert!(noted(MotorEvent::Running) && noted(MotorEvent::Stopped), "{:?}", air.notes);
+    }
+}
+
+#[test]
+fn a_refusal_to_arm_is_told_in_words_and_forgotten_when_the_motors_run() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &["plant.wire.mavlink.refuses-arming-ms=7000"]);
+        air.fly_for(3000, disarmed());
+        air.fly_for(3500, flight(0.0));
+        assert_eq!(air.said.refusal, VehicleRefusal::Arming.code(), "{kind:?}");
+        assert_eq!(air.said.text.as_str(), "Arm: Gyros inconsistent");
+        assert!(air.notes.contains(&Note::Refused(VehicleRefusal::Arming)));
+        assert!(air.notes.contains(&Note::Motors(MotorEvent::StartFailed)));
+        air.fly_for(1000, disarmed());
+        air.fly_for(2500, flight(0.0));
+        assert_eq!((air.said.armed, air.said.refusal), (1, VehicleRefusal::None.code()));
+        assert!(air.said.text.is_empty());
+    }
+}
+
+#[test]
+fn f57_a_pilot_who_takes_over_is_seen_within_a_fifth_of_a_second_and_is_sent_nothing() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &[]);
+        air.fly_for(1000, disarmed());
+        air.fly_for(4500, flight(0.3));
+        assert!(air.height() > 0.2, "{kind:?}");
+        air.vehicle.autopilot().pilot_takes_over();
+        let since = air.now;
+        while air.said.control != ControlHolder::Another.code() {
+            air.fly_for(1, flight(0.3));
+            assert!(air.now.since(since) <= Span::from_millis(200), "{kind:?}");
+        }
+        air.sent.clear();
+        air.fly_for(1000, flight(0.3));
+        air.fly_for(4000, disarmed());
+        let is_quiet = |content: &MavlinkContent| {
+            !matches!(content, MavlinkContent::AttitudeTarget(_) | MavlinkContent::Command(_))
+        };
+        assert!(air.sent.iter().all(is_quiet), "{kind:?}");
+        assert!(air.sent.len() > 50, "poses and heartbeats go on");
+        assert!(air.motors_run(), "{kind:?}: the motors are the pilot's");
+        assert!(!air.bridge.begin_final_emergency_stop(air.now));
+    }
+}
+
+#[test]
+fn f14_a_daemon_that_falls_silent_leaves_zero_set_points_within_four_periods() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &[]);
+        air.fly_for(1000, disarmed());
+        air.fly_for(4500, flight(0.3));
+        air.sent.clear();
+        air.wait(1000);
+        let thrusts = air.sent.iter().filter_map(|content| match content {
+            MavlinkContent::AttitudeTarget(target) => Some(target.thrust),
+            _ => None,
+        });
+        let thrusts: Vec<f64> = thrusts.collect();
+        assert!(thrusts.len() > 50 && thrusts.iter().skip(4).all(|thrust| *thrust == 0.0));
+    }
+}
+
+#[test]
+fn f57_px4_leaves_offboard_without_set_points_and_the_bridge_does_not_fight_it() {
+    let mut air = Air::new(AutopilotKind::Px4, &[]);
+    air.fly_for(1000, disarmed());
+    air.fly_for(4500, flight(0.3));
+    air.cut_for(1500);
+    air.fly_for(300, flight(0.3));
+    assert_eq!(air.said.control, ControlHolder::Another.code());
+    assert_eq!(air.said.text.as_str(), "Failsafe: offboard signal lost");
+}
+
+/// One datagram of a hundred is lost, and each comes up to 5 ms late, out of order too.
+#[test]
+fn losses_and_jitter_are_flown_through_and_nothing_old_is_sent() {
+    let noise = ["plant.wire.loss-probability=0.01", "plant.wire.jitter-ms=5"];
+    for kind in BOTH {
+        let mut air = Air::new(kind, &noise);
+        air.fly_for(1000, disarmed());
+        air.fly_for(4500, flight(0.2));
+        for step in 0..100_u32 {
+            air.fly_for(200, flight(0.4 + 0.001 * f64::from(step % 2)));
+            assert_eq!((air.said.armed, air.said.link), (1, 1), "{kind:?}");
+            let newest = air.sent.iter().rev().find_map(|content| match content {
+                MavlinkContent::AttitudeTarget(target) => Some(target.thrust),
+                _ => None,
+            });
+            assert!((newest.unwrap() - 0.4 - 0.001 * f64::from(step % 2)).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! Flights through MAVLink: real processes, real datagrams on the loopback network, in real time.
+
+mod common;
+
+use std::net::UdpSocket;
+
+use common::{Testbed, number, stderr};
+
+/// The square through an emulated autopilot is as accurate as the direct simulation at the same delay.
+#[test]
+fn the_square_over_mavlink_is_as_good_as_without_it() {
+    let testbed = Testbed::new("mav-square");
+    let words = ["--vehicle", "bridge:mavlink", "--seed", "7", "--set", "plant.wire.latency-ms=19"];
+    let wired = testbed.summary(&words);
+    assert_eq!(wired["outcome"], "landed", "{wired:#}");
+    assert_eq!(wired["vehicle"], "bridge:mavlink");
+    let direct = testbed.summary(&["--clock", "in-process", "--seed", "7"]);
+    for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
+        let path = format!("/{error}/mean");
+        let ratio = number(&wired, &path) / number(&direct, &path);
+        assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
+    }
+}
+
+/// PX4 with 1 % of datagrams lost and 5 ms of jitter, and ArduCopter that is told attitudes.
+#[test]
+fn a_hover_lands_through_losses_and_by_attitudes() {
+    let noise = ["plant.wire.loss-probability=0.01", "plant.wire.jitter-ms=5"];
+    for (vehicle, settings) in [
+        ("bridge:mavlink,autopilot=px4", &noise[..]),
+        ("bridge:mavlink,autopilot=ardupilot,system=7", &["vehicle.interface=attitude"]),
+    ] {
+        let testbed = Testbed::new("mav-hover");
+        let hover = ["--vehicle", vehicle, "--trajectory", "hover", "--duration", "2"];
+        let settings = settings.iter().flat_map(|setting| ["--set", setting]);
+        let words: Vec<&str> = hover.into_iter().chain(settings).collect();
+        let summary = testbed.summary(&words);
+        assert_eq!(summary["outcome"], "landed", "{vehicle}: {summary:#}");
+        assert_eq!(summary["vehicle"], vehicle);
+    }
+}
+
+#[test]
+fn a_vehicle_that_refuses_to_arm_is_told_in_its_own_words() {
+    let testbed = Testbed::new("mav-refuses");
+    let out = testbed.path("out");
+    let setting = "plant.wire.mavlink.refuses-arming-ms=60000";
+    let words = ["--vehicle", "bridge:mavlink", "--set", setting, "--out", out.to_str().unwrap()];
+    let output = testbed.fly(&words);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
+    assert!(log.contains("the vehicle refuses to arm"), "{log}");
+    assert!(log.contains("the vehicle says: Arm: Gyros inconsistent"), "{log}");
+}
+
+#[test]
+fn ports_vehicles_and_links_that_cannot_be_are_told_with_their_remedy() {
+    let testbed = Testbed::new("mav-bad");
+    let holder = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let used = holder.local_addr().unwrap();
+    for (link, code, says) in [
+        (format!("mavlink:udpin:{used}"), 75, "is used by another program"),
+        ("mavlink:udpin:192.0.2.1:14550".to_owned(), 71, "is no address of this machine"),
+        ("mavlink:udpout:no.such.host.invalid:1".to_owned(), 71, "no host"),
+        (format!("mavlink:tcp:{used}"), 71, "nobody accepts a connection"),
+        ("mavlink:serial:/dev/no-such-port".to_owned(), 71, "no serial port"),
+        ("mavlink:udpin:14550".to_owned(), 78, "mavlink:udpin:HOST:PORT"),
+    ] {
+        let output = testbed.oqtal(&["bridge", "run", "--link", &link]).output().unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{link}: {message}");
+        assert!(message.contains(says), "{link}: {message}");
+    }
+    for (link, code, says) in [
+        ("asctec:/dev/ttyUSB0", 64, "only vehicles of MAVLink"),
+        ("mavlink:tcp:14550", 64, "mavlink:tcp:HOST:PORT"),
+        (&format!("mavlink:udpin:{used}"), 75, "is used by another program"),
+    ] {
+        let output = testbed.oqtal(&["bridge", "setup", link]).output().unwrap();
+        let message = stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{link}: {message}");
+        assert!(message.contains(says), "{link}: {message}");
+    }
+}
+
+/// A vehicle fresh from the factory is told what is wrong, is set up, and is then right.
+#[test]
+fn a_vehicle_is_set_up_and_read_back() {
+    for autopilot in ["ardupilot", "px4"] {
+        let testbed = Testbed::new("mav-setup");
+        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let wire = format!("mavlink:udpin:{free},autopilot={autopilot}");
+        let vehicle = testbed.start(&["plant-sim", "run", "--wire", &wire]);
+        let link = format!("mavlink:udpout:{free}");
+        let setup = |words: &[&str]| {
+            let words = [&["bridge", "setup", &link], words].concat();
+            let output = testbed.oqtal(&words).output().unwrap();
+            let table = String::from_utf8_lossy(&output.stdout).into_owned();
+            (output.status.code(), table, stderr(&output))
+        };
+        let (code, table, message) = setup(&[]);
+        assert_eq!(code, Some(1), "{table}{message}");
+        assert!(table.contains("wrong") && !table.contains("none"), "{table}");
+        let (code, table, message) = setup(&["--apply"]);
+        assert_eq!(code, Some(0), "{table}{message}");
+        let (code, table, _) = setup(&[]);
+        assert!(code == Some(0) && !table.contains("wrong"), "{table}");
+        vehicle.signal(rustix::process::Signal::TERM);
+        assert!(vehicle.wait().status.success());
+    }
+}
