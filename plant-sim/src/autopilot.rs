@@ -17,7 +17,7 @@ use oqtal_wire::mavlink::{
 
 use crate::socket::{self, PeerSocket};
 
-pub use observer::MotionObserver;
+pub use observer::SimulatorObserver;
 
 /// Most datagrams that are read in one turn \[-\].
 const MOST_READ: usize = 64;
@@ -78,7 +78,7 @@ struct SimulatedAutopilot {
     socket: PeerSocket,
     decoder: MavlinkDecoder,
     encoder: MavlinkEncoder,
-    observer: MotionObserver,
+    observer: SimulatorObserver,
     /// Its address, once it was heard.
     address: Option<MavlinkAddress>,
     requested_at: Time,
@@ -91,7 +91,7 @@ impl SimulatedAutopilot {
             socket: PeerSocket::open(address, "the autopilot's truth")?,
             decoder: MavlinkDecoder::new(),
             encoder: MavlinkEncoder::new(OWN),
-            observer: MotionObserver::default(),
+            observer: SimulatorObserver::default(),
             address: None,
             requested_at: Time::UNSET,
             reported_at: Time::UNSET,

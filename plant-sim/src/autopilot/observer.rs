@@ -22,7 +22,7 @@ const COUNT: f64 = 1e-7 * std::f64::consts::PI / 180.0;
 
 /// Motion in the axes of the world.
 #[derive(Clone, Copy, Debug)]
-struct Motion {
+struct ObservedMotion {
     at: Time,
     position: Vector3<f64>,
     velocity: Vector3<f64>,
@@ -32,14 +32,14 @@ struct Motion {
 
 /// Place and heading of the vehicle in its first sample: the origin of the world, and its x axis.
 #[derive(Clone, Copy, Debug)]
-struct Start {
+struct MotionStart {
     latitude_e7: i32,
     longitude_e7: i32,
     altitude_m: f64,
     heading: UnitQuaternion<f64>,
 }
 
-impl Start {
+impl MotionStart {
     fn new(sample: &MavlinkTruth) -> Self {
         let yaw = attitude_of(sample).euler_angles().2;
         Self {
@@ -64,15 +64,15 @@ impl Start {
 
 /// Observer of a vehicle's motion. The world's origin is where the vehicle first is, and x points where it then points.
 #[derive(Clone, Debug, Default)]
-pub struct MotionObserver {
-    start: Option<Start>,
-    motion: Option<Motion>,
+pub struct SimulatorObserver {
+    start: Option<MotionStart>,
+    motion: Option<ObservedMotion>,
 }
 
-impl MotionObserver {
+impl SimulatorObserver {
     /// Takes a sample that arrived at `now`.
     pub fn take(&mut self, now: Time, sample: &MavlinkTruth) {
-        let start = *self.start.get_or_insert_with(|| Start::new(sample));
+        let start = *self.start.get_or_insert_with(|| MotionStart::new(sample));
         let reported = start.position(sample);
         // Half a step of latitude, whichever way the world is turned; of longitude it is less, and the altitude is finer.
         let half = Vector3::new(0.5, 0.5, 0.0) * (COUNT * EARTH_M);
@@ -83,7 +83,7 @@ impl MotionObserver {
             _ => reported,
         };
         let world = start.heading.inverse();
-        self.motion = Some(Motion {
+        self.motion = Some(ObservedMotion {
             at: now,
             position,
             velocity: world * Vector3::from(sample.velocity),
@@ -108,10 +108,10 @@ impl MotionObserver {
     }
 
     /// The motion at `now`, predicted from the last sample by its velocity and rate.
-    fn predicted(&self, now: Time) -> Option<Motion> {
+    fn predicted(&self, now: Time) -> Option<ObservedMotion> {
         let last = self.motion.filter(|last| now.since(last.at) <= SAMPLE_TIMEOUT)?;
         let ahead = now.since(last.at).clamp(Span::ZERO, LONGEST_PREDICTION).seconds();
-        Some(Motion {
+        Some(ObservedMotion {
             at: now,
             position: last.position + last.velocity * ahead,
             attitude: last.attitude * UnitQuaternion::from_scaled_axis(last.rate * ahead),
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn the_first_sample_is_the_origin_and_x_points_forward() {
-        let mut observer = MotionObserver::default();
+        let mut observer = SimulatorObserver::default();
         assert!(observer.truth(START).is_none());
         observer.take(START, &sample());
         let truth = observer.truth(START).unwrap();
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn a_turn_is_told_in_the_axes_of_the_start_and_goes_on_between_samples() {
-        let mut observer = MotionObserver::default();
+        let mut observer = SimulatorObserver::default();
         observer.take(START, &sample());
         observer.take(START, &MavlinkTruth { rate: [0.0, 0.0, 2.0], ..sample() });
         let truth = observer.truth(START + Span::from_millis(50)).unwrap();
@@ -189,7 +189,7 @@ mod tests {
     /// Flies forward at 1 m/s, sampled at 100 Hz in steps of a centimetre.
     #[test]
     fn steps_of_the_position_are_smoothed_by_the_velocity() {
-        let mut observer = MotionObserver::default();
+        let mut observer = SimulatorObserver::default();
         let mut worst: f64 = 0.0;
         for number in 0..300 {
             let now = START + Span::from_millis(10 * number);
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn a_simulator_that_stops_has_no_motion_and_one_that_starts_anew_jumps() {
-        let mut observer = MotionObserver::default();
+        let mut observer = SimulatorObserver::default();
         observer.take(START, &at(0, 0, [1.0, 0.0, 0.0]));
         assert!(observer.truth(START + Span::from_millis(250)).is_some());
         assert!(observer.truth(START + Span::from_millis(251)).is_none());
