@@ -59,11 +59,15 @@ pub struct FlyArgs {
     /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
     #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
-    /// Vehicle: simulated, sim[:NAME][,fidelity=eq61|rotors] with the name of a preset, as hummingbird or crazyflie-2.1; simulated
-    /// behind a bridge and its protocol, bridge:asctec[,baud=N][,xbee=MODE], bridge:mavlink[,autopilot=px4|ardupilot] or
-    /// bridge:crtp; or at a link, link:LINK, as link:asctec:PATH, link:mavlink:udpin:HOST:PORT or link:crtp:radio:CHANNEL/RATE/ADDRESS
+    /// Vehicle: simulated, sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]; simulated
+    /// behind a bridge and its protocol, bridge:asctec[,baud=N][,xbee=MODE], bridge:mavlink[,autopilot=px4|ardupilot] or bridge:crtp;
+    /// or at a link, link:LINK, as link:asctec:PATH, link:mavlink:udpin:HOST:PORT, link:crtp:radio:CHANNEL/RATE/ADDRESS
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
+    /// True motion of the vehicle at a link, where it is a firmware that runs as a program, for the emulated cameras:
+    /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or mavlink:udpin:HOST:PORT
+    #[arg(long, value_name = "SOURCE")]
+    truth: Option<String>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
     faults: Vec<Fault>,
     /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
@@ -186,6 +190,13 @@ impl FlyArgs {
         }
         if let Some(vehicle) = &self.vehicle {
             vehicle.settings(&mut settings);
+        }
+        if let Some(truth) = &self.truth {
+            settings.push(Setting::flag(
+                "--truth",
+                "plant.truth",
+                toml::Value::from(truth.as_str()),
+            ));
         }
         Ok(settings)
     }

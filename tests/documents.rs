@@ -278,9 +278,9 @@ fn the_shipped_configuration_agrees_with_the_defaults_of_the_mathematics() {
 fn every_preset_is_what_its_name_gives() {
     for (key, name, file) in [
         ("vehicle.preset", "spacecraft", "spacecraft"),
+        ("vehicle.preset", "crazyflie-2.1", "crazyflie-2.1"),
         ("vehicle.preset", "ardupilot-quad", "ardupilot-quad"),
         ("vehicle.preset", "px4-quad", "px4-quad"),
-        ("vehicle.preset", "crazyflie-2.1", "crazyflie-2.1"),
         ("mocap.preset", "ideal", "mocap-ideal"),
         ("mocap.preset", "measured", "mocap-measured"),
         ("mocap.preset", "room", "mocap-room"),

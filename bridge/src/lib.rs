@@ -108,6 +108,18 @@ pub enum BridgeCommand {
     Setup(SetupArgs),
 }
 
+/// Arguments of `bridge radio`.
+#[derive(Args, Clone, Debug)]
+pub struct RadioArgs {
+    /// A vehicle, and the address for its bridge: CHANNEL/RATE/ADDRESS@IP:PORT, as 80/2M/E7E7E7E701@127.0.0.1:19851, for a bridge with
+    /// --link crtp:udp:127.0.0.1:19851. May be repeated
+    #[arg(long = "vehicle", value_name = "VEHICLE", required = true)]
+    vehicles: Vec<SharedVehicle>,
+    /// Most packets beside set-points for each vehicle \[1/s\]
+    #[arg(long, value_name = "N", default_value_t = 250)]
+    packets_per_s: u16,
+}
+
 /// Arguments of the setup.
 #[derive(Args, Clone, Debug)]
 pub struct SetupArgs {
@@ -119,18 +131,6 @@ pub struct SetupArgs {
     apply: bool,
     #[command(flatten)]
     common: CommonArgs,
-}
-
-/// Arguments of `bridge radio`.
-#[derive(Args, Clone, Debug)]
-pub struct RadioArgs {
-    /// A vehicle, and the address for its bridge: CHANNEL/RATE/ADDRESS@IP:PORT, as 80/2M/E7E7E7E701@127.0.0.1:19851, for a bridge with
-    /// --link crtp:udp:127.0.0.1:19851. May be repeated
-    #[arg(long = "vehicle", value_name = "VEHICLE", required = true)]
-    vehicles: Vec<SharedVehicle>,
-    /// Most packets beside set-points for each vehicle \[1/s\]
-    #[arg(long, value_name = "N", default_value_t = 250)]
-    packets_per_s: u16,
 }
 
 /// Arguments of the bridge's command line.
@@ -151,15 +151,25 @@ impl BridgeCommand {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),
             Self::Check(args) => ProcessCommand::Check(args.common()),
+            Self::Radio(args) => return args.execute(),
             Self::Setup(args) => {
                 return match args.execute() {
                     Ok(exit) => exit.into(),
                     Err(failure) => conclude("oqtal bridge setup", &failure),
                 };
             }
-            Self::Radio(args) => return args.execute(),
         };
         execute(Role::Bridge, &command, run, check)
+    }
+}
+
+impl RadioArgs {
+    fn execute(self) -> std::process::ExitCode {
+        let packets_per_s = f64::from(self.packets_per_s.max(50));
+        match share_radio(&self.vehicles, packets_per_s) {
+            Ok(()) => std::process::ExitCode::SUCCESS,
+            Err(failure) => conclude("oqtal bridge radio", &failure),
+        }
     }
 }
 
@@ -173,16 +183,6 @@ impl SetupArgs {
         let (table, all_right) = set_up(&config, &spec, self.apply)?;
         print(table.trim_end())?;
         Ok(if all_right { Exit::Ok } else { Exit::Flight })
-    }
-}
-
-impl RadioArgs {
-    fn execute(self) -> std::process::ExitCode {
-        let packets_per_s = f64::from(self.packets_per_s.max(50));
-        match share_radio(&self.vehicles, packets_per_s) {
-            Ok(()) => std::process::ExitCode::SUCCESS,
-            Err(failure) => conclude("oqtal bridge radio", &failure),
-        }
     }
 }
 

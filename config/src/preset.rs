@@ -26,6 +26,11 @@ const PRESETS: [Preset; 9] = [
     },
     Preset {
         key: "vehicle.preset",
+        name: "crazyflie-2.1",
+        text: include_str!("../../deploy/presets/crazyflie-2.1.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
         name: "ardupilot-quad",
         text: include_str!("../../deploy/presets/ardupilot-quad.toml"),
     },
@@ -33,11 +38,6 @@ const PRESETS: [Preset; 9] = [
         key: "vehicle.preset",
         name: "px4-quad",
         text: include_str!("../../deploy/presets/px4-quad.toml"),
-    },
-    Preset {
-        key: "vehicle.preset",
-        name: "crazyflie-2.1",
-        text: include_str!("../../deploy/presets/crazyflie-2.1.toml"),
     },
     Preset { key: "mocap.preset", name: "qualisys", text: "" },
     Preset {

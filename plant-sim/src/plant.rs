@@ -166,6 +166,13 @@ impl Plant {
         self.act_on(command);
     }
 
+    /// Drives the rotors' motors at the powers that a firmware commands \[0..1\], until the next command or its time-out.
+    pub fn drive(&mut self, motors: [f64; 4]) {
+        self.armed = motors.iter().any(|power| *power > 0.0);
+        self.command_timeout_at = Some(self.time + COMMAND_TIME_OUT);
+        self.input = PlantInput { motors: Some(motors.into()), ..PlantInput::default() };
+    }
+
     /// Battery voltage under load \[V\].
     #[must_use]
     pub fn battery_v(&self) -> f64 {

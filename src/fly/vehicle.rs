@@ -16,7 +16,7 @@ use oqtal_wire::link::{
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
-  sim[:hummingbird|:spacecraft|:ardupilot-quad|:px4-quad|:crazyflie-2.1][,fidelity=eq61|rotors]
+  sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
   bridge:crtp
@@ -101,6 +101,7 @@ impl VehicleChoice {
         }
         let Self::Simulated { preset, fidelity } = self else { return };
         set("plant.wire.link", "".into());
+        set("plant.truth", "".into());
         set("plant.shadow", false.into());
         for (key, value) in [("vehicle.preset", preset), ("plant.fidelity", fidelity)] {
             value.iter().for_each(|value| set(key, value.as_str().into()));
@@ -137,6 +138,13 @@ impl CommandLink {
             Some(VehicleChoice::Linked(link)) => Self::Linked(link.clone()),
             None => Self::configured(config)?,
         };
+        if !config.plant.truth.is_empty() && !matches!(path, Self::Linked(_)) {
+            let message = format!(
+                "--truth {} is for a vehicle at a link: give --vehicle link:LINK, or leave out --truth",
+                config.plant.truth
+            );
+            return Err(Failure::new(Exit::Usage, message));
+        }
         if path == Self::Bus {
             return Ok(path);
         }
@@ -159,7 +167,9 @@ impl CommandLink {
             return Self::bridged(&link, config);
         }
         let link = oqtal_bridge::link(config).map_err(located)?;
-        Ok(link.filter(|_| config.plant.shadow).map_or(Self::Bus, Self::Linked))
+        Ok(link
+            .filter(|_| config.plant.shadow || !config.plant.truth.is_empty())
+            .map_or(Self::Bus, Self::Linked))
     }
 
     /// The path over `link`, at ports that belong to this instance.
@@ -195,7 +205,7 @@ impl CommandLink {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link.clear();
                 // A vehicle that publishes its truth is emulated, and its poses are its own.
-                config.plant.shadow = !is_truth_published(config)?;
+                config.plant.shadow = config.plant.truth.is_empty() && !is_truth_published(config)?;
                 config.safety.allow_emulated_poses |= !config.plant.shadow;
             }
         }
@@ -217,7 +227,9 @@ impl CommandLink {
     pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
             Self::Bus => roles(config),
-            Self::Linked(_) if !config.plant.shadow => &[Role::Mocap, Role::Bridge, Role::Daemon],
+            Self::Linked(_) if !config.plant.shadow && config.plant.truth.is_empty() => {
+                &[Role::Mocap, Role::Bridge, Role::Daemon]
+            }
             Self::Bridged { .. } | Self::Linked(_) => {
                 &[Role::Plant, Role::Mocap, Role::Bridge, Role::Daemon]
             }
