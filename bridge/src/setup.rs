@@ -8,7 +8,6 @@ use oqtal_wire::link::{AsctecLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
-use crate::bridge::word_spacing;
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
 use crate::mavlink::Mavlink;
@@ -16,6 +15,7 @@ use crate::options;
 use crate::protocol::VehicleProtocol;
 use crate::serial::SerialPortOptions;
 use crate::tcp::TcpPortOptions;
+use crate::timing::word_spacing;
 use crate::transport::{BareTransport, VehicleTransport};
 use crate::udp::UdpPortOptions;
 use crate::xbee::XbeeTransport;

@@ -5,8 +5,8 @@ use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    Autopilot, MavlinkAddress, MavlinkContent, MavlinkHeartbeat, MavlinkPacket, MavlinkText,
-    TextSeverity,
+    AutopilotFirmware, MavlinkAddress, MavlinkContent, MavlinkHeartbeat, MavlinkPacket,
+    MavlinkText, TextSeverity,
 };
 
 use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
@@ -16,13 +16,15 @@ const FLAGS_AGE: Span = Span::from_millis(3000);
 /// Step back of the vehicle's clock by which a restart is noticed \[ms\].
 const RESTART_MS: u32 = 2000;
 
-/// Autopilot that was chosen from those that are heard.
+/// AutopilotFirmware that was chosen from those that are heard.
 #[derive(Clone, Copy, Debug)]
 struct Chosen {
     address: MavlinkAddress,
     kind: AutopilotKind,
     custom_mode: u32,
     is_armed: bool,
+    /// When it armed, if that was seen.
+    armed_at: Option<Time>,
     heard_at: Time,
 }
 
@@ -95,19 +97,22 @@ impl AutopilotState {
         let MavlinkContent::Heartbeat(MavlinkHeartbeat { autopilot, .. }) = packet.content else {
             return false;
         };
-        if autopilot == Autopilot::None {
+        if autopilot == AutopilotFirmware::None {
             return false;
         }
         let refusal = match autopilot {
             _ if self.wanted_system.is_some_and(|wanted| wanted != packet.from.system) => {
                 VehicleRefusal::OtherSystem
             }
-            Autopilot::Known(kind) if self.wanted_kind.is_none_or(|wanted| wanted == kind) => {
+            AutopilotFirmware::Known(kind)
+                if self.wanted_kind.is_none_or(|wanted| wanted == kind) =>
+            {
                 self.chosen = Some(Chosen {
                     address: packet.from,
                     kind,
                     custom_mode: 0,
                     is_armed: false,
+                    armed_at: None,
                     heard_at: Time::UNSET,
                 });
                 return true;
@@ -160,10 +165,15 @@ impl AutopilotState {
     ) {
         let Some(chosen) = &mut self.chosen else { return };
         chosen.custom_mode = heartbeat.custom_mode;
+        if heartbeat.is_armed && !chosen.is_armed {
+            // Armed when first heard, it has been for longer.
+            chosen.armed_at = chosen.heard_at.is_set().then_some(now);
+        }
         chosen.is_armed = heartbeat.is_armed;
         chosen.heard_at = now;
+        let turns = chosen.armed_at.is_none_or(|at| now.since(at) >= spool_up(chosen.kind));
         let follows = chosen.kind.follows_setpoints(heartbeat.custom_mode);
-        reply(VehicleReply::Motors(heartbeat.is_armed));
+        reply(VehicleReply::Motors(heartbeat.is_armed && turns));
         reply(VehicleReply::Control(match (heartbeat.is_armed, follows) {
             (false, _) => ControlHolder::Nobody,
             (true, true) => ControlHolder::Bridge,
@@ -178,6 +188,14 @@ impl AutopilotState {
     fn note_time(&mut self, time_ms: u32) {
         self.is_restarted |= time_ms.saturating_add(RESTART_MS) < self.time_ms;
         self.time_ms = time_ms;
+    }
+}
+
+/// Time from arming to the first thrust that is obeyed: ArduCopter waits for two seconds, PX4 for `COM_SPOOLUP_TIME`, one.
+fn spool_up(kind: AutopilotKind) -> Span {
+    match kind {
+        AutopilotKind::ArduPilot => Span::from_millis(2100),
+        AutopilotKind::Px4 => Span::from_millis(1100),
     }
 }
 
