@@ -4,7 +4,6 @@
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_runtime::actuation::actuation_of;
 
 use crate::line::LineOccupancy;
 use crate::monitor::VehicleMonitor;
@@ -13,13 +12,12 @@ use crate::note::Note;
 use crate::outbox::{FrameKind, Outbox};
 use crate::poses::PoseRelay;
 use crate::protocol::{FrameSizes, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply};
-use crate::safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
-use crate::schedule::{Schedule, spacing};
+use crate::safety::{CommandGate, ForwardedCommand, MotorStatus};
+use crate::schedule::Schedule;
 use crate::setpoint::VehicleSetpoint;
+use crate::timing::{limits, millis, word_spacing};
 use crate::transport::VehicleTransport;
 
-/// Age up to which a status counts for a motor sequence \[status periods\].
-const STATUS_PERIODS: f64 = 3.0;
 /// Time between rejected commands above which they are logged separately.
 const REJECTION_PAUSE: Span = Span::from_millis(1000);
 
@@ -44,7 +42,7 @@ pub struct Bridge {
     words_left: usize,
     read_at: Time,
     is_open: bool,
-    /// The next frame is a zero set-point: bytes were discarded, and no frame has been sent since.
+    /// The next frame is a zero set-point: bytes were discarded, or there was no vehicle to send to, and no frame has been sent since.
     zero_first: bool,
     /// A command has arrived that no set-point has been sent for.
     command_waits: bool,
@@ -59,18 +57,6 @@ pub struct Bridge {
     was_answering: bool,
     rejected: u64,
     rejected_at: Time,
-}
-
-/// Spacing of periodic words on `line`, for frames of `sizes` on the port, `words` together; `None` if there is no room for any.
-pub(crate) fn word_spacing(
-    line: &LineOccupancy,
-    period: Span,
-    sizes: FrameSizes,
-    words: usize,
-) -> Option<Span> {
-    let FrameSizes { setpoint, acknowledgement, periodic, periodic_reply } = sizes;
-    let exchange = line.time_for(words * (periodic + periodic_reply));
-    spacing(period, line.time_for(setpoint + acknowledgement), exchange)
 }
 
 impl Bridge {
@@ -127,8 +113,7 @@ impl Bridge {
         self.schedule.restart();
         self.outbox.clear();
         self.poses.reset();
-        self.words_left = 0;
-        (self.emergency_stop_waits, self.zero_first) = (false, false);
+        (self.emergency_stop_waits, self.zero_first, self.words_left) = (false, false, 0);
     }
 
     /// Stops sending: the port is lost.
@@ -148,12 +133,6 @@ impl Bridge {
         });
         let read_at = self.protocol.read_period().map(|period| self.read_at + period);
         read_at.filter(|_| self.is_open).map_or(due, |read_at| due.min(read_at))
-    }
-
-    /// Shortest time between two poses that the vehicle takes; `None` if it takes none.
-    #[must_use]
-    pub fn pose_period(&self) -> Option<Span> {
-        self.protocol.pose_period()
     }
 
     /// Takes a pose from the bus.
@@ -220,11 +199,14 @@ impl Bridge {
         if self.outbox.is_blocked() || !due || now < self.outbox.clear_at(now) {
             return None;
         }
-        if std::mem::take(&mut self.zero_first) {
-            // A command that waits goes directly behind this frame.
-            self.schedule.add_setpoint(now, false);
+        if self.zero_first {
             self.begin_zero_setpoint(now);
-            return None;
+            if !self.outbox.is_empty() {
+                // A command that waits goes directly behind this frame.
+                self.schedule.add_setpoint(now, false);
+                self.zero_first = false;
+                return None;
+            }
         }
         let (setpoint, forwarded, event) = self.gate.decide(now);
         if let Some(event) = event {
@@ -240,6 +222,8 @@ impl Bridge {
             _ => self.protocol.setpoint(now, &setpoint),
         };
         if frame.bytes().is_empty() {
+            // A vehicle that is not there yet begins with a zero set-point, too.
+            self.zero_first |= self.is_open && setpoint != VehicleSetpoint::Released;
             // Nothing is sent that could fly: a stop is obeyed.
             self.stop_sent |= self.is_open && self.stopped_since.is_some();
             return Some(self.report(now, None, Span::ZERO));
@@ -407,23 +391,5 @@ impl Bridge {
             self.stop_begun = self.stopped_since.is_some();
         }
         self.outbox.begin(now, kind, self.transport.wrap(frame));
-    }
-}
-
-fn millis(millis: f64) -> Span {
-    Span::from_seconds(millis * 1e-3)
-}
-
-/// Limits of `config`, where periodic words are `spacing` apart.
-fn limits(config: &Config, spacing: Span) -> SafetyLimits {
-    let options = &config.bridge;
-    let period = Span::period_of(config.control.rate_hz);
-    let status_period = Span::period_of(options.status_rate_hz).max(spacing);
-    SafetyLimits {
-        accepts: actuation_of(config.vehicle.interface),
-        command_age: period.scaled(options.command_timeout_periods),
-        status_age: status_period.scaled(STATUS_PERIODS),
-        sequence: millis(options.motor_sequence_ms),
-        rest: millis(options.rest_ms),
     }
 }

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `safety.rs` | selection of the set-point: the newest command within its timeout, else zero | format, transport |
 //! | `motors.rs` | state machine of the motors | format, transport |
-//! | `schedule.rs` | instants at which frames are sent | format, transport |
+//! | `schedule.rs`, `timing.rs` | instants at which frames are sent; times of the configuration | format, transport |
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
 //! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
@@ -45,6 +45,7 @@ mod serial;
 mod setpoint;
 mod setup;
 mod tcp;
+mod timing;
 mod transport;
 mod turn;
 mod udp;

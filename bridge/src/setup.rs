@@ -9,7 +9,6 @@ use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
 use crate::background::Chore;
-use crate::bridge::word_spacing;
 use crate::crtp::{Crtp, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
@@ -19,6 +18,7 @@ use crate::protocol::VehicleProtocol;
 use crate::radio::RadioPortOptions;
 use crate::serial::SerialPortOptions;
 use crate::tcp::TcpPortOptions;
+use crate::timing::word_spacing;
 use crate::transport::{BareTransport, VehicleTransport};
 use crate::udp::UdpPortOptions;
 use crate::xbee::XbeeTransport;

@@ -8,8 +8,8 @@ use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::link::{AutopilotKind, LinkSpec, MavlinkLink};
 use oqtal_wire::mavlink::{
-    Autopilot, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkHeartbeat,
-    ParameterName, ParameterValue,
+    AutopilotFirmware, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder,
+    MavlinkHeartbeat, ParameterName, ParameterValue,
 };
 
 use crate::link::VehicleLink;
@@ -67,7 +67,7 @@ pub fn set_up(config: &Config, spec: &LinkSpec, apply: bool) -> Result<(String, 
 fn table(session: &ParameterSession, reports: &[ParameterReport]) -> String {
     let mut text = format!(
         "{} of system {}\n{:<16} {:>9} {:>9}  why\n",
-        Autopilot::Known(session.kind),
+        AutopilotFirmware::Known(session.kind),
         session.vehicle.system,
         "parameter",
         "is",
@@ -112,7 +112,7 @@ impl ParameterSession {
             heartbeat_at: Time::UNSET,
         };
         let is_wanted = |heartbeat: &MavlinkHeartbeat, from: MavlinkAddress| {
-            let Autopilot::Known(kind) = heartbeat.autopilot else { return None };
+            let AutopilotFirmware::Known(kind) = heartbeat.autopilot else { return None };
             let fits = link.autopilot.is_none_or(|wanted| wanted == kind)
                 && link.system.is_none_or(|wanted| wanted == from.system);
             fits.then_some((from, kind))
@@ -212,7 +212,7 @@ impl ParameterSession {
         }
         self.heartbeat_at = now;
         self.send(&MavlinkContent::Heartbeat(MavlinkHeartbeat {
-            autopilot: Autopilot::None,
+            autopilot: AutopilotFirmware::None,
             custom_mode: 0,
             is_armed: false,
             is_simulated: false,

@@ -32,7 +32,7 @@ mod thrust;
 mod write;
 
 pub use address::MavlinkAddress;
-pub use autopilot::{ArduPilotMode, Autopilot, Px4Mode};
+pub use autopilot::{ArduPilotMode, AutopilotFirmware, Px4Mode};
 pub use axes::{attitude_axes, vector_axes};
 pub use clock::{ClockEstimate, TimesyncFilter};
 pub use command::{AckResult, CommandKind, VehicleCommandLong};

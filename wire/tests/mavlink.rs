@@ -6,10 +6,10 @@ mod any_bytes;
 
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    AckResult, AttitudeTarget, Autopilot, CommandKind, MAX_PACKET, MavlinkAddress, MavlinkAttitude,
-    MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkGrammar, MavlinkHeartbeat,
-    MavlinkPacket, MavlinkPose, MavlinkPosition, MavlinkText, ParameterName, ParameterValue,
-    SetpointKind, SigningKey, TextSeverity, Timesync, VehicleCommandLong,
+    AckResult, AttitudeTarget, AutopilotFirmware, CommandKind, MAX_PACKET, MavlinkAddress,
+    MavlinkAttitude, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkGrammar,
+    MavlinkHeartbeat, MavlinkPacket, MavlinkPose, MavlinkPosition, MavlinkText, ParameterName,
+    ParameterValue, SetpointKind, SigningKey, TextSeverity, Timesync, VehicleCommandLong,
 };
 use proptest::prelude::*;
 
@@ -32,7 +32,7 @@ fn name() -> ParameterName {
 fn samples() -> Vec<MavlinkContent> {
     use MavlinkContent as C;
     let heartbeat = MavlinkHeartbeat {
-        autopilot: Autopilot::Known(AutopilotKind::Px4),
+        autopilot: AutopilotFirmware::Known(AutopilotKind::Px4),
         custom_mode: 0x60000,
         is_armed: true,
         is_simulated: false,
@@ -45,7 +45,11 @@ fn samples() -> Vec<MavlinkContent> {
     let (position, rate) = ([1.0, 2.0, 0.5], [0.25, -0.5, 0.125]);
     vec![
         C::Heartbeat(heartbeat),
-        C::Heartbeat(MavlinkHeartbeat { autopilot: Autopilot::None, is_armed: false, ..heartbeat }),
+        C::Heartbeat(MavlinkHeartbeat {
+            autopilot: AutopilotFirmware::None,
+            is_armed: false,
+            ..heartbeat
+        }),
         C::Battery(11.1),
         C::Timesync(Timesync { answered: 1 << 40, asked: 7 }),
         C::AttitudeTarget(AttitudeTarget {
@@ -59,6 +63,7 @@ fn samples() -> Vec<MavlinkContent> {
         command(CommandKind::Arm { run: true, is_forced: false }),
         command(CommandKind::Arm { run: false, is_forced: true }),
         command(CommandKind::MessageInterval { message: 331, interval_us: 20_000 }),
+        command(CommandKind::RequestMessage { message: 0 }),
         command(CommandKind::Reboot),
         C::Acknowledged { command: 400, result: AckResult::Failed },
         C::Acknowledged { command: 176, result: AckResult::Accepted },

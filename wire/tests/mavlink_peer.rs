@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    AckResult, AttitudeTarget, Autopilot, CommandKind, MavlinkAddress, MavlinkContent,
+    AckResult, AttitudeTarget, AutopilotFirmware, CommandKind, MavlinkAddress, MavlinkContent,
     MavlinkDecoder, MavlinkEncoder, MavlinkHeartbeat, MavlinkPose, ParameterName, ParameterValue,
     SetpointKind, SigningKey, TextSeverity, Timesync, VehicleCommandLong,
 };
@@ -60,93 +60,90 @@ fn setpoint(kind: SetpointKind) -> MavlinkContent {
 }
 
 /// A message, its name, and some of its fields as pymavlink must read them.
-fn ours() -> Vec<(MavlinkContent, &'static str, Value)> {
-    use MavlinkContent as C;
+type Sample = (MavlinkContent, &'static str, Value);
+
+fn ours() -> Vec<Sample> {
+    [setpoints(), poses(), commands(), others()].concat()
+}
+
+fn setpoints() -> Vec<Sample> {
     let half = std::f64::consts::FRAC_1_SQRT_2;
-    let quarter_left = [0.0, 0.0, half, half];
+    let attitude = |attitude| setpoint(SetpointKind::Attitude { attitude, yaw_rate: 0.25 });
+    let sample = |content, fields| (content, "SET_ATTITUDE_TARGET", fields);
+    let rates = json!({
+        "type_mask": 128, "body_roll_rate": 0.125, "body_pitch_rate": -0.25, "body_yaw_rate": -0.5,
+        "thrust": 0.5, "target_system": 7, "q": [1.0, 0.0, 0.0, 0.0],
+    });
+    // A turn to the left, nose down, left side up: yaw and pitch negative, roll positive.
+    let left = json!({ "type_mask": 3, "q": [half, 0.0, 0.0, -half], "body_yaw_rate": -0.25 });
+    vec![
+        sample(setpoint(SetpointKind::Rates([0.125, 0.25, 0.5])), rates),
+        sample(attitude([0.0, 0.0, half, half]), left),
+        sample(attitude([0.0, half, 0.0, half]), json!({ "q": [half, 0.0, -half, 0.0] })),
+        sample(attitude([half, 0.0, 0.0, half]), json!({ "q": [half, half, 0.0, 0.0] })),
+    ]
+}
+
+fn poses() -> Vec<Sample> {
+    let half = std::f64::consts::FRAC_1_SQRT_2;
     let pose = MavlinkPose {
         time_us: 77,
         position: [1.0, 2.0, 3.0],
-        attitude: quarter_left,
+        attitude: [0.0, 0.0, half, half],
         position_sd_m: 0.5,
         attitude_sd_rad: 0.25,
     };
+    let odometry = json!({
+        "time_usec": 77, "frame_id": 20, "child_frame_id": 12, "estimator_type": 2,
+        "x": 1.0, "y": -2.0, "z": -3.0, "q": [half, 0.0, 0.0, -half], "vx": null,
+    });
+    let vision = json!({
+        "usec": 77, "x": 1.0, "y": -2.0, "z": -3.0, "roll": 0.0, "pitch": 0.0,
+        "yaw": -std::f64::consts::FRAC_PI_2,
+    });
+    vec![
+        (MavlinkContent::Odometry(pose), "ODOMETRY", odometry),
+        (MavlinkContent::VisionPosition(pose), "VISION_POSITION_ESTIMATE", vision),
+    ]
+}
+
+fn commands() -> Vec<Sample> {
+    let sample = |kind, fields| (command(kind), "COMMAND_LONG", fields);
+    vec![
+        sample(
+            CommandKind::SetMode { mode: 20, sub_mode: 0 },
+            json!({ "command": 176, "param1": 1.0, "param2": 20.0, "target_system": 7 }),
+        ),
+        sample(
+            CommandKind::Arm { run: false, is_forced: true },
+            json!({ "command": 400, "param1": 0.0, "param2": 21196.0 }),
+        ),
+        sample(
+            CommandKind::MessageInterval { message: 193, interval_us: 200_000 },
+            json!({ "command": 511, "param1": 193.0, "param2": 200_000.0 }),
+        ),
+    ]
+}
+
+fn others() -> Vec<Sample> {
+    use MavlinkContent as C;
     let heartbeat = MavlinkHeartbeat {
-        autopilot: Autopilot::None,
+        autopilot: AutopilotFirmware::None,
         custom_mode: 0,
         is_armed: false,
         is_simulated: false,
     };
-    let attitude = |attitude| setpoint(SetpointKind::Attitude { attitude, yaw_rate: 0.25 });
     let name = ParameterName::new("EK3_SRC1_POSXY").unwrap();
     let value = ParameterValue { raw: 6.0, is_real: false, code: 2 };
+    let set = json!({ "param_id": "EK3_SRC1_POSXY", "param_value": 6.0, "param_type": 2 });
+    let asked = json!({ "param_id": "EK3_SRC1_POSXY", "param_index": -1, "target_component": 1 });
+    let sync = Timesync { answered: 9, asked: 8 };
     vec![
         (C::Heartbeat(heartbeat), "HEARTBEAT", json!({ "type": 18, "autopilot": 8 })),
-        (
-            setpoint(SetpointKind::Rates([0.125, 0.25, 0.5])),
-            "SET_ATTITUDE_TARGET",
-            json!({ "type_mask": 128, "body_roll_rate": 0.125, "body_pitch_rate": -0.25,
-                    "body_yaw_rate": -0.5, "thrust": 0.5, "target_system": 7, "q": [1.0, 0.0, 0.0, 0.0] }),
-        ),
-        // A turn to the left, nose down, left side up: yaw and pitch negative, roll positive.
-        (
-            attitude(quarter_left),
-            "SET_ATTITUDE_TARGET",
-            json!({ "type_mask": 3, "q": [half, 0.0, 0.0, -half], "body_yaw_rate": -0.25 }),
-        ),
-        (
-            attitude([0.0, half, 0.0, half]),
-            "SET_ATTITUDE_TARGET",
-            json!({ "q": [half, 0.0, -half, 0.0] }),
-        ),
-        (
-            attitude([half, 0.0, 0.0, half]),
-            "SET_ATTITUDE_TARGET",
-            json!({ "q": [half, half, 0.0, 0.0] }),
-        ),
-        (
-            C::Odometry(pose),
-            "ODOMETRY",
-            json!({ "time_usec": 77, "frame_id": 20, "child_frame_id": 12, "estimator_type": 2,
-                    "x": 1.0, "y": -2.0, "z": -3.0, "q": [half, 0.0, 0.0, -half], "vx": null }),
-        ),
-        (
-            C::VisionPosition(pose),
-            "VISION_POSITION_ESTIMATE",
-            json!({ "usec": 77, "x": 1.0, "y": -2.0, "z": -3.0, "roll": 0.0, "pitch": 0.0,
-                    "yaw": -std::f64::consts::FRAC_PI_2 }),
-        ),
         (C::GlobalOrigin { system: 7 }, "SET_GPS_GLOBAL_ORIGIN", json!({ "target_system": 7 })),
-        (
-            command(CommandKind::SetMode { mode: 20, sub_mode: 0 }),
-            "COMMAND_LONG",
-            json!({ "command": 176, "param1": 1.0, "param2": 20.0, "target_system": 7 }),
-        ),
-        (
-            command(CommandKind::Arm { run: false, is_forced: true }),
-            "COMMAND_LONG",
-            json!({ "command": 400, "param1": 0.0, "param2": 21196.0 }),
-        ),
-        (
-            command(CommandKind::MessageInterval { message: 193, interval_us: 200_000 }),
-            "COMMAND_LONG",
-            json!({ "command": 511, "param1": 193.0, "param2": 200000.0 }),
-        ),
-        (
-            C::Timesync(Timesync { answered: 9, asked: 8 }),
-            "TIMESYNC",
-            json!({ "tc1": 9, "ts1": 8 }),
-        ),
-        (
-            C::ParameterSet { target: VEHICLE, name, value },
-            "PARAM_SET",
-            json!({ "param_id": "EK3_SRC1_POSXY", "param_value": 6.0, "param_type": 2 }),
-        ),
-        (
-            C::ParameterRequest { target: VEHICLE, name },
-            "PARAM_REQUEST_READ",
-            json!({ "param_id": "EK3_SRC1_POSXY", "param_index": -1, "target_component": 1 }),
-        ),
+        (C::Timesync(sync), "TIMESYNC", json!({ "tc1": 9, "ts1": 8 })),
+        (C::ParameterSet { target: VEHICLE, name, value }, "PARAM_SET", set),
+        (C::ParameterRequest { target: VEHICLE, name }, "PARAM_REQUEST_READ", asked),
     ]
 }
 
@@ -166,7 +163,7 @@ fn agrees(read: &Value, wanted: &Value) -> bool {
 fn theirs() -> Vec<MavlinkContent> {
     use MavlinkContent as C;
     let heartbeat = |kind, custom_mode, is_armed| {
-        let autopilot = Autopilot::Known(kind);
+        let autopilot = AutopilotFirmware::Known(kind);
         C::Heartbeat(MavlinkHeartbeat { autopilot, custom_mode, is_armed, is_simulated: false })
     };
     let acknowledged = |command, result| C::Acknowledged { command, result };

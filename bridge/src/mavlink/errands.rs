@@ -3,7 +3,7 @@
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    Autopilot, CommandKind, MavlinkContent, MavlinkHeartbeat, Timesync, VehicleCommandLong,
+    AutopilotFirmware, CommandKind, MavlinkContent, MavlinkHeartbeat, Timesync, VehicleCommandLong,
 };
 
 use super::vehicle::AutopilotState;
@@ -21,6 +21,9 @@ const RATE_TRIES: u8 = 3;
 const HEARTBEATS_RARE: Span = Span::from_millis(400);
 /// Pause before the rates are asked for again.
 const RATES_AGAIN: Span = Span::from_millis(3000);
+/// Age of a heartbeat at which one is asked for by itself: PX4 refuses any other rate than one a second.
+const HEARTBEAT_AGE: Span = Span::from_millis(45);
+const HEARTBEAT_MESSAGE: u32 = 0;
 const MESSAGE_INTERVAL: u16 = 511;
 /// Longest time between a request and its answer.
 const SYNC_WITHIN: Span = Span::from_millis(100);
@@ -48,6 +51,7 @@ pub(super) struct Errands {
     heartbeat: PeriodicTimer,
     origin: PeriodicTimer,
     sync: PeriodicTimer,
+    poll: PeriodicTimer,
     rates: RateRequests,
     /// Request of the vehicle that waits for its answer.
     answer: Option<Timesync>,
@@ -62,6 +66,7 @@ impl Errands {
             heartbeat: PeriodicTimer::new(HEARTBEAT),
             origin: PeriodicTimer::new(ORIGIN),
             sync: PeriodicTimer::new(sync),
+            poll: PeriodicTimer::new(HEARTBEAT_AGE),
             rates: RateRequests::default(),
             answer: None,
             asked: None,
@@ -95,10 +100,18 @@ impl Errands {
             let request = Timesync { answered: 0, asked: own_clock(now) };
             return Some((MavlinkContent::Timesync(request), true));
         }
+        let command =
+            |kind| MavlinkContent::Command(VehicleCommandLong { target, kind, confirmation: 0 });
+        let is_old = vehicle.heard_at().is_none_or(|at| now.since(at) >= HEARTBEAT_AGE);
+        if is_old && self.poll.is_due(now, false) {
+            return Some((
+                command(CommandKind::RequestMessage { message: HEARTBEAT_MESSAGE }),
+                false,
+            ));
+        }
         let heard_lately = vehicle.heard_at().is_some_and(|at| now.since(at) <= HEARTBEATS_RARE);
         if let Some(kind) = self.rates.next(now, kind, heard_lately) {
-            let command = VehicleCommandLong { target, kind, confirmation: 0 };
-            return Some((MavlinkContent::Command(command), false));
+            return Some((command(kind), false));
         }
         let needs_origin = kind == AutopilotKind::ArduPilot && !vehicle.has_position();
         if needs_origin && self.origin.is_due(now, false) {
@@ -134,7 +147,7 @@ impl Errands {
 
 /// Heartbeat of this computer.
 const OWN_HEARTBEAT: MavlinkHeartbeat = MavlinkHeartbeat {
-    autopilot: Autopilot::None,
+    autopilot: AutopilotFirmware::None,
     custom_mode: 0,
     is_armed: false,
     is_simulated: false,

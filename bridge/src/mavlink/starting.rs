@@ -10,8 +10,8 @@ use oqtal_wire::mavlink::{
 use super::vehicle::AutopilotState;
 use crate::protocol::VehicleReply;
 
-/// Time for which set-points must have flowed before the mode that needs them is asked for.
-const STREAM_FIRST: Span = Span::from_millis(2000);
+/// Time for which set-points must have flowed before PX4 is asked for Offboard: it refuses without.
+const STREAM_FIRST: Span = Span::from_millis(1500);
 /// Pause between set-points that ends a stream of them.
 const STREAM_GAP: Span = Span::from_millis(300);
 /// Time within which an answer comes.
@@ -81,7 +81,8 @@ impl StartSequence {
         vehicle: &AutopilotState,
     ) -> Option<Unaddressed> {
         let streams = self.stream_since.is_some_and(|since| now.since(since) >= STREAM_FIRST);
-        if !streams || !self.is_due(now) {
+        let needs_stream = kind == AutopilotKind::Px4 && !streams;
+        if needs_stream || !self.is_due(now) {
             return None;
         }
         let command = if vehicle.follows_setpoints() {

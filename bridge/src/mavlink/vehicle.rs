@@ -5,8 +5,8 @@ use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    Autopilot, MavlinkAddress, MavlinkContent, MavlinkHeartbeat, MavlinkPacket, MavlinkText,
-    TextSeverity,
+    AutopilotFirmware, MavlinkAddress, MavlinkContent, MavlinkHeartbeat, MavlinkPacket,
+    MavlinkText, TextSeverity,
 };
 
 use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
@@ -16,7 +16,7 @@ const FLAGS_AGE: Span = Span::from_millis(3000);
 /// Step back of the vehicle's clock by which a restart is noticed \[ms\].
 const RESTART_MS: u32 = 2000;
 
-/// Autopilot that was chosen from those that are heard.
+/// AutopilotFirmware that was chosen from those that are heard.
 #[derive(Clone, Copy, Debug)]
 struct Chosen {
     address: MavlinkAddress,
@@ -97,14 +97,16 @@ impl AutopilotState {
         let MavlinkContent::Heartbeat(MavlinkHeartbeat { autopilot, .. }) = packet.content else {
             return false;
         };
-        if autopilot == Autopilot::None {
+        if autopilot == AutopilotFirmware::None {
             return false;
         }
         let refusal = match autopilot {
             _ if self.wanted_system.is_some_and(|wanted| wanted != packet.from.system) => {
                 VehicleRefusal::OtherSystem
             }
-            Autopilot::Known(kind) if self.wanted_kind.is_none_or(|wanted| wanted == kind) => {
+            AutopilotFirmware::Known(kind)
+                if self.wanted_kind.is_none_or(|wanted| wanted == kind) =>
+            {
                 self.chosen = Some(Chosen {
                     address: packet.from,
                     kind,

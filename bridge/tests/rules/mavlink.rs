@@ -4,7 +4,7 @@ use oqtal_bridge::{BareTransport, Mavlink, VehicleProtocol, VehicleTransport};
 use oqtal_config::Config;
 use oqtal_wire::link::{AutopilotKind, LinkSpec};
 use oqtal_wire::mavlink::{
-    AckResult, ArduPilotMode, Autopilot, CommandKind, MavlinkAddress, MavlinkContent,
+    AckResult, ArduPilotMode, AutopilotFirmware, CommandKind, MavlinkAddress, MavlinkContent,
     MavlinkDecoder, MavlinkEncoder, MavlinkHeartbeat, Px4Mode,
 };
 
@@ -90,7 +90,7 @@ impl LanguagePeer for MavlinkPeer {
         // Motors run in the mode for set-points, unless a pilot flies.
         self.follows |= running && !piloted;
         let heartbeat = MavlinkHeartbeat {
-            autopilot: Autopilot::Known(self.kind),
+            autopilot: AutopilotFirmware::Known(self.kind),
             custom_mode: self.mode(piloted),
             is_armed: running,
             is_simulated: false,

@@ -6,6 +6,8 @@
 //! | set-points are followed in | Guided_NoGPS | Offboard, entered only while they flow |
 //! | no set-point for | 3 s: level, height held, mode unchanged | 1 s: Position, level and sinking |
 //! | position is known | 1.5 s after poses and the origin of the world | 1.5 s after poses by ODOMETRY |
+//! | after arming, no thrust for | 2 s | 1 s |
+//! | heartbeats | at the rate asked for | once a second, and when asked for one |
 //! | disarming in the air | refused unless forced | refused unless forced |
 
 mod motion;
@@ -18,7 +20,7 @@ use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
-    AckResult, ArduPilotMode, Autopilot, CommandKind, MavlinkAddress, MavlinkAttitude,
+    AckResult, ArduPilotMode, AutopilotFirmware, CommandKind, MavlinkAddress, MavlinkAttitude,
     MavlinkContent, MavlinkHeartbeat, MavlinkPosition, MavlinkText, Px4Mode, TextSeverity,
     Timesync,
 };
@@ -47,6 +49,7 @@ pub struct EmulatedAutopilot {
     refuses_arming: Span,
     custom_mode: u32,
     is_armed: bool,
+    armed_at: Time,
     follower: SetpointFollower,
     streams: TelemetryStreams,
     parameters: ParameterTable,
@@ -56,7 +59,7 @@ pub struct EmulatedAutopilot {
 }
 
 impl EmulatedAutopilot {
-    /// Autopilot of this kind and system, switched on at `started`.
+    /// AutopilotFirmware of this kind and system, switched on at `started`.
     ///
     /// # Errors
     /// `plant.wire.mavlink.thrust-table` is no thrust curve.
@@ -74,6 +77,7 @@ impl EmulatedAutopilot {
             refuses_arming: Span::from_seconds(refuses_arming * 1e-3),
             custom_mode: Self::first_mode(kind),
             is_armed: false,
+            armed_at: Time::UNSET,
             follower: SetpointFollower::new(config, kind)?,
             streams: TelemetryStreams::new(started),
             parameters: ParameterTable::new(kind),
@@ -167,7 +171,7 @@ impl EmulatedAutopilot {
     /// Command that the vehicle follows in the state `truth`; "disarmed" while the motors are stopped.
     #[must_use]
     pub fn command(&self, now: Time, truth: &TruthV1) -> CommandV1 {
-        if !self.is_armed {
+        if !self.is_armed || now.since(self.armed_at) < self.spool_up() {
             return CommandV1::default();
         }
         self.follower.command(now, truth, self.follows())
@@ -176,6 +180,14 @@ impl EmulatedAutopilot {
     /// A pilot changes the mode by R/C.
     pub fn pilot_takes_over(&mut self) {
         self.custom_mode = Self::first_mode(self.kind);
+    }
+
+    /// Time from arming to the first thrust.
+    fn spool_up(&self) -> Span {
+        match self.kind {
+            AutopilotKind::ArduPilot => Span::from_millis(2000),
+            AutopilotKind::Px4 => Span::from_millis(1000),
+        }
     }
 
     fn follows(&self) -> bool {
@@ -219,8 +231,16 @@ impl EmulatedAutopilot {
                 self.is_armed = false;
                 AckResult::Accepted
             }
+            // PX4's heartbeat keeps its rate.
+            CommandKind::MessageInterval { message: 0, .. } if self.kind == AutopilotKind::Px4 => {
+                AckResult::Failed
+            }
             CommandKind::MessageInterval { message, interval_us } => {
                 let is_known = self.streams.set(now, message, interval_us);
+                if is_known { AckResult::Accepted } else { AckResult::Denied }
+            }
+            CommandKind::RequestMessage { message } => {
+                let is_known = self.streams.request(message);
                 if is_known { AckResult::Accepted } else { AckResult::Denied }
             }
             CommandKind::Reboot => AckResult::Unsupported,
@@ -248,6 +268,7 @@ impl EmulatedAutopilot {
         }
         if !self.is_armed {
             self.follower.begin(now);
+            self.armed_at = now;
         }
         self.is_armed = true;
         AckResult::Accepted
@@ -258,7 +279,7 @@ impl EmulatedAutopilot {
         let TruthV1 { position, velocity, attitude, rate, .. } = measured.truth;
         match stream {
             Stream::Heartbeat => MavlinkContent::Heartbeat(MavlinkHeartbeat {
-                autopilot: Autopilot::Known(self.kind),
+                autopilot: AutopilotFirmware::Known(self.kind),
                 custom_mode: self.custom_mode,
                 is_armed: self.is_armed,
                 is_simulated: false,

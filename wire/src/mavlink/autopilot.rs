@@ -6,7 +6,7 @@ use crate::link::AutopilotKind;
 
 /// Family of an autopilot, as its heartbeat says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Autopilot {
+pub enum AutopilotFirmware {
     /// PX4 or ArduPilot.
     Known(AutopilotKind),
     /// An autopilot that is not supported.
@@ -15,7 +15,7 @@ pub enum Autopilot {
     None,
 }
 
-impl fmt::Display for Autopilot {
+impl fmt::Display for AutopilotFirmware {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Known(AutopilotKind::Px4) => "PX4",

@@ -29,6 +29,11 @@ pub enum CommandKind {
         /// Time between two \[us\].
         interval_us: u32,
     },
+    /// MAV_CMD_REQUEST_MESSAGE: once, at once.
+    RequestMessage {
+        /// Number of the message \[-\].
+        message: u32,
+    },
     /// MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN of the autopilot.
     Reboot,
 }
@@ -52,6 +57,7 @@ impl CommandKind {
             Self::SetMode { .. } => 176,
             Self::Arm { .. } => 400,
             Self::MessageInterval { .. } => 511,
+            Self::RequestMessage { .. } => 512,
             Self::Reboot => 246,
         }
     }

@@ -1,7 +1,7 @@
 //! Meaning of messages.
 
 use super::address::MavlinkAddress;
-use super::autopilot::Autopilot;
+use super::autopilot::AutopilotFirmware;
 use super::command::{AckResult, VehicleCommandLong};
 use super::parameter::{ParameterName, ParameterValue};
 
@@ -9,7 +9,7 @@ use super::parameter::{ParameterName, ParameterValue};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MavlinkHeartbeat {
     /// Firmware of the sender.
-    pub autopilot: Autopilot,
+    pub autopilot: AutopilotFirmware,
     /// Mode \[-\]: see [`super::ArduPilotMode`], [`super::Px4Mode`].
     pub custom_mode: u32,
     /// Whether the motors run, or may at any moment.

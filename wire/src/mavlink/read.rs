@@ -3,7 +3,7 @@
 use mavlink::dialects::common::*;
 
 use super::address::MavlinkAddress;
-use super::autopilot::Autopilot;
+use super::autopilot::AutopilotFirmware;
 use super::axes::{from_wire_angles, from_wire_quaternion, vector_axes};
 use super::command::{AckResult, CommandKind, FORCE, VehicleCommandLong};
 use super::content::{
@@ -59,10 +59,12 @@ fn address(system: u8, component: u8) -> MavlinkAddress {
 
 fn heartbeat_of(heartbeat: &HEARTBEAT_DATA) -> MavlinkHeartbeat {
     let autopilot = match heartbeat.autopilot {
-        MavAutopilot::MAV_AUTOPILOT_PX4 => Autopilot::Known(AutopilotKind::Px4),
-        MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Autopilot::Known(AutopilotKind::ArduPilot),
-        MavAutopilot::MAV_AUTOPILOT_INVALID => Autopilot::None,
-        _ => Autopilot::Unknown,
+        MavAutopilot::MAV_AUTOPILOT_PX4 => AutopilotFirmware::Known(AutopilotKind::Px4),
+        MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => {
+            AutopilotFirmware::Known(AutopilotKind::ArduPilot)
+        }
+        MavAutopilot::MAV_AUTOPILOT_INVALID => AutopilotFirmware::None,
+        _ => AutopilotFirmware::Unknown,
     };
     MavlinkHeartbeat {
         autopilot,
@@ -136,6 +138,7 @@ fn command_long(command: &COMMAND_LONG_DATA) -> Option<VehicleCommandLong> {
         MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
             CommandKind::MessageInterval { message: first as u32, interval_us: second as u32 }
         }
+        MavCmd::MAV_CMD_REQUEST_MESSAGE => CommandKind::RequestMessage { message: first as u32 },
         MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN => CommandKind::Reboot,
         _ => return None,
     };

@@ -3,7 +3,7 @@
 use mavlink::dialects::common::*;
 use mavlink::types::CharArray;
 
-use super::autopilot::Autopilot;
+use super::autopilot::AutopilotFirmware;
 use super::axes::{vector_axes, wire_angles, wire_quaternion};
 use super::command::{AckResult, CommandKind, FORCE, VehicleCommandLong};
 use super::content::{
@@ -34,28 +34,9 @@ pub(super) fn message(content: &MavlinkContent) -> Option<MavMessage> {
             MavMessage::COMMAND_ACK(acknowledgement(*command, *result)?)
         }
         C::Text(text) => MavMessage::STATUSTEXT(status_text(text)),
-        C::ParameterRequest { target, name } => {
-            MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
-                param_index: -1,
-                target_system: target.system,
-                target_component: target.component,
-                param_id: name_of(name),
-            })
+        C::ParameterRequest { .. } | C::ParameterSet { .. } | C::Parameter { .. } => {
+            return parameter(content);
         }
-        C::ParameterSet { target, name, value } => MavMessage::PARAM_SET(PARAM_SET_DATA {
-            param_value: value.raw,
-            target_system: target.system,
-            target_component: target.component,
-            param_id: name_of(name),
-            param_type: type_of(value),
-        }),
-        C::Parameter { name, value } => MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-            param_value: value.raw,
-            param_count: 1,
-            param_index: u16::MAX,
-            param_id: name_of(name),
-            param_type: type_of(value),
-        }),
         C::Position(position) => MavMessage::LOCAL_POSITION_NED(local_position(position)),
         C::Attitude(attitude) => MavMessage::ATTITUDE_QUATERNION(attitude_quaternion(attitude)),
         C::Estimator(flags) => MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
@@ -66,17 +47,50 @@ pub(super) fn message(content: &MavlinkContent) -> Option<MavMessage> {
     })
 }
 
+/// The message about a parameter; `None` for any other content.
+fn parameter(content: &MavlinkContent) -> Option<MavMessage> {
+    Some(match content {
+        MavlinkContent::ParameterRequest { target, name } => {
+            MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
+                param_index: -1,
+                target_system: target.system,
+                target_component: target.component,
+                param_id: name_of(name),
+            })
+        }
+        MavlinkContent::ParameterSet { target, name, value } => {
+            MavMessage::PARAM_SET(PARAM_SET_DATA {
+                param_value: value.raw,
+                target_system: target.system,
+                target_component: target.component,
+                param_id: name_of(name),
+                param_type: type_of(value),
+            })
+        }
+        MavlinkContent::Parameter { name, value } => MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+            param_value: value.raw,
+            param_count: 1,
+            param_index: u16::MAX,
+            param_id: name_of(name),
+            param_type: type_of(value),
+        }),
+        _ => return None,
+    })
+}
+
 fn heartbeat_of(heartbeat: &MavlinkHeartbeat) -> HEARTBEAT_DATA {
     let flag = |is_set: bool, flag| if is_set { flag } else { MavModeFlag::empty() };
     let (mavtype, autopilot) = match heartbeat.autopilot {
-        Autopilot::Known(AutopilotKind::Px4) => {
+        AutopilotFirmware::Known(AutopilotKind::Px4) => {
             (MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_PX4)
         }
-        Autopilot::Known(AutopilotKind::ArduPilot) => {
+        AutopilotFirmware::Known(AutopilotKind::ArduPilot) => {
             (MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA)
         }
-        Autopilot::Unknown => (MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_GENERIC),
-        Autopilot::None => {
+        AutopilotFirmware::Unknown => {
+            (MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_GENERIC)
+        }
+        AutopilotFirmware::None => {
             (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID)
         }
     };
@@ -199,6 +213,7 @@ fn command_long(command: &VehicleCommandLong) -> Option<COMMAND_LONG_DATA> {
         CommandKind::MessageInterval { message, interval_us } => {
             [message as f32, interval_us as f32, 0.0]
         }
+        CommandKind::RequestMessage { message } => [message as f32, 0.0, 0.0],
         CommandKind::Reboot => [1.0, 0.0, 0.0],
     };
     Some(COMMAND_LONG_DATA {
@@ -218,6 +233,7 @@ fn number_of_command(number: u16) -> Option<MavCmd> {
         MavCmd::MAV_CMD_DO_SET_MODE,
         MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
         MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
+        MavCmd::MAV_CMD_REQUEST_MESSAGE,
         MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
     ]
     .into_iter()

@@ -44,15 +44,15 @@ struct Cadence {
     next: Time,
 }
 
-/// The streams; `None` for one that is not sent.
+/// The streams, `None` for one that is not sent; and those of which one more message was asked for.
 #[derive(Clone, Debug)]
-pub(super) struct TelemetryStreams([Option<Cadence>; COUNT]);
+pub(super) struct TelemetryStreams([Option<Cadence>; COUNT], [bool; COUNT]);
 
 impl TelemetryStreams {
     /// Heartbeat and battery, once a second from `started`.
     pub(super) fn new(started: Time) -> Self {
         let seldom = Some(Cadence { interval: SELDOM, next: started });
-        Self([seldom, seldom, None, None, None])
+        Self([seldom, seldom, None, None, None], [false; COUNT])
     }
 
     /// Sends the message `number` every `interval_us` from `now`; returns whether it is known.
@@ -60,6 +60,13 @@ impl TelemetryStreams {
         let Some(stream) = Stream::of(number) else { return false };
         let interval = Span::from_nanos(i64::from(interval_us) * 1000).max(SHORTEST);
         self.0[stream as usize] = Some(Cadence { interval, next: now });
+        true
+    }
+
+    /// Sends the message `number` once more, at once; returns whether it is known.
+    pub(super) fn request(&mut self, number: u32) -> bool {
+        let Some(stream) = Stream::of(number) else { return false };
+        self.1[stream as usize] = true;
         true
     }
 
@@ -72,6 +79,11 @@ impl TelemetryStreams {
     /// The messages that are due at `now`.
     pub(super) fn due(&mut self, now: Time) -> [Option<Stream>; COUNT] {
         let mut due = [None; COUNT];
+        for (index, stream) in Stream::ALL.iter().enumerate() {
+            if std::mem::take(&mut self.1[index]) {
+                due[index] = Some(*stream);
+            }
+        }
         for ((stream, cadence), place) in Stream::ALL.iter().zip(&mut self.0).zip(&mut due) {
             let Some(cadence) = cadence.as_mut().filter(|cadence| cadence.next <= now) else {
                 continue;
