@@ -8,6 +8,7 @@ mod program;
 use std::path::Path;
 use std::process::Command;
 use std::sync::Mutex;
+use std::time::Duration;
 
 use serde_json::Value;
 
@@ -27,6 +28,7 @@ const CRAZYFLIE: Firmware = Firmware {
     preset: "crazyflie-2.1.toml",
     link: "crtp:udp:127.0.0.1:19850",
     truth: "crazyflie-sitl:udp:127.0.0.1:19950",
+    boot: Duration::from_secs(0),
     arguments: |_, command| {
         command.args(["19950", "127.0.0.1"]);
     },
@@ -38,6 +40,7 @@ const ARDUCOPTER: Firmware = Firmware {
     preset: "ardupilot-quad.toml",
     link: "mavlink:udpin:127.0.0.1:14550,autopilot=ardupilot",
     truth: "mavlink:udpin:127.0.0.1:14551",
+    boot: Duration::from_secs(30),
     arguments: |_, command| {
         command.args(["--model", "quad", "--home", "-35.363261,149.165230,584,0", "-w"]);
         command.args(["--serial0", "udpclient:127.0.0.1:14550"]);
@@ -51,6 +54,7 @@ const PX4: Firmware = Firmware {
     preset: "px4-quad.toml",
     link: "mavlink:udpin:127.0.0.1:14540,autopilot=px4",
     truth: "mavlink:udpin:127.0.0.1:19410",
+    boot: Duration::from_secs(12),
     arguments: |path, command| {
         let etc = path.parent().and_then(Path::parent).unwrap().join("etc");
         command.arg(etc).args(["-d", "-s", "etc/init.d-posix/rcS", "-w", "."]);

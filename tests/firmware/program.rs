@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::time::Duration;
 
 /// A firmware, and how it is started.
 pub struct Firmware {
@@ -13,6 +14,8 @@ pub struct Firmware {
     pub link: &'static str,
     /// Source of the truth, as the simulator follows it.
     pub truth: &'static str,
+    /// Time from its start to that from which it can be armed: it levels and checks its sensors.
+    pub boot: Duration,
     /// Appends the arguments of the program, which starts in a directory of its own.
     pub arguments: fn(&Path, &mut Command),
     /// Parameters that are not its defaults, in its own form; the file `parameters` of its directory.
@@ -35,7 +38,7 @@ impl Firmware {
         path
     }
 
-    /// Starts the program at `path` in `directory`.
+    /// Starts the program at `path` in `directory`, and waits until it can be armed.
     pub fn start(&self, path: &Path, directory: &Path) -> FirmwareProcess {
         std::fs::create_dir_all(directory).unwrap();
         std::fs::write(directory.join("parameters"), self.parameters).unwrap();
@@ -48,7 +51,9 @@ impl Firmware {
         let log = std::fs::File::create(directory.join("log")).unwrap();
         command.current_dir(directory).stdin(Stdio::null());
         command.stdout(log.try_clone().unwrap()).stderr(log);
-        FirmwareProcess { child: command.spawn().unwrap(), network }
+        let process = FirmwareProcess { child: command.spawn().unwrap(), network };
+        std::thread::sleep(self.boot);
+        process
     }
 }
 
