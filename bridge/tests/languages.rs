@@ -246,11 +246,11 @@ fn every_language_starts_flies_and_stops() {
         let mut exchange = Exchange::new(peer);
         let name = exchange.peer.name();
         let (mut running, mut flown, mut stopped) = (false, 0, false);
-        for period in 0..720 {
+        for period in 0..840 {
             exchange.now = exchange.now + Span::from_nanos(16_666_667);
             let status = exchange.peer.status(running, false);
             exchange.bridge.receive_bytes(exchange.now, &status, &mut |_: Note| {});
-            exchange.command((200..400).contains(&period), 0);
+            exchange.command((200..520).contains(&period), 0);
             let unsent = exchange.bridge.turn(exchange.now, &mut |_: Note| {});
             assert!(unsent.is_none() || period == 0, "{name}: period {period}");
             while !exchange.bridge.outbox().is_empty() {
