@@ -28,6 +28,7 @@ pub struct VehicleMonitor {
     estimate: VehicleEstimate,
     refusal: VehicleRefusal,
     text: ShortText,
+    motors_run: bool,
     intervals: [Exchanges; INTERVALS],
     current: usize,
     current_began: Time,
@@ -44,6 +45,7 @@ impl VehicleMonitor {
             estimate: VehicleEstimate::UNKNOWN,
             refusal: VehicleRefusal::None,
             text: ShortText::EMPTY,
+            motors_run: false,
             intervals: [Exchanges::default(); INTERVALS],
             current: 0,
             current_began: Time::UNSET,
@@ -73,16 +75,16 @@ impl VehicleMonitor {
         match reply {
             VehicleReply::Answer => self.interval(now).answers += 1,
             VehicleReply::Battery(volts) => self.battery_v = volts,
-            VehicleReply::Motors(true) => {
-                (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY);
+            VehicleReply::Motors(run) => {
+                if run && !self.motors_run {
+                    (self.refusal, self.text) = (VehicleRefusal::None, ShortText::EMPTY);
+                }
+                self.motors_run = run;
             }
             VehicleReply::Estimate(estimate) => self.estimate = estimate,
             VehicleReply::Refused(refusal) => self.refusal = refusal,
             VehicleReply::Text(VehicleText { is_trouble: true, text }) => self.text = text,
-            VehicleReply::Motors(false)
-            | VehicleReply::Text(_)
-            | VehicleReply::Control(_)
-            | VehicleReply::Other => {}
+            VehicleReply::Text(_) | VehicleReply::Control(_) | VehicleReply::Other => {}
         }
     }
 
@@ -179,6 +181,9 @@ mod tests {
         vehicle.receive(at(5), VehicleReply::Motors(true));
         let state = vehicle.state(at(6));
         assert!(state.text.is_empty() && state.refusal == VehicleRefusal::None.code());
+        vehicle.receive(at(7), says(true, "Failsafe"));
+        vehicle.receive(at(8), VehicleReply::Motors(true));
+        assert_eq!(vehicle.state(at(8)).text.as_str(), "Failsafe", "told in flight");
     }
 
     #[test]

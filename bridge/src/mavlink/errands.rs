@@ -22,7 +22,7 @@ const HEARTBEATS_RARE: Span = Span::from_millis(400);
 /// Pause before the rates are asked for again.
 const RATES_AGAIN: Span = Span::from_millis(3000);
 /// Age of a heartbeat at which one is asked for by itself: PX4 refuses any other rate than one a second.
-const HEARTBEAT_AGE: Span = Span::from_millis(45);
+const HEARTBEAT_AGE: Span = Span::from_millis(60);
 const HEARTBEAT_MESSAGE: u32 = 0;
 const MESSAGE_INTERVAL: u16 = 511;
 /// Longest time between a request and its answer.

@@ -106,11 +106,10 @@ impl EmulatedAutopilot {
         self.is_armed
     }
 
-    /// Instant at which telemetry or a time-out is due.
+    /// Instant at which telemetry is due. Time-outs are looked at with every message and every sample of the plant.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        let timeout = self.follower.timeout_at().filter(|_| self.is_armed);
-        timeout.map_or(self.streams.next_event(), |at| at.min(self.streams.next_event()))
+        self.streams.next_event()
     }
 
     /// Executes a message that arrives at `now`, and appends what it answers.

@@ -66,13 +66,6 @@ impl SetpointFollower {
         self.newest.is_some_and(|(at, _)| now.since(at) <= age)
     }
 
-    /// Instant at which ArduCopter's time-out comes.
-    pub(super) fn timeout_at(&self) -> Option<Time> {
-        self.newest
-            .map(|(at, _)| at + GUIDED_TIMEOUT)
-            .filter(|_| self.kind == AutopilotKind::ArduPilot)
-    }
-
     /// Begins a flight at `now`: the vehicle does not know yet that it stands.
     pub(super) fn begin(&mut self, now: Time) {
         self.low_since = self.low_since.map(|_| now);
