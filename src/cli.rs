@@ -22,6 +22,7 @@ use crate::view::ViewArgs;
 use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
+use oqtal_lab::sweep::SweepArgs;
 use oqtal_lab::tune::TuneArgs;
 use oqtal_screen::MonitorArgs;
 
@@ -43,6 +44,8 @@ enum Command {
     Fly(Box<FlyArgs>),
     /// Compare the attitude laws over many simulated flights
     Campaign(CampaignArgs),
+    /// Fly laws over values of any keys of the configuration, and write a table
+    Sweep(SweepArgs),
     /// Reproduce the tables and figures of the paper, beside the printed values
     Reproduce(ReproduceArgs),
     /// Tune gains on simulated flights
@@ -104,6 +107,7 @@ impl Cli {
             Some(Command::Campaign(args)) => {
                 args.execute(&|directory| Ok(Box::new(BusFlightSeries::begin(directory)?)))
             }
+            Some(Command::Sweep(args)) => args.execute(),
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),
             Some(Command::Cameras(command)) => command.execute(),

@@ -26,6 +26,8 @@ use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
 
+use crate::provenance::PROVENANCE;
+
 use cameras::{MocapSource, PosePath};
 use directory::FlightDirectory;
 use paths::FlightPaths;
@@ -57,16 +59,27 @@ pub struct FlyArgs {
     /// link:LINK, real cameras, as in link:qtm:HOST,body=NAME
     #[arg(long, value_name = "SOURCE", value_parser = cameras::parse)]
     mocap: Option<MocapSource>,
-    /// Vehicle: simulated, sim[:hummingbird|:spacecraft][,fidelity=eq61|rotors]; simulated behind a bridge and its protocol,
-    /// bridge:asctec[,baud=N][,xbee=MODE] or bridge:mavlink[,autopilot=px4|ardupilot]; or at a link, link:asctec:PATH,
-    /// link:mavlink:udpin:HOST:PORT
+    /// Vehicle: simulated, sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]; simulated
+    /// behind a bridge and its protocol, bridge:asctec[,baud=N][,xbee=MODE], bridge:mavlink[,autopilot=px4|ardupilot] or bridge:crtp;
+    /// or at a link, link:LINK, as link:asctec:PATH, link:mavlink:udpin:HOST:PORT, link:crtp:radio:CHANNEL/RATE/ADDRESS
     #[arg(long, value_name = "VEHICLE", value_parser = vehicle::parse)]
     vehicle: Option<VehicleChoice>,
+    /// True motion of the vehicle at a link, where it is a firmware that runs as a program, for the emulated cameras:
+    /// crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or mavlink:udpin:HOST:PORT
+    #[arg(long, value_name = "SOURCE")]
+    truth: Option<String>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
     faults: Vec<Fault>,
+    /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
+    /// --plant rate-lag-ms=80; repeatable
+    #[arg(long = "plant", value_name = "KEY=VALUE")]
+    plant: Vec<String>,
     /// Directory of the results [default: flights/INSTANCE-N]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replace the files of a flight that the directory of --out holds
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Print the summary as JSON instead of a table
     #[arg(long)]
     json: bool,
@@ -120,7 +133,10 @@ impl FlyArgs {
         let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
-        let directory = FlightDirectory::create(self.out.as_deref(), &mission.config)?;
+        let directory = match self.force {
+            true => FlightDirectory::create_or_replace(self.out.as_deref(), &mission.config)?,
+            false => FlightDirectory::create(self.out.as_deref(), &mission.config)?,
+        };
         let interrupts = &Interrupts::listen()?;
         let bus_flight = BusFlight { mission: &mission, paths, directory: &directory, interrupts };
         let (flight, recording) = match mission.config.clock.kind {
@@ -134,12 +150,12 @@ impl FlyArgs {
     /// Prints the figures before it writes the files, so that a full disk does not take them away.
     fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
-        print(&if self.json { summary.to_json() } else { table::closing(&summary) })?;
+        print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
         directory.write(flight, &summary)?;
         if !self.json {
             print(&format!("report: {}", directory.report().display()))?;
         }
-        if let Some(shortfall) = flight.shortfall() {
+        if let Some(shortfall) = &summary.shortfall {
             say(&format!("oqtal: {shortfall}"));
             return Ok(Exit::Flight);
         }
@@ -154,6 +170,9 @@ impl FlyArgs {
     /// The flags as settings of the configuration.
     fn settings(&self) -> Result<Vec<Setting>, Failure> {
         let mut settings = self.common.settings()?;
+        for text in &self.plant {
+            settings.push(Setting::parse_in("plant", "--plant", text)?);
+        }
         let mut set = |flag: &str, key: &str, value: Option<toml::Value>| {
             if let Some(value) = value {
                 settings.push(Setting::flag(flag, key, value));
@@ -171,6 +190,13 @@ impl FlyArgs {
         }
         if let Some(vehicle) = &self.vehicle {
             vehicle.settings(&mut settings);
+        }
+        if let Some(truth) = &self.truth {
+            settings.push(Setting::flag(
+                "--truth",
+                "plant.truth",
+                toml::Value::from(truth.as_str()),
+            ));
         }
         Ok(settings)
     }

@@ -1,6 +1,6 @@
 //! The build of this program.
 
-use oqtal_observe::recording::Provenance;
+use oqtal_observe::provenance::Provenance;
 
 /// Version and revision of this build.
 pub const PROVENANCE: Provenance =

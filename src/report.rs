@@ -8,6 +8,7 @@ use oqtal_observe::{report, table};
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
+use crate::provenance::PROVENANCE;
 use crate::recordings;
 
 /// Arguments of `oqtal report`.
@@ -31,7 +32,7 @@ impl ReportArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let flight = recordings::read_flight(&self.file)?;
         let summary = Summary::of(&flight);
-        print(&if self.json { summary.to_json() } else { table::closing(&summary) })?;
+        print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
         let path = self.out.clone().unwrap_or_else(|| self.file.with_extension("html"));
         recordings::write(&path, report::html(&flight, &summary))?;
         if !self.json {

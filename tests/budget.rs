@@ -20,6 +20,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{POSE, TELEMETRY};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::{Config, Setting};
+use oqtal_control::controller::ControllerName;
 use oqtal_mocap_emu::Cameras;
 use oqtal_receiver::PoseReceiver;
 use rustix::process::Signal;
@@ -32,7 +33,7 @@ fn the_counter_counts() {
 
 #[test]
 fn no_turn_of_the_daemon_allocates_in_a_whole_flight_under_any_law() {
-    for law in ["pid", "lqr", "oqtal"] {
+    for law in ControllerName::NAMES {
         for resolve in ["on-cell-change", "every-tick"] {
             let mut taken = 0;
             let flown = flight::fly(law, resolve, |turn| taken += allocations(turn).0);

@@ -278,6 +278,7 @@ fn the_shipped_configuration_agrees_with_the_defaults_of_the_mathematics() {
 fn every_preset_is_what_its_name_gives() {
     for (key, name, file) in [
         ("vehicle.preset", "spacecraft", "spacecraft"),
+        ("vehicle.preset", "crazyflie-2.1", "crazyflie-2.1"),
         ("vehicle.preset", "ardupilot-quad", "ardupilot-quad"),
         ("vehicle.preset", "px4-quad", "px4-quad"),
         ("mocap.preset", "ideal", "mocap-ideal"),
@@ -350,7 +351,11 @@ fn every_flight_in_the_readme_flies() {
         command.env("OQTAL_ROOT", testbed.path("run"));
         if line.starts_with("oqtal fly") {
             // Virtual time unless the line names a clock.
-            command.env("OQTAL_CLOCK__KIND", "in-process").arg("--out").arg(testbed.path("out"));
+            command
+                .env("OQTAL_CLOCK__KIND", "in-process")
+                .arg("--out")
+                .arg(testbed.path("out"))
+                .arg("--force");
         }
         let output = command.output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout);

@@ -169,12 +169,15 @@ fn a_second_flight_leaves_the_first_alone() {
 #[test]
 fn f33_a_daemon_asked_to_end_leaves_the_vehicle_disarmed() {
     let testbed = Testbed::new("term");
-    let bus = testbed.bus();
+    let (flight, bus, daemon, _plant) = airborne(&testbed);
     let mut commands = bus.observer(&oqtal_bus::topic::COMMAND).unwrap();
-    let daemon = testbed.start(&["daemon", "run"]);
-    wait_for("commands", || commands.latest().unwrap());
-    daemon.signal(Signal::TERM);
-    assert!(daemon.wait().status.success());
+    let (_, flown) = wait_for("commands", || commands.latest().unwrap());
+    assert_ne!(flown.actuation, 0);
+    signal(daemon, Signal::TERM);
+    let output = flight.wait();
+    assert_eq!(output.status.code(), Some(1));
+    let message = stderr(&output);
+    assert!(message.contains("daemon ended with exit code 0"), "{message}");
     let (_, last) = commands.latest().unwrap().expect("a last command");
     assert_eq!(last.actuation, 0);
 }

@@ -218,6 +218,14 @@ fn f22_late_turns_act_on_the_newest_pose_and_are_not_made_up_for() {
 }
 
 #[test]
+fn f22_turns_that_are_later_still_are_told() {
+    let flown = fly(&HOVER, "--clock lockstep --fault daemon:slow=40ms@4+0.5");
+    flown.lands().by("loop late");
+    assert!(number(&flown.summary, "/deadline_misses") >= 3.0, "{}", flown.summary);
+    assert!(flown.passed("Degraded"), "{}", flown.summary);
+}
+
+#[test]
 fn f36_motors_that_never_start_end_the_flight() {
     let flown = fly(&BRIEF, "--vehicle bridge:asctec --fault radio:off@0");
     flown.is_stopped_for("vehicle silent");

@@ -41,7 +41,9 @@ fn integrate(
     disturbance: &Disturbance,
 ) -> State {
     let dynamics = Dynamics::new(&config.plant);
-    (0..350).fold(state(motion), |state, _| dynamics.step(&state, STEP_S, input, disturbance))
+    let mut state = state(motion);
+    (0..350).for_each(|_| dynamics.advance(&mut state, STEP_S, input, disturbance));
+    state
 }
 
 fn assert_same(predicted: &Motion, state: &State) {

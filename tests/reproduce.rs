@@ -178,7 +178,10 @@ fn a_page_a_document_and_the_rows_are_written() {
 #[test]
 fn in_a_small_campaign_prediction_pays_where_no_command_of_its_own_can_help() {
     let testbed = Testbed::new("campaign");
-    let table = printed(&testbed, &["campaign", "--runs", "4", "--best", "2", "--json"]);
+    let table = printed(
+        &testbed,
+        &["campaign", "--gains", "tuned", "--runs", "4", "--best", "2", "--json"],
+    );
     for row in rows(&table) {
         for key in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
             assert!(row[key]["mean"].is_number() && row[key]["sd"].is_number(), "{key}: {row:#}");
@@ -199,8 +202,7 @@ fn in_a_small_campaign_prediction_pays_where_no_command_of_its_own_can_help() {
 fn a_campaign_in_lockstep_comes_to_the_same_as_in_one_process() {
     let testbed = Testbed::new("campaign-clocks");
     let campaign = |clock: &str| {
-        let words =
-            ["campaign", "--controllers", "oqtal-dt", "--runs", "1", "--best", "1", "--json"];
+        let words = ["campaign", "--controllers", "oqtal-dt", "--runs", "1", "--json"];
         let output = oqtal(&testbed, &words)
             .args(["--clock", clock, "--out", clock])
             .env("OQTAL_INSTANCE__NAME", testbed.instance())
@@ -237,4 +239,58 @@ fn what_is_unknown_is_a_usage_error() {
         let output = oqtal(&testbed, &words).output().unwrap();
         assert_eq!(output.status.code(), Some(64), "{words:?}");
     }
+}
+
+#[test]
+fn a_campaign_flies_the_gains_and_the_vehicle_that_fly_flies() {
+    let testbed = Testbed::new("campaign-own");
+    let own = ["--plant", "rate-lag-ms=70", "--set", "vehicle.mass-kg=0.6"];
+    let flight = ["fly", "--clock", "in-process", "--seed", "300", "--trajectory", "circle"];
+    let flight = printed(&testbed, &[&flight[..], &["--json"], &own].concat());
+    let words = ["campaign", "--controllers", "oqtal", "--seeds", "300-301", "--trajectory"];
+    printed(&testbed, &[&words[..], &["circle", "--out", "own", "--json"], &own].concat());
+    let csv = std::fs::read_to_string(testbed.path("own/campaign.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!((rows.len(), &rows[0][..3]), (3, &["controller", "seed", "position_error_m"][..]));
+    let error: f64 = rows[1][2].parse().unwrap();
+    assert_eq!(rows[1][..2], ["oqtal", "300"]);
+    assert!((error - number(&flight["position_error_m"], "mean")).abs() < 1e-12, "{csv}");
+}
+
+#[test]
+fn laws_tuned_for_a_vehicle_are_compared_on_it() {
+    let testbed = Testbed::new("tune-own");
+    let own = ["--set", "vehicle.mass-kg=0.6"];
+    let tune = ["tune", "pid", "oqtal", "--budget", "8", "--seeds", "101-101", "--out", "gains"];
+    let output = oqtal(&testbed, &[&tune[..], &own].concat()).output().unwrap();
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    let words = ["campaign", "--gains", "gains", "--controllers", "pid,oqtal", "--runs", "1"];
+    let table = printed(&testbed, &[&words[..], &["--json"], &own].concat());
+    assert!(rows(&table).iter().all(|row| row["settings"] == "gains of gains"), "{table:#}");
+    let missing =
+        oqtal(&testbed, &["campaign", "--gains", "gains", "--runs", "1"]).output().unwrap();
+    assert_eq!(missing.status.code(), Some(78));
+    assert!(common::stderr(&missing).contains("oqtal tune lqr --out gains"));
+}
+
+#[test]
+fn a_sweep_prints_a_document_for_each_combination_and_law() {
+    let testbed = Testbed::new("sweep");
+    let words = ["sweep", "plant.rate-lag-ms=40:60:2", "plant.mass-kg=0.5,0.55", "--laws", "pid"];
+    let sweep = |more: &[&str]| {
+        oqtal(&testbed, &[&words[..], &["--seeds", "200"], more].concat()).output().unwrap()
+    };
+    let output = sweep(&["--json", "--out", "sweep.csv"]);
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let documents: Vec<Value> =
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(documents.len(), 4);
+    assert_eq!(documents[3]["plant.rate-lag-ms"], 60.0);
+    assert!(documents.iter().all(|row| row["landed"] == 1.0 && row["hover_rms_mm"].is_number()));
+    let csv = std::fs::read_to_string(testbed.path("sweep.csv")).unwrap();
+    assert!(csv.starts_with("plant.rate-lag-ms,plant.mass-kg,controller,landed,position_error_m"));
+    assert_eq!(csv.lines().count(), 5);
+    let table = String::from_utf8(sweep(&[]).stdout).unwrap();
+    assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
 }

@@ -1,5 +1,7 @@
 //! The background thread of the bridge: writes the log, closes a lost port and opens it again.
 
+use std::fmt::Debug;
+
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::background::BackgroundWorker;
 use oqtal_runtime::handoff::{BackgroundHandle, RtHandle};
@@ -26,7 +28,13 @@ pub struct PortKeeper {
     handle: BackgroundHandle<Note, OpenedLink, LostLink>,
     port: Box<dyn PortOptions>,
     search: Option<PortSearch>,
+    chore: Option<Box<dyn Chore>>,
 }
+
+/// Further work of the background thread.
+pub trait Chore: BackgroundWorker + Debug + Send {}
+
+impl<W: BackgroundWorker + Debug + Send> Chore for W {}
 
 impl PortKeeper {
     /// Worker that opens `port` again whenever it is lost.
@@ -35,13 +43,22 @@ impl PortKeeper {
         handle: BackgroundHandle<Note, OpenedLink, LostLink>,
         port: Box<dyn PortOptions>,
     ) -> Self {
-        Self { handle, port, search: None }
+        Self { handle, port, search: None, chore: None }
+    }
+
+    /// The worker, which also does `chore`.
+    #[must_use]
+    pub fn beside(self, chore: Option<Box<dyn Chore>>) -> Self {
+        Self { chore, ..self }
     }
 }
 
 impl BackgroundWorker for PortKeeper {
     fn poll(&mut self) {
         self.handle.notes().for_each(Note::log);
+        if let Some(chore) = &mut self.chore {
+            chore.poll();
+        }
         if let Ok(lost) = self.handle.replies().try_recv() {
             tracing::warn!("the port is lost: zero set-point first when it is back");
             drop(lost);

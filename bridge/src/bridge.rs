@@ -313,11 +313,11 @@ impl Bridge {
         }
     }
 
-    /// Begins the emergency stop if the motors may run because of this bridge, which is about to end; returns whether it does.
+    /// Begins the frame that stops motors which may run because of this bridge, which is about to end; returns whether it does.
     pub fn begin_final_emergency_stop(&mut self, now: Time) -> bool {
         let needed = self.is_open && self.has_emergency_stop && self.gate.may_run();
         if needed {
-            let frame = self.protocol.emergency_stop();
+            let frame = self.protocol.final_stop();
             self.begin(now, FrameKind::EmergencyStop, &frame);
         }
         needed

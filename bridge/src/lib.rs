@@ -8,6 +8,8 @@
 //! | `setpoint.rs`, `protocol.rs` | interface to a wire format | transport, safety |
 //! | `transport.rs`, `link.rs` | interface to what carries frames, and to the port | format, safety |
 //! | `asctec.rs` | wire format of the AscTec Hummingbird | transport, safety |
+//! | `crtp.rs` | protocol of the Crazyflie | transport, safety |
+//! | `radio.rs` | Crazyradio: schedule, USB, several bridges on one radio | format, safety |
 //! | `mavlink.rs` | protocol of PX4 and ArduPilot | transport, safety |
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
@@ -25,6 +27,7 @@
 mod asctec;
 mod background;
 mod bridge;
+mod crtp;
 mod line;
 mod link;
 mod mavlink;
@@ -35,6 +38,7 @@ mod options;
 mod outbox;
 mod poses;
 mod protocol;
+mod radio;
 mod safety;
 mod schedule;
 mod serial;
@@ -64,6 +68,7 @@ use oqtal_wire::link::{InvalidLink, LinkSpec};
 pub use asctec::Asctec;
 pub use background::{BridgeHandle, PortKeeper};
 pub use bridge::{Bridge, VehicleReport};
+pub use crtp::{Crtp, TableKeeper, TableStore};
 pub use line::LineOccupancy;
 pub use link::{PortOpenError, PortOptions, VehicleLink};
 pub use mavlink::{Mavlink, WantedParameter, WantedValue, wanted_parameters};
@@ -74,6 +79,10 @@ pub use poses::PoseRelay;
 pub use protocol::{
     FrameSizes, MAX_FRAME, PeriodicTimer, PeriodicWord, VehicleEstimate, VehicleFrame, VehiclePose,
     VehicleProtocol, VehicleReply, VehicleText,
+};
+pub use radio::{
+    MAX_AGE, RadioAck, RadioCounts, RadioDongle, RadioPortOptions, RadioSchedule, RadioWorker,
+    SharedVehicle, share_radio,
 };
 pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
 pub use schedule::{Schedule, spacing};
@@ -94,8 +103,22 @@ pub enum BridgeCommand {
     Run(BridgeArgs),
     /// Check the configuration the process would run with, and print it
     Check(BridgeArgs),
+    /// Share one Crazyradio among the bridges of several Crazyflies until SIGINT or SIGTERM
+    Radio(RadioArgs),
     /// Read the parameters of a vehicle that matter, say which are wrong and why, and set them when asked
     Setup(SetupArgs),
+}
+
+/// Arguments of `bridge radio`.
+#[derive(Args, Clone, Debug)]
+pub struct RadioArgs {
+    /// A vehicle, and the address for its bridge: CHANNEL/RATE/ADDRESS@IP:PORT, as 80/2M/E7E7E7E701@127.0.0.1:19851, for a bridge with
+    /// --link crtp:udp:127.0.0.1:19851. May be repeated
+    #[arg(long = "vehicle", value_name = "VEHICLE", required = true)]
+    vehicles: Vec<SharedVehicle>,
+    /// Most packets beside set-points for each vehicle \[1/s\]
+    #[arg(long, value_name = "N", default_value_t = 250)]
+    packets_per_s: u16,
 }
 
 /// Arguments of the setup.
@@ -115,7 +138,7 @@ pub struct SetupArgs {
 #[derive(Args, Clone, Debug)]
 pub struct BridgeArgs {
     /// Where the vehicle is: asctec:PATH[,baud=57600][,xbee=transparent|api1|api2], or mavlink:serial:PATH[,baud=921600],
-    /// mavlink:udpin:HOST:PORT, mavlink:udpout:HOST:PORT, mavlink:tcp:HOST:PORT, with [,autopilot=px4|ardupilot][,system=N]
+    /// mavlink:udpin:HOST:PORT, mavlink:udpout:HOST:PORT, mavlink:tcp:HOST:PORT, with [,autopilot=px4|ardupilot][,system=N], or crtp:radio:CHANNEL/RATE/ADDRESS, crtp:udp:HOST:PORT
     #[arg(long, value_name = "LINK")]
     link: Option<String>,
     #[command(flatten)]
@@ -129,6 +152,7 @@ impl BridgeCommand {
         let command = match self {
             Self::Run(args) => ProcessCommand::Run(args.common()),
             Self::Check(args) => ProcessCommand::Check(args.common()),
+            Self::Radio(args) => return args.execute(),
             Self::Setup(args) => {
                 return match args.execute() {
                     Ok(exit) => exit.into(),
@@ -137,6 +161,16 @@ impl BridgeCommand {
             }
         };
         execute(Role::Bridge, &command, run, check)
+    }
+}
+
+impl RadioArgs {
+    fn execute(self) -> std::process::ExitCode {
+        let packets_per_s = f64::from(self.packets_per_s.max(50));
+        match share_radio(&self.vehicles, packets_per_s) {
+            Ok(()) => std::process::ExitCode::SUCCESS,
+            Err(failure) => conclude("oqtal bridge radio", &failure),
+        }
     }
 }
 
@@ -177,7 +211,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);
-    let VehicleSetup { spec, protocol, transport, port } = setup;
+    let VehicleSetup { spec, protocol, transport, port, chore } = setup;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let ports = BridgePorts::open(&faulty, protocol.pose_period().is_some())?;
@@ -190,7 +224,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let (handle, background) = handoff();
     with_background(
         context,
-        || Ok(PortKeeper::new(background, port)),
+        || Ok(PortKeeper::new(background, port).beside(chore)),
         || {
             context.enter_realtime();
             let health = context.health.clone();

@@ -74,6 +74,28 @@ pub enum PortOpenError {
         /// Path of the port.
         path: String,
     },
+    /// No Crazyradio is plugged in.
+    #[error(
+        "no Crazyradio is plugged in; plug one in, or name another port in `bridge.link` or --link, as crtp:udp:HOST:PORT"
+    )]
+    NoCrazyradio,
+    /// The user may not open the Crazyradio.
+    #[error(
+        "no permission for the Crazyradio; copy deploy/udev/71-oqtal-crazyradio.rules to /etc/udev/rules.d, add the user to the \
+         group `plugdev`, log in again and plug the radio in again"
+    )]
+    CrazyradioPermission,
+    /// Another program uses the Crazyradio.
+    #[error(
+        "the Crazyradio is used by another program; stop that one first, or share the radio among bridges with `oqtal bridge radio`"
+    )]
+    CrazyradioBusy,
+    /// The firmware of the Crazyradio is too old.
+    #[error("the Crazyradio has firmware {}.{:x}; update it to 0.5 or later", version >> 8, (version >> 4) & 0xF)]
+    OldCrazyradio {
+        /// Version as USB states it, binary coded decimal \[-\].
+        version: u16,
+    },
     /// Another process has locked the port.
     #[error("{path} is used by another process, perhaps a second bridge; stop that one first")]
     Busy {
@@ -133,9 +155,15 @@ pub enum PortOpenError {
 impl From<PortOpenError> for Failure {
     fn from(error: PortOpenError) -> Self {
         let exit = match error {
-            PortOpenError::Permission { .. } => Exit::Permission,
-            PortOpenError::Busy { .. } | PortOpenError::AddressInUse { .. } => Exit::Peer,
+            PortOpenError::Permission { .. } | PortOpenError::CrazyradioPermission => {
+                Exit::Permission
+            }
+            PortOpenError::Busy { .. }
+            | PortOpenError::AddressInUse { .. }
+            | PortOpenError::CrazyradioBusy => Exit::Peer,
             PortOpenError::Missing { .. }
+            | PortOpenError::NoCrazyradio
+            | PortOpenError::OldCrazyradio { .. }
             | PortOpenError::NotATerminal { .. }
             | PortOpenError::NotLocal { .. }
             | PortOpenError::NobodyListens { .. }

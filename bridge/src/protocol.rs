@@ -178,6 +178,12 @@ pub trait VehicleProtocol: Debug + Send {
     /// Encodes the command that stops the motors at once.
     fn emergency_stop(&mut self) -> VehicleFrame;
 
+    /// Encodes what ends the set-points of a bridge that ends while motors may run, behind zero set-points: the emergency stop, unless
+    /// the vehicle has something milder.
+    fn final_stop(&mut self) -> VehicleFrame {
+        self.emergency_stop()
+    }
+
     /// Decodes bytes received at `now` and passes what every complete message says to `reply`. A stream may cut messages anywhere.
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply));
 

@@ -4,15 +4,18 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_wire::link::{AsctecLink, LinkSpec, PortSpec, SerialSpec};
+use oqtal_wire::link::{AsctecLink, CrtpLink, LinkSpec, PortSpec, SerialSpec};
 use oqtal_wire::xbee::{Address, Framing};
 
 use crate::asctec::Asctec;
+use crate::background::Chore;
+use crate::crtp::{Crtp, TableStore};
 use crate::line::LineOccupancy;
 use crate::link::PortOptions;
 use crate::mavlink::Mavlink;
 use crate::options;
 use crate::protocol::VehicleProtocol;
+use crate::radio::RadioPortOptions;
 use crate::serial::SerialPortOptions;
 use crate::tcp::TcpPortOptions;
 use crate::timing::word_spacing;
@@ -34,6 +37,8 @@ pub struct VehicleSetup {
     pub transport: Box<dyn VehicleTransport>,
     /// The port that carries the bytes.
     pub port: Box<dyn PortOptions>,
+    /// What the protocol leaves to the background thread.
+    pub chore: Option<Box<dyn Chore>>,
 }
 
 impl VehicleSetup {
@@ -57,15 +62,25 @@ impl VehicleSetup {
             Failure::new(Exit::Config, reason)
         })?;
         let peer = options::address(config).map_err(located)?;
+        let mut chore = None;
         let protocol: Box<dyn VehicleProtocol> = match &spec {
             LinkSpec::Asctec(_) => Box::new(Asctec::new(config).map_err(located)?),
             LinkSpec::Mavlink(link) => {
                 let unix_us = (Time::now() + Time::wall_offset()).nanos() / 1000;
                 Box::new(Mavlink::new(config, link, unix_us).map_err(located)?)
             }
+            LinkSpec::Crtp(link) => {
+                let radio_id = match link {
+                    CrtpLink::Radio(radio) => Some(radio.vehicle_id()),
+                    CrtpLink::Udp(_) => None,
+                };
+                let (tables, keeper) = TableStore::open(&config.bridge.crtp.table_cache);
+                chore = keeper.map(|keeper| Box::new(keeper) as Box<dyn Chore>);
+                Box::new(Crtp::new(config, tables, radio_id).map_err(located)?)
+            }
         };
         let port = port(&spec, config);
-        let setup = Self { protocol, transport: transport(&spec, peer), port, spec };
+        let setup = Self { protocol, transport: transport(&spec, peer), port, spec, chore };
         setup.check_room(config).map_err(located)?;
         Ok(setup)
     }
@@ -137,5 +152,9 @@ pub(crate) fn port(spec: &LinkSpec, config: &Config) -> Box<dyn PortOptions> {
         PortSpec::UdpIn(host) => Box::new(UdpPortOptions::In(host)),
         PortSpec::UdpOut(host) => Box::new(UdpPortOptions::Out(host)),
         PortSpec::Tcp(server) => Box::new(TcpPortOptions { server }),
+        PortSpec::Radio(vehicle) => Box::new(RadioPortOptions {
+            vehicle,
+            packets_per_s: config.bridge.crtp.radio_packets_per_s,
+        }),
     }
 }

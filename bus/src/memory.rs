@@ -46,13 +46,17 @@ impl<M> History<M> {
         self.discarded + self.samples.len() as u64
     }
 
-    /// Discards the samples that no reader can receive any more once another one is sent.
-    fn discard_read(&mut self) {
-        let sent = self.sent() + 1;
-        let oldest = self.cursors.iter().map(|cursor| cursor.oldest(sent)).min().unwrap_or(sent);
-        let count = oldest.saturating_sub(self.discarded).min(self.samples.len() as u64);
-        self.samples.drain(..count as usize);
-        self.discarded += count;
+    /// Adds a sample. Those that no reader can receive any more are discarded only where there is no room: seldom, and then many.
+    fn push(&mut self, header: Header, body: M) {
+        if self.samples.len() == self.samples.capacity() {
+            let sent = self.sent() + 1;
+            let oldest = self.cursors.iter().map(|cursor| cursor.oldest(sent)).min();
+            let read = oldest.unwrap_or(sent).saturating_sub(self.discarded);
+            let count = read.min(self.samples.len() as u64);
+            self.samples.drain(..count as usize);
+            self.discarded += count;
+        }
+        self.samples.push_back((header, body));
     }
 }
 
@@ -139,9 +143,7 @@ impl<M: Message> MemoryWriter<M> {
     /// Sends a sample under the header that it had when it was recorded.
     pub fn forward(&mut self, header: Header, body: M) {
         self.sequence = header.sequence;
-        let mut history = self.history.borrow_mut();
-        history.discard_read();
-        history.samples.push_back((header, body));
+        self.history.borrow_mut().push(header, body);
     }
 }
 
@@ -151,9 +153,7 @@ impl<M: Message> Publish<M> for MemoryWriter<M> {
         let sequence = self.sequence;
         let source = self.source;
         let header = Header { sequence, pose_sequence, schema: M::SCHEMA, source, stamps };
-        let mut history = self.history.borrow_mut();
-        history.discard_read();
-        history.samples.push_back((header, body));
+        self.history.borrow_mut().push(header, body);
         Ok(sequence)
     }
 

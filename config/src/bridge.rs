@@ -4,6 +4,7 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
 use crate::asctec::AsctecOptions;
+use crate::crtp::CrtpOptions;
 use crate::mavlink::MavlinkOptions;
 
 /// Command timeouts allowed \[control periods\]: below, no command arrives in time; above, the vehicle flies on too long.
@@ -13,8 +14,8 @@ const COMMAND_TIMEOUT_PERIODS: Rule = Rule::Between(1.5, 15.0);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct BridgeOptions {
-    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]` or `mavlink:PORT[,…]`; empty for none. Parsed
-    /// by the bridge.
+    /// Link to the vehicle, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`, `mavlink:PORT[,…]` or `crtp:PORT`; empty for
+    /// none. Parsed by the bridge.
     pub link: String,
     /// The vehicle's XBee, 4 or 16 hexadecimal digits; API modes only. Parsed by the bridge.
     pub xbee_address: String,
@@ -36,12 +37,15 @@ pub struct BridgeOptions {
     pub air_latency_ms: f64,
     /// `[bridge.asctec]`: what counts mean.
     pub asctec: AsctecOptions,
+    /// `[bridge.crtp]`: a Crazyflie.
+    pub crtp: CrtpOptions,
     /// `[bridge.mavlink]`.
     pub mavlink: MavlinkOptions,
 }
 
 impl BridgeOptions {
     pub(crate) fn check(&self) -> Result<(), OptionError> {
+        self.crtp.check().map_err(|error| error.within("bridge.crtp"))?;
         check_options([
             ("status-rate-hz", self.status_rate_hz, Rule::Positive),
             ("silence-ms", self.silence_ms, Rule::Positive),

@@ -1,12 +1,12 @@
 //! The effective configuration of all processes, made of its layers.
 
 use std::hash::Hasher;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use oqtal_control::ControlOptions;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::PositionOptions;
-use oqtal_control::trajectory::TrajectoryOptions;
+use oqtal_control::trajectory::{TrajectoryKind, TrajectoryOptions};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -15,6 +15,7 @@ use crate::error::ConfigError;
 use crate::fault::FaultOptions;
 use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
+use crate::layer::FILE_KEYS;
 use crate::mocap::MocapOptions;
 use crate::origin::Origins;
 use crate::plant::PlantOptions;
@@ -94,10 +95,27 @@ impl Config {
     /// A file that cannot be read or parsed, an unknown key, a value of the wrong type, or one that breaks a rule; with its
     /// origin.
     pub fn load(file: Option<&Path>, flags: &[Setting]) -> Result<Self, ConfigError> {
-        let mut settings = file.map_or(Ok(Vec::new()), layer::from_file)?;
-        settings.extend(layer::from_environment(std::env::vars_os()));
+        let mut settings = Self::layers(file)?;
         settings.extend_from_slice(flags);
         Self::from_settings(&settings)
+    }
+
+    /// The settings of `file`, each with its line.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no TOML.
+    pub fn file_settings(file: &Path) -> Result<Vec<Setting>, ConfigError> {
+        layer::from_file(file)
+    }
+
+    /// The settings of `file`, if any, under those of the environment.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no TOML; with its line.
+    pub fn layers(file: Option<&Path>) -> Result<Vec<Setting>, ConfigError> {
+        let mut settings = file.map_or(Ok(Vec::new()), Self::file_settings)?;
+        settings.extend(layer::from_environment(std::env::vars_os()));
+        Ok(settings)
     }
 
     /// The configuration of a file with the name `file` and this `text` under `flags`, whatever the environment says: that of a
@@ -150,6 +168,26 @@ impl Config {
         (self.safety.pose_rate_hz / self.control.rate_hz).round().max(1.0)
     }
 
+    /// The configuration with `place` for each path of a file that a flight reads: waypoints that are flown, a recording that is
+    /// played.
+    ///
+    /// # Errors
+    /// That of `place`.
+    pub fn with_files_at<E>(
+        mut self,
+        mut place: impl FnMut(&Path) -> Result<PathBuf, E>,
+    ) -> Result<Self, E> {
+        if self.trajectory.kind == TrajectoryKind::Waypoints
+            && let Some(file) = &mut self.trajectory.waypoints_file
+        {
+            *file = place(file)?;
+        }
+        if self.is_replay() {
+            self.mocap.replay = place(Path::new(&self.mocap.replay))?.display().to_string();
+        }
+        Ok(self)
+    }
+
     /// The rates of cameras and loop, in words.
     #[must_use]
     pub fn pace(&self) -> String {
@@ -168,12 +206,13 @@ impl Config {
     }
 
     /// Identifies the effective configuration. What says where and how it is flown does not count: the instance, the kind of
-    /// clock, the log, and the ends of wires.
+    /// clock, the log, the ends of wires, and the directories of files that are read.
     #[must_use]
     pub fn hash(&self) -> u64 {
         let mut flown =
             Table::try_from(self).expect("a configuration holds only what TOML can say");
         NOT_FLOWN.iter().for_each(|key| remove(&mut flown, key));
+        FILE_KEYS.iter().for_each(|key| keep_file_name(&mut flown, key));
         let mut hasher = fnv::FnvHasher::default();
         hasher.write(flown.to_string().as_bytes());
         hasher.finish()
@@ -189,6 +228,16 @@ fn remove(table: &mut Table, key: &str) {
                 remove(inner, rest);
             }
         }
+    }
+}
+
+/// Replaces the path at a dotted key, if there is one, by the name of its file.
+fn keep_file_name(table: &mut Table, key: &str) {
+    let Some((section, key)) = key.split_once('.') else { return };
+    let section = table.get_mut(section).and_then(Value::as_table_mut);
+    if let Some(Value::String(path)) = section.and_then(|section| section.get_mut(key)) {
+        let name = Path::new(path.as_str()).file_name().unwrap_or_default();
+        *path = name.to_string_lossy().into_owned();
     }
 }
 

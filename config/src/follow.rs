@@ -23,12 +23,13 @@ const AIRFRAME: [&str; 12] = [
 ];
 
 /// Further keys that may follow another: (key, key followed).
-const OTHERS: [(&str, &str); 7] = [
+const OTHERS: [(&str, &str); 8] = [
     ("control.predictive.filter.attitude-noise-deg", "mocap.attitude-noise-deg"),
     ("control.predictive.filter.position-noise-mm", "mocap.position-noise-mm"),
     ("plant.frame-rate-hz", "mocap.rate-hz"),
     ("plant.wire.xbee-address", "bridge.xbee-address"),
     ("plant.wire.asctec", "bridge.asctec"),
+    ("plant.wire.crtp.thrust-curve-n", "bridge.crtp.thrust-curve-n"),
     ("plant.wire.mavlink.thrust-table", "bridge.mavlink.thrust-table"),
     ("safety.pose-rate-hz", "mocap.rate-hz"),
 ];

@@ -1,8 +1,6 @@
 //! The layers of a configuration, files and the environment, as settings.
 
 use std::ffi::OsString;
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
@@ -10,13 +8,17 @@ use toml::{Spanned, Table, Value};
 
 use crate::error::ConfigError;
 use crate::setting::{Setting, word_or_toml};
+use crate::text::read_text;
 
 /// Variables that begin with `OQTAL_` and are no settings: where tests find recordings, an interpreter and packages with the
 /// libraries that tests compare with, and for how long.
 const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", "PEERS_SECONDS"];
 
-/// Length up to which a file is read \[bytes\]: a file without end, as a device, is refused.
-const LONGEST_FILE: u64 = 1 << 20;
+/// Keys that name a file to read.
+pub(crate) const FILE_KEYS: [&str; 2] = ["mocap.replay", "trajectory.waypoints-file"];
+
+/// Length up to which a file is read \[MiB\].
+const LONGEST_FILE_MIB: u64 = 1;
 
 /// The settings of the file at `path`.
 pub(crate) fn from_file(path: &Path) -> Result<Vec<Setting>, ConfigError> {
@@ -25,20 +27,9 @@ pub(crate) fn from_file(path: &Path) -> Result<Vec<Setting>, ConfigError> {
 
 /// The text of the file at `path`.
 fn read(path: &Path) -> Result<String, ConfigError> {
-    let name = path.display().to_string();
-    let failed = |reason: String| ConfigError { origin: name.clone(), reason };
-    let file = File::open(path).map_err(|error| failed(error.to_string()))?;
-    let mut bytes = Vec::new();
-    let read = file.take(LONGEST_FILE + 1).read_to_end(&mut bytes);
-    read.map_err(|error| failed(error.to_string()))?;
-    if bytes.len() as u64 > LONGEST_FILE {
-        return Err(failed("longer than 1 MiB: no configuration".to_owned()));
-    }
-    String::from_utf8(bytes).map_err(|error| {
-        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-        let line = 1 + valid.iter().filter(|byte| **byte == b'\n').count();
-        ConfigError { origin: format!("{name}:{line}"), reason: "not UTF-8".to_owned() }
-    })
+    let origin = || path.display().to_string();
+    read_text(path, LONGEST_FILE_MIB)
+        .map_err(|error| ConfigError { origin: origin(), reason: error.to_string() })
 }
 
 /// From the offset of a byte in `text`, that of the file `name`, to `FILE:LINE`.
@@ -52,13 +43,21 @@ fn located(at: &dyn Fn(usize) -> String, error: &toml::de::Error) -> ConfigError
     ConfigError { origin, reason: error.message().to_owned() }
 }
 
-/// The settings of a file with this name and text, each with its line.
+/// The settings of a file with this name and text, each with its line. Relative paths in it start at its directory, so that a flight's
+/// configuration finds the files beside it wherever it is.
 pub(crate) fn from_toml(file: &str, text: &str) -> Result<Vec<Setting>, ConfigError> {
     let at = place(file.to_owned(), text);
     let parsed = DeTable::parse(text).map_err(|error| located(&at, &error))?;
     let values: Table = text.parse().map_err(|error| located(&at, &error))?;
     let mut collector = Collector { at: &at, settings: Vec::new() };
     collector.collect(parsed.get_ref(), &values, "");
+    let directory = Path::new(file).parent().unwrap_or(Path::new(""));
+    let is_path = |setting: &&mut Setting| FILE_KEYS.contains(&setting.key.as_str());
+    for setting in collector.settings.iter_mut().filter(is_path) {
+        if let Some(path) = setting.value.as_str().filter(|path| !path.is_empty()) {
+            setting.value = directory.join(path).display().to_string().into();
+        }
+    }
     Ok(collector.settings)
 }
 

@@ -11,6 +11,7 @@
 //! | `place.rs` | the instance that is meant by a configuration with errors |
 //! | `follow.rs` | keys that follow those of another section |
 //! | `origin.rs`, `error.rs` | where a value was set, and the error that says so |
+//! | `text.rs` | files read as text |
 //! | `airframe.rs` | what `[vehicle]` and `[plant]` have in common |
 //! | the others | a section each |
 
@@ -19,6 +20,7 @@ mod asctec;
 mod bridge;
 mod check;
 mod config;
+mod crtp;
 mod error;
 mod fault;
 mod fence;
@@ -40,12 +42,14 @@ mod receiver;
 mod record;
 mod safety;
 mod setting;
+mod text;
 mod vehicle;
 
 pub use airframe::Interface;
 pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns};
 pub use bridge::BridgeOptions;
 pub use config::{Config, DEFAULTS};
+pub use crtp::{CrtpOptions, CrtpVehicleOptions};
 pub use error::ConfigError;
 pub use fault::{Fault, FaultKind, FaultOptions, FaultTarget, FaultUnit, Magnitude};
 pub use fence::FenceOptions;
@@ -55,11 +59,12 @@ pub use mocap::{CaptureStamp, MocapModel, MocapOptions};
 pub use mocap_cameras::{CameraOptions, MarkerOptions};
 pub use mocap_room::RoomOptions;
 pub use mocap_serve::ServeOptions;
-pub use plant::{BatteryOptions, Fidelity, PlantOptions, RotorOptions};
+pub use plant::{BatteryOptions, Fidelity, PlantOptions, RotorLayout, RotorOptions};
 pub use plant_wire::PlantWireOptions;
 pub use realtime::{RealtimeOptions, Scheduling};
 pub use receiver::{ReceiverOptions, StampSource, UpAxis};
 pub use record::{RecordOptions, RecordedFlights};
 pub use safety::SafetyOptions;
 pub use setting::Setting;
+pub use text::read_text;
 pub use vehicle::VehicleOptions;

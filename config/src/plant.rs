@@ -66,6 +66,10 @@ pub struct PlantOptions {
     /// Whether the simulated vehicle only provides the truth that cameras see, while another vehicle is behind the bridge: the
     /// plant then flies by the commands on the bus and does not publish `vehicle`.
     pub shadow: bool,
+    /// Source of the truth where the vehicle is a firmware that runs as a program,
+    /// `crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT]` or `mavlink:udpin:HOST:PORT`; empty for the simulated vehicle. Parsed by
+    /// plant-sim.
+    pub truth: String,
     /// `[plant.rotors]`.
     pub rotors: RotorOptions,
     /// `[plant.battery]`.
@@ -74,10 +78,22 @@ pub struct PlantOptions {
     pub wire: PlantWireOptions,
 }
 
-/// `[plant.rotors]`: four rotors in plus configuration, for `fidelity = "rotors"`.
+/// Where the rotors are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RotorLayout {
+    /// On body x and y: front, left, back, right.
+    Plus,
+    /// Between body x and y: front right, back right, back left, front left.
+    Cross,
+}
+
+/// `[plant.rotors]`: four rotors, for `fidelity = "rotors"` and for a firmware as a program.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RotorOptions {
+    /// Where the rotors are. The first and the third turn counter-clockwise, seen from above.
+    pub layout: RotorLayout,
     /// Centre of mass to rotor axis \[m\].
     pub arm_m: f64,
     /// Thrust per squared speed \[N/(rad/s)^2\].
@@ -88,6 +104,9 @@ pub struct RotorOptions {
     pub lag_ms: f64,
     /// Greatest speed at the nominal voltage \[rad/s\].
     pub max_speed_rad_s: f64,
+    /// Part of a rotor's thrust that grows with the square of the power that a firmware commands; the rest grows linearly
+    /// \[0..1\].
+    pub quadratic_thrust: f64,
 }
 
 /// `[plant.battery]`: an open-circuit voltage that falls linearly with the charge, and an internal resistance.
@@ -132,16 +151,30 @@ impl PlantOptions {
         self.rotors.check().map_err(|error| error.within("plant.rotors"))?;
         self.battery.check().map_err(|error| error.within("plant.battery"))?;
         self.wire.check().map_err(|error| error.within("plant.wire"))?;
-        if self.interface != Interface::Torque || self.wire.link.is_empty() {
-            return Ok(());
+        self.check_links()
+    }
+
+    /// A vehicle is commanded in one way, and by torque over the bus alone.
+    fn check_links(&self) -> Result<(), BrokenRule> {
+        if !self.truth.is_empty() && !self.wire.link.is_empty() {
+            let link = format!("`{}`", self.wire.link);
+            let allowed = "empty where plant.truth names a source of the truth";
+            let error = OptionError::new("plant.wire.link", link, allowed);
+            return Err(BrokenRule { error, others: &["plant.truth"] });
         }
-        let link = format!("`{}`", self.wire.link);
-        let allowed =
-            "empty for a vehicle that is commanded by torque (plant.interface = \"torque\")";
-        Err(BrokenRule {
-            error: OptionError::new("plant.wire.link", link, allowed),
-            others: &["plant.interface", "vehicle.interface", "vehicle.preset"],
-        })
+        let links = [("plant.wire.link", &self.wire.link), ("plant.truth", &self.truth)];
+        let torque = self.interface == Interface::Torque;
+        match links.into_iter().find(|(_, link)| torque && !link.is_empty()) {
+            None => Ok(()),
+            Some((key, link)) => Err(BrokenRule {
+                error: OptionError::new(
+                    key,
+                    format!("`{link}`"),
+                    "empty for a vehicle that is commanded by torque (plant.interface = \"torque\")",
+                ),
+                others: &["plant.interface", "vehicle.interface", "vehicle.preset"],
+            }),
+        }
     }
 
     fn airframe(&self) -> Airframe<'_> {
@@ -170,6 +203,7 @@ impl RotorOptions {
             ("torque-coefficient", self.torque_coefficient, Rule::Positive),
             ("lag-ms", self.lag_ms, A_STEP),
             ("max-speed-rad-s", self.max_speed_rad_s, Rule::Positive),
+            ("quadratic-thrust", self.quadratic_thrust, Rule::Between(0.0, 1.0)),
         ])
     }
 }

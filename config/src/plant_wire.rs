@@ -4,6 +4,7 @@ use oqtal_control::options::{OptionError, Rule, check_options};
 use serde::{Deserialize, Serialize};
 
 use crate::asctec::AsctecOptions;
+use crate::crtp::CrtpVehicleOptions;
 use crate::mavlink::PlantMavlinkOptions;
 
 /// `[plant.wire]`. With the defaults a command acts as long after its first byte as one that comes over the bus acts after it
@@ -12,7 +13,7 @@ use crate::mavlink::PlantMavlinkOptions;
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PlantWireOptions {
     /// Link, `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`: PATH becomes a symbolic link to a pseudo-terminal; or
-    /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
+    /// `mavlink:udpout:HOST:PORT`, `mavlink:udpin:HOST:PORT`, `crtp:udp:HOST:PORT`; empty for no wire, with commands off the bus. Parsed by plant-sim.
     pub link: String,
     /// From a byte's last bit to its arrival, each way \[ms\].
     pub latency_ms: f64,
@@ -32,12 +33,15 @@ pub struct PlantWireOptions {
     pub xbee_address: String,
     /// `[plant.wire.asctec]`: what counts mean to the emulated vehicle.
     pub asctec: AsctecOptions,
+    /// `[plant.wire.crtp]`: the emulated vehicle as a Crazyflie.
+    pub crtp: CrtpVehicleOptions,
     /// `[plant.wire.mavlink]`: the emulated autopilot.
     pub mavlink: PlantMavlinkOptions,
 }
 
 impl PlantWireOptions {
     pub(crate) fn check(&self) -> Result<(), OptionError> {
+        self.crtp.check().map_err(|error| error.within("crtp"))?;
         check_options([
             ("latency-ms", self.latency_ms, Rule::NotNegative),
             ("jitter-ms", self.jitter_ms, Rule::NotNegative),

@@ -17,12 +17,17 @@ struct Preset {
 }
 
 /// All presets. A further one is a row and a file.
-const PRESETS: [Preset; 8] = [
+const PRESETS: [Preset; 9] = [
     Preset { key: "vehicle.preset", name: "hummingbird", text: "" },
     Preset {
         key: "vehicle.preset",
         name: "spacecraft",
         text: include_str!("../../deploy/presets/spacecraft.toml"),
+    },
+    Preset {
+        key: "vehicle.preset",
+        name: "crazyflie-2.1",
+        text: include_str!("../../deploy/presets/crazyflie-2.1.toml"),
     },
     Preset {
         key: "vehicle.preset",

@@ -35,6 +35,15 @@ impl Setting {
         Ok(Self::flag(flag, key.trim(), word_or_toml(value.trim())))
     }
 
+    /// A setting of the section `section`, written as `KEY=VALUE` with the key as the section has it.
+    ///
+    /// # Errors
+    /// `text` has no `=`.
+    pub fn parse_in(section: &str, flag: &str, text: &str) -> Result<Self, ConfigError> {
+        let setting = Self::parse(flag, text)?;
+        Ok(Self { key: format!("{section}.{}", setting.key), ..setting })
+    }
+
     /// Writes the value into `table`, the sections on the way to it included.
     pub(crate) fn insert_into(&self, table: &mut Table) -> Result<(), ConfigError> {
         let (path, name) = self.key.rsplit_once('.').unwrap_or(("", &self.key));

@@ -38,6 +38,7 @@ impl Attitude {
     }
 
     /// The same attitude as a nalgebra rotation, body to world.
+    #[inline]
     #[must_use]
     pub fn from_unit_quaternion(body_to_world: UnitQuaternion<f64>) -> Self {
         Self(body_to_world)
@@ -56,6 +57,7 @@ impl Attitude {
     }
 
     /// `[q1 q2 q3 eta]`, scalar last, body to world \[-\].
+    #[inline]
     #[must_use]
     pub fn xyzw(&self) -> [f64; 4] {
         let q = self.0.quaternion();
@@ -70,18 +72,21 @@ impl Attitude {
     }
 
     /// The nalgebra quaternion, body to world.
+    #[inline]
     #[must_use]
     pub fn unit_quaternion(&self) -> &UnitQuaternion<f64> {
         &self.0
     }
 
     /// World components of a vector given in body components.
+    #[inline]
     #[must_use]
     pub fn to_world(&self, body: &Vector3<f64>) -> Vector3<f64> {
         self.0 * body
     }
 
     /// Body components of a vector given in world components.
+    #[inline]
     #[must_use]
     pub fn to_body(&self, world: &Vector3<f64>) -> Vector3<f64> {
         self.0.inverse_transform_vector(world)

@@ -93,6 +93,7 @@ impl Inertia {
 
 /// Time derivative of `[q1 q2 q3 eta]`, scalar last, of a body that turns at `omega = [p, q, r]`
 /// \[1/s\].
+#[inline]
 #[must_use]
 pub fn quaternion_rate(attitude: &Attitude, omega: BodyRate) -> Vector4<f64> {
     let [p, q, r] = omega.0.into();

@@ -84,6 +84,8 @@ impl LoopTiming {
 #[derive(Clone, Debug)]
 struct Memory {
     last_tick: Time,
+    /// The deadline of the last tick.
+    deadline: Time,
     /// The last tick on an accepted pose.
     last_seen: Option<Time>,
     /// The last such tick in Nominal.
@@ -112,6 +114,7 @@ impl Memory {
     fn starting_at(now: Time) -> Self {
         Self {
             last_tick: now,
+            deadline: now,
             last_seen: None,
             last_nominal: None,
             fresh: None,
@@ -240,16 +243,17 @@ impl Cycle {
     }
 
     /// Records that the command of the last tick was published, and returns the telemetry of that tick.
-    pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> TelemetryV1 {
+    pub fn report(&mut self, stamps: &Stamps, command_sequence: u64) -> &TelemetryV1 {
         let sent_s = seconds(stamps.command_published_at);
         self.guard.motion.sent(command_sequence, sent_s, &self.memory.sent);
         self.stack.active_mut().sent(command_sequence, sent_s, &self.memory.sent);
-        // A command about no pose is due when it is sent.
+        // A loop that turns late finds a recent pose: then the command is late by the deadline of its tick, not by its pose.
         let due = Some(stamps.pose_published_at).filter(|at| at.is_set());
-        self.health.sent(due.unwrap_or(stamps.command_published_at), stamps.command_published_at);
+        let due = due.map_or(self.memory.deadline, |at| at.min(self.memory.deadline));
+        self.health.sent(due, stamps.command_published_at);
         self.telemetry.deadline_misses = self.health.deadline_misses();
         self.telemetry.command_sequence = command_sequence;
-        self.telemetry
+        &self.telemetry
     }
 
     /// The telemetry of the last tick.
@@ -294,6 +298,7 @@ impl Cycle {
         self.change_mode(now, fresh.is_some());
         let step = ControlStep { now_s: seconds(now), dt_s: dt.seconds() };
         let command = self.command(now, step, fresh.is_some());
+        self.memory.deadline = self.memory.last_tick + period.scaled(DEADLINE_PERIODS);
         self.memory.last_tick = now;
 
         let woken_for = arrival.map_or(deadline, |header| header.stamps.pose_published_at);

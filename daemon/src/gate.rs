@@ -148,21 +148,26 @@ impl MotionGate {
     pub fn judge(&mut self, t_s: f64, pose: &MeasuredPose) -> Result<(), Cause> {
         self.noise.take(pose);
         let Some(mut expected) = self.predict(t_s) else { return Ok(()) };
+        let mut stranger = Stranger::of(&expected, pose);
         let mut without = self.doubt.map(|doubt| doubt.without(t_s, &self.surroundings()));
-        if let Some(returned) = without.filter(|track| returns(track, &expected, pose)) {
+        if let Some(returned) = without.filter(|track| returns(track, &stranger, pose)) {
             // The doubted pose was an outlier: the motion is that without it.
             (expected, self.doubt, without) = (returned, None, None);
+            stranger = Stranger::of(&expected, pose);
         }
-        if !self.lies_on(&expected, pose, self.sigma) {
-            let right = without.filter(|track| self.lies_on(track, pose, DOUBT_SIGMA));
-            expected = right.ok_or_else(|| self.refuse(&expected, pose))?;
+        if !self.lies_on((&expected, &stranger), self.sigma) {
+            let agrees =
+                |track: &Track| self.lies_on((track, &Stranger::of(track, pose)), DOUBT_SIGMA);
+            expected = without.filter(agrees).ok_or_else(|| self.refuse(stranger))?;
+            stranger = Stranger::of(&expected, pose);
         }
         if self.is_frozen(t_s) {
             return Err(Cause::Frozen);
         }
-        self.settle_doubt(&expected, without, pose)?;
+        self.settle_doubt((&expected, &stranger), without, pose)?;
         self.refused = None;
-        (self.track, self.seen_s) = (Some(expected.corrected(pose, self.floor_m)), t_s);
+        self.track = Some(expected.corrected(&stranger.0, self.floor_m));
+        self.seen_s = t_s;
         let is_over = self.changed.is_none_or(|changed| t_s - changed.t_s > LONGEST_PREDICTION_S);
         if self.noise.repeats() == 0 || is_over || self.may_stand(&expected) {
             self.changed = self.track;
@@ -170,10 +175,11 @@ impl MotionGate {
         Ok(())
     }
 
-    /// Judges the doubt about the last poses by `pose`, or begins one; `without` is the motion without them.
+    /// Judges the doubt about the last poses by `pose`, which is `stranger` relative to `expected`, or begins one; `without` is the
+    /// motion without them.
     fn settle_doubt(
         &mut self,
-        expected: &Track,
+        (expected, stranger): (&Track, &Stranger),
         without: Option<Track>,
         pose: &MeasuredPose,
     ) -> Result<(), Cause> {
@@ -187,29 +193,27 @@ impl MotionGate {
                 return Err(Cause::Relabel);
             }
             Some(DoubtVerdict::Settled) | None => {
-                self.doubt = Doubt::about(expected, pose, expected.t_s - self.seen_s);
+                self.doubt = Doubt::about(expected, *stranger, expected.t_s - self.seen_s);
             }
         }
         Ok(())
     }
 
-    /// Whether `pose` agrees with the motion `expected`, and not with the poses refused before it: what was refused is not
+    /// Whether a pose that is `stranger` relative to `expected` agrees with that motion, and not with the poses refused before it: what was refused is not
     /// believed because the uncertainty has grown since. Poses of another body are refused until one is where the vehicle is.
-    fn lies_on(&self, expected: &Track, pose: &MeasuredPose, sigma: f64) -> bool {
-        let stranger = Stranger::of(expected, pose);
+    fn lies_on(&self, (expected, stranger): (&Track, &Stranger), sigma: f64) -> bool {
         let is_refused = self.refused.is_some_and(|refused| match refused.poses {
             RELABEL_POSES.. => stranger.is_off(),
-            _ => refused.stranger.agrees(&stranger),
+            _ => refused.stranger.agrees(stranger),
         });
         // A comparison with NaN is false.
-        expected.innovation(pose).sigma() <= sigma
+        expected.innovation(&stranger.0).sigma() <= sigma
             && stranger.turn_rad() <= MOST_TURNED_RAD
             && !is_refused
     }
 
     /// Records a refused pose, and returns why.
-    fn refuse(&mut self, expected: &Track, pose: &MeasuredPose) -> Cause {
-        let stranger = Stranger::of(expected, pose);
+    fn refuse(&mut self, stranger: Stranger) -> Cause {
         let poses = match self.refused {
             Some(refused) if refused.poses >= RELABEL_POSES => RELABEL_POSES,
             Some(refused) if refused.stranger.agrees(&stranger) => refused.poses + 1,
@@ -250,8 +254,8 @@ impl MotionGate {
     }
 }
 
-/// Whether `pose` is where the motion `without` a doubted pose is, and further from the motion `with` it.
-fn returns(without: &Track, with: &Track, pose: &MeasuredPose) -> bool {
-    let (off, off_with) = (Stranger::of(without, pose), Stranger::of(with, pose));
-    !off.is_off() && off.distance_m() < off_with.distance_m()
+/// Whether `pose` is where the motion `without` a doubted pose is, and nearer to it than it is, as `stranger`, to the motion with it.
+fn returns(without: &Track, stranger: &Stranger, pose: &MeasuredPose) -> bool {
+    let off = Stranger::of(without, pose);
+    !off.is_off() && off.distance_m() < stranger.distance_m()
 }

@@ -63,12 +63,13 @@ impl LoopHealth {
         self.age = used.unwrap_or(self.age);
     }
 
-    /// Records the command that was sent at `sent_at` about the pose that was published at `due`.
+    /// Records the command that was sent at `sent_at`, and was due at `due`: when its pose was published, at the deadline of its
+    /// tick at the latest.
     pub fn sent(&mut self, due: Time, sent_at: Time) {
         self.overruns.turn_ended(due, sent_at);
     }
 
-    /// Number of commands sent more than a period after their pose \[-\].
+    /// Number of commands sent more than a period after they were due \[-\].
     #[must_use]
     pub fn deadline_misses(&self) -> u64 {
         self.overruns.late_turns()

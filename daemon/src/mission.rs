@@ -91,6 +91,15 @@ impl ActiveMission {
         }
     }
 
+    /// Time from the start at which the landing is planned \[s\]; infinite where nothing is flown.
+    #[must_use]
+    pub fn planned_landing_s(&self) -> f64 {
+        match &self.path {
+            FlightPath::Plan(plan, _) => plan.planned_landing_s(),
+            FlightPath::Observe(_) => f64::INFINITY,
+        }
+    }
+
     /// The reference at `now`.
     #[must_use]
     pub fn reference(&self, now: Time) -> Reference {

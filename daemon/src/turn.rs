@@ -150,14 +150,17 @@ impl<T: Transport> Turn for DaemonTurn<T> {
                 ports.stop.confirm();
             }
             let telemetry = cycle.report(&stamps, sequence);
-            ports.telemetry.send(tick.pose_sequence, stamps, telemetry)?;
+            ports.telemetry.send(tick.pose_sequence, stamps, *telemetry)?;
             input.command_sequence = sequence;
-            handle.publish_status(Condition::of(&telemetry, cycle.at_start()));
+            handle.publish_status(Condition::of(cycle.telemetry(), cycle.at_start()));
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
         }
         if let Some(arrival) = &arrival {
             warmup.expect(now, arrival);
+        }
+        if let Some(heard) = &heard {
+            warmup.hear(heard);
         }
         if intake::is_worth_recording(&input) {
             ports.publish_copies(arrival.as_ref(), heard.as_ref(), &mut input)?;

@@ -3,18 +3,19 @@
 
 use std::hint::black_box;
 
-use oqtal_bus::message::{Header, PoseV1, Stamps};
+use oqtal_bus::message::{Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
 use crate::cycle::Cycle;
 
-/// Schedule of the warm-up, and the pose that it uses. Without a lead there is no warm-up.
+/// Schedule of the warm-up, and the messages that it uses. Without a lead there is no warm-up.
 #[derive(Clone, Debug)]
 pub struct CacheWarmup {
     lead: Option<Span>,
     period: Span,
     last: Option<(Header, PoseV1)>,
+    heard: Option<(Header, VehicleV1)>,
     due: Option<Time>,
 }
 
@@ -22,7 +23,7 @@ impl CacheWarmup {
     /// No warm-up, as in virtual time, in which computation takes no time.
     #[must_use]
     pub fn never() -> Self {
-        Self { lead: None, period: Span::ZERO, last: None, due: None }
+        Self { lead: None, period: Span::ZERO, last: None, heard: None, due: None }
     }
 
     /// The warm-up that `config` sets by `realtime.warmup-us`.
@@ -38,6 +39,13 @@ impl CacheWarmup {
         if let Some(lead) = self.lead {
             self.last = Some(*arrival);
             self.due = Some(now + self.period - lead);
+        }
+    }
+
+    /// Takes the state of the vehicle, which a tick usually comes with.
+    pub fn hear(&mut self, vehicle: &(Header, VehicleV1)) {
+        if self.lead.is_some() {
+            self.heard = Some(*vehicle);
         }
     }
 
@@ -69,8 +77,11 @@ impl CacheWarmup {
             ..header
         };
         let mut copy = cycle.clone();
+        if let Some((header, vehicle)) = &self.heard {
+            copy.hear(due + lead, header, vehicle);
+        }
         let tick = copy.step(due + lead, Some(&(header, pose)));
-        black_box(tick.map(|tick| copy.report(&tick.stamps, 0)));
+        black_box(tick.map(|tick| *copy.report(&tick.stamps, 0)));
         true
     }
 }

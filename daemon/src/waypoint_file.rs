@@ -1,12 +1,11 @@
 //! The trajectory of a configuration, with its waypoint file read.
 
-use oqtal_config::Config;
+use oqtal_config::{Config, read_text};
 use oqtal_control::trajectory::{Trajectory, TrajectoryKind, Waypoints};
-use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
-/// Length up to which a file is read \[bytes\].
-const LONGEST_FILE: u64 = 1 << 24;
+/// Length up to which a file is read \[MiB\].
+const LONGEST_FILE_MIB: u64 = 16;
 
 /// The trajectory of `config`.
 ///
@@ -18,7 +17,7 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
     let waypoints = match (&options.waypoints_file, options.kind) {
         (Some(file), TrajectoryKind::Waypoints) => {
             let name = file.display();
-            let text = files::read_text(file, LONGEST_FILE)
+            let text = read_text(file, LONGEST_FILE_MIB)
                 .map_err(|error| data(format!("{name}: {error}")))?;
             let parsed = Waypoints::parse(&text);
             Some(

@@ -258,6 +258,26 @@ fn f22_three_late_ticks_in_a_row_are_told() {
     assert_eq!((0..70).map(|_| tick(0).0).last(), Some(SafetyState::Nominal));
 }
 
+/// The turns themselves are late: each finds a pose that was published just now.
+#[test]
+fn f22_late_turns_on_recent_poses_are_told() {
+    let mut bench = Bench::flying(&[]);
+    let mut tick = |late: i64| {
+        bench.now = bench.now + Span::from_millis(late);
+        bench.show(still(bench.frame));
+        (bench.state().unwrap(), bench.cycle.telemetry().deadline_misses)
+    };
+    // Two and a half periods after the last tick are a period after the deadline.
+    for tick_of in 0..9 {
+        assert_eq!(tick(24), (SafetyState::Nominal, 0), "{tick_of}");
+    }
+    for missed in 1..=3 {
+        assert_eq!(tick(26), (SafetyState::Nominal, missed));
+    }
+    assert_eq!(tick(0), (SafetyState::Degraded, 3));
+    assert_eq!(bench.cycle.telemetry().cause, Cause::Overrun.code());
+}
+
 #[test]
 fn f31_another_configuration_is_told_in_flight_and_keeps_on_the_ground() {
     let mut flight = Flight::hovering(&[]);

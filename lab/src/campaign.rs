@@ -1,28 +1,34 @@
 //! `oqtal campaign`: comparison of the attitude laws over many runs.
 
 pub mod flights;
+pub mod gains;
 pub mod interval;
 pub mod metric;
 pub mod statistics;
 pub mod table;
 
 use std::fs;
-use std::path::PathBuf;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::{ClockKind, Setting};
 use oqtal_runtime::process::{Exit, Failure};
-use oqtal_runtime::program::say;
+use oqtal_runtime::program::{print, say};
 
+use crate::csv_text::{self, CsvText};
 use crate::mission::Mission;
 use crate::progress::Progress;
 use crate::sheet::{Sheet, Variant};
+use crate::study::{StudyArgs, parse_seeds};
 use crate::tune::space;
 use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::name_of;
 
-use flights::Test;
+use flights::{Contender, Test};
+use gains::GainSource;
+use metric::METRIC;
 use statistics::{EVALUATION_SEEDS, Runs};
 use table::{Entrant, Flown, Scope};
 
@@ -41,72 +47,99 @@ pub type BeginSeries = dyn Fn(Option<PathBuf>) -> Result<Box<dyn FlightSeries>, 
 /// Arguments of `oqtal campaign`.
 #[derive(Args, Debug)]
 pub struct CampaignArgs {
-    /// Laws to compare, with their tuned gains
+    /// Laws to compare
     #[arg(long, value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
     controllers: Vec<String>,
-    /// Runs of each law, one for each seed from 200 on
-    #[arg(long, value_name = "N", default_value_t = 25, value_parser = clap::value_parser!(u64).range(1..))]
-    runs: u64,
-    /// Number of runs, those with the smallest position error, whose figures are averaged
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..))]
-    best: u64,
+    /// Gains of the laws: `configured`, those with which `oqtal fly` flies; `tuned`, deploy/tuned, found for the shipped vehicle; or
+    /// a directory with a file LAW.toml for each law, as written by `oqtal tune`
+    #[arg(long, value_name = "SOURCE", default_value = "configured")]
+    gains: GainSource,
+    /// Runs of each law, one for each seed from 200 on [default: 25]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    runs: Option<u64>,
+    /// Seeds of the runs in place of --runs, as in 300-330 (both included)
+    #[arg(long, value_name = "FIRST-LAST", value_parser = parse_seeds, conflicts_with = "runs")]
+    seeds: Option<Range<u64>>,
+    /// Average only the N runs with the smallest position error, as the paper does [default: all runs]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    best: Option<u64>,
     /// Clock of the flights: in-process flies them in parallel, the others one after another through processes
     #[arg(long, value_enum, default_value = "in-process")]
     clock: ClockKind,
     /// Print JSON instead of a table
     #[arg(long)]
     json: bool,
-    /// Directory of campaign.json and of the logs of flights through processes [default: none]
+    /// Directory of campaign.json, campaign.csv (one row for each run) and the files of flights through processes [default: none]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    study: StudyArgs,
 }
 
 impl CampaignArgs {
     /// Flies all runs and prints the comparison.
     ///
     /// # Errors
-    /// The directory cannot be written, a setting in the environment is invalid, or a flight could not be flown.
+    /// The directory cannot be written, a setting is invalid, or a flight could not be flown.
     pub fn execute(&self, begin: &BeginSeries) -> Result<Exit, Failure> {
-        let sheet = self.fly(begin)?;
-        let json = format!("{:#}\n", sheet.to_json());
+        let flown = self.fly(begin)?;
+        let sheet = self.sheet(&flown);
+        let (json, text) = (format!("{:#}\n", sheet.to_json()), sheet.to_text());
         if let Some(directory) = &self.out {
-            let file = directory.join("campaign.json");
-            fs::create_dir_all(directory).and_then(|()| fs::write(&file, &json)).map_err(|e| {
-                let name = file.display();
-                Failure::new(Exit::System, format!("{name}: {e}; give another --out"))
-            })?;
+            let runs = runs_csv(&flown, self.seeds())?;
+            write(directory, "campaign.json", &json)?;
+            write(directory, "campaign.csv", &runs)?;
         }
-        if self.json {
-            print!("{json}")
-        } else {
-            println!("{}", sheet.to_text())
-        }
+        print(if self.json { json.trim_end() } else { &text })?;
         Ok(Exit::Ok)
     }
 
-    fn fly(&self, begin: &BeginSeries) -> Result<Sheet, Failure> {
-        let chosen = |entrant: &Entrant| {
-            entrant.variant == Variant::Ours
-                && self.controllers.iter().any(|name| name == entrant.contender.controller)
+    fn seeds(&self) -> Range<u64> {
+        let runs = self.runs.unwrap_or(EVALUATION_SEEDS.end - EVALUATION_SEEDS.start);
+        let from_first = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + runs;
+        self.seeds.clone().unwrap_or(from_first)
+    }
+
+    fn sheet(&self, flown: &[Flown]) -> Sheet {
+        let Range { start, end } = self.seeds();
+        let runs = end - start;
+        let best = self.best.filter(|best| *best < runs);
+        let averaged = match best {
+            Some(best) => format!("position, velocity and attitude over the best {best}"),
+            None => "means ± standard deviations over all".to_owned(),
         };
-        let entrants: Vec<Entrant> = table::entrants().into_iter().filter(chosen).collect();
-        let flown = match self.clock {
+        Sheet {
+            name: "campaign".to_owned(),
+            title: format!("{runs} runs of each law, seeds {start} to {}: {averaged}", end - 1),
+            columns: table::COLUMNS.to_vec(),
+            rows: table::rows(flown, best.unwrap_or(runs) as usize),
+            ..Sheet::default()
+        }
+    }
+
+    fn entrants(&self) -> Result<Vec<Entrant>, Failure> {
+        let common = self.study.settings()?;
+        let chosen = space::LAW_NAMES.into_iter();
+        let chosen = chosen.filter(|law| self.controllers.iter().any(|name| name == law));
+        let entrant = |controller| {
+            let (settings, remark) = self.gains.of(controller, &common)?;
+            let contender = Contender { controller, settings };
+            Ok(Entrant { contender, variant: Variant::Ours, settings: remark })
+        };
+        chosen.map(entrant).collect()
+    }
+
+    fn fly(&self, begin: &BeginSeries) -> Result<Vec<Flown>, Failure> {
+        let entrants = self.entrants()?;
+        match self.clock {
             ClockKind::InProcess => {
-                let scope = Scope { runs: self.runs, raises_weights: false };
-                table::fly(&entrants, &flights::NOMINAL, &scope, &Progress::default())?
+                let scope = Scope { seeds: self.seeds(), raises_weights: false };
+                table::fly(&entrants, &flights::NOMINAL, &scope, &Progress::default())
             }
             ClockKind::Real | ClockKind::Lockstep => {
-                self.fly_in_turn(entrants, &*begin(self.out.clone())?)?
+                self.fly_in_turn(entrants, &*begin(self.out.clone())?)
             }
-        };
-        let rows = table::rows(&flown, self.best as usize);
-        Ok(Sheet {
-            name: "campaign".to_owned(),
-            title: format!("{} runs of each law, the best {} averaged", self.runs, self.best),
-            columns: table::COLUMNS.to_vec(),
-            rows,
-            ..Sheet::default()
-        })
+        }
     }
 
     /// Flies through processes, one flight after another.
@@ -115,7 +148,8 @@ impl CampaignArgs {
         entrants: Vec<Entrant>,
         series: &dyn FlightSeries,
     ) -> Result<Vec<Flown>, Failure> {
-        let total = entrants.len() as u64 * self.runs * Test::ALL.len() as u64;
+        let seeds = self.seeds();
+        let total = entrants.len() as u64 * (seeds.end - seeds.start) * Test::ALL.len() as u64;
         let mut number = 0;
         let mut fly_mission = |mission: &Mission| {
             number += 1;
@@ -128,11 +162,31 @@ impl CampaignArgs {
         let fly = |mut entrant: Entrant| {
             let clock = Setting::flag("--clock", "clock.kind", self.clock.name());
             entrant.contender.settings.push(clock);
-            let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + self.runs;
+            let contender = &entrant.contender;
             let runs =
-                Runs::fly_in_turn(&entrant.contender, &flights::NOMINAL, seeds, &mut fly_mission)?;
+                Runs::fly_in_turn(contender, &flights::NOMINAL, seeds.clone(), &mut fly_mission)?;
             Ok(Flown::new(entrant, runs))
         };
         entrants.into_iter().map(fly).collect()
     }
+}
+
+/// Every run as a row: law, seed, and the metrics by their names; empty where a flight did not land.
+fn runs_csv(flown: &[Flown], seeds: Range<u64>) -> Result<String, Failure> {
+    let mut rows = CsvText::new(["controller", "seed"].into_iter().chain(METRIC.map(|m| m.key)))?;
+    for law in flown {
+        for (seed, figures) in seeds.clone().zip(&law.runs.figures) {
+            let named = [law.name().to_owned(), seed.to_string()];
+            rows.row(named.into_iter().chain(figures.map(csv_text::number)))?;
+        }
+    }
+    rows.finish()
+}
+
+fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    let file = directory.join(name);
+    fs::create_dir_all(directory).and_then(|()| fs::write(&file, text)).map_err(|error| {
+        let name = file.display();
+        Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
+    })
 }

@@ -3,10 +3,14 @@
 
 pub mod cameras;
 pub mod campaign;
+pub mod csv_text;
 pub mod mission;
 pub mod progress;
 pub mod replay;
 pub mod reproduce;
 pub mod sheet;
 pub mod simulation;
+pub mod study;
+pub mod sweep;
+pub mod text_table;
 pub mod tune;

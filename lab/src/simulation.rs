@@ -81,11 +81,13 @@ impl<'a> Simulation<'a> {
         };
         // Open before the daemon, which records its start.
         let observer = BusObserver::open(bus.as_ref(), &topics)?;
+        // A tick of the daemon has its own sample of the truth, unless a fault keeps its command from the plant.
+        let every_millisecond = recording.is_some() || !config.fault.inject.is_empty();
         Ok(Self {
             mission,
             faults: TurnFaults::open(bus.as_ref(), config)?,
             kills: Vec::new(),
-            processes: Processes::open(mission, &bus, start)?,
+            processes: Processes::open(mission, &bus, start, every_millisecond)?,
             virtual_clock: VirtualClock::new(start, roles(config)),
             observer,
             recorder: Recorder::new(config),

@@ -5,69 +5,125 @@ pub mod gains;
 pub mod optimiser;
 pub mod outer;
 pub mod search;
-pub mod shipped;
 pub mod space;
+pub mod value;
 
 use std::fs;
-use std::path::PathBuf;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
 
 use crate::progress::Progress;
+use crate::study::{StudyArgs, parse_seeds};
 
 use optimiser::Optimiser;
-use search::{Budget, Tuned};
+use search::{Budget, Ground, Tuned};
 
 /// Arguments of `oqtal tune`.
 #[derive(Args, Debug)]
 pub struct TuneArgs {
-    /// Attitude law, tuned with the position loops around it; or `outer`, the position loops alone, one after the other
-    #[arg(value_parser = PossibleValuesParser::new(space::NAMES))]
-    what: String,
-    /// Number of points to evaluate
-    #[arg(long, value_name = "N", default_value_t = Budget::default().points)]
+    /// Attitude laws, each tuned with the position loops around it; `all`, every law; or `outer`, the position loops alone, one
+    /// after the other
+    #[arg(required = true, value_parser = PossibleValuesParser::new(space::NAMES))]
+    what: Vec<String>,
+    /// Number of points to evaluate for each law
+    #[arg(long, value_name = "N", default_value_t = Budget::default().points, value_parser = parse_points)]
     budget: usize,
-    /// Seed of the optimiser; the seeds of the flights are fixed
+    /// Seed of the optimiser
     #[arg(long, value_name = "N", default_value_t = Budget::default().seed)]
     seed: u64,
+    /// Seeds of the flights (both included)
+    #[arg(long, value_name = "FIRST-LAST", value_parser = parse_seeds, default_value = "101-106")]
+    seeds: Range<u64>,
     /// Optimiser
     #[arg(long, value_enum, default_value_t)]
     optimiser: Optimiser,
-    /// File of the tuned configuration
-    #[arg(long, value_name = "FILE", default_value = "tuned.toml")]
-    out: PathBuf,
+    /// File of the tuned configuration; with several laws, or if it is one, the directory of files LAW.toml [default: tuned.toml, or tuned]
+    #[arg(long, value_name = "PATH")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    study: StudyArgs,
 }
 
 impl TuneArgs {
-    /// Tunes, and writes a configuration with the tuned gains.
+    /// Tunes, and writes a configuration with the tuned gains for each law.
     ///
     /// # Errors
-    /// The file cannot be written, or a setting in the environment is invalid.
+    /// A file cannot be written, or a setting is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let budget = Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser };
-        let tuned = tune(&self.what, budget, &Progress::default())?;
-        fs::write(&self.out, tuned.to_toml()).map_err(|error| {
-            let name = self.out.display();
-            Failure::new(Exit::System, format!("{name}: {error}; give another file with --out"))
-        })?;
-        println!("{}", tuned.headline());
-        for (key, value) in &tuned.values {
-            println!("  {key} = {value}");
+        let names = self.names();
+        let ground = Ground { settings: self.study.settings()?, seeds: self.seeds.clone() };
+        for name in &names {
+            let file = self.file(name, names.len());
+            prepare(&file)?;
+            let tuned = tune(name, &self.budget(), &ground, &Progress::default())?;
+            fs::write(&file, tuned.to_toml(&self.own(&ground)))
+                .map_err(|error| unwritable(&file, &error))?;
+            print(&format!("{tuned}configuration: {}", file.display()))?;
         }
-        println!("configuration: {}", self.out.display());
         Ok(Exit::Ok)
+    }
+
+    fn budget(&self) -> Budget {
+        Budget { points: self.budget, seed: self.seed, optimiser: self.optimiser }
+    }
+
+    /// What is tuned, each once.
+    fn names(&self) -> Vec<&'static str> {
+        let is_asked = |name: &&str| self.what.iter().any(|what| what == name);
+        let all = is_asked(&"all");
+        let laws = space::LAW_NAMES.into_iter().filter(|name| all || is_asked(name));
+        laws.chain(["outer"].into_iter().filter(is_asked)).collect()
+    }
+
+    /// The file for `name`, one of `count`.
+    fn file(&self, name: &str, count: usize) -> PathBuf {
+        let out = self.out.clone();
+        let out = out.unwrap_or_else(|| if count == 1 { "tuned.toml" } else { "tuned" }.into());
+        if count == 1 && !out.is_dir() { out } else { out.join(format!("{name}.toml")) }
+    }
+
+    /// The settings of the study that belong into a tuned configuration: all but those of the environment, which are there
+    /// whenever it is used.
+    fn own<'a>(&self, ground: &'a Ground) -> Vec<&'a Setting> {
+        ground.settings.iter().filter(|setting| !setting.origin.starts_with("OQTAL_")).collect()
     }
 }
 
-/// Tunes a law of [`space::LAWS`], or the outer loops.
+fn parse_points(text: &str) -> Result<usize, String> {
+    let points: usize = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (1..=1_000_000).contains(&points) { Ok(points) } else { Err("not from 1 to 1000000".into()) }
+}
+
+/// Makes sure, before the work of minutes, that `file` can be written; what stands in it is kept.
+fn prepare(file: &Path) -> Result<(), Failure> {
+    let directory = file.parent().unwrap_or(Path::new(""));
+    fs::create_dir_all(directory)
+        .and_then(|()| fs::OpenOptions::new().append(true).create(true).open(file).map(drop))
+        .map_err(|error| unwritable(file, &error))
+}
+
+fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
+    Failure::new(Exit::System, format!("{}: {error}; give another path with --out", file.display()))
+}
+
+/// Tunes a law of [`space::LAWS`], or the outer loops, by flights on `ground`.
 ///
 /// # Errors
 /// A setting is invalid.
-pub fn tune(what: &str, budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
+pub fn tune(
+    what: &str,
+    budget: &Budget,
+    ground: &Ground,
+    progress: &Progress,
+) -> Result<Tuned, Failure> {
     match space::LAWS.iter().find(|law| law.controller == what) {
-        Some(law) => search::law(law, budget, progress),
-        None => outer::tune(budget, progress),
+        Some(law) => search::law(law, budget, ground, progress),
+        None => outer::tune(budget, ground, progress),
     }
 }

@@ -5,15 +5,16 @@ use std::fmt;
 use crate::latency::{Distribution, HopDistributions};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
-use oqtal_bus::message::{TelemetryV1, TruthV1};
+use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
 use oqtal_bus::obstacle::ArmingObstacles;
-use oqtal_bus::time::Time;
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Phase;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
+use crate::crash::Crash;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
@@ -25,7 +26,7 @@ pub enum Outcome {
     Landed,
     /// The daemon stopped the motors, by itself or for an operator.
     Stopped,
-    /// The vehicle hit the floor, turned over or left the room.
+    /// The vehicle crashed, see [`Crash`].
     Crashed,
     /// The flight did not end within the time planned for it.
     Timeout,
@@ -78,6 +79,19 @@ pub struct PoseArrival {
     pub position: [f64; 3],
 }
 
+/// A command as it reached the vehicle.
+#[derive(Clone, Copy, Debug)]
+pub struct AppliedCommand {
+    /// Its sequence \[-\].
+    pub sequence: u64,
+    /// Its stamps, from the capture of its pose on.
+    pub stamps: Stamps,
+    /// Time of its bytes on the wire; zero without one.
+    pub wire: Span,
+    /// Battery voltage when it was applied \[V\].
+    pub battery_v: f64,
+}
+
 /// The record of a flight.
 #[derive(Clone, Debug)]
 pub struct Flight {
@@ -87,6 +101,8 @@ pub struct Flight {
     pub command_path: CommandPath,
     /// How the flight ended.
     pub outcome: Outcome,
+    /// What ended the flight in a crash; `None` unless it crashed.
+    pub crash: Option<Crash>,
     /// Every tick, from the first to the last.
     pub samples: Vec<FlightSample>,
     /// Every pose received.
@@ -105,8 +121,8 @@ pub struct Flight {
     pub poses_repeated: u64,
     /// Commands that the vehicle received more than once.
     pub commands_repeated: u64,
-    /// Battery voltage over time \[V\].
-    pub battery: Vec<(Time, f64)>,
+    /// Every command that reached the vehicle.
+    pub applied: Vec<AppliedCommand>,
     /// Flight time over wall time, from the first to the last tick \[-\].
     pub speed_factor: f64,
     /// Resource use of the daemon; `None` if it was no process of its own.
@@ -180,16 +196,25 @@ impl Flight {
         self.armed().filter(|sample| sample.telemetry.scored != 0)
     }
 
-    /// Why the flight did not complete although it ended safely: the daemon landed a vehicle that was to fly on, or there was no
+    /// Why the flight did not end as planned: an operator or the daemon landed or stopped the vehicle, it crashed, or there was no
     /// take-off. `None` for a complete flight, and for one whose outcome says it all.
     #[must_use]
     pub fn shortfall(&self) -> Option<String> {
         match self.outcome {
-            Outcome::Landed => {
-                let cause = Cause::from_code(self.early_landing()?.telemetry.cause);
-                let cause = cause.unwrap_or(Cause::None);
-                Some(format!("the daemon landed the vehicle before the end of the flight: {cause}"))
+            Outcome::Landed => match self.early_landing() {
+                Some(sample) => {
+                    let cause = cause_of(sample);
+                    Some(format!(
+                        "the daemon landed the vehicle before the end of the flight: {cause}"
+                    ))
+                }
+                None => self.landing_on_request(),
+            },
+            Outcome::Stopped => {
+                let last = self.samples.last()?;
+                Some(format!("the daemon stopped the motors{}: {}", self.when(), cause_of(last)))
             }
+            Outcome::Crashed => Some(format!("the vehicle {}{}", self.crash?, self.when())),
             Outcome::Timeout if self.armed().next().is_none() => {
                 let bits = self.samples.last().map_or(0, |sample| sample.telemetry.obstacles);
                 let reasons = ArmingObstacles::from_bits(bits);
@@ -198,6 +223,30 @@ impl Flight {
             }
             _ => None,
         }
+    }
+
+    /// Time of the last armed tick after arming, in words; empty without one.
+    fn when(&self) -> String {
+        let (first, last) = (self.armed().next(), self.armed().last());
+        first.zip(last).map_or_else(String::new, |(first, last)| {
+            let after_s = last.telemetry.time.since(first.telemetry.time).seconds();
+            format!(" {after_s:.2} s after arming")
+        })
+    }
+
+    /// How much of the trajectory was flown before a landing that an operator asked for; `None` if it was landed as planned.
+    fn landing_on_request(&self) -> Option<String> {
+        let landing = self.armed().find(|s| s.telemetry.phase == Phase::Landing as u8)?.telemetry;
+        let planned_s = landing.planned_landing_s;
+        let period_s = 1.0 / self.config.control.rate_hz;
+        // The landing begins in the tick after its planned instant.
+        if planned_s.is_nan() || landing.mission_s > planned_s - period_s {
+            return None;
+        }
+        let options = &self.config.trajectory;
+        let before_s = options.take_off_s + options.settle_s;
+        let [flown_s, of_s] = [landing.mission_s, planned_s].map(|t_s| (t_s - before_s).max(0.0));
+        Some(format!("landed on request after {flown_s:.1} of {of_s:.1} s of the trajectory"))
     }
 
     /// The tick in which the daemon began to land by itself before the plan did; `None` if it did not.
@@ -221,4 +270,8 @@ impl Flight {
         let first = self.armed().next().or(self.samples.first());
         first.map_or(Time::UNSET, |sample| sample.telemetry.time)
     }
+}
+
+fn cause_of(sample: &FlightSample) -> Cause {
+    Cause::from_code(sample.telemetry.cause).unwrap_or(Cause::None)
 }

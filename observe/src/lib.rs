@@ -4,6 +4,7 @@
 
 pub mod command_path;
 pub mod compare;
+pub mod crash;
 pub mod csv;
 pub mod event;
 pub mod fault;
@@ -11,9 +12,11 @@ pub mod flight;
 pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;
+pub mod nearest;
 pub mod observer;
 pub mod page;
 pub mod plot;
+pub mod provenance;
 pub mod recorder;
 pub mod recording;
 pub mod report;

@@ -8,10 +8,11 @@ use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
-use crate::flight::{Flight, FlightSample, Outcome, PoseArrival};
+use crate::crash::Crash;
+use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
+use crate::nearest::nearest;
 use crate::sink::{ObservedTopic, Reception, Sink};
 use crate::wire::WireRecord;
 
@@ -21,10 +22,6 @@ const ON_FLOOR_M: f64 = 0.05;
 const AT_REST_M_S: f64 = 0.1;
 /// Time at rest after which the flight is over.
 const REST: Span = Span::from_millis(500);
-/// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
-const TURNED_OVER: f64 = 0.17;
-/// Distance from the origin beyond which the vehicle has left the room \[m\].
-const ROOM_M: f64 = 20.0;
 /// Ticks that wait so long for the first sample of the truth have none: a real vehicle, seen by real cameras.
 const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
 /// Number of truth samples kept, among which a late tick finds the nearest.
@@ -51,13 +48,14 @@ pub struct Recorder {
     commands_repeated: u64,
     last_tick: Option<Time>,
     last_command: u64,
-    battery: Vec<(Time, f64)>,
+    applied: Vec<AppliedCommand>,
     waiting: VecDeque<TelemetryV1>,
     /// The newest samples of the truth, oldest first.
     truths: VecDeque<TruthV1>,
     flown: bool,
     resting_since: Option<Time>,
     outcome: Option<Outcome>,
+    crash: Option<Crash>,
 }
 
 impl Recorder {
@@ -88,12 +86,13 @@ impl Recorder {
             commands_repeated: 0,
             last_tick: None,
             last_command: 0,
-            battery: Vec::new(),
+            applied: Vec::with_capacity(4096),
             waiting: VecDeque::new(),
             truths: VecDeque::with_capacity(TRUTHS_KEPT),
             flown: false,
             resting_since: None,
             outcome: None,
+            crash: None,
         }
     }
 
@@ -143,6 +142,7 @@ impl Recorder {
     pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
         Flight {
             outcome: self.outcome.unwrap_or(otherwise),
+            crash: self.crash,
             config: self.config,
             command_path: CommandPath::Bus,
             samples: self.samples,
@@ -154,7 +154,7 @@ impl Recorder {
             commands_lost: self.commands_lost,
             poses_repeated: self.poses_repeated,
             commands_repeated: self.commands_repeated,
-            battery: self.battery,
+            applied: self.applied,
             speed_factor,
             daemon: None,
         }
@@ -164,10 +164,10 @@ impl Recorder {
     /// same instant.
     fn join(&mut self) {
         let Some(newest) = self.truths.back().map(|truth| truth.time) else { return };
-        while let Some(telemetry) = self.waiting.front().copied().filter(|t| t.time <= newest) {
-            self.waiting.pop_front();
-            let distance = |truth: &&TruthV1| truth.time.since(telemetry.time).nanos().abs();
-            let truth = self.truths.iter().min_by_key(distance).copied();
+        while self.waiting.front().is_some_and(|first| first.time <= newest) {
+            let Some(telemetry) = self.waiting.pop_front() else { return };
+            let index = nearest(&self.truths, telemetry.time, |truth| truth.time);
+            let truth = index.map(|index| self.truths[index]);
             self.push(FlightSample { telemetry, truth });
         }
     }
@@ -195,16 +195,15 @@ impl Recorder {
     fn daemon_replaced(&mut self) {
         let in_flight = self.samples.last().is_some_and(FlightSample::is_armed);
         if in_flight && self.outcome.is_none() {
-            self.outcome = Some(Outcome::Crashed);
+            (self.outcome, self.crash) = (Some(Outcome::Crashed), Some(Crash::DaemonDied));
         }
     }
 
     fn judge(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             self.flown = true;
-            if has_crashed(sample) {
-                self.outcome = Some(Outcome::Crashed);
-            }
+            self.crash = Crash::of(sample, &self.config.fence);
+            self.outcome = self.crash.map(|_| Outcome::Crashed);
             return;
         }
         if sample.telemetry.state == SafetyState::Stop.code() {
@@ -273,10 +272,12 @@ impl Sink for Recorder {
             // A bridge publishes in every period; in this one it had no new command.
             return;
         }
-        self.hops.add(&header.stamps, Span::from_nanos(vehicle.wire_ns));
+        let (stamps, wire) = (header.stamps, Span::from_nanos(vehicle.wire_ns));
+        self.hops.add(&stamps, wire);
         self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
         self.last_command = vehicle.command_sequence;
-        self.battery.push((header.stamps.applied_at, vehicle.battery_v));
+        let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);
+        self.applied.push(AppliedCommand { sequence, stamps, wire, battery_v });
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {
@@ -285,15 +286,4 @@ impl Sink for Recorder {
             None => self.lost.push((topic, count)),
         }
     }
-}
-
-/// Whether an armed vehicle lies on the floor, has turned over or has left the room.
-fn has_crashed(sample: &FlightSample) -> bool {
-    let airborne = [Phase::Settle, Phase::Trajectory]
-        .map(|phase| phase as u8)
-        .contains(&sample.telemetry.phase)
-        && sample.telemetry.mode == Mode::Flying.code();
-    let position = sample.position();
-    let upright = sample.attitude().to_world(&nalgebra::Vector3::z()).z;
-    (airborne && position.z <= 0.0) || upright < TURNED_OVER || position.norm() > ROOM_M
 }

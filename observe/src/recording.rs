@@ -44,7 +44,7 @@ mod writer;
 pub use cdr::{decode, encode};
 pub use closing::ClosingFacts;
 pub use export::{CsvExport, Tables, TumExport};
-pub use facts::{Facts, Provenance, WAYPOINTS_FILE};
+pub use facts::{Facts, WAYPOINTS_FILE};
 pub use file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
 pub use history::{DaemonHistory, InputHistory, RecordedTurn};
 pub use overview::{RecordingOverview, TopicOverview};

@@ -82,8 +82,12 @@ fn circumstances(flight: &Flight, summary: &Summary) -> String {
 
 fn heading(flight: &Flight, summary: &Summary) -> Markup {
     let mood = match summary.outcome {
-        Outcome::Landed | Outcome::Replayed => "good",
-        Outcome::Stopped | Outcome::Timeout | Outcome::Unfinished => "warning",
+        Outcome::Landed | Outcome::Replayed if summary.shortfall.is_none() => "good",
+        Outcome::Landed
+        | Outcome::Replayed
+        | Outcome::Stopped
+        | Outcome::Timeout
+        | Outcome::Unfinished => "warning",
         Outcome::Crashed => "bad",
     };
     html! {
@@ -93,6 +97,7 @@ fn heading(flight: &Flight, summary: &Summary) -> Markup {
                 (summary.controller) span.dot { "·" } (subject(flight, summary))
                 span.badge.(mood) { (summary.outcome) }
             }
+            @if let Some(shortfall) = &summary.shortfall { p.note { (shortfall) } }
             p.note { (circumstances(flight, summary)) }
         }
     }

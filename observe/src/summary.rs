@@ -14,6 +14,7 @@ use crate::command_path::CommandPath;
 use crate::fault::InjectedFault;
 use crate::flight::{Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
+use crate::provenance::Provenance;
 use crate::wire::WireFigures;
 
 /// Safety states that are listed by name at most.
@@ -54,6 +55,8 @@ pub struct Summary {
     pub duration_s: f64,
     pub scored_s: f64,
     pub outcome: Outcome,
+    /// Why the flight did not end as planned; `None` if it did.
+    pub shortfall: Option<String>,
     pub error_source: &'static str,
     pub position_error_m: Option<ErrorFigures>,
     pub velocity_error_m_s: Option<ErrorFigures>,
@@ -115,6 +118,7 @@ impl Summary {
             duration_s,
             scored_s,
             outcome: flight.outcome,
+            shortfall: flight.shortfall(),
             error_source: error_source(flight),
             position_error_m: figures(FlightSample::position_error),
             velocity_error_m_s: figures(FlightSample::velocity_error),
@@ -151,10 +155,20 @@ impl Summary {
         }
     }
 
-    /// As one JSON document.
+    /// As one JSON document, which names the build that made it.
     #[must_use]
-    pub fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("a summary holds only what JSON can say")
+    pub fn to_json(&self, provenance: Provenance) -> String {
+        /// Summary and build.
+        #[derive(Serialize)]
+        struct Document<'a> {
+            #[serde(flatten)]
+            summary: &'a Summary,
+            version: &'static str,
+            revision: &'static str,
+        }
+        let Provenance { version, revision } = provenance;
+        let document = Document { summary: self, version, revision };
+        serde_json::to_string_pretty(&document).expect("a summary holds only what JSON can say")
     }
 }
 

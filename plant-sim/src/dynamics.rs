@@ -1,7 +1,7 @@
 //! Equations of motion of the simulated vehicles: state and input in, derivative out.
 
 use nalgebra::{Matrix4, Quaternion, Vector3, Vector4};
-use oqtal_config::{Fidelity, Interface, PlantOptions};
+use oqtal_config::{Fidelity, Interface, PlantOptions, RotorLayout, RotorOptions};
 use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::rigid_body::Inertia;
 
@@ -18,6 +18,9 @@ pub struct PlantInput {
     pub attitude: Quaternion<f64>,
     /// Collective thrust `delta_c` of Eq. (61) \[0..1\].
     pub thrust: f64,
+    /// Power of each rotor's motor as a firmware commands it \[0..1\], which takes the place of the on-board rate loop; `None`
+    /// without a firmware.
+    pub motors: Option<Vector4<f64>>,
 }
 
 /// Disturbances by the surroundings, constant over an integration step.
@@ -71,21 +74,20 @@ impl Dynamics {
         Self { translation: Translation::new(plant), body }
     }
 
-    /// The state `h` seconds after `state`, under a constant input and disturbance.
-    #[must_use]
-    pub fn step(
+    /// Advances `state` by `h` seconds under a constant input and disturbance.
+    pub fn advance(
         &self,
-        state: &State,
+        state: &mut State,
         h: f64,
         input: &PlantInput,
         disturbance: &Disturbance,
-    ) -> State {
+    ) {
         let moved = |s: &State, response| self.translation.derivative(s, response, disturbance);
         // One dispatch a step in place of one at each of the four Runge-Kutta stages.
         match &self.body {
-            Body::Spacecraft(it) => state.step(h, |s| moved(s, it.response(s, input))),
-            Body::Eq61(it) => state.step(h, |s| moved(s, it.response(s, input, disturbance))),
-            Body::Rotors(it) => state.step(h, |s| moved(s, it.response(s, input, disturbance))),
+            Body::Spacecraft(it) => state.advance(h, |s| moved(s, it.response(s, input))),
+            Body::Eq61(it) => state.advance(h, |s| moved(s, it.response(s, input, disturbance))),
+            Body::Rotors(it) => state.advance(h, |s| moved(s, it.response(s, input, disturbance))),
         }
     }
 
@@ -251,8 +253,7 @@ impl Eq61 {
     }
 }
 
-/// The Hummingbird as four rotors on two crossed arms along body x and y, with its on-board rate loop. Front and back rotor turn
-/// one way, left and right rotor the other.
+/// Four rotors on two crossed arms, with the on-board rate loop, or driven by a firmware. Opposite rotors turn the same way.
 #[derive(Clone, Debug)]
 struct Rotors {
     inertia: Inertia,
@@ -262,32 +263,51 @@ struct Rotors {
     thrust_coefficient: f64,
     rotor_lag: f64,
     max_speed: f64,
+    quadratic_thrust: f64,
     /// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`.
     mix: Matrix4<f64>,
     /// Inverse of `mix`.
     unmix: Matrix4<f64>,
 }
 
-impl Rotors {
-    fn new(plant: &PlantOptions) -> Self {
-        let rotors = &plant.rotors;
-        let (k, d) = (rotors.thrust_coefficient, rotors.torque_coefficient);
-        let arm = k * rotors.arm_m;
-        // Columns: front (+x), left (+y), back (-x), right (-y). Lift at +y rolls the vehicle about +x.
-        let mix = Matrix4::new(
+/// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`. Lift at +y rolls the vehicle about +x.
+fn mix(rotors: &RotorOptions) -> Matrix4<f64> {
+    let (k, d) = (rotors.thrust_coefficient, rotors.torque_coefficient);
+    let arm = k * rotors.arm_m;
+    match rotors.layout {
+        // Columns: front (+x), left (+y), back (-x), right (-y).
+        RotorLayout::Plus => Matrix4::new(
             k, k, k, k, //
             0.0, arm, 0.0, -arm, //
             -arm, 0.0, arm, 0.0, //
             -d, d, -d, d,
-        );
+        ),
+        // Columns: front right, back right, back left, front left.
+        RotorLayout::Cross => {
+            let lever = arm * std::f64::consts::FRAC_1_SQRT_2;
+            Matrix4::new(
+                k, k, k, k, //
+                -lever, -lever, lever, lever, //
+                -lever, lever, lever, -lever, //
+                -d, d, -d, d,
+            )
+        }
+    }
+}
+
+impl Rotors {
+    fn new(plant: &PlantOptions) -> Self {
+        let rotors = &plant.rotors;
+        let mix = mix(rotors);
         Self {
             inertia: plant.inertia().expect("the configuration was checked"),
             command: RateCommand::new(plant),
             rate_lag: plant.rate_lag_ms * 1e-3,
             max_thrust: plant.max_thrust_n,
-            thrust_coefficient: k,
+            thrust_coefficient: rotors.thrust_coefficient,
             rotor_lag: rotors.lag_ms * 1e-3,
             max_speed: rotors.max_speed_rad_s,
+            quadratic_thrust: rotors.quadratic_thrust,
             mix,
             unmix: mix.try_inverse().expect("arm and coefficients are above zero"),
         }
@@ -298,13 +318,22 @@ impl Rotors {
         let speeds = state.actuators;
         let wrench = self.mix * speeds.component_mul(&speeds);
         let torque = wrench.fixed_rows::<3>(1).into_owned();
-        let targets = self.on_board_loop(state, input, disturbance);
+        let targets = match &input.motors {
+            None => self.on_board_loop(state, input, disturbance),
+            Some(motors) => motors.map(|power| self.speed(power)) * disturbance.voltage_ratio,
+        };
         Response {
             thrust: wrench.x,
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
             actuators: (targets - speeds) / self.rotor_lag,
         }
+    }
+
+    /// Speed \[rad/s\] at which a rotor turns at this power of its motor, at the nominal voltage.
+    fn speed(&self, power: f64) -> f64 {
+        let thrust = power * (self.quadratic_thrust * power + 1.0 - self.quadratic_thrust);
+        self.max_speed * thrust.sqrt()
     }
 
     /// Rotor speeds \[rad/s\] commanded by the on-board rate loop: proportional in the rate with the loop's time constant,

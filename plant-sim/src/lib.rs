@@ -1,10 +1,14 @@
 //! The plant process: a simulated vehicle and its radio, in place of a real one.
 //!
-//! [`Plant`] is pure; [`run`] wires it to the bus, or puts it at the other end of a radio's wire ([`wire`]).
+//! [`Plant`] is pure; [`run`] wires it to the bus, puts it at the other end of a radio's wire ([`wire`]), makes it the body of a
+//! firmware that runs as a program ([`firmware`]), or tells the truth of an autopilot's own simulator ([`autopilot`]).
 #![forbid(unsafe_code)]
 
+pub mod autopilot;
 mod dynamics;
+pub mod firmware;
 mod plant;
+mod socket;
 mod spread;
 mod state;
 mod turn;
@@ -16,10 +20,12 @@ use std::rc::Rc;
 use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
 use oqtal_config::{Config, FaultTarget};
+use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
+use oqtal_wire::truth::TruthSource;
 
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
 pub use plant::{Plant, PlantOutput};
@@ -38,9 +44,14 @@ pub enum PlantCommand {
 /// Arguments of the simulator's command line.
 #[derive(Args, Clone, Debug)]
 pub struct PlantArgs {
-    /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal
+    /// Receive commands at the wire asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]: PATH becomes a link to a pseudo-terminal;
+    /// mavlink:udpout:HOST:PORT, mavlink:udpin:HOST:PORT, or crtp:udp:HOST:PORT
     #[arg(long, value_name = "LINK")]
     wire: Option<String>,
+    /// Be the body of a Crazyflie's firmware that runs as a program, crazyflie-sitl:udp:HOST:PORT[,crtp=HOST:PORT], or publish the
+    /// truth of an autopilot's own simulator, mavlink:udpin:HOST:PORT
+    #[arg(long, value_name = "LINK", conflicts_with = "wire")]
+    truth: Option<String>,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -60,8 +71,9 @@ impl PlantCommand {
 impl PlantArgs {
     /// The same for any process: the wire is a setting.
     fn common(self) -> CommonArgs {
-        let Self { wire, mut common } = self;
+        let Self { wire, truth, mut common } = self;
         common.settings.extend(wire.map(|link| format!("plant.wire.link={link}")));
+        common.settings.extend(truth.map(|link| format!("plant.truth={link}")));
         common
     }
 }
@@ -69,9 +81,19 @@ impl PlantArgs {
 /// Whether the plant could fly with `config`.
 ///
 /// # Errors
-/// The wire's link has no meaning.
+/// The link of the wire, or the source of the truth, has no meaning.
 pub fn check(config: &Config) -> Result<(), Failure> {
-    link(config).map(drop)
+    link(config)?;
+    truth(config).map(drop)
+}
+
+/// The source of the truth that `plant.truth` names; `None` if the key is empty and the vehicle is simulated.
+fn truth(config: &Config) -> Result<Option<TruthSource>, Failure> {
+    let source = TruthSource::from_setting(&config.plant.truth).map_err(|error| {
+        let text = format!("`{}`", config.plant.truth);
+        config.locate(&OptionError::new("plant.truth", text, format!("a source: {error}")))
+    });
+    Ok(source?)
 }
 
 /// The link that `plant.wire.link` names; `None` if the key is empty and commands come over the bus.
@@ -84,9 +106,22 @@ fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
 /// # Errors
 /// The bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
+    if let Some(source) = truth(&context.config)? {
+        return follow(context, source);
+    }
     match link(&context.config)? {
         Some(link) => wire::run(context, &link),
         None => fly(context),
+    }
+}
+
+/// Publishes the truth of a firmware that runs as a program.
+fn follow(context: &ProcessContext, source: TruthSource) -> Result<(), Failure> {
+    match source {
+        TruthSource::CrazyflieSitl { body, crtp } => {
+            firmware::run(context, firmware::BodyAddresses { body, crtp })
+        }
+        TruthSource::Mavlink(address) => autopilot::run(context, address),
     }
 }
 

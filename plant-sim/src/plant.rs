@@ -52,6 +52,8 @@ pub struct Plant {
     state: State,
     time: Time,
     millisecond: Grid,
+    /// Whether every millisecond has a sample of the truth.
+    samples_milliseconds: bool,
     camera: Grid,
     gust: Gust,
     battery: BatteryModel,
@@ -85,6 +87,7 @@ impl Plant {
             state: State::on_floor(),
             time: start,
             millisecond: Grid::new(start, INTEGRATION_HZ),
+            samples_milliseconds: true,
             camera: Grid::new(start, options.frame_rate_hz),
             gust: Gust::new(&options, seed, 1.0 / INTEGRATION_HZ),
             battery: BatteryModel::new(&options),
@@ -102,6 +105,13 @@ impl Plant {
             last_command: 0,
             commands_lost: 0,
         }
+    }
+
+    /// Without samples of the truth between camera frames: for a flight whose truth nobody asks for but cameras, and the recorder
+    /// at the daemon's ticks.
+    #[must_use]
+    pub fn without_milliseconds(self) -> Self {
+        Self { samples_milliseconds: false, ..self }
     }
 
     /// The next instant that other processes depend on: a camera frame, a command that takes effect, or a command time-out.
@@ -154,6 +164,13 @@ impl Plant {
     /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.
     pub fn apply_command(&mut self, command: &CommandV1) {
         self.act_on(command);
+    }
+
+    /// Drives the rotors' motors at the powers that a firmware commands \[0..1\], until the next command or its time-out.
+    pub fn drive(&mut self, motors: [f64; 4]) {
+        self.armed = motors.iter().any(|power| *power > 0.0);
+        self.command_timeout_at = Some(self.time + COMMAND_TIME_OUT);
+        self.input = PlantInput { motors: Some(motors.into()), ..PlantInput::default() };
     }
 
     /// Battery voltage under load \[V\].
@@ -274,7 +291,7 @@ impl Plant {
         if self.millisecond.next() <= self.time {
             self.millisecond.advance();
             self.gust.advance();
-            truth = Some(self.truth());
+            truth = self.samples_milliseconds.then(|| self.truth());
         }
         if self.camera.next() <= self.time {
             self.camera.advance();
@@ -290,8 +307,8 @@ impl Plant {
             voltage_ratio: self.battery.ratio(),
         };
         self.battery.draw(self.dynamics.thrust(&self.state), h);
-        let before = self.state;
-        self.state = self.dynamics.step(&before, h, &self.input, &disturbance);
-        rest_on_floor(&before, &mut self.state);
+        let before = (self.state.position, self.state.attitude);
+        self.dynamics.advance(&mut self.state, h, &self.input, &disturbance);
+        rest_on_floor(before, &mut self.state);
     }
 }

@@ -7,6 +7,7 @@
 //! | `on_board.rs` | the on-board computer: commands to motors, answers |
 //! | `options.rs` | `[plant.wire]` in the terms of `oqtal-wire` |
 //! | `motors.rs` | the switch that starts and stops the motors |
+//! | `crazyflie.rs` | an emulated Crazyflie, over UDP |
 //! | `vehicle.rs` | AscTec's emulated vehicle without its pseudo-terminal, pure |
 //! | `udp.rs` | the UDP port |
 //! | `datagrams.rs` | model of the network: latency, jitter, losses |
@@ -15,6 +16,7 @@
 //! | `end.rs` | what every port and every emulated vehicle does |
 
 mod autopilot;
+mod crazyflie;
 mod datagrams;
 mod end;
 mod mavlink;
@@ -38,12 +40,13 @@ use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
-use oqtal_wire::link::{LinkSpec, PortSpec};
+use oqtal_wire::link::{CrtpLink, LinkSpec, PortSpec};
 
 use crate::PlantOutput;
 use crate::turn::tell_skipped;
 
 pub use autopilot::EmulatedAutopilot;
+pub use crazyflie::{CrazyflieBoard, CrtpVehicle, SupervisorModel};
 pub use datagrams::DatagramModel;
 pub use end::{EmulatedVehicle, VehiclePort, WireCounters};
 pub use mavlink::MavlinkVehicle;
@@ -86,6 +89,15 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
             let vehicle = MavlinkVehicle::new(config, link, now).map_err(located)?;
             fly(context, &bus, port, (vehicle, shown))
         }
+        LinkSpec::Crtp(CrtpLink::Udp(address)) => {
+            let port = UdpPort::at(address)?;
+            let vehicle = CrtpVehicle::new(config, now).map_err(located)?;
+            fly(context, &bus, port, (vehicle, shown))
+        }
+        LinkSpec::Crtp(CrtpLink::Radio(_)) => {
+            let reason = "an emulated Crazyflie has no radio; give --wire crtp:udp:HOST:PORT";
+            Err(Failure::new(Exit::Config, reason))
+        }
     }
 }
 
@@ -94,7 +106,7 @@ fn udp_port(port: &PortSpec) -> Result<UdpPort, Failure> {
     match port {
         PortSpec::UdpOut(address) => UdpPort::to(address),
         PortSpec::UdpIn(address) => UdpPort::at(address),
-        PortSpec::Serial(_) | PortSpec::Tcp(_) => {
+        PortSpec::Serial(_) | PortSpec::Tcp(_) | PortSpec::Radio(_) => {
             let reason = "an emulated vehicle speaks MAVLink over UDP; name `mavlink:udpout:HOST:PORT` or `udpin` in `plant.wire.link`";
             Err(Failure::new(Exit::Config, reason))
         }

@@ -1,7 +1,7 @@
 //! Surroundings and imperfections of a vehicle: gusts, drift, battery, floor. Each random source has a stream of its own, named
 //! by (seed, source), so that a change of one source does not shift another.
 
-use nalgebra::Vector3;
+use nalgebra::{Quaternion, Vector3};
 use oqtal_config::{BatteryOptions, PlantOptions};
 use oqtal_runtime::random::{Generator, RandomSource, normal3, stream};
 
@@ -107,14 +107,15 @@ impl BatteryModel {
     }
 }
 
-/// Keeps a vehicle above the floor, z = 0: it lands without bouncing and rests in its pose `before` the step until it lifts off.
-pub fn rest_on_floor(before: &State, state: &mut State) {
+/// Keeps a vehicle above the floor, z = 0: it lands without bouncing and rests in its pose before the step, this `position`
+/// \[m, world\] and `attitude` \[body to world\], until it lifts off.
+pub fn rest_on_floor((position, attitude): (Vector3<f64>, Quaternion<f64>), state: &mut State) {
     if state.position.z > 0.0 || state.velocity.z > 0.0 {
         return;
     }
-    if before.position.z <= 0.0 {
-        state.position = before.position;
-        state.attitude = before.attitude;
+    if position.z <= 0.0 {
+        state.position = position;
+        state.attitude = attitude;
     }
     state.position.z = 0.0;
     state.velocity = Vector3::zeros();

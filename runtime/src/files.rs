@@ -2,7 +2,7 @@
 //! are new.
 
 use std::fs::{DirBuilder, File, OpenOptions};
-use std::io::{self, Read};
+use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
@@ -49,22 +49,6 @@ pub fn write(path: &Path, text: &str) -> io::Result<()> {
     io::Write::write_all(&mut create(path)?, text.as_bytes())
 }
 
-/// Reads a text of at most `longest` bytes: a file without end, as a device, is an error.
-///
-/// # Errors
-/// The file cannot be read, is longer, or is not UTF-8.
-pub fn read_text(path: &Path, longest: u64) -> io::Result<String> {
-    let mut text = String::new();
-    File::open(path)?.take(longest.saturating_add(1)).read_to_string(&mut text)?;
-    if text.len() as u64 > longest {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidData,
-            format!("longer than {longest} bytes"),
-        ));
-    }
-    Ok(text)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,16 +69,5 @@ mod tests {
         create_private_directory(&path("own")).unwrap();
         check_own_directory(&path("own")).unwrap();
         assert_eq!(std::fs::metadata(path("own")).unwrap().mode() & 0o777, 0o700);
-    }
-
-    #[test]
-    fn a_file_without_end_is_refused() {
-        let directory = tempfile::tempdir().unwrap();
-        let path = directory.path().join("text");
-        std::fs::write(&path, "1234").unwrap();
-        assert_eq!(read_text(&path, 4).unwrap(), "1234");
-        assert_eq!(read_text(&path, 3).unwrap_err().kind(), io::ErrorKind::InvalidData);
-        let endless = read_text(Path::new("/dev/zero"), 1000).unwrap_err();
-        assert_eq!(endless.kind(), io::ErrorKind::InvalidData);
     }
 }

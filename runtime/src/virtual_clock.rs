@@ -53,14 +53,23 @@ impl VirtualClock {
         self.outages = outages;
     }
 
+    /// When `role` acts next, not before now; `None` if it has no other event.
+    fn due(&self, role: Role) -> Option<Time> {
+        let at = self.unread[role as usize].or(self.next[role as usize])?;
+        let at = if self.outages.is_empty() { at } else { self.postponed(role, at)? };
+        Some(at.max(self.now))
+    }
+
     /// The role that acts next, and the instant; `None` when no role has another event.
     pub fn turn(&mut self) -> Option<(Role, Time)> {
-        let due = |&role: &Role| {
-            let i = role as usize;
-            let at = self.postponed(role, self.unread[i].or(self.next[i])?)?;
-            Some((at.max(self.now), role))
-        };
-        let (at, role) = Role::ALL.iter().filter_map(due).min()?;
+        let mut first: Option<(Role, Time)> = None;
+        for role in Role::ALL {
+            let Some(at) = self.due(role) else { continue };
+            if first.is_none_or(|(_, earliest)| at < earliest) {
+                first = Some((role, at));
+            }
+        }
+        let (role, at) = first?;
         self.now = at;
         self.unread[role as usize] = None;
         self.next[role as usize] = None;

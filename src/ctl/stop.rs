@@ -130,7 +130,7 @@ impl std::fmt::Display for ObeyedStop {
             }
             (false, false) => {
                 "no vehicle has obeyed: neither plant-sim nor bridge runs, or it hangs, or has no port, or virtual time \
-                 stands still; the stop stays raised until it is obeyed"
+                 stands still; the stop stays raised until it is obeyed, or until every process of the instance has ended"
             }
         };
         let daemon = if self.daemon_obeys { "the daemon obeys" } else { "no daemon has obeyed" };

@@ -11,21 +11,42 @@ use oqtal_observe::flight::Flight;
 use oqtal_observe::summary::Summary;
 use oqtal_observe::{csv, report};
 
+use crate::provenance::PROVENANCE;
+
 /// Highest number of a directory `flights/INSTANCE-N`.
 const MAX_NUMBER: u32 = 100_000;
 
-/// The directory of one flight: configuration, logs, summary, report, telemetry.
+/// File with the effective configuration.
+const CONFIG: &str = "config.toml";
+/// Folder in the directory with copies of the files that the flight reads.
+const INPUTS: &str = "inputs";
+
+/// The directory of one flight: configuration, files that it reads, logs, summary, report, telemetry.
 #[derive(Debug)]
 pub struct FlightDirectory {
     directory: PathBuf,
 }
 
 impl FlightDirectory {
-    /// Creates the directory, `flights/INSTANCE-N` unless given, and writes the effective configuration into it.
+    /// Creates the directory, `flights/INSTANCE-N` unless given, and writes into it the effective configuration and the files that
+    /// it names: it flies the same again wherever the directory is.
+    ///
+    /// # Errors
+    /// The directory holds a flight already, or cannot be created or written.
+    pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
+        if let Some(flight) = given.filter(|directory| directory.join(CONFIG).exists()) {
+            let flight = flight.display();
+            let reason = format!("{flight} holds a flight already; give another --out, or --force");
+            return Err(Failure::new(Exit::System, reason));
+        }
+        Self::create_or_replace(given, config)
+    }
+
+    /// As [`FlightDirectory::create`]; files of a flight that the directory holds are replaced.
     ///
     /// # Errors
     /// The directory cannot be created or written.
-    pub fn create(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
+    pub fn create_or_replace(given: Option<&Path>, config: &Config) -> Result<Self, Failure> {
         let directory = match given {
             Some(directory) => {
                 fs::create_dir_all(directory).map_err(|e| failed(directory, &e))?;
@@ -34,8 +55,25 @@ impl FlightDirectory {
             None => next_free(&config.instance.name)?,
         };
         let created = Self { directory };
-        created.save("config.toml", &config.to_toml())?;
+        let config = config.clone().with_files_at(|file| created.copy(file))?;
+        created.save(CONFIG, &config.to_toml())?;
         Ok(created)
+    }
+
+    /// Copies `file` into the directory; its path from there.
+    fn copy(&self, file: &Path) -> Result<PathBuf, Failure> {
+        let inputs = self.directory.join(INPUTS);
+        let copied = Path::new(INPUTS).join(file.file_name().unwrap_or_default());
+        let to = self.directory.join(&copied);
+        // The configuration of a flight, flown into its own directory again.
+        let is_itself = to.exists() && to.canonicalize().ok() == file.canonicalize().ok();
+        fs::create_dir_all(&inputs).map_err(|e| failed(&inputs, &e))?;
+        if !is_itself {
+            let mut from = fs::File::open(file).map_err(|e| failed(file, &e))?;
+            let copy = files::create(&to).and_then(|mut to| std::io::copy(&mut from, &mut to));
+            copy.map_err(|e| failed(&to, &e))?;
+        }
+        Ok(copied)
     }
 
     /// The path of the directory.
@@ -47,7 +85,7 @@ impl FlightDirectory {
     /// The file with the effective configuration, for the processes.
     #[must_use]
     pub fn config(&self) -> PathBuf {
-        self.directory.join("config.toml")
+        self.directory.join(CONFIG)
     }
 
     /// The file of the recording.
@@ -61,7 +99,7 @@ impl FlightDirectory {
     /// # Errors
     /// A file cannot be written.
     pub fn write(&self, flight: &Flight, summary: &Summary) -> Result<(), Failure> {
-        self.save("summary.json", &summary.to_json())?;
+        self.save("summary.json", &summary.to_json(PROVENANCE))?;
         self.save("report.html", &report::html(flight, summary))?;
         let path = self.directory.join("telemetry.csv");
         let file = files::create(&path).map_err(|e| failed(&path, &e))?;

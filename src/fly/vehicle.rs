@@ -10,16 +10,20 @@ use oqtal_config::{ClockKind, Config, Setting};
 use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
-use oqtal_wire::link::{AsctecLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec};
+use oqtal_wire::link::{
+    AsctecLink, CrtpLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec,
+};
 
 /// Forms of the flag, for messages.
 const FORMS: &str = "expected one of
-  sim[:hummingbird|:spacecraft|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]
+  sim[:hummingbird|:spacecraft|:crazyflie-2.1|:ardupilot-quad|:px4-quad][,fidelity=eq61|rotors]
   bridge:asctec[,baud=57600][,xbee=transparent|api1|api2]
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
+  bridge:crtp
   link:LINK, where LINK is one of";
 /// Port of an emulated vehicle until the flight names one; a link without a port is none.
-const NO_PORT: [(&str, &str); 2] = [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550")];
+const NO_PORT: [(&str, &str); 3] =
+    [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550"), ("crtp", "udp:127.0.0.1:19850")];
 /// Time within which a running simulator publishes the truth, which it does every millisecond.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
 /// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
@@ -88,11 +92,16 @@ fn parse_simulated(text: &str) -> Option<VehicleChoice> {
 impl VehicleChoice {
     /// Appends the settings of the configuration that the flag implies.
     pub fn settings(&self, settings: &mut Vec<Setting>) {
-        let Self::Simulated { preset, fidelity } = self else { return };
         let mut set = |key: &str, value: toml::Value| {
             settings.push(Setting::flag("--vehicle", key, value));
         };
+        // No other vehicle speaks its protocol.
+        if let Self::Bridged(LinkSpec::Crtp(_)) = self {
+            set("vehicle.preset", "crazyflie-2.1".into());
+        }
+        let Self::Simulated { preset, fidelity } = self else { return };
         set("plant.wire.link", "".into());
+        set("plant.truth", "".into());
         set("plant.shadow", false.into());
         for (key, value) in [("vehicle.preset", preset), ("plant.fidelity", fidelity)] {
             value.iter().for_each(|value| set(key, value.as_str().into()));
@@ -129,6 +138,13 @@ impl CommandLink {
             Some(VehicleChoice::Linked(link)) => Self::Linked(link.clone()),
             None => Self::configured(config)?,
         };
+        if !config.plant.truth.is_empty() && !matches!(path, Self::Linked(_)) {
+            let message = format!(
+                "--truth {} is for a vehicle at a link: give --vehicle link:LINK, or leave out --truth",
+                config.plant.truth
+            );
+            return Err(Failure::new(Exit::Usage, message));
+        }
         if path == Self::Bus {
             return Ok(path);
         }
@@ -151,7 +167,9 @@ impl CommandLink {
             return Self::bridged(&link, config);
         }
         let link = oqtal_bridge::link(config).map_err(located)?;
-        Ok(link.filter(|_| config.plant.shadow).map_or(Self::Bus, Self::Linked))
+        Ok(link
+            .filter(|_| config.plant.shadow || !config.plant.truth.is_empty())
+            .map_or(Self::Bus, Self::Linked))
     }
 
     /// The path over `link`, at ports that belong to this instance.
@@ -166,6 +184,10 @@ impl CommandLink {
                 let address = own_address();
                 let bridge = at(PortSpec::UdpIn(address.clone()));
                 Self::Bridged { bridge, vehicle: at(PortSpec::UdpOut(address)) }
+            }
+            LinkSpec::Crtp(_) => {
+                let vehicle = LinkSpec::Crtp(CrtpLink::Udp(own_address()));
+                Self::Bridged { bridge: vehicle.clone(), vehicle }
             }
         })
     }
@@ -183,7 +205,7 @@ impl CommandLink {
                 config.bridge.link = link.to_string();
                 config.plant.wire.link.clear();
                 // A vehicle that publishes its truth is emulated, and its poses are its own.
-                config.plant.shadow = !is_truth_published(config)?;
+                config.plant.shadow = config.plant.truth.is_empty() && !is_truth_published(config)?;
                 config.safety.allow_emulated_poses |= !config.plant.shadow;
             }
         }
@@ -205,7 +227,9 @@ impl CommandLink {
     pub fn roles(&self, config: &Config) -> &'static [Role] {
         match self {
             Self::Bus => roles(config),
-            Self::Linked(_) if !config.plant.shadow => &[Role::Mocap, Role::Bridge, Role::Daemon],
+            Self::Linked(_) if !config.plant.shadow && config.plant.truth.is_empty() => {
+                &[Role::Mocap, Role::Bridge, Role::Daemon]
+            }
             Self::Bridged { .. } | Self::Linked(_) => {
                 &[Role::Plant, Role::Mocap, Role::Bridge, Role::Daemon]
             }
@@ -286,7 +310,7 @@ mod tests {
     #[test]
     fn every_form_is_read_and_anything_else_is_told_the_forms() {
         let config = Config::default();
-        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3"] {
+        for kind in ["asctec,baud=115200,xbee=api2", "mavlink,autopilot=px4,system=3", "crtp"] {
             let bridged = parse(&format!("bridge:{kind}")).unwrap();
             let VehicleChoice::Bridged(link) = bridged else { panic!("{bridged:?}") };
             let path = CommandLink::bridged(&link, &config).unwrap().command_path();

@@ -8,6 +8,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
 use oqtal_observe::event::{self, DaemonCondition};
 use oqtal_observe::flight::FlightSample;
+use oqtal_observe::nearest::nearest;
 use oqtal_observe::sink::{ObservedTopic, Reception, Sink};
 use serde::Serialize;
 
@@ -133,11 +134,8 @@ impl Collector {
     }
 
     fn truth_at(&self, at: Time) -> Option<TruthV1> {
-        let after = self.truths.partition_point(|truth| truth.time < at);
-        let distance = |truth: &&TruthV1| truth.time.since(at).nanos().abs();
-        let near = [after.checked_sub(1), Some(after)].into_iter().flatten();
-        let nearest = near.filter_map(|index| self.truths.get(index)).min_by_key(distance)?;
-        (distance(&nearest) <= TRUTH_DISTANCE.nanos()).then_some(*nearest)
+        let truth = self.truths[nearest(&self.truths, at, |truth| truth.time)?];
+        (truth.time.since(at).nanos().abs() <= TRUTH_DISTANCE.nanos()).then_some(truth)
     }
 
     fn note_changes(&mut self, sample: &FlightSample) {

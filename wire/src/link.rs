@@ -2,14 +2,16 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `port.rs` | ports: serial, UDP, TCP |
+//! | `port.rs`, `radio.rs` | ports: serial, UDP, TCP, Crazyradio |
 //! | `options.rs` | the options behind a port |
-//! | `asctec.rs`, `mavlink.rs` | the link of one language; a further language is a file like these, and a variant of [`LinkSpec`] |
+//! | `asctec.rs`, `mavlink.rs`, `crtp.rs` | the link of one language; a further language is a file like these, and a variant of [`LinkSpec`] |
 
 mod asctec;
+mod crtp;
 mod mavlink;
 mod options;
 mod port;
+mod radio;
 
 use std::fmt;
 use std::str::FromStr;
@@ -17,8 +19,10 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 pub use asctec::AsctecLink;
+pub use crtp::CrtpLink;
 pub use mavlink::{AutopilotKind, MavlinkLink};
 pub use port::{HostPort, PortSpec, SerialSpec};
+pub use radio::{RadioRate, RadioSpec};
 
 /// Link to a vehicle: language, port, options.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,15 +32,18 @@ pub enum LinkSpec {
     Asctec(AsctecLink),
     /// MAVLink 2.
     Mavlink(MavlinkLink),
+    /// CRTP, [`crate::crtp`].
+    Crtp(CrtpLink),
 }
 
 /// Form of the links of one language, and their parser.
 type LinkParser = fn(&str) -> Result<LinkSpec, String>;
 
 /// The languages: name, form, parser of what stands behind the name.
-const LANGUAGES: [(&str, &str, LinkParser); 2] = [
+const LANGUAGES: [(&str, &str, LinkParser); 3] = [
     ("asctec", AsctecLink::FORM, |rest| AsctecLink::parse(rest).map(LinkSpec::Asctec)),
     ("mavlink", MavlinkLink::FORM, |rest| MavlinkLink::parse(rest).map(LinkSpec::Mavlink)),
+    ("crtp", CrtpLink::FORM, |rest| CrtpLink::parse(rest).map(LinkSpec::Crtp)),
 ];
 
 impl LinkSpec {
@@ -60,6 +67,7 @@ impl LinkSpec {
         match self {
             Self::Asctec(_) => "asctec",
             Self::Mavlink(_) => "mavlink",
+            Self::Crtp(_) => "crtp",
         }
     }
 
@@ -69,6 +77,7 @@ impl LinkSpec {
         let port = match self {
             Self::Asctec(link) => link.serial.path.clone(),
             Self::Mavlink(link) => link.port.to_string(),
+            Self::Crtp(link) => link.to_string(),
         };
         self.to_string().replacen(&format!(":{port}"), "", 1)
     }
@@ -79,6 +88,7 @@ impl LinkSpec {
         match self {
             Self::Asctec(link) => PortSpec::Serial(link.serial.clone()),
             Self::Mavlink(link) => link.port.clone(),
+            Self::Crtp(link) => link.port(),
         }
     }
 }
@@ -119,6 +129,7 @@ impl fmt::Display for LinkSpec {
         match self {
             Self::Asctec(link) => write!(f, "asctec:{link}"),
             Self::Mavlink(link) => write!(f, "mavlink:{link}"),
+            Self::Crtp(link) => write!(f, "crtp:{link}"),
         }
     }
 }

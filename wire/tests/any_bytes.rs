@@ -3,6 +3,7 @@
 mod common;
 
 use common::any_bytes::{any_bytes, any_radio_bytes};
+use common::any_crtp_bytes::any_crtp_bytes;
 use common::noise;
 use oqtal_wire::asctec::{HostGrammar, VehicleGrammar};
 use oqtal_wire::xbee::{ApiFrame, Payload};
@@ -51,6 +52,16 @@ proptest! {
     #[test]
     fn a_radio_and_its_host_stay_sound(bytes in bytes()) {
         any_radio_bytes(&bytes);
+    }
+
+    #[test]
+    fn both_ends_of_crtp_stay_sound(
+        header in any::<u8>(),
+        command in 0..16_u8,
+        rest in prop::collection::vec(any::<u8>(), 0..32),
+    ) {
+        any_crtp_bytes(&rest);
+        any_crtp_bytes(&[&[header, command], &rest[..]].concat());
     }
 
     #[test]

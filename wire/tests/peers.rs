@@ -1,4 +1,4 @@
-//! XBee's frames against digi-xbee, byte for byte, in both directions.
+//! XBee's frames against digi-xbee, and CRTP's packets against cflib, byte for byte, in both directions.
 //!
 //! Needs an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; `.ci/run` installs one.
 //! Without the variable the test is skipped with a message. With it, a peer that does not answer is a failure.
@@ -9,7 +9,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-use common::{decode, hex};
+use common::{crtp_examples, decode, hex};
 use oqtal_wire::xbee::{Api1Grammar, Api2Grammar, ApiFrame, Payload};
 use serde::Deserialize;
 
@@ -97,4 +97,10 @@ fn frames_are_those_of_digi_xbee() {
         assert_eq!(decode::<Api1Grammar>(&plain).0, [frame]);
         assert_eq!(decode::<Api2Grammar>(&escaped).0, [frame]);
     }
+}
+
+#[test]
+fn packets_are_those_of_cflib() {
+    let Some(printed) = peer("crtp_packets.py") else { return };
+    crtp_examples::check(&printed);
 }

@@ -1,60 +1,80 @@
-//! AscTec's vehicle.
+//! AscTec's vehicle, for the rules of the bridge.
 
-use oqtal_bridge::{Asctec, BareTransport, VehicleProtocol, VehicleTransport};
+use oqtal_bridge::{Asctec, Bridge, transport};
+use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_wire::asctec::{
-    ControlInput, Descriptor, HostCommand, LlStatus, Scales, VehicleDecoder, write_telemetry,
+    Descriptor, HostCommand, LlStatus, Scales, VehicleDecoder, acknowledgement_frame,
+    write_telemetry,
 };
+use oqtal_wire::xbee::Address;
 
-use super::peer::{Heard, LanguagePeer};
+use super::{Language, LanguageVehicle, Understood};
 
-#[derive(Debug)]
-pub struct AsctecPeer {
+/// The row of this language.
+pub const LANGUAGE: Language = Language { name: "asctec", bridge, vehicle };
+
+/// Time for which the yaw stick must be held.
+const HOLD: Span = Span::from_millis(400);
+
+fn bridge(now: Time) -> Bridge {
+    let config = Config::default();
+    let link = "asctec:/dev/ttyS0".parse().unwrap();
+    let protocol = Asctec::new(&config).unwrap();
+    Bridge::new(&config, Box::new(protocol), transport(&link, Address::BROADCAST), now)
+}
+
+fn vehicle() -> Box<dyn LanguageVehicle> {
+    Box::new(Hummingbird { decoder: VehicleDecoder::new(), motors_on: false, held_since: None })
+}
+
+struct Hummingbird {
     decoder: VehicleDecoder,
-    scales: Scales,
+    motors_on: bool,
+    /// Since when the switch is held; unset once it has switched.
+    held_since: Option<Time>,
 }
 
-impl AsctecPeer {
-    pub fn new() -> Self {
-        let scales = Config::default().bridge.asctec.convert("bridge.asctec").unwrap();
-        Self { decoder: VehicleDecoder::new(), scales }
+impl LanguageVehicle for Hummingbird {
+    fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Option<Understood> {
+        let scales = Scales::default();
+        let mut understood = None;
+        let commands: Vec<HostCommand> = self.decoder.push(frame).collect();
+        for command in commands {
+            match command {
+                HostCommand::Control(input) => {
+                    let holds = scales.is_motor_switch(&input);
+                    let since = *self.held_since.get_or_insert(now);
+                    if !holds {
+                        self.held_since = None;
+                    } else if since.is_set() && now.since(since) >= HOLD {
+                        self.motors_on = !self.motors_on;
+                        self.held_since = Some(Time::UNSET);
+                    }
+                    answers.push(acknowledgement_frame(Descriptor::ControlInput).to_vec());
+                    let sticks = scales.decode(&input);
+                    let flies = input.thrust > 0;
+                    understood = Some(match flies {
+                        true => Understood::Flight(sticks.roll),
+                        false => Understood::NoThrust,
+                    });
+                }
+                HostCommand::Poll(_) => answers.push(self.status()),
+                HostCommand::EmergencyStop => self.motors_on = false,
+            }
+        }
+        understood
     }
+
+    fn tick(&mut self, _: Time, _: &mut Vec<Vec<u8>>) {}
 }
 
-impl LanguagePeer for AsctecPeer {
-    fn name(&self) -> &'static str {
-        "asctec"
-    }
-
-    fn ends(&self, config: &Config) -> (Box<dyn VehicleProtocol>, Box<dyn VehicleTransport>) {
-        (Box::new(Asctec::new(config).unwrap()), Box::new(BareTransport::serial(57_600)))
-    }
-
-    fn reset(&mut self) {
-        self.decoder.reset();
-    }
-
-    fn tells_control(&self) -> bool {
-        false
-    }
-
-    fn status(&mut self, running: bool, _: bool) -> Vec<u8> {
-        let motors_on = i8::from(running);
-        let payload = LlStatus { battery_1_mv: 11_100, motors_on, ..LlStatus::default() }.payload();
+impl Hummingbird {
+    fn status(&self) -> Vec<u8> {
+        let motors_on = i8::from(self.motors_on);
+        let status = LlStatus { battery_1_mv: 11_100, motors_on, ..LlStatus::default() };
         let mut frame = [0; 103];
-        let length = write_telemetry(Descriptor::LlStatus, &payload, &mut frame).unwrap();
+        let length = write_telemetry(Descriptor::LlStatus, &status.payload(), &mut frame).unwrap();
         frame[..length].to_vec()
-    }
-
-    fn hears(&mut self, bytes: &[u8]) -> Vec<Heard> {
-        let scales = self.scales.clone();
-        let meaning = |command| match command {
-            HostCommand::Control(input) if scales.is_motor_switch(&input) => Heard::Toggle,
-            HostCommand::Control(input) if input == ControlInput::ZERO_SETPOINT => Heard::Zero,
-            HostCommand::Control(input) => Heard::Flight { thrust: scales.decode(&input).thrust },
-            HostCommand::EmergencyStop => Heard::Stop,
-            HostCommand::Poll(_) => Heard::Word,
-        };
-        self.decoder.push(bytes).map(meaning).collect()
     }
 }

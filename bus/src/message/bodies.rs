@@ -116,6 +116,8 @@ message! {
         command_sequence: u64 ["-"],
         /// Time since the mission began; NaN before.
         mission_s: f64 ["s"],
+        /// Time since the mission began at which its landing is planned; NaN before.
+        planned_landing_s: f64 ["s"],
         /// Estimated position at the capture of the newest accepted pose, `pose_captured_at`; so are the next three.
         position: [f64; 3] ["m, world"],
         /// Estimated velocity.
@@ -126,6 +128,10 @@ message! {
         rate: [f64; 3] ["rad/s, body"],
         /// Reference position.
         reference_position: [f64; 3] ["m, world"],
+        /// Velocity of the reference; NaN when not flying, as the next.
+        reference_velocity: [f64; 3] ["m/s, world"],
+        /// Yaw of the reference.
+        reference_yaw: f64 ["rad, world"],
         /// Velocity commanded by the position loops; NaN when not flying.
         velocity_command: [f64; 3] ["m/s, world"],
         /// Commanded attitude, scalar last; NaN when not flying.
@@ -146,7 +152,7 @@ message! {
         riccati_solves: u64 ["-"],
         /// Riccati equations that had no solution, so that the last gain was kept.
         riccati_failures: u64 ["-"],
-        /// Ticks so far whose command came later than one period after its pose.
+        /// Ticks so far whose command came later than one period after it was due: after its pose, or after the tick's deadline.
         deadline_misses: u64 ["-"],
         /// Camera frames that never became a pose, in total.
         poses_lost: u64 ["-"],

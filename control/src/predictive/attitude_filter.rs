@@ -107,21 +107,16 @@ impl AttitudeFilter {
 
     /// Corrects `motion` by the attitude measured; returns the innovation \[rad, body axes\].
     pub fn correct(&mut self, motion: &mut Motion, measured: &Attitude) -> Vector3<f64> {
-        self.correct_with(motion, measured, self.noise)
+        let innovation = motion.attitude.rotation_to(measured);
+        self.correct_by(motion, &innovation, self.noise);
+        innovation
     }
 
-    /// As [`correct`](Self::correct), for a measurement with standard deviation `noise` \[rad\].
-    pub fn correct_with(
-        &mut self,
-        motion: &mut Motion,
-        measured: &Attitude,
-        noise: f64,
-    ) -> Vector3<f64> {
-        let innovation = motion.attitude.rotation_to(measured);
+    /// Corrects `motion` by this innovation \[rad, body axes\], of a measurement with standard deviation `noise` \[rad\].
+    pub fn correct_by(&mut self, motion: &mut Motion, innovation: &Vector3<f64>, noise: f64) {
         let gain = self.covariance.correct(noise);
         motion.attitude = motion.attitude.turned_by(innovation * gain.x);
         motion.rate += innovation * gain.y;
         self.bias = (self.bias + innovation * gain.z).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));
-        innovation
     }
 }

@@ -51,7 +51,7 @@ impl CommandHistory {
 
     /// Records that a command took effect at `acts_s` \[s\].
     pub fn applied(&mut self, sequence: u64, acts_s: f64) {
-        let Some(sent) = self.sent.iter_mut().find(|sent| sent.sequence == sequence) else {
+        let Some(sent) = self.sent.newest_mut(|sent| sent.sequence == sequence) else {
             return;
         };
         let measured_s = acts_s - sent.sent_s;

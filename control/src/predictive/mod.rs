@@ -68,7 +68,7 @@ pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
 pub use reference_model::{Course, MotionLimits, ReferenceModel, ReferenceModelOptions};
 use setpoint_buffer::SetpointBuffer;
-pub use track::{Innovation, MeasuredPose, Surroundings, Track};
+pub use track::{Deviation, Innovation, MeasuredPose, Surroundings, Track};
 
 /// Longest step of the reference model \[s\]; after a longer pause the reference model waits.
 const LONGEST_STEP_S: f64 = 0.1;

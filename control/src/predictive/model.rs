@@ -120,10 +120,12 @@ impl Motion {
             && self.thrust_n.is_finite()
     }
 
+    #[inline]
     fn vector(&self) -> Vector13 {
         vector13(&self.position, &self.velocity, self.attitude.xyzw(), &self.rate)
     }
 
+    #[inline]
     fn from_vector(x: &Vector13, thrust_n: f64) -> Self {
         let q = Quaternion::new(x[9], x[6], x[7], x[8]);
         Self {
@@ -163,22 +165,27 @@ impl VehicleModel {
 
     /// One Runge-Kutta step of fourth order; the thrust, a first-order lag by itself, is exact.
     fn step(&self, motion: &Motion, input: &ModelInput, bias: &Bias, h: f64) -> Motion {
-        let thrust = |t: f64| {
-            let keep = (-t / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp();
-            input.thrust_n + (motion.thrust_n - input.thrust_n) * keep
-        };
-        let rate = |x: &Vector13, thrust_n: f64| {
-            self.derivative(&Motion::from_vector(x, thrust_n), input, bias)
-        };
-        let (begin, middle, end) = (thrust(0.0), thrust(h / 2.0), thrust(h));
+        let off_n = motion.thrust_n - input.thrust_n;
+        let thrust =
+            |t: f64| input.thrust_n + off_n * (-t / self.thrust_lag_s.max(SHORTEST_LAG_S)).exp();
+        let (middle, end) = (thrust(h / 2.0), thrust(h));
         let x = motion.vector();
-        let k1 = rate(&x, begin);
-        let k2 = rate(&(x + k1 * (h / 2.0)), middle);
-        let k3 = rate(&(x + k2 * (h / 2.0)), middle);
-        let k4 = rate(&(x + k3 * h), end);
-        Motion::from_vector(&(x + (k1 + 2.0 * k2 + 2.0 * k3 + k4) * (h / 6.0)), end)
+        // A loop in place of four statements: the derivative, called from one place only, becomes a part of it.
+        let (mut slope, mut sum) = (Vector13::zeros(), Vector13::zeros());
+        for (ahead, weight, thrust_n) in [
+            (0.0, 1.0, input.thrust_n + off_n),
+            (h / 2.0, 2.0, middle),
+            (h / 2.0, 2.0, middle),
+            (h, 1.0, end),
+        ] {
+            let stage = Motion::from_vector(&(x + slope * ahead), thrust_n);
+            slope = self.derivative(&stage, input, bias);
+            sum += slope * weight;
+        }
+        Motion::from_vector(&(x + sum * (h / 6.0)), end)
     }
 
+    #[inline]
     fn derivative(&self, motion: &Motion, input: &ModelInput, bias: &Bias) -> Vector13 {
         let rate_dot = match &self.rotation {
             // Eq. (61), erratum E-61, with the lag of the on-board loop
@@ -208,6 +215,7 @@ impl VehicleModel {
 
 /// The vector of these parts. Element by element: an iterator over the chained parts takes several times as long as the
 /// derivative itself.
+#[inline]
 fn vector13(
     position: &Vector3<f64>,
     velocity: &Vector3<f64>,

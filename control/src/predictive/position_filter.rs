@@ -89,22 +89,17 @@ impl PositionFilter {
 
     /// Corrects `motion` by the position measured \[m, world\]; returns the innovation \[m\].
     pub fn correct(&mut self, motion: &mut Motion, measured: &Vector3<f64>) -> Vector3<f64> {
-        self.correct_with(motion, measured, self.noise)
+        let innovation = measured - motion.position;
+        self.correct_by(motion, &innovation, self.noise);
+        innovation
     }
 
-    /// As [`correct`](Self::correct), for a measurement with standard deviation `noise` \[m\].
-    pub fn correct_with(
-        &mut self,
-        motion: &mut Motion,
-        measured: &Vector3<f64>,
-        noise: f64,
-    ) -> Vector3<f64> {
-        let innovation = measured - motion.position;
+    /// Corrects `motion` by this innovation \[m\], of a measurement with standard deviation `noise` \[m\].
+    pub fn correct_by(&mut self, motion: &mut Motion, innovation: &Vector3<f64>, noise: f64) {
         let gain = self.covariance.correct(noise);
         motion.position += innovation * gain.x;
         motion.velocity += innovation * gain.y;
         let limit = self.bias_limit;
         self.bias = (self.bias + innovation * gain.z).map(|b| b.clamp(-limit, limit));
-        innovation
     }
 }

@@ -26,11 +26,18 @@ impl<T: Copy> Ring<T> {
 
     /// The items, newest first.
     pub fn newest_first(&self) -> impl Iterator<Item = &T> {
-        (1..=KEPT).map_while(|back| self.items[(self.next + KEPT - back) % KEPT].as_ref())
+        (1..=KEPT).map_while(|back| self.items[self.index(back)].as_ref())
     }
 
-    /// The items, in no particular order.
-    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut T> {
-        self.items.iter_mut().flatten()
+    /// The newest item for which `holds` is true. One that was added lately is found without reading the whole buffer.
+    pub fn newest_mut(&mut self, mut holds: impl FnMut(&T) -> bool) -> Option<&mut T> {
+        let newer = self.newest_first().position(|item| holds(item))?;
+        let index = self.index(newer + 1);
+        self.items[index].as_mut()
+    }
+
+    /// Index of the item that was added `back` items ago \[-\]; 1 for the newest.
+    fn index(&self, back: usize) -> usize {
+        (self.next + KEPT - back) % KEPT
     }
 }

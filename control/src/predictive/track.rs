@@ -38,6 +38,15 @@ pub struct MeasuredPose {
     pub attitude: Attitude,
 }
 
+/// A pose relative to its prediction.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Deviation {
+    /// From the predicted position to that of the pose \[m, world\].
+    pub offset: Vector3<f64>,
+    /// Rotation vector from the predicted attitude to that of the pose \[rad, body\].
+    pub turn: Vector3<f64>,
+}
+
 /// Distance of a pose from its prediction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Innovation {
@@ -115,28 +124,32 @@ impl Track {
         next
     }
 
-    /// The innovation of `pose`, measured at the instant of the track.
+    /// `pose`, measured at the instant of the track, relative to it.
     #[must_use]
-    pub fn innovation(&self, pose: &MeasuredPose) -> Innovation {
-        let moved = (pose.position - self.motion.position).norm();
-        let turned = self.motion.attitude.angle_to(&pose.attitude);
-        Innovation {
-            position_sigma: moved / self.position_sd_m().hypot(self.position_noise()),
-            attitude_sigma: turned / self.attitude_sd_rad().hypot(self.attitude_noise()),
+    pub fn deviation(&self, pose: &MeasuredPose) -> Deviation {
+        Deviation {
+            offset: pose.position - self.motion.position,
+            turn: self.motion.attitude.rotation_to(&pose.attitude),
         }
     }
 
-    /// The track corrected by `pose`, measured at its instant.
+    /// The innovation of a pose with this deviation.
     #[must_use]
-    pub fn corrected(&self, pose: &MeasuredPose, floor_m: f64) -> Self {
+    pub fn innovation(&self, Deviation { offset, turn }: &Deviation) -> Innovation {
+        Innovation {
+            position_sigma: offset.norm() / self.position_sd_m().hypot(self.position_noise()),
+            attitude_sigma: turn.norm() / self.attitude_sd_rad().hypot(self.attitude_noise()),
+        }
+    }
+
+    /// The track corrected by a pose with this deviation.
+    #[must_use]
+    pub fn corrected(&self, Deviation { offset, turn }: &Deviation, floor_m: f64) -> Self {
         let mut next = *self;
-        let (p, a) = (self.position_sd_m(), self.attitude_sd_rad());
-        let moved = (pose.position - self.motion.position).norm();
-        let turned = self.motion.attitude.angle_to(&pose.attitude);
-        let noise = huber_noise(moved, (p, self.position_noise()));
-        next.position.correct_with(&mut next.motion, &pose.position, noise);
-        let noise = huber_noise(turned, (a, self.attitude_noise()));
-        next.attitude.correct_with(&mut next.motion, &pose.attitude, noise);
+        let noise = huber_noise(offset.norm(), (self.position_sd_m(), self.position_noise()));
+        next.position.correct_by(&mut next.motion, offset, noise);
+        let noise = huber_noise(turn.norm(), (self.attitude_sd_rad(), self.attitude_noise()));
+        next.attitude.correct_by(&mut next.motion, turn, noise);
         if next.is_at_floor(floor_m) {
             next.position.forget_bias();
             next.attitude.forget_bias();

@@ -48,6 +48,7 @@ pub struct FlightPlan {
     /// From the start of the flight to that of the trajectory \[s\].
     trajectory_start_s: f64,
     descent_m_s: f64,
+    planned_landing_s: f64,
     landing: Landing,
 }
 
@@ -63,6 +64,7 @@ impl FlightPlan {
             take_off_s: options.take_off_s,
             trajectory_start_s,
             descent_m_s: options.descent_m_s,
+            planned_landing_s: end_s,
             landing: Landing::NEVER,
         };
         plan.land_from(end_s, plan.sample(end_s).into());
@@ -83,6 +85,12 @@ impl FlightPlan {
             *attitude = Attitude::from_unit_quaternion(heading * attitude.unit_quaternion());
         }
         reference
+    }
+
+    /// Time from the start of the flight at which the landing is planned, whether or not another has begun before \[s\].
+    #[must_use]
+    pub fn planned_landing_s(&self) -> f64 {
+        self.planned_landing_s
     }
 
     /// Begins a landing from `from` at `t_s` \[s\] after the start of the flight. A landing that has begun is not begun

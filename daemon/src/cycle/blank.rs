@@ -7,6 +7,9 @@ pub(super) fn without_pose() -> TelemetryV1 {
     let unknown = [f64::NAN; 3];
     TelemetryV1 {
         mission_s: f64::NAN,
+        planned_landing_s: f64::NAN,
+        reference_velocity: unknown,
+        reference_yaw: f64::NAN,
         pose_age_s: f64::NAN,
         pose_position: unknown,
         pose_attitude: [f64::NAN; 4],

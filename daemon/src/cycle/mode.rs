@@ -60,13 +60,20 @@ impl Cycle {
                 self.end_flight();
             }
             (Mode::Flying | Mode::Landing, state) => {
+                let plan = self.plan_changes();
                 self.act_on(now, state);
-                // The plan may have changed.
-                self.check_setpoint(now);
+                if self.plan_changes() != plan {
+                    self.check_setpoint(now);
+                }
                 self.go_on(now, &estimate);
             }
             _ => {}
         }
+    }
+
+    /// Number of changes of the plan so far \[-\]; `None` without a flight.
+    fn plan_changes(&self) -> Option<u32> {
+        self.mission.as_ref().map(ActiveMission::changes)
     }
 
     /// Holds the position, lands or waits for the end of a descent if the safety state demands it, and goes on with the mission if

@@ -5,6 +5,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Reference;
 
 use super::Cycle;
+use crate::mission::ActiveMission;
 use crate::stack::ControlOutput;
 
 impl Cycle {
@@ -39,6 +40,8 @@ impl Cycle {
         telemetry.tick += 1;
         telemetry.mission_s =
             self.mission.as_ref().map_or(f64::NAN, |mission| mission.elapsed_s(now));
+        telemetry.planned_landing_s =
+            self.mission.as_ref().map_or(f64::NAN, ActiveMission::planned_landing_s);
         telemetry.position = estimate.position.into();
         telemetry.velocity = estimate.velocity.into();
         telemetry.attitude = estimate.attitude.xyzw();
@@ -68,8 +71,14 @@ fn record_commands(
     output: Option<&ControlOutput>,
 ) {
     match reference {
-        Some(reference) => telemetry.reference_position = reference.position.into(),
+        Some(reference) => {
+            telemetry.reference_position = reference.position.into();
+            telemetry.reference_velocity = reference.velocity.into();
+            telemetry.reference_yaw = reference.yaw_rad;
+        }
         None => {
+            telemetry.reference_velocity = [f64::NAN; 3];
+            telemetry.reference_yaw = f64::NAN;
             telemetry.velocity_command = [f64::NAN; 3];
             telemetry.attitude_command = [f64::NAN; 4];
             telemetry.saturated = 0;

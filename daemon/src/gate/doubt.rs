@@ -39,12 +39,10 @@ pub(super) enum DoubtVerdict {
 }
 
 impl Doubt {
-    /// The doubt about `pose`, measured at the instant of `expected` after a gap of `gap_s` \[s\]; `None` if the pose is where
-    /// it was expected.
-    pub(super) fn about(expected: &Track, pose: &MeasuredPose, gap_s: f64) -> Option<Self> {
-        let first = Stranger::of(expected, pose);
-        let doubt = Self { without: *expected, first, since_s: expected.t_s, gap_s };
-        first.is_off().then_some(doubt)
+    /// The doubt about a pose that is `first` relative to `expected`, after a gap of `gap_s` \[s\]; `None` if the pose is where it
+    /// was expected.
+    pub(super) fn about(expected: &Track, first: Stranger, gap_s: f64) -> Option<Self> {
+        first.is_off().then(|| Self { without: *expected, first, since_s: expected.t_s, gap_s })
     }
 
     /// The motion predicted for `t_s` \[s\] without the doubted poses.

@@ -1,7 +1,7 @@
 //! A pose relative to the predicted motion, and how such poses resemble each other.
 
 use nalgebra::Vector3;
-use oqtal_control::predictive::{MeasuredPose, Track};
+use oqtal_control::predictive::{Deviation, MeasuredPose, Track};
 
 /// Distance within which two poses agree, each relative to the predicted motion \[m\].
 const AGREED_M: f64 = 0.015;
@@ -23,28 +23,22 @@ const SAME_GROWTH: f64 = 0.5;
 
 /// A pose relative to the predicted motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Stranger {
-    offset: Vector3<f64>,
-    turn: Vector3<f64>,
-}
+pub(super) struct Stranger(pub(super) Deviation);
 
 impl Stranger {
     /// `pose` relative to `expected`.
     pub(super) fn of(expected: &Track, pose: &MeasuredPose) -> Self {
-        Self {
-            offset: pose.position - expected.motion.position,
-            turn: expected.motion.attitude.rotation_to(&pose.attitude),
-        }
+        Self(expected.deviation(pose))
     }
 
     /// Distance of the pose from the predicted position \[m\].
     pub(super) fn distance_m(&self) -> f64 {
-        self.offset.norm()
+        self.0.offset.norm()
     }
 
     /// Angle of the pose from the predicted attitude \[rad\].
     pub(super) fn turn_rad(&self) -> f64 {
-        self.turn.norm()
+        self.0.turn.norm()
     }
 
     /// Whether both are poses of one body, as far as one frame after the other tells.
@@ -52,7 +46,8 @@ impl Stranger {
         let alike = |a: &Vector3<f64>, b: &Vector3<f64>, least: f64| {
             (a - b).norm() <= least.max(AGREED_SHARE * a.norm().max(b.norm()))
         };
-        alike(&self.offset, &other.offset, AGREED_M) && alike(&self.turn, &other.turn, AGREED_RAD)
+        alike(&self.0.offset, &other.0.offset, AGREED_M)
+            && alike(&self.0.turn, &other.0.turn, AGREED_RAD)
     }
 
     /// Whether the pose is off the predicted motion by more than noise.
@@ -67,8 +62,8 @@ impl Stranger {
         let share = |now: &Vector3<f64>, first: &Vector3<f64>, least: f64| {
             (first.norm() >= least).then(|| (now - first).norm() / first.norm())
         };
-        let moved = share(&self.offset, &first.offset, OFFSET_M);
-        match share(&self.turn, &first.turn, OFFSET_RAD) {
+        let moved = share(&self.0.offset, &first.0.offset, OFFSET_M);
+        match share(&self.0.turn, &first.0.turn, OFFSET_RAD) {
             Some(turned) => moved.unwrap_or(0.0).max(turned) <= SAME_SHARE,
             None => moved.is_some_and(|moved| moved <= SAME_SHARE.min(SAME_GROWTH * growth)),
         }

@@ -69,9 +69,9 @@ const fn metric(key: &'static str, title: &'static str, weight: f64) -> Metric {
 /// The metrics of one seed, infinite where a flight did not land.
 pub type Figures = [f64; METRICS];
 
-/// Position, velocity and attitude error, settling and overshoot of a square; all infinite if it did not land.
+/// Mean position, velocity and attitude error of a flight along a path, and settling and overshoot at its corners.
 #[must_use]
-pub fn of_square(flight: &Flight) -> [f64; 5] {
+pub fn of_path(flight: &Flight) -> [f64; 5] {
     let mean = |error: fn(&FlightSample) -> f64| {
         let mut statistics = Statistics::default();
         flight.scored().for_each(|sample| statistics.add(error(sample)));

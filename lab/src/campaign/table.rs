@@ -6,11 +6,11 @@ use rayon::prelude::*;
 
 use crate::progress::Progress;
 use crate::sheet::{Column, SheetCell, SheetRow, Variant};
-use crate::tune::{gains, shipped, space};
+use crate::tune::{gains, space, value};
 
 use super::flights::{Contender, NOMINAL, PlantVariant, Prepared, Test};
 use super::interval::Interval;
-use super::metric::{ATTITUDE, METRIC, METRICS, of_square};
+use super::metric::{ATTITUDE, METRIC, METRICS, of_path};
 use super::statistics::{EVALUATION_SEEDS, Runs};
 
 /// A law in a table.
@@ -25,6 +25,21 @@ pub struct Entrant {
 }
 
 impl Entrant {
+    /// The law `controller` with its gains of `deploy/tuned`, on the shipped vehicle.
+    #[must_use]
+    pub fn tuned_alike(controller: &'static str) -> Self {
+        let settings = gains::tuned(controller);
+        let remark = match settings.is_empty() {
+            false => "tuned alike, deploy/tuned",
+            true => "shipped gains, not tuned",
+        };
+        Self {
+            contender: Contender { controller, settings },
+            variant: Variant::Ours,
+            settings: remark.to_owned(),
+        }
+    }
+
     /// Whether the law is one of those that are tuned alike.
     #[must_use]
     pub fn is_tuned(&self) -> bool {
@@ -62,16 +77,16 @@ impl MaxQ {
 }
 
 /// Scope of the flights for a row.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Scope {
-    /// Number of runs, one for each seed \[-\].
-    pub runs: u64,
+    /// Seeds of the runs.
+    pub seeds: std::ops::Range<u64>,
     /// Whether the greatest weight is searched.
     pub raises_weights: bool,
 }
 
 /// The paper's scope.
-pub const PAPER: Scope = Scope { runs: 25, raises_weights: true };
+pub const PAPER: Scope = Scope { seeds: EVALUATION_SEEDS, raises_weights: true };
 /// Number of runs with the least position error that make up the paper's means \[-\].
 pub const BEST: usize = 5;
 
@@ -103,7 +118,7 @@ pub const COLUMNS: [Column; METRICS + 5] = {
 /// Of the metrics, the first few have a spread in the paper's Table V.
 const SPREADS: usize = 3;
 
-/// The laws of Table V: with the paper's gains, and all tuned alike.
+/// The laws of Table V: with the paper's gains, and all tuned alike, on the shipped vehicle.
 #[must_use]
 pub fn entrants() -> Vec<Entrant> {
     let printed = [
@@ -122,14 +137,7 @@ pub fn entrants() -> Vec<Entrant> {
             Contender { controller, settings: weight.map(setting).into_iter().collect() };
         Entrant { contender, variant: Variant::AsPrinted, settings: settings.to_owned() }
     });
-    let tuned = space::LAWS.iter().map(|law| Entrant {
-        contender: Contender { controller: law.controller, settings: gains::tuned(law.controller) },
-        variant: Variant::Ours,
-        settings: match gains::tuned(law.controller).is_empty() {
-            false => "tuned alike, deploy/tuned".to_owned(),
-            true => "shipped gains, not tuned".to_owned(),
-        },
-    });
+    let tuned = space::LAWS.iter().map(|law| Entrant::tuned_alike(law.controller));
     printed.chain(tuned).collect()
 }
 
@@ -153,10 +161,9 @@ pub fn fly(
     scope: &Scope,
     progress: &Progress,
 ) -> Result<Vec<Flown>, Failure> {
-    let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + scope.runs;
     let bar = progress.start(plant.name, entrants.len());
     let fly = |entrant: &Entrant| {
-        let runs = Runs::fly(&entrant.contender, plant, seeds.clone())?;
+        let runs = Runs::fly(&entrant.contender, plant, scope.seeds.clone())?;
         let max_q = match scope.raises_weights {
             true => Some(greatest_weight(entrant)?),
             false => None,
@@ -239,7 +246,7 @@ fn greatest_weight(entrant: &Entrant) -> Result<MaxQ, Failure> {
     let key = law.expect("every entrant is a law").gains[0].key;
     let set = entrant.contender.settings.iter().find(|setting| setting.key == key);
     let start = set.and_then(|setting| setting.value.as_float());
-    let start = start.unwrap_or_else(|| shipped::shipped(key));
+    let start = start.unwrap_or_else(|| value::value_of(&oqtal_config::Config::default(), key));
     let weights: Vec<f64> = (0..MOST_RAISES).map(|k| start * RAISE.powi(k as i32)).collect();
     let errors: Result<Vec<f64>, Failure> =
         weights.par_iter().map(|weight| attitude_error(&entrant.contender, key, *weight)).collect();
@@ -257,11 +264,11 @@ fn greatest_weight(entrant: &Entrant) -> Result<MaxQ, Failure> {
 fn attitude_error(contender: &Contender, key: &str, weight: f64) -> Result<f64, Failure> {
     let mut contender = contender.clone();
     contender.settings.push(Setting::flag("max q", key, weight));
-    let square = Prepared::new(&contender, Test::Square, &NOMINAL)?;
+    let square = Prepared::new(&contender, Test::Path, &NOMINAL)?;
     let mut sum = 0.0;
     for seed in RAISED_SEEDS {
         let flown = square.fly(seed)?;
-        sum += flown.map_or(f64::INFINITY, |(flight, _)| of_square(&flight)[ATTITUDE]);
+        sum += flown.map_or(f64::INFINITY, |(flight, _)| of_path(&flight)[ATTITUDE]);
     }
     Ok(sum / (RAISED_SEEDS.end - RAISED_SEEDS.start) as f64)
 }

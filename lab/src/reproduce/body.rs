@@ -120,9 +120,11 @@ fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
         rate_drift: Vector3::zeros(),
         voltage_ratio: 1.0,
     };
-    (0..STEPS).fold(*state, |state, _| {
-        dynamics.step(&state, 1.0 / RATE_HZ / f64::from(STEPS), &input, &calm)
-    })
+    let mut state = *state;
+    for _ in 0..STEPS {
+        dynamics.advance(&mut state, 1.0 / RATE_HZ / f64::from(STEPS), &input, &calm);
+    }
+    state
 }
 
 /// Simulates a manoeuvre from `start` under `law`; `obey` returns a command as a vector and the state after one tick of it.

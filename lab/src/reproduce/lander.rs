@@ -202,7 +202,7 @@ impl Lander {
         let steps = (dt_s / LONGEST_STEP_S - 1e-9).ceil().max(1.0);
         let mut state = *state;
         for _ in 0..steps as u32 {
-            state = self.dynamics.step(&state, dt_s / steps, &input, &calm);
+            self.dynamics.advance(&mut state, dt_s / steps, &input, &calm);
         }
         state
     }

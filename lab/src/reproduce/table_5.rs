@@ -62,7 +62,7 @@ fn fly(
     progress: &Progress,
 ) -> Result<(Vec<Flown>, Vec<Vec<Flown>>), Failure> {
     let nominal = table::fly(entrants, &NOMINAL, scope, progress)?;
-    let elsewhere = Scope { raises_weights: false, ..*scope };
+    let elsewhere = Scope { raises_weights: false, ..scope.clone() };
     let fly = |plant| {
         let mut flown = table::fly(entrants, plant, &elsewhere, progress)?;
         flown.iter_mut().zip(&nominal).for_each(|(there, here)| there.take_max_q_of(here));
@@ -87,8 +87,9 @@ fn entrants(context: &ExperimentContext) -> Result<Vec<Entrant>, Failure> {
     if context.retune {
         for entrant in entrants.iter_mut().filter(|entrant| entrant.is_tuned()) {
             let name = entrant.contender.controller;
-            let tuned = tune::tune(name, Default::default(), &context.progress)?;
-            context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml())?;
+            let tuned =
+                tune::tune(name, &Default::default(), &Default::default(), &context.progress)?;
+            context.keep(&format!("tuned/{name}.toml"), &tuned.to_toml(&[]))?;
             entrant.contender.settings = tuned.settings();
             entrant.settings = "tuned alike, anew".to_owned();
         }
@@ -120,8 +121,9 @@ fn paper() -> impl Iterator<Item = SheetRow> {
 fn outer(context: &ExperimentContext) -> Result<Sheet, Failure> {
     let tuned = match context.retune {
         true => {
-            let tuned = tune::tune("outer", Default::default(), &context.progress)?;
-            context.keep("tuned/outer.toml", &tuned.to_toml())?;
+            let tuned =
+                tune::tune("outer", &Default::default(), &Default::default(), &context.progress)?;
+            context.keep("tuned/outer.toml", &tuned.to_toml(&[]))?;
             tuned.settings()
         }
         false => tune::gains::tuned("outer"),
@@ -183,7 +185,7 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
             Setting::flag("cells", &key("delta-rad"), *delta),
         ];
         let contender = Contender { controller: law, settings };
-        let flown = Prepared::new(&contender, Test::Square, &NOMINAL)?.fly(200)?;
+        let flown = Prepared::new(&contender, Test::Path, &NOMINAL)?.fly(200)?;
         let solves = flown.and_then(|(flight, _)| {
             flight.samples.last().map(|sample| sample.telemetry.riccati_solves)
         });
@@ -263,7 +265,7 @@ mod tests {
     fn every_figure_of_every_law_on_every_plant_is_a_number() {
         let mut entrants = table::entrants();
         entrants.retain(|e| ["lqr", "oqtal-dt"].contains(&e.contender.controller));
-        let scope = Scope { runs: 1, ..PAPER };
+        let scope = Scope { seeds: 200..201, ..PAPER };
         let (nominal, others) = fly(&entrants, &scope, &Progress::default()).unwrap();
         let evidence = |(plant, flown)| Evidence { plant, flown };
         let elsewhere: Vec<Evidence<'_>> = MISMATCHED

@@ -34,22 +34,26 @@ enum PoseProcess {
 pub(super) struct Processes<'a> {
     mission: &'a Mission,
     bus: Rc<MemoryBus>,
+    /// Whether an observer wants the truth of every millisecond.
+    every_millisecond: bool,
     plant: Process<PlantTurn<Ports>>,
     poses: PoseProcess,
     daemon: Process<DaemonTurn<Ports>>,
 }
 
 impl<'a> Processes<'a> {
-    /// Opens all of them.
+    /// Opens all of them; `every_millisecond` as an observer wants the truth.
     pub(super) fn open(
         mission: &'a Mission,
         bus: &Rc<MemoryBus>,
         start: Time,
+        every_millisecond: bool,
     ) -> Result<Self, Failure> {
         Ok(Self {
             mission,
             bus: Rc::clone(bus),
-            plant: plant(mission, bus, start)?,
+            every_millisecond,
+            plant: plant(mission, bus, start, every_millisecond)?,
             poses: PoseProcess::open(mission, bus, start)?,
             daemon: daemon(mission, bus, start)?,
         })
@@ -57,9 +61,9 @@ impl<'a> Processes<'a> {
 
     /// Opens the process `role` anew, as after a kill.
     pub(super) fn reopen(&mut self, role: Role, now: Time) -> Result<(), Failure> {
-        let Self { mission, bus, .. } = self;
+        let Self { mission, bus, every_millisecond, .. } = self;
         match role {
-            Role::Plant => self.plant = plant(mission, bus, now)?,
+            Role::Plant => self.plant = plant(mission, bus, now, *every_millisecond)?,
             Role::Mocap => self.poses = PoseProcess::open(mission, bus, now)?,
             Role::Daemon => self.daemon = daemon(mission, bus, now)?,
             Role::Recorder | Role::Bridge | Role::Receiver => {}
@@ -91,10 +95,13 @@ fn plant(
     mission: &Mission,
     bus: &Rc<MemoryBus>,
     start: Time,
+    every_millisecond: bool,
 ) -> Result<Process<PlantTurn<Ports>>, Failure> {
     let config = &mission.config;
     let faulty = FaultyTransport::new(bus, config)?;
-    let turn = PlantTurn::open(&faulty, Plant::new(config, start), Stepping::Exact, config)?;
+    let plant = Plant::new(config, start);
+    let plant = if every_millisecond { plant } else { plant.without_milliseconds() };
+    let turn = PlantTurn::open(&faulty, plant, Stepping::Exact, config)?;
     Ok(faulty.turn(FaultTarget::PlantSim, turn))
 }
 

@@ -3,18 +3,17 @@
 //! X and Y share their gains, so there are four searches, the inner loops first. Each has an objective of its own: the error of
 //! the controlled variable against the loop's reference, and the jitter of the command.
 
-use oqtal_config::Setting;
+use oqtal_config::{Config, Setting};
 use oqtal_control::controller::SearchRange;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{Contender, NOMINAL, Prepared, Test};
+use crate::campaign::flights::{NOMINAL, Prepared, Test};
 use crate::campaign::metric::of_hover;
-use crate::campaign::statistics::TRAINING_SEEDS;
 use crate::progress::Progress;
 use oqtal_observe::flight::{Flight, FlightSample};
 
-use super::search::{Budget, Tuned, search, values};
+use super::search::{Budget, Ground, Tuned, configured, search, values};
 
 /// Weight of the jitter of the command against the error \[-\]: a loop must not follow closely at the expense of the attitude.
 const JITTER_WEIGHT: f64 = 1.0;
@@ -57,32 +56,35 @@ const LOOPS: [Loop; 4] = [
     },
 ];
 
-/// Tunes the loops in turn, each with its share of the budget and the gains already found for those before it, around the
-/// shipped `oqtal`.
+/// Tunes the loops in turn, each with its share of the budget and the gains already found for those before it, around `oqtal`
+/// with its configured gains.
 ///
 /// # Errors
 /// A setting has no meaning.
-pub fn tune(budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
+pub fn tune(budget: &Budget, ground: &Ground, progress: &Progress) -> Result<Tuned, Failure> {
     let bar = progress.start("tuning the outer loops", budget.points);
-    let share = Budget { points: budget.points / LOOPS.len(), ..budget };
+    let share = Budget { points: budget.points / LOOPS.len(), ..*budget };
+    let config = Config::from_settings(&ground.settings)?;
     let mut found: Vec<(&'static str, f64)> = Vec::new();
     let mut objective = 0.0;
     for tuned in &LOOPS {
-        let reference = judged(tuned, &found)?;
-        let best = search(&tuned.parameters, share, |points| {
+        let reference = judged(tuned, &found, ground)?;
+        let start = configured(&tuned.parameters, &config);
+        let best = search(&tuned.parameters, &start, &share, |points| {
             let judge = |point: &Vec<f64>| {
                 let gains = [found.clone(), values(&tuned.parameters, point)].concat();
-                let judged = judged(tuned, &gains).unwrap_or([f64::INFINITY; 2]);
+                let judged = judged(tuned, &gains, ground).unwrap_or([f64::INFINITY; 2]);
                 bar.inc();
                 (judged[0] / reference[0] + JITTER_WEIGHT * judged[1] / reference[1])
                     / (1.0 + JITTER_WEIGHT)
             };
             points.par_iter().map(judge).collect()
         });
-        found.extend(values(&tuned.parameters, &best.point));
-        objective += best.value / LOOPS.len() as f64;
+        let is_better = best.value < 1.0;
+        found.extend(if is_better { values(&tuned.parameters, &best.point) } else { start });
+        objective += best.value.min(1.0) / LOOPS.len() as f64;
     }
-    Ok(Tuned { what: "outer".to_owned(), values: found, objective, budget })
+    Ok(Tuned { what: "outer".to_owned(), values: found, objective, start: 1.0, budget: *budget })
 }
 
 /// The gains among `settings` that lie on a bound of the search, up to the rounding of written values.
@@ -97,17 +99,22 @@ pub fn on_a_bound(settings: &[Setting]) -> Vec<&'static str> {
     parameters.filter(lies).map(|parameter| parameter.key).collect()
 }
 
-/// Mean error of the loop and jitter of the command, over squares from take-off on.
-fn judged(tuned: &Loop, gains: &[(&'static str, f64)]) -> Result<[f64; 2], Failure> {
-    let settings = gains.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect();
-    let contender = Contender { controller: "oqtal", settings };
-    let square = Prepared::new(&contender, Test::Square, &NOMINAL)?;
+/// Mean error of the loop and jitter of the command, along paths from take-off on.
+fn judged(
+    tuned: &Loop,
+    gains: &[(&'static str, f64)],
+    ground: &Ground,
+) -> Result<[f64; 2], Failure> {
+    let gains: Vec<Setting> =
+        gains.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect();
+    let path = Prepared::new(&ground.contender("oqtal", &gains), Test::Path, &NOMINAL)?;
     let fly = |seed| {
-        let flown = square.fly(seed)?;
+        let flown = path.fly(seed)?;
         let judge = |flight: &Flight| [mean(flight, tuned.error), of_hover(flight)[1]];
         Ok(flown.map_or([f64::INFINITY; 2], |(flight, _)| judge(&flight)))
     };
-    let all: Result<Vec<[f64; 2]>, Failure> = TRAINING_SEEDS.into_par_iter().map(fly).collect();
+    let all: Result<Vec<[f64; 2]>, Failure> =
+        ground.seeds.clone().into_par_iter().map(fly).collect();
     let all = all?;
     let share = |i: usize| all.iter().map(|each| each[i]).sum::<f64>() / all.len() as f64;
     Ok([share(0), share(1)])

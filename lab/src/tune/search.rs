@@ -1,7 +1,11 @@
 //! The search for gains: the same optimiser, budget and seeds for every law.
 
+use std::collections::BTreeMap;
+use std::fmt;
+use std::ops::Range;
+
 use super::bee_colony::Best;
-use oqtal_config::Setting;
+use oqtal_config::{Config, Setting};
 use oqtal_control::controller::SearchRange;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
@@ -12,8 +16,8 @@ use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::progress::Progress;
 
 use super::optimiser::Optimiser;
-use super::shipped::shipped;
 use super::space::LawSpace;
+use super::value::value_of;
 
 /// Budget of a search.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +36,29 @@ impl Default for Budget {
     }
 }
 
+/// The flights on which gains are judged.
+#[derive(Clone, Debug)]
+pub struct Ground {
+    /// Settings that all flights have in common: the vehicle and its surroundings.
+    pub settings: Vec<Setting>,
+    /// Seeds of the flights; the plants of [`TRAINING`] take turns.
+    pub seeds: Range<u64>,
+}
+
+impl Default for Ground {
+    fn default() -> Self {
+        Self { settings: Vec::new(), seeds: TRAINING_SEEDS }
+    }
+}
+
+impl Ground {
+    /// The law `controller` with `gains` in place of the configured ones.
+    #[must_use]
+    pub fn contender(&self, controller: &'static str, gains: &[Setting]) -> Contender {
+        Contender { controller, settings: [&self.settings, gains].concat() }
+    }
+}
+
 /// Gains found by a search.
 #[derive(Clone, Debug)]
 pub struct Tuned {
@@ -39,8 +66,10 @@ pub struct Tuned {
     pub what: String,
     /// Keys and values \[units of the keys\].
     pub values: Vec<(&'static str, f64)>,
-    /// Objective at these gains \[-\]; 1 for the shipped `oqtal`.
+    /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains, lower is better.
     pub objective: f64,
+    /// Objective at the configured gains, where the search starts \[-\].
+    pub start: f64,
     /// The search.
     pub budget: Budget,
 }
@@ -57,19 +86,45 @@ impl Tuned {
         )
     }
 
-    /// The gains as a configuration file.
+    /// The gains as a configuration file, on top of the settings `common` of the vehicle that they were found for.
     #[must_use]
-    pub fn to_toml(&self) -> String {
+    pub fn to_toml(&self, common: &[&Setting]) -> String {
         let law = if self.what == "outer" { None } else { Some(&self.what) };
-        let law = law.map_or_else(String::new, |law| format!("control.controller = \"{law}\"\n"));
-        let values = self.values.iter().map(|(key, value)| format!("{key} = {value:?}\n"));
-        format!("# oqtal {}\n{law}{}", self.headline(), values.collect::<String>())
+        let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
+        let gains = self.values.iter().map(|(key, value)| (*key, format!("{value:?}")));
+        let own: Vec<_> = law.into_iter().chain(gains).collect();
+        // Of a key that is set twice, the last counts.
+        let mut lines: BTreeMap<&str, String> = BTreeMap::new();
+        for setting in common.iter().filter(|s| own.iter().all(|(key, _)| *key != s.key)) {
+            lines.insert(&setting.key, setting.value.to_string());
+        }
+        let line = |(key, value): (&str, String)| format!("{key} = {value}\n");
+        let common: String = lines.into_iter().map(line).collect();
+        format!(
+            "# oqtal {}\n{common}{}",
+            self.headline(),
+            own.into_iter().map(line).collect::<String>()
+        )
     }
 
     /// The gains as settings.
     #[must_use]
     pub fn settings(&self) -> Vec<Setting> {
         settings(&self.values)
+    }
+}
+
+impl fmt::Display for Tuned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.headline())?;
+        let (start, found) = (self.start, self.objective);
+        match found < start {
+            true => writeln!(f, "  {start:.4} at the configured gains; lower is better")?,
+            false => {
+                writeln!(f, "  no better than the configured gains, {start:.4}: they are kept")?
+            }
+        }
+        self.values.iter().try_for_each(|(key, value)| writeln!(f, "  {key} = {value}"))
     }
 }
 
@@ -88,42 +143,58 @@ pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(&'static str, f
     parameters.iter().zip(point).map(|(p, log)| (p.key, readable(log.exp()))).collect()
 }
 
-/// Searches `parameters` in their logarithms, from their shipped values, for the least objective.
+/// The values of `parameters` in `config`, within their bounds.
+#[must_use]
+pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(&'static str, f64)> {
+    let value = |p: &SearchRange| (p.key, value_of(config, p.key).clamp(p.low, p.high));
+    parameters.iter().map(value).collect()
+}
+
+/// Searches `parameters` in their logarithms, from the values `start`, for the least objective.
 pub fn search(
     parameters: &[SearchRange],
-    budget: Budget,
+    start: &[(&'static str, f64)],
+    budget: &Budget,
     evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
 ) -> Best {
     let bounds: Vec<_> = parameters.iter().map(|p| p.low.ln()..=p.high.ln()).collect();
-    let start = parameters.iter().map(|p| shipped(p.key).clamp(p.low, p.high).ln()).collect();
-    let Budget { points, seed, optimiser } = budget;
+    let start = start.iter().map(|(_, value)| value.ln()).collect();
+    let Budget { points, seed, optimiser } = *budget;
     optimiser.minimise(&bounds, start, (points, seed), evaluate)
 }
 
-/// Tunes a law, with estimator and position loops around it, on the training seeds.
+/// Tunes a law, with estimator and position loops around it, on `ground`.
 ///
 /// # Errors
 /// A setting has no meaning.
-pub fn law(space: &LawSpace, budget: Budget, progress: &Progress) -> Result<Tuned, Failure> {
+pub fn law(
+    space: &LawSpace,
+    budget: &Budget,
+    ground: &Ground,
+    progress: &Progress,
+) -> Result<Tuned, Failure> {
     let parameters = space.parameters();
     let bar = progress.start(&format!("tuning {}", space.controller), budget.points);
-    let reference = trained(&Contender { controller: "oqtal", settings: Vec::new() })?;
-    let best = search(&parameters, budget, |points| {
+    let reference = trained(&ground.contender("oqtal", &[]), ground)?;
+    let judge = |gains: &[Setting]| {
+        let figures = trained(&ground.contender(space.controller, gains), ground)?;
+        Ok::<f64, Failure>(objective(&figures, &reference))
+    };
+    let start = judge(&[])?;
+    let from = configured(&parameters, &Config::from_settings(&ground.settings)?);
+    let best = search(&parameters, &from, budget, |points| {
         let judge = |point: &Vec<f64>| {
-            let settings = settings(&values(&parameters, point));
-            let contender = Contender { controller: space.controller, settings };
-            let value = trained(&contender).map_or(f64::INFINITY, |f| objective(&f, &reference));
+            let value = judge(&settings(&values(&parameters, point))).unwrap_or(f64::INFINITY);
             bar.inc();
             value
         };
         points.par_iter().map(judge).collect()
     });
-    Ok(Tuned {
-        what: space.controller.to_owned(),
-        values: values(&parameters, &best.point),
-        objective: best.value,
-        budget,
-    })
+    let (values, objective) = match best.value < start {
+        true => (values(&parameters, &best.point), best.value),
+        false => (from, start),
+    };
+    Ok(Tuned { what: space.controller.to_owned(), values, objective, start, budget: *budget })
 }
 
 /// The objective of a law at its shipped gains, and with those of `contender`, on the training seeds.
@@ -131,16 +202,18 @@ pub fn law(space: &LawSpace, budget: Budget, progress: &Progress) -> Result<Tune
 /// # Errors
 /// A setting has no meaning.
 pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
-    let shipped = |controller| Contender { controller, settings: Vec::new() };
-    let reference = trained(&shipped("oqtal"))?;
-    let figures = [trained(&shipped(contender.controller))?, trained(contender)?];
+    let ground = Ground::default();
+    let reference = trained(&ground.contender("oqtal", &[]), &ground)?;
+    let shipped = trained(&ground.contender(contender.controller, &[]), &ground)?;
+    let figures = [shipped, trained(contender, &ground)?];
     Ok(figures.map(|figures| objective(&figures, &reference)))
 }
 
-/// Mean figures over the training seeds, each on its plant.
-fn trained(contender: &Contender) -> Result<Figures, Failure> {
+/// Mean figures over the seeds, each on its plant.
+fn trained(contender: &Contender, ground: &Ground) -> Result<Figures, Failure> {
     let fly = |(seed, plant): (u64, &PlantVariant)| Ok(Trial::new(contender, plant)?.fly(seed)?.0);
-    let flights: Vec<(u64, &PlantVariant)> = TRAINING_SEEDS.zip(&TRAINING).collect();
+    let plants = TRAINING.iter().cycle();
+    let flights: Vec<(u64, &PlantVariant)> = ground.seeds.clone().zip(plants).collect();
     let figures: Result<Vec<Figures>, Failure> = flights.into_par_iter().map(fly).collect();
     Ok(Runs { figures: figures?, solves: 0 }.mean())
 }
@@ -155,13 +228,15 @@ mod tests {
             what: "lqr".to_owned(),
             values: vec![("control.lqr.attitude-weight", 12.34)],
             objective: 0.5,
+            start: 0.9,
             budget: Budget::default(),
         };
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("tuned.toml");
-        std::fs::write(&file, tuned.to_toml()).unwrap();
+        let common = Setting::flag("--set", "vehicle.mass-kg", 0.6);
+        std::fs::write(&file, tuned.to_toml(&[&common])).unwrap();
         let config = oqtal_config::Config::load(Some(&file), &[]).unwrap();
-        assert_eq!(config.control.lqr.attitude_weight, 12.34);
+        assert_eq!((config.control.lqr.attitude_weight, config.vehicle.mass_kg), (12.34, 0.6));
         assert_eq!(config.control.controller, oqtal_control::controller::ControllerName::Lqr);
     }
 }

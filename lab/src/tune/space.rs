@@ -45,9 +45,10 @@ pub const LAW_NAMES: [&str; LAWS.len()] = {
     names
 };
 
-/// What can be asked for: a law, or the position loops.
-pub const NAMES: [&str; LAWS.len() + 1] = {
-    let mut names = ["outer"; LAWS.len() + 1];
+/// What can be asked for: a law, all laws, or the position loops.
+pub const NAMES: [&str; LAWS.len() + 2] = {
+    let mut names = ["outer"; LAWS.len() + 2];
+    names[LAWS.len()] = "all";
     let mut index = 0;
     while index < LAWS.len() {
         names[index] = LAWS[index].controller;
@@ -91,7 +92,8 @@ impl LawSpace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::tune::shipped::shipped;
+    use crate::tune::value::value_of;
+    use oqtal_config::Config;
 
     #[test]
     fn every_law_has_a_gain_of_its_own_to_tune() {
@@ -106,7 +108,7 @@ mod tests {
     fn every_parameter_is_a_key_whose_shipped_value_is_within_its_bounds() {
         for law in LAWS {
             for parameter in law.parameters() {
-                let value = shipped(parameter.key);
+                let value = value_of(&Config::default(), parameter.key);
                 let SearchRange { key, low, high } = parameter;
                 assert!((low..=high).contains(&value), "{key} = {value}");
             }

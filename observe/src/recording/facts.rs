@@ -7,6 +7,7 @@ use oqtal_bus::time::Span;
 use oqtal_config::Config;
 
 use crate::kernel::ThreadScheduling;
+use crate::provenance::Provenance;
 use crate::summary::name_of;
 
 /// Version of the layout of recordings: names of channels, metadata and attachments.
@@ -17,15 +18,6 @@ pub const RECORDING: &str = "oqtal.recording";
 pub const CONFIG_FILE: &str = "config.toml";
 /// Name of the attachment with the waypoints that the configuration names.
 pub const WAYPOINTS_FILE: &str = "waypoints.csv";
-
-/// The build that records.
-#[derive(Clone, Copy, Debug)]
-pub struct Provenance {
-    /// Version of the program.
-    pub version: &'static str,
-    /// Revision of its sources in version control; `unknown` if it was not built from a repository.
-    pub revision: &'static str,
-}
 
 /// A named table of facts.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -14,7 +14,7 @@ use oqtal_config::{ClockKind, Config};
 use super::cdr;
 use super::channel::{Channel, HEALTH};
 use super::closing::ClosingFacts;
-use super::facts::{CONFIG_FILE, Facts, Provenance, WAYPOINTS_FILE};
+use super::facts::{CONFIG_FILE, Facts, WAYPOINTS_FILE};
 use super::fault_schedule::FaultSchedule;
 use super::scene::{self, LogSeverity, ScenePose};
 use super::thread::{FilePlan, RecordingResult, RecordingThread};
@@ -22,6 +22,7 @@ use super::truth::TruthSelection;
 use super::writer::{McapMessage, Preamble};
 use crate::event::{self, DaemonCondition};
 use crate::flight::Flight;
+use crate::provenance::Provenance;
 use crate::sink::{ObservedTopic, Reception, Sink};
 
 /// Time between two recorded clock offsets.

@@ -9,6 +9,7 @@ use proptest::prelude::*;
 use tempfile::TempDir;
 
 use super::*;
+use crate::provenance::Provenance;
 use crate::sink::{ObservedTopic, Reception, Sink};
 
 const PROVENANCE: Provenance = Provenance { version: "1.2.3", revision: "abc" };

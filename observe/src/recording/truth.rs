@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
 
+use crate::nearest::nearest;
 use crate::sink::Reception;
 
 /// Samples among which the nearest to a tick is found, as many as the flight recorder keeps.
@@ -77,9 +78,8 @@ impl TruthSelection {
         let Some(newest) = self.newest.back().map(|((_, truth), _)| truth.time) else { return };
         while let Some(tick) = self.ticks.front().copied().filter(|tick| *tick <= newest) {
             self.ticks.pop_front();
-            let distance = |truth: &TruthV1| truth.time.since(tick).nanos().abs();
-            let nearest = self.newest.iter_mut().min_by_key(|((_, truth), _)| distance(truth));
-            if let Some((sample, chosen @ false)) = nearest {
+            let index = nearest(&self.newest, tick, |((_, truth), _)| truth.time);
+            if let Some((sample, chosen @ false)) = index.map(|index| &mut self.newest[index]) {
                 *chosen = true;
                 choose(sample);
             }

@@ -10,7 +10,7 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Phase;
 
 use crate::command_path::CommandPath;
-use crate::flight::{Flight, FlightSample, Outcome, PoseArrival};
+use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
 use crate::wire::WireRecord;
 
 const RATE_HZ: f64 = 60.0;
@@ -27,6 +27,7 @@ pub fn empty() -> Flight {
         config: Config::default(),
         command_path: CommandPath::Bus,
         outcome: Outcome::Timeout,
+        crash: None,
         samples: Vec::new(),
         arrivals: Vec::new(),
         hops: HopDistributions::default(),
@@ -36,7 +37,7 @@ pub fn empty() -> Flight {
         commands_lost: 0,
         poses_repeated: 0,
         commands_repeated: 0,
-        battery: Vec::new(),
+        applied: Vec::new(),
         speed_factor: f64::NAN,
         daemon: None,
     }
@@ -63,8 +64,11 @@ pub fn square() -> Flight {
         let at = instant(tick);
         flight.wakeup_lateness.add(Span::from_nanos(noise.nanos(60_000)));
         flight.period_jitter.add(Span::from_nanos(noise.nanos(40_000)));
-        flight.hops.add(&stamps(at, &mut noise), Span::ZERO);
-        flight.battery.push((at, 12.4 - 0.01 * t + 0.01 * noise.next()));
+        let stamps = stamps(at, &mut noise);
+        flight.hops.add(&stamps, Span::ZERO);
+        let battery_v = 12.4 - 0.01 * t + 0.01 * noise.next();
+        let (sequence, wire) = (tick + 1, Span::ZERO);
+        flight.applied.push(AppliedCommand { sequence, stamps, wire, battery_v });
         flight.arrivals.push(PoseArrival { at, frame: tick + 1, position: position.into() });
     }
     flight
@@ -75,7 +79,7 @@ pub fn replay() -> Flight {
     let mut flight = Flight { outcome: Outcome::Replayed, speed_factor: 210.0, ..square() };
     flight.config.mocap.replay = "recording.csv".to_owned();
     flight.hops = HopDistributions::default();
-    flight.battery.clear();
+    flight.applied.clear();
     flight.samples.iter_mut().for_each(|sample| {
         sample.truth = None;
         sample.telemetry.scored = 0;

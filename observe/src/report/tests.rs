@@ -1,9 +1,9 @@
-use oqtal_bus::message::{TelemetryV1, TruthV1};
-use oqtal_bus::time::Time;
+use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
+use oqtal_bus::time::{Span, Time};
 use proptest::prelude::*;
 
 use super::*;
-use crate::flight::FlightSample;
+use crate::flight::{AppliedCommand, FlightSample};
 
 fn page(flight: &Flight) -> String {
     html(flight, &Summary::of(flight))
@@ -132,7 +132,13 @@ proptest! {
         is_replay in any::<bool>(),
     ) {
         let mut flight = fixture::empty();
-        flight.battery = samples.iter().map(|sample| (sample.telemetry.time, battery)).collect();
+        let applied = |sample: &FlightSample| AppliedCommand {
+            sequence: 1,
+            stamps: Stamps { applied_at: sample.telemetry.time, ..Stamps::default() },
+            wire: Span::ZERO,
+            battery_v: battery,
+        };
+        flight.applied = samples.iter().map(applied).collect();
         flight.samples = samples;
         if is_replay {
             flight.config.mocap.replay = "recording.csv".to_owned();

@@ -96,7 +96,7 @@ impl<'a> Timeline<'a> {
     pub fn battery(&self) -> Option<Trace> {
         let range = self.range();
         let points =
-            self.flight.battery.iter().map(|(time, voltage)| (self.seconds(*time), *voltage));
+            self.flight.applied.iter().map(|c| (self.seconds(c.stamps.applied_at), c.battery_v));
         let shown =
             |(t, voltage): &Point| *t >= range.start && *t <= range.end && is_drawable(*voltage);
         let points: Vec<Point> = points.filter(shown).collect();

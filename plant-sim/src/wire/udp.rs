@@ -51,8 +51,17 @@ impl UdpPort {
 }
 
 fn refused(address: &HostPort, error: &std::io::Error) -> Failure {
-    let exit = if error.kind() == ErrorKind::AddrInUse { Exit::Peer } else { Exit::System };
-    Failure::new(exit, format!("the port {address} of the emulated vehicle failed: {error}"))
+    let (exit, remedy) = match error.kind() {
+        ErrorKind::AddrInUse => {
+            (Exit::Peer, "; stop the process that uses it, or name another port")
+        }
+        ErrorKind::AddrNotAvailable => {
+            (Exit::System, "; name an address of this machine, as 127.0.0.1")
+        }
+        _ => (Exit::System, ""),
+    };
+    let message = format!("the port {address} of the emulated vehicle failed: {error}{remedy}");
+    Failure::new(exit, message)
 }
 
 /// Whether `kind` says that nobody is there, or that nothing has arrived.

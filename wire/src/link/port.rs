@@ -4,6 +4,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 
 use super::options::LinkOptions;
+use super::radio::RadioSpec;
 
 /// Allowed speeds of a serial port \[baud\].
 pub(super) const BAUD: RangeInclusive<u32> = 1200..=3_000_000;
@@ -37,6 +38,8 @@ pub enum PortSpec {
     UdpOut(HostPort),
     /// TCP, connected to a server.
     Tcp(HostPort),
+    /// Crazyradio.
+    Radio(RadioSpec),
 }
 
 impl SerialSpec {
@@ -104,7 +107,7 @@ impl PortSpec {
     pub fn baud(&self) -> Option<u32> {
         match self {
             Self::Serial(serial) => Some(serial.baud),
-            Self::UdpIn(_) | Self::UdpOut(_) | Self::Tcp(_) => None,
+            Self::UdpIn(_) | Self::UdpOut(_) | Self::Tcp(_) | Self::Radio(_) => None,
         }
     }
 }
@@ -116,6 +119,7 @@ impl fmt::Display for PortSpec {
             Self::UdpIn(address) => write!(f, "udpin:{address}"),
             Self::UdpOut(address) => write!(f, "udpout:{address}"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
+            Self::Radio(radio) => write!(f, "radio:{radio}"),
         }
     }
 }

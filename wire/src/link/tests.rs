@@ -136,3 +136,32 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn both_ports_of_a_crazyflie_are_read_and_wrong_ones_refused() {
+    for text in
+        ["crtp:radio:80/2M/E7E7E7E701", "crtp:radio:0/250K/0000000001", "crtp:udp:[::1]:19850"]
+    {
+        let link: LinkSpec = text.parse().unwrap();
+        assert_eq!((link.to_string().as_str(), link.kind().as_str()), (text, "crtp"));
+    }
+    let Ok(LinkSpec::Crtp(CrtpLink::Radio(radio))) = "crtp:radio:80/1M/E7E7E7E701".parse() else {
+        panic!("a radio")
+    };
+    assert_eq!((radio.channel, radio.rate, radio.vehicle_id()), (80, RadioRate::M1, 1));
+    for (text, problem) in [
+        ("crtp:", "no port"),
+        ("crtp:radio:80", "is not CHANNEL/RATE/ADDRESS"),
+        ("crtp:radio:126/2M/E7E7E7E7E7", "not between 0 and 125"),
+        ("crtp:radio:80/3M/E7E7E7E7E7", "not 250K, 1M or 2M"),
+        ("crtp:radio:80/2M/E7E7", "not 10 hexadecimal digits"),
+        ("crtp:radio:80/2M/+7E7E7E7E7", "not 10 hexadecimal digits"),
+        ("crtp:udp:localhost", "no port"),
+        ("crtp:udp:127.0.0.1:19850,baud=1", "unknown option `baud`"),
+        ("crtp:serial:/dev/ttyS0", "unknown kind of port `serial`"),
+    ] {
+        let message = refused(text);
+        assert!(message.contains(problem), "{text}: {message}");
+        assert!(message.contains("crtp:udp:HOST:PORT"), "{message}");
+    }
+}

@@ -2,6 +2,8 @@
 #![allow(dead_code, reason = "each test uses its part")]
 
 pub mod any_bytes;
+pub mod any_crtp_bytes;
+pub mod crtp_examples;
 
 use oqtal_wire::stream::{Decoder, DecoderCounters, Grammar};
 use proptest::prelude::*;

@@ -5,7 +5,7 @@ use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
 use crate::campaign::flights::{NOMINAL, Prepared, Test};
-use crate::campaign::metric::of_square;
+use crate::campaign::metric::of_path;
 use crate::campaign::statistics::EVALUATION_SEEDS;
 use crate::campaign::table::Entrant;
 use crate::sheet::Variant;
@@ -61,12 +61,12 @@ fn repeated(
             entrant.variant == Variant::Ours && entrant.contender.controller == controller
         })
         .expect("the paper's laws are among those tuned");
-    let square = Prepared::new(&entrant.contender, Test::Square, &NOMINAL)?;
+    let square = Prepared::new(&entrant.contender, Test::Path, &NOMINAL)?;
     let seeds = EVALUATION_SEEDS.start..EVALUATION_SEEDS.start + RUNS;
     let flown: Result<Vec<_>, Failure> =
         seeds.into_par_iter().map(|seed| square.fly(seed)).collect();
     let mut flights: Vec<(f64, Flight)> =
-        flown?.into_iter().flatten().map(|(flight, _)| (of_square(&flight)[0], flight)).collect();
+        flown?.into_iter().flatten().map(|(flight, _)| (of_path(&flight)[0], flight)).collect();
     flights.sort_by(|a, b| a.0.total_cmp(&b.0));
     let flights = flights.into_iter().take(REPEATED).map(|(_, flight)| flight).collect();
     Ok(Repeated { controller, figure, flights })

@@ -1,14 +1,14 @@
-//! Values of the shipped configuration.
+//! Values of a configuration by their keys.
 
 use oqtal_config::Config;
 
-/// The shipped value of a numeric `key`.
+/// The value of a numeric `key` of `config`.
 ///
 /// # Panics
 /// If there is no such key: a test holds that every parameter is one.
 #[must_use]
-pub fn shipped(key: &str) -> f64 {
-    let table: toml::Table = Config::default().to_toml().parse().expect("written by us");
+pub fn value_of(config: &Config, key: &str) -> f64 {
+    let table: toml::Table = config.to_toml().parse().expect("written by us");
     let mut value = &toml::Value::Table(table);
     for name in key.split('.') {
         value = &value[name];

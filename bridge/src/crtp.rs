@@ -1,0 +1,347 @@
+//! Protocol of the Crazyflie: set-points to packets, reports to replies. Packets and their signs are `oqtal-wire`'s.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `connection.rs` | the sequence that sets a vehicle up |
+//! | `search.rs`, `known.rs`, `names.rs` | tables of contents: the search, what is known of earlier ones, the names that are used |
+//! | `cache.rs` | the file of known tables, written by the background thread |
+//! | `status.rs` | what the vehicle reports |
+//! | `arming.rs` | what starts and stops its motors |
+//! | `console.rs` | its text, line by line |
+//!
+//! | `vehicle.interface` | roll and pitch of a set-point | yaw |
+//! |---|---|---|
+//! | `rate`, Eq. (61) | the rates that the command's sticks stand for | the rate |
+//! | `attitude` | roll and pitch of the commanded attitude, as 3-2-1 angles | the rate that the command's stick stands for |
+//!
+//! The vehicle does not acknowledge set-points; the quality of the link is the share of echoes that come back. Nothing is sent as a
+//! set-point until the vehicle is set up: it may be in another host's hands. The zero set-point is one without thrust, at which
+//! the motors stand; it also unlocks the thrust of those after it.
+
+mod arming;
+mod cache;
+mod connection;
+mod console;
+mod known;
+mod names;
+mod search;
+mod status;
+
+use oqtal_bus::code::{EstimatorState, VehicleRefusal};
+use oqtal_bus::message::CommandV1;
+use oqtal_bus::text::ShortText;
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::{Config, VehicleOptions};
+use oqtal_control::euler::EulerAngles;
+use oqtal_control::options::OptionError;
+use oqtal_control::quaternion::Attitude;
+use oqtal_wire::crtp::{
+    CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, CrtpThrustCurve, LegacySetpoint, MAX_CRTP_PACKET,
+    MAX_CRTP_THRUST, PackedPose, PackedPoses, Supervision, SupervisorCommand,
+};
+
+use crate::protocol::{
+    FrameSizes, PeriodicTimer, PeriodicWord, VehicleEstimate, VehicleFrame, VehiclePose,
+    VehicleProtocol, VehicleReply, VehicleText,
+};
+use crate::setpoint::VehicleSetpoint;
+use arming::Arming;
+use connection::{CrtpConnection, CrtpWishes};
+use console::ConsoleLine;
+use status::{CrazyflieStatus, ReportNews};
+
+pub use cache::{TableKeeper, TableStore};
+
+/// Time between two echoes.
+const ECHO_PERIOD: Span = Span::from_millis(100);
+/// Time between two keep-alives, of which the vehicle needs one a second.
+const KEEP_ALIVE_PERIOD: Span = Span::from_millis(200);
+/// Most packets behind one set-point \[-\]: with it, what the shortest queue of firmware holds.
+const WORDS: usize = 3;
+/// Longest time between two reads of the port.
+const READ_PERIOD: Span = Span::from_millis(5);
+/// Share by which the greatest thrust of a command may exceed what counts give, for rounded values \[-\].
+const THRUST_TOLERANCE: f64 = 0.02;
+/// Length of a set-point \[bytes\].
+const SETPOINT_BYTES: usize = 15;
+
+/// How commands become set-points.
+#[derive(Clone, Copy, Debug)]
+struct CrtpScales {
+    holds_attitude: bool,
+    /// Body rates at full stick \[rad/s\], Eq. (61).
+    authority: [f64; 3],
+    /// Collective thrust of a command of one \[N\].
+    max_thrust: f64,
+    curve: CrtpThrustCurve,
+}
+
+impl CrtpScales {
+    fn new(config: &Config) -> Result<Self, OptionError> {
+        let curve = config.bridge.crtp.thrust_curve_n;
+        let refused = || {
+            let rule = "coefficients of a thrust that rises from zero to full duty";
+            OptionError::new("bridge.crtp.thrust-curve-n", format!("{curve:?}"), rule)
+        };
+        let (curve, max_thrust) =
+            (CrtpThrustCurve::new(curve).ok_or_else(refused)?, config.vehicle.max_thrust_n);
+        let greatest = curve.force(MAX_CRTP_THRUST);
+        if max_thrust > greatest * (1.0 + THRUST_TOLERANCE) {
+            let rule = format!(
+                "at most {greatest:.3}, the thrust of {MAX_CRTP_THRUST} counts by bridge.crtp.thrust-curve-n; set vehicle.preset = \"crazyflie-2.1\", or the values of the vehicle"
+            );
+            return Err(OptionError::new("vehicle.max-thrust-n", max_thrust, rule));
+        }
+        let VehicleOptions { interface, rate_authority_rad_s: authority, .. } = config.vehicle;
+        Ok(Self { holds_attitude: interface.holds_attitude(), authority, max_thrust, curve })
+    }
+
+    /// Converts a command; `None` if roll and pitch are angles and the command has no attitude.
+    fn setpoint(&self, command: &CommandV1) -> Option<LegacySetpoint> {
+        let [roll, pitch, yaw_rate] = [0, 1, 2].map(|i| command.sticks[i] * self.authority[i]);
+        let thrust = self.curve.counts(command.thrust * self.max_thrust);
+        if !self.holds_attitude {
+            return Some(LegacySetpoint { roll, pitch, yaw_rate, thrust });
+        }
+        let angles = EulerAngles::from_attitude(&Attitude::from_xyzw(command.attitude)?);
+        Some(LegacySetpoint { roll: angles.roll, pitch: angles.pitch, yaw_rate, thrust })
+    }
+}
+
+/// The protocol of the Crazyflie.
+#[derive(Debug)]
+pub struct Crtp {
+    scales: CrtpScales,
+    connection: CrtpConnection,
+    status: CrazyflieStatus,
+    arming: Arming,
+    console: ConsoleLine,
+    /// What keeps the vehicle from flying, as it was told last.
+    told: Option<ShortText>,
+    /// Time without a report after which the connection begins again.
+    silence: Span,
+    pose_period: Option<Span>,
+    /// Last byte of the vehicle's radio address; `None` without a radio.
+    radio_id: Option<u8>,
+    echo: PeriodicTimer,
+    keep_alive: Option<PeriodicTimer>,
+    damaged: u64,
+}
+
+impl Crtp {
+    /// Protocol of `config`, with the tables of earlier connections. A vehicle on a radio has an address, which ends with `radio_id`.
+    ///
+    /// # Errors
+    /// The thrust curve cannot be used.
+    pub fn new(
+        config: &Config,
+        tables: TableStore,
+        radio_id: Option<u8>,
+    ) -> Result<Self, OptionError> {
+        let options = &config.bridge.crtp;
+        let scales = CrtpScales::new(config)?;
+        let pose_period =
+            (options.pose_rate_hz > 0.0).then(|| Span::period_of(options.pose_rate_hz));
+        let wishes = CrtpWishes {
+            holds_attitude: scales.holds_attitude,
+            sends_poses: pose_period.is_some(),
+            report_period: Span::period_of(options.log_rate_hz),
+        };
+        let keep_alive = options.keep_alive.then(|| PeriodicTimer::new(KEEP_ALIVE_PERIOD));
+        Ok(Self {
+            scales,
+            connection: CrtpConnection::new(wishes, tables),
+            status: CrazyflieStatus::UNKNOWN,
+            arming: Arming::new(),
+            console: ConsoleLine::new(),
+            told: None,
+            silence: Span::from_seconds(config.bridge.silence_ms * 1e-3),
+            pose_period,
+            radio_id,
+            echo: PeriodicTimer::new(ECHO_PERIOD),
+            keep_alive,
+            damaged: 0,
+        })
+    }
+
+    fn restart(&mut self) {
+        self.connection.restart();
+        (self.status, self.arming) = (CrazyflieStatus::UNKNOWN, Arming::new());
+    }
+
+    /// Takes one packet of the vehicle.
+    fn take(&mut self, now: Time, packet: &CrtpPacket, reply: &mut dyn FnMut(VehicleReply)) {
+        let Some(message) = CrtpReply::read(packet) else {
+            self.damaged += 1;
+            return;
+        };
+        match message {
+            CrtpReply::Echo(_) => reply(VehicleReply::Answer),
+            CrtpReply::Console(text) => {
+                self.console.take(text, |text| {
+                    reply(VehicleReply::Text(VehicleText { is_trouble: false, text }));
+                });
+            }
+            CrtpReply::LogData { block, values, .. } => {
+                let news = self.status.take(now, (block, values), &self.connection);
+                self.report(news, reply);
+            }
+            CrtpReply::Granted(answer) if answer.is_arming && !answer.granted => self.refuse(reply),
+            other => {
+                reply(VehicleReply::Other);
+                self.connect(&other, reply);
+            }
+        }
+    }
+
+    fn connect(&mut self, message: &CrtpReply, reply: &mut dyn FnMut(VehicleReply)) {
+        self.connection.take(message);
+        if self.connection.is_unusable() {
+            reply(VehicleReply::Refused(VehicleRefusal::OtherVersion));
+        }
+    }
+
+    fn report(&mut self, news: ReportNews, reply: &mut dyn FnMut(VehicleReply)) {
+        match news {
+            ReportNews::Status => {
+                let state = self.status.supervision();
+                reply(VehicleReply::Battery(self.status.battery_v()));
+                reply(VehicleReply::Motors(self.arming.motors_run(state)));
+                if arming::obstacle(state).is_some() {
+                    self.refuse(reply);
+                }
+            }
+            ReportNews::Estimate => {
+                if let Some((position, attitude)) = self.status.estimate() {
+                    let state = EstimatorState::Unknown;
+                    let estimate = VehicleEstimate { state, position, attitude };
+                    reply(VehicleReply::Estimate(estimate));
+                }
+            }
+            ReportNews::Nothing => reply(VehicleReply::Other),
+        }
+    }
+
+    /// Tells why the vehicle cannot fly; its text once.
+    fn refuse(&mut self, reply: &mut dyn FnMut(VehicleReply)) {
+        let state = self.status.supervision();
+        let is_locked = state.contains(Supervision::LOCKED);
+        let refusal = if is_locked { VehicleRefusal::Locked } else { VehicleRefusal::Arming };
+        reply(VehicleReply::Refused(refusal));
+        let obstacle = arming::obstacle(state);
+        if std::mem::replace(&mut self.told, obstacle) != obstacle
+            && let Some(text) = obstacle
+        {
+            reply(VehicleReply::Text(VehicleText { is_trouble: true, text }));
+        }
+    }
+
+    fn supervisor(&self, command: SupervisorCommand) -> VehicleFrame {
+        frame(&arming::request(self.connection.protocol(), command))
+    }
+}
+
+impl VehicleProtocol for Crtp {
+    fn sizes(&self) -> FrameSizes {
+        FrameSizes {
+            setpoint: SETPOINT_BYTES,
+            acknowledgement: 0,
+            periodic: MAX_CRTP_PACKET,
+            periodic_reply: MAX_CRTP_PACKET,
+        }
+    }
+
+    fn setpoint(&mut self, now: Time, setpoint: &VehicleSetpoint) -> VehicleFrame {
+        if !self.connection.is_ready() {
+            return VehicleFrame::EMPTY;
+        }
+        let state = self.status.supervision();
+        let command = match setpoint {
+            VehicleSetpoint::Released => return VehicleFrame::EMPTY,
+            VehicleSetpoint::StartMotors => self.arming.start(now, state),
+            VehicleSetpoint::StopMotors => self.arming.stop(now, state),
+            VehicleSetpoint::Zero | VehicleSetpoint::Fly(_) => None,
+        };
+        let sent = match setpoint {
+            VehicleSetpoint::Fly(command) => self.scales.setpoint(command),
+            _ => None,
+        };
+        match command {
+            Some(command) => self.supervisor(command),
+            None => frame(&CrtpRequest::Setpoint(sent.unwrap_or(LegacySetpoint::ZERO))),
+        }
+    }
+
+    fn pose_period(&self) -> Option<Span> {
+        self.pose_period
+    }
+
+    fn pose(&mut self, _now: Time, pose: &VehiclePose) -> VehicleFrame {
+        if !self.connection.is_ready() {
+            return VehicleFrame::EMPTY;
+        }
+        let q = pose.attitude.unit_quaternion();
+        let pose = CrtpPose { position: pose.position, attitude: [q.i, q.j, q.k, q.w] };
+        match self.radio_id {
+            None => frame(&CrtpRequest::Pose(pose)),
+            Some(id) => PackedPose::of(id, &pose).map_or(VehicleFrame::EMPTY, |packed| {
+                frame(&CrtpRequest::Poses(PackedPoses::of(&[packed])))
+            }),
+        }
+    }
+
+    fn words(&self) -> usize {
+        WORDS
+    }
+
+    fn read_period(&self) -> Option<Span> {
+        Some(READ_PERIOD)
+    }
+
+    fn periodic(&mut self, now: Time, _is_status_urgent: bool) -> Option<PeriodicWord> {
+        if self.status.is_silent(now, self.silence) {
+            self.restart();
+        }
+        let word = |frame| Some(PeriodicWord { frame, is_answered: false });
+        if let Some(request) = self.connection.request(now) {
+            return word(frame(&request));
+        }
+        let keeps_alive = self.arming.was_started() && self.connection.is_ready();
+        if keeps_alive && self.keep_alive.as_mut().is_some_and(|timer| timer.is_due(now, false)) {
+            return word(self.supervisor(SupervisorCommand::KeepAlive));
+        }
+        let echo = || frame(&CrtpRequest::Echo(now.since(Time::UNSET).nanos().cast_unsigned()));
+        self.echo.is_due(now, false).then(|| PeriodicWord { frame: echo(), is_answered: true })
+    }
+
+    fn emergency_stop(&mut self) -> VehicleFrame {
+        self.supervisor(SupervisorCommand::EmergencyStop)
+    }
+
+    /// The end of the set-points: the vehicle goes on without thrust, and counts as landed. The emergency stop would lock it.
+    fn final_stop(&mut self) -> VehicleFrame {
+        frame(&CrtpRequest::EndOfSetpoints(0))
+    }
+
+    fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
+        match CrtpPacket::parse(bytes) {
+            Ok(packet) if packet.is_null() => reply(VehicleReply::Other),
+            Ok(packet) => self.take(now, &packet, reply),
+            Err(_) => self.damaged += 1,
+        }
+    }
+
+    fn damaged(&self) -> u64 {
+        self.damaged
+    }
+
+    fn reset(&mut self) {
+        self.restart();
+        (self.console, self.told) = (ConsoleLine::new(), None);
+        self.echo.restart();
+    }
+}
+
+fn frame(request: &CrtpRequest) -> VehicleFrame {
+    VehicleFrame::of(request.packet().as_bytes())
+}

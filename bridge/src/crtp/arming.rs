@@ -1,0 +1,134 @@
+//! What starts and stops the motors of a Crazyflie.
+//!
+//! A vehicle that arms by itself is never disarmed: its motors stand while no thrust is commanded, and whether they run is the
+//! bridge's own account. Another one is armed and disarmed. Firmware takes disarming within two seconds after the last thrust for
+//! an accident, and locks the vehicle: the zero set-point is sent until it no longer counts as flying.
+
+use oqtal_bus::text::ShortText;
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::crtp::{CrtpRequest, SUPERVISOR_PROTOCOL, Supervision, SupervisorCommand};
+
+/// Time after which a command to the supervisor is repeated; zero set-points go in between.
+const REPEAT: Span = Span::from_millis(200);
+
+/// Progress of starting and stopping.
+#[derive(Clone, Copy, Debug)]
+pub struct Arming {
+    /// Whether the bridge started the motors last, and did not stop them.
+    is_started: bool,
+    was_started: bool,
+    asked_at: Time,
+}
+
+impl Arming {
+    /// Nothing was asked of the vehicle yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self { is_started: false, was_started: false, asked_at: Time::UNSET }
+    }
+
+    /// Whether the bridge has started the motors at least once.
+    #[must_use]
+    pub fn was_started(&self) -> bool {
+        self.was_started
+    }
+
+    /// Whether the motors run, or would with thrust.
+    #[must_use]
+    pub fn motors_run(&self, state: Supervision) -> bool {
+        let is_armed = state.contains(Supervision::ARMED) && state.contains(Supervision::CAN_FLY);
+        is_armed && (self.is_started || !state.contains(Supervision::ARMS_ITSELF))
+    }
+
+    /// The command that is due while the motors are to be started; `None` for the zero set-point.
+    pub fn start(&mut self, now: Time, state: Supervision) -> Option<SupervisorCommand> {
+        (self.is_started, self.was_started) = (true, true);
+        if state.contains(Supervision::CRASHED) && !state.contains(Supervision::TUMBLED) {
+            return self.ask(now, SupervisorCommand::Recover);
+        }
+        let is_needed = !state.contains(Supervision::ARMED);
+        if is_needed { self.ask(now, SupervisorCommand::Arm(true)) } else { None }
+    }
+
+    /// The command that is due while the motors are to be stopped; `None` for the zero set-point.
+    pub fn stop(&mut self, now: Time, state: Supervision) -> Option<SupervisorCommand> {
+        self.is_started = false;
+        let by_itself = state.contains(Supervision::ARMS_ITSELF);
+        let is_allowed = !by_itself && !state.contains(Supervision::FLYING);
+        if is_allowed { self.ask(now, SupervisorCommand::Arm(false)) } else { None }
+    }
+
+    fn ask(&mut self, now: Time, command: SupervisorCommand) -> Option<SupervisorCommand> {
+        let is_due = !self.asked_at.is_set() || now.since(self.asked_at) >= REPEAT;
+        if is_due {
+            self.asked_at = now;
+        }
+        is_due.then_some(command)
+    }
+}
+
+/// The packet of `command` for a vehicle that speaks version `protocol`.
+#[must_use]
+pub fn request(protocol: u8, command: SupervisorCommand) -> CrtpRequest {
+    if protocol >= SUPERVISOR_PROTOCOL {
+        CrtpRequest::Supervisor(command)
+    } else {
+        CrtpRequest::LegacySupervisor(command)
+    }
+}
+
+/// What keeps a vehicle in this state from flying, for people.
+#[must_use]
+pub fn obstacle(state: Supervision) -> Option<ShortText> {
+    let text = match state {
+        _ if state.contains(Supervision::LOCKED) => "locked: restart the vehicle",
+        _ if state.contains(Supervision::TUMBLED) => "tumbled: set the vehicle upright",
+        _ if state.contains(Supervision::CRASHED) => "crashed: inspect the vehicle, arm again",
+        _ => return None,
+    };
+    Some(ShortText::new(text))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(millis: i64) -> Time {
+        Time::VIRTUAL_START + Span::from_millis(millis)
+    }
+
+    #[test]
+    fn a_vehicle_is_armed_once_and_disarmed_only_after_it_has_landed() {
+        let (mut arming, ready) = (Arming::new(), Supervision::CAN_BE_ARMED);
+        let armed = Supervision::ARMED.with(Supervision::CAN_FLY);
+        assert_eq!(arming.start(at(0), ready), Some(SupervisorCommand::Arm(true)));
+        assert_eq!(arming.start(at(17), ready), None, "a zero set-point unlocks the thrust");
+        assert_eq!(arming.start(at(200), ready), Some(SupervisorCommand::Arm(true)));
+        assert_eq!(arming.start(at(500), armed), None);
+        assert!(arming.motors_run(armed) && !arming.motors_run(ready));
+        assert_eq!(arming.stop(at(1000), armed.with(Supervision::FLYING)), None);
+        assert_eq!(arming.stop(at(2000), armed), Some(SupervisorCommand::Arm(false)));
+    }
+
+    #[test]
+    fn of_a_vehicle_that_arms_by_itself_the_bridge_keeps_account() {
+        let mut arming = Arming::new();
+        let state = Supervision::ARMED.with(Supervision::CAN_FLY).with(Supervision::ARMS_ITSELF);
+        assert!(!arming.motors_run(state));
+        assert_eq!(arming.start(at(0), state), None);
+        assert!(arming.motors_run(state));
+        assert!(!arming.motors_run(Supervision::ARMS_ITSELF), "it tumbled");
+        assert_eq!(arming.stop(at(1000), state), None);
+        assert!(!arming.motors_run(state));
+    }
+
+    #[test]
+    fn a_crashed_vehicle_is_recovered_once_it_lies_upright() {
+        let mut arming = Arming::new();
+        let tumbled = Supervision::CRASHED.with(Supervision::TUMBLED);
+        assert_eq!(arming.start(at(0), tumbled), Some(SupervisorCommand::Arm(true)));
+        let upright = Supervision::CRASHED;
+        assert_eq!(arming.start(at(300), upright), Some(SupervisorCommand::Recover));
+        assert_eq!(obstacle(tumbled).unwrap().as_str(), "tumbled: set the vehicle upright");
+    }
+}

@@ -1,0 +1,84 @@
+//! State of a Crazyflie as its reports show it: battery, supervisor, its own estimate of its motion.
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::euler::EulerAngles;
+use oqtal_wire::crtp::{LogFields, Supervision};
+
+use super::connection::{CrtpConnection, ESTIMATE_BLOCK, STATUS_BLOCK};
+use super::names::{BATTERY, ESTIMATE, MAX_NAMES, SUPERVISOR};
+
+/// State of the vehicle.
+#[derive(Clone, Copy, Debug)]
+pub struct CrazyflieStatus {
+    /// When the last report arrived; unset before the first.
+    pub reported_at: Time,
+    values: [f64; MAX_NAMES],
+}
+
+/// News of a report.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ReportNews {
+    /// Battery and supervisor were reported.
+    Status,
+    /// The vehicle's estimate was reported.
+    Estimate,
+    /// The report is not one that was asked for.
+    Nothing,
+}
+
+impl CrazyflieStatus {
+    /// State of a vehicle that has reported nothing.
+    pub const UNKNOWN: Self = Self { reported_at: Time::UNSET, values: [f64::NAN; MAX_NAMES] };
+
+    /// Takes a report of log block `block`.
+    pub fn take(
+        &mut self,
+        now: Time,
+        (block, mut values): (u8, LogFields),
+        connection: &CrtpConnection,
+    ) -> ReportNews {
+        let mut read = self.values;
+        for (place, kind) in connection.fields(block) {
+            let Some(value) = values.next(kind) else { return ReportNews::Nothing };
+            read[place] = value;
+        }
+        (self.values, self.reported_at) = (read, now);
+        match block {
+            STATUS_BLOCK => ReportNews::Status,
+            ESTIMATE_BLOCK => ReportNews::Estimate,
+            _ => ReportNews::Nothing,
+        }
+    }
+
+    /// Whether reports have come, and then stayed away for longer than `silence`.
+    #[must_use]
+    pub fn is_silent(&self, now: Time, silence: Span) -> bool {
+        self.reported_at.is_set() && now.since(self.reported_at) > silence
+    }
+
+    /// Battery voltage \[V\]; NaN if it is not reported, or not measured: a vehicle that reports has more than none.
+    #[must_use]
+    pub fn battery_v(&self) -> f64 {
+        let volts = self.values[BATTERY];
+        if volts > 0.0 { volts } else { f64::NAN }
+    }
+
+    /// Bits of the supervisor; none before the first report.
+    #[must_use]
+    pub fn supervision(&self) -> Supervision {
+        // A number that is none, and one out of range, become bits that are: the value is 16 bits wide.
+        Supervision::from_wire(self.values[SUPERVISOR] as u16)
+    }
+
+    /// Position \[m, world\] and attitude \[body to world\], scalar last, as the vehicle estimates them; `None` if it does not report
+    /// them, or reports what is none.
+    #[must_use]
+    pub fn estimate(&self) -> Option<([f64; 3], [f64; 4])> {
+        let values = &self.values[ESTIMATE..];
+        let [x, y, z, roll, pitch, yaw, ..] = *values else { return None };
+        let radians = [roll, -pitch, yaw].map(f64::to_radians);
+        let is_finite = values.iter().all(|value| value.is_finite());
+        let [roll, pitch, yaw] = radians;
+        is_finite.then(|| ([x, y, z], EulerAngles { roll, pitch, yaw }.xyzw()))
+    }
+}

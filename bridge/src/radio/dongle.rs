@@ -1,0 +1,27 @@
+//! Interface to a radio.
+
+use std::fmt::Debug;
+use std::io;
+
+use oqtal_wire::crtp::CrtpPacket;
+use oqtal_wire::link::RadioSpec;
+
+/// What became of a packet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RadioAck {
+    /// Whether the vehicle acknowledged it.
+    pub is_acknowledged: bool,
+    /// How often the radio repeated it \[-\].
+    pub repeated: u32,
+    /// What the vehicle said in the acknowledgement.
+    pub reply: Option<CrtpPacket>,
+}
+
+/// Radio that reaches several vehicles, one packet at a time.
+pub trait RadioDongle: Debug {
+    /// Sends `packet` to the vehicle at `target`, and waits for the acknowledgement.
+    ///
+    /// # Errors
+    /// The radio is lost.
+    fn exchange(&mut self, target: &RadioSpec, packet: &CrtpPacket) -> io::Result<RadioAck>;
+}

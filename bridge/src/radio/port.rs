@@ -1,0 +1,130 @@
+//! One vehicle's port through a Crazyradio: queues between the real-time thread and the thread that waits for USB.
+
+use std::io::{self, ErrorKind};
+use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TryRecvError, TrySendError, bounded};
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::crtp::CrtpPacket;
+use oqtal_wire::link::RadioSpec;
+
+use super::dongle::RadioDongle;
+use super::usb::UsbDongle;
+use super::worker::RadioWorker;
+use crate::link::{PortOpenError, PortOptions, VehicleLink};
+
+/// Most packets between the threads, each way \[-\].
+const MAX_QUEUED: usize = 32;
+
+/// Vehicle behind the first Crazyradio.
+#[derive(Clone, Debug)]
+pub struct RadioPortOptions {
+    /// Its radio.
+    pub vehicle: RadioSpec,
+    /// Packets other than set-points that it gets at most \[1/s\].
+    pub packets_per_s: f64,
+}
+
+/// Open port: the thread ends when it is dropped.
+#[derive(Debug)]
+pub struct RadioLink {
+    up: Option<Sender<(Time, CrtpPacket)>>,
+    down: Receiver<CrtpPacket>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl PortOptions for RadioPortOptions {
+    fn open(&self) -> Result<Box<dyn VehicleLink>, PortOpenError> {
+        let dongle = UsbDongle::open()?;
+        let worker = RadioWorker::new(dongle, vec![self.vehicle], self.packets_per_s);
+        let link = RadioLink::start(worker).map_err(|error| PortOpenError::System {
+            port: "the Crazyradio".to_owned(),
+            reason: error.to_string(),
+        })?;
+        Ok(Box::new(link))
+    }
+}
+
+impl RadioLink {
+    /// Starts the thread of `worker`, which has one vehicle.
+    fn start<D: RadioDongle + Send + 'static>(worker: RadioWorker<D>) -> io::Result<Self> {
+        let (up, from_bridge) = bounded(MAX_QUEUED);
+        let (to_bridge, down) = bounded(MAX_QUEUED);
+        let run = move || {
+            if let Err(error) = work(worker, &from_bridge, &to_bridge) {
+                tracing::warn!("the Crazyradio is lost: {error}");
+            }
+        };
+        let thread = Builder::new().name("radio".to_owned()).spawn(run)?;
+        Ok(Self { up: Some(up), down, thread: Some(thread) })
+    }
+}
+
+/// Exchanges packets until the bridge drops its end.
+fn work<D: RadioDongle>(
+    mut worker: RadioWorker<D>,
+    up: &Receiver<(Time, CrtpPacket)>,
+    down: &Sender<CrtpPacket>,
+) -> io::Result<()> {
+    loop {
+        let now = Time::now();
+        let left = worker.next_event().map_or(Span::from_millis(10), |at| at.since(now));
+        let wait = if left > Span::ZERO { left.to_duration() } else { Duration::ZERO };
+        match up.recv_timeout(wait) {
+            Ok((at, packet)) => worker.push(at, 0, packet),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+        }
+        for (at, packet) in up.try_iter().take(MAX_QUEUED) {
+            worker.push(at, 0, packet);
+        }
+        if let Some((_, Some(reply))) = worker.exchange(&mut Time::now)? {
+            // A bridge that does not read is asked again by nobody: the reply is lost, as on the air.
+            let _ = down.try_send(reply);
+        }
+        worker.give_account(Time::now());
+    }
+}
+
+impl VehicleLink for RadioLink {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self.down.try_recv() {
+            Ok(packet) => {
+                let bytes = packet.as_bytes();
+                let place = buffer.get_mut(..bytes.len()).ok_or(ErrorKind::InvalidInput)?;
+                place.copy_from_slice(bytes);
+                Ok(bytes.len())
+            }
+            Err(TryRecvError::Empty) => Ok(0),
+            Err(TryRecvError::Disconnected) => Err(ErrorKind::BrokenPipe.into()),
+        }
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let Some(up) = &self.up else { return Err(ErrorKind::BrokenPipe.into()) };
+        let Ok(packet) = CrtpPacket::parse(bytes) else { return Ok(bytes.len()) };
+        match up.try_send((Time::now(), packet)) {
+            Ok(()) => Ok(bytes.len()),
+            Err(TrySendError::Full(_)) => Ok(0),
+            Err(TrySendError::Disconnected(_)) => Err(ErrorKind::BrokenPipe.into()),
+        }
+    }
+
+    fn queued(&self) -> io::Result<usize> {
+        Ok(0)
+    }
+
+    fn discard(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Drop for RadioLink {
+    fn drop(&mut self) {
+        self.up = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}

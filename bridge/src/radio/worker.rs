@@ -1,0 +1,94 @@
+//! Exchange of packets with the vehicles of one radio, and the account of it.
+
+use std::io;
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_wire::crtp::CrtpPacket;
+use oqtal_wire::link::RadioSpec;
+
+use super::dongle::RadioDongle;
+use super::schedule::{RadioCounts, RadioSchedule};
+
+/// Time between two accounts in the log.
+const ACCOUNT_PERIOD: Span = Span::from_millis(10_000);
+
+/// Exchange of packets between a radio and its vehicles.
+#[derive(Debug)]
+pub struct RadioWorker<D> {
+    dongle: D,
+    vehicles: Vec<RadioSpec>,
+    schedule: RadioSchedule,
+    /// When the last account was given, and the traffic until then.
+    account: (Time, Vec<RadioCounts>),
+}
+
+impl<D: RadioDongle> RadioWorker<D> {
+    /// Worker of `dongle` for `vehicles`, each of which gets up to `packets_per_s` packets other than set-points \[1/s\].
+    #[must_use]
+    pub fn new(dongle: D, vehicles: Vec<RadioSpec>, packets_per_s: f64) -> Self {
+        let counts = vec![RadioCounts::default(); vehicles.len()];
+        let schedule = RadioSchedule::new(vehicles.len(), packets_per_s);
+        Self { dongle, vehicles, schedule, account: (Time::UNSET, counts) }
+    }
+
+    /// Takes a packet for a vehicle.
+    pub fn push(&mut self, now: Time, vehicle: usize, packet: CrtpPacket) {
+        self.schedule.push(now, vehicle, packet);
+    }
+
+    /// Instant at which something is due if nothing is pushed.
+    #[must_use]
+    pub fn next_event(&self) -> Option<Time> {
+        self.schedule.next_event()
+    }
+
+    /// Exchanges the packet that is due, if any; returns the vehicle, and what it said. `clock` is read before and after.
+    ///
+    /// # Errors
+    /// The radio is lost.
+    pub fn exchange(
+        &mut self,
+        clock: &mut dyn FnMut() -> Time,
+    ) -> io::Result<Option<(usize, Option<CrtpPacket>)>> {
+        let Some((vehicle, packet)) = self.schedule.next(clock()) else { return Ok(None) };
+        let ack = self.dongle.exchange(&self.vehicles[vehicle], &packet)?;
+        // A null packet in return says nothing.
+        let reply = ack.reply.filter(|reply| !reply.is_null());
+        let outcome = ack.is_acknowledged.then_some(reply.is_some());
+        self.schedule.sent(clock(), vehicle, outcome, ack.repeated);
+        Ok(Some((vehicle, reply)))
+    }
+
+    /// Traffic with one vehicle since the start.
+    #[must_use]
+    pub fn counts(&self, vehicle: usize) -> RadioCounts {
+        self.schedule.counts(vehicle)
+    }
+
+    /// Logs packets per second and acknowledgements of every vehicle, every ten seconds.
+    pub fn give_account(&mut self, now: Time) {
+        let (since, before) = &mut self.account;
+        if !since.is_set() {
+            *since = now;
+        }
+        let seconds = now.since(*since).seconds();
+        if seconds < ACCOUNT_PERIOD.seconds() {
+            return;
+        }
+        *since = now;
+        for (index, (vehicle, before)) in self.vehicles.iter().zip(before).enumerate() {
+            let counts = self.schedule.counts(index);
+            let sent = counts.sent - before.sent;
+            let share = (counts.acknowledged - before.acknowledged) as f64 / sent.max(1) as f64;
+            tracing::info!(
+                "{vehicle}: {:.0} packets/s, of them {:.0} set-points; {:.1} % acknowledged, {} repeated, {} dropped",
+                sent as f64 / seconds,
+                (counts.setpoints - before.setpoints) as f64 / seconds,
+                100.0 * share,
+                counts.repeated - before.repeated,
+                counts.dropped - before.dropped,
+            );
+            *before = counts;
+        }
+    }
+}

@@ -1,0 +1,254 @@
+//! `oqtal sweep`: the figures of laws over values of any keys of the configuration.
+
+use std::fs;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use oqtal_config::Setting;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+
+use crate::campaign::flights::{Contender, NOMINAL, Trial};
+use crate::campaign::gains::GainSource;
+use crate::campaign::metric::{Figures, METRIC};
+use crate::csv_text::{self, CsvText};
+use crate::progress::Progress;
+use crate::study::{StudyArgs, parse_seeds};
+use crate::text_table;
+use crate::tune::space;
+
+/// Greatest number of combinations of values \[-\].
+const MOST_COMBINATIONS: usize = 100_000;
+
+/// Arguments of `oqtal sweep`.
+#[derive(Args, Debug)]
+pub struct SweepArgs {
+    /// Keys of the configuration with their values: KEY=FIRST:LAST:NUMBER, evenly spaced, or KEY=A,B,C; every combination is flown
+    #[arg(required = true, value_name = "KEY=FIRST:LAST:NUMBER", value_parser = Axis::parse)]
+    axes: Vec<Axis>,
+    /// Laws to fly
+    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
+    laws: Vec<String>,
+    /// Gains of the laws: `configured`, `tuned`, or a directory with a file LAW.toml for each law
+    #[arg(long, value_name = "SOURCE", default_value = "configured")]
+    gains: GainSource,
+    /// Seeds of the flights of each combination (both included)
+    #[arg(long, value_name = "FIRST-LAST", value_parser = parse_seeds, default_value = "200-204")]
+    seeds: Range<u64>,
+    /// Print one JSON document per row instead of a table
+    #[arg(long)]
+    json: bool,
+    /// File of the table as CSV [default: none]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    study: StudyArgs,
+}
+
+/// A key of the configuration and the values that it takes.
+#[derive(Clone, Debug, PartialEq)]
+struct Axis {
+    key: String,
+    values: Vec<toml::Value>,
+}
+
+impl Axis {
+    fn parse(text: &str) -> Result<Self, String> {
+        let form = "write KEY=FIRST:LAST:NUMBER, as in plant.rate-lag-ms=30:90:7, or KEY=A,B,C";
+        let (key, values) = text.split_once('=').ok_or_else(|| form.to_owned())?;
+        let key = key.trim().to_owned();
+        let range: Vec<&str> = values.split(':').collect();
+        if let [first, last, number] = range[..] {
+            let end = |text: &str| text.trim().parse::<f64>().ok().filter(|end| end.is_finite());
+            let number = number.trim().parse().ok().filter(|number| (2..=10_000).contains(number));
+            let (Some(first), Some(last), Some(number)) = (end(first), end(last), number) else {
+                return Err(format!("{form}; NUMBER is from 2 to 10000"));
+            };
+            return Ok(Self { key, values: spaced(first, last, number) });
+        }
+        let one = |text: &str| Setting::parse("", &format!("{key}={text}")).map(|s| s.value);
+        let values: Result<_, _> = values.split(',').map(one).collect();
+        values.map(|values| Self { key: key.clone(), values }).map_err(|_| form.to_owned())
+    }
+}
+
+/// `number` values from `first` to `last`; both ends are exact.
+fn spaced(first: f64, last: f64, number: usize) -> Vec<toml::Value> {
+    let steps = (number - 1) as f64;
+    let value = |k: usize| match k + 1 == number {
+        true => last,
+        false => first + (last - first) * k as f64 / steps,
+    };
+    (0..number).map(value).map(toml::Value::from).collect()
+}
+
+/// One combination of values, flown by one law.
+struct SweepRow {
+    values: Vec<toml::Value>,
+    law: &'static str,
+    /// Share of the flights that landed as planned \[-\].
+    landed: f64,
+    /// Means over the seeds.
+    figures: Figures,
+}
+
+impl SweepArgs {
+    /// Flies every combination with every law and prints the figures.
+    ///
+    /// # Errors
+    /// A key or value is invalid (exit code 78), there are too many combinations (64), the file cannot be written (71).
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let rows = self.fly()?;
+        if let Some(file) = &self.out {
+            fs::write(file, self.csv(&rows)?).map_err(|error| {
+                let name = file.display();
+                Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
+            })?;
+        }
+        match self.json {
+            true => rows.iter().try_for_each(|row| print(&self.document(row).to_string()))?,
+            false => print(&self.text(&rows))?,
+        }
+        Ok(Exit::Ok)
+    }
+
+    fn laws(&self) -> impl Iterator<Item = &'static str> {
+        space::LAW_NAMES.into_iter().filter(|law| self.laws.iter().any(|name| name == law))
+    }
+
+    fn fly(&self) -> Result<Vec<SweepRow>, Failure> {
+        let combinations = combinations(&self.axes)?;
+        let common = self.study.settings()?;
+        let mut prepared = Vec::new();
+        for values in combinations {
+            for law in self.laws() {
+                let (mut settings, _) = self.gains.of(law, &common)?;
+                let set = |(axis, value): (&Axis, &toml::Value)| {
+                    Setting::flag("sweep", &axis.key, value.clone())
+                };
+                settings.extend(self.axes.iter().zip(&values).map(set));
+                let contender = Contender { controller: law, settings };
+                // Every combination is checked before the first flight.
+                prepared.push((values.clone(), law, Trial::new(&contender, &NOMINAL)?));
+            }
+        }
+        let progress = Progress::default();
+        let bar = progress.start("flights", prepared.len() * 4 * self.seeds.clone().count());
+        let fly = |(values, law, trial): (Vec<toml::Value>, &'static str, Trial)| {
+            let flown: Result<Vec<Figures>, Failure> =
+                self.seeds.clone().map(|seed| Ok(trial.fly(seed)?.0)).collect();
+            bar.add(4 * self.seeds.clone().count());
+            Ok(row(values, law, &flown?))
+        };
+        prepared.into_par_iter().map(fly).collect()
+    }
+
+    fn csv(&self, rows: &[SweepRow]) -> Result<String, Failure> {
+        let keys = self.axes.iter().map(|axis| axis.key.as_str());
+        let names = keys.chain(["controller", "landed"]).chain(METRIC.map(|metric| metric.key));
+        let mut table = CsvText::new(names)?;
+        for row in rows {
+            let values = row.values.iter().map(shown);
+            let own = [row.law.to_owned(), csv_text::number(row.landed)];
+            table.row(values.chain(own).chain(row.figures.map(csv_text::number)))?;
+        }
+        table.finish()
+    }
+
+    fn document(&self, row: &SweepRow) -> Value {
+        let mut document = json!({ "controller": row.law, "landed": row.landed });
+        for (axis, value) in self.axes.iter().zip(&row.values) {
+            document[&axis.key] = json!(value);
+        }
+        for (metric, figure) in METRIC.iter().zip(row.figures) {
+            document[metric.key] = json!(figure.is_finite().then_some(figure));
+        }
+        document
+    }
+
+    fn text(&self, rows: &[SweepRow]) -> String {
+        let keys = self.axes.iter().map(|axis| axis.key.clone());
+        let titles = METRIC.map(|metric| metric.title.to_owned());
+        let named: Vec<String> = keys.chain(["law".to_owned()]).collect();
+        let figures: Vec<String> = ["landed".to_owned()].into_iter().chain(titles).collect();
+        let lines = rows.iter().map(|row| {
+            let cells = row.figures.map(text_table::number);
+            let landed = format!("{:.0} %", 1e2 * row.landed);
+            let values = row.values.iter().map(shown).chain([row.law.to_owned()]);
+            (values.collect(), [landed].into_iter().chain(cells).collect())
+        });
+        format!(
+            "means of the flights that landed, of {} for each row\n{}",
+            self.seeds.clone().count(),
+            text_table::blocks(&named, &figures, &lines.collect::<Vec<_>>())
+        )
+    }
+}
+
+/// Every combination of the axes' values, the last axis fastest.
+fn combinations(axes: &[Axis]) -> Result<Vec<Vec<toml::Value>>, Failure> {
+    let count = axes.iter().try_fold(1_usize, |count, axis| count.checked_mul(axis.values.len()));
+    if count.is_none_or(|count| count > MOST_COMBINATIONS) {
+        let reason = format!("more than {MOST_COMBINATIONS} combinations; sweep fewer values");
+        return Err(Failure::new(Exit::Usage, reason));
+    }
+    let mut all = vec![Vec::new()];
+    for axis in axes {
+        let longer = |values: &Vec<toml::Value>| {
+            let with =
+                |value: &toml::Value| [values.as_slice(), std::slice::from_ref(value)].concat();
+            axis.values.iter().map(with).collect::<Vec<_>>()
+        };
+        all = all.iter().flat_map(longer).collect();
+    }
+    Ok(all)
+}
+
+fn row(values: Vec<toml::Value>, law: &'static str, flown: &[Figures]) -> SweepRow {
+    let landed = |figures: &&Figures| figures.iter().all(|figure| figure.is_finite());
+    let share = flown.iter().filter(landed).count() as f64 / flown.len() as f64;
+    let mean = |metric: usize| {
+        let finite = flown.iter().map(|figures| figures[metric]).filter(|f| f.is_finite());
+        let (sum, count) = finite.fold((0.0, 0.0), |(sum, count), f| (sum + f, count + 1.0));
+        if count > 0.0 { sum / count } else { f64::INFINITY }
+    };
+    SweepRow { values, law, landed: share, figures: std::array::from_fn(mean) }
+}
+
+/// A value as it is written in a table.
+fn shown(value: &toml::Value) -> String {
+    match value {
+        toml::Value::String(text) => text.clone(),
+        toml::Value::Float(number) => format!("{}", (number * 1e9).round() / 1e9),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_is_evenly_spaced_or_listed() {
+        let lag = Axis::parse("plant.rate-lag-ms=30:90:3").unwrap();
+        assert_eq!(lag.values, [30.0, 60.0, 90.0].map(toml::Value::from));
+        let cells = Axis::parse("control.oqtal.cells=floor,centred").unwrap();
+        assert_eq!(cells.values, ["floor", "centred"].map(toml::Value::from));
+        for text in ["lag", "lag=1:2:1", "lag=1:2:x", "lag=a:2:3", "lag=0:inf:3"] {
+            assert!(Axis::parse(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn combinations_are_all_of_them_and_bounded() {
+        let axis = |text| Axis::parse(text).unwrap();
+        let all = combinations(&[axis("a=1:2:2"), axis("b=x,y,z")]).unwrap();
+        assert_eq!(all.len(), 6);
+        assert_eq!(all[1], [toml::Value::from(1.0), toml::Value::from("y")]);
+        assert!(combinations(&[axis("a=0:1:1000"), axis("b=0:1:1000")]).is_err());
+    }
+}

@@ -1,0 +1,124 @@
+//! How a vehicle crashed, as the truth shows it.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+use oqtal_bus::code::Mode;
+use oqtal_config::FenceOptions;
+use oqtal_control::trajectory::Phase;
+
+use crate::flight::FlightSample;
+
+/// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
+const TURNED_OVER: f64 = 0.17;
+/// Distance beyond the fence at which the vehicle is lost \[m\].
+const LOST_M: f64 = 12.0;
+
+/// What ended a flight in a crash.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Crash {
+    /// The vehicle was on the floor while it was to fly.
+    Floor,
+    /// The vehicle turned over.
+    TurnedOver {
+        /// Angle between the body's z axis and the vertical \[deg\].
+        tilt_deg: f64,
+    },
+    /// The vehicle flew away.
+    Lost {
+        /// Its position \[m, world\].
+        position: [f64; 3],
+    },
+    /// The daemon that flew died; the next one starts disarmed, and the vehicle falls.
+    DaemonDied,
+}
+
+impl Crash {
+    /// What an armed vehicle's state shows; `None` if it flies.
+    #[must_use]
+    pub fn of(sample: &FlightSample, fence: &FenceOptions) -> Option<Self> {
+        let phase = sample.telemetry.phase;
+        let is_airborne =
+            [Phase::Settle, Phase::Trajectory].map(|phase| phase as u8).contains(&phase)
+                && sample.telemetry.mode == Mode::Flying.code();
+        let position = sample.position();
+        let upright = sample.attitude().to_world(&Vector3::z()).z;
+        if upright < TURNED_OVER {
+            let tilt_deg = upright.clamp(-1.0, 1.0).acos().to_degrees();
+            return Some(Self::TurnedOver { tilt_deg });
+        }
+        if beyond(fence, &position) > LOST_M {
+            return Some(Self::Lost { position: position.into() });
+        }
+        (is_airborne && position.z <= 0.0).then_some(Self::Floor)
+    }
+}
+
+/// Distance of `position` \[m, world\] beyond the box around the fence \[m\]; 0 inside.
+fn beyond(fence: &FenceOptions, position: &Vector3<f64>) -> f64 {
+    let corners = |axis: usize| fence.polygon_m.iter().map(move |corner| corner[axis]);
+    let side = |axis: usize, range: [f64; 2]| match fence.polygon_m.is_empty() {
+        true => range,
+        false => [
+            corners(axis).fold(f64::INFINITY, f64::min),
+            corners(axis).fold(f64::NEG_INFINITY, f64::max),
+        ],
+    };
+    let sides = [side(0, fence.x_m), side(1, fence.y_m), fence.z_m];
+    let distance = |(axis, [from, to]): (usize, [f64; 2])| {
+        (from - position[axis]).max(position[axis] - to).max(0.0)
+    };
+    Vector3::from_iterator(sides.into_iter().enumerate().map(distance)).norm()
+}
+
+impl fmt::Display for Crash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Floor => f.write_str("hit the floor"),
+            Self::TurnedOver { tilt_deg } => write!(f, "turned over, tilt {tilt_deg:.0} deg"),
+            Self::Lost { position: [x, y, z] } => {
+                write!(
+                    f,
+                    "flew {LOST_M} m beyond [fence], to x = {x:.1} m, y = {y:.1} m, z = {z:.1} m"
+                )
+            }
+            Self::DaemonDied => f.write_str("fell: the daemon died in flight"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_bus::message::{TelemetryV1, TruthV1};
+    use oqtal_config::Config;
+
+    fn at(position: [f64; 3], attitude: [f64; 4]) -> FlightSample {
+        let (mode, phase) = (Mode::Flying.code(), Phase::Trajectory as u8);
+        let telemetry = TelemetryV1 { mode, phase, ..TelemetryV1::default() };
+        let truth = TruthV1 { position, attitude, ..TruthV1::default() };
+        FlightSample { telemetry, truth: Some(truth) }
+    }
+
+    #[test]
+    fn a_crash_says_what_happened_and_where() {
+        let level = [0.0, 0.0, 0.0, 1.0];
+        let config = Config::default();
+        let said = |sample| Crash::of(&sample, &config.fence).map(|crash| crash.to_string());
+        assert_eq!(said(at([1.0, 1.0, 1.0], level)), None);
+        assert_eq!(said(at([0.0, 0.0, -0.01], level)).unwrap(), "hit the floor");
+        let text = said(at([20.1, 0.0, 1.0], level)).unwrap();
+        assert!(text.contains("12 m beyond [fence], to x = 20.1 m"), "{text}");
+        assert_eq!(said(at([19.9, 0.0, 1.0], level)), None);
+        let over = [0.7071, 0.0, 0.0, 0.7071];
+        assert_eq!(said(at([0.0, 0.0, 1.0], over)).unwrap(), "turned over, tilt 90 deg");
+    }
+
+    #[test]
+    fn a_polygon_stands_for_the_ranges_of_x_and_y() {
+        let polygon_m = vec![[0.0, 0.0], [40.0, 0.0], [40.0, 40.0]];
+        let fence = FenceOptions { polygon_m, ..Config::default().fence };
+        assert!(beyond(&fence, &Vector3::new(50.0, 20.0, 1.0)) == 10.0);
+        assert!(beyond(&fence, &Vector3::new(30.0, 20.0, 1.0)) == 0.0);
+    }
+}

@@ -1,0 +1,19 @@
+//! Emulated Crazyflie: the plant is flown through CRTP packets.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `supervisor.rs` | arming, time limits of set-points, locking: the rules of the firmware's supervisor |
+//! | `tables.rs` | its parameters and log variables |
+//! | `logs.rs` | log blocks that a host made, and when they are due |
+//! | `board.rs` | the on-board computer: packets to set-points, answers |
+//! | `vehicle.rs` | the vehicle behind its radio, without its port, pure |
+
+mod board;
+mod logs;
+mod supervisor;
+mod tables;
+mod vehicle;
+
+pub use board::CrazyflieBoard;
+pub use supervisor::SupervisorModel;
+pub use vehicle::CrtpVehicle;

@@ -1,0 +1,75 @@
+//! Emulated Crazyradio: exchanges packets with emulated vehicles in virtual time, some of which are lost.
+
+use std::cell::RefCell;
+use std::io;
+use std::rc::Rc;
+
+use oqtal_bridge::{RadioAck, RadioDongle};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::Config;
+use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
+use oqtal_wire::crtp::CrtpPacket;
+use oqtal_wire::link::RadioSpec;
+
+/// Time of an exchange: two USB transfers of a full-speed device, 32 bytes each way at 2 Mbit/s, and turning round.
+const EXCHANGE: Span = Span::from_nanos(1_200_000);
+/// Further time of each repetition.
+const REPETITION: Span = Span::from_nanos(500_000);
+/// Repetitions after which a packet is given up \[-\].
+const REPETITIONS: u32 = 3;
+
+/// Vehicles within reach of the radio, and the instant.
+#[derive(Debug)]
+pub struct Air {
+    pub now: Time,
+    pub vehicles: Vec<CrtpVehicle>,
+    /// Probability that a transmission, or its acknowledgement, is lost \[0..1\].
+    pub loss: f64,
+    seed: u64,
+}
+
+/// Radio on the [`Air`].
+#[derive(Debug)]
+pub struct EmulatedRadio(pub Rc<RefCell<Air>>);
+
+impl Air {
+    /// `count` vehicles of `config` on the floor.
+    pub fn new(config: &Config, count: usize, loss: f64) -> Rc<RefCell<Self>> {
+        let now = Time::VIRTUAL_START;
+        let vehicle = || CrtpVehicle::new(config, now).unwrap();
+        let vehicles = std::iter::repeat_with(vehicle).take(count).collect();
+        Rc::new(RefCell::new(Self { now, vehicles, loss, seed: 7 }))
+    }
+
+    /// Lets time pass.
+    pub fn pass(&mut self, span: Span) {
+        self.now = self.now + span;
+        let now = self.now;
+        self.vehicles.iter_mut().for_each(|vehicle| vehicle.advance(now, &mut |_| ()));
+    }
+
+    fn is_lost(&mut self) -> bool {
+        // Numerical Recipes' generator: the same losses in every run.
+        self.seed = self.seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223) % (1 << 32);
+        (self.seed as f64) < self.loss * f64::from(u32::MAX)
+    }
+}
+
+impl RadioDongle for EmulatedRadio {
+    fn exchange(&mut self, target: &RadioSpec, packet: &CrtpPacket) -> io::Result<RadioAck> {
+        let mut air = self.0.borrow_mut();
+        let vehicle = usize::from(target.vehicle_id()) - 1;
+        for repeated in 0..=REPETITIONS {
+            let span = if repeated == 0 { EXCHANGE } else { REPETITION };
+            air.pass(span);
+            if air.is_lost() {
+                continue;
+            }
+            let now = air.now;
+            air.vehicles[vehicle].host_writes(now, packet.as_bytes());
+            let reply = air.vehicles[vehicle].host_receives(now);
+            return Ok(RadioAck { is_acknowledged: true, repeated, reply });
+        }
+        Ok(RadioAck { is_acknowledged: false, repeated: REPETITIONS, reply: None })
+    }
+}

@@ -1,0 +1,84 @@
+//! Firmware run as a program, in a network of its own: some listen on every address of the machine.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// A firmware, and how it is started.
+pub struct Firmware {
+    /// Variable of the environment with the path of the program.
+    pub variable: &'static str,
+    /// Preset of the vehicle, beside `deploy/presets`.
+    pub preset: &'static str,
+    /// Link of the vehicle, as the bridge opens it.
+    pub link: &'static str,
+    /// Source of the truth, as the simulator follows it.
+    pub truth: &'static str,
+    /// Time from its start to that from which it can be armed: it levels and checks its sensors.
+    pub boot: Duration,
+    /// Appends the arguments of the program, which starts in a directory of its own.
+    pub arguments: fn(&Path, &mut Command),
+    /// Parameters that are not its defaults, in its own form; the file `parameters` of its directory.
+    pub parameters: &'static str,
+}
+
+/// A running firmware and its network; both end when dropped.
+pub struct FirmwareProcess {
+    child: Child,
+    network: String,
+}
+
+impl Firmware {
+    /// The path of the program; `None` where the variable is not set, which is said.
+    pub fn path(&self) -> Option<PathBuf> {
+        let path = std::env::var_os(self.variable).map(PathBuf::from);
+        if path.is_none() {
+            eprintln!("skipped: set {} to the path of the program", self.variable);
+        }
+        path
+    }
+
+    /// Starts the program at `path` in `directory`, and waits until it can be armed.
+    pub fn start(&self, path: &Path, directory: &Path) -> FirmwareProcess {
+        std::fs::create_dir_all(directory).unwrap();
+        std::fs::write(directory.join("parameters"), self.parameters).unwrap();
+        let network = format!("oqtal-firmware-{}", std::process::id());
+        ip(&["netns", "add", &network]);
+        ip(&["-n", &network, "link", "set", "lo", "up"]);
+        let mut command = Command::new("ip");
+        command.args(["netns", "exec", &network]).arg(path);
+        (self.arguments)(path, &mut command);
+        let log = std::fs::File::create(directory.join("log")).unwrap();
+        command.current_dir(directory).stdin(Stdio::null());
+        command.stdout(log.try_clone().unwrap()).stderr(log);
+        let process = FirmwareProcess { child: command.spawn().unwrap(), network };
+        std::thread::sleep(self.boot);
+        process
+    }
+}
+
+impl FirmwareProcess {
+    /// `command` in the network of the firmware.
+    pub fn beside(&self, command: &Command) -> Command {
+        let mut beside = Command::new("ip");
+        beside.args(["netns", "exec", &self.network]).arg(command.get_program());
+        beside.args(command.get_args()).stdin(Stdio::null());
+        if let Some(directory) = command.get_current_dir() {
+            beside.current_dir(directory);
+        }
+        beside
+    }
+}
+
+impl Drop for FirmwareProcess {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        ip(&["netns", "delete", &self.network]);
+    }
+}
+
+fn ip(words: &[&str]) {
+    let done = Command::new("ip").args(words).status().expect("ip of iproute2");
+    assert!(done.success(), "ip {words:?}: networks are made by root alone");
+}

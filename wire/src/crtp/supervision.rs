@@ -1,0 +1,64 @@
+//! The vehicle's supervisor: whether it can be armed, is armed, flies, or must be restarted; and the commands that it takes.
+
+/// First protocol version whose supervisor has a port of its own \[-\].
+pub const SUPERVISOR_PROTOCOL: u8 = 12;
+
+/// State of the supervisor: bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Supervision(u16);
+
+impl Supervision {
+    /// It would accept a request to arm.
+    pub const CAN_BE_ARMED: Self = Self(1 << 0);
+    /// It is armed.
+    pub const ARMED: Self = Self(1 << 1);
+    /// It arms by itself.
+    pub const ARMS_ITSELF: Self = Self(1 << 2);
+    /// Its motors may run.
+    pub const CAN_FLY: Self = Self(1 << 3);
+    /// It flies, or has flown within the last 2 s.
+    pub const FLYING: Self = Self(1 << 4);
+    /// It lies on its side or its back.
+    pub const TUMBLED: Self = Self(1 << 5);
+    /// It is locked until it is restarted.
+    pub const LOCKED: Self = Self(1 << 6);
+    /// It has crashed, and must be recovered.
+    pub const CRASHED: Self = Self(1 << 7);
+
+    /// State of these bits; unknown ones are kept.
+    #[must_use]
+    pub const fn from_wire(bits: u16) -> Self {
+        Self(bits)
+    }
+
+    /// The bits as on the wire \[-\].
+    #[must_use]
+    pub const fn bits(self) -> u16 {
+        self.0
+    }
+
+    /// Whether all bits of `other` are set.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// The bits of both.
+    #[must_use]
+    pub const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// Command to the supervisor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SupervisorCommand {
+    /// Arms or disarms.
+    Arm(bool),
+    /// Ends the state after a crash.
+    Recover,
+    /// Stops the motors at once, and locks the vehicle until it is restarted.
+    EmergencyStop,
+    /// Keeps the motors from being stopped; once sent, it must be repeated within every second.
+    KeepAlive,
+}

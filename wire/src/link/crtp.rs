@@ -1,0 +1,52 @@
+//! Links of CRTP: `radio:CHANNEL/RATE/ADDRESS` or `udp:HOST:PORT`.
+
+use std::fmt;
+
+use super::options::LinkOptions;
+use super::port::{HostPort, PortSpec};
+use super::radio::RadioSpec;
+
+/// Way to a Crazyflie.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CrtpLink {
+    /// Through a Crazyradio.
+    Radio(RadioSpec),
+    /// One packet a datagram: firmware in the loop, an emulated vehicle, or a radio that another program shares. The vehicle's
+    /// address.
+    Udp(HostPort),
+}
+
+impl CrtpLink {
+    /// Text form, for messages.
+    pub const FORM: &str = "crtp:radio:CHANNEL/RATE/ADDRESS | crtp:udp:HOST:PORT";
+
+    /// Parses what stands behind `crtp:`.
+    pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let (port, options) = LinkOptions::split(text)?;
+        options.finish()?;
+        let (kind, rest) = port.split_once(':').ok_or_else(|| format!("no port in `{port}`"))?;
+        match kind {
+            "radio" => rest.parse().map(Self::Radio),
+            "udp" => HostPort::parse(rest).map(Self::Udp),
+            _ => Err(format!("unknown kind of port `{kind}`")),
+        }
+    }
+
+    /// The port on the bridge's side.
+    #[must_use]
+    pub fn port(&self) -> PortSpec {
+        match self {
+            Self::Radio(radio) => PortSpec::Radio(*radio),
+            Self::Udp(vehicle) => PortSpec::UdpOut(vehicle.clone()),
+        }
+    }
+}
+
+impl fmt::Display for CrtpLink {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Radio(radio) => write!(f, "radio:{radio}"),
+            Self::Udp(vehicle) => write!(f, "udp:{vehicle}"),
+        }
+    }
+}
