@@ -110,7 +110,8 @@ mod tests {
         let text = said(at([20.1, 0.0, 1.0], level)).unwrap();
         assert!(text.contains("12 m beyond [fence], to x = 20.1 m"), "{text}");
         assert_eq!(said(at([19.9, 0.0, 1.0], level)), None);
-        let over = [0.7071, 0.0, 0.0, 0.7071];
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let over = [half, 0.0, 0.0, half];
         assert_eq!(said(at([0.0, 0.0, 1.0], over)).unwrap(), "turned over, tilt 90 deg");
     }
 

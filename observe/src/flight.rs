@@ -3,13 +3,11 @@
 use std::fmt;
 
 use crate::latency::{Distribution, HopDistributions};
-use nalgebra::Vector3;
-use oqtal_bus::code::{Cause, SafetyState};
-use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
+use oqtal_bus::code::Cause;
+use oqtal_bus::message::Stamps;
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Phase;
 use serde::Serialize;
 

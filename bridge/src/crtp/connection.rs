@@ -153,20 +153,20 @@ impl CrtpConnection {
                 self.begin_table(TableKind::Logging);
             }
             (Step::Table(table), _) => self.take_table(table, reply),
-            (Step::Parameter(place), CrtpReply::Written(id, value)) => {
-                if self.parameter(place) == Some((*id, *value)) {
-                    self.next_parameter(place + 1);
-                }
+            (Step::Parameter(place), CrtpReply::Written(id, value))
+                if self.parameter(place) == Some((*id, *value)) =>
+            {
+                self.next_parameter(place + 1);
             }
-            (Step::CreateBlock(block), CrtpReply::Log(LogCommand::Create, id, reason)) => {
-                if *id == block_id(block) && [0, EXISTS].contains(reason) {
-                    self.go_to(Step::StartBlock(block));
-                }
+            (Step::CreateBlock(block), CrtpReply::Log(LogCommand::Create, id, reason))
+                if *id == block_id(block) && [0, EXISTS].contains(reason) =>
+            {
+                self.go_to(Step::StartBlock(block));
             }
-            (Step::StartBlock(block), CrtpReply::Log(LogCommand::Start, id, 0)) => {
-                if *id == block_id(block) {
-                    self.next_block(block + 1);
-                }
+            (Step::StartBlock(block), CrtpReply::Log(LogCommand::Start, id, 0))
+                if *id == block_id(block) =>
+            {
+                self.next_block(block + 1);
             }
             _ => {}
         }

@@ -43,7 +43,7 @@ impl KnownTable {
 
     /// The line of this table.
     #[must_use]
-    pub fn to_line(&self) -> String {
+    pub fn line(&self) -> String {
         let mut line = format!("{} {:08x}", word(self.table), self.crc);
         for ((group, name), element) in names(self.table).iter().zip(self.elements) {
             let value = match element {
@@ -104,7 +104,7 @@ impl KnownTables {
     /// The text of all tables.
     #[must_use]
     pub fn to_text(&self) -> String {
-        self.tables.iter().map(|table| table.to_line() + "\n").collect()
+        self.tables.iter().map(|table| table.line() + "\n").collect()
     }
 
     /// The table of this kind and CRC.
@@ -143,7 +143,7 @@ mod tests {
             for (element, id) in known.elements.iter_mut().zip(ids).take(count) {
                 *element = id.map(|(id, kind)| KnownElement { id, kind });
             }
-            let text = known.to_line();
+            let text = known.line();
             let tables = KnownTables::from_text(&format!("nonsense\n{text}\n\n{text}"));
             prop_assert_eq!(tables.to_text(), format!("{text}\n"));
             prop_assert_eq!(tables.find(table, crc), Some(&known));
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_line_with_other_names_is_left_out() {
-        let line = KnownTable::new(TableKind::Logging, 1).to_line();
+        let line = KnownTable::new(TableKind::Logging, 1).line();
         assert!(KnownTable::from_line(&line).is_some());
         assert!(KnownTable::from_line(&line.replace("vbat", "vbatt")).is_none());
         assert!(KnownTable::from_line(&format!("{line} pm.x=1:1")).is_none());
