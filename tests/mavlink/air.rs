@@ -99,7 +99,7 @@ impl Air {
         vehicle.host_reads(*now, &mut |datagram| {
             bridge.receive_bytes(*now, datagram, &mut |note| notes.push(note));
         });
-        if self.ticks % PERIOD_MS == 0 {
+        if self.ticks.is_multiple_of(PERIOD_MS) {
             self.publish(command);
         }
         let Self { bridge, notes, now, .. } = self;
