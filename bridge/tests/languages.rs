@@ -5,7 +5,10 @@
 mod asctec;
 #[path = "languages/crtp.rs"]
 mod crtp;
+#[path = "languages/language.rs"]
+mod language;
 
+use language::{Language, LanguageVehicle, Understood};
 use oqtal_bridge::{Bridge, Note};
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps};
@@ -17,31 +20,6 @@ const PERIOD: Span = Span::from_nanos(16_666_667);
 const COMMAND_AGE: Span = Span::from_millis(50);
 /// Steps of a stick that every language tells apart \[1/s\].
 const STICK_STEPS: f64 = 2047.0;
-
-/// Set-point as a vehicle understands it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Understood {
-    /// No thrust: zero, or what starts or stops motors.
-    NoThrust,
-    /// Thrust, and this roll stick \[-1..1\].
-    Flight(f64),
-}
-
-/// Vehicle at the other end of a language.
-pub trait LanguageVehicle {
-    /// Takes one frame of the bridge; returns what it means if it is a set-point. Answers go to `answers`.
-    fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Option<Understood>;
-
-    /// What the vehicle says by itself.
-    fn tick(&mut self, now: Time, answers: &mut Vec<Vec<u8>>);
-}
-
-/// Language: its bridge without a port, and a vehicle.
-pub struct Language {
-    pub(crate) name: &'static str,
-    pub(crate) bridge: fn(Time) -> Bridge,
-    pub(crate) vehicle: fn() -> Box<dyn LanguageVehicle>,
-}
 
 /// All languages. A further one is a row.
 const LANGUAGES: [Language; 2] = [asctec::LANGUAGE, crtp::LANGUAGE];

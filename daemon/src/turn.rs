@@ -156,12 +156,8 @@ impl<T: Transport> Turn for DaemonTurn<T> {
         } else if warmup.perform(now, cycle) {
             ports.commands.warm_up();
         }
-        if let Some(arrival) = &arrival {
-            warmup.expect(now, arrival);
-        }
-        if let Some(heard) = &heard {
-            warmup.hear(heard);
-        }
+        arrival.iter().for_each(|arrival| warmup.expect(now, arrival));
+        heard.iter().for_each(|heard| warmup.hear(heard));
         if intake::is_worth_recording(&input) {
             ports.publish_copies(arrival.as_ref(), heard.as_ref(), &mut input)?;
             ports.inputs.send(0, Stamps::default(), input)?;

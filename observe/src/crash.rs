@@ -7,7 +7,7 @@ use oqtal_bus::code::Mode;
 use oqtal_config::FenceOptions;
 use oqtal_control::trajectory::Phase;
 
-use crate::flight::FlightSample;
+use crate::flight_sample::FlightSample;
 
 /// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
 const TURNED_OVER: f64 = 0.17;

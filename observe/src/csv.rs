@@ -2,56 +2,16 @@
 //!
 //! Every column has an entry in the dictionary, `docs/data.md`, which [`dictionary`] writes.
 
+mod column;
 mod columns;
 
 use std::collections::HashMap;
 use std::io::Write;
 
-use oqtal_bus::time::Time;
+use crate::flight::{AppliedCommand, Flight};
 
-use crate::flight::{AppliedCommand, Flight, FlightSample};
-
+use column::{ColumnGroup, Instant, Row};
 use columns::COLUMNS;
-
-/// What a row is made of.
-#[derive(Clone, Copy, Debug)]
-struct Row<'a> {
-    sample: &'a FlightSample,
-    /// The command of the tick as it reached the vehicle; `None` if it did not.
-    applied: Option<&'a AppliedCommand>,
-    /// Zero of the time axis.
-    origin: Time,
-}
-
-/// The cells of adjacent columns.
-#[derive(Clone, Copy, Debug)]
-enum Cells {
-    /// Numbers, of which as many are used as there are columns; NaN is an empty cell.
-    Numbers(fn(&Row<'_>) -> [f64; 6]),
-    /// A word.
-    Word(fn(&Row<'_>) -> Option<String>),
-}
-
-/// Instant that a value is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Instant {
-    /// That of the row, `t_s`.
-    Tick,
-    /// The capture of the newest accepted pose, `pose_captured_s`.
-    Capture,
-    /// The whole way of the command that was published in the tick.
-    Command,
-}
-
-/// Adjacent columns that mean the same for several axes.
-#[derive(Clone, Copy, Debug)]
-struct ColumnGroup {
-    names: &'static [&'static str],
-    unit: &'static str,
-    instant: Instant,
-    about: &'static str,
-    cells: Cells,
-}
 
 /// Writes the ticks of `flight` to `out`; `t_s` counts from [`Flight::origin`].
 ///
@@ -88,24 +48,9 @@ pub fn dictionary() -> String {
     head.to_owned() + &COLUMNS.iter().map(row).collect::<String>()
 }
 
-impl ColumnGroup {
-    fn cells(&self, row: &Row<'_>) -> Vec<String> {
-        match self.cells {
-            Cells::Word(word) => vec![word(row).unwrap_or_default()],
-            Cells::Numbers(numbers) => {
-                numbers(row).into_iter().take(self.names.len()).map(number).collect()
-            }
-        }
-    }
-}
-
-/// The shortest decimal text that is read back as the same number; empty for NaN.
-fn number(value: f64) -> String {
-    if value.is_nan() { String::new() } else { value.to_string() }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::column::Cells;
     use super::*;
     use crate::report::fixture;
 

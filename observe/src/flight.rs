@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::latency::{Distribution, HopDistributions};
 use nalgebra::Vector3;
-use oqtal_bus::code::{Cause, Mode, SafetyState};
+use oqtal_bus::code::{Cause, SafetyState};
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use crate::command_path::CommandPath;
 use crate::crash::Crash;
+pub use crate::flight_sample::FlightSample;
 use crate::kernel::ProcessUsage;
 use crate::wire::WireRecord;
 
@@ -57,15 +58,6 @@ impl fmt::Display for Outcome {
             Self::Unfinished => "unfinished",
         })
     }
-}
-
-/// One tick of the daemon with the true state of the vehicle.
-#[derive(Clone, Copy, Debug)]
-pub struct FlightSample {
-    /// Telemetry of the tick.
-    pub telemetry: TelemetryV1,
-    /// The truth at the tick; `None` where there is none (a recording, a real vehicle).
-    pub truth: Option<TruthV1>,
 }
 
 /// A pose as it was received.
@@ -127,62 +119,6 @@ pub struct Flight {
     pub speed_factor: f64,
     /// Resource use of the daemon; `None` if it was no process of its own.
     pub daemon: Option<ProcessUsage>,
-}
-
-impl FlightSample {
-    /// Whether the vehicle was armed in this tick.
-    #[must_use]
-    pub fn is_armed(&self) -> bool {
-        [Mode::Flying.code(), Mode::Landing.code()].contains(&self.telemetry.mode)
-    }
-
-    /// Whether the daemon brings the vehicle down by itself.
-    fn is_ended_by_daemon(&self) -> bool {
-        (SafetyState::Land.code()..SafetyState::Stop.code()).contains(&self.telemetry.state)
-    }
-
-    /// Position of the vehicle \[m, world\]: the truth, or the estimate where there is none.
-    #[must_use]
-    pub fn position(&self) -> Vector3<f64> {
-        Vector3::from(self.truth.map_or(self.telemetry.position, |truth| truth.position))
-    }
-
-    /// Velocity of the vehicle \[m/s, world\]: the truth, or the estimate where there is none.
-    #[must_use]
-    pub fn velocity(&self) -> Vector3<f64> {
-        Vector3::from(self.truth.map_or(self.telemetry.velocity, |truth| truth.velocity))
-    }
-
-    /// Attitude of the vehicle \[body to world\]: the truth, or the estimate where there is none.
-    #[must_use]
-    pub fn attitude(&self) -> Attitude {
-        let numbers = self.truth.map_or(self.telemetry.attitude, |truth| truth.attitude);
-        Attitude::from_xyzw(numbers).unwrap_or_default()
-    }
-
-    /// Commanded attitude \[body to world\].
-    #[must_use]
-    pub fn attitude_command(&self) -> Attitude {
-        Attitude::from_xyzw(self.telemetry.attitude_command).unwrap_or_default()
-    }
-
-    /// True position minus reference \[m, world\].
-    #[must_use]
-    pub fn position_error(&self) -> Vector3<f64> {
-        self.position() - Vector3::from(self.telemetry.reference_position)
-    }
-
-    /// True velocity minus the position loops' commanded velocity \[m/s, world\].
-    #[must_use]
-    pub fn velocity_error(&self) -> Vector3<f64> {
-        self.velocity() - Vector3::from(self.telemetry.velocity_command)
-    }
-
-    /// Rotation from the commanded to the true attitude \[rad, commanded body axes\].
-    #[must_use]
-    pub fn attitude_error(&self) -> Vector3<f64> {
-        self.attitude_command().rotation_to(&self.attitude())
-    }
 }
 
 impl Flight {

@@ -9,6 +9,7 @@ pub mod csv;
 pub mod event;
 pub mod fault;
 pub mod flight;
+pub mod flight_sample;
 pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;

@@ -103,7 +103,6 @@ impl Summary {
         let config = &flight.config;
         let last = flight.samples.last().map(|sample| sample.telemetry).unwrap_or_default();
         let (ticks, duration_s) = extent(flight.armed());
-        let (_, scored_s) = extent(flight.scored());
         let figures =
             |error: fn(&FlightSample) -> Vector3<f64>| error_figures(flight.scored().map(error));
         let real =
@@ -116,7 +115,7 @@ impl Summary {
             seed: config.clock.seed,
             ticks,
             duration_s,
-            scored_s,
+            scored_s: extent(flight.scored()).1,
             outcome: flight.outcome,
             shortfall: flight.shortfall(),
             error_source: error_source(flight),

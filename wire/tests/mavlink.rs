@@ -30,6 +30,11 @@ fn name() -> ParameterName {
 
 /// Every kind of message that has no number to be rounded.
 fn samples() -> Vec<MavlinkContent> {
+    [states(), orders()].concat()
+}
+
+/// What a vehicle says of itself, and a companion to it.
+fn states() -> Vec<MavlinkContent> {
     use MavlinkContent as C;
     let heartbeat = MavlinkHeartbeat {
         autopilot: AutopilotFirmware::Known(AutopilotKind::Px4),
@@ -37,8 +42,6 @@ fn samples() -> Vec<MavlinkContent> {
         is_armed: true,
         is_simulated: false,
     };
-    let value = ParameterValue { raw: 6.0, is_real: false, code: 2 };
-    let command = |kind| C::Command(VehicleCommandLong { target: VEHICLE, kind, confirmation: 1 });
     let text = MavlinkText { severity: TextSeverity::Trouble, text: [b'x'; 50], piece: 1 };
     let quarter = std::f64::consts::FRAC_1_SQRT_2 as f32;
     let attitude = [0.0, 0.0, f64::from(quarter), f64::from(quarter)];
@@ -59,6 +62,19 @@ fn samples() -> Vec<MavlinkContent> {
             thrust: 0.375,
         }),
         C::GlobalOrigin { system: 1 },
+        C::Text(text),
+        C::Position(MavlinkPosition { time_ms: 5, position, velocity: rate }),
+        C::Attitude(MavlinkAttitude { time_ms: 5, attitude, rate }),
+        C::Estimator(831),
+    ]
+}
+
+/// Commands, parameters and their answers.
+fn orders() -> Vec<MavlinkContent> {
+    use MavlinkContent as C;
+    let value = ParameterValue { raw: 6.0, is_real: false, code: 2 };
+    let command = |kind| C::Command(VehicleCommandLong { target: VEHICLE, kind, confirmation: 1 });
+    vec![
         command(CommandKind::SetMode { mode: 6, sub_mode: 0 }),
         command(CommandKind::Arm { run: true, is_forced: false }),
         command(CommandKind::Arm { run: false, is_forced: true }),
@@ -67,13 +83,9 @@ fn samples() -> Vec<MavlinkContent> {
         command(CommandKind::Reboot),
         C::Acknowledged { command: 400, result: AckResult::Failed },
         C::Acknowledged { command: 176, result: AckResult::Accepted },
-        C::Text(text),
         C::ParameterRequest { target: VEHICLE, name: name() },
         C::ParameterSet { target: VEHICLE, name: name(), value },
         C::Parameter { name: name(), value },
-        C::Position(MavlinkPosition { time_ms: 5, position, velocity: rate }),
-        C::Attitude(MavlinkAttitude { time_ms: 5, attitude, rate }),
-        C::Estimator(831),
     ]
 }
 
@@ -93,7 +105,7 @@ fn payload(content: MavlinkContent) -> Vec<u8> {
     payload
 }
 
-fn f32_at(payload: &[u8], at: usize) -> f32 {
+fn float_at(payload: &[u8], at: usize) -> f32 {
     f32::from_le_bytes(payload[at..at + 4].try_into().unwrap())
 }
 
@@ -107,7 +119,7 @@ fn rates_have_mask_128_and_the_signs_of_forward_right_down() {
     };
     let payload = payload(MavlinkContent::AttitudeTarget(target));
     assert_eq!(payload[38], 128);
-    let numbers = [4, 8, 12, 16, 20, 24, 28, 32].map(|at| f32_at(&payload, at));
+    let numbers = [4, 8, 12, 16, 20, 24, 28, 32].map(|at| float_at(&payload, at));
     assert_eq!(numbers, [1.0, 0.0, 0.0, 0.0, 0.1, -0.2, -0.3, 0.4]);
 }
 
@@ -125,11 +137,11 @@ fn an_attitude_has_mask_3_and_unit_length_whatever_its_source() {
         };
         let payload = payload(MavlinkContent::AttitudeTarget(target));
         assert_eq!(payload[38], 3);
-        let q = [4, 8, 12, 16].map(|at| f64::from(f32_at(&payload, at)));
+        let q = [4, 8, 12, 16].map(|at| f64::from(float_at(&payload, at)));
         let norm = q.iter().map(|number| number * number).sum::<f64>().sqrt();
         assert!((norm - 1.0).abs() < 1e-7, "{norm}");
         assert!(q[0] > 0.9 && sign * q[1 + axis] > 0.04, "{q:?}");
-        assert_eq!(f32_at(&payload, 28), -0.5, "yaw rate");
+        assert_eq!(float_at(&payload, 28), -0.5, "yaw rate");
     }
 }
 
@@ -146,11 +158,11 @@ fn pose() -> MavlinkPose {
 #[test]
 fn poses_are_forward_right_down_by_vision_with_their_covariance() {
     let payload = payload(MavlinkContent::Odometry(pose()));
-    assert_eq!([8, 12, 16].map(|at| f32_at(&payload, at)), [1.0, -2.0, -3.0]);
-    assert!(f32_at(&payload, 36).is_nan(), "no velocity");
+    assert_eq!([8, 12, 16].map(|at| float_at(&payload, at)), [1.0, -2.0, -3.0]);
+    assert!(float_at(&payload, 36).is_nan(), "no velocity");
     // Frames 20 and 12, no reset, vision, quality.
     assert_eq!(payload[228..233], [20, 12, 0, 2, 100]);
-    assert_eq!(f32_at(&payload, 60), 1e-6);
+    assert_eq!(float_at(&payload, 60), 1e-6);
     for content in [MavlinkContent::Odometry(pose()), MavlinkContent::VisionPosition(pose())] {
         let [packet] = decoded(&sent(content))[..] else { panic!("{content:?}") };
         let (MavlinkContent::Odometry(read) | MavlinkContent::VisionPosition(read)) =

@@ -5,11 +5,11 @@ use oqtal_wire::link::AutopilotKind;
 /// Rule for the value of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WantedValue {
-    /// This value.
+    /// This value \[unit of the parameter\].
     Exactly(f64),
     /// Any value with these bits set.
     Bits(u32),
-    /// At most this value, and more than zero.
+    /// At most this value, and more than zero \[unit of the parameter\].
     AtMost(f64),
 }
 

@@ -15,6 +15,8 @@ const VENDOR: u16 = 0x1915;
 const PRODUCT: u16 = 0x7777;
 /// First firmware whose settings are known here, 0.4 as USB counts it.
 const OLDEST_FIRMWARE: u16 = 0x0040;
+/// Error of the operating system where there is no list of devices \[-\].
+const NO_SUCH_FILE: u32 = 2;
 const ENDPOINT_OUT: u8 = 0x01;
 const ENDPOINT_IN: u8 = 0x81;
 /// Longest answer of the radio \[bytes\].
@@ -59,7 +61,11 @@ impl UsbDongle {
     /// # Errors
     /// There is none, another program uses it, the user may not, or its firmware is too old.
     pub fn open() -> Result<Self, PortOpenError> {
-        let devices = list_devices().wait().map_err(|error| refused(&error))?;
+        // A machine without USB has no list of devices either.
+        let devices = list_devices().wait().map_err(|error| match error.os_error() {
+            Some(NO_SUCH_FILE) => PortOpenError::NoCrazyradio,
+            _ => refused(&error),
+        })?;
         let is_radio = |device: &nusb::DeviceInfo| {
             (device.vendor_id(), device.product_id()) == (VENDOR, PRODUCT)
         };

@@ -9,7 +9,7 @@ use oqtal_wire::crtp::{
 };
 use oqtal_wire::xbee::Address;
 
-use super::{Language, LanguageVehicle, Understood};
+use super::language::{Language, LanguageVehicle, Understood};
 
 /// The row of this language.
 pub const LANGUAGE: Language = Language { name: "crtp", bridge, vehicle };

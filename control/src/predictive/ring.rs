@@ -30,8 +30,8 @@ impl<T: Copy> Ring<T> {
     }
 
     /// The newest item for which `holds` is true. One that was added lately is found without reading the whole buffer.
-    pub fn newest_mut(&mut self, mut holds: impl FnMut(&T) -> bool) -> Option<&mut T> {
-        let newer = self.newest_first().position(|item| holds(item))?;
+    pub fn newest_mut(&mut self, holds: impl FnMut(&T) -> bool) -> Option<&mut T> {
+        let newer = self.newest_first().position(holds)?;
         let index = self.index(newer + 1);
         self.items[index].as_mut()
     }

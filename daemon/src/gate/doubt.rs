@@ -42,7 +42,7 @@ impl Doubt {
     /// The doubt about a pose that is `first` relative to `expected`, after a gap of `gap_s` \[s\]; `None` if the pose is where it
     /// was expected.
     pub(super) fn about(expected: &Track, first: Stranger, gap_s: f64) -> Option<Self> {
-        first.is_off().then(|| Self { without: *expected, first, since_s: expected.t_s, gap_s })
+        first.is_off().then_some(Self { without: *expected, first, since_s: expected.t_s, gap_s })
     }
 
     /// The motion predicted for `t_s` \[s\] without the doubted poses.

@@ -5,7 +5,7 @@ use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Phase;
 
-use super::{Cells, ColumnGroup, Instant, Row};
+use super::column::{Cells, ColumnGroup, Instant, Row};
 use crate::flight::AppliedCommand;
 use crate::latency::{hops, sensor_to_actuator};
 

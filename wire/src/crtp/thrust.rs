@@ -30,7 +30,7 @@ impl CrtpThrustCurve {
     /// Counts of a collective thrust `force` \[N\], within 0..60000; 0 for what is no number.
     #[must_use]
     pub fn counts(&self, force: f64) -> u16 {
-        if !(force > 0.0) {
+        if force.is_nan() || force <= 0.0 {
             return 0;
         }
         let Self { linear, quadratic } = *self;

@@ -2,7 +2,7 @@
 
 use super::address::MavlinkAddress;
 
-/// Value of the second parameter of an arming command by which it is executed whatever the vehicle's checks say.
+/// Value of the second parameter of an arming command by which it is executed whatever the vehicle's checks say \[-\].
 pub(super) const FORCE: f32 = 21_196.0;
 
 /// Command.
