@@ -26,7 +26,7 @@ use oqtal_wire::mavlink::{
 };
 
 use super::on_board::Measured;
-use motion::SetpointFollower;
+use motion::{OFFBOARD_TIMEOUT, SetpointFollower};
 use parameters::ParameterTable;
 use streams::{Stream, TelemetryStreams};
 
@@ -36,9 +36,6 @@ const ALIGNMENT: Span = Span::from_millis(1500);
 const POSES_LOST: Span = Span::from_millis(1000);
 /// Age of a set-point up to which set-points flow.
 const FLOWING: Span = Span::from_millis(500);
-
-/// Time without a set-point after which PX4 leaves Offboard, COM_OF_LOSS_T.
-const OFFBOARD_TIMEOUT: Span = Span::from_millis(1000);
 
 /// Emulated autopilot.
 #[derive(Debug)]

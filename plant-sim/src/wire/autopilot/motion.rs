@@ -11,6 +11,8 @@ use oqtal_wire::mavlink::{AttitudeTarget, SetpointKind, ThrustCurve};
 
 /// Time without a set-point after which ArduCopter levels, GUID_TIMEOUT.
 const GUIDED_TIMEOUT: Span = Span::from_millis(3000);
+/// Time without a set-point after which PX4 leaves Offboard, COM_OF_LOSS_T.
+pub(super) const OFFBOARD_TIMEOUT: Span = Span::from_millis(1000);
 /// Height below which the vehicle may have landed \[m\], and for how long.
 const FLOOR_M: f64 = 0.05;
 const LANDED_AFTER: Span = Span::from_millis(1000);
@@ -85,7 +87,7 @@ impl SetpointFollower {
     pub(super) fn command(&self, now: Time, truth: &TruthV1, follows: bool) -> CommandV1 {
         let age = match self.kind {
             AutopilotKind::ArduPilot => GUIDED_TIMEOUT,
-            AutopilotKind::Px4 => super::OFFBOARD_TIMEOUT,
+            AutopilotKind::Px4 => OFFBOARD_TIMEOUT,
         };
         match &self.newest {
             Some((_, target)) if follows && self.flows(now, age) => self.flight(target),
