@@ -50,7 +50,7 @@ pub fn dictionary() -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::column::Cells;
+    use super::column::CellValues;
     use super::*;
     use crate::report::fixture;
 
@@ -118,7 +118,11 @@ mod tests {
     fn every_number_has_a_unit_and_no_more_columns_than_cells() {
         for group in &COLUMNS {
             assert!(group.names.len() <= 6 && !group.about.is_empty(), "{group:?}");
-            assert_eq!(matches!(group.cells, Cells::Word(_)), group.unit == "word", "{group:?}");
+            assert_eq!(
+                matches!(group.cells, CellValues::Word(_)),
+                group.unit == "word",
+                "{group:?}"
+            );
         }
     }
 }

@@ -16,7 +16,7 @@ pub(super) struct Row<'a> {
 
 /// The cells of adjacent columns.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Cells {
+pub(super) enum CellValues {
     /// Numbers, of which as many are used as there are columns; NaN is an empty cell.
     Numbers(fn(&Row<'_>) -> [f64; 6]),
     /// A word.
@@ -41,15 +41,15 @@ pub(super) struct ColumnGroup {
     pub(super) unit: &'static str,
     pub(super) instant: Instant,
     pub(super) about: &'static str,
-    pub(super) cells: Cells,
+    pub(super) cells: CellValues,
 }
 
 impl ColumnGroup {
     /// The cells of these columns in `row`.
     pub(super) fn cells(&self, row: &Row<'_>) -> Vec<String> {
         match self.cells {
-            Cells::Word(word) => vec![word(row).unwrap_or_default()],
-            Cells::Numbers(numbers) => {
+            CellValues::Word(word) => vec![word(row).unwrap_or_default()],
+            CellValues::Numbers(numbers) => {
                 numbers(row).into_iter().take(self.names.len()).map(number).collect()
             }
         }

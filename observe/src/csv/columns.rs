@@ -5,7 +5,7 @@ use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::trajectory::Phase;
 
-use super::column::{Cells, ColumnGroup, Instant, Row};
+use super::column::{CellValues, ColumnGroup, Instant, Row};
 use crate::flight::AppliedCommand;
 use crate::latency::{hops, sensor_to_actuator};
 
@@ -47,7 +47,7 @@ const fn numbers(
     about: &'static str,
     cells: fn(&Row<'_>) -> [f64; 6],
 ) -> ColumnGroup {
-    ColumnGroup { names, unit, instant, about, cells: Cells::Numbers(cells) }
+    ColumnGroup { names, unit, instant, about, cells: CellValues::Numbers(cells) }
 }
 
 const fn word(
@@ -56,7 +56,7 @@ const fn word(
     cell: fn(&Row<'_>) -> Option<String>,
 ) -> ColumnGroup {
     let (unit, instant) = ("word", Instant::Tick);
-    ColumnGroup { names, unit, instant, about, cells: Cells::Word(cell) }
+    ColumnGroup { names, unit, instant, about, cells: CellValues::Word(cell) }
 }
 
 fn telemetry<'a>(row: &Row<'a>) -> &'a TelemetryV1 {
