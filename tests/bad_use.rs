@@ -27,7 +27,7 @@ fn an_unknown_controller_names_those_there_are() {
 #[test]
 fn an_unknown_flag_is_a_usage_error() {
     refused(&["--colour"], 64, &["--colour"]);
-    refused(&["--vehicle", "boat"], 64, &["sim[:hummingbird|:spacecraft]"]);
+    refused(&["--vehicle", "boat"], 64, &["sim[:hummingbird|:spacecraft", "link:LINK"]);
     refused(&["--mocap", "replay:"], 64, &["replay:FILE"]);
 }
 
