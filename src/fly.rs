@@ -157,7 +157,10 @@ impl FlyArgs {
         }
         if let Some(shortfall) = &summary.shortfall {
             say(&format!("oqtal: {shortfall}"));
-            return Ok(Exit::Flight);
+            // What an operator asks for is done.
+            let is_asked_for =
+                flight.outcome == Outcome::Landed && flight.landing_on_request().is_some();
+            return Ok(if is_asked_for { Exit::Ok } else { Exit::Flight });
         }
         match flight.outcome {
             Outcome::Landed | Outcome::Replayed => Ok(Exit::Ok),

@@ -168,8 +168,9 @@ impl Flight {
         })
     }
 
-    /// How much of the trajectory was flown before a landing that an operator asked for; `None` if it was landed as planned.
-    fn landing_on_request(&self) -> Option<String> {
+    /// How much of the trajectory was flown before a landing that an operator asked for; `None` if there was none.
+    #[must_use]
+    pub fn landing_on_request(&self) -> Option<String> {
         let landing = self.armed().find(|s| s.telemetry.phase == Phase::Landing as u8)?.telemetry;
         let planned_s = landing.planned_landing_s;
         let period_s = 1.0 / self.config.control.rate_hz;

@@ -34,7 +34,7 @@ pub(super) fn garble<M: Message>(message: &mut M, generator: &mut Generator) {
         vehicle.armed = generator.random();
         vehicle.starting = generator.random();
         vehicle.link = generator.random();
-        vehicle.control = generator.random_range(0..3);
+        vehicle.control = generator.random();
     }
 }
 
