@@ -25,7 +25,13 @@ fn the_square_over_mavlink_is_as_good_as_without_it() {
 /// PX4 with 1 % of datagrams lost and 5 ms of jitter, and ArduCopter that is told attitudes.
 #[test]
 fn a_hover_lands_through_losses_and_by_attitudes() {
-    let noise = ["plant.wire.loss-probability=0.01", "plant.wire.jitter-ms=5"];
+    // Time for a sequence of which something is lost, as in the preset.
+    let noise = [
+        "plant.wire.loss-probability=0.01",
+        "plant.wire.jitter-ms=5",
+        "bridge.motor-sequence-ms=6000",
+        "safety.motor-start-ms=6500",
+    ];
     for (vehicle, settings) in [
         ("bridge:mavlink,autopilot=px4", &noise[..]),
         ("bridge:mavlink,autopilot=ardupilot,system=7", &["vehicle.interface=attitude"]),
