@@ -90,7 +90,7 @@ fn an_interface_or_a_preset_that_is_none_is_told_those_there_are() {
     let preset = error(&["vehicle.preset=boat"]);
     assert!(
         preset
-            .contains("`boat`, it must be hummingbird or spacecraft or ardupilot-quad or px4-quad"),
+            .contains("`boat`, it must be hummingbird or spacecraft or crazyflie-2.1 or ardupilot-quad or px4-quad"),
         "{preset}"
     );
 }

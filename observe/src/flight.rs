@@ -171,6 +171,9 @@ impl Flight {
     /// How much of the trajectory was flown before a landing that an operator asked for; `None` if there was none.
     #[must_use]
     pub fn landing_on_request(&self) -> Option<String> {
+        if self.early_landing().is_some() {
+            return None;
+        }
         let landing = self.armed().find(|s| s.telemetry.phase == Phase::Landing as u8)?.telemetry;
         let planned_s = landing.planned_landing_s;
         let period_s = 1.0 / self.config.control.rate_hz;
