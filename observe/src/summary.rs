@@ -11,7 +11,7 @@ use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
-use crate::fault::InjectedFault;
+use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
@@ -86,6 +86,8 @@ pub struct Summary {
     pub state_sequence: Vec<String>,
     /// The faults that were injected, in the order of their beginnings.
     pub faults: Vec<InjectedFault>,
+    /// The disturbances that acted, in the order of their beginnings.
+    pub disturbances: Vec<AppliedDisturbance>,
     pub config_hash: String,
     pub trajectory_hash: Option<String>,
 }
@@ -137,6 +139,7 @@ impl Summary {
             daemon: flight.daemon.clone(),
             state_sequence: state_sequence(flight),
             faults: InjectedFault::all(flight),
+            disturbances: AppliedDisturbance::all(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
         }

@@ -102,10 +102,9 @@ fn wire(wire: &WireFigures) -> String {
 fn counts(summary: &Summary) -> String {
     let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
     let faults: Vec<&str> = summary.faults.iter().map(|fault| fault.fault.as_str()).collect();
-    let faults = match faults.is_empty() {
-        true => String::new(),
-        false => format!("\nfaults: {}", faults.join("\n        ")),
-    };
+    let loads = summary.disturbances.iter();
+    let loads: Vec<&str> = loads.map(|load| load.disturbance.as_str()).collect();
+    let faults = listed("faults: ", &faults) + &listed("disturbances: ", &loads);
     format!(
         "Riccati solves {riccati_solves}, deadlines missed {deadline_misses}\n\
          poses lost {}, refused {}, commands lost {}\nstates: {}{faults}",
@@ -114,6 +113,12 @@ fn counts(summary: &Summary) -> String {
         lost.command,
         summary.states()
     )
+}
+
+/// A line for each of `names`, below `title`; nothing without names.
+fn listed(title: &str, names: &[&str]) -> String {
+    let indent = format!("\n{}", " ".repeat(title.len()));
+    if names.is_empty() { String::new() } else { format!("\n{title}{}", names.join(&indent)) }
 }
 
 /// Scheduling and resource use of the daemon.
