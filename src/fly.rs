@@ -22,6 +22,7 @@ use oqtal_lab::mission::Mission;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, check_instance};
 use oqtal_runtime::program::{print, say};
 
+use oqtal_observe::explain;
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
@@ -85,6 +86,9 @@ pub struct FlyArgs {
     /// Print the summary as JSON instead of a table
     #[arg(long)]
     json: bool,
+    /// Explain each figure of the table in a line
+    #[arg(long, conflicts_with = "json")]
+    explain: bool,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -155,6 +159,9 @@ impl FlyArgs {
     fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
         print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
+        if self.explain {
+            print(&format!("\n{}\n", explain::text(&explain::terms(flight, &summary))))?;
+        }
         directory.write(flight, &summary)?;
         if !self.json {
             print(&format!("report: {}", directory.report().display()))?;

@@ -30,6 +30,9 @@ use crate::{follow, layer, preset};
 /// The shipped file: every key with its default.
 pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
 
+/// Origin of the values of the shipped file.
+const SHIPPED: &str = "deploy/oqtal.toml, as built in";
+
 /// Sections and keys in which processes of one flight may differ: ends of wires are told only to the process at that end.
 const NOT_FLOWN: [&str; 7] = [
     "instance",
@@ -139,6 +142,8 @@ impl Config {
     pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
         let mut table: Table =
             DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
+        // Otherwise the first setting would be blamed for a section that the shipped file lacks.
+        deserialize(&table).map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let mut origins = Origins::default();
         for setting in preset::named_by(settings)?.iter().chain(settings) {
             setting.insert_into(&mut table)?;
@@ -147,7 +152,7 @@ impl Config {
             origins.record(setting);
         }
         let config = deserialize(&table)
-            .map_err(|reason| ConfigError { origin: "built-in".to_owned(), reason })?;
+            .map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let config = Self { origins, ..config };
         config.check()?;
         Ok(config)

@@ -59,11 +59,14 @@ impl Origins {
             .or_else(|| last(&|set| followed.as_deref().is_some_and(|key| are_nested(set, key))));
         let (set, origin) =
             found.map_or(("", BUILT_IN), |setting| (setting.key.as_str(), setting.origin.as_str()));
-        let through = match &followed {
-            Some(key) if key == set => format!(" (it follows `{key}`)"),
-            _ => String::new(),
+        let reason = match (&followed, found) {
+            (Some(key), _) if key == set => format!("{error} (it follows `{key}`)"),
+            (_, Some(other)) if !are_nested(set, &error.key) => {
+                format!("with `{set}` = {}: {error}", other.value)
+            }
+            _ => error.to_string(),
         };
-        ConfigError { origin: origin.to_owned(), reason: format!("{error}{through}") }
+        ConfigError { origin: origin.to_owned(), reason }
     }
 }
 

@@ -135,7 +135,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// Whether the daemon could fly with `config`.
 ///
 /// # Errors
-/// An option of the law has no meaning or the trajectory does not fit inside the fence (exit code 78), or a waypoint file cannot
+/// An option of the law is invalid, or the trajectory does not fit inside the fence (exit code 78), or a waypoint file cannot
 /// be read (65).
 pub fn check(config: &Config) -> Result<(), Failure> {
     require_stack(config)?;
@@ -145,7 +145,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 /// Whether the law and the loops of `config` can be built.
 ///
 /// # Errors
-/// An option has no meaning for the law, with the setting at fault (exit code 78).
+/// An option is invalid for the law; the message names the setting at fault (exit code 78).
 pub fn require_stack(config: &Config) -> Result<(), Failure> {
     let is_built = |config: &Config| ControlStack::new(config).is_ok();
     let located = |error| config.locate_change(&error, is_built).into();

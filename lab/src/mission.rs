@@ -26,7 +26,7 @@ impl Mission {
     /// Reads the files that `config` names.
     ///
     /// # Errors
-    /// A waypoint file or a recording is bad (exit code 65), an option of the law has no meaning, or the trajectory leaves the
+    /// A waypoint file or a recording is bad (exit code 65), an option of the law is invalid, or the trajectory leaves the
     /// fence (78).
     pub fn new(config: Config) -> Result<Self, Failure> {
         oqtal_daemon::require_stack(&config)?;

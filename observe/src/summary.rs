@@ -238,8 +238,12 @@ fn effort(flight: &Flight) -> Option<f64> {
     any.then_some(sum * period_s)
 }
 
+/// The states from arming on, until the end of the record; all of them if the vehicle was never armed. On the ground the daemon
+/// waits for its first poses in a state that is no event of the flight.
 fn state_sequence(flight: &Flight) -> Vec<String> {
-    let mut states: Vec<u8> = flight.samples.iter().map(|sample| sample.telemetry.state).collect();
+    let from = flight.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
+    let states = flight.samples[from..].iter();
+    let mut states: Vec<u8> = states.map(|sample| sample.telemetry.state).collect();
     states.dedup();
     let name = |code: &u8| SafetyState::from_code(*code).map(|state| state.to_string());
     states.iter().filter_map(name).collect()

@@ -61,7 +61,8 @@ fn errors(summary: &Summary) -> Option<Table> {
 fn latencies(summary: &Summary) -> Option<Table> {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
     for name in NAMES {
-        if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0) {
+        // In virtual time computation and bus take none.
+        if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0 && hop.max_ns > 0) {
             table.add_row(latency_row(&words(name), hop));
         }
     }
@@ -105,8 +106,13 @@ fn counts(summary: &Summary) -> String {
     let loads = summary.disturbances.iter();
     let loads: Vec<&str> = loads.map(|load| load.disturbance.as_str()).collect();
     let faults = listed("faults: ", &faults) + &listed("disturbances: ", &loads);
+    // Neither has a meaning in virtual time: nothing is late there.
+    let deadlines = match summary.wakeup_lateness {
+        Some(_) => format!(", deadlines missed {deadline_misses}"),
+        None => String::new(),
+    };
     format!(
-        "Riccati solves {riccati_solves}, deadlines missed {deadline_misses}\n\
+        "Riccati solves {riccati_solves}{deadlines}\n\
          poses lost {}, refused {}, commands lost {}\nstates: {}{faults}",
         lost.pose,
         summary.poses_refused,

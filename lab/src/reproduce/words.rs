@@ -46,6 +46,12 @@ pub fn ranges(numbers: &[i32], name: impl Fn(i32) -> String) -> String {
 /// Relative deviation up to which a printed figure counts as reproduced \[-\].
 const NEAR: f64 = 0.1;
 
+/// Whether a computed figure counts as the printed one reproduced.
+#[must_use]
+pub fn is_near(ours: f64, printed: f64) -> bool {
+    (ours / printed - 1.0).abs() <= NEAR
+}
+
 /// The figures `(name, computed, printed)` that agree within 10 %, and those that do not, as text.
 #[must_use]
 pub fn reproduced(figures: &[(&str, f64, f64)]) -> String {
@@ -53,7 +59,7 @@ pub fn reproduced(figures: &[(&str, f64, f64)]) -> String {
         format!("{name} ({} for {} printed)", figure(*ours), figure(*printed))
     };
     let (near, far): (Vec<_>, Vec<_>) =
-        figures.iter().partition(|(_, ours, printed)| (ours / printed - 1.0).abs() <= NEAR);
+        figures.iter().partition(|(_, ours, printed)| is_near(*ours, *printed));
     let [near, far] = [near, far].map(|some: Vec<_>| some.iter().map(compared).collect::<Vec<_>>());
     format!("within 10 %: {}; not: {}", listed(&near), listed(&far))
 }

@@ -37,7 +37,9 @@ const PHASES: [(Phase, &str, Ink); 4] = [
 
 /// The section of the events.
 pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
-    let pairs = timeline.samples.windows(2);
+    // What the daemon waits for on the ground before it is no event of the flight.
+    let from = timeline.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
+    let pairs = timeline.samples[from..].windows(2);
     let events = pairs.flat_map(|pair| {
         let at = timeline.at(&pair[1]);
         changes(&pair[0].telemetry, &pair[1].telemetry).into_iter().map(move |what| (at, what))

@@ -28,6 +28,7 @@ const INKS: [Ink; NAMES.len()] = [
     Ink::Fourth,
     Ink::Fifth,
     Ink::Sixth,
+    Ink::Fifth,
     Ink::Reference,
 ];
 /// Number of quantiles from which a distribution is drawn.

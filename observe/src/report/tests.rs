@@ -135,7 +135,7 @@ proptest! {
         let applied = |sample: &FlightSample| AppliedCommand {
             sequence: 1,
             stamps: Stamps { applied_at: sample.telemetry.time, ..Stamps::default() },
-            wire: Span::ZERO,
+            onward: OnwardTime::default(),
             battery_v: battery,
         };
         flight.applied = samples.iter().map(applied).collect();
