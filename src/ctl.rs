@@ -282,7 +282,9 @@ impl ControlReport {
         let listed = obstacles.join("; ");
         let reasons = if obstacles.is_empty() { cause } else { &listed };
         let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
-        if response.cause == Cause::WrongMode.code() && *command == OperatorCommand::Disarm.to_string() {
+        if response.cause == Cause::WrongMode.code()
+            && *command == OperatorCommand::Disarm.to_string()
+        {
             message += "; `land` or `stop` ends a flight";
         }
         if response.cause == Cause::OtherConfig.code() {

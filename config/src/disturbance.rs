@@ -54,13 +54,14 @@ impl TimedDisturbance {
     /// The forms of a disturbance, for messages.
     #[must_use]
     pub fn grammar() -> String {
-        let mut text = "expected KIND@TIME[+DURATION]=VALUE, in seconds, TIME from arming; without DURATION for the rest of the flight"
+        let mut text = "expected KIND@TIME[+DURATION]=VALUE; times in seconds, TIME from arming,\n  \
+             without DURATION for the rest of the flight:"
             .to_owned();
         let about = [
-            "x,y,z of the world",
-            "x,y,z of the body",
-            "x,y,z of the world: greatest velocity of a wind that swells and dies within DURATION",
-            "added to the vehicle's; negative to take it away",
+            "constant; x,y,z of the world",
+            "constant; x,y,z of the body",
+            "peak of a wind that swells and dies; world",
+            "payload; negative to take mass away",
         ];
         for ((.., example, _), about) in FORMS.iter().zip(about) {
             text += &format!("\n  {example:<26} {about}");

@@ -77,8 +77,14 @@ fn latency(summary: &Summary) -> Vec<(&'static str, String)> {
         ("publish to daemon", "until the controller is woken"),
         ("compute", "until its command is on the bus"),
         ("command to vehicle", "until simulator or bridge reads it"),
-        ("vehicle to applied", "until it takes effect; behind a bridge, until its last byte is handed to the wire"),
-        ("wire, air", "behind a bridge: time of the bytes on the wire; from there to the effect, as bridge.air-latency-ms says, not measured"),
+        (
+            "vehicle to applied",
+            "until it takes effect; behind a bridge, until its last byte is handed to the wire",
+        ),
+        (
+            "wire, air",
+            "behind a bridge: time of the bytes on the wire; from there to the effect, as bridge.air-latency-ms says, not measured",
+        ),
         ("sensor to actuator", "sum of all hops of a command: from capture to effect"),
         ("p50, p99, p99.9", "half of all samples, 99 % and 99.9 % were at most so long"),
     ];
@@ -86,7 +92,9 @@ fn latency(summary: &Summary) -> Vec<(&'static str, String)> {
         terms.push(("wake-up lateness", "from the arrival of a pose, or from the deadline without one, to the start of the tick"));
         terms.push(("period jitter", "deviation of the time between two ticks from the period"));
     } else {
-        terms.retain(|(term, _)| !matches!(*term, "publish to daemon" | "compute" | "command to vehicle"));
+        terms.retain(|(term, _)| {
+            !matches!(*term, "publish to daemon" | "compute" | "command to vehicle")
+        });
     }
     if summary.wire.is_none() {
         terms.retain(|(term, _)| *term != "wire, air");

@@ -92,7 +92,7 @@ fn wire(wire: &WireFigures) -> String {
         format!(", answered {} % (minimum {} %)", percent(quality.mean), percent(quality.min))
     });
     format!(
-        "age at the last byte on the wire: {} since capture, {} since publication\n\
+        "age at the last byte on the wire: {} since capture,\n    {} since publication\n\
          wire: occupied by commands {} % of the time{quality}\n",
         age(from_capture),
         age(from_publication),

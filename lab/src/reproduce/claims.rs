@@ -103,8 +103,12 @@ fn least(table: &Sheet) -> Claim {
         verdict: Verdict::of(better),
         found: format!(
             "OQTAL {position} m s, {error} s, {effort} N m s; PID {} m s, {} s, {} N m s; LQR {} m s, {} s, {} N m s",
-            figure(rivals[0][0]), figure(rivals[0][1]), figure(rivals[0][2]),
-            figure(rivals[1][0]), figure(rivals[1][1]), figure(rivals[1][2])
+            figure(rivals[0][0]),
+            figure(rivals[0][1]),
+            figure(rivals[0][2]),
+            figure(rivals[1][0]),
+            figure(rivals[1][1]),
+            figure(rivals[1][2])
         ),
         sheet: "IV",
     }
@@ -168,13 +172,16 @@ fn linearisation(table: &Sheet) -> Claim {
 
 /// The text in the last cell of each row.
 fn last_words(sheet: &Sheet) -> impl Iterator<Item = (&SheetRow, bool)> {
-    let holds = |row: &SheetRow| matches!(row.cells.last(), Some(SheetCell::Text(t)) if t == "true");
+    let holds =
+        |row: &SheetRow| matches!(row.cells.last(), Some(SheetCell::Text(t)) if t == "true");
     sheet.rows.iter().map(move |row| (row, holds(row)))
 }
 
 fn spectrum(sheet: &Sheet) -> Claim {
-    let fails: Vec<&str> =
-        last_words(sheet).filter(|(_, holds)| !holds).map(|(row, _)| row.settings.as_str()).collect();
+    let fails: Vec<&str> = last_words(sheet)
+        .filter(|(_, holds)| !holds)
+        .map(|(row, _)| row.settings.as_str())
+        .collect();
     let all = sheet.rows.len();
     let but = if fails.is_empty() { String::new() } else { format!("; not: {}", fails.join("; ")) };
     Claim {
@@ -191,7 +198,8 @@ fn surfaces(sheet: &Sheet) -> Claim {
         row.number(&sheet.columns, "stable") == row.number(&sheet.columns, "pairs")
     };
     let said = |row: &SheetRow| {
-        let [stable, pairs] = ["stable", "pairs"].map(|key| figure(row.number(&sheet.columns, key)));
+        let [stable, pairs] =
+            ["stable", "pairs"].map(|key| figure(row.number(&sheet.columns, key)));
         format!("{} ({}) {stable} of {pairs}", row.controller, row.settings)
     };
     Claim {
@@ -216,11 +224,15 @@ fn trend(table: &Sheet) -> Claim {
     };
     let rows: Vec<[f64; 2]> = tuned(table).take(3).map(numbers).collect();
     let steps = || rows.windows(2);
-    let said: Vec<String> =
-        rows.iter().map(|[error, effort]| format!("{} s for {} N m s", figure(*error), figure(*effort))).collect();
+    let said: Vec<String> = rows
+        .iter()
+        .map(|[error, effort]| format!("{} s for {} N m s", figure(*error), figure(*effort)))
+        .collect();
     Claim {
         claim: "More weight on the error buys less error for more effort (Table III)",
-        verdict: Verdict::of(steps().map(|pair| pair[1][0] < pair[0][0] && pair[1][1] > pair[0][1])),
+        verdict: Verdict::of(
+            steps().map(|pair| pair[1][0] < pair[0][0] && pair[1][1] > pair[0][1]),
+        ),
         found: format!("q from 1 to 100: {}", said.join(", ")),
         sheet: "III",
     }
@@ -246,7 +258,8 @@ fn ranking(sheet: &Sheet) -> Claim {
     let against: Vec<&SheetRow> =
         sheet.rows.iter().filter(|row| row.settings == "against oqtal").collect();
     let counts = |row: &SheetRow| ["better", "worse"].map(|key| row.number(&sheet.columns, key));
-    let leads = against.iter().map(|row| counts(row)).map(|[better, worse]| better == 0.0 && worse > 0.0);
+    let leads =
+        against.iter().map(|row| counts(row)).map(|[better, worse]| better == 0.0 && worse > 0.0);
     let said: Vec<String> = against
         .iter()
         .map(|row| {
