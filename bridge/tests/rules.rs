@@ -18,6 +18,7 @@ use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::mavlink::MAX_PACKET;
 use peer::{Heard, LanguagePeer};
 use proptest::prelude::*;
 
@@ -128,7 +129,12 @@ impl Exchange {
                 let bytes = self.peer.status(running, self.piloted);
                 self.bridge.receive_bytes(now, &bytes, &mut |_: Note| {});
             }
-            Happening::Noise(bytes) => self.bridge.receive_bytes(now, &bytes, &mut |_| {}),
+            Happening::Noise(bytes) => {
+                // A false beginning takes what follows for its packet: the quiet that ends the longest one follows at once, so that
+                // the vehicle's next word is heard.
+                let noise = [&bytes[..], &[0; MAX_PACKET]].concat();
+                self.bridge.receive_bytes(now, &noise, &mut |_| {});
+            }
             Happening::Reopened => {
                 self.bridge.close(now);
                 self.bridge.open(now);
