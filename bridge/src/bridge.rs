@@ -135,9 +135,9 @@ impl Bridge {
         read_at.filter(|_| self.is_open).map_or(due, |read_at| due.min(read_at))
     }
 
-    /// Takes a pose from the bus.
-    pub fn receive_pose(&mut self, header: &Header, pose: &PoseV1) {
-        self.poses.receive(header, pose);
+    /// Takes a pose that arrived from the bus at `now`.
+    pub fn receive_pose(&mut self, now: Time, header: &Header, pose: &PoseV1) {
+        self.poses.receive(now, header, pose);
     }
 
     /// Records that the port is read at `now`. Returns whether the vehicle at its other end answers.
