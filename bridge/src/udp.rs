@@ -4,10 +4,11 @@
 //! datagrams of others are discarded. `udpout` sends to one address, and takes only what comes from there.
 
 use std::io::{self, ErrorKind};
-use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{SocketAddr, UdpSocket};
 
 use oqtal_wire::link::HostPort;
 
+use crate::internet::{addresses, refused};
 use crate::link::{PortOpenError, PortOptions, VehicleLink, without_waiting};
 
 /// Most datagrams of others that one read discards \[-\].
@@ -69,31 +70,8 @@ impl UdpPortOptions {
     }
 }
 
-/// Addresses of `host`, at least one.
-pub(crate) fn addresses(host: &HostPort) -> Result<Vec<SocketAddr>, PortOpenError> {
-    let unknown = |reason: String| PortOpenError::UnknownHost { host: host.host.clone(), reason };
-    let text = host.to_string();
-    let found = text.to_socket_addrs().map_err(|error| unknown(error.to_string()))?;
-    let found: Vec<SocketAddr> = found.collect();
-    if found.is_empty() { Err(unknown("it has no address".to_owned())) } else { Ok(found) }
-}
-
 fn bind(addresses: &[SocketAddr], host: &HostPort) -> Result<UdpSocket, PortOpenError> {
     UdpSocket::bind(addresses).map_err(|error| refused(host, &error))
-}
-
-/// The failure of `host` to become a port.
-pub(crate) fn refused(host: &HostPort, error: &io::Error) -> PortOpenError {
-    let address = host.to_string();
-    match error.kind() {
-        ErrorKind::AddrInUse => PortOpenError::AddressInUse { address },
-        ErrorKind::AddrNotAvailable => PortOpenError::NotLocal { address },
-        ErrorKind::ConnectionRefused | ErrorKind::TimedOut => {
-            PortOpenError::NobodyListens { address }
-        }
-        ErrorKind::PermissionDenied => PortOpenError::Permission { path: address },
-        _ => PortOpenError::System { port: address, reason: error.to_string() },
-    }
 }
 
 impl VehicleLink for UdpLink {

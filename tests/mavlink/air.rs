@@ -123,7 +123,7 @@ impl Air {
         let header = Header { sequence: self.ticks, stamps, ..Header::default() };
         let (position, attitude) = (truth.position, truth.attitude);
         let pose = PoseV1 { position, attitude, tracked: 1, ..PoseV1::default() };
-        self.bridge.receive_pose(&header, &pose);
+        self.bridge.receive_pose(self.now, &header, &pose);
         if let Some(command) = command {
             self.bridge.receive_command(self.now, &header, command, 0);
         }
