@@ -54,9 +54,10 @@ impl TimedDisturbance {
     /// The forms of a disturbance, for messages.
     #[must_use]
     pub fn grammar() -> String {
-        let mut text = "expected KIND@TIME[+DURATION]=VALUE; times in seconds, TIME from arming,\n  \
+        let mut text =
+            "expected KIND@TIME[+DURATION]=VALUE; times in seconds, TIME from arming,\n  \
              without DURATION for the rest of the flight:"
-            .to_owned();
+                .to_owned();
         let about = [
             "constant; x,y,z of the world",
             "constant; x,y,z of the body",

@@ -137,7 +137,7 @@ impl ReproduceArgs {
                 print(&format!("{}\n", sheet.to_text()))?;
             }
             for Claim { claim, verdict, found, .. } in claims(&chapters) {
-                print(&wrapped(&format!("{}: {claim}: {found}.", verdict.shown())))?;
+                print(&wrapped(&format!("{}: {claim}: {found}.", verdict.shown()), 2))?;
             }
             print(&format!("\npage: {}", self.out.join("reproduction.html").display()))?;
         }

@@ -31,10 +31,10 @@ pub fn text(terms: &[(&'static str, String)]) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// `text` in lines of at most 80 columns, the further ones indented.
+/// `text` in lines of at most 80 columns, the further ones indented by `indent` columns.
 #[must_use]
-pub fn wrapped(text: &str) -> String {
-    wrap(text, WIDTH - 2).join("\n  ")
+pub fn wrapped(text: &str, indent: usize) -> String {
+    wrap(text, WIDTH - indent).join(&format!("\n{}", " ".repeat(indent)))
 }
 
 /// `text` in lines of at most `width` characters, broken between words.

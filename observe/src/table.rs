@@ -1,5 +1,6 @@
 //! The closing table of a flight in the terminal.
 
+use crate::explain::wrapped;
 use crate::latency::{DistributionSummary, NAMES};
 use comfy_table::{CellAlignment, Table, presets};
 
@@ -129,11 +130,7 @@ fn listed(title: &str, names: &[&str]) -> String {
 
 /// Scheduling and resource use of the daemon.
 fn process(daemon: &ProcessUsage) -> String {
-    let ProcessUsage { realtime, start, end } = daemon;
-    format!(
-        "\ndaemon: {realtime}\n        resident {} KiB at the start, {} at the end; open files {}, {}",
-        start.resident_kib, end.resident_kib, start.open_files, end.open_files
-    )
+    format!("\n{}", wrapped(&format!("daemon: {daemon}"), 8))
 }
 
 /// An empty table with a header.

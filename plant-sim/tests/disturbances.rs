@@ -1,6 +1,5 @@
 //! Disturbances in time: what each of them does to a vehicle in the air.
 
-use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, TruthV1};
 use oqtal_bus::time::{Span, Time};

@@ -67,8 +67,8 @@ pub fn square() -> Flight {
         let stamps = stamps(at, &mut noise);
         flight.hops.add(&stamps, OnwardTime::default());
         let battery_v = 12.4 - 0.01 * t + 0.01 * noise.next();
-        let (sequence, wire) = (tick + 1, Span::ZERO);
-        flight.applied.push(AppliedCommand { sequence, stamps, wire, battery_v });
+        let (sequence, onward) = (tick + 1, OnwardTime::default());
+        flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
         flight.arrivals.push(PoseArrival { at, frame: tick + 1, position: position.into() });
     }
     flight

@@ -1,9 +1,10 @@
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use proptest::prelude::*;
 
 use super::*;
 use crate::flight::{AppliedCommand, FlightSample};
+use crate::latency::OnwardTime;
 
 fn page(flight: &Flight) -> String {
     html(flight, &Summary::of(flight))
