@@ -1,6 +1,7 @@
 //! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
 mod arm;
+mod request;
 mod status;
 mod stop;
 
@@ -8,19 +9,16 @@ use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::message::ControlResponseV1;
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, InstanceOptions};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
-
-/// Time within which a running daemon answers.
-const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
+use request::request;
 
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
@@ -191,21 +189,6 @@ fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String 
         }
         _ => format!("{command}: {answer}"),
     }
-}
-
-/// Sends a command that expires to the daemon; `None` if none answers. `expected`: hash of the configuration that the daemon must
-/// run with.
-fn request(
-    bus: &Bus,
-    command: OperatorCommand,
-    expected: Option<u64>,
-) -> Result<Option<ControlResponseV1>, BusError> {
-    let request = ControlRequestV1 {
-        valid_until: Time::now() + ANSWER_TIMEOUT,
-        config_hash: expected.unwrap_or(0),
-        ..ControlRequestV1::of(command)
-    };
-    bus.control_client()?.ask(request, ANSWER_TIMEOUT)
 }
 
 fn silent(instance: &str) -> Failure {

@@ -159,8 +159,8 @@ fn a_monitor_whose_terminal_is_closed_ends() {
     tmux.monitor("");
     tmux.shows(&["state     Nominal"]);
     let pid = std::fs::read_to_string(testbed.path("pid")).unwrap().trim().parse().unwrap();
-    // The server of tmux outlives its first session.
-    tmux.run(&["new-session", "-d", "-s", "other", "sh"]);
-    tmux.run(&["kill-session", "-t", "0"]);
+    // The server of tmux outlives its only session.
+    tmux.run(&["set-option", "-g", "exit-empty", "off"]);
+    tmux.run(&["kill-session"]);
     wait_for("the end of the monitor", || (!common::is_alive(pid)).then_some(()));
 }

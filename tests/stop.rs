@@ -196,7 +196,10 @@ fn an_operator_is_told_what_has_happened_and_may_arm_again_while_the_vehicle_fal
     let _processes = airborne(&testbed, &bus);
     let ctl = |command: &str| {
         let output = testbed.oqtal(&["ctl", command]).output().unwrap();
-        (output.status.code(), String::from_utf8(output.stdout).unwrap() + &stderr(&output))
+        (
+            output.status.code(),
+            String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output),
+        )
     };
     let (code, said) = ctl("disarm");
     assert_eq!(code, Some(1), "{said}");

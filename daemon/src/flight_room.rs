@@ -7,6 +7,7 @@ use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
 use oqtal_runtime::process::Failure;
 
 use crate::fence::Fence;
+use crate::waypoint_file::trajectory as trajectory_of;
 
 /// Points of a flight that are compared with the fence \[-\].
 const PATH_POINTS: u32 = 256;
@@ -68,7 +69,7 @@ pub fn require_room(
 ) -> Result<(), Failure> {
     // A configuration whose trajectory cannot be made is another error than this one.
     let has_room = |config: &Config| {
-        !crate::trajectory(config).is_ok_and(|path| check_room(config, &path, start).is_err())
+        !trajectory_of(config).is_ok_and(|path| check_room(config, &path, start).is_err())
     };
     let located = |error: &OptionError| config.locate_change(error, has_room).into();
     check_room(config, trajectory, start).map_err(|error| located(&error))

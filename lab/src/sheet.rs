@@ -5,7 +5,6 @@ use serde_json::{Map, Value, json};
 
 use oqtal_observe::plot::unit::{MISSING, rounded};
 
-use crate::reproduce::words::is_near;
 use crate::text_table::{self, NamedRow};
 
 /// The origin of a row.
@@ -110,6 +109,15 @@ impl<T: Into<SheetCell>> From<Option<T>> for SheetCell {
     fn from(value: Option<T>) -> Self {
         value.map_or(Self::None, Into::into)
     }
+}
+
+/// Relative deviation up to which a printed figure counts as reproduced \[-\].
+const NEAR: f64 = 0.1;
+
+/// Whether a computed figure counts as the printed one reproduced.
+#[must_use]
+pub fn is_near(ours: f64, printed: f64) -> bool {
+    (ours / printed - 1.0).abs() <= NEAR
 }
 
 /// A column: name in JSON, and heading.

@@ -107,8 +107,6 @@ impl Summary {
         let (ticks, duration_s) = extent(flight.armed());
         let figures =
             |error: fn(&FlightSample) -> Vector3<f64>| error_figures(flight.scored().map(error));
-        let real =
-            |spans: &Distribution| (config.clock.kind == ClockKind::Real).then(|| spans.summary());
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
@@ -134,8 +132,8 @@ impl Summary {
             poses_refused: last.poses_refused,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wire: flight.wire.figures(),
-            wakeup_lateness: real(&flight.wakeup_lateness),
-            period_jitter: real(&flight.period_jitter),
+            wakeup_lateness: in_real_time(config, &flight.wakeup_lateness),
+            period_jitter: in_real_time(config, &flight.period_jitter),
             daemon: flight.daemon.clone(),
             state_sequence: state_sequence(flight),
             faults: InjectedFault::all(flight),
@@ -172,6 +170,11 @@ impl Summary {
         let document = Document { summary: self, version, revision };
         serde_json::to_string_pretty(&document).expect("a summary holds only what JSON can say")
     }
+}
+
+/// The figures of `spans`; `None` in virtual time, where they have no meaning.
+fn in_real_time(config: &Config, spans: &Distribution) -> Option<DistributionSummary> {
+    (config.clock.kind == ClockKind::Real).then(|| spans.summary())
 }
 
 /// The source of the vehicle's motion that errors are judged by.

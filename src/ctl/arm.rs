@@ -12,7 +12,7 @@ use oqtal_bus::topic::VEHICLE;
 use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_runtime::program::say;
 
-use super::request;
+use super::request::request;
 
 /// Longest time for which the vehicle may come to rest: a fall from the height of a room, and half a second without motion.
 const REST_TIMEOUT: Span = Span::from_millis(5000);

@@ -6,7 +6,7 @@ use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 /// Whether a claim holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum ClaimVerdict {
     /// It holds.
     Holds,
     /// A part of it holds.
@@ -15,8 +15,8 @@ pub enum Verdict {
     Fails,
 }
 
-impl Verdict {
-    /// [`Verdict::Holds`] if all of `parts` hold, [`Verdict::Fails`] if none does.
+impl ClaimVerdict {
+    /// [`ClaimVerdict::Holds`] if all of `parts` hold, [`ClaimVerdict::Fails`] if none does.
     fn of(parts: impl IntoIterator<Item = bool>) -> Self {
         let (held, failed): (Vec<bool>, Vec<bool>) = parts.into_iter().partition(|holds| *holds);
         match (held.is_empty(), failed.is_empty()) {
@@ -53,7 +53,7 @@ pub struct Claim {
     /// The claim.
     pub claim: &'static str,
     /// Whether it holds.
-    pub verdict: Verdict,
+    pub verdict: ClaimVerdict,
     /// What was found.
     pub found: String,
     /// Name of the sheet that shows it.
@@ -100,7 +100,7 @@ fn least(table: &Sheet) -> Claim {
     let [position, error, effort] = oqtal.map(figure);
     Claim {
         claim: "In the gravity turn OQTAL has less position error, quaternion error and effort than PID and LQR (Table IV)",
-        verdict: Verdict::of(better),
+        verdict: ClaimVerdict::of(better),
         found: format!(
             "OQTAL {position} m s, {error} s, {effort} N m s; PID {} m s, {} s, {} N m s; LQR {} m s, {} s, {} N m s",
             figure(rivals[0][0]),
@@ -119,7 +119,7 @@ fn once(table: &Sheet) -> Claim {
     let (centred, floor) = (solves(CENTRED), solves(&["floor cells"]));
     Claim {
         claim: "OQTAL solves its Riccati equation once where LQR solves it again and again (Table IV)",
-        verdict: Verdict::of([centred == 1.0, floor == 1.0]),
+        verdict: ClaimVerdict::of([centred == 1.0, floor == 1.0]),
         found: format!(
             "{} with cells centred on zero, {} with the printed rule for cells",
             figure(centred),
@@ -149,7 +149,7 @@ fn printed(table: &Sheet) -> Claim {
             "{near} of {} come within 10 % with the printed equations and settings",
             marks.len()
         ),
-        verdict: Verdict::of(marks),
+        verdict: ClaimVerdict::of(marks),
         sheet: "IV",
     }
 }
@@ -160,7 +160,7 @@ fn linearisation(table: &Sheet) -> Claim {
     let lqr = table.figures(("lqr", Variant::Ours), &["rate error"], keys);
     Claim {
         claim: "The linearisation of the quaternion error is what makes OQTAL better than the classic LQR",
-        verdict: Verdict::of([lqr[0] >= oqtal[0], lqr[1] >= oqtal[1]]),
+        verdict: ClaimVerdict::of([lqr[0] >= oqtal[0], lqr[1] >= oqtal[1]]),
         found: format!(
             "a classic LQR that is told the rate of the reference, as OQTAL is, has {} of its position error and {} of its quaternion error",
             about(lqr[0] / oqtal[0]),
@@ -186,7 +186,7 @@ fn spectrum(sheet: &Sheet) -> Claim {
     let but = if fails.is_empty() { String::new() } else { format!("; not: {}", fails.join("; ")) };
     Claim {
         claim: "\"Significantly lower errors and costs across the entire testing spectrum\" than LQR (Figs. 6 to 9)",
-        verdict: Verdict::of(last_words(sheet).map(|(_, holds)| holds)),
+        verdict: ClaimVerdict::of(last_words(sheet).map(|(_, holds)| holds)),
         found: format!("true of {} of {all} comparisons{but}", all - fails.len()),
         sheet: "sweep-claim",
     }
@@ -204,7 +204,7 @@ fn surfaces(sheet: &Sheet) -> Claim {
     };
     Claim {
         claim: "LQR and OQTAL fly at every pair of weights up to 2^20 (Figs. 6 to 9)",
-        verdict: Verdict::of(paper.clone().map(stable)),
+        verdict: ClaimVerdict::of(paper.clone().map(stable)),
         found: format!(
             "pairs at which the body stays under control: {}",
             paper.map(said).collect::<Vec<_>>().join("; ")
@@ -230,7 +230,7 @@ fn trend(table: &Sheet) -> Claim {
         .collect();
     Claim {
         claim: "More weight on the error buys less error for more effort (Table III)",
-        verdict: Verdict::of(
+        verdict: ClaimVerdict::of(
             steps().map(|pair| pair[1][0] < pair[0][0] && pair[1][1] > pair[0][1]),
         ),
         found: format!("q from 1 to 100: {}", said.join(", ")),
@@ -247,7 +247,7 @@ fn best_tuned(table: &Sheet) -> Claim {
     let said: Vec<String> = times.iter().map(|times| about(*times)).collect();
     Claim {
         claim: "The PID is tuned to the best of its gains (Table III)",
-        verdict: Verdict::of(times.iter().map(|times| *times <= 1.0 / 0.9)),
+        verdict: ClaimVerdict::of(times.iter().map(|times| *times <= 1.0 / 0.9)),
         found: format!("within wide bounds its fitness is {} times lower", said.join(", ")),
         sheet: "III",
     }
@@ -269,7 +269,7 @@ fn ranking(sheet: &Sheet) -> Claim {
         .collect();
     Claim {
         claim: "OQTAL flies the square better than PID and LQR (Table V)",
-        verdict: Verdict::of(leads),
+        verdict: ClaimVerdict::of(leads),
         found: format!("all tuned alike, in simulation: {}", said.join("; ")),
         sheet: "V-ranking",
     }
@@ -282,7 +282,7 @@ fn greatest_weight(table: &Sheet) -> Claim {
     let (claimed, found) = (paper("oqtal") / paper("lqr"), oqtal / lqr);
     Claim {
         claim: "OQTAL stands ten times the weight on its error that LQR stands (Table V, max q)",
-        verdict: Verdict::of([found > 1.0, found >= 0.9 * claimed]),
+        verdict: ClaimVerdict::of([found > 1.0, found >= 0.9 * claimed]),
         found: format!(
             "{} times, as algebra has it: eps is half an angle, so that four times the weight is the same gain",
             about(found)
@@ -297,9 +297,9 @@ mod tests {
 
     #[test]
     fn a_claim_holds_if_all_of_it_does() {
-        assert_eq!(Verdict::of([true, true]), Verdict::Holds);
-        assert_eq!(Verdict::of([true, false]), Verdict::InPart);
-        assert_eq!(Verdict::of([false]), Verdict::Fails);
+        assert_eq!(ClaimVerdict::of([true, true]), ClaimVerdict::Holds);
+        assert_eq!(ClaimVerdict::of([true, false]), ClaimVerdict::InPart);
+        assert_eq!(ClaimVerdict::of([false]), ClaimVerdict::Fails);
     }
 
     #[test]
@@ -319,10 +319,13 @@ mod tests {
             claims(&[chapter])
         };
         let both = judged(vec![row("pid", 0, 3), row("lqr", 0, 1)]);
-        assert_eq!((both.len(), both[0].verdict), (1, Verdict::Holds));
-        assert_eq!(judged(vec![row("pid", 4, 3), row("lqr", 0, 1)])[0].verdict, Verdict::InPart);
+        assert_eq!((both.len(), both[0].verdict), (1, ClaimVerdict::Holds));
+        assert_eq!(
+            judged(vec![row("pid", 4, 3), row("lqr", 0, 1)])[0].verdict,
+            ClaimVerdict::InPart
+        );
         let none = judged(vec![row("pid", 4, 3), row("lqr", 3, 4)]);
-        assert_eq!(none[0].verdict, Verdict::Fails);
+        assert_eq!(none[0].verdict, ClaimVerdict::Fails);
         assert!(none[0].found.contains("better than pid by 3 figures, worse by 4"), "{none:?}");
     }
 }

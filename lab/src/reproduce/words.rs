@@ -2,6 +2,8 @@
 
 use oqtal_observe::plot::unit::rounded;
 
+use crate::sheet::is_near;
+
 /// `yes` if `holds`, else `no`.
 #[must_use]
 pub fn either<'a>(holds: bool, yes: &'a str, no: &'a str) -> &'a str {
@@ -41,15 +43,6 @@ pub fn ranges(numbers: &[i32], name: impl Fn(i32) -> String) -> String {
         [] => String::new(),
     });
     listed(&parts.collect::<Vec<_>>())
-}
-
-/// Relative deviation up to which a printed figure counts as reproduced \[-\].
-const NEAR: f64 = 0.1;
-
-/// Whether a computed figure counts as the printed one reproduced.
-#[must_use]
-pub fn is_near(ours: f64, printed: f64) -> bool {
-    (ours / printed - 1.0).abs() <= NEAR
 }
 
 /// The figures `(name, computed, printed)` that agree within 10 %, and those that do not, as text.
