@@ -80,7 +80,8 @@ impl TimedDisturbance {
             value.split(',').map(|number| number.trim().parse().ok()).collect();
         let numbers = numbers?;
         let Period { at_s, duration_s } = Period::parse(when)?;
-        if numbers.iter().any(|number| !(number.abs() <= most)) {
+        // A comparison with NaN is false.
+        if !numbers.iter().all(|number| number.abs() <= most) {
             return None;
         }
         let kind = match (name, numbers.as_slice(), duration_s) {
