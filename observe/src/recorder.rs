@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use crate::latency::{Distribution, HopDistributions};
+use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -272,12 +272,12 @@ impl Sink for Recorder {
             // A bridge publishes in every period; in this one it had no new command.
             return;
         }
-        let (stamps, wire) = (header.stamps, Span::from_nanos(vehicle.wire_ns));
-        self.hops.add(&stamps, wire);
+        let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));
+        self.hops.add(&stamps, onward);
         self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
         self.last_command = vehicle.command_sequence;
         let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);
-        self.applied.push(AppliedCommand { sequence, stamps, wire, battery_v });
+        self.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {
