@@ -39,9 +39,13 @@ fn a_hover_lands_through_losses_and_by_attitudes() {
         let testbed = Testbed::new("mav-hover");
         let hover = ["--vehicle", vehicle, "--trajectory", "hover", "--duration", "2"];
         let settings = settings.iter().flat_map(|setting| ["--set", setting]);
-        let words: Vec<&str> = hover.into_iter().chain(settings).collect();
+        let out = testbed.path("out");
+        let written = ["--out", out.to_str().unwrap()];
+        let words: Vec<&str> = hover.into_iter().chain(settings).chain(written).collect();
         let summary = testbed.summary(&words);
         assert_eq!(summary["outcome"], "landed", "{vehicle}: {summary:#}");
+        let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
+        assert!(log.contains("motors have stopped"), "{vehicle}: {log}");
         assert_eq!(summary["vehicle"], vehicle);
     }
 }

@@ -14,7 +14,8 @@ use oqtal_wire::mavlink::{
 
 use crate::link::VehicleLink;
 use crate::mavlink::{WantedParameter, wanted_parameters};
-use crate::setup::port;
+use crate::options;
+use crate::setup::{port, unix_us};
 
 /// Time within which a heartbeat must come.
 const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
@@ -101,11 +102,10 @@ struct ParameterSession {
 
 impl ParameterSession {
     fn open(config: &Config, spec: &LinkSpec, link: &MavlinkLink) -> Result<Self, Failure> {
-        let options = &config.bridge.mavlink;
-        let own = MavlinkAddress { system: options.system, component: options.component };
+        let encoder = options::encoder(config, unix_us());
         let mut session = Self {
             link: port(spec, config).open()?,
-            encoder: MavlinkEncoder::new(own),
+            encoder: encoder.map_err(|error| config.locate(&error))?,
             decoder: MavlinkDecoder::new(),
             vehicle: MavlinkAddress::ALL,
             kind: AutopilotKind::ArduPilot,

@@ -2,11 +2,14 @@
 //! are new.
 
 use std::fs::{DirBuilder, File, OpenOptions};
-use std::io;
+use std::io::{self, Read};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 use rustix::fs::OFlags;
+
+/// Length up to which a secret is read \[bytes\].
+const LONGEST_SECRET: u64 = 1024;
 
 /// Makes a directory that only this user can enter.
 ///
@@ -47,6 +50,29 @@ pub fn create(path: &Path) -> io::Result<File> {
 /// As [`create`], or the disk is full.
 pub fn write(path: &Path, text: &str) -> io::Result<()> {
     io::Write::write_all(&mut create(path)?, text.as_bytes())
+}
+
+/// Reads the text of a file that only its owner, this user or root, may read.
+///
+/// # Errors
+/// Others may read or write the file, it is none, it is long, or it cannot be read.
+pub fn read_secret(path: &Path) -> io::Result<String> {
+    let flags = (OFlags::NONBLOCK | OFlags::CLOEXEC).bits().cast_signed();
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
+    let metadata = file.metadata()?;
+    let is_own = [0, rustix::process::geteuid().as_raw()].contains(&metadata.uid());
+    let reason = if !metadata.is_file() {
+        "not a file"
+    } else if !is_own {
+        "belongs to another user"
+    } else if metadata.mode() & 0o077 != 0 {
+        "others may read or write it; run chmod 600 on it"
+    } else {
+        let mut text = String::new();
+        file.take(LONGEST_SECRET).read_to_string(&mut text)?;
+        return Ok(text);
+    };
+    Err(io::Error::new(io::ErrorKind::PermissionDenied, reason))
 }
 
 #[cfg(test)]

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, ControlHolder, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::message::{ControlRequestV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
@@ -55,6 +55,8 @@ struct Progressing {
     first: Option<(Time, Time)>,
     /// The latest review, in the clock of the flight.
     now: Time,
+    /// When the flight was over, in wall time.
+    over_since: Option<Time>,
 }
 
 impl FlightRecording<'_> {
@@ -79,6 +81,7 @@ impl FlightRecording<'_> {
             wall: Time::now(),
             first: None,
             now: Time::UNSET,
+            over_since: None,
         };
         while let Some(now) = clock.next_review()? {
             state.now = now;
@@ -116,7 +119,20 @@ impl FlightRecording<'_> {
         if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
             return Err(self.link.never_answered());
         }
-        Ok(recorder.outcome().is_some() || flown >= self.mission.patience())
+        let is_over = recorder.outcome().is_some() || flown >= self.mission.patience();
+        Ok(is_over && self.motors_rest(state))
+    }
+
+    /// Whether the motors behind a bridge are off, or in another's hands, or had their time: a bridge stops them once the vehicle has
+    /// rested, and one that ends before has only the emergency stop.
+    fn motors_rest(&self, state: &mut Progressing) -> bool {
+        let since = *state.over_since.get_or_insert_with(Time::now);
+        let runs = |vehicle: &VehicleV1| {
+            vehicle.armed == 1 && vehicle.control != ControlHolder::Another.code()
+        };
+        let is_awaited = state.recorder.wire().latest().is_some_and(runs);
+        let timeout = self.link.rest_timeout(&self.mission.config);
+        !is_awaited || Time::now().since(since) >= timeout
     }
 
     /// Reports losses and closes the record.
