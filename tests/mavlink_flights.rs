@@ -37,9 +37,9 @@ fn a_hover_lands_through_losses_and_by_attitudes() {
         ("bridge:mavlink,autopilot=ardupilot,system=7", &["vehicle.interface=attitude"]),
     ] {
         let testbed = Testbed::new("mav-hover");
+        let out = testbed.path("out");
         let hover = ["--vehicle", vehicle, "--trajectory", "hover", "--duration", "2"];
         let settings = settings.iter().flat_map(|setting| ["--set", setting]);
-        let out = testbed.path("out");
         let written = ["--out", out.to_str().unwrap()];
         let words: Vec<&str> = hover.into_iter().chain(settings).chain(written).collect();
         let summary = testbed.summary(&words);

@@ -31,6 +31,9 @@ use super::vehicle::CommandLink;
 /// Period of polling in real time: the resolution of the times of reception.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 
+/// Time for which motors are reported off before they count as stopped: a little more than a bridge waits for a late report.
+const MOTORS_SETTLE: Span = Span::from_millis(600);
+
 /// What a recording needs.
 #[derive(Debug)]
 pub struct FlightRecording<'a> {
@@ -55,8 +58,9 @@ struct Progressing {
     first: Option<(Time, Time)>,
     /// The latest review, in the clock of the flight.
     now: Time,
-    /// When the flight was over, in wall time.
+    /// When the flight was over, and when the motors were last seen running then, in wall time.
     over_since: Option<Time>,
+    running_at: Option<Time>,
 }
 
 impl FlightRecording<'_> {
@@ -82,6 +86,7 @@ impl FlightRecording<'_> {
             first: None,
             now: Time::UNSET,
             over_since: None,
+            running_at: None,
         };
         while let Some(now) = clock.next_review()? {
             state.now = now;
@@ -123,16 +128,20 @@ impl FlightRecording<'_> {
         Ok(is_over && self.motors_rest(state))
     }
 
-    /// Whether the motors behind a bridge are off, or in another's hands, or had their time: a bridge stops them once the vehicle has
-    /// rested, and one that ends before has only the emergency stop.
+    /// Whether the motors behind a bridge are off for good, or in another's hands, or had their time: a bridge stops them once the
+    /// vehicle has rested, and one that ends before has only the emergency stop.
     fn motors_rest(&self, state: &mut Progressing) -> bool {
-        let since = *state.over_since.get_or_insert_with(Time::now);
+        let now = Time::now();
+        let since = *state.over_since.get_or_insert(now);
         let runs = |vehicle: &VehicleV1| {
             vehicle.armed == 1 && vehicle.control != ControlHolder::Another.code()
         };
-        let is_awaited = state.recorder.wire().latest().is_some_and(runs);
+        if state.recorder.wire().latest().is_some_and(runs) {
+            state.running_at = Some(now);
+        }
         let timeout = self.link.rest_timeout(&self.mission.config);
-        !is_awaited || Time::now().since(since) >= timeout
+        state.running_at.is_none_or(|at| now.since(at) >= MOTORS_SETTLE)
+            || now.since(since) >= timeout
     }
 
     /// Reports losses and closes the record.

@@ -26,8 +26,8 @@ const NO_PORT: [(&str, &str); 3] =
     [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550"), ("crtp", "udp:127.0.0.1:19850")];
 /// Time within which a running simulator publishes the truth, which it does every millisecond.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
-/// Time within which a vehicle reports that its motors have stopped.
-const REPORTED_WITHIN: Span = Span::from_millis(500);
+/// Time within which a vehicle has reported for long enough that its motors have stopped.
+const REPORTED_WITHIN: Span = Span::from_millis(1500);
 /// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
 const ANSWER_TIMEOUT_S: f64 = 20.0;
 
