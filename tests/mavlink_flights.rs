@@ -63,6 +63,34 @@ fn a_vehicle_that_refuses_to_arm_is_told_in_its_own_words() {
     assert!(log.contains("the vehicle says: Arm: Gyros inconsistent"), "{log}");
 }
 
+/// An autopilot that refuses to arm for as long as some do after they were switched on: the time of the flight is over in the air.
+#[test]
+fn a_flight_that_begins_late_is_landed_and_not_dropped() {
+    let testbed = Testbed::new("mav-late");
+    let out = testbed.path("out");
+    let settings = [
+        "plant.wire.mavlink.refuses-arming-ms=19000",
+        "bridge.motor-sequence-ms=30000",
+        "safety.motor-start-ms=31000",
+    ];
+    let hover = ["--vehicle", "bridge:mavlink", "--trajectory", "hover", "--duration", "1"];
+    let settings = settings.iter().flat_map(|setting| ["--set", setting]);
+    let written = ["--json", "--out", out.to_str().unwrap()];
+    let words: Vec<&str> = hover.into_iter().chain(settings).chain(written).collect();
+    let output = testbed.fly(&words);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("the flight lasted too long"), "{}", stderr(&output));
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // A fall from the hover would be a crash.
+    assert_eq!(summary["outcome"], "timeout", "{summary:#}");
+    let telemetry = std::fs::read_to_string(out.join("telemetry.csv")).unwrap();
+    let (head, last) = (telemetry.lines().next().unwrap(), telemetry.lines().last().unwrap());
+    let column = head.split(',').position(|name| name == "true_z_m").unwrap();
+    let height: f64 = last.split(',').nth(column).unwrap().parse().unwrap();
+    assert!(height < 0.05, "{height} m");
+    assert!(telemetry.contains(",landing,"), "it flew");
+}
+
 #[test]
 fn ports_vehicles_and_links_that_cannot_be_are_told_with_their_remedy() {
     let testbed = Testbed::new("mav-bad");
