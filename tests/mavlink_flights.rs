@@ -20,6 +20,10 @@ fn the_square_over_mavlink_is_as_good_as_without_it() {
         let ratio = number(&wired, &path) / number(&direct, &path);
         assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
     }
+    // Measured by exchanges of clocks: half of a round trip, one way of which takes 19 ms.
+    let on_wire = number(&wired, "/hops/wire/p50_ns");
+    assert!(on_wire >= 9.5e6, "{on_wire} ns");
+    assert!(number(&wired, "/hops/wire/count") > 1000.0);
 }
 
 /// PX4 with 1 % of datagrams lost and 5 ms of jitter, and ArduCopter that is told attitudes.

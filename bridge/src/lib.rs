@@ -14,7 +14,7 @@
 //! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs`, `internet.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
-//! | `monitor.rs` | state of the vehicle as its replies show it | format, transport |
+//! | `monitor.rs`, `round_trips.rs` | state of the vehicle and of a network as replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs` | protocol, transport and port that the configuration asks for | |
 //! | `vehicle_setup.rs` | the command `setup`: parameters of an autopilot | |
@@ -40,6 +40,7 @@ mod outbox;
 mod poses;
 mod protocol;
 mod radio;
+mod round_trips;
 mod safety;
 mod schedule;
 mod serial;

@@ -82,9 +82,10 @@ impl Mavlink {
     /// A value of `[bridge.mavlink]` cannot be used.
     pub fn new(config: &Config, link: &MavlinkLink, unix_us: u64) -> Result<Self, OptionError> {
         let options = &config.bridge.mavlink;
+        let encoder = encoder(config, unix_us)?;
         let thrust = options::thrust_curve(config)?;
         Ok(Self {
-            encoder: options::encoder(config, unix_us)?,
+            encoder,
             decoder: MavlinkDecoder::new(),
             vehicle: AutopilotState::new(link.autopilot, link.system),
             starting: StartSequence::default(),
@@ -125,9 +126,23 @@ impl Mavlink {
     }
 }
 
+/// Encoder of the bridge's own packets, signed if a key is configured, where Unix time is `unix_us` \[us\].
+///
+/// # Errors
+/// The key cannot be used.
+pub(crate) fn encoder(config: &Config, unix_us: u64) -> Result<MavlinkEncoder, OptionError> {
+    let options = &config.bridge.mavlink;
+    let own = MavlinkAddress { system: options.system, component: options.component };
+    let mut encoder = MavlinkEncoder::new(own);
+    if let Some(key) = options::signing_key(config)? {
+        encoder.sign(key, unix_us);
+    }
+    Ok(encoder)
+}
+
 impl VehicleProtocol for Mavlink {
     fn sizes(&self) -> FrameSizes {
-        let around = ENVELOPE + if self.encoder.is_signed() { SIGNATURE } else { 0 };
+        let around = ENVELOPE + if self.encoder.signs() { SIGNATURE } else { 0 };
         FrameSizes {
             setpoint: SETPOINT + around,
             acknowledgement: 0,

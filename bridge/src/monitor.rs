@@ -6,6 +6,7 @@ use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 
 use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
+use crate::round_trips::RoundTrips;
 
 /// Number of intervals in the last second, over which requests and answers are counted.
 const INTERVALS: usize = 10;
@@ -29,6 +30,7 @@ pub struct VehicleMonitor {
     refusal: VehicleRefusal,
     text: ShortText,
     motors_run: bool,
+    round_trips: RoundTrips,
     intervals: [Exchanges; INTERVALS],
     current: usize,
     current_began: Time,
@@ -46,6 +48,7 @@ impl VehicleMonitor {
             refusal: VehicleRefusal::None,
             text: ShortText::EMPTY,
             motors_run: false,
+            round_trips: RoundTrips::default(),
             intervals: [Exchanges::default(); INTERVALS],
             current: 0,
             current_began: Time::UNSET,
@@ -72,6 +75,10 @@ impl VehicleMonitor {
         }
         match reply {
             VehicleReply::Answer => self.interval(now).answers += 1,
+            VehicleReply::RoundTrip(span) => {
+                self.interval(now).answers += 1;
+                self.round_trips.record(span);
+            }
             VehicleReply::Battery(volts) => self.battery_v = volts,
             VehicleReply::Motors(run) => {
                 if run && !self.motors_run {
@@ -87,6 +94,12 @@ impl VehicleMonitor {
             | VehicleReply::Replaced
             | VehicleReply::Other => {}
         }
+    }
+
+    /// Time of a frame on its way, from round trips; `None` where none is known.
+    #[must_use]
+    pub fn one_way(&self) -> Option<Span> {
+        self.round_trips.one_way()
     }
 
     /// Why the vehicle did not do what was asked last.

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use oqtal_config::{Config, MavlinkOptions};
+use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_runtime::files;
 use oqtal_wire::asctec::{InvalidScale, Scales, StickMeaning};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
-use oqtal_wire::mavlink::{MavlinkAddress, MavlinkEncoder, SigningKey, ThrustCurve};
+use oqtal_wire::mavlink::{SigningKey, ThrustCurve};
 use oqtal_wire::xbee::Address;
 
 /// Checks link, address and scales, whether or not a bridge is used.
@@ -70,19 +70,6 @@ pub fn thrust_curve(config: &Config) -> Result<ThrustCurve, OptionError> {
     let curve = ThrustCurve::new(&config.bridge.mavlink.thrust_table);
     let key = "bridge.mavlink.thrust-table";
     curve.map_err(|error| OptionError::new(key, "unusable", error.to_string()))
-}
-
-/// Encoder of this computer's MAVLink packets, signed if so configured, where Unix time is `unix_us` \[us\].
-///
-/// # Errors
-/// As [`signing_key`].
-pub fn encoder(config: &Config, unix_us: u64) -> Result<MavlinkEncoder, OptionError> {
-    let MavlinkOptions { system, component, .. } = config.bridge.mavlink;
-    let mut encoder = MavlinkEncoder::new(MavlinkAddress { system, component });
-    if let Some(key) = signing_key(config)? {
-        encoder.sign(key, unix_us);
-    }
-    Ok(encoder)
 }
 
 /// The key by which MAVLink packets are signed, from its file; `None` for packets without a signature.

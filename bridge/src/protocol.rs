@@ -47,6 +47,8 @@ impl VehicleFrame {
 pub enum VehicleReply {
     /// Answer to a request: to a set-point that is acknowledged, or to a periodic word that is answered.
     Answer,
+    /// Answer to a periodic word at once, so long after the word was sent.
+    RoundTrip(Span),
     /// Whether the motors run.
     Motors(bool),
     /// Battery voltage \[V\].

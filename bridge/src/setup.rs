@@ -41,7 +41,7 @@ pub struct VehicleSetup {
     pub chore: Option<Box<dyn Chore>>,
 }
 
-/// Unix time \[us\].
+/// Unix time \[us\], by which packets are signed.
 pub(crate) fn unix_us() -> u64 {
     (Time::now() + Time::wall_offset()).nanos() / 1000
 }

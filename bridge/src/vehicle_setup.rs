@@ -13,8 +13,7 @@ use oqtal_wire::mavlink::{
 };
 
 use crate::link::VehicleLink;
-use crate::mavlink::{WantedParameter, wanted_parameters};
-use crate::options;
+use crate::mavlink::{WantedParameter, encoder, wanted_parameters};
 use crate::setup::{port, unix_us};
 
 /// Time within which a heartbeat must come.
@@ -107,10 +106,10 @@ struct ParameterSession {
 
 impl ParameterSession {
     fn open(config: &Config, spec: &LinkSpec, link: &MavlinkLink) -> Result<Self, Failure> {
-        let encoder = options::encoder(config, unix_us());
+        let encoder = encoder(config, unix_us()).map_err(|error| config.locate(&error))?;
         let mut session = Self {
             link: port(spec, config).open()?,
-            encoder: encoder.map_err(|error| config.locate(&error))?,
+            encoder,
             decoder: MavlinkDecoder::new(),
             vehicle: MavlinkAddress::ALL,
             kind: AutopilotKind::ArduPilot,

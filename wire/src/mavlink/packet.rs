@@ -96,7 +96,7 @@ impl MavlinkEncoder {
 
     /// Whether packets are signed.
     #[must_use]
-    pub fn is_signed(&self) -> bool {
+    pub fn signs(&self) -> bool {
         self.signer.is_some()
     }
 
