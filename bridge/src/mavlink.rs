@@ -224,7 +224,7 @@ impl VehicleProtocol for Mavlink {
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         let Self { decoder, vehicle, starting, errands, .. } = self;
         for packet in decoder.push(bytes) {
-            if !vehicle.takes(&packet, reply) {
+            if !vehicle.takes(now, &packet, reply) {
                 continue;
             }
             match packet.content {
