@@ -61,11 +61,14 @@ pub struct Plant {
     constant_acceleration: Vector3<f64>,
     radio: VecDeque<OnAir>,
     radio_delay: Span,
+    /// From the reported to the real effect of a command.
+    hidden_delay: Span,
     /// Faults of the radio, and the random numbers that they need.
     disturbed: (RadioDisturbance, Generator),
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
+    thrust_exponent: f64,
     /// Instant at which the motors stop unless a further command arrives; `None` while the motors are off.
     command_timeout_at: Option<Time>,
     armed: bool,
@@ -95,10 +98,12 @@ impl Plant {
             constant_acceleration,
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
+            hidden_delay: Span::from_seconds(options.hidden_delay_ms * 1e-3),
             disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
             input: PlantInput::default(),
             accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
+            thrust_exponent: options.thrust_exponent,
             command_timeout_at: None,
             armed: false,
             stopped: false,
@@ -151,7 +156,7 @@ impl Plant {
             return;
         }
         // Commands keep their order, also behind one that a fault delays.
-        let arrival = now + self.radio_delay + disturbance.delay;
+        let arrival = now + self.radio_delay + self.hidden_delay + disturbance.delay;
         let acts_at = self.radio.back().map_or(arrival, |last| arrival.max(last.acts_at));
         self.radio.push_back(OnAir { acts_at, header, command });
     }
@@ -246,7 +251,8 @@ impl Plant {
         while let Some(on_air) = self.radio.front().copied().filter(|c| c.acts_at <= self.time) {
             self.radio.pop_front();
             self.act_on(&on_air.command);
-            let stamps = Stamps { applied_at: on_air.acts_at, ..on_air.header.stamps };
+            let applied_at = on_air.acts_at - self.hidden_delay;
+            let stamps = Stamps { applied_at, ..on_air.header.stamps };
             self.last_command = on_air.header.sequence;
             out(PlantOutput::Applied(on_air.header.pose_sequence, stamps, self.vehicle()));
         }
@@ -265,7 +271,8 @@ impl Plant {
         let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
-        let thrusting = PlantInput { thrust: clamp(command.thrust, 0.0), ..PlantInput::default() };
+        let thrust = clamp(command.thrust, 0.0).powf(self.thrust_exponent);
+        let thrusting = PlantInput { thrust, ..PlantInput::default() };
         self.input = match actuation {
             Actuation::Disarmed => PlantInput::default(),
             Actuation::Sticks => {

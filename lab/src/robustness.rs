@@ -1,0 +1,196 @@
+//! `oqtal robustness`: every law on plants that differ from the one that it is designed for.
+
+pub mod flown;
+pub mod spread;
+pub mod statistics;
+pub mod tables;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+use serde_json::{Map, Value, json};
+
+use crate::campaign::gains::GainSource;
+use crate::campaign::metric::METRIC;
+use crate::progress::Progress;
+use crate::reproduce::chapter::Chapter;
+use crate::reproduce::page::{self, PageHead};
+use crate::sheet::Sheet;
+use crate::study::StudyArgs;
+use crate::tune::space;
+
+use flown::{Draw, Judged, MOST_DRAWS, Rival};
+use spread::Spread;
+
+/// Arguments of `oqtal robustness`.
+#[derive(Args, Debug)]
+pub struct RobustnessArgs {
+    /// Laws to fly
+    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
+    laws: Vec<String>,
+    /// Spread of the plants as TOML, a form of drawing for each key (docs/robustness.md) [default: the built-in one]
+    #[arg(long, value_name = "FILE")]
+    spread: Option<PathBuf>,
+    /// Every range of the spread twice as wide
+    #[arg(long)]
+    wide: bool,
+    /// Number of draws; every law flies all of them
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=MOST_DRAWS))]
+    runs: u64,
+    /// Seed of the draws
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    seed: u64,
+    /// Gains of the laws: `configured`, `tuned`, or a directory with files LAW.toml; several are flown beside each other, a law
+    /// that a directory lacks is left out
+    #[arg(long, value_name = "SOURCES", value_delimiter = ',', default_value = "tuned")]
+    gains: Vec<GainSource>,
+    /// Directory of robustness.html, robustness.md and robustness.json
+    #[arg(long, value_name = "DIR", default_value = "robustness")]
+    out: PathBuf,
+    /// Print JSON instead of tables
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    study: StudyArgs,
+}
+
+/// The page.
+const PAGE: PageHead = PageHead {
+    title: "Robustness",
+    lead: "Every law flies the same draws of plants that differ from the model that all laws are designed for. The laws know \
+     [vehicle], the same in all draws, and what stamps show; they do not know what is drawn, the noise of the cameras included.",
+    file: "robustness",
+};
+
+impl RobustnessArgs {
+    /// Flies all draws, writes the page and prints the tables.
+    ///
+    /// # Errors
+    /// A file or setting is invalid (exit code 78), or the directory cannot be written (71).
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let common = self.study.settings()?;
+        let spread = self.spread()?;
+        let draws = Draw::several(&spread, &common, (self.seed, 0..self.runs))?;
+        let rivals = rivals(&self.laws, &self.gains, &common)?;
+        let judged = flown::fly(rivals, &draws, &Progress::default())?;
+        let sheets = tables::all(&judged, &draws, &spread);
+        let document = format!("{:#}\n", document(&judged, &draws, &sheets));
+        let text: Vec<String> = sheets.iter().map(Sheet::to_text).collect();
+        let chapters = [Chapter {
+            title: "Monte-Carlo",
+            intro: vec![self.intro()],
+            sheets,
+            figures: Vec::new(),
+        }];
+        self.keep("robustness.html", &page::html(&PAGE, &chapters))?;
+        self.keep("robustness.md", &page::markdown(&PAGE, &chapters, &self.command()))?;
+        self.keep("robustness.json", &document)?;
+        if self.json {
+            print(document.trim_end())?;
+        } else {
+            let page = self.out.join("robustness.html");
+            print(&format!("{}\n\npage: {}", text.join("\n\n"), page.display()))?;
+        }
+        Ok(Exit::Ok)
+    }
+
+    fn spread(&self) -> Result<Spread, Failure> {
+        let spread = self.spread.as_deref().map_or_else(|| Ok(Spread::default()), Spread::read)?;
+        Ok(if self.wide { spread.twice_as_wide() } else { spread })
+    }
+
+    fn intro(&self) -> String {
+        format!(
+            "{} draws, each flown by every law as path, hover, chirp and doublet with the seed of the draw.",
+            self.runs
+        )
+    }
+
+    /// The command line of this run, as far as it decides the draws and the laws.
+    fn command(&self) -> String {
+        let spread = self.spread.as_ref().map(|file| format!(" --spread {}", file.display()));
+        let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
+        format!(
+            "oqtal robustness --laws {} --gains {} --runs {} --seed {}{}{}",
+            self.laws.join(","),
+            gains.join(","),
+            self.runs,
+            self.seed,
+            spread.unwrap_or_default(),
+            if self.wide { " --wide" } else { "" }
+        )
+    }
+
+    fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
+        write(&self.out.join(name), text)
+    }
+}
+
+fn write(file: &Path, text: &str) -> Result<(), Failure> {
+    let directory = file.parent().unwrap_or(Path::new(""));
+    fs::create_dir_all(directory).and_then(|()| fs::write(file, text)).map_err(|error| {
+        let name = file.display();
+        Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
+    })
+}
+
+/// The laws with each source of gains.
+///
+/// # Errors
+/// No source has a law.
+pub fn rivals(
+    laws: &[String],
+    sources: &[GainSource],
+    common: &[oqtal_config::Setting],
+) -> Result<Vec<Rival>, Failure> {
+    let mut rivals = Vec::new();
+    for source in sources {
+        let chosen = space::LAW_NAMES.into_iter().filter(|law| laws.iter().any(|name| name == law));
+        for controller in chosen.filter(|law| source.has(law)) {
+            let (settings, remark) = source.of(controller, common)?;
+            let name = match sources.len() {
+                1 => controller.to_owned(),
+                _ => format!("{controller}, {source}"),
+            };
+            rivals.push(Rival { name, controller, settings, remark });
+        }
+    }
+    if rivals.is_empty() {
+        return Err(Failure::new(
+            Exit::Usage,
+            "no law of --laws has gains in --gains; make them with `oqtal tune`",
+        ));
+    }
+    Ok(rivals)
+}
+
+/// The result as JSON: tables, and each draw with the figures of every law.
+fn document(judged: &[Judged], draws: &[Draw], sheets: &[Sheet]) -> Value {
+    let figures = |draw: usize| {
+        let of = |law: &Judged| {
+            let values = METRIC.iter().zip(law.figures[draw]);
+            let values = values.map(|(metric, value)| {
+                (metric.key.to_owned(), json!(value.is_finite().then_some(value)))
+            });
+            (law.rival.name.clone(), Value::Object(values.collect()))
+        };
+        Value::Object(judged.iter().map(of).collect::<Map<String, Value>>())
+    };
+    let draw = |(index, draw): (usize, &Draw)| {
+        let drawn = draw.settings.iter().map(|setting| (setting.key.clone(), json!(setting.value)));
+        json!({
+            "draw": draw.run,
+            "seed": draw.seed,
+            "arguments": draw.arguments(),
+            "drawn": Value::Object(drawn.collect()),
+            "laws": figures(index),
+        })
+    };
+    let tables: Vec<Value> = sheets.iter().map(Sheet::to_json).collect();
+    let draws: Vec<Value> = draws.iter().enumerate().map(draw).collect();
+    json!({ "tables": tables, "draws": draws })
+}
