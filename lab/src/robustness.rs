@@ -7,6 +7,7 @@ pub mod tables;
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -32,9 +33,10 @@ pub struct RobustnessArgs {
     /// Laws to fly
     #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
     laws: Vec<String>,
-    /// Spread of the plants as TOML, a form of drawing for each key (docs/robustness.md) [default: the built-in one]
-    #[arg(long, value_name = "FILE")]
-    spread: Option<PathBuf>,
+    /// Spread of the plants: `vehicle` (mass, thrust, authority, lags, delays, drag), `everything` (its surroundings too), or a
+    /// file in TOML with a form of drawing for each key (docs/robustness.md)
+    #[arg(long, value_name = "SPREAD", default_value = "vehicle")]
+    spread: String,
     /// Every range of the spread twice as wide
     #[arg(long)]
     wide: bool,
@@ -99,7 +101,8 @@ impl RobustnessArgs {
     }
 
     fn spread(&self) -> Result<Spread, Failure> {
-        let spread = self.spread.as_deref().map_or_else(|| Ok(Spread::default()), Spread::read)?;
+        let spread =
+            Spread::from_str(&self.spread).map_err(|reason| Failure::new(Exit::Config, reason))?;
         Ok(if self.wide { spread.twice_as_wide() } else { spread })
     }
 
@@ -112,15 +115,14 @@ impl RobustnessArgs {
 
     /// The command line of this run, as far as it decides the draws and the laws.
     fn command(&self) -> String {
-        let spread = self.spread.as_ref().map(|file| format!(" --spread {}", file.display()));
         let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
         format!(
-            "oqtal robustness --laws {} --gains {} --runs {} --seed {}{}{}",
+            "oqtal robustness --laws {} --gains {} --spread {} --runs {} --seed {}{}",
             self.laws.join(","),
             gains.join(","),
+            self.spread,
             self.runs,
             self.seed,
-            spread.unwrap_or_default(),
             if self.wide { " --wide" } else { "" }
         )
     }

@@ -11,6 +11,7 @@ pub mod value;
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -42,8 +43,8 @@ pub struct TuneArgs {
     /// Seeds of the flights (both included)
     #[arg(long, value_name = "FIRST-LAST", value_parser = parse_seeds, default_value = "101-106")]
     seeds: Range<u64>,
-    /// Judge gains on draws of a spread, one for each of --seeds, in place of six plants near the configured one: `default` or a
-    /// file (docs/robustness.md)
+    /// Judge gains on draws of a spread, one for each of --seeds, in place of six plants near the configured one: `vehicle`, `everything`
+    /// or a file (docs/robustness.md)
     #[arg(long, value_name = "SPREAD")]
     spread: Option<String>,
     /// Optimiser
@@ -80,10 +81,8 @@ impl TuneArgs {
         let draws = match self.spread.as_deref() {
             None => Vec::new(),
             Some(spread) => {
-                let spread = match spread {
-                    "default" => Spread::default(),
-                    file => Spread::read(Path::new(file))?,
-                };
+                let spread = Spread::from_str(spread)
+                    .map_err(|reason| Failure::new(Exit::Config, reason))?;
                 Draw::several(&spread, &settings, (TUNING_SEED, seeds.clone()))?
             }
         };

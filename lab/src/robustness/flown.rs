@@ -7,7 +7,7 @@ use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 use toml::Value;
 
-use super::spread::Spread;
+use super::spread::{Spread, value_at};
 use crate::campaign::flights::{Contender, NOMINAL, Test, Trial};
 use crate::campaign::metric::{CHIRP, DOUBLET, Figures, HOVER, POSITION};
 use crate::progress::Progress;
@@ -45,17 +45,13 @@ impl Draw {
     ) -> Result<Vec<Self>, Failure> {
         let nominal: toml::Table =
             Config::from_settings(common)?.to_toml().parse().expect("a configuration is TOML");
-        let told = |key: &&str| super::spread::value_at(&nominal, key).is_some();
-        let told: Vec<Setting> = TOLD
-            .iter()
-            .filter(told)
-            .map(|key| {
-                let value = super::spread::value_at(&nominal, key).cloned();
-                Setting::flag("spread", key, value.expect("it was just there"))
-            })
-            .collect();
+        let told = |key: &str| {
+            let value = value_at(&nominal, key).expect("it is a key of every configuration");
+            Setting::flag("spread", key, value.clone())
+        };
+        let told = TOLD.map(told);
         let draw = |run: u64| {
-            let mut settings = told.clone();
+            let mut settings = told.to_vec();
             settings.extend(spread.draw(&nominal, (seed, run))?);
             Config::from_settings(&[common, &settings].concat())?;
             Ok(Self { run, seed: (seed + 1) * MOST_DRAWS + run, settings })
