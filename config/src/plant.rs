@@ -80,6 +80,8 @@ pub struct PlantOptions {
     pub rotors: RotorOptions,
     /// `[plant.battery]`.
     pub battery: BatteryOptions,
+    /// `[plant.probe]`.
+    pub probe: ProbeOptions,
     /// `[plant.wire]`.
     pub wire: PlantWireOptions,
 }
@@ -137,6 +139,29 @@ pub struct BatteryOptions {
     pub hover_current_a: f64,
 }
 
+/// `[plant.probe]`: a sine that is added to a stick of every command as it takes effect, by which the response of a loop is
+/// measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ProbeOptions {
+    /// Number of the stick: 1 roll, 2 pitch, 3 yaw \[-\].
+    pub stick: usize,
+    /// Amplitude \[-\]; 0 for no sine.
+    pub amplitude: f64,
+    /// Frequency \[Hz\].
+    pub frequency_hz: f64,
+}
+
+impl ProbeOptions {
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("stick", self.stick as f64, Rule::Between(1.0, 3.0)),
+            ("amplitude", self.amplitude, Rule::Between(0.0, 1.0)),
+            ("frequency-hz", self.frequency_hz, Rule::Between(0.0, 1000.0)),
+        ])
+    }
+}
+
 impl PlantOptions {
     /// The inertia as the equations of motion take it.
     ///
@@ -163,6 +188,7 @@ impl PlantOptions {
         own.map_err(|error| error.within("plant"))?;
         self.rotors.check().map_err(|error| error.within("plant.rotors"))?;
         self.battery.check().map_err(|error| error.within("plant.battery"))?;
+        self.probe.check().map_err(|error| error.within("plant.probe"))?;
         self.wire.check().map_err(|error| error.within("plant.wire"))?;
         self.check_links()
     }

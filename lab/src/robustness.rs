@@ -1,6 +1,11 @@
 //! `oqtal robustness`: every law on plants that differ from the one that it is designed for.
 
+pub mod cases;
 pub mod flown;
+pub mod frequency;
+pub mod linear;
+pub mod margins;
+pub mod probed;
 pub mod spread;
 pub mod statistics;
 pub mod tables;
@@ -50,6 +55,12 @@ pub struct RobustnessArgs {
     /// that a directory lacks is left out
     #[arg(long, value_name = "SOURCES", value_delimiter = ',', default_value = "tuned")]
     gains: Vec<GainSource>,
+    /// Some single plants as well: the nominal one, lags and delays at and beyond the edge of the spread
+    #[arg(long)]
+    plants: bool,
+    /// Margins of the attitude loop as well, of the linear model and flown
+    #[arg(long)]
+    margins: bool,
     /// Directory of robustness.html, robustness.md and robustness.json
     #[arg(long, value_name = "DIR", default_value = "robustness")]
     out: PathBuf,
@@ -74,20 +85,11 @@ impl RobustnessArgs {
     /// # Errors
     /// A file or setting is invalid (exit code 78), or the directory cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let common = self.study.settings()?;
-        let spread = self.spread()?;
-        let draws = Draw::several(&spread, &common, (self.seed, 0..self.runs))?;
-        let rivals = rivals(&self.laws, &self.gains, &common)?;
-        let judged = flown::fly(rivals, &draws, &Progress::default())?;
-        let sheets = tables::all(&judged, &draws, &spread);
-        let document = format!("{:#}\n", document(&judged, &draws, &sheets));
-        let text: Vec<String> = sheets.iter().map(Sheet::to_text).collect();
-        let chapters = [Chapter {
-            title: "Monte-Carlo",
-            intro: vec![self.intro()],
-            sheets,
-            figures: Vec::new(),
-        }];
+        let (mut document, chapters) = self.flown()?;
+        let sheets: Vec<&Sheet> = chapters.iter().flat_map(|chapter| &chapter.sheets).collect();
+        document["tables"] = sheets.iter().map(|sheet| sheet.to_json()).collect();
+        let document = format!("{document:#}\n");
+        let text: Vec<String> = sheets.iter().map(|sheet| sheet.to_text()).collect();
         self.keep("robustness.html", &page::html(&PAGE, &chapters))?;
         self.keep("robustness.md", &page::markdown(&PAGE, &chapters, &self.command()))?;
         self.keep("robustness.json", &document)?;
@@ -98,6 +100,30 @@ impl RobustnessArgs {
             print(&format!("{}\n\npage: {}", text.join("\n\n"), page.display()))?;
         }
         Ok(Exit::Ok)
+    }
+
+    /// Flies everything. Returns draws and loops as JSON, and the chapters of the page.
+    fn flown(&self) -> Result<(Value, Vec<Chapter>), Failure> {
+        let common = self.study.settings()?;
+        let spread = self.spread()?;
+        let draws = Draw::several(&spread, &common, (self.seed, 0..self.runs))?;
+        let rivals = rivals(&self.laws, &self.gains, &common)?;
+        let progress = Progress::default();
+        let loops = if self.margins { margins::all(&rivals, &progress)? } else { Vec::new() };
+        let single = self.plants.then(|| cases::table(&rivals, &progress)).transpose()?;
+        let judged = flown::fly(rivals, &draws, &progress)?;
+        let monte_carlo = Chapter {
+            title: "Monte-Carlo",
+            intro: vec![self.intro()],
+            sheets: tables::all(&judged, &draws, &spread).into_iter().chain(single).collect(),
+            figures: Vec::new(),
+        };
+        let margins = (!loops.is_empty()).then(|| margins::chapter(&loops));
+        let document = json!({
+            "draws": flown_draws(&judged, &draws),
+            "loops": margins::document(&loops),
+        });
+        Ok((document, [monte_carlo].into_iter().chain(margins).collect()))
     }
 
     fn spread(&self) -> Result<Spread, Failure> {
@@ -123,7 +149,9 @@ impl RobustnessArgs {
             self.spread,
             self.runs,
             self.seed,
-            if self.wide { " --wide" } else { "" }
+            [(self.wide, " --wide"), (self.plants, " --plants"), (self.margins, " --margins")]
+                .map(|(is_set, flag)| if is_set { flag } else { "" })
+                .concat()
         )
     }
 
@@ -170,8 +198,8 @@ pub fn rivals(
     Ok(rivals)
 }
 
-/// The result as JSON: tables, and each draw with the figures of every law.
-fn document(judged: &[Judged], draws: &[Draw], sheets: &[Sheet]) -> Value {
+/// Each draw with the figures of every law, as JSON.
+fn flown_draws(judged: &[Judged], draws: &[Draw]) -> Value {
     let figures = |draw: usize| {
         let of = |law: &Judged| {
             let values = METRIC.iter().zip(law.figures[draw]);
@@ -192,7 +220,5 @@ fn document(judged: &[Judged], draws: &[Draw], sheets: &[Sheet]) -> Value {
             "laws": figures(index),
         })
     };
-    let tables: Vec<Value> = sheets.iter().map(Sheet::to_json).collect();
-    let draws: Vec<Value> = draws.iter().enumerate().map(draw).collect();
-    json!({ "tables": tables, "draws": draws })
+    draws.iter().enumerate().map(draw).collect()
 }

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
-use oqtal_config::Config;
+use oqtal_config::{Config, ProbeOptions};
 use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::actuation::actuation_of;
 use oqtal_runtime::faults::RadioDisturbance;
@@ -69,6 +69,7 @@ pub struct Plant {
     accepts: Actuation,
     max_torque: f64,
     thrust_exponent: f64,
+    probe: ProbeOptions,
     /// Instant at which the motors stop unless a further command arrives; `None` while the motors are off.
     command_timeout_at: Option<Time>,
     armed: bool,
@@ -104,6 +105,7 @@ impl Plant {
             accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
             thrust_exponent: options.thrust_exponent,
+            probe: options.probe.clone(),
             command_timeout_at: None,
             armed: false,
             stopped: false,
@@ -277,6 +279,7 @@ impl Plant {
             Actuation::Disarmed => PlantInput::default(),
             Actuation::Sticks => {
                 let sticks = Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0));
+                let sticks = sticks + self.probed();
                 PlantInput { sticks, ..thrusting }
             }
             Actuation::Torque => {
@@ -290,6 +293,17 @@ impl Plant {
                 PlantInput { attitude: **attitude.unit_quaternion(), ..thrusting }
             }
         };
+    }
+
+    /// What the probe adds to the sticks of a command that takes effect now \[-\].
+    fn probed(&self) -> Vector3<f64> {
+        let ProbeOptions { stick, amplitude, frequency_hz } = self.probe;
+        let mut added = Vector3::zeros();
+        if amplitude > 0.0 {
+            let turns = frequency_hz * self.time.since(Time::VIRTUAL_START).seconds();
+            added[stick - 1] = amplitude * (std::f64::consts::TAU * turns).sin();
+        }
+        added
     }
 
     /// Advances the grids whose instant is reached, and returns the sample that is due on them.

@@ -29,9 +29,11 @@ pub const MOST_DRAWS: u64 = 10_000;
 /// Seed of the draws on which gains are tuned; laws are judged on others, from 1 on.
 pub const TUNING_SEED: u64 = 0;
 
-/// The noise that the filters of `oqtal-dt` are told follows that of the cameras; that of a draw is unknown to them.
-const TOLD: [&str; 2] =
-    ["control.predictive.filter.attitude-noise-deg", "control.predictive.filter.position-noise-mm"];
+/// What the filters of `oqtal-dt` are told of the noise follows that of the cameras; the noise of a draw is unknown to them.
+const TOLD: [(&str, &str); 2] = [
+    ("control.predictive.filter.attitude-noise-deg", "mocap.attitude-noise-deg"),
+    ("control.predictive.filter.position-noise-mm", "mocap.position-noise-mm"),
+];
 
 impl Draw {
     /// The draws `runs` with `seed` of `spread` about the configuration of `common`.
@@ -45,13 +47,14 @@ impl Draw {
     ) -> Result<Vec<Self>, Failure> {
         let nominal: toml::Table =
             Config::from_settings(common)?.to_toml().parse().expect("a configuration is TOML");
-        let told = |key: &str| {
+        let is_drawn = |key: &str| spread.keys.iter().any(|drawn| drawn.key == key);
+        let told = TOLD.iter().filter(|(_, followed)| is_drawn(followed)).map(|(key, _)| {
             let value = value_at(&nominal, key).expect("it is a key of every configuration");
             Setting::flag("spread", key, value.clone())
-        };
-        let told = TOLD.map(told);
+        });
+        let told: Vec<Setting> = told.collect();
         let draw = |run: u64| {
-            let mut settings = told.to_vec();
+            let mut settings = told.clone();
             settings.extend(spread.draw(&nominal, (seed, run))?);
             Config::from_settings(&[common, &settings].concat())?;
             Ok(Self { run, seed: (seed + 1) * MOST_DRAWS + run, settings })

@@ -230,7 +230,7 @@ impl Form {
     /// A value drawn about `nominal`; `None` if that is of no such kind.
     fn value(&self, nominal: &Value, random: &mut SplitMix64) -> Option<Value> {
         match self {
-            Self::Between(low, high) => Some(Value::from(random.between(*low, *high))),
+            Self::Between(low, high) => Some(Value::from(readable(random.between(*low, *high)))),
             Self::Factor(low, high) => scaled(nominal, random.between(*low, *high)),
             Self::EachFactor(low, high) => {
                 let each = |value: &Value| scaled(value, random.between(*low, *high));
@@ -263,11 +263,16 @@ impl Form {
     }
 }
 
+/// `value` rounded to four significant digits, so that a draw is written in short and flown again exactly.
+fn readable(value: f64) -> f64 {
+    format!("{value:.3e}").parse().expect("a number just written")
+}
+
 /// Every number in `value` times `factor`; `None` if there is none.
 fn scaled(value: &Value, factor: f64) -> Option<Value> {
     match value {
-        Value::Float(number) => Some(Value::Float(number * factor)),
-        Value::Integer(number) => Some(Value::Float(*number as f64 * factor)),
+        Value::Float(number) => Some(Value::Float(readable(number * factor))),
+        Value::Integer(number) => Some(Value::Float(readable(*number as f64 * factor))),
         Value::Array(values) => values
             .iter()
             .map(|value| scaled(value, factor))

@@ -169,8 +169,14 @@ fn spread_table(spread: &Spread) -> Sheet {
     Sheet {
         name: "spread".to_owned(),
         title: "The spread".to_owned(),
+        notes: vec![SPREAD_NOTE.to_owned()],
         columns: vec![("drawn", "drawn")],
         rows: spread.keys.iter().map(row).collect(),
         ..Sheet::default()
     }
 }
+
+const SPREAD_NOTE: &str = "Evenly between the bounds, each key by itself. A spread of one's own is a file in TOML, each key of the \
+     configuration with one of these forms: `between = [LOW, HIGH]`, a number; `factor = [LOW, HIGH]`, the configured value times a \
+     number; `each-factor`, every element of a list times a number of its own; `one-factor`, one element of a list, drawn too, times a \
+     number; `choose = [VALUES]`, one of them. As in `[plant]` with `mass-kg = { factor = [0.9, 1.1] }`.";
