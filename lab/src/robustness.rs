@@ -30,7 +30,7 @@ use crate::study::StudyArgs;
 use crate::tune::space;
 
 use flown::{Draw, Judged, MOST_DRAWS, Rival};
-use spread::Spread;
+use spread::PlantSpread;
 
 /// Arguments of `oqtal robustness`.
 #[derive(Args, Debug)]
@@ -126,9 +126,9 @@ impl RobustnessArgs {
         Ok((document, [monte_carlo].into_iter().chain(margins).collect()))
     }
 
-    fn spread(&self) -> Result<Spread, Failure> {
-        let spread =
-            Spread::from_str(&self.spread).map_err(|reason| Failure::new(Exit::Config, reason))?;
+    fn spread(&self) -> Result<PlantSpread, Failure> {
+        let spread = PlantSpread::from_str(&self.spread)
+            .map_err(|reason| Failure::new(Exit::Config, reason))?;
         Ok(if self.wide { spread.twice_as_wide() } else { spread })
     }
 

@@ -21,7 +21,7 @@ use oqtal_runtime::program::print;
 
 use crate::progress::Progress;
 use crate::robustness::flown::{Draw, TUNING_SEED};
-use crate::robustness::spread::Spread;
+use crate::robustness::spread::PlantSpread;
 use crate::study::{StudyArgs, parse_seeds};
 
 use optimiser::Optimiser;
@@ -81,7 +81,7 @@ impl TuneArgs {
         let draws = match self.spread.as_deref() {
             None => Vec::new(),
             Some(spread) => {
-                let spread = Spread::from_str(spread)
+                let spread = PlantSpread::from_str(spread)
                     .map_err(|reason| Failure::new(Exit::Config, reason))?;
                 Draw::several(&spread, &settings, (TUNING_SEED, seeds.clone()))?
             }

@@ -7,7 +7,7 @@ use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 use toml::Value;
 
-use super::spread::{Spread, value_at};
+use super::spread::{PlantSpread, value_at};
 use crate::campaign::flights::{Contender, NOMINAL, Test, Trial};
 use crate::campaign::metric::{CHIRP, DOUBLET, Figures, HOVER, POSITION};
 use crate::progress::Progress;
@@ -41,7 +41,7 @@ impl Draw {
     /// # Errors
     /// A key of the spread is none of the configuration.
     pub fn several(
-        spread: &Spread,
+        spread: &PlantSpread,
         common: &[Setting],
         (seed, runs): (u64, Range<u64>),
     ) -> Result<Vec<Self>, Failure> {

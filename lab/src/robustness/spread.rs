@@ -46,7 +46,7 @@ pub struct SpreadKey {
 
 /// The keys that differ from draw to draw.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Spread {
+pub struct PlantSpread {
     /// The keys, in their order.
     pub keys: Vec<SpreadKey>,
 }
@@ -83,7 +83,7 @@ const SURROUNDINGS: [(&str, Form); 10] = [
 const CHOSEN: [(&str, [&str; 2]); 2] =
     [("plant.battery.sag", ["false", "true"]), ("plant.fidelity", ["eq61", "rotors"])];
 
-impl FromStr for Spread {
+impl FromStr for PlantSpread {
     type Err = String;
 
     /// The built-in spread `vehicle` or `everything`, or that of a file.
@@ -96,7 +96,7 @@ impl FromStr for Spread {
     }
 }
 
-impl Spread {
+impl PlantSpread {
     /// Vehicles that differ from their model.
     #[must_use]
     pub fn vehicle() -> Self {
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn every_draw_is_a_configuration_and_stays_within_the_bounds() {
-        let (nominal, spread) = (nominal(), Spread::everything());
+        let (nominal, spread) = (nominal(), PlantSpread::everything());
         for run in 0..200 {
             for spread in [&spread, &spread.twice_as_wide()] {
                 let draw = spread.draw(&nominal, (7, run)).unwrap();
@@ -312,8 +312,8 @@ mod tests {
 
     #[test]
     fn a_key_is_drawn_alike_whatever_else_is_drawn() {
-        let (nominal, all) = (nominal(), Spread::everything());
-        let alone = Spread { keys: all.keys[3..4].to_vec() };
+        let (nominal, all) = (nominal(), PlantSpread::everything());
+        let alone = PlantSpread { keys: all.keys[3..4].to_vec() };
         let key = &alone.keys[0].key;
         let draws: Vec<_> = (0..50)
             .map(|run| {
@@ -333,7 +333,7 @@ mod tests {
         let file = directory.path().join("spread.toml");
         let read = |text: &str| {
             std::fs::write(&file, text).unwrap();
-            Spread::read(&file)
+            PlantSpread::read(&file)
         };
         let spread =
             read("[plant]\nmass-kg = { factor = [0.5, 1] }\nbattery.sag = { choose = [true] }\n");

@@ -1,7 +1,7 @@
 //! The tables of the Monte-Carlo study.
 
 use super::flown::{Draw, Judged};
-use super::spread::{Spread, SpreadKey};
+use super::spread::{PlantSpread, SpreadKey};
 use super::statistics::{Quantiles, dependence, worse_than_the_best_other};
 use crate::campaign::flights::Test;
 use crate::campaign::metric::{HOVER, METRIC};
@@ -14,7 +14,7 @@ const MOST_FAILURES: usize = 5;
 
 /// All tables of laws on draws of `spread`.
 #[must_use]
-pub fn all(judged: &[Judged], draws: &[Draw], spread: &Spread) -> Vec<Sheet> {
+pub fn all(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Vec<Sheet> {
     let tables = [landed(judged), distributions(judged), broken(judged, draws)];
     tables.into_iter().chain([dependences(judged, draws, spread), spread_table(spread)]).collect()
 }
@@ -140,7 +140,7 @@ fn broken_row(law: &Judged, draw: &Draw, index: usize) -> SheetRow {
 const DEPENDENCE: [Column; 1] = [("rank_correlation", "rank correlation with the hover's error")];
 
 /// The keys that the error in hover of each law depends on most.
-fn dependences(judged: &[Judged], draws: &[Draw], spread: &Spread) -> Sheet {
+fn dependences(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Sheet {
     let rows = judged.iter().flat_map(|law| {
         let values = law.values(HOVER);
         let of_key =
@@ -162,7 +162,7 @@ fn dependences(judged: &[Judged], draws: &[Draw], spread: &Spread) -> Sheet {
 }
 
 /// The spread itself.
-fn spread_table(spread: &Spread) -> Sheet {
+fn spread_table(spread: &PlantSpread) -> Sheet {
     let row = |SpreadKey { key, form }: &SpreadKey| {
         SheetRow::new(Variant::Ours, "all", key.clone(), vec![form.words().as_str().into()])
     };
