@@ -6,7 +6,7 @@ use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
-use oqtal_config::{ClockKind, Interface};
+use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
