@@ -22,6 +22,7 @@ use crate::view::ViewArgs;
 use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
+use oqtal_lab::robustness::RobustnessArgs;
 use oqtal_lab::sweep::SweepArgs;
 use oqtal_lab::tune::TuneArgs;
 use oqtal_screen::MonitorArgs;
@@ -48,6 +49,8 @@ enum Command {
     Sweep(SweepArgs),
     /// Reproduce the tables and figures of the paper, beside the printed values
     Reproduce(ReproduceArgs),
+    /// Fly every law on plants that differ from their model, and show its margins
+    Robustness(RobustnessArgs),
     /// Tune gains on simulated flights
     Tune(TuneArgs),
     /// Compare the emulated cameras with recordings of real ones, and estimators on both
@@ -109,6 +112,7 @@ impl Cli {
             }
             Some(Command::Sweep(args)) => args.execute(),
             Some(Command::Reproduce(args)) => args.execute(),
+            Some(Command::Robustness(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),

@@ -24,13 +24,14 @@ use text::{
     Table, cited_equations, cited_errata, code_blocks, errata, has_word, links, numbers, quoted,
 };
 
-/// Every Markdown file at the root and in `docs`, but the generated one.
+/// Every Markdown file at the root and in `docs`, but the generated ones.
 fn documents() -> Vec<String> {
     let mut found = Vec::new();
     for folder in ["", "docs/"] {
         for entry in std::fs::read_dir(root().join(folder)).unwrap() {
             let name = entry.unwrap().file_name().into_string().unwrap();
-            if name.ends_with(".md") && name != "reproduction.md" {
+            let is_generated = ["reproduction.md", "robustness.md"].contains(&name.as_str());
+            if name.ends_with(".md") && !is_generated {
                 found.push(format!("{folder}{name}"));
             }
         }

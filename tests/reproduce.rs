@@ -120,21 +120,26 @@ fn the_claim_of_the_sweep_holds_for_errors_and_not_for_effort() {
     }
 }
 
-/// The campaign of the page takes minutes; the test checks the goals on the committed page.
+/// On plants that differ from the model, flown here and now: what feed-forward and prediction give must not hang on the model.
 #[test]
-fn the_page_shows_every_goal_of_table_5_met() {
-    let page = include_str!("../docs/reproduction.md");
-    let table = page.split("### oqtal-dt against the best of the other tuned laws").nth(1).unwrap();
-    let table = table.split("\n### ").next().unwrap();
-    let rows = table.lines().filter(|line| line.starts_with("| Ours "));
-    let cells = rows.map(|row| row.trim_matches('|').split('|').map(str::trim).collect::<Vec<_>>());
-    let goals: Vec<Vec<&str>> = cells.filter(|cells| !cells[10].is_empty()).collect();
-    assert_eq!(goals.len(), 9 + 5, "nominal and mismatched");
-    for goal in &goals {
-        assert_eq!(*goal.last().unwrap(), "yes", "{goal:?}");
+fn on_mismatched_plants_prediction_still_pays_at_the_chirp() {
+    let testbed = Testbed::new("mismatched");
+    let plants = [
+        "rate-authority-rad-s=[1.6,1.6,1.6]",
+        "rate-authority-rad-s=[2.4,2.4,2.4]",
+        "command-delay-ms=30",
+        "rate-lag-ms=30",
+        "rate-lag-ms=80",
+    ];
+    for plant in plants {
+        let words = ["campaign", "--gains", "tuned", "--runs", "2", "--json", "--plant", plant];
+        let table = printed(&testbed, &words);
+        let chirp = |row: &Value| number(row, "chirp4_rms_deg");
+        let ours = chirp(row(&table, "oqtal-dt", "ours", ""));
+        let rivals = rows(&table).iter().filter(|row| row["controller"] != "oqtal-dt");
+        let best = rivals.map(chirp).fold(f64::INFINITY, f64::min);
+        assert!(best >= 1.5 * ours, "{plant}: {best} deg and {ours} deg");
     }
-    let plants: std::collections::BTreeSet<&str> = goals.iter().map(|goal| goal[3]).collect();
-    assert_eq!(plants.len(), 1 + 5, "{plants:?}");
 }
 
 #[test]

@@ -181,6 +181,7 @@ impl Bridge {
                     gate.update_status(MotorStatus { received_at: now, running });
                 }
                 VehicleReply::Control(control) => gate.update_control(control),
+                VehicleReply::Replaced => note(Note::Replaced),
                 VehicleReply::Text(text) => note(Note::Text(text)),
                 // The same refusal comes again with every attempt.
                 VehicleReply::Refused(refusal) if refusal != monitor.refusal() => {

@@ -67,12 +67,10 @@ impl VehicleMonitor {
 
     /// Takes a valid reply.
     pub fn receive(&mut self, now: Time, reply: VehicleReply) {
-        // A vehicle that is refused as a whole does not answer as the one that was asked for.
-        let is_another = matches!(
-            reply,
-            VehicleReply::Refused(VehicleRefusal::OtherAutopilot | VehicleRefusal::OtherSystem)
-        );
-        if !is_another {
+        if reply == VehicleReply::Replaced {
+            self.reset();
+        }
+        if is_answer(&reply) {
             self.received_at = now;
         }
         match reply {
@@ -91,7 +89,10 @@ impl VehicleMonitor {
             VehicleReply::Estimate(estimate) => self.estimate = estimate,
             VehicleReply::Refused(refusal) => self.refusal = refusal,
             VehicleReply::Text(VehicleText { is_trouble: true, text }) => self.text = text,
-            VehicleReply::Text(_) | VehicleReply::Control(_) | VehicleReply::Other => {}
+            VehicleReply::Text(_)
+            | VehicleReply::Control(_)
+            | VehicleReply::Replaced
+            | VehicleReply::Other => {}
         }
     }
 
@@ -156,6 +157,13 @@ impl VehicleMonitor {
     }
 }
 
+/// Whether `reply` is one of the vehicle that was asked for: a vehicle that is refused as a whole is another, and that commands are not
+/// answered is the bridge's own finding, whatever else is heard.
+fn is_answer(reply: &VehicleReply) -> bool {
+    use VehicleRefusal::{NoAnswer, OtherAutopilot, OtherSystem};
+    !matches!(reply, VehicleReply::Refused(OtherAutopilot | OtherSystem | NoAnswer))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,8 +188,10 @@ mod tests {
     #[test]
     fn a_trouble_is_shown_until_the_motors_run_and_another_vehicle_is_no_answer() {
         let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
-        vehicle.receive(at(0), VehicleReply::Refused(VehicleRefusal::OtherSystem));
-        assert!(!vehicle.is_answering(at(0)));
+        for nobody in [VehicleRefusal::OtherSystem, VehicleRefusal::NoAnswer] {
+            vehicle.receive(at(0), VehicleReply::Refused(nobody));
+            assert!(!vehicle.is_answering(at(0)), "{nobody:?}");
+        }
         let says = |is_trouble, text| {
             VehicleReply::Text(VehicleText { is_trouble, text: ShortText::new(text) })
         };

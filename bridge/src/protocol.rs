@@ -55,6 +55,8 @@ pub enum VehicleReply {
     Battery(f64),
     /// Who has control. A vehicle that never tells is the bridge's.
     Control(ControlHolder),
+    /// Another vehicle, whose motors stand, answers in place of one that fell silent: nothing that was known holds for it.
+    Replaced,
     /// The vehicle refuses what was asked last.
     Refused(VehicleRefusal),
     /// What the vehicle knows of its own motion.

@@ -34,12 +34,13 @@ pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
 const SHIPPED: &str = "deploy/oqtal.toml, as built in";
 
 /// Sections and keys in which processes of one flight may differ: ends of wires are told only to the process at that end.
-const NOT_FLOWN: [&str; 7] = [
+const NOT_FLOWN: [&str; 8] = [
     "instance",
     "clock.kind",
     "log",
     "mocap.serve",
     "bridge.link",
+    "bridge.mavlink.signing-key-file",
     "plant.wire.link",
     "receiver.link",
 ];
@@ -198,7 +199,7 @@ impl Config {
     }
 
     /// The configuration with `place` for each path of a file that a flight reads: waypoints that are flown, a recording that is
-    /// played.
+    /// played. A key is a secret, and stays where it is.
     ///
     /// # Errors
     /// That of `place`.
@@ -213,6 +214,11 @@ impl Config {
         }
         if self.is_replay() {
             self.mocap.replay = place(Path::new(&self.mocap.replay))?.display().to_string();
+        }
+        let key = &mut self.bridge.mavlink.signing_key_file;
+        // An empty path has no absolute one.
+        if let Ok(path) = std::path::absolute(&*key) {
+            *key = path.display().to_string();
         }
         Ok(self)
     }

@@ -63,7 +63,7 @@ pub use mocap::{CaptureStamp, MocapModel, MocapOptions};
 pub use mocap_cameras::{CameraOptions, MarkerOptions};
 pub use mocap_room::RoomOptions;
 pub use mocap_serve::ServeOptions;
-pub use plant::{BatteryOptions, Fidelity, PlantOptions, RotorLayout, RotorOptions};
+pub use plant::{BatteryOptions, Fidelity, PlantOptions, ProbeOptions, RotorLayout, RotorOptions};
 pub use plant_wire::PlantWireOptions;
 pub use realtime::{RealtimeOptions, Scheduling};
 pub use receiver::{ReceiverOptions, StampSource, UpAxis};

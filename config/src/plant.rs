@@ -44,12 +44,18 @@ pub struct PlantOptions {
     pub max_torque_nm: f64,
     /// Time constant of the on-board rate loop \[ms\].
     pub rate_lag_ms: f64,
+    /// Factor of the lag of each axis \[-, body\].
+    pub rate_lag_ratio: [f64; 3],
     /// Gain of the on-board attitude loop, from an attitude error to a body rate \[1/s\]; for `interface = "attitude"`.
     pub attitude_gain_per_s: f64,
     /// Time constant of the thrust \[ms\]; 0 for none.
     pub thrust_lag_ms: f64,
+    /// Power of the commanded share of the greatest thrust that the thrust is \[-\]; 1 is the straight line of Eq. (61).
+    pub thrust_exponent: f64,
     /// From a command received over the bus to its effect \[ms\]; the delay of a wire is in `[plant.wire]`.
     pub command_delay_ms: f64,
+    /// From the effect of a command as the vehicle reports it to the real one \[ms\]: a delay that no stamp shows.
+    pub hidden_delay_ms: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,
     /// Greatest relative deviation of each of these parameters, and of the rotors', from its value here \[-\], drawn once per
@@ -80,6 +86,8 @@ pub struct PlantOptions {
     pub rotors: RotorOptions,
     /// `[plant.battery]`.
     pub battery: BatteryOptions,
+    /// `[plant.probe]`.
+    pub probe: ProbeOptions,
     /// `[plant.wire]`.
     pub wire: PlantWireOptions,
 }
@@ -110,6 +118,8 @@ pub struct RotorOptions {
     pub lag_ms: f64,
     /// Greatest speed at the nominal voltage \[rad/s\].
     pub max_speed_rad_s: f64,
+    /// Thrust and torque of each rotor over those of an intact one at the same speed \[-\].
+    pub strength: [f64; 4],
     /// Part of a rotor's thrust that grows with the square of the power that a firmware commands; the rest grows linearly
     /// \[0..1\].
     pub quadratic_thrust: f64,
@@ -135,6 +145,29 @@ pub struct BatteryOptions {
     pub hover_current_a: f64,
 }
 
+/// `[plant.probe]`: a sine that is added to a stick of every command as it takes effect, by which the response of a loop is
+/// measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ProbeOptions {
+    /// Number of the stick: 1 roll, 2 pitch, 3 yaw \[-\].
+    pub stick: usize,
+    /// Amplitude \[-\]; 0 for no sine.
+    pub amplitude: f64,
+    /// Frequency \[Hz\].
+    pub frequency_hz: f64,
+}
+
+impl ProbeOptions {
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("stick", self.stick as f64, Rule::Between(1.0, 3.0)),
+            ("amplitude", self.amplitude, Rule::Between(0.0, 1.0)),
+            ("frequency-hz", self.frequency_hz, Rule::Between(0.0, 1000.0)),
+        ])
+    }
+}
+
 impl PlantOptions {
     /// The inertia as the equations of motion take it.
     ///
@@ -148,6 +181,11 @@ impl PlantOptions {
         self.airframe().check()?;
         let own = check_options([
             ("spread", self.spread, Rule::Between(0.0, 0.5)),
+            ("hidden-delay-ms", self.hidden_delay_ms, Rule::Between(0.0, 500.0)),
+            ("thrust-exponent", self.thrust_exponent, Rule::Between(0.5, 2.0)),
+            ("rate-lag-ratio", self.rate_lag_ratio[0], Rule::Between(0.1, 10.0)),
+            ("rate-lag-ratio", self.rate_lag_ratio[1], Rule::Between(0.1, 10.0)),
+            ("rate-lag-ratio", self.rate_lag_ratio[2], Rule::Between(0.1, 10.0)),
             ("gust-sd-m-s2", self.gust_sd_m_s2, Rule::NotNegative),
             ("gust-time-s", self.gust_time_s, Rule::Positive),
             ("disturbance-spread", self.disturbance_spread, Rule::NotNegative),
@@ -156,6 +194,7 @@ impl PlantOptions {
         own.map_err(|error| error.within("plant"))?;
         self.rotors.check().map_err(|error| error.within("plant.rotors"))?;
         self.battery.check().map_err(|error| error.within("plant.battery"))?;
+        self.probe.check().map_err(|error| error.within("plant.probe"))?;
         self.wire.check().map_err(|error| error.within("plant.wire"))?;
         self.check_mass()?;
         self.check_links()
@@ -226,7 +265,8 @@ impl RotorOptions {
             ("lag-ms", self.lag_ms, A_STEP),
             ("max-speed-rad-s", self.max_speed_rad_s, Rule::Positive),
             ("quadratic-thrust", self.quadratic_thrust, Rule::Between(0.0, 1.0)),
-        ])
+        ])?;
+        check_options(self.strength.map(|share| ("strength", share, Rule::Between(0.0, 2.0))))
     }
 }
 

@@ -7,6 +7,17 @@ use crate::estimator::EstimatorOptions;
 use crate::options::{OptionError, Rule, check_options};
 use crate::predictive::PredictiveOptions;
 
+/// What estimates the motion and controls the position around an attitude law.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LawSurroundings {
+    /// The autopilot of [`crate::predictive`] around `oqtal-dt`, estimator and position loops around every other law.
+    #[default]
+    Own,
+    /// The autopilot of [`crate::predictive`] around every law.
+    Predictive,
+}
+
 macro_rules! define_section {
     ($($(#[$doc:meta])* $Variant:ident = $name:literal, $field:ident: $Options:ident => $Law:ident;)*) => {
         /// The section `[control]`. The default is for the Hummingbird in rate form.
@@ -18,8 +29,10 @@ macro_rules! define_section {
             /// The law that flies.
             pub controller: ControllerName,
             $($(#[$doc])* #[serde(rename = $name)] pub $field: controller::$Options,)*
+            /// What is around the law.
+            pub surroundings: LawSurroundings,
             /// Filter, reference model and position law of [`Autopilot`](crate::predictive::Autopilot), with which `oqtal-dt`
-            /// flies in place of estimator and position loops.
+            /// flies in place of estimator and position loops, and every law if `surroundings` says so.
             pub predictive: PredictiveOptions,
             /// Estimator of velocity and body rate, for the other laws.
             pub estimator: EstimatorOptions,
@@ -28,8 +41,8 @@ macro_rules! define_section {
         impl Default for ControlOptions {
             fn default() -> Self {
                 let ControllerOptions { controller, rate_hz, $($field),* } = Default::default();
-                let (predictive, estimator) = Default::default();
-                Self { rate_hz, controller, $($field,)* predictive, estimator }
+                let (surroundings, predictive, estimator) = Default::default();
+                Self { rate_hz, controller, $($field,)* surroundings, predictive, estimator }
             }
         }
 
@@ -47,6 +60,13 @@ macro_rules! define_section {
 for_each_law!(define_section);
 
 impl ControlOptions {
+    /// Whether the autopilot of [`crate::predictive`] is around the law that flies.
+    #[must_use]
+    pub fn is_predictive(&self) -> bool {
+        self.controller == ControllerName::OqtalDt
+            || self.surroundings == LawSurroundings::Predictive
+    }
+
     /// Checks every option.
     ///
     /// # Errors

@@ -70,4 +70,4 @@ pub mod schedule;
 pub mod tracking_error;
 pub mod trajectory;
 
-pub use control_options::ControlOptions;
+pub use control_options::{ControlOptions, LawSurroundings};

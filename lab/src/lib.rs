@@ -8,6 +8,7 @@ pub mod mission;
 pub mod progress;
 pub mod replay;
 pub mod reproduce;
+pub mod robustness;
 pub mod sheet;
 pub mod simulation;
 pub mod study;

@@ -127,8 +127,9 @@ impl ReproduceArgs {
             wanted.map(|experiment| (experiment.run)(&context)).collect();
         let chapters = chapters?;
         let json = format!("{:#}\n", to_json(&chapters));
-        context.keep("reproduction.html", &page::html(&chapters))?;
-        context.keep("reproduction.md", &page::markdown(&chapters, &self.command()))?;
+        context.keep("reproduction.html", &page::html(&page::PAPER, &chapters))?;
+        context
+            .keep("reproduction.md", &page::markdown(&page::PAPER, &chapters, &self.command()))?;
         context.keep("reproduction.json", &json)?;
         if self.json {
             print(json.trim_end())?;

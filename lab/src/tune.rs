@@ -11,14 +11,18 @@ pub mod value;
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::Setting;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
 use crate::progress::Progress;
+use crate::robustness::flown::{Draw, TUNING_SEED};
+use crate::robustness::spread::PlantSpread;
 use crate::study::{StudyArgs, parse_seeds};
 
 use optimiser::Optimiser;
@@ -40,6 +44,10 @@ pub struct TuneArgs {
     /// Seeds of the flights (both included)
     #[arg(long, value_name = "FIRST-LAST", value_parser = parse_seeds, default_value = "101-106")]
     seeds: Range<u64>,
+    /// Judge gains on draws of a spread, one for each of --seeds, in place of six plants near the configured one: `vehicle`, `everything`
+    /// or a file (docs/robustness.md)
+    #[arg(long, value_name = "SPREAD")]
+    spread: Option<String>,
     /// Optimiser
     #[arg(long, value_enum, default_value_t)]
     optimiser: Optimiser,
@@ -57,16 +65,29 @@ impl TuneArgs {
     /// A file cannot be written, or a setting is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
         let names = self.names();
-        let ground = Ground { settings: self.study.settings()?, seeds: self.seeds.clone() };
+        let ground = self.ground()?;
         for name in &names {
             let file = self.file(name, names.len());
             prepare(&file)?;
             let tuned = tune(name, &self.budget(), &ground, &Progress::default())?;
-            fs::write(&file, tuned.to_toml(&self.own(&ground)))
+            files::write(&file, tuned.to_toml(&self.own(&ground)))
                 .map_err(|error| unwritable(&file, &error))?;
             print(&format!("{tuned}configuration: {}", file.display()))?;
         }
         Ok(Exit::Ok)
+    }
+
+    fn ground(&self) -> Result<Ground, Failure> {
+        let (settings, seeds) = (self.study.settings()?, self.seeds.clone());
+        let draws = match self.spread.as_deref() {
+            None => Vec::new(),
+            Some(spread) => {
+                let spread = PlantSpread::from_str(spread)
+                    .map_err(|reason| Failure::new(Exit::Config, reason))?;
+                Draw::several(&spread, &settings, (TUNING_SEED, seeds.clone()))?
+            }
+        };
+        Ok(Ground { settings, seeds, draws })
     }
 
     fn budget(&self) -> Budget {
@@ -104,7 +125,7 @@ fn parse_points(text: &str) -> Result<usize, String> {
 fn prepare(file: &Path) -> Result<(), Failure> {
     let directory = file.parent().unwrap_or(Path::new(""));
     fs::create_dir_all(directory)
-        .and_then(|()| fs::OpenOptions::new().append(true).create(true).open(file).map(drop))
+        .and_then(|()| files::check_writable(file))
         .map_err(|error| unwritable(file, &error))
 }
 
@@ -124,6 +145,10 @@ pub fn tune(
 ) -> Result<Tuned, Failure> {
     match space::LAWS.iter().find(|law| law.controller == what) {
         Some(law) => search::law(law, budget, ground, progress),
-        None => outer::tune(budget, ground, progress),
+        None if ground.draws.is_empty() => outer::tune(budget, ground, progress),
+        None => Err(Failure::new(
+            Exit::Usage,
+            "the outer loops are tuned one at a time on the configured plant; leave out --spread",
+        )),
     }
 }

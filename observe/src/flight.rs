@@ -155,6 +155,12 @@ impl Flight {
                 let unknown = reasons.is_empty().then(|| "the daemon gives no reason".to_owned());
                 Some(format!("no take-off: {}", unknown.unwrap_or_else(|| reasons.to_string())))
             }
+            Outcome::Timeout => {
+                let when = self.when();
+                Some(format!(
+                    "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
+                ))
+            }
             _ => None,
         }
     }

@@ -185,9 +185,15 @@ impl Recorder {
     }
 
     fn push(&mut self, sample: FlightSample) {
+        let before = self.samples.last().copied();
         self.samples.push(sample);
-        if self.outcome.is_none() && !self.config.is_replay() {
-            self.judge(&sample);
+        if self.outcome.is_some() || self.config.is_replay() {
+            return;
+        }
+        self.judge(&sample);
+        let touchdown = before.filter(|_| self.outcome.is_none() && self.flown);
+        if let Some(crash) = touchdown.and_then(|before| Crash::at_touchdown(&before, &sample)) {
+            (self.outcome, self.crash) = (Some(Outcome::Crashed), Some(crash));
         }
     }
 

@@ -242,7 +242,7 @@ impl RateCommand {
 #[derive(Clone, Debug)]
 struct Eq61 {
     command: RateCommand,
-    rate_bandwidth: f64,
+    rate_bandwidth: Vector3<f64>,
     thrust: LaggedThrust,
 }
 
@@ -250,7 +250,8 @@ impl Eq61 {
     fn new(plant: &PlantOptions) -> Self {
         Self {
             command: RateCommand::new(plant),
-            rate_bandwidth: 1e3 / plant.rate_lag_ms,
+            rate_bandwidth: Vector3::from(plant.rate_lag_ratio)
+                .map(|ratio| 1e3 / (plant.rate_lag_ms * ratio)),
             thrust: LaggedThrust::new(plant),
         }
     }
@@ -262,7 +263,8 @@ impl Eq61 {
         let share = disturbance.voltage_ratio.powi(2);
         Response {
             thrust,
-            rate: (self.command.rate(state, input, disturbance) - state.rate) * self.rate_bandwidth,
+            rate: (self.command.rate(state, input, disturbance) - state.rate)
+                .component_mul(&self.rate_bandwidth),
             actuators: self.thrust.change(thrust, input.thrust, share),
         }
     }
@@ -273,7 +275,7 @@ impl Eq61 {
 struct Rotors {
     inertia: Inertia,
     command: RateCommand,
-    rate_lag: f64,
+    rate_lag: Vector3<f64>,
     max_thrust: f64,
     thrust_coefficient: f64,
     rotor_lag: f64,
@@ -281,7 +283,7 @@ struct Rotors {
     quadratic_thrust: f64,
     /// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`.
     mix: Matrix4<f64>,
-    /// Inverse of `mix`.
+    /// Inverse of `mix` for intact rotors, which the on-board loop takes them for.
     unmix: Matrix4<f64>,
 }
 
@@ -317,13 +319,13 @@ impl Rotors {
         Self {
             inertia: plant.inertia().expect("the configuration was checked"),
             command: RateCommand::new(plant),
-            rate_lag: plant.rate_lag_ms * 1e-3,
+            rate_lag: Vector3::from(plant.rate_lag_ratio) * (plant.rate_lag_ms * 1e-3),
             max_thrust: plant.max_thrust_n,
             thrust_coefficient: rotors.thrust_coefficient,
             rotor_lag: rotors.lag_ms * 1e-3,
             max_speed: rotors.max_speed_rad_s,
             quadratic_thrust: rotors.quadratic_thrust,
-            mix,
+            mix: mix * Matrix4::from_diagonal(&Vector4::from(rotors.strength)),
             unmix: mix.try_inverse().expect("arm and coefficients are above zero"),
         }
     }
@@ -363,7 +365,8 @@ impl Rotors {
             return Vector4::zeros();
         }
         let rate_command = self.command.rate(state, input, disturbance);
-        let torque = self.inertia.matrix() * ((rate_command - state.rate) / self.rate_lag)
+        let torque = self.inertia.matrix()
+            * (rate_command - state.rate).component_div(&self.rate_lag)
             + self.inertia.gyroscopic_torque(BodyRate(state.rate)).0;
         let wrench = Vector4::new(input.thrust * self.max_thrust, torque.x, torque.y, torque.z);
         let limit = self.max_speed;

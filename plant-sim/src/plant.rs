@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
-use oqtal_config::Config;
+use oqtal_config::{Config, ProbeOptions};
 use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::rigid_body::Inertia;
@@ -67,11 +67,15 @@ pub struct Plant {
     loaded: (f64, f64, Inertia),
     radio: VecDeque<OnAir>,
     radio_delay: Span,
+    /// From the reported to the real effect of a command.
+    hidden_delay: Span,
     /// Faults of the radio, and the random numbers that they need.
     disturbed: (RadioDisturbance, Generator),
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
+    thrust_exponent: f64,
+    probe: ProbeOptions,
     /// Instant at which the motors stop unless a further command arrives; `None` while the motors are off.
     command_timeout_at: Option<Time>,
     armed: bool,
@@ -102,6 +106,7 @@ impl Plant {
             loads: LoadSchedule::new(&options),
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
+            hidden_delay: Span::from_seconds(options.hidden_delay_ms * 1e-3),
             disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
             input: PlantInput::default(),
             accepts: actuation_of(options.interface),
@@ -111,6 +116,8 @@ impl Plant {
                 options.drag_per_s,
                 options.inertia().expect("the configuration was checked"),
             ),
+            thrust_exponent: options.thrust_exponent,
+            probe: options.probe.clone(),
             command_timeout_at: None,
             armed: false,
             stopped: false,
@@ -163,7 +170,7 @@ impl Plant {
             return;
         }
         // Commands keep their order, also behind one that a fault delays.
-        let arrival = now + self.radio_delay + disturbance.delay;
+        let arrival = now + self.radio_delay + self.hidden_delay + disturbance.delay;
         let acts_at = self.radio.back().map_or(arrival, |last| arrival.max(last.acts_at));
         self.radio.push_back(OnAir { acts_at, header, command });
     }
@@ -261,7 +268,8 @@ impl Plant {
         while let Some(on_air) = self.radio.front().copied().filter(|c| c.acts_at <= self.time) {
             self.radio.pop_front();
             self.act_on(&on_air.command);
-            let stamps = Stamps { applied_at: on_air.acts_at, ..on_air.header.stamps };
+            let applied_at = on_air.acts_at - self.hidden_delay;
+            let stamps = Stamps { applied_at, ..on_air.header.stamps };
             self.last_command = on_air.header.sequence;
             out(PlantOutput::Applied(on_air.header.pose_sequence, stamps, self.vehicle()));
         }
@@ -280,11 +288,13 @@ impl Plant {
         let limit = self.max_torque;
         let clamp =
             |value: f64, low: f64| if value.is_finite() { value.clamp(low, 1.0) } else { 0.0 };
-        let thrusting = PlantInput { thrust: clamp(command.thrust, 0.0), ..PlantInput::default() };
+        let thrust = clamp(command.thrust, 0.0).powf(self.thrust_exponent);
+        let thrusting = PlantInput { thrust, ..PlantInput::default() };
         self.input = match actuation {
             Actuation::Disarmed => PlantInput::default(),
             Actuation::Sticks => {
                 let sticks = Vector3::from(command.sticks).map(|stick| clamp(stick, -1.0));
+                let sticks = sticks + self.probed();
                 PlantInput { sticks, ..thrusting }
             }
             Actuation::Torque => {
@@ -298,6 +308,17 @@ impl Plant {
                 PlantInput { attitude: **attitude.unit_quaternion(), ..thrusting }
             }
         };
+    }
+
+    /// What the probe adds to the sticks of a command that takes effect now \[-\].
+    fn probed(&self) -> Vector3<f64> {
+        let ProbeOptions { stick, amplitude, frequency_hz } = self.probe;
+        let mut added = Vector3::zeros();
+        if amplitude > 0.0 {
+            let turns = frequency_hz * self.time.since(Time::VIRTUAL_START).seconds();
+            added[stick - 1] = amplitude * (std::f64::consts::TAU * turns).sin();
+        }
+        added
     }
 
     /// Advances the grids whose instant is reached, and returns the sample that is due on them.

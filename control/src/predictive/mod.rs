@@ -19,6 +19,7 @@
 //! | `position_law.rs`, `command_filter.rs` | desired acceleration |
 //! | `flatness.rs` | attitude, rate and angular acceleration for a force |
 //! | `look_ahead.rs` | a prescribed attitude at the time of effect |
+//! | `inner_law.rs` | the attitude law: [`OqtalDt`], or another one for comparison |
 //! | `setpoint_buffer.rs` | set-points by the time they are for |
 //! | `ring.rs` | ring buffer |
 //! | `track.rs` | the motion expected of a vehicle, by which poses are judged |
@@ -31,6 +32,7 @@ mod attitude_filter;
 mod command_filter;
 mod flatness;
 mod history;
+mod inner_law;
 mod kalman;
 mod look_ahead;
 mod model;
@@ -46,7 +48,7 @@ mod track;
 use nalgebra::Vector3;
 
 use crate::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, InputForm, OqtalDt, OqtalDtOptions,
+    AttitudeReference, AttitudeState, Controller, InputForm, OqtalDt, OqtalDtOptions,
 };
 use crate::estimator::Estimate;
 use crate::options::OptionError;
@@ -59,6 +61,7 @@ pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
 pub use flatness::Force;
 pub use history::CommandHistory;
+use inner_law::InnerLaw;
 pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
 pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
@@ -127,7 +130,7 @@ pub struct Autopilot<I> {
     observer: MotionObserver,
     history: CommandHistory,
     position: PositionLaw,
-    attitude: OqtalDt<I>,
+    attitude: InnerLaw<I>,
     setpoint_buffer: SetpointBuffer,
     lead: LookAhead,
     /// Time of the last step \[s\].
@@ -149,7 +152,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             observer: MotionObserver::new(design.model, options.filter),
             history: CommandHistory::new(design.delay_s),
             position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
-            attitude: OqtalDt::new(law, design.input, design.period_s)?,
+            attitude: InnerLaw::Own(OqtalDt::new(law, design.input, design.period_s)?),
             setpoint_buffer: SetpointBuffer::new(),
             lead: LookAhead::default(),
             last_s: None,
@@ -157,9 +160,16 @@ impl<I: InputForm + Copy> Autopilot<I> {
         })
     }
 
+    /// The same with `law` in place of [`OqtalDt`]: for the question what is owed to the law and what to its surroundings.
+    #[must_use]
+    pub fn with_law(self, law: Controller<I>) -> Self {
+        Self { attitude: InnerLaw::Other(law), ..self }
+    }
+
     /// Restarts with a vehicle on the floor; commands sent and the measured delay are kept.
     pub fn reset(&mut self) {
         self.observer.reset();
+        self.attitude.reset();
         self.position.reset();
         self.setpoint_buffer = SetpointBuffer::new();
         self.lead.reset();
@@ -209,7 +219,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             return None;
         }
         let setpoint = self.setpoint(&motion, reference, (dt_s, delay_s))?;
-        let u = self.rotate(&motion, &setpoint.attitude);
+        let u = self.rotate(&motion, &setpoint.attitude, dt_s);
         let attitude = self.attitude_command(&setpoint.attitude);
         self.setpoint_buffer.push(now_s + delay_s, setpoint);
         self.last_s = Some(now_s);
@@ -256,6 +266,12 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.attitude.riccati_solves()
     }
 
+    /// Number of Riccati equations without a usable solution so far \[-\].
+    #[must_use]
+    pub fn riccati_failures(&self) -> u32 {
+        self.attitude.riccati_failures()
+    }
+
     /// The attitude to command to a vehicle that holds it, so that the vehicle is at `wanted` when the command acts: ahead of it
     /// by the angle from which the on-board loop makes the rate of the reference, less the estimated bias.
     fn attitude_command(&self, wanted: &AttitudeReference) -> Attitude {
@@ -270,10 +286,11 @@ impl<I: InputForm + Copy> Autopilot<I> {
     }
 
     /// The law's input minus the estimated bias.
-    fn rotate(&self, motion: &Motion, wanted: &AttitudeReference) -> Vector3<f64> {
+    fn rotate(&mut self, motion: &Motion, wanted: &AttitudeReference, dt_s: f64) -> Vector3<f64> {
         let bias = self.observer.bias();
         let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };
         let Design { input, .. } = &self.design;
-        input.saturate(&(self.attitude.input(&state, wanted) - input.input_for(&bias.demand)))
+        let demanded = self.attitude.input(&state, wanted, dt_s);
+        input.saturate(&(demanded - input.input_for(&bias.demand)))
     }
 }

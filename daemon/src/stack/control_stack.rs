@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface};
-use oqtal_control::controller::{ControllerName, RateInput, TorqueInput};
+use oqtal_control::controller::{RateInput, TorqueInput};
 use oqtal_control::options::OptionError;
 
 use super::flight_stack::FlightStack;
@@ -34,7 +34,7 @@ impl ControlStack {
     /// # Errors
     /// An option of the law or of the vehicle is not allowed.
     pub fn new(config: &Config) -> Result<Self, OptionError> {
-        let is_predictive = config.control.controller == ControllerName::OqtalDt;
+        let is_predictive = config.control.is_predictive();
         match config.vehicle.interface {
             Interface::Rate | Interface::Attitude => Self::rate(config, is_predictive),
             Interface::Torque => Self::torque(config, is_predictive),
@@ -49,11 +49,12 @@ impl ControlStack {
         let holds_attitude = vehicle.interface.holds_attitude();
         // The attitude loop on board takes the place of the sticks, which limit nothing then.
         let limit = if holds_attitude { f64::INFINITY } else { MAX_STICK };
+        // Of the paper's laws, and of others in its loops, only a feed-forward of the reference's acceleration uses the lag.
+        let lag_s = vehicle.rate_lag_ms * 1e-3;
+        let input = input.with_lag(lag_s, 1.0 / config.control.rate_hz).map_err(of_vehicle)?;
         if !is_predictive {
             return PaperStack::new(config, input, limit).map(Self::PaperRate);
         }
-        let lag_s = vehicle.rate_lag_ms * 1e-3;
-        let input = input.with_lag(lag_s, 1.0 / config.control.rate_hz).map_err(of_vehicle)?;
         PredictiveStack::new(config, input, limit).map(Self::PredictiveRate)
     }
 

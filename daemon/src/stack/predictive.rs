@@ -1,7 +1,7 @@
 //! The predictive control stack: Kalman filters, prediction over the measured delay, reference model and `oqtal-dt`.
 
 use oqtal_config::Config;
-use oqtal_control::controller::InputForm;
+use oqtal_control::controller::{Controller, ControllerName, InputForm};
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{
@@ -39,6 +39,13 @@ impl<I: InputForm + Copy> PredictiveStack<I> {
         let autopilot =
             Autopilot::new(design, control.oqtal_dt, &control.predictive, &config.position)
                 .map_err(|error| error.within("control.oqtal-dt"))?;
+        let autopilot = match control.controller {
+            ControllerName::OqtalDt => autopilot,
+            _ => autopilot.with_law(
+                Controller::new(&control.controller_options(), input)
+                    .map_err(|error| error.within("control"))?,
+            ),
+        };
         Ok(Self { autopilot, limit, max_thrust_n: vehicle.max_thrust_n })
     }
 }
@@ -95,8 +102,7 @@ where
         self.autopilot.riccati_solves()
     }
 
-    /// Always 0: the one equation is solved when the stack is made, which fails without a solution.
     fn riccati_failures(&self) -> u32 {
-        0
+        self.autopilot.riccati_failures()
     }
 }

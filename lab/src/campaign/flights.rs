@@ -83,6 +83,12 @@ impl Test {
     /// All tests.
     pub const ALL: [Self; 4] = [Self::Path, Self::Hover, Self::Chirp, Self::Doublet];
 
+    /// The name in tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.trajectory().unwrap_or("path")
+    }
+
     /// The trajectory of the test; `None` for that of the configuration.
     fn trajectory(self) -> Option<&'static str> {
         match self {

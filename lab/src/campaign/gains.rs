@@ -44,6 +44,15 @@ impl fmt::Display for GainSource {
 }
 
 impl GainSource {
+    /// Whether the source has gains of the law `controller`: a directory may lack them.
+    #[must_use]
+    pub fn has(&self, controller: &str) -> bool {
+        match self {
+            Self::Configured | Self::Tuned => true,
+            Self::Directory(directory) => directory.join(format!("{controller}.toml")).is_file(),
+        }
+    }
+
     /// The settings of the law `controller` under those of a study, `common`, and a remark on its gains.
     ///
     /// # Errors

@@ -1,7 +1,11 @@
 //! Metrics of flights on the testbed: those of Table V, and metrics that a smoother command cannot improve.
 
 use nalgebra::Vector3;
+use oqtal_bus::message::Stamps;
+use oqtal_bus::time::Span;
+use oqtal_control::euler::EulerAngles;
 use oqtal_control::metrics::Statistics;
+use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::Trajectory;
 
 use oqtal_observe::flight::{Flight, FlightSample};
@@ -70,21 +74,54 @@ const fn metric(key: &'static str, title: &'static str, weight: f64) -> Metric {
 pub type Figures = [f64; METRICS];
 
 /// Mean position, velocity and attitude error of a flight along a path, and settling and overshoot at its corners.
+///
+/// Velocity and attitude are judged by the newest set-point that the law has decided on, whatever the law. `oqtal-dt` decides
+/// for the instant at which its command acts, and telemetry shows each of its set-points at the instant it is for.
 #[must_use]
 pub fn of_path(flight: &Flight) -> [f64; 5] {
-    let mean = |error: fn(&FlightSample) -> f64| {
-        let mut statistics = Statistics::default();
-        flight.scored().for_each(|sample| statistics.add(error(sample)));
-        statistics.mean()
-    };
+    let mut position = Statistics::default();
+    flight.scored().for_each(|sample| position.add(sample.position_error().norm()));
+    let (mut velocity, mut attitude) = (Statistics::default(), Statistics::default());
+    let ahead = decided_ahead(flight);
+    for (index, sample) in flight.samples.iter().enumerate() {
+        if sample.is_armed() && sample.telemetry.scored != 0 {
+            let (wanted_velocity, wanted_attitude) = decided(&flight.samples[index..], ahead);
+            velocity.add((sample.velocity() - wanted_velocity).norm());
+            attitude.add(wanted_attitude.angle_to(&sample.attitude()).to_degrees());
+        }
+    }
     let (settle_s, overshoot_m) = corners(flight);
-    [
-        mean(|sample| sample.position_error().norm()),
-        mean(|sample| sample.velocity_error().norm()),
-        mean(|sample| sample.attitude_error().norm().to_degrees()),
-        settle_s,
-        1e3 * overshoot_m,
-    ]
+    [position.mean(), velocity.mean(), attitude.mean(), settle_s, 1e3 * overshoot_m]
+}
+
+/// How long before the instant that they are for set-points are decided: the mean delay of the commands with prediction, nothing
+/// without.
+fn decided_ahead(flight: &Flight) -> Span {
+    if !flight.config.control.is_predictive() || flight.applied.is_empty() {
+        return Span::ZERO;
+    }
+    let mut delay = Statistics::default();
+    for Stamps { applied_at, command_published_at, .. } in flight.applied.iter().map(|a| a.stamps) {
+        delay.add(applied_at.since(command_published_at).seconds());
+    }
+    Span::from_seconds(delay.mean())
+}
+
+/// Velocity \[m/s, world\] and attitude that had been decided on at the first of `samples` for the instant `ahead` of it.
+fn decided(samples: &[FlightSample], ahead: Span) -> (Vector3<f64>, Attitude) {
+    let wanted = |sample: &FlightSample| Vector3::from(sample.telemetry.velocity_command);
+    let at = samples[0].telemetry.time + ahead;
+    let later = samples.iter().position(|sample| sample.telemetry.time >= at);
+    let later = later.unwrap_or(samples.len() - 1);
+    let [a, b] = [&samples[later.saturating_sub(1)], &samples[later]];
+    let between = b.telemetry.time.since(a.telemetry.time).seconds();
+    let share = match between > 0.0 {
+        true => (at.since(a.telemetry.time).seconds() / between).clamp(0.0, 1.0),
+        false => 1.0,
+    };
+    let (from, to) = (a.attitude_command(), b.attitude_command());
+    let attitude = from.turned_by(from.rotation_to(&to) * share);
+    (wanted(a).lerp(&wanted(b), share), attitude)
 }
 
 /// Mean time to settle \[s\] and mean overshoot \[m\] at the corners.
@@ -133,15 +170,22 @@ pub fn of_hover(flight: &Flight) -> [f64; 2] {
 
 /// The true attitude against one that the trajectory prescribes: RMS \[deg\] and mean time to settle after a step \[s\].
 ///
-/// The prescribed attitude is not the daemon's own command: a law that filters its command is judged by the prescribed one.
+/// The prescribed attitude is not the daemon's own command: a law that filters its command is judged by the prescribed one. A
+/// flight turns its trajectory by the heading that the vehicle was measured to have at the start.
 #[must_use]
 pub fn of_attitude(flight: &Flight, trajectory: &Trajectory) -> [f64; 2] {
     let options = &flight.config.trajectory;
     let start_s = options.take_off_s + options.settle_s;
+    let begun = flight.scored().next();
+    let commanded = begun.map_or(Attitude::LEVEL, FlightSample::attitude_command);
+    let yaw_rad = EulerAngles::from_attitude(&commanded).yaw;
+    let heading = Attitude::from_rotation_vector(Vector3::z() * yaw_rad);
     let judged: Vec<(&FlightSample, f64, _)> = flight
         .scored()
         .filter_map(|sample| {
             let wanted = trajectory.sample(sample.telemetry.mission_s - start_s).attitude?.attitude;
+            let wanted = heading.unit_quaternion() * wanted.unit_quaternion();
+            let wanted = Attitude::from_unit_quaternion(wanted);
             Some((sample, sample.attitude().angle_to(&wanted).to_degrees(), wanted))
         })
         .collect();

@@ -71,7 +71,7 @@ fn models(sheet: &Sheet) -> String {
     let keys = ["position_error", "riccati_solves", "far_quaternion_error_norm"];
     let of = |name: &str| {
         let settings = format!("jacobian {name}");
-        let row = sheet.of(Variant::AsPrinted).find(|row| row.settings == settings);
+        let row = sheet.rows.iter().find(|row| row.settings == settings);
         keys.map(|key| row.map_or(f64::NAN, |row| row.number(&sheet.columns, key)))
     };
     let models = JACOBIANS.map(|(_, name)| (name, of(name)));
@@ -112,7 +112,7 @@ fn second_derivative(sheet: &Sheet) -> String {
 }
 
 fn cases() -> Vec<OptionCase> {
-    let base = roster::oqtal([256.0, 1.0], Cells::Centred).oqtal;
+    let base = roster::oqtal_as_printed([256.0, 1.0], Cells::Centred).oqtal;
     let case = |settings: &str, options: OqtalOptions| OptionCase {
         settings: settings.to_owned(),
         options: OqtalOptions { delta_rad: DELTA, ..options },
@@ -170,6 +170,7 @@ fn flown(lander: &Lander, case: &OptionCase) -> Result<SheetRow, Failure> {
         far_effort.into(),
         SheetCell::Count(far.riccati_solves.into()),
     ];
-    let variant = if case.options.feed_forward { Variant::Ours } else { Variant::AsPrinted };
+    let is_ours = case.options.feed_forward || case.options.jacobian == Jacobian::Decoupled;
+    let variant = if is_ours { Variant::Ours } else { Variant::AsPrinted };
     Ok(SheetRow::new(variant, "oqtal", case.settings.clone(), cells))
 }

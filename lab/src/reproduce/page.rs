@@ -17,19 +17,35 @@ const WIDE: usize = 8;
 const CLAIMS: &str = "What the paper claims, and what was found";
 /// Number of rows above which a table is folded.
 const LONG: usize = 40;
-const LEAD: &str = "Each table has three blocks. Paper: the printed numbers. As printed: the paper's equations, with only the \
+/// What a page says about itself.
+#[derive(Clone, Copy, Debug)]
+pub struct PageHead {
+    /// Heading.
+    pub title: &'static str,
+    /// First paragraph.
+    pub lead: &'static str,
+    /// Name of its files, without extension.
+    pub file: &'static str,
+}
+
+/// The page of the paper.
+pub const PAPER: PageHead = PageHead {
+    title: "The paper, reproduced",
+    lead: "Each table has three blocks. Paper: the printed numbers. As printed: the paper's equations, with only the \
      corrections without which nothing flies, computed here, with all settings the paper leaves open named. Ours: with \
-     something the paper does not have. Nothing is tuned to meet a printed number.";
+     something the paper does not have. Nothing is tuned to meet a printed number.",
+    file: "reproduction",
+};
 
 /// The HTML page of `chapters`.
 #[must_use]
-pub fn html(chapters: &[Chapter]) -> String {
+pub fn html(head: &PageHead, chapters: &[Chapter]) -> String {
     let claims = claims(chapters);
     let body = html! {
         header {
             p.eyebrow { "oqtal" }
-            h1 { "The paper, reproduced" }
-            p.note { (LEAD) }
+            h1 { (head.title) }
+            p.note { (head.lead) }
         }
         main {
             @if !claims.is_empty() { (verdicts(&claims)) }
@@ -38,7 +54,7 @@ pub fn html(chapters: &[Chapter]) -> String {
         }
         script { (PreEscaped(SCRIPT)) }
     };
-    page("oqtal: the paper, reproduced", STYLE, &body)
+    page(&format!("oqtal: {}", head.title), STYLE, &body)
 }
 
 /// The claims of the paper, each with its verdict and the table that shows it.
@@ -154,9 +170,10 @@ fn line(sheet: &Sheet, row: &SheetRow) -> Markup {
 
 /// The tables of `chapters` as Markdown; `command` is the command that makes them.
 #[must_use]
-pub fn markdown(chapters: &[Chapter], command: &str) -> String {
+pub fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String {
+    let PageHead { title, lead, file } = head;
     let mut text = format!(
-        "# The paper, reproduced\n\n{LEAD}\n\n```sh\n{command}\n```\n\nmakes this page with all figures, `reproduction.html`.\n\n"
+        "# {title}\n\n{lead}\n\n```sh\n{command}\n```\n\nmakes this page with all figures, `{file}.html`.\n\n"
     );
     let claims = claims(chapters);
     if !claims.is_empty() {

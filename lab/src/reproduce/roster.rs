@@ -4,6 +4,7 @@ use oqtal_control::controller::{
     ControllerName, ControllerOptions, LawOptions, LqrOptions, OqtalDtOptions, OqtalOptions,
     PidOptions, RateFeedback,
 };
+use oqtal_control::error_model::Jacobian;
 use oqtal_control::schedule::Cells;
 
 use super::lander::{Descent, RATE_HZ};
@@ -61,7 +62,15 @@ pub fn lqr([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
     ControllerOptions { controller: ControllerName::Lqr, lqr, ..ControllerOptions::spacecraft() }
 }
 
-/// OQTAL with `Q = q I`, `R = r I`.
+/// OQTAL with `Q = q I`, `R = r I`, as printed: with the Jacobian of Eqs. (45) and (46).
+#[must_use]
+pub fn oqtal_as_printed(weights: [f64; 2], cells: Cells) -> ControllerOptions {
+    let mut options = oqtal(weights, cells);
+    options.oqtal.jacobian = Jacobian::Printed45;
+    options
+}
+
+/// OQTAL with `Q = q I`, `R = r I`, with the decoupled Jacobian, which is not in the paper: erratum E-47.
 #[must_use]
 pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
     let oqtal = OqtalOptions {
@@ -134,7 +143,7 @@ fn as_printed() -> Vec<Entry> {
     }
     for (cells, name) in CELLS {
         let text = format!("q 256, r 1, 60 Hz hold, {name} cells");
-        entries.push(entry("oqtal", printed, text, oqtal([256.0, 1.0], cells)));
+        entries.push(entry("oqtal", printed, text, oqtal_as_printed([256.0, 1.0], cells)));
     }
     let planar = Descent { noise_rad: 0.0, ..Descent::default() };
     let lqr = entry(
@@ -150,7 +159,7 @@ fn as_printed() -> Vec<Entry> {
         (without, "q 256, r 1, 60 Hz hold, centred cells, without omega_d"),
         (fast, "q 256, r 1, 3840 Hz hold (as good as continuous), centred cells"),
     ] {
-        let oqtal = entry("oqtal", printed, text, oqtal([256.0, 1.0], Cells::Centred));
+        let oqtal = entry("oqtal", printed, text, oqtal_as_printed([256.0, 1.0], Cells::Centred));
         entries.push(Entry { descent, ..oqtal });
     }
     entries
@@ -171,7 +180,18 @@ fn ours() -> Vec<Entry> {
             "q 256, r 1, truncated cells, rate error in place of rate",
             with_rate_error,
         ),
-        entry("oqtal", ours, "q 256, r 1, centred cells, feed-forward", fed_forward),
+        entry(
+            "oqtal",
+            ours,
+            "q 256, r 1, centred cells, decoupled Jacobian",
+            oqtal([256.0, 1.0], Cells::Centred),
+        ),
+        entry(
+            "oqtal",
+            ours,
+            "q 256, r 1, centred cells, decoupled Jacobian, feed-forward",
+            fed_forward,
+        ),
     ];
     entries.extend(new_laws());
     entries
@@ -202,7 +222,7 @@ fn new_laws() -> Vec<Entry> {
 pub fn each() -> Vec<Entry> {
     let pid = pid([50.0, 5.95, 1.15], RateFeedback::Omega);
     let lqr = lqr([128.0, 1.0], Cells::Truncated);
-    let oqtal = oqtal([256.0, 1.0], Cells::Truncated);
+    let oqtal = oqtal_as_printed([256.0, 1.0], Cells::Truncated);
     let printed = Variant::AsPrinted;
     let mut entries = vec![
         entry("pid", printed, "c 50, k 5.95, T 1.15 (Table IV)", pid),

@@ -27,7 +27,7 @@ struct Law {
 }
 
 /// The two laws that the paper compares, the classic one without the singular start of the turn, and `oqtal-dt`.
-const LAWS: [Law; 4] = [
+const LAWS: [Law; 5] = [
     Law {
         name: "lqr",
         settings: "centred cells",
@@ -38,7 +38,7 @@ const LAWS: [Law; 4] = [
     Law {
         name: "oqtal",
         settings: "centred cells",
-        options: |weights| roster::oqtal(weights, Cells::Centred),
+        options: |weights| roster::oqtal_as_printed(weights, Cells::Centred),
         descent: Descent::default,
         variant: Variant::AsPrinted,
     },
@@ -48,6 +48,13 @@ const LAWS: [Law; 4] = [
         options: |weights| roster::lqr(weights, Cells::Centred),
         descent: || Descent { noise_rad: 0.0, ..Descent::default() },
         variant: Variant::AsPrinted,
+    },
+    Law {
+        name: "oqtal",
+        settings: "centred cells, decoupled Jacobian",
+        options: |weights| roster::oqtal(weights, Cells::Centred),
+        descent: Descent::default,
+        variant: Variant::Ours,
     },
     Law {
         name: "oqtal-dt",
@@ -82,7 +89,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     })
 }
 
-const INTRO: &str = "Both laws with Q = q I, R = r I, cells of 0.2 centred on zero, torque held at 60 Hz, for all 441 pairs \
+const INTRO: &str = "Both laws with Q = q I, R = r I, OQTAL with the Jacobian of Eqs. (45) and (46) as printed, cells of 0.2 centred on zero, torque held at 60 Hz, for all 441 pairs \
      of q and r. Only q/r matters, so the surfaces are ridges along the diagonal.";
 
 /// The point of the sweep with the ratio `2^ratio` and a smaller weight of 1.

@@ -13,7 +13,7 @@ use std::ops::RangeInclusive;
 
 use random::SplitMix64;
 
-mod random;
+pub(crate) mod random;
 
 /// An artificial bee colony: how far it searches, and from which seed.
 #[derive(Clone, Copy, Debug, PartialEq)]

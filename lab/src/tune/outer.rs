@@ -84,7 +84,14 @@ pub fn tune(budget: &Budget, ground: &Ground, progress: &Progress) -> Result<Tun
         found.extend(if is_better { values(&tuned.parameters, &best.point) } else { start });
         objective += best.value.min(1.0) / LOOPS.len() as f64;
     }
-    Ok(Tuned { what: "outer".to_owned(), values: found, objective, start: 1.0, budget: *budget })
+    Ok(Tuned {
+        what: "outer".to_owned(),
+        values: found,
+        objective,
+        start: 1.0,
+        budget: *budget,
+        draws: 0,
+    })
 }
 
 /// The gains among `settings` that lie on a bound of the search, up to the rounding of written values.

@@ -10,10 +10,12 @@ use oqtal_control::controller::SearchRange;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
-use crate::campaign::flights::{Contender, PlantVariant, TRAINING, Trial};
+use crate::campaign::flights::{Contender, NOMINAL, PlantVariant, TRAINING, Trial};
 use crate::campaign::metric::Figures;
 use crate::campaign::statistics::{Runs, TRAINING_SEEDS, objective};
 use crate::progress::Progress;
+use crate::robustness::flown::Draw;
+use crate::robustness::statistics::Quantiles;
 
 use super::optimiser::Optimiser;
 use super::space::LawSpace;
@@ -43,11 +45,13 @@ pub struct Ground {
     pub settings: Vec<Setting>,
     /// Seeds of the flights; the plants of [`TRAINING`] take turns.
     pub seeds: Range<u64>,
+    /// Draws of a spread that are flown in place of the plants of [`TRAINING`], each with a seed of its own; empty for those.
+    pub draws: Vec<Draw>,
 }
 
 impl Default for Ground {
     fn default() -> Self {
-        Self { settings: Vec::new(), seeds: TRAINING_SEEDS }
+        Self { settings: Vec::new(), seeds: TRAINING_SEEDS, draws: Vec::new() }
     }
 }
 
@@ -72,6 +76,8 @@ pub struct Tuned {
     pub start: f64,
     /// The search.
     pub budget: Budget,
+    /// Number of draws of a spread on which the gains were judged \[-\]; 0 for the plants of [`TRAINING`].
+    pub draws: usize,
 }
 
 impl Tuned {
@@ -80,8 +86,12 @@ impl Tuned {
     pub fn headline(&self) -> String {
         let Budget { points, seed, optimiser } = self.budget;
         let (optimiser, objective) = (optimiser.name(), self.objective);
+        let draws = match self.draws {
+            0 => String::new(),
+            draws => format!(" over {draws} draws of a spread"),
+        };
         format!(
-            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}: objective {objective:.4}",
+            "tune {} --optimiser {optimiser} --budget {points} --seed {seed}: objective {objective:.4}{draws}",
             self.what
         )
     }
@@ -173,15 +183,19 @@ pub fn law(
     ground: &Ground,
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
-    let parameters = space.parameters();
+    let config = Config::from_settings(&ground.settings)?;
+    let parameters = space.parameters_within(config.control.surroundings);
     let bar = progress.start(&format!("tuning {}", space.controller), budget.points);
-    let reference = trained(&ground.contender("oqtal", &[]), ground)?;
+    let reference = reference(ground)?;
     let judge = |gains: &[Setting]| {
-        let figures = trained(&ground.contender(space.controller, gains), ground)?;
-        Ok::<f64, Failure>(objective(&figures, &reference))
+        let contender = ground.contender(space.controller, gains);
+        match ground.draws.is_empty() {
+            true => Ok::<f64, Failure>(objective(&trained(&contender, ground)?, &reference)),
+            false => Ok(over_draws(&on_draws(&contender, &ground.draws)?, &reference)),
+        }
     };
     let start = judge(&[])?;
-    let from = configured(&parameters, &Config::from_settings(&ground.settings)?);
+    let from = configured(&parameters, &config);
     let best = search(&parameters, &from, budget, |points| {
         let judge = |point: &Vec<f64>| {
             let value = judge(&settings(&values(&parameters, point))).unwrap_or(f64::INFINITY);
@@ -194,7 +208,14 @@ pub fn law(
         true => (values(&parameters, &best.point), best.value),
         false => (from, start),
     };
-    Ok(Tuned { what: space.controller.to_owned(), values, objective, start, budget: *budget })
+    Ok(Tuned {
+        what: space.controller.to_owned(),
+        values,
+        objective,
+        start,
+        budget: *budget,
+        draws: ground.draws.len(),
+    })
 }
 
 /// The objective of a law at its shipped gains, and with those of `contender`, on the training seeds.
@@ -207,6 +228,44 @@ pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
     let shipped = trained(&ground.contender(contender.controller, &[]), &ground)?;
     let figures = [shipped, trained(contender, &ground)?];
     Ok(figures.map(|figures| objective(&figures, &reference)))
+}
+
+/// The figures by which others are divided: those of `oqtal` with its configured gains, without those of the study.
+fn reference(ground: &Ground) -> Result<Figures, Failure> {
+    let contender =
+        ground.contender("oqtal", &[Setting::flag("tune", "control.surroundings", "own")]);
+    if ground.draws.is_empty() {
+        return trained(&contender, ground);
+    }
+    let figures = on_draws(&contender, &ground.draws)?;
+    Ok(std::array::from_fn(|metric| {
+        let values: Vec<f64> = figures.iter().map(|figures| figures[metric]).collect();
+        Quantiles::of(&values).median
+    }))
+}
+
+/// The figures of every draw.
+fn on_draws(contender: &Contender, draws: &[Draw]) -> Result<Vec<Figures>, Failure> {
+    let fly = |draw: &Draw| {
+        let settings = [&contender.settings[..], &draw.settings].concat();
+        Ok(Trial::new(&Contender { settings, ..*contender }, &NOMINAL)?.fly(draw.seed)?.0)
+    };
+    draws.par_iter().map(fly).collect()
+}
+
+/// A figure beyond this multiple of the reference's, and that of a flight that did not land, counts as this \[-\].
+const WORST_SHARE: f64 = 20.0;
+
+/// The objective over draws \[-\]: the weighted mean of the metrics, each as the quadratic mean over the draws, in which the worst
+/// weigh most, over the reference.
+#[must_use]
+pub fn over_draws(figures: &[Figures], reference: &Figures) -> f64 {
+    let quadratic_mean = |metric: usize| {
+        let share = |figures: &Figures| figures[metric].min(WORST_SHARE * reference[metric]);
+        let squares: f64 = figures.iter().map(|figures| share(figures).powi(2)).sum();
+        (squares / figures.len() as f64).sqrt()
+    };
+    objective(&std::array::from_fn(quadratic_mean), reference)
 }
 
 /// Mean figures over the seeds, each on its plant.
@@ -230,6 +289,7 @@ mod tests {
             objective: 0.5,
             start: 0.9,
             budget: Budget::default(),
+            draws: 0,
         };
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("tuned.toml");

@@ -1,5 +1,6 @@
 //! What is tuned, as data: every registered law, with the gains around it.
 
+use oqtal_control::LawSurroundings;
 use oqtal_control::controller::{ControllerName, SearchRange};
 
 /// An attitude law and its own gains. The gains around the law are tuned with them.
@@ -85,7 +86,17 @@ impl LawSpace {
     /// Every gain that is tuned with this law, its own first.
     #[must_use]
     pub fn parameters(&self) -> Vec<SearchRange> {
-        self.gains.iter().chain(self.around).copied().collect()
+        self.parameters_within(LawSurroundings::Own)
+    }
+
+    /// Every gain that is tuned with this law in these surroundings, its own first.
+    #[must_use]
+    pub fn parameters_within(&self, surroundings: LawSurroundings) -> Vec<SearchRange> {
+        let around = match surroundings {
+            LawSurroundings::Own => self.around,
+            LawSurroundings::Predictive => &PREDICTOR,
+        };
+        self.gains.iter().chain(around).copied().collect()
     }
 }
 

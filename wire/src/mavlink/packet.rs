@@ -94,6 +94,12 @@ impl MavlinkEncoder {
         self.own
     }
 
+    /// Whether packets are signed.
+    #[must_use]
+    pub fn signs(&self) -> bool {
+        self.signer.is_some()
+    }
+
     /// Signs packets from now on with `key`, where Unix time is `unix_us` \[us\].
     pub fn sign(&mut self, key: SigningKey, unix_us: u64) {
         let stamp = unix_us.saturating_sub(SIGNATURE_EPOCH_S * 1_000_000) / 10;

@@ -12,10 +12,10 @@ use oqtal_observe::plot::chart::{Mark, Plot};
 use oqtal_observe::plot::figure::{HALF, figure};
 use oqtal_observe::plot::trace::{Trace, thin};
 
-/// A figure of the paper.
+/// A figure of a page.
 #[derive(Clone, Debug)]
 pub struct Figure {
-    /// Its number in the paper.
+    /// Its number in the paper; 0 for one that is not of the paper.
     pub number: u8,
     /// The drawing with its caption.
     pub markup: Markup,

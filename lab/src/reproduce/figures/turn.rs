@@ -38,7 +38,7 @@ pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
     let laws: [(&'static str, Ink, ControllerOptions); 3] = [
         ("PID", Ink::Third, roster::pid([50.0, 5.95, 1.15], RateFeedback::Omega)),
         ("classic LQR", Ink::Second, roster::lqr([128.0, 1.0], Cells::Centred)),
-        ("OQTAL", Ink::Actual, roster::oqtal([256.0, 1.0], Cells::Centred)),
+        ("OQTAL", Ink::Actual, roster::oqtal_as_printed([256.0, 1.0], Cells::Centred)),
     ];
     let mut paths = vec![ideal(lander)];
     for (name, ink, options) in laws {

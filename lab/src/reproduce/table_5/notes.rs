@@ -38,8 +38,8 @@ pub fn all(entrants: &[Entrant], nominal: &[Flown]) -> Result<Vec<String>, Failu
 
 const FIGURES: &str = "Position, velocity and attitude: mean and deviation of the best runs by position error, as in the paper; Riccati \
      solves are the most of any run; all other figures are means of all runs. The velocity error is against the velocity that \
-     the position loops command, the attitude error against the attitude they command: a smoother command makes both smaller \
-     without flying any better. Position and corners are against what was asked for, but the limits on speed and tilt decide \
+     the position loops command, the attitude error against the attitude they command, both the newest that was decided on, \
+     whatever the law: a smoother command makes both smaller without flying any better. Position and corners are against what was asked for, but the limits on speed and tilt decide \
      them. So the table also has what neither limits nor a command of a law's own decide: hover, and a prescribed attitude with \
      the position loops open.";
 
@@ -51,10 +51,10 @@ fn tests() -> String {
         "Hover: {} s at a point that stands still. Chirp: an attitude that swings by {} degrees, from {} Hz to {} Hz within {} s, \
          about roll and then about pitch; the figure is the RMS of the error, and a vehicle that stays level has {}. Doublet: an \
          attitude that steps by {size}, {twice} and {size} degrees about roll and then about pitch; a step is settled when the \
-         error stays below 1.5 degrees. oqtal-dt is given the rate and the acceleration of the prescribed attitude and leads it \
-         over the delay, which is why it follows the chirp so much better; geometric is given both and does not lead; pid, lqr \
-         and oqtal fly without feed-forward, as in the paper. On the chirp these others are no better than a vehicle that stays \
-         level.",
+         error stays below 1.5 degrees. oqtal-dt is given the rate and the acceleration of the prescribed attitude, leads it \
+         over the delay and inverts the lag; geometric is given all but the lead; pid, lqr and oqtal fly without feed-forward, as \
+         in the paper, and are worse than a vehicle that stays level. What is owed to the law and what to its surroundings is in \
+         robustness.md.",
         options.hover.duration_s,
         chirp.amplitude_deg,
         chirp.from_hz,

@@ -1,0 +1,57 @@
+//! The attitude law within the autopilot: `oqtal-dt`, or any other one, so that laws can be compared in the same surroundings.
+
+use nalgebra::Vector3;
+
+use crate::controller::{
+    AttitudeLaw, AttitudeReference, AttitudeState, Controller, InputForm, OqtalDt,
+};
+
+/// The attitude law of an [`Autopilot`](super::Autopilot).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::large_enum_variant)]
+pub(super) enum InnerLaw<I> {
+    /// The law that the autopilot is made for.
+    Own(OqtalDt<I>),
+    /// Another law, limited by itself before the estimated bias is subtracted.
+    Other(Controller<I>),
+}
+
+impl<I: InputForm> InnerLaw<I> {
+    /// The input for a body at `state` that should be at `reference`, `dt_s` after the last one \[s\]
+    /// \[N m, body axes, in rate form -1..1\].
+    pub(super) fn input(
+        &mut self,
+        state: &AttitudeState,
+        reference: &AttitudeReference,
+        dt_s: f64,
+    ) -> Vector3<f64> {
+        match self {
+            Self::Own(law) => law.input(state, reference),
+            Self::Other(law) => I::u_from(law.update(state, reference, dt_s)),
+        }
+    }
+
+    /// Restarts integral action.
+    pub(super) fn reset(&mut self) {
+        match self {
+            Self::Own(law) => law.reset(),
+            Self::Other(law) => law.reset(),
+        }
+    }
+
+    /// Number of Riccati equations solved so far \[-\].
+    pub(super) fn riccati_solves(&self) -> u32 {
+        match self {
+            Self::Own(law) => law.riccati_solves(),
+            Self::Other(law) => law.riccati_solves(),
+        }
+    }
+
+    /// Number of Riccati equations without a usable solution so far \[-\].
+    pub(super) fn riccati_failures(&self) -> u32 {
+        match self {
+            Self::Own(law) => law.failed_solves(),
+            Self::Other(law) => law.failed_solves(),
+        }
+    }
+}

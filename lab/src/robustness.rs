@@ -1,0 +1,224 @@
+//! `oqtal robustness`: every law on plants that differ from the one that it is designed for.
+
+pub mod cases;
+pub mod flown;
+pub mod frequency;
+pub mod linear;
+pub mod margins;
+pub mod probed;
+pub mod spread;
+pub mod statistics;
+pub mod tables;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use clap::Args;
+use clap::builder::PossibleValuesParser;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+use serde_json::{Map, Value, json};
+
+use crate::campaign::gains::GainSource;
+use crate::campaign::metric::METRIC;
+use crate::progress::Progress;
+use crate::reproduce::chapter::Chapter;
+use crate::reproduce::page::{self, PageHead};
+use crate::sheet::Sheet;
+use crate::study::StudyArgs;
+use crate::tune::space;
+
+use flown::{Draw, Judged, MOST_DRAWS, Rival};
+use spread::PlantSpread;
+
+/// Arguments of `oqtal robustness`.
+#[derive(Args, Debug)]
+pub struct RobustnessArgs {
+    /// Laws to fly
+    #[arg(long, visible_alias = "controllers", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
+    laws: Vec<String>,
+    /// Spread of the plants: `vehicle` (mass, thrust, authority, lags, delays, drag), `everything` (its surroundings too), or a
+    /// file in TOML with a form of drawing for each key (docs/robustness.md)
+    #[arg(long, value_name = "SPREAD", default_value = "vehicle")]
+    spread: String,
+    /// Every range of the spread twice as wide
+    #[arg(long)]
+    wide: bool,
+    /// Number of draws; every law flies all of them
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=MOST_DRAWS))]
+    runs: u64,
+    /// Seed of the draws
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    seed: u64,
+    /// Gains of the laws: `configured`, `tuned`, or a directory with files LAW.toml; several are flown beside each other, a law
+    /// that a directory lacks is left out
+    #[arg(long, value_name = "SOURCES", value_delimiter = ',', default_value = "tuned")]
+    gains: Vec<GainSource>,
+    /// Some single plants as well: the nominal one, lags and delays at and beyond the edge of the spread
+    #[arg(long)]
+    plants: bool,
+    /// Margins of the attitude loop as well, of the linear model and flown
+    #[arg(long)]
+    margins: bool,
+    /// Directory of robustness.html, robustness.md and robustness.json
+    #[arg(long, value_name = "DIR", default_value = "robustness")]
+    out: PathBuf,
+    /// Print JSON instead of tables
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    study: StudyArgs,
+}
+
+/// The page.
+const PAGE: PageHead = PageHead {
+    title: "Robustness",
+    lead: "Every law flies the same draws of plants that differ from the model that all laws are designed for. The laws know \
+     [vehicle], the same in all draws, and what stamps show; they do not know what is drawn, the noise of the cameras included.",
+    file: "robustness",
+};
+
+impl RobustnessArgs {
+    /// Flies all draws, writes the page and prints the tables.
+    ///
+    /// # Errors
+    /// A file or setting is invalid (exit code 78), or the directory cannot be written (71).
+    pub fn execute(&self) -> Result<Exit, Failure> {
+        let (mut document, chapters) = self.flown()?;
+        let sheets: Vec<&Sheet> = chapters.iter().flat_map(|chapter| &chapter.sheets).collect();
+        document["tables"] = sheets.iter().map(|sheet| sheet.to_json()).collect();
+        let document = format!("{document:#}\n");
+        let text: Vec<String> = sheets.iter().map(|sheet| sheet.to_text()).collect();
+        self.keep("robustness.html", &page::html(&PAGE, &chapters))?;
+        self.keep("robustness.md", &page::markdown(&PAGE, &chapters, &self.command()))?;
+        self.keep("robustness.json", &document)?;
+        if self.json {
+            print(document.trim_end())?;
+        } else {
+            let page = self.out.join("robustness.html");
+            print(&format!("{}\n\npage: {}", text.join("\n\n"), page.display()))?;
+        }
+        Ok(Exit::Ok)
+    }
+
+    /// Flies everything. Returns draws and loops as JSON, and the chapters of the page.
+    fn flown(&self) -> Result<(Value, Vec<Chapter>), Failure> {
+        let common = self.study.settings()?;
+        let spread = self.spread()?;
+        let draws = Draw::several(&spread, &common, (self.seed, 0..self.runs))?;
+        let rivals = rivals(&self.laws, &self.gains, &common)?;
+        let progress = Progress::default();
+        let loops = if self.margins { margins::all(&rivals, &progress)? } else { Vec::new() };
+        let single = self.plants.then(|| cases::table(&rivals, &progress)).transpose()?;
+        let judged = flown::fly(rivals, &draws, &progress)?;
+        let monte_carlo = Chapter {
+            title: "Monte-Carlo",
+            intro: vec![self.intro()],
+            sheets: tables::all(&judged, &draws, &spread).into_iter().chain(single).collect(),
+            figures: Vec::new(),
+        };
+        let margins = (!loops.is_empty()).then(|| margins::chapter(&loops));
+        let document = json!({
+            "draws": flown_draws(&judged, &draws),
+            "loops": margins::document(&loops),
+        });
+        Ok((document, [monte_carlo].into_iter().chain(margins).collect()))
+    }
+
+    fn spread(&self) -> Result<PlantSpread, Failure> {
+        let spread = PlantSpread::from_str(&self.spread)
+            .map_err(|reason| Failure::new(Exit::Config, reason))?;
+        Ok(if self.wide { spread.twice_as_wide() } else { spread })
+    }
+
+    fn intro(&self) -> String {
+        format!(
+            "{} draws, each flown by every law as path, hover, chirp and doublet with the seed of the draw.",
+            self.runs
+        )
+    }
+
+    /// The command line of this run, as far as it decides the draws and the laws.
+    fn command(&self) -> String {
+        let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
+        format!(
+            "oqtal robustness --laws {} --gains {} --spread {} --runs {} --seed {}{}",
+            self.laws.join(","),
+            gains.join(","),
+            self.spread,
+            self.runs,
+            self.seed,
+            [(self.wide, " --wide"), (self.plants, " --plants"), (self.margins, " --margins")]
+                .map(|(is_set, flag)| if is_set { flag } else { "" })
+                .concat()
+        )
+    }
+
+    fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
+        write(&self.out.join(name), text)
+    }
+}
+
+fn write(file: &Path, text: &str) -> Result<(), Failure> {
+    let directory = file.parent().unwrap_or(Path::new(""));
+    fs::create_dir_all(directory).and_then(|()| fs::write(file, text)).map_err(|error| {
+        let name = file.display();
+        Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
+    })
+}
+
+/// The laws with each source of gains.
+///
+/// # Errors
+/// No source has a law.
+pub fn rivals(
+    laws: &[String],
+    sources: &[GainSource],
+    common: &[oqtal_config::Setting],
+) -> Result<Vec<Rival>, Failure> {
+    let mut rivals = Vec::new();
+    for source in sources {
+        let chosen = space::LAW_NAMES.into_iter().filter(|law| laws.iter().any(|name| name == law));
+        for controller in chosen.filter(|law| source.has(law)) {
+            let (settings, remark) = source.of(controller, common)?;
+            let name = match sources.len() {
+                1 => controller.to_owned(),
+                _ => format!("{controller}, {source}"),
+            };
+            rivals.push(Rival { name, controller, settings, remark });
+        }
+    }
+    if rivals.is_empty() {
+        return Err(Failure::new(
+            Exit::Usage,
+            "no law of --laws has gains in --gains; make them with `oqtal tune`",
+        ));
+    }
+    Ok(rivals)
+}
+
+/// Each draw with the figures of every law, as JSON.
+fn flown_draws(judged: &[Judged], draws: &[Draw]) -> Value {
+    let figures = |draw: usize| {
+        let of = |law: &Judged| {
+            let values = METRIC.iter().zip(law.figures[draw]);
+            let values = values.map(|(metric, value)| {
+                (metric.key.to_owned(), json!(value.is_finite().then_some(value)))
+            });
+            (law.rival.name.clone(), Value::Object(values.collect()))
+        };
+        Value::Object(judged.iter().map(of).collect::<Map<String, Value>>())
+    };
+    let draw = |(index, draw): (usize, &Draw)| {
+        let drawn = draw.settings.iter().map(|setting| (setting.key.clone(), json!(setting.value)));
+        json!({
+            "draw": draw.run,
+            "seed": draw.seed,
+            "arguments": draw.arguments(),
+            "drawn": Value::Object(drawn.collect()),
+            "laws": figures(index),
+        })
+    };
+    draws.iter().enumerate().map(draw).collect()
+}

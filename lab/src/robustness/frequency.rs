@@ -1,0 +1,161 @@
+//! A loop over frequency, and its margins.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::Complex;
+
+/// A loop over frequency, broken at the input of the plant: positive where feedback is negative.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopResponse {
+    /// Frequency \[Hz\] and loop gain \[-\], frequency rising.
+    pub points: Vec<(f64, Complex<f64>)>,
+}
+
+/// The margins of a stable loop. Infinite where the loop has no such limit below the highest frequency known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Margins {
+    /// Least factor above 1 of the gain at which the loop oscillates \[-\].
+    pub gain: f64,
+    /// Least additional lag at which the loop oscillates \[deg\].
+    pub phase_deg: f64,
+    /// Least additional delay at which the loop oscillates \[ms\].
+    pub delay_ms: f64,
+    /// Disk margin `alpha`: gain may change by any factor and phase by any lag within the disk at once \[-\] (P. Seiler, A. Packard
+    /// and P. Gahinet, *IEEE Control Systems* 40 (2020) 78), with no skew.
+    pub disk: f64,
+    /// Greatest sensitivity: greatest amplification of a disturbance by the loop \[-\].
+    pub sensitivity: f64,
+}
+
+impl Margins {
+    /// The margins as numbers with names: key in JSON, and heading.
+    pub const COLUMNS: [(&'static str, &'static str); 5] = [
+        ("gain_margin_db", "gain margin [dB]"),
+        ("phase_margin_deg", "phase margin [°]"),
+        ("delay_margin_ms", "delay margin [ms]"),
+        ("disk_margin", "disk margin"),
+        ("peak_sensitivity", "greatest sensitivity"),
+    ];
+
+    /// The numbers of [`Self::COLUMNS`].
+    #[must_use]
+    pub fn numbers(&self) -> [f64; 5] {
+        let gain_db = 20.0 * self.gain.log10();
+        [gain_db, self.phase_deg, self.delay_ms, self.disk, self.sensitivity]
+    }
+}
+
+impl LoopResponse {
+    /// The margins, between the points by straight lines of the logarithm of the gain and of the phase.
+    #[must_use]
+    pub fn margins(&self) -> Margins {
+        let mut margins = Margins {
+            gain: f64::INFINITY,
+            phase_deg: f64::INFINITY,
+            delay_ms: f64::INFINITY,
+            disk: f64::INFINITY,
+            sensitivity: 0.0,
+        };
+        for pair in self.points.windows(2) {
+            margins.narrow(Segment::between(pair[0], pair[1]));
+        }
+        for (_, gain) in &self.points {
+            let sensitivity = (gain + 1.0).inv();
+            margins.sensitivity = margins.sensitivity.max(sensitivity.norm());
+            margins.disk = margins.disk.min(1.0 / (sensitivity - 0.5).norm());
+        }
+        margins
+    }
+}
+
+impl Margins {
+    /// Takes the crossings between two points into account.
+    fn narrow(&mut self, segment: Segment) {
+        let Segment { log_gain, lag, .. } = segment;
+        if let Some(share) = crossing(log_gain, 0.0) {
+            // The lag left to half a turn, within a turn.
+            let left = (PI - mix(lag, share)).rem_euclid(TAU);
+            let hertz = mix(segment.log_hertz, share).exp();
+            self.phase_deg = self.phase_deg.min(left.to_degrees());
+            self.delay_ms = self.delay_ms.min(1e3 * left / (TAU * hertz));
+        }
+        // Odd multiples of half a turn between the two lags.
+        let (low, high) = (lag[0].min(lag[1]), lag[0].max(lag[1]));
+        let first = ((low / PI - 1.0) / 2.0).ceil() as i32;
+        let last = ((high / PI - 1.0) / 2.0).floor() as i32;
+        for turn in first..=last {
+            if let Some(share) = crossing(lag, PI * f64::from(2 * turn + 1)) {
+                let gain = mix(log_gain, share).exp();
+                if gain < 1.0 {
+                    self.gain = self.gain.min(gain.recip());
+                }
+            }
+        }
+    }
+}
+
+/// The loop between two frequencies: the logarithms of frequency and gain, and the lag \[rad\], at both ends.
+#[derive(Clone, Copy, Debug)]
+struct Segment {
+    log_hertz: [f64; 2],
+    log_gain: [f64; 2],
+    lag: [f64; 2],
+}
+
+impl Segment {
+    fn between((f, a): (f64, Complex<f64>), (g, b): (f64, Complex<f64>)) -> Self {
+        let first = -a.arg();
+        Self {
+            log_hertz: [f.ln(), g.ln()],
+            log_gain: [a.norm().ln(), b.norm().ln()],
+            // The short way round from one to the other.
+            lag: [first, first - (b / a).arg()],
+        }
+    }
+}
+
+fn mix([a, b]: [f64; 2], share: f64) -> f64 {
+    a + (b - a) * share
+}
+
+/// Where a straight line between two values crosses `level`, as a share of the way; the second end belongs to the next line.
+fn crossing([a, b]: [f64; 2], level: f64) -> Option<f64> {
+    ((a < level) != (b < level)).then(|| (level - a) / (b - a))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `k e^(-j w tau) / (j w)`, whose margins are known: w_c = k, phase 90 deg - k tau, gain pi / (2 k tau).
+    fn delayed_integrator(k: f64, tau: f64) -> LoopResponse {
+        let at = |index: usize| {
+            let hertz = 0.02 * 1.002_f64.powi(index as i32);
+            let w = TAU * hertz;
+            (hertz, Complex::from_polar(k / w, -w * tau - PI / 2.0))
+        };
+        LoopResponse { points: (0..3400).map(at).collect() }
+    }
+
+    #[test]
+    fn the_margins_of_a_delayed_integrator_are_the_known_ones() {
+        let margins = delayed_integrator(8.0, 0.035).margins();
+        let gain = PI / (2.0 * 8.0 * 0.035);
+        assert!((margins.gain / gain - 1.0).abs() < 1e-3, "{margins:?}");
+        let phase = PI / 2.0 - 8.0 * 0.035;
+        assert!((margins.phase_deg / phase.to_degrees() - 1.0).abs() < 1e-3, "{margins:?}");
+        assert!((margins.delay_ms / (1e3 * phase / 8.0) - 1.0).abs() < 1e-3, "{margins:?}");
+    }
+
+    /// The disk of a disk margin touches the critical point first: each classic margin is at least what the disk grants.
+    #[test]
+    fn a_disk_margin_grants_no_more_than_the_classic_margins() {
+        for k in [2.0, 8.0, 20.0] {
+            let margins = delayed_integrator(k, 0.035).margins();
+            let half = margins.disk / 2.0;
+            assert!(margins.gain >= (1.0 + half) / (1.0 - half) - 1e-9, "{margins:?}");
+            assert!(margins.phase_deg >= 2.0 * half.atan().to_degrees() - 1e-6, "{margins:?}");
+            assert!(margins.sensitivity > 1.0);
+        }
+    }
+}

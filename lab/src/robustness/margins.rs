@@ -1,0 +1,189 @@
+//! The margins of every law: of the linear model and as flown, and the loops over frequency.
+
+use maud::Markup;
+use oqtal_config::{Config, Setting};
+use oqtal_observe::plot::axis::Axis;
+use oqtal_observe::plot::chart::{Mark, Plot};
+use oqtal_observe::plot::figure::{HALF, figure};
+use oqtal_observe::plot::palette::Ink;
+use oqtal_runtime::process::{Exit, Failure};
+use serde_json::{Value, json};
+
+use super::flown::Rival;
+use super::frequency::{LoopResponse, Margins};
+use super::linear::LinearLoop;
+use super::probed;
+use crate::progress::Progress;
+use crate::reproduce::chapter::Chapter;
+use crate::reproduce::figures::Figure;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+
+const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
+
+/// The loop of a law about an axis.
+#[derive(Clone, Debug)]
+pub struct LoopPair {
+    /// Name of the law.
+    pub law: String,
+    /// Name of the axis.
+    pub axis: &'static str,
+    /// Of the linear model.
+    pub linear: LoopResponse,
+    /// As flown.
+    pub flown: LoopResponse,
+}
+
+/// The loops of every law about every axis.
+///
+/// # Errors
+/// The vehicle is not commanded by rates (exit code 78), a setting has no meaning, or a flight did not land.
+pub fn all(rivals: &[Rival], progress: &Progress) -> Result<Vec<LoopPair>, Failure> {
+    let bar = progress.start("loops", rivals.len() * AXES.len());
+    let mut loops = Vec::new();
+    for rival in rivals {
+        let controller = Setting::flag("--laws", "control.controller", rival.controller);
+        let settings = [&rival.settings[..], &[controller]].concat();
+        let config = Config::from_settings(&settings)?;
+        if config.vehicle.interface != oqtal_config::Interface::Rate {
+            let reason = "the linear model is that of a vehicle commanded by rates; set vehicle.interface = \"rate\", or leave out --margins";
+            return Err(Failure::new(Exit::Config, reason));
+        }
+        for (index, axis) in AXES.into_iter().enumerate() {
+            let linear = LinearLoop::new(&config, index).map_err(|error| config.locate(&error))?;
+            let flown = probed::flown(&settings, index)?;
+            loops.push(LoopPair {
+                law: rival.name.clone(),
+                axis,
+                linear: linear.response(),
+                flown,
+            });
+            bar.inc();
+        }
+    }
+    Ok(loops)
+}
+
+/// The chapter of the page.
+#[must_use]
+pub fn chapter(loops: &[LoopPair]) -> Chapter {
+    let figures = loops.iter().filter(|pair| pair.axis != "pitch").flat_map(drawn);
+    Chapter {
+        title: "Margins of the attitude loop",
+        intro: INTRO.map(str::to_owned).to_vec(),
+        sheets: vec![table(loops)],
+        figures: figures.map(|markup| Figure { number: 0, markup }).collect(),
+    }
+}
+
+const INTRO: [&str; 2] = [
+    "The loop is broken at the input of the vehicle, the attitude is prescribed, so that the position loop is open. Model: the \
+     law, the filter and the prediction made linear, the exact sampled vehicle with its lag and delays. Flown: a sine is added to \
+     the commands where they take effect, one flight for each of 27 frequencies from 0.5 to 14 Hz; -u/v at that frequency is the \
+     loop gain.",
+    "Gain, phase and delay margin are the least change of one of them that makes the loop oscillate; the disk margin allows gain \
+     and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency.",
+];
+
+fn columns() -> Vec<Column> {
+    Margins::COLUMNS.to_vec()
+}
+
+fn table(loops: &[LoopPair]) -> Sheet {
+    let row = |pair: &LoopPair, is: &str, response: &LoopResponse| {
+        let cells = response.margins().numbers().map(finite).to_vec();
+        SheetRow::new(Variant::Ours, pair.law.clone(), format!("{}, {is}", pair.axis), cells)
+    };
+    let rows = loops
+        .iter()
+        .flat_map(|pair| [row(pair, "model", &pair.linear), row(pair, "flown", &pair.flown)]);
+    Sheet {
+        name: "margins".to_owned(),
+        title: "Margins".to_owned(),
+        notes: vec![agreement(loops)],
+        columns: columns(),
+        rows: rows.collect(),
+        ..Sheet::default()
+    }
+}
+
+fn finite(number: f64) -> SheetCell {
+    if number.is_finite() { SheetCell::Number(number) } else { SheetCell::None }
+}
+
+/// The greatest difference between a margin of the model and the one flown, relative to that of the model \[-\]. The gain margin as
+/// a factor.
+#[must_use]
+pub fn greatest_difference(pair: &LoopPair) -> f64 {
+    let [model, flown] = [&pair.linear, &pair.flown].map(|response| response.margins());
+    let of = |m: &Margins| [m.gain, m.phase_deg, m.delay_ms, m.disk];
+    let apart = |(a, b): (f64, f64)| if a == b { 0.0 } else { (b / a - 1.0).abs() };
+    of(&model).into_iter().zip(of(&flown)).map(apart).fold(0.0, f64::max)
+}
+
+fn agreement(loops: &[LoopPair]) -> String {
+    let worst =
+        loops.iter().max_by(|a, b| greatest_difference(a).total_cmp(&greatest_difference(b)));
+    worst.map_or_else(String::new, |pair| {
+        format!(
+            "Gain, phase, delay and disk margin of the model agree with those flown within {:.1} % (the most: {}, {}).",
+            1e2 * greatest_difference(pair),
+            pair.law,
+            pair.axis
+        )
+    })
+}
+
+/// Gain, phase and sensitivity over frequency.
+fn drawn(pair: &LoopPair) -> [Markup; 3] {
+    let decibels = |gain: f64| 20.0 * gain.log10();
+    let title = |what: &str| format!("{}, {}: {what}", pair.law, pair.axis);
+    [
+        over_frequency(&title("loop gain [dB]"), pair, |gain| decibels(gain.norm())),
+        over_frequency(&title("phase [°], from 0 to -360"), pair, |gain| {
+            (gain.arg().to_degrees().rem_euclid(360.0)) - 360.0
+        }),
+        over_frequency(&title("sensitivity [dB]"), pair, |gain| {
+            decibels((gain + 1.0).inv().norm())
+        }),
+    ]
+}
+
+const HEIGHT: u32 = 420;
+const LABEL_WIDTH: u32 = 110;
+const LINE_WIDTH: u32 = 3;
+
+fn over_frequency(
+    title: &str,
+    pair: &LoopPair,
+    value: impl Fn(nalgebra::Complex<f64>) -> f64,
+) -> Markup {
+    let points = |response: &LoopResponse| -> Vec<(f64, f64)> {
+        response.points.iter().map(|(hertz, gain)| (hertz.log10(), value(*gain))).collect()
+    };
+    let (model, flown) = (points(&pair.linear), points(&pair.flown));
+    let x = model.first().map_or(-1.0, |p| p.0)..model.last().map_or(1.5, |p| p.0);
+    let y = Axis::fitting(model.iter().map(|point| point.1));
+    let line = Mark::Line(Ink::Actual, LINE_WIDTH, model);
+    let discs = flown.into_iter().map(|point| Mark::Disc(Ink::Second, point));
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: LABEL_WIDTH,
+        x: Axis::decades(x, |decade| format!("{} Hz", 10_f64.powi(decade))),
+        y,
+        shapes: std::iter::once(line).chain(discs).collect(),
+    };
+    figure(title, &[("model", Ink::Actual), ("flown", Ink::Second)], &plot)
+}
+
+/// The loops as JSON: frequency \[Hz\], loop gain \[dB\], phase \[deg\].
+#[must_use]
+pub fn document(loops: &[LoopPair]) -> Value {
+    let points = |response: &LoopResponse| -> Value {
+        let point = |(hertz, gain): &(f64, nalgebra::Complex<f64>)| {
+            json!([hertz, 20.0 * gain.norm().log10(), gain.arg().to_degrees()])
+        };
+        response.points.iter().map(point).collect()
+    };
+    let pair = |pair: &LoopPair| json!({ "law": pair.law, "axis": pair.axis, "flown": points(&pair.flown) });
+    loops.iter().map(pair).collect()
+}

@@ -1,0 +1,115 @@
+//! The attitude loop as it is flown: a sine is added to the commands where they take effect, and the law's answer measured.
+//!
+//! The attitude is prescribed level, so that the position loop is open. With `u` the input that the law commands and `v` the one
+//! that acts, the loop gain is `-u / v` at the frequency of the sine.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Complex;
+use oqtal_bus::time::Time;
+use oqtal_config::{Config, Setting};
+use oqtal_observe::flight::Flight;
+use oqtal_runtime::process::{Exit, Failure};
+use rayon::prelude::*;
+
+use super::frequency::LoopResponse;
+use crate::mission::Mission;
+use crate::simulation;
+
+/// Duration of the prescribed attitude \[s\].
+const SWEEP_S: f64 = 12.0;
+/// Time that the motion has to become steady \[s\].
+const TRANSIENT_S: f64 = 4.0;
+/// Time over which the sines are measured \[s\]: a whole number of periods of each.
+const MEASURED_S: f64 = 6.0;
+/// Numbers of periods within that time: the frequencies, 0.5 to 14 Hz.
+const PERIODS: [u32; 27] = [
+    3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 21, 23, 26, 29, 33, 37, 42, 48, 56,
+    66, 84,
+];
+/// Amplitude of the sine \[-\]: far below full stick, far above rounding.
+const AMPLITUDE: f64 = 0.02;
+
+/// Nothing but the sine moves the vehicle.
+const CALM: [(&str, f64); 6] = [
+    ("plant.gust-sd-m-s2", 0.0),
+    ("plant.disturbance-spread", 0.0),
+    ("plant.spread", 0.0),
+    ("mocap.position-noise-mm", 0.0),
+    ("mocap.attitude-noise-deg", 0.0),
+    ("trajectory.attitude-chirp.sweep-s", SWEEP_S),
+];
+
+/// The loop of a law with `settings` about axis number `axis`, flown at each frequency.
+///
+/// # Errors
+/// A setting has no meaning, or a flight did not land.
+pub fn flown(settings: &[Setting], axis: usize) -> Result<LoopResponse, Failure> {
+    let config = prepared(settings, axis)?;
+    let points: Result<Vec<_>, Failure> = PERIODS
+        .par_iter()
+        .map(|periods| {
+            let hertz = f64::from(*periods) / MEASURED_S;
+            Ok((hertz, at(&config, axis, hertz)?))
+        })
+        .collect();
+    Ok(LoopResponse { points: points? })
+}
+
+fn prepared(settings: &[Setting], axis: usize) -> Result<Config, Failure> {
+    let nominal = Config::from_settings(settings)?;
+    let mut settings = settings.to_vec();
+    let mut set = |key: &str, value: toml::Value| settings.push(Setting::flag("probe", key, value));
+    CALM.into_iter().for_each(|(key, value)| set(key, value.into()));
+    let still = || toml::Value::from(vec![0.0; 3]);
+    set("plant.rate-drift-deg-s", still());
+    set("plant.force-n", still());
+    set("trajectory.kind", "attitude-chirp".into());
+    // Level but for rounding.
+    set("trajectory.attitude-chirp.amplitude-deg", 1e-9.into());
+    // The noise that the filters are told stays that of the configuration.
+    let filter = &nominal.control.predictive.filter;
+    set("control.predictive.filter.attitude-noise-deg", filter.attitude_noise_deg.into());
+    set("control.predictive.filter.position-noise-mm", filter.position_noise_mm.into());
+    set("plant.probe.stick", (axis as i64 + 1).into());
+    set("plant.probe.amplitude", AMPLITUDE.into());
+    Ok(Config::from_settings(&settings)?)
+}
+
+/// The loop gain at a frequency \[Hz\].
+fn at(config: &Config, axis: usize, hertz: f64) -> Result<Complex<f64>, Failure> {
+    let mut config = config.clone();
+    config.plant.probe.frequency_hz = hertz;
+    let flight = simulation::fly(&Mission::new(config)?)?;
+    let gain = gain(&flight, axis, hertz).filter(|gain| gain.re.is_finite() && gain.im.is_finite());
+    gain.ok_or_else(|| {
+        let outcome = flight.outcome;
+        Failure::new(Exit::Flight, format!("no loop gain at {hertz:.2} Hz: the flight {outcome}"))
+    })
+}
+
+fn gain(flight: &Flight, axis: usize, hertz: f64) -> Option<Complex<f64>> {
+    let applied = flight.applied.last()?.stamps;
+    let delay = applied.applied_at.since(applied.command_published_at);
+    let begin =
+        flight.scored().next()?.telemetry.time.since(Time::VIRTUAL_START).seconds() + TRANSIENT_S;
+    let (mut commanded, mut acting) = (Complex::from(0.0), Complex::from(0.0));
+    let mut ticks = 0;
+    for sample in flight.scored() {
+        let at = sample.telemetry.time.since(Time::VIRTUAL_START);
+        let seconds = at.seconds() - begin;
+        // Half of a tick from both ends, so that rounding of instants counts no tick twice.
+        let half = 0.5 / flight.config.control.rate_hz;
+        if !(-half..MEASURED_S - half).contains(&seconds) {
+            continue;
+        }
+        let sine = AMPLITUDE * (TAU * hertz * (at + delay).seconds()).sin();
+        let stick = sample.telemetry.sticks[axis];
+        let turn = Complex::from_polar(1.0, -TAU * hertz * seconds);
+        commanded += turn * stick;
+        acting += turn * (stick + sine);
+        ticks += 1;
+    }
+    let expected = MEASURED_S * flight.config.control.rate_hz;
+    ((f64::from(ticks) - expected).abs() < 1.5).then(|| -commanded / acting)
+}

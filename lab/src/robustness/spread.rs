@@ -1,0 +1,355 @@
+//! The spread of the plants: which keys of the configuration differ from draw to draw, and how.
+//!
+//! As TOML, each key of the configuration with one of the forms of [`Form`]:
+//!
+//! ```toml
+//! [plant]
+//! mass-kg = { factor = [0.9, 1.1] }                 # the configured value times one number
+//! rate-lag-ms = { between = [35.0, 80.0] }          # a number
+//! rate-lag-ratio = { each-factor = [0.9, 1.1] }     # every element times a number of its own
+//! rotors.strength = { one-factor = [0.9, 1.0] }     # one element, drawn too, times a number
+//! fidelity = { choose = ["eq61", "rotors"] }        # one of these
+//! ```
+
+use std::path::Path;
+use std::str::FromStr;
+
+use oqtal_config::{Config, Setting};
+use oqtal_runtime::process::{Exit, Failure};
+use toml::{Table, Value};
+
+use crate::tune::bee_colony::random::SplitMix64;
+
+/// How the value of a key is drawn; numbers evenly within their bounds.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Form {
+    /// A number \[unit of the key\].
+    Between(f64, f64),
+    /// The configured value, whole, times a number \[-\].
+    Factor(f64, f64),
+    /// Each element of the configured value times a number of its own \[-\].
+    EachFactor(f64, f64),
+    /// One element of the configured value, drawn too, times a number \[-\].
+    OneFactor(f64, f64),
+    /// One of these values.
+    Choose(Vec<Value>),
+}
+
+/// A key and how it is drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpreadKey {
+    /// The key of the configuration, dotted.
+    pub key: String,
+    /// How it is drawn.
+    pub form: Form,
+}
+
+/// The keys that differ from draw to draw.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantSpread {
+    /// The keys, in their order.
+    pub keys: Vec<SpreadKey>,
+}
+
+/// What a vehicle may differ by from a model that was made with care.
+const VEHICLE: [(&str, Form); 9] = [
+    ("plant.mass-kg", Form::Factor(0.9, 1.1)),
+    ("plant.max-thrust-n", Form::Factor(0.9, 1.1)),
+    ("plant.rate-authority-rad-s", Form::Factor(0.8, 1.2)),
+    ("plant.rate-lag-ms", Form::Between(35.0, 80.0)),
+    ("plant.rate-lag-ratio", Form::EachFactor(0.9, 1.1)),
+    ("plant.thrust-lag-ms", Form::Between(30.0, 80.0)),
+    ("plant.command-delay-ms", Form::Between(15.0, 30.0)),
+    ("plant.hidden-delay-ms", Form::Between(0.0, 15.0)),
+    ("plant.drag-per-s", Form::Between(0.1, 0.6)),
+];
+
+/// What its surroundings and its body may differ by beside. A rotor is weaker by a few hundredths at most: the simulated on-board
+/// loop has no integral action, so that it turns by itself about 3 deg/s for each.
+const SURROUNDINGS: [(&str, Form); 10] = [
+    ("plant.inertia-kg-m2", Form::Factor(0.8, 1.2)),
+    ("plant.thrust-exponent", Form::Between(0.95, 1.05)),
+    ("plant.gust-sd-m-s2", Form::Factor(0.5, 2.0)),
+    ("plant.rotors.strength", Form::OneFactor(0.97, 1.0)),
+    ("plant.rotors.lag-ms", Form::Between(5.0, 30.0)),
+    ("mocap.position-noise-mm", Form::Factor(0.5, 2.0)),
+    ("mocap.attitude-noise-deg", Form::Factor(0.5, 2.0)),
+    ("mocap.jitter-ms", Form::Between(0.0, 4.0)),
+    ("mocap.dropout-probability", Form::Between(0.0, 0.01)),
+    ("mocap.dropout-frames", Form::Between(1.0, 3.0)),
+];
+
+/// Keys of the surroundings of which one value is chosen, and the values.
+const CHOSEN: [(&str, [&str; 2]); 2] =
+    [("plant.battery.sag", ["false", "true"]), ("plant.fidelity", ["eq61", "rotors"])];
+
+impl FromStr for PlantSpread {
+    type Err = String;
+
+    /// The built-in spread `vehicle` or `everything`, or that of a file.
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "vehicle" => Ok(Self::vehicle()),
+            "everything" => Ok(Self::everything()),
+            file => Self::read(Path::new(file)).map_err(|failure| failure.to_string()),
+        }
+    }
+}
+
+impl PlantSpread {
+    /// Vehicles that differ from their model.
+    #[must_use]
+    pub fn vehicle() -> Self {
+        let key = |(key, form): (&str, Form)| SpreadKey { key: key.to_owned(), form };
+        Self { keys: VEHICLE.map(key).to_vec() }
+    }
+
+    /// Vehicles that differ from their model, in surroundings that differ too.
+    #[must_use]
+    pub fn everything() -> Self {
+        let drawn = SURROUNDINGS.map(|(key, form)| SpreadKey { key: key.to_owned(), form });
+        let chosen = CHOSEN.map(|(key, values)| {
+            let value = |text: &str| match text.parse() {
+                Ok(truth) => Value::Boolean(truth),
+                Err(_) => Value::from(text),
+            };
+            SpreadKey { key: key.to_owned(), form: Form::Choose(values.map(value).to_vec()) }
+        });
+        Self { keys: Self::vehicle().keys.into_iter().chain(drawn).chain(chosen).collect() }
+    }
+
+    /// Reads a spread from a file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or an entry has none of the forms (exit code 78), with its line.
+    pub fn read(file: &Path) -> Result<Self, Failure> {
+        let entries = Config::file_settings(file)?;
+        let keys: Result<Vec<SpreadKey>, Failure> = entries.iter().map(entry).collect();
+        Ok(Self { keys: keys? })
+    }
+
+    /// The same twice as wide, about the middle of each range; choices stay. Bounds below zero become zero.
+    #[must_use]
+    pub fn twice_as_wide(&self) -> Self {
+        let wide = |low: f64, high: f64| {
+            let (middle, half) = (0.5 * (low + high), high - low);
+            ((middle - half).max(0.0), middle + half)
+        };
+        // A factor of nothing leaves nothing to fly.
+        let factor = |low: f64, high: f64| {
+            let (low, high) = wide(low, high);
+            (low.max(0.1), high)
+        };
+        let bounds = |form: fn(f64, f64) -> Form, (low, high)| form(low, high);
+        let widened = |form: &Form| match form {
+            Form::Between(low, high) => bounds(Form::Between, wide(*low, *high)),
+            Form::Factor(low, high) => bounds(Form::Factor, factor(*low, *high)),
+            Form::EachFactor(low, high) => bounds(Form::EachFactor, factor(*low, *high)),
+            Form::OneFactor(low, high) => Form::OneFactor((2.0 * low - high).max(0.1), *high),
+            Form::Choose(values) => Form::Choose(values.clone()),
+        };
+        let key = |SpreadKey { key, form }: &SpreadKey| SpreadKey {
+            key: key.clone(),
+            form: widened(form),
+        };
+        Self { keys: self.keys.iter().map(key).collect() }
+    }
+
+    /// The settings of draw number `run` of the spread's draws `seed`, about the values of `nominal`. Every key has a stream of
+    /// random numbers of its own: another key added changes no draw of the others.
+    ///
+    /// # Errors
+    /// A key is none of the configuration, or has no number where one is scaled (exit code 78).
+    pub fn draw(&self, nominal: &Table, (seed, run): (u64, u64)) -> Result<Vec<Setting>, Failure> {
+        let draw = |SpreadKey { key, form }: &SpreadKey| {
+            let mut random = SplitMix64::new(stream(key, seed, run));
+            let value = value_at(nominal, key).and_then(|value| form.value(value, &mut random));
+            let value = value.ok_or_else(|| {
+                let reason = format!(
+                    "`{key}` of the spread has no value that it can scale; see `oqtal check`"
+                );
+                Failure::new(Exit::Config, reason)
+            })?;
+            Ok(Setting::flag("spread", key, value))
+        };
+        self.keys.iter().map(draw).collect()
+    }
+}
+
+/// The seed of the random numbers of a key in one draw: FNV-1a over key, seed and run.
+fn stream(key: &str, seed: u64, run: u64) -> u64 {
+    let bytes = key.bytes().chain(seed.to_le_bytes()).chain(run.to_le_bytes());
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+/// The value of a key of a configuration as a table.
+#[must_use]
+pub fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
+    let (path, name) = key.rsplit_once('.').unwrap_or(("", key));
+    let mut section = table;
+    for part in path.split('.').filter(|part| !part.is_empty()) {
+        section = section.get(part)?.as_table()?;
+    }
+    section.get(name)
+}
+
+fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
+    let wrong = |reason: &str| {
+        let forms = "`between`, `factor`, `each-factor`, `one-factor` = [LOW, HIGH], or `choose` = [VALUES]";
+        Failure::new(
+            Exit::Config,
+            format!("{}: `{}`: {reason}; give {forms}", setting.origin, setting.key),
+        )
+    };
+    let (key, name) =
+        setting.key.rsplit_once('.').ok_or_else(|| wrong("is no key of the configuration"))?;
+    let values = setting.value.as_array().ok_or_else(|| wrong("is no list"))?;
+    let key = key.to_owned();
+    if name == "choose" && !values.is_empty() {
+        return Ok(SpreadKey { key, form: Form::Choose(values.clone()) });
+    }
+    let number = |value: &Value| value.as_float().or(value.as_integer().map(|whole| whole as f64));
+    let bounds: Vec<f64> = values.iter().filter_map(number).collect();
+    let [low, high] = bounds[..] else { return Err(wrong("is no pair of numbers")) };
+    if !(low <= high && low.is_finite() && high.is_finite()) {
+        return Err(wrong("has its bounds in the wrong order"));
+    }
+    let form = match name {
+        "between" => Form::Between(low, high),
+        "factor" => Form::Factor(low, high),
+        "each-factor" => Form::EachFactor(low, high),
+        "one-factor" => Form::OneFactor(low, high),
+        _ => return Err(wrong("has none of the forms")),
+    };
+    Ok(SpreadKey { key, form })
+}
+
+impl Form {
+    /// A value drawn about `nominal`; `None` if that is of no such kind.
+    fn value(&self, nominal: &Value, random: &mut SplitMix64) -> Option<Value> {
+        match self {
+            Self::Between(low, high) => Some(Value::from(readable(random.between(*low, *high)))),
+            Self::Factor(low, high) => scaled(nominal, random.between(*low, *high)),
+            Self::EachFactor(low, high) => {
+                let each = |value: &Value| scaled(value, random.between(*low, *high));
+                nominal.as_array()?.iter().map(each).collect::<Option<Vec<_>>>().map(Value::from)
+            }
+            Self::OneFactor(low, high) => {
+                let mut values = nominal.as_array()?.clone();
+                let (index, factor) = (random.below(values.len()), random.between(*low, *high));
+                let one = values.get_mut(index)?;
+                *one = scaled(one, factor)?;
+                Some(Value::from(values))
+            }
+            Self::Choose(values) => values.get(random.below(values.len())).cloned(),
+        }
+    }
+
+    /// The form in words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        match self {
+            Self::Between(low, high) => format!("{low} to {high}"),
+            Self::Factor(low, high) => format!("times {low} to {high}"),
+            Self::EachFactor(low, high) => format!("each times {low} to {high}"),
+            Self::OneFactor(low, high) => format!("one of them times {low} to {high}"),
+            Self::Choose(values) => {
+                let values: Vec<String> = values.iter().map(ToString::to_string).collect();
+                format!("one of {}", values.join(", "))
+            }
+        }
+    }
+}
+
+/// `value` rounded to four significant digits, so that a draw is written in short and flown again exactly.
+fn readable(value: f64) -> f64 {
+    format!("{value:.3e}").parse().expect("a number just written")
+}
+
+/// Every number in `value` times `factor`; `None` if there is none.
+fn scaled(value: &Value, factor: f64) -> Option<Value> {
+    match value {
+        Value::Float(number) => Some(Value::Float(readable(number * factor))),
+        Value::Integer(number) => Some(Value::Float(readable(*number as f64 * factor))),
+        Value::Array(values) => values
+            .iter()
+            .map(|value| scaled(value, factor))
+            .collect::<Option<Vec<_>>>()
+            .map(Value::from),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn nominal() -> Table {
+        Config::default().to_toml().parse().unwrap()
+    }
+
+    fn value<'a>(draw: &'a [Setting], key: &str) -> &'a Value {
+        &draw.iter().find(|setting| setting.key == key).unwrap().value
+    }
+
+    #[test]
+    fn every_draw_is_a_configuration_and_stays_within_the_bounds() {
+        let (nominal, spread) = (nominal(), PlantSpread::everything());
+        for run in 0..200 {
+            for spread in [&spread, &spread.twice_as_wide()] {
+                let draw = spread.draw(&nominal, (7, run)).unwrap();
+                Config::from_settings(&draw).unwrap();
+            }
+            let draw = spread.draw(&nominal, (7, run)).unwrap();
+            assert!((0.45..=0.55).contains(&value(&draw, "plant.mass-kg").as_float().unwrap()));
+            let weak = value(&draw, "plant.rotors.strength").as_array().unwrap();
+            let intact = weak.iter().filter(|share| share.as_float() == Some(1.0)).count();
+            assert!(intact >= 3, "{weak:?}");
+        }
+    }
+
+    #[test]
+    fn a_key_is_drawn_alike_whatever_else_is_drawn() {
+        let (nominal, all) = (nominal(), PlantSpread::everything());
+        let alone = PlantSpread { keys: all.keys[3..4].to_vec() };
+        let key = &alone.keys[0].key;
+        let draws: Vec<_> = (0..50)
+            .map(|run| {
+                let [one, of_all] = [&alone, &all].map(|s| s.draw(&nominal, (3, run)).unwrap());
+                assert_eq!(value(&one, key), value(&of_all, key));
+                value(&one, key).as_float().unwrap()
+            })
+            .collect();
+        let mean = draws.iter().sum::<f64>() / 50.0;
+        assert!((mean - 57.5).abs() < 6.0, "evenly between 35 and 80: {mean}");
+        assert_ne!(all.draw(&nominal, (3, 0)).unwrap(), all.draw(&nominal, (4, 0)).unwrap());
+    }
+
+    #[test]
+    fn a_file_says_how_keys_are_drawn_and_a_wrong_one_says_where() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("spread.toml");
+        let read = |text: &str| {
+            std::fs::write(&file, text).unwrap();
+            PlantSpread::read(&file)
+        };
+        let spread =
+            read("[plant]\nmass-kg = { factor = [0.5, 1] }\nbattery.sag = { choose = [true] }\n");
+        let keys = spread.unwrap().keys;
+        assert_eq!(
+            keys[0],
+            SpreadKey { key: "plant.mass-kg".to_owned(), form: Form::Factor(0.5, 1.0) }
+        );
+        assert_eq!(keys[1].form, Form::Choose(vec![Value::Boolean(true)]));
+        for wrong in
+            ["mass-kg = 3", "mass-kg = { times = [1, 2] }", "mass-kg = { factor = [2, 1] }"]
+        {
+            let failure = read(&format!("[plant]\n{wrong}\n")).unwrap_err();
+            assert!(failure.to_string().contains("spread.toml:2"), "{failure}");
+        }
+        let unknown = read("[plant]\nmas-kg = { factor = [1, 2] }\n").unwrap();
+        assert!(unknown.draw(&nominal(), (1, 1)).unwrap_err().to_string().contains("mas-kg"));
+    }
+}

@@ -1,0 +1,48 @@
+//! The linear model of the attitude loop against the loop as it is flown.
+
+use oqtal_config::{Config, Setting};
+use oqtal_lab::robustness::frequency::LoopResponse;
+use oqtal_lab::robustness::linear::LinearLoop;
+use oqtal_lab::robustness::margins::{LoopPair, greatest_difference};
+use oqtal_lab::robustness::probed;
+
+fn pair(settings: &[Setting], axis: usize) -> LoopPair {
+    let config = Config::from_settings(settings).unwrap();
+    let linear = LinearLoop::new(&config, axis).unwrap().response();
+    let flown = probed::flown(settings, axis).unwrap();
+    LoopPair { law: config.control.controller.to_string(), axis: "", linear, flown }
+}
+
+fn law(name: &str) -> Setting {
+    Setting::flag("test", "control.controller", name)
+}
+
+#[test]
+fn the_margins_of_the_linear_model_are_those_that_are_flown() {
+    // A lag that the model of the vehicle does not have, and a delay that no stamp shows.
+    let differing = [
+        Setting::flag("test", "plant.rate-lag-ms", 65.0),
+        Setting::flag("test", "plant.hidden-delay-ms", 8.0),
+    ];
+    let cases = [("oqtal", &[][..], 0), ("oqtal-dt", &[], 0), ("oqtal-dt", &differing, 2)];
+    for (name, more, axis) in cases {
+        let pair = pair(&[&[law(name)], more].concat(), axis);
+        let apart = greatest_difference(&pair);
+        assert!(apart < 0.1, "{name}, axis {axis}: {apart}");
+    }
+}
+
+/// The delay that the model says a law bears is the one at which the flown loop is lost.
+#[test]
+fn a_loop_with_less_delay_margin_left_is_nearer_to_oscillation() {
+    let margins = |hidden_ms: f64| {
+        let settings =
+            [law("geometric"), Setting::flag("test", "plant.hidden-delay-ms", hidden_ms)];
+        let config = Config::from_settings(&settings).unwrap();
+        let response: LoopResponse = LinearLoop::new(&config, 0).unwrap().response();
+        response.margins()
+    };
+    let (none, some) = (margins(0.0), margins(20.0));
+    assert!((none.delay_ms - some.delay_ms - 20.0).abs() < 0.5, "{none:?}, {some:?}");
+    assert!(some.disk < none.disk && some.sensitivity > none.sensitivity);
+}

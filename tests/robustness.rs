@@ -1,0 +1,80 @@
+//! `oqtal robustness`: draws that can be flown again, and results that depend on nothing but the arguments.
+
+mod common;
+
+use std::process::Command;
+
+use common::Testbed;
+use serde_json::Value;
+
+fn study(testbed: &Testbed, threads: &str, words: &[&str]) -> Vec<u8> {
+    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
+        .arg("robustness")
+        .args(words)
+        .current_dir(testbed.path(""))
+        .env("RAYON_NUM_THREADS", threads)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", common::stderr(&output));
+    output.stdout
+}
+
+/// The words of a line as a shell splits them that knows single quotes alone.
+fn words(line: &str) -> Vec<String> {
+    let mut words = vec![String::new()];
+    let mut is_quoted = false;
+    for character in line.chars() {
+        match character {
+            '\'' => is_quoted = !is_quoted,
+            ' ' if !is_quoted => words.push(String::new()),
+            other => words.last_mut().expect("there is one").push(other),
+        }
+    }
+    words
+}
+
+#[test]
+fn draws_are_the_same_for_every_law_and_any_number_of_threads_and_fly_again() {
+    let testbed = Testbed::new("robustness");
+    let asked = ["--laws", "pid,oqtal-dt", "--spread", "everything", "--runs", "2"];
+    let asked = [&asked[..], &["--gains", "configured", "--json"]].concat();
+    let printed = study(&testbed, "1", &asked);
+    assert!(printed == study(&testbed, "3", &asked), "one and three threads");
+    let document: Value = serde_json::from_slice(&printed).unwrap();
+    let draws = document["draws"].as_array().unwrap();
+    assert_eq!(draws.len(), 2);
+    assert_ne!(draws[0]["drawn"]["plant.mass-kg"], draws[1]["drawn"]["plant.mass-kg"]);
+    for (draw, law) in draws.iter().zip(["pid", "oqtal-dt"]) {
+        let expected = draw["laws"][law]["hover_rms_mm"].as_f64();
+        let arguments = words(draw["arguments"].as_str().unwrap());
+        let seed = draw["seed"].to_string();
+        let own = ["--clock", "in-process", "--trajectory", "hover", "--controller", law];
+        let own = own.into_iter().chain(["--seed", &seed]);
+        let all: Vec<&str> = own.chain(arguments.iter().map(String::as_str)).collect();
+        let flown = testbed.summary(&all);
+        let again = flown["position_error_m"]["rms"].as_f64().unwrap() * 1e3;
+        let expected = expected.unwrap_or_else(|| panic!("{law} landed: {draw:#}"));
+        assert!((again - expected).abs() < 1e-6, "{law}: {again} mm, {expected} mm");
+    }
+    for file in ["robustness.html", "robustness.md", "robustness.json"] {
+        assert!(testbed.path("robustness").join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn a_spread_of_a_file_is_drawn_from_and_a_wrong_one_is_refused_with_its_line() {
+    let testbed = Testbed::new("spread-file");
+    testbed.write("lag.toml", "[plant]\nrate-lag-ms = { between = [60, 61] }\n");
+    let words = ["--laws", "geometric", "--spread", "lag.toml", "--runs", "1", "--json"];
+    let document: Value = serde_json::from_slice(&study(&testbed, "2", &words)).unwrap();
+    let lag = document["draws"][0]["drawn"]["plant.rate-lag-ms"].as_f64().unwrap();
+    assert!((60.0..61.0).contains(&lag));
+    testbed.write("wrong.toml", "[plant]\n\nrate-lag-ms = { betwen = [60, 61] }\n");
+    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
+        .args(["robustness", "--spread", "wrong.toml"])
+        .current_dir(testbed.path(""))
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(78));
+    assert!(common::stderr(&output).contains("wrong.toml:3"), "{}", common::stderr(&output));
+}
