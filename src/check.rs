@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use oqtal_config::Config;
 use oqtal_runtime::process::{Exit, Failure, check_instance, describe};
-use oqtal_runtime::program::print;
+use oqtal_runtime::program::{print, say};
 
 /// Arguments of `oqtal check`.
 #[derive(Args, Debug)]
@@ -26,6 +26,8 @@ impl CheckArgs {
         oqtal_daemon::check(&config)?;
         oqtal_plant_sim::check(&config)?;
         oqtal_mocap_emu::check(&config)?;
+        let told = oqtal_daemon::warnings(&config, &oqtal_daemon::trajectory(&config)?);
+        told.iter().for_each(|told| say(&format!("oqtal: warning: {told}")));
         print(&describe(&config))?;
         Ok(Exit::Ok)
     }

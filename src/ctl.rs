@@ -1,5 +1,7 @@
 //! `oqtal ctl`: operator commands to a running daemon, and the status of its instance.
 
+mod arm;
+mod request;
 mod status;
 mod stop;
 
@@ -7,19 +9,16 @@ use clap::{Args, ValueEnum};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Answer, Cause, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
-use oqtal_bus::obstacle::ArmingObstacles;
+use oqtal_bus::message::ControlResponseV1;
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::paths::InstancePaths;
-use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, InstanceOptions};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, paths_of};
 use oqtal_runtime::program::{print, say};
 use serde::Serialize;
 
 use oqtal_observe::status::{InstanceStatus, ProcessHealth, VehicleStatus, word};
-
-/// Time within which a running daemon answers.
-const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
+use request::request;
 
 /// Arguments of `oqtal ctl`.
 #[derive(Args, Debug)]
@@ -39,13 +38,13 @@ pub struct CtlArgs {
 enum Request {
     /// Show the state of the daemon, the processes and the vehicle
     Status,
-    /// Arm and fly the configured trajectory
+    /// Start the motors and fly the configured trajectory; refused unless the vehicle stands ready
     Arm,
-    /// Motors off, on the ground only
+    /// Call off a flight that has not begun; refused in flight, where `land` and `stop` end it
     Disarm,
-    /// Land at the present position
+    /// Descend at the present position, then motors off
     Land,
-    /// Motors off at once; latched until armed again
+    /// Motors off at once, in flight too: the vehicle falls. They stay off until `arm`
     Stop,
 }
 
@@ -71,6 +70,8 @@ impl Request {
 struct ControlReport {
     command: String,
     answer: String,
+    /// What has happened, in words.
+    effect: String,
     mode: String,
     state: String,
     cause: String,
@@ -115,7 +116,12 @@ impl CtlArgs {
         };
         let lines = heard.lines();
         let report = ControlReport::new(self.command.command(), &response, heard);
-        report.check(&response, expected)?;
+        let refused = report.check(&response, expected);
+        if refused.is_err() {
+            // The processes with their configurations, where these differ.
+            lines.iter().for_each(|line| say(line));
+        }
+        refused?;
         print(&if self.json { report.to_json() } else { report.to_text(&lines) })?;
         Ok(Exit::Ok)
     }
@@ -149,28 +155,40 @@ impl CtlArgs {
         bus: &Bus,
         expected: Option<u64>,
     ) -> Result<(Option<ControlResponseV1>, InstanceStatus), BusError> {
-        let response = request(bus, self.command.command(), expected)?;
+        let response = match self.command {
+            Request::Arm => arm::ask(bus, expected)?,
+            _ => request(bus, self.command.command(), expected)?,
+        };
+        let differs = response.is_some_and(|response| {
+            response.answer == Answer::Refused.code() && names_configurations(&response)
+        });
         let heard = match self.command {
             Request::Status => status::observe(bus)?,
+            _ if differs => status::observe(bus)?,
             _ => InstanceStatus::default(),
         };
         Ok((response, heard))
     }
 }
 
-/// Sends a command that expires to the daemon; `None` if none answers. `expected`: hash of the configuration that the daemon must
-/// run with.
-fn request(
-    bus: &Bus,
-    command: OperatorCommand,
-    expected: Option<u64>,
-) -> Result<Option<ControlResponseV1>, BusError> {
-    let request = ControlRequestV1 {
-        valid_until: Time::now() + ANSWER_TIMEOUT,
-        config_hash: expected.unwrap_or(0),
-        ..ControlRequestV1::of(command)
-    };
-    bus.control_client()?.ask(request, ANSWER_TIMEOUT)
+/// Whether the daemon says that processes run with different configurations.
+fn names_configurations(response: &ControlResponseV1) -> bool {
+    let mut obstacles = ArmingObstacles::from_bits(response.obstacles).iter();
+    obstacles.any(|obstacle| obstacle == ArmingObstacle::Configuration)
+}
+
+/// What has happened by a command that the daemon did not refuse, from the mode that it is in since.
+fn effect(command: OperatorCommand, mode: Option<Mode>, answer: &str) -> String {
+    match (command, mode) {
+        (OperatorCommand::Arm, Some(Mode::Flying)) => "armed, the flight has begun".to_owned(),
+        (OperatorCommand::Land, Some(Mode::Landing)) => {
+            "landing where it is; motors off on the floor".to_owned()
+        }
+        (OperatorCommand::Land | OperatorCommand::Disarm, Some(Mode::Disarmed)) => {
+            format!("{command}: motors off")
+        }
+        _ => format!("{command}: {answer}"),
+    }
 }
 
 fn silent(instance: &str) -> Failure {
@@ -219,9 +237,11 @@ impl ControlReport {
     fn new(command: OperatorCommand, response: &ControlResponseV1, heard: InstanceStatus) -> Self {
         let config_agrees = heard.config_agrees();
         let InstanceStatus { processes, vehicle, position_m } = heard;
+        let answer = word(Answer::from_code(response.answer));
         Self {
             command: command.to_string(),
-            answer: word(Answer::from_code(response.answer)),
+            effect: effect(command, Mode::from_code(response.mode), &answer),
+            answer,
             mode: word(Mode::from_code(response.mode)),
             state: word(SafetyState::from_code(response.state)),
             cause: word(Cause::from_code(response.cause)),
@@ -245,6 +265,11 @@ impl ControlReport {
         let listed = obstacles.join("; ");
         let reasons = if obstacles.is_empty() { cause } else { &listed };
         let mut message = format!("{command} refused: {reasons} (daemon is {mode})");
+        if response.cause == Cause::WrongMode.code()
+            && *command == OperatorCommand::Disarm.to_string()
+        {
+            message += "; `land` or `stop` ends a flight";
+        }
         if response.cause == Cause::OtherConfig.code() {
             message += &format!(
                 "; the daemon runs with {:016x}, expected is {:016x}: compare both with `oqtal check`",
@@ -261,9 +286,12 @@ impl ControlReport {
 
     /// The answer and the lines of the status as text.
     fn to_text(&self, lines: &[String]) -> String {
-        let Self { command, answer, mode, state, cause, .. } = self;
+        let Self { effect, mode, state, cause, .. } = self;
         let because = if cause.is_empty() { String::new() } else { format!(" ({cause})") };
-        let first = format!("{command}: {answer}; {mode}, {state}{because}");
+        let first = match self.command == OperatorCommand::Status.to_string() {
+            true => format!("daemon: {mode}, {state}{because}"),
+            false => format!("{effect}; {mode}, {state}{because}"),
+        };
         let against = self.obstacles.iter().map(|obstacle| format!("no take-off: {obstacle}"));
         [first]
             .into_iter()

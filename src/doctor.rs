@@ -21,6 +21,7 @@ mod system;
 
 use clap::Args;
 use oqtal_config::Config;
+use oqtal_observe::explain::wrapped;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths};
 use oqtal_runtime::program::print;
 
@@ -86,9 +87,10 @@ fn json(findings: &[Finding]) -> String {
 fn text(findings: &[Finding]) -> String {
     let mut lines = Vec::new();
     for finding in findings {
-        lines.push(format!("{:8} {}: {}", finding.level.name(), finding.name, finding.found));
+        let found = format!("{}: {}", finding.name, finding.found);
+        lines.push(format!("{:8} {}", finding.level.name(), wrapped(&found, 9)));
         if finding.level > Level::Ok {
-            lines.push(format!("         why: {}", finding.why));
+            lines.push(format!("         {}", wrapped(&format!("why: {}", finding.why), 14)));
             lines.extend(finding.remedy.iter().map(|remedy| format!("         remedy: {remedy}")));
         }
     }

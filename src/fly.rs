@@ -15,13 +15,14 @@ mod watch;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_config::{ClockKind, Config, Fault, Setting};
+use oqtal_config::{ClockKind, Config, Fault, Setting, TimedDisturbance};
 use oqtal_control::controller::ControllerName;
 use oqtal_lab::campaign::FlightSeries;
 use oqtal_lab::mission::Mission;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, check_instance};
 use oqtal_runtime::program::{print, say};
 
+use oqtal_observe::explain;
 use oqtal_observe::flight::{Flight, Outcome};
 use oqtal_observe::summary::Summary;
 use oqtal_observe::table;
@@ -70,6 +71,8 @@ pub struct FlyArgs {
     truth: Option<String>,
     #[arg(long = "fault", value_name = "TARGET:KIND[=VALUE]@TIME[+DURATION]", help = fault::HELP)]
     faults: Vec<Fault>,
+    #[arg(long = "disturb", value_name = "KIND@TIME[+DURATION]=VALUE", help = fault::DISTURB_HELP)]
+    disturb: Vec<TimedDisturbance>,
     /// A key of `[plant]`, where the simulated vehicle differs from the one that the laws are designed for, as in
     /// --plant rate-lag-ms=80; repeatable
     #[arg(long = "plant", value_name = "KEY=VALUE")]
@@ -83,6 +86,9 @@ pub struct FlyArgs {
     /// Print the summary as JSON instead of a table
     #[arg(long)]
     json: bool,
+    /// Explain each figure of the table in a line
+    #[arg(long, conflicts_with = "json")]
+    explain: bool,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -133,6 +139,8 @@ impl FlyArgs {
         let paths = &FlightPaths { commands, poses };
         let mission = Mission::new(config)?;
         check_pose_rate(&mission)?;
+        let told = oqtal_daemon::warnings(&mission.config, &mission.trajectory);
+        told.iter().for_each(|told| say(&format!("oqtal: warning: {told}")));
         let directory = match self.force {
             true => FlightDirectory::create_or_replace(self.out.as_deref(), &mission.config)?,
             false => FlightDirectory::create(self.out.as_deref(), &mission.config)?,
@@ -151,6 +159,9 @@ impl FlyArgs {
     fn conclude(&self, flight: &Flight, directory: &FlightDirectory) -> Result<Exit, Failure> {
         let summary = Summary::of(flight);
         print(&if self.json { summary.to_json(PROVENANCE) } else { table::closing(&summary) })?;
+        if self.explain {
+            print(&format!("\n{}\n", explain::text(&explain::terms(flight, &summary))))?;
+        }
         directory.write(flight, &summary)?;
         if !self.json {
             print(&format!("report: {}", directory.report().display()))?;
@@ -188,6 +199,8 @@ impl FlyArgs {
         set("--clock", "clock.kind", self.clock.map(|clock| clock.name().into()));
         let faults: Vec<String> = self.faults.iter().map(ToString::to_string).collect();
         set("--fault", "fault.inject", (!faults.is_empty()).then(|| faults.into()));
+        let loads: Vec<String> = self.disturb.iter().map(ToString::to_string).collect();
+        set("--disturb", "plant.disturb", (!loads.is_empty()).then(|| loads.into()));
         if let Some(source) = &self.mocap {
             source.settings(&mut settings);
         }

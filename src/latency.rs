@@ -47,6 +47,8 @@ pub use part::Part;
 const PATIENCE: Span = Span::from_millis(10_000);
 /// A running daemon is heard at least every few periods.
 const SILENCE: Span = Span::from_millis(1500);
+/// Time that the processes of a condition take to start and end, about \[s\].
+const STARTING_S: f64 = 3.0;
 /// What is measured while processes warm up does not count.
 const WARM_UP: Span = Span::from_millis(500);
 /// How often is listened: long before a buffer is full, and seldom, so that it is not felt.
@@ -89,9 +91,18 @@ impl LatencyArgs {
         Span::from_millis(i64::from(self.seconds) * 1000)
     }
 
+    /// Time that the measurement at rest takes, about \[s\].
+    fn expected_s(&self) -> f64 {
+        let seconds = f64::from(self.seconds);
+        let chains = RigCondition::ALL.len() as f64 * (seconds + STARTING_S);
+        let pairs = f64::from(pairs::PAIRS) * (seconds / 2.0).floor().max(1.0);
+        chains + if pairs::is_installed() { pairs } else { 0.0 }
+    }
+
     /// The test chain beside the bare mechanisms, under each condition, then our periodic wake-up against cyclictest.
     fn at_rest(&self, config: &Config, stop: &StopFlag) -> Result<LatencyFigures, Failure> {
         let [regular, others @ ..] = RigCondition::ALL;
+        say(&format!("this takes about {:.0} s; Ctrl-C ends it early", self.expected_s()));
         let (rig, mut figures) = self.under(regular, config, stop)?;
         figures.conditions = vec![ConditionFigures::of(regular, &figures)];
         for condition in others {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use oqtal_observe::flight::Flight;
 use oqtal_observe::recording::{self, RecordingFile, RecordingFileError};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::say;
 
@@ -53,6 +54,6 @@ pub fn failure(error: RecordingFileError) -> Failure {
 /// # Errors
 /// The file cannot be written.
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Failure> {
-    std::fs::write(path, content)
+    files::write(path, content)
         .map_err(|error| Failure::new(Exit::System, format!("{}: {error}", path.display())))
 }

@@ -90,6 +90,44 @@ fn a_check_says_at_which_rate_the_loop_will_run() {
 }
 
 #[test]
+fn what_a_flight_asks_for_and_will_not_get_is_told_before_it() {
+    let testbed = Testbed::new("warned");
+    let told = |words: &[&str]| {
+        let brief = ["--clock", "in-process", "--duration", "1", "--json"];
+        let output = testbed.fly(&[&brief[..], words].concat());
+        (output.status.code(), stderr(&output))
+    };
+    let (_, message) = told(&["--set", "control.rate-hz=80"]);
+    assert!(message.contains("warning: cameras at 60 Hz, control.rate-hz = 80"), "{message}");
+    let waypoints = |text: &str| {
+        let file = testbed.write("way.csv", text).display().to_string();
+        told(&[
+            "--trajectory",
+            "waypoints",
+            "--set",
+            &format!("trajectory.waypoints-file={file:?}"),
+        ])
+    };
+    let (_, message) = waypoints("t,x,y,z\n0,0,0,1\n1,6,0,1\n");
+    for part in ["warning: at 0.50 s", "9.00 m/s", "position.horizontal-velocity-limit-m-s"] {
+        assert!(message.contains(part), "{message}");
+    }
+    let (code, message) = waypoints("t,x,y,z,yaw\n0,0,0,1,0\n9,1,0,1,90\n");
+    assert_eq!(code, Some(65), "{message}");
+    assert!(message.contains("way.csv:1: ") && message.contains("yaw_deg"), "{message}");
+    let (_, message) = told(&[]);
+    assert!(!message.contains("warning"), "{message}");
+}
+
+#[test]
+fn the_setting_that_makes_another_value_impossible_is_blamed() {
+    let circle = ["--trajectory", "circle", "--set", "trajectory.circle.radius-m=9"];
+    refused(&circle, 78, &["`trajectory.kind` = \"circle\"", "`fence.x-m` is [-8, 8]"]);
+    let rate = ["--set", "control.rate-hz=200"];
+    refused(&rate, 78, &["--set: with `control.rate-hz` = 200", "`safety.pose-rate-hz` is 60"]);
+}
+
+#[test]
 fn a_reader_that_goes_away_is_no_error() {
     let testbed = Testbed::new("pipe");
     let short = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "1"];

@@ -116,8 +116,12 @@ fn both_api_modes_of_the_xbee_fly() {
     for framing in ["api1", "api2"] {
         let testbed = Testbed::new(framing);
         let vehicle = format!("bridge:asctec,xbee={framing}");
-        let summary = testbed.summary(&[&["--vehicle", &vehicle], &hover("1")[..]].concat());
+        let out = testbed.path("out");
+        let words = ["--vehicle", &vehicle, "--out", out.to_str().unwrap()];
+        let summary = testbed.summary(&[&words, &hover("1")[..]].concat());
         landed(&summary);
+        let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
+        assert!(log.contains("motors have stopped"), "without an emergency stop: {log}");
         assert_eq!(summary["vehicle"], vehicle.as_str());
         // 17 bytes alone take 2.95 ms.
         assert!(number(&summary, "/hops/wire/p50_ns") > 5.0e6, "framing takes time on the wire");

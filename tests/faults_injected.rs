@@ -67,9 +67,8 @@ impl Flown {
 
     #[track_caller]
     fn coasts(&self) -> &Self {
-        // The first Coast is that of the start.
         let states = self.summary["state_sequence"].as_array().unwrap();
-        assert!(states.iter().filter(|state| *state == "Coast").count() > 1, "{states:?}");
+        assert!(states.iter().any(|state| state == "Coast"), "{states:?}");
         self
     }
 
@@ -136,7 +135,7 @@ fn f10_a_lasting_turn_is_never_believed() {
 fn f11_poses_that_come_seldom_are_flown_with() {
     let flown = fly(&HOVER, "--clock lockstep --fault pose:slow=30Hz@4+2");
     flown.lands();
-    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 2);
+    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 1);
     fly(&HOVER, "--clock lockstep --fault pose:intermittent=30%@4+3").lands();
 }
 
@@ -198,7 +197,7 @@ fn f20_wrong_bits_on_the_wire_are_flown_through() {
 fn f21_garbage_in_place_of_commands_moves_nothing_beyond_its_limits() {
     let flown = fly(&HOVER, "--clock lockstep --fault command:garbage@4+0.05");
     flown.lands();
-    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 2);
+    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 1);
 }
 
 #[test]
@@ -214,7 +213,7 @@ fn f22_late_turns_act_on_the_newest_pose_and_are_not_made_up_for() {
     assert!(late.len() >= 14 && late.iter().all(|t_s| (4.0..4.55).contains(t_s)), "{late:?}");
     let least = times.windows(2).map(|pair| pair[1] - pair[0]).fold(1.0, f64::min);
     assert!(least > 0.5 / 60.0, "two ticks within {least} s");
-    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 2);
+    assert_eq!(flown.summary["state_sequence"].as_array().unwrap().len(), 1);
 }
 
 #[test]

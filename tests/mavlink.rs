@@ -8,7 +8,10 @@ use oqtal_bridge::{MotorEvent, Note};
 use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
 use oqtal_bus::time::Span;
 use oqtal_wire::link::AutopilotKind;
-use oqtal_wire::mavlink::{CommandKind, MavlinkContent};
+use oqtal_wire::mavlink::{
+    AutopilotFirmware, CommandKind, MavlinkAddress, MavlinkContent, MavlinkEncoder,
+    MavlinkHeartbeat,
+};
 
 const BOTH: [AutopilotKind; 2] = [AutopilotKind::ArduPilot, AutopilotKind::Px4];
 
@@ -109,6 +112,55 @@ fn f14_a_daemon_that_falls_silent_leaves_zero_set_points_within_four_periods() {
         });
         let thrusts: Vec<f64> = thrusts.collect();
         assert!(thrusts.len() > 50 && thrusts.iter().skip(4).all(|thrust| *thrust == 0.0));
+    }
+}
+
+/// A heartbeat of another autopilot.
+fn stranger(kind: AutopilotKind, is_armed: bool) -> Vec<u8> {
+    let own = MavlinkAddress { system: 42, component: MavlinkAddress::AUTOPILOT };
+    let heartbeat = MavlinkContent::Heartbeat(MavlinkHeartbeat {
+        autopilot: AutopilotFirmware::Known(kind),
+        custom_mode: kind.setpoint_mode(),
+        is_armed,
+        is_simulated: false,
+    });
+    MavlinkEncoder::new(own).encode(&heartbeat).unwrap().as_bytes().to_vec()
+}
+
+#[test]
+fn a_stranger_that_was_heard_first_does_not_keep_the_vehicle_out() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &[]);
+        air.hear(&stranger(kind, true));
+        air.fly_for(2900, disarmed());
+        assert_eq!(air.said.link, 0, "{kind:?}: the stranger may come back");
+        air.fly_for(2000, disarmed());
+        assert!(air.notes.contains(&Note::Replaced), "{:?}", air.notes);
+        air.fly_for(4500, flight(0.3));
+        assert_eq!((air.said.link, air.said.armed), (1, 1), "{kind:?}");
+        assert!(air.height() > 0.2, "{kind:?}: {}", air.height());
+    }
+}
+
+#[test]
+fn a_stranger_is_not_taken_for_the_vehicle_while_that_answers_nor_with_running_motors() {
+    for kind in BOTH {
+        let mut air = Air::new(kind, &[]);
+        air.fly_for(1000, disarmed());
+        air.fly_for(4500, flight(0.3));
+        air.hear(&stranger(kind, false));
+        air.fly_for(100, flight(0.3));
+        assert_eq!((air.said.link, air.said.armed), (1, 1), "{kind:?}");
+        air.fall_silent();
+        for _ in 0..50 {
+            air.hear(&stranger(kind, true));
+            air.fly_for(100, disarmed());
+        }
+        assert!(!air.notes.contains(&Note::Replaced) && air.said.link == 0, "{kind:?}");
+        air.hear(&stranger(kind, false));
+        air.fly_for(100, flight(0.3));
+        assert!(air.notes.contains(&Note::Replaced), "{kind:?}");
+        assert_eq!((air.said.link, air.said.armed, air.said.starting), (1, 0, 0), "{kind:?}");
     }
 }
 

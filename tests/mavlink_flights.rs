@@ -20,6 +20,10 @@ fn the_square_over_mavlink_is_as_good_as_without_it() {
         let ratio = number(&wired, &path) / number(&direct, &path);
         assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
     }
+    // Measured by exchanges of clocks: half of a round trip, one way of which takes 19 ms.
+    let on_wire = number(&wired, "/hops/wire/p50_ns");
+    assert!(on_wire >= 9.5e6, "{on_wire} ns");
+    assert!(number(&wired, "/hops/wire/count") > 1000.0);
 }
 
 /// PX4 with 1 % of datagrams lost and 5 ms of jitter, and ArduCopter that is told attitudes.
@@ -37,11 +41,15 @@ fn a_hover_lands_through_losses_and_by_attitudes() {
         ("bridge:mavlink,autopilot=ardupilot,system=7", &["vehicle.interface=attitude"]),
     ] {
         let testbed = Testbed::new("mav-hover");
+        let out = testbed.path("out");
         let hover = ["--vehicle", vehicle, "--trajectory", "hover", "--duration", "2"];
         let settings = settings.iter().flat_map(|setting| ["--set", setting]);
-        let words: Vec<&str> = hover.into_iter().chain(settings).collect();
+        let written = ["--out", out.to_str().unwrap()];
+        let words: Vec<&str> = hover.into_iter().chain(settings).chain(written).collect();
         let summary = testbed.summary(&words);
         assert_eq!(summary["outcome"], "landed", "{vehicle}: {summary:#}");
+        let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
+        assert!(log.contains("motors have stopped"), "{vehicle}: {log}");
         assert_eq!(summary["vehicle"], vehicle);
     }
 }
@@ -57,6 +65,34 @@ fn a_vehicle_that_refuses_to_arm_is_told_in_its_own_words() {
     let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
     assert!(log.contains("the vehicle refuses to arm"), "{log}");
     assert!(log.contains("the vehicle says: Arm: Gyros inconsistent"), "{log}");
+}
+
+/// An autopilot that refuses to arm for as long as some do after they were switched on: the time of the flight is over in the air.
+#[test]
+fn a_flight_that_begins_late_is_landed_and_not_dropped() {
+    let testbed = Testbed::new("mav-late");
+    let out = testbed.path("out");
+    let settings = [
+        "plant.wire.mavlink.refuses-arming-ms=19000",
+        "bridge.motor-sequence-ms=30000",
+        "safety.motor-start-ms=31000",
+    ];
+    let hover = ["--vehicle", "bridge:mavlink", "--trajectory", "hover", "--duration", "1"];
+    let settings = settings.iter().flat_map(|setting| ["--set", setting]);
+    let written = ["--json", "--out", out.to_str().unwrap()];
+    let words: Vec<&str> = hover.into_iter().chain(settings).chain(written).collect();
+    let output = testbed.fly(&words);
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("the flight lasted too long"), "{}", stderr(&output));
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // A fall from the hover would be a crash.
+    assert_eq!(summary["outcome"], "timeout", "{summary:#}");
+    let telemetry = std::fs::read_to_string(out.join("telemetry.csv")).unwrap();
+    let (head, last) = (telemetry.lines().next().unwrap(), telemetry.lines().last().unwrap());
+    let column = head.split(',').position(|name| name == "true_z_m").unwrap();
+    let height: f64 = last.split(',').nth(column).unwrap().parse().unwrap();
+    assert!(height < 0.05, "{height} m");
+    assert!(telemetry.contains(",landing,"), "it flew");
 }
 
 #[test]

@@ -149,3 +149,18 @@ fn without_an_instance_or_a_terminal_the_remedy_is_told() {
     tmux.shows(&["nothing runs on instance", "oqtal fly --instance", "ended 75"]);
     assert!(!tmux.is_on_other_screen());
 }
+
+/// A window that is closed takes no key: the monitor notices and does not turn round for ever.
+#[test]
+fn a_monitor_whose_terminal_is_closed_ends() {
+    let testbed = Testbed::new("monitor-closed");
+    let Some(tmux) = Tmux::start(&testbed, (80, 24)) else { return };
+    let _running = services(&testbed);
+    tmux.monitor("");
+    tmux.shows(&["state     Nominal"]);
+    let pid = std::fs::read_to_string(testbed.path("pid")).unwrap().trim().parse().unwrap();
+    // The server of tmux outlives its only session.
+    tmux.run(&["set-option", "-g", "exit-empty", "off"]);
+    tmux.run(&["kill-session"]);
+    wait_for("the end of the monitor", || (!common::is_alive(pid)).then_some(()));
+}

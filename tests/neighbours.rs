@@ -130,3 +130,35 @@ fn no_link_of_another_user_is_followed() {
     drop(plant);
     let _ = std::fs::remove_file(words);
 }
+
+#[test]
+fn results_of_root_go_through_no_link_and_into_no_directory_of_another_user() {
+    if !is_root() {
+        return;
+    }
+    let testbed = Testbed::new("results");
+    let place = tempfile::tempdir().unwrap();
+    rustix::fs::chmod(place.path(), 0o1777.into()).unwrap();
+    let (kept, theirs) = (testbed.write("kept", "kept"), place.path().join("theirs"));
+    let script =
+        "mkdir \"$2\" && ln -s \"$1\" \"$2/campaign.csv\" && ln -s \"$1\" \"$2/tuned.toml\"";
+    let made = as_nobody(script, &[kept.clone(), theirs.clone()]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let campaign =
+        ["campaign", "--controllers", "pid", "--runs", "1", "--best", "1", "--clock", "in-process"];
+    let tune = ["tune", "pid", "--budget", "1", "--seeds", "1"];
+    let fly = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "0.2"];
+    for (words, out, says) in [
+        (&campaign[..], theirs.clone(), "a link, which is not followed"),
+        (&tune[..], theirs.join("tuned.toml"), "a link, which is not followed"),
+        (&fly[..], theirs.clone(), "belongs to another user"),
+    ] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        command.args(words).arg("--out").arg(&out).current_dir(testbed.path(""));
+        let output = command.output().unwrap();
+        assert_eq!(output.status.code(), Some(71), "{words:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(says), "{words:?}: {}", stderr(&output));
+    }
+    assert_eq!(std::fs::read_to_string(&kept).unwrap(), "kept");
+    assert!(!theirs.join("config.toml").exists());
+}

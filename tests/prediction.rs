@@ -77,7 +77,7 @@ proptest! {
             ..ModelInput::default()
         };
         let bias = Bias { demand: drift, acceleration: push };
-        let disturbance = Disturbance { acceleration: push, rate_drift: drift, voltage_ratio: 1.0 };
+        let disturbance = Disturbance { acceleration: push, rate_drift: drift, ..Disturbance::NONE };
         let told = oqtal_plant_sim::PlantInput { sticks, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);
         assert_same(&predicted, &integrate(&config, &motion, &told, &disturbance));
@@ -105,7 +105,7 @@ proptest! {
         let thrust_n = thrust * vehicle.max_thrust_n;
         let input = ModelInput { attitude: commanded, thrust_n, ..ModelInput::default() };
         let bias = Bias { demand: drift, acceleration: push };
-        let disturbance = Disturbance { acceleration: push, rate_drift: drift, voltage_ratio: 1.0 };
+        let disturbance = Disturbance { acceleration: push, rate_drift: drift, ..Disturbance::NONE };
         let attitude = **commanded.unit_quaternion();
         let told = oqtal_plant_sim::PlantInput { attitude, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);
@@ -126,7 +126,7 @@ proptest! {
         let input = ModelInput { demand, thrust_n: 1.6, ..ModelInput::default() };
         let bias = Bias { demand: Vector3::zeros(), acceleration: push };
         let disturbance =
-            Disturbance { acceleration: push, rate_drift: Vector3::zeros(), voltage_ratio: 1.0 };
+            Disturbance { acceleration: push, ..Disturbance::NONE };
         let thrust = 1.6 / config.vehicle.max_thrust_n;
         let told = oqtal_plant_sim::PlantInput { torque, thrust, ..Default::default() };
         let predicted = model.advance(&motion, &input, &bias, 0.035);

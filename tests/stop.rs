@@ -188,3 +188,31 @@ fn stop_and_land_need_no_valid_configuration() {
     assert_eq!(land.status.code(), Some(75), "{}", stderr(&land));
     assert!(stderr(&land).contains("no daemon answers"), "{}", stderr(&land));
 }
+
+#[test]
+fn an_operator_is_told_what_has_happened_and_may_arm_again_while_the_vehicle_falls() {
+    let testbed = Testbed::new("stop-told");
+    let bus = testbed.bus();
+    let _processes = airborne(&testbed, &bus);
+    let ctl = |command: &str| {
+        let output = testbed.oqtal(&["ctl", command]).output().unwrap();
+        (
+            output.status.code(),
+            String::from_utf8_lossy(&output.stdout).into_owned() + &stderr(&output),
+        )
+    };
+    let (code, said) = ctl("disarm");
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("`land` or `stop` ends a flight"), "{said}");
+    let (code, said) = ctl("stop");
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.starts_with("stopped: motors off"), "{said}");
+    // From its height the vehicle falls for a while: it is waited for.
+    let (code, said) = ctl("arm");
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("armed, the flight has begun; flying"), "{said}");
+    assert!(said.contains("waits until the stopped vehicle is at rest"), "{said}");
+    let (code, said) = ctl("land");
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.starts_with("landing where it is"), "{said}");
+}

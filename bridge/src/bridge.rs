@@ -1,6 +1,8 @@
 //! The bridge between commands on the bus and bytes on a port: which frame is due, what it contains, and what its replies show.
 //! Pure: bytes and time are arguments.
 
+mod report;
+
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
@@ -12,7 +14,7 @@ use crate::note::Note;
 use crate::outbox::{FrameKind, Outbox};
 use crate::poses::PoseRelay;
 use crate::protocol::{FrameSizes, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply};
-use crate::safety::{CommandGate, ForwardedCommand, MotorStatus};
+use crate::safety::{CommandGate, MotorStatus};
 use crate::schedule::Schedule;
 use crate::setpoint::VehicleSetpoint;
 use crate::timing::{limits, millis, word_spacing};
@@ -135,9 +137,9 @@ impl Bridge {
         read_at.filter(|_| self.is_open).map_or(due, |read_at| due.min(read_at))
     }
 
-    /// Takes a pose from the bus.
-    pub fn receive_pose(&mut self, header: &Header, pose: &PoseV1) {
-        self.poses.receive(header, pose);
+    /// Takes a pose that arrived from the bus at `now`.
+    pub fn receive_pose(&mut self, now: Time, header: &Header, pose: &PoseV1) {
+        self.poses.receive(now, header, pose);
     }
 
     /// Records that the port is read at `now`. Returns whether the vehicle at its other end answers.
@@ -179,6 +181,7 @@ impl Bridge {
                     gate.update_status(MotorStatus { received_at: now, running });
                 }
                 VehicleReply::Control(control) => gate.update_control(control),
+                VehicleReply::Replaced => note(Note::Replaced),
                 VehicleReply::Text(text) => note(Note::Text(text)),
                 // The same refusal comes again with every attempt.
                 VehicleReply::Refused(refusal) if refusal != monitor.refusal() => {
@@ -327,35 +330,6 @@ impl Bridge {
     #[must_use]
     pub fn ahead(&self, now: Time) -> Span {
         self.outbox.ahead(now)
-    }
-
-    /// Report of the vehicle's state, with the command that a set-point forwarded and the time that the set-point needs until it
-    /// has left.
-    pub fn report(
-        &mut self,
-        now: Time,
-        forwarded: Option<ForwardedCommand>,
-        on_wire: Span,
-    ) -> VehicleReport {
-        if let Some(forwarded) = &forwarded {
-            self.last_command = forwarded.command;
-        }
-        let answers = self.is_answering(now);
-        let vehicle = VehicleV1 {
-            command_sequence: self.last_command,
-            lost: self.commands_lost,
-            wire_ns: on_wire.nanos(),
-            air_ns: self.air.nanos(),
-            armed: u8::from(answers && self.gate.last_status_running()),
-            starting: u8::from(self.gate.is_starting()),
-            stopped: u8::from(self.stopped_since.is_some()),
-            link: u8::from(answers),
-            control: self.gate.control().code(),
-            ..self.monitor.state(now)
-        };
-        let stamps = forwarded
-            .map_or_else(Stamps::default, |command| Stamps { applied_at: now, ..command.stamps });
-        (forwarded.map_or(0, |command| command.pose), stamps, vehicle)
     }
 
     /// Whether a port is open and the vehicle has replied within the silence time.

@@ -176,7 +176,10 @@ impl Crtp {
             return;
         };
         match message {
-            CrtpReply::Echo(_) => reply(VehicleReply::Answer),
+            CrtpReply::Echo(sent) => {
+                let sent_at = Time::UNSET + Span::from_nanos(sent.cast_signed());
+                reply(VehicleReply::RoundTrip(now.since(sent_at)));
+            }
             CrtpReply::Console(text) => {
                 self.console.take(text, |text| {
                     reply(VehicleReply::Text(VehicleText { is_trouble: false, text }));

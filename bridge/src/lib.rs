@@ -11,10 +11,10 @@
 //! | `crtp.rs` | protocol of the Crazyflie | transport, safety |
 //! | `radio.rs` | Crazyradio: schedule, USB, several bridges on one radio | format, safety |
 //! | `mavlink.rs` | protocol of PX4 and ArduPilot | transport, safety |
-//! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs` | packets of an XBee; ports | format, safety |
+//! | `xbee.rs`; `serial.rs`, `udp.rs`, `tcp.rs`, `internet.rs` | packets of an XBee; ports | format, safety |
 //! | `line.rs`, `outbox.rs` | occupancy of the line; the frame on its way out | format |
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
-//! | `monitor.rs` | state of the vehicle as its replies show it | format, transport |
+//! | `monitor.rs`, `round_trips.rs` | state of the vehicle and of a network as replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
 //! | `setup.rs` | protocol, transport and port that the configuration asks for | |
 //! | `vehicle_setup.rs` | the command `setup`: parameters of an autopilot | |
@@ -28,6 +28,7 @@ mod asctec;
 mod background;
 mod bridge;
 mod crtp;
+mod internet;
 mod line;
 mod link;
 mod mavlink;
@@ -39,6 +40,7 @@ mod outbox;
 mod poses;
 mod protocol;
 mod radio;
+mod round_trips;
 mod safety;
 mod schedule;
 mod serial;
@@ -137,12 +139,15 @@ pub struct SetupArgs {
 /// Arguments of the bridge's command line.
 #[derive(Args, Clone, Debug)]
 pub struct BridgeArgs {
-    /// Where the vehicle is: asctec:PATH[,baud=57600][,xbee=transparent|api1|api2], or mavlink:serial:PATH[,baud=921600],
-    /// mavlink:udpin:HOST:PORT, mavlink:udpout:HOST:PORT, mavlink:tcp:HOST:PORT, with [,autopilot=px4|ardupilot][,system=N], or crtp:radio:CHANNEL/RATE/ADDRESS, crtp:udp:HOST:PORT
-    #[arg(long, value_name = "LINK")]
+    /// Where the vehicle is
+    #[arg(long, value_name = "LINK", help = link_help())]
     link: Option<String>,
     #[command(flatten)]
     common: CommonArgs,
+}
+
+fn link_help() -> String {
+    format!("Where the vehicle is: {}", LinkSpec::forms().join("; "))
 }
 
 impl BridgeCommand {

@@ -71,7 +71,6 @@ pub struct Mavlink {
     pose_period: Span,
     position_sd_m: f64,
     attitude_sd_rad: f64,
-    is_signed: bool,
     /// Instant at which the port was opened: set-points count time from it.
     opened: Time,
 }
@@ -83,13 +82,7 @@ impl Mavlink {
     /// A value of `[bridge.mavlink]` cannot be used.
     pub fn new(config: &Config, link: &MavlinkLink, unix_us: u64) -> Result<Self, OptionError> {
         let options = &config.bridge.mavlink;
-        let own = MavlinkAddress { system: options.system, component: options.component };
-        let mut encoder = MavlinkEncoder::new(own);
-        let key = options::signing_key(config)?;
-        let is_signed = key.is_some();
-        if let Some(key) = key {
-            encoder.sign(key, unix_us);
-        }
+        let encoder = encoder(config, unix_us)?;
         let thrust = options::thrust_curve(config)?;
         Ok(Self {
             encoder,
@@ -103,7 +96,6 @@ impl Mavlink {
             pose_period: Span::period_of(options.pose_rate_hz),
             position_sd_m: options.position_sd_mm * 1e-3,
             attitude_sd_rad: options.attitude_sd_deg.to_radians(),
-            is_signed,
             opened: Time::UNSET,
         })
     }
@@ -134,9 +126,23 @@ impl Mavlink {
     }
 }
 
+/// Encoder of the bridge's own packets, signed if a key is configured, where Unix time is `unix_us` \[us\].
+///
+/// # Errors
+/// The key cannot be used.
+pub(crate) fn encoder(config: &Config, unix_us: u64) -> Result<MavlinkEncoder, OptionError> {
+    let options = &config.bridge.mavlink;
+    let own = MavlinkAddress { system: options.system, component: options.component };
+    let mut encoder = MavlinkEncoder::new(own);
+    if let Some(key) = options::signing_key(config)? {
+        encoder.sign(key, unix_us);
+    }
+    Ok(encoder)
+}
+
 impl VehicleProtocol for Mavlink {
     fn sizes(&self) -> FrameSizes {
-        let around = ENVELOPE + if self.is_signed { SIGNATURE } else { 0 };
+        let around = ENVELOPE + if self.encoder.signs() { SIGNATURE } else { 0 };
         FrameSizes {
             setpoint: SETPOINT + around,
             acknowledgement: 0,
@@ -218,7 +224,7 @@ impl VehicleProtocol for Mavlink {
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
         let Self { decoder, vehicle, starting, errands, .. } = self;
         for packet in decoder.push(bytes) {
-            if !vehicle.takes(&packet, reply) {
+            if !vehicle.takes(now, &packet, reply) {
                 continue;
             }
             match packet.content {

@@ -6,6 +6,7 @@ use oqtal_bus::text::ShortText;
 use oqtal_bus::time::{Span, Time};
 
 use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
+use crate::round_trips::RoundTrips;
 
 /// Number of intervals in the last second, over which requests and answers are counted.
 const INTERVALS: usize = 10;
@@ -29,6 +30,7 @@ pub struct VehicleMonitor {
     refusal: VehicleRefusal,
     text: ShortText,
     motors_run: bool,
+    round_trips: RoundTrips,
     intervals: [Exchanges; INTERVALS],
     current: usize,
     current_began: Time,
@@ -46,6 +48,7 @@ impl VehicleMonitor {
             refusal: VehicleRefusal::None,
             text: ShortText::EMPTY,
             motors_run: false,
+            round_trips: RoundTrips::default(),
             intervals: [Exchanges::default(); INTERVALS],
             current: 0,
             current_began: Time::UNSET,
@@ -64,16 +67,18 @@ impl VehicleMonitor {
 
     /// Takes a valid reply.
     pub fn receive(&mut self, now: Time, reply: VehicleReply) {
-        // A vehicle that is refused as a whole does not answer as the one that was asked for.
-        let is_another = matches!(
-            reply,
-            VehicleReply::Refused(VehicleRefusal::OtherAutopilot | VehicleRefusal::OtherSystem)
-        );
-        if !is_another {
+        if reply == VehicleReply::Replaced {
+            self.reset();
+        }
+        if is_answer(&reply) {
             self.received_at = now;
         }
         match reply {
             VehicleReply::Answer => self.interval(now).answers += 1,
+            VehicleReply::RoundTrip(span) => {
+                self.interval(now).answers += 1;
+                self.round_trips.record(span);
+            }
             VehicleReply::Battery(volts) => self.battery_v = volts,
             VehicleReply::Motors(run) => {
                 if run && !self.motors_run {
@@ -84,8 +89,17 @@ impl VehicleMonitor {
             VehicleReply::Estimate(estimate) => self.estimate = estimate,
             VehicleReply::Refused(refusal) => self.refusal = refusal,
             VehicleReply::Text(VehicleText { is_trouble: true, text }) => self.text = text,
-            VehicleReply::Text(_) | VehicleReply::Control(_) | VehicleReply::Other => {}
+            VehicleReply::Text(_)
+            | VehicleReply::Control(_)
+            | VehicleReply::Replaced
+            | VehicleReply::Other => {}
         }
+    }
+
+    /// Time of a frame on its way, from round trips; `None` where none is known.
+    #[must_use]
+    pub fn one_way(&self) -> Option<Span> {
+        self.round_trips.one_way()
     }
 
     /// Why the vehicle did not do what was asked last.
@@ -143,6 +157,13 @@ impl VehicleMonitor {
     }
 }
 
+/// Whether `reply` is one of the vehicle that was asked for: a vehicle that is refused as a whole is another, and that commands are not
+/// answered is the bridge's own finding, whatever else is heard.
+fn is_answer(reply: &VehicleReply) -> bool {
+    use VehicleRefusal::{NoAnswer, OtherAutopilot, OtherSystem};
+    !matches!(reply, VehicleReply::Refused(OtherAutopilot | OtherSystem | NoAnswer))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -167,8 +188,10 @@ mod tests {
     #[test]
     fn a_trouble_is_shown_until_the_motors_run_and_another_vehicle_is_no_answer() {
         let mut vehicle = VehicleMonitor::new(Span::from_millis(1000));
-        vehicle.receive(at(0), VehicleReply::Refused(VehicleRefusal::OtherSystem));
-        assert!(!vehicle.is_answering(at(0)));
+        for nobody in [VehicleRefusal::OtherSystem, VehicleRefusal::NoAnswer] {
+            vehicle.receive(at(0), VehicleReply::Refused(nobody));
+            assert!(!vehicle.is_answering(at(0)), "{nobody:?}");
+        }
         let says = |is_trouble, text| {
             VehicleReply::Text(VehicleText { is_trouble, text: ShortText::new(text) })
         };

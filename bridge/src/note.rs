@@ -15,6 +15,8 @@ pub enum Note {
         /// Number of damaged frames received so far \[-\].
         damaged: u64,
     },
+    /// Another vehicle answers in place of one that fell silent.
+    Replaced,
     /// Event of the motors.
     Motors(MotorEvent),
     /// A command was rejected: past its timeout, or stamped in the future.
@@ -35,6 +37,9 @@ impl Note {
             Self::Silent { damaged } => tracing::warn!(
                 damaged,
                 "the vehicle is silent: is it switched on, is the serial interface released on its remote control?"
+            ),
+            Self::Replaced => tracing::warn!(
+                "another vehicle answers in place of the silent one: name the right one in `bridge.link`, as with `,system=N`"
             ),
             Self::Motors(event) => log_motors(event),
             Self::CommandRejected => tracing::warn!(

@@ -1,7 +1,10 @@
 //! `[bridge]` in the terms of `oqtal-wire`: link, address, scales.
 
+use std::path::Path;
+
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
+use oqtal_runtime::files;
 use oqtal_wire::asctec::{InvalidScale, Scales, StickMeaning};
 use oqtal_wire::link::{InvalidLink, LinkSpec};
 use oqtal_wire::mavlink::{SigningKey, ThrustCurve};
@@ -15,7 +18,6 @@ pub fn check(config: &Config) -> Result<(), OptionError> {
     address(config)?;
     scales(config)?;
     thrust_curve(config)?;
-    signing_key(config)?;
     link(config).map(drop)
 }
 
@@ -70,17 +72,55 @@ pub fn thrust_curve(config: &Config) -> Result<ThrustCurve, OptionError> {
     curve.map_err(|error| OptionError::new(key, "unusable", error.to_string()))
 }
 
-/// The key by which MAVLink packets are signed; `None` for packets without a signature.
+/// The key by which MAVLink packets are signed, from its file; `None` for packets without a signature.
 ///
 /// # Errors
-/// `bridge.mavlink.signing-key` is no key.
+/// `bridge.mavlink.signing-key-file` is no file for this user alone, or holds no key.
 pub fn signing_key(config: &Config) -> Result<Option<SigningKey>, OptionError> {
-    let text = &config.bridge.mavlink.signing_key;
-    if text.is_empty() {
+    let path = &config.bridge.mavlink.signing_key_file;
+    if path.is_empty() {
         return Ok(None);
     }
+    let refused = |rule: String| {
+        OptionError::new("bridge.mavlink.signing-key-file", format!("`{path}`"), rule)
+    };
+    let text = files::read_secret(Path::new(path))
+        .map_err(|error| refused(format!("a file for its owner alone: {error}")))?;
     // The key is a secret: it is not part of the message.
-    let key = "bridge.mavlink.signing-key";
-    let wrong = || OptionError::new(key, "unusable", "64 hexadecimal digits");
-    SigningKey::from_hex(text).map(Some).ok_or_else(wrong)
+    let wrong = || refused("a file with 64 hexadecimal digits".to_owned());
+    SigningKey::from_hex(text.trim()).map(Some).ok_or_else(wrong)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::PermissionsExt;
+
+    use oqtal_config::Setting;
+
+    use super::*;
+
+    #[test]
+    fn a_key_is_read_from_a_file_that_nobody_else_can_read_and_is_in_no_message() {
+        let path = std::env::temp_dir().join(format!("oqtal-key-{}", std::process::id()));
+        let shown = path.display().to_string();
+        let key = || {
+            let key = "bridge.mavlink.signing-key-file";
+            let settings = [Setting::flag("test", key, shown.as_str())];
+            let config = Config::from_settings(&settings).unwrap();
+            assert!(!config.to_toml().contains("abab"));
+            signing_key(&config).map_err(|error| error.to_string())
+        };
+        assert!(key().unwrap_err().contains("No such file"));
+        fs::write(&path, "ab".repeat(32) + "\n").unwrap();
+        fs::set_permissions(&path, Permissions::from_mode(0o640)).unwrap();
+        assert!(key().unwrap_err().contains("chmod 600"));
+        fs::set_permissions(&path, Permissions::from_mode(0o600)).unwrap();
+        assert_eq!(key().unwrap(), SigningKey::from_hex(&"ab".repeat(32)));
+        fs::write(&path, "abab").unwrap();
+        let message = key().unwrap_err();
+        assert!(message.contains("64 hexadecimal digits") && !message.contains("abab"));
+        fs::remove_file(&path).unwrap();
+        assert_eq!(signing_key(&Config::default()).unwrap(), None);
+    }
 }

@@ -1,10 +1,11 @@
 //! Poses on their way to a vehicle that estimates its own motion: the newest one, once, while it is young.
 
-use oqtal_bus::message::{Header, PoseV1};
+use oqtal_bus::message::{Header, PoseV1, Stamps};
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::quaternion::Attitude;
 
 use crate::protocol::VehiclePose;
+use crate::safety::is_within;
 
 /// Share of the shortest time between two poses by which one may come too early \[-\]: the cadence of cameras varies.
 const TOLERANCE: f64 = 0.05;
@@ -33,23 +34,25 @@ impl PoseRelay {
         Self { age, waiting: None, captured_at: Time::UNSET, sent_at: Time::UNSET }
     }
 
-    /// Takes a pose from the bus; poses that are not finite, of a lost body, or not newer than the last one are left out.
-    pub fn receive(&mut self, header: &Header, pose: &PoseV1) {
-        let captured_at = header.stamps.captured_at;
-        let is_newer =
-            captured_at.is_set() && (!self.captured_at.is_set() || captured_at > self.captured_at);
+    /// Takes a pose from the bus at `now`; poses that are not finite, of a lost body, not newer than the last one, or of the future are
+    /// left out.
+    pub fn receive(&mut self, now: Time, header: &Header, pose: &PoseV1) {
+        let Stamps { captured_at, pose_published_at: published_at, .. } = header.stamps;
+        let is_newer = captured_at.is_set()
+            && captured_at.max(published_at) <= now
+            && (!self.captured_at.is_set() || captured_at > self.captured_at);
         let is_finite = pose.position.iter().all(|number| number.is_finite());
         let attitude = Attitude::from_xyzw(pose.attitude).filter(|_| is_finite && is_newer);
         let Some(attitude) = attitude.filter(|_| pose.tracked == 1) else { return };
         self.captured_at = captured_at;
         let pose = VehiclePose { captured_at, position: pose.position, attitude };
-        self.waiting = Some(Waiting { published_at: header.stamps.pose_published_at, pose });
+        self.waiting = Some(Waiting { published_at, pose });
     }
 
     /// Takes the pose that is due at `now`, where poses are sent `period` apart.
     pub fn take(&mut self, now: Time, period: Span) -> Option<VehiclePose> {
         let Waiting { published_at, pose } = self.waiting?;
-        if now.since(published_at) > self.age {
+        if !is_within(now, published_at, self.age) {
             self.waiting = None;
             return None;
         }
@@ -69,7 +72,6 @@ impl PoseRelay {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_bus::message::Stamps;
 
     const PERIOD: Span = Span::from_millis(20);
 
@@ -96,14 +98,14 @@ mod tests {
     #[test]
     fn the_newest_pose_goes_out_once_at_its_rate_with_its_time_and_never_an_old_one() {
         let mut relay = PoseRelay::new(Span::from_millis(50));
-        relay.receive(&header(0), &SEEN);
+        relay.receive(at(15), &header(0), &SEEN);
         assert_eq!(relay.take(at(16), PERIOD).unwrap().captured_at, at(0));
         assert!(relay.take(at(40), PERIOD).is_none(), "once");
-        relay.receive(&header(20), &SEEN);
-        relay.receive(&header(24), &SEEN);
+        relay.receive(at(23), &header(4), &SEEN);
+        relay.receive(at(23), &header(8), &SEEN);
         assert!(relay.take(at(34), PERIOD).is_none(), "too soon");
-        assert_eq!(relay.take(at(39), PERIOD).unwrap().captured_at, at(24));
-        relay.receive(&header(40), &SEEN);
+        assert_eq!(relay.take(at(39), PERIOD).unwrap().captured_at, at(8));
+        relay.receive(at(55), &header(40), &SEEN);
         assert!(relay.take(at(106), PERIOD).is_none(), "published more than 50 ms ago");
     }
 
@@ -115,13 +117,14 @@ mod tests {
             PoseV1 { position: [f64::NAN, 0.0, 0.0], ..SEEN },
             PoseV1 { attitude: [0.0; 4], ..SEEN },
         ] {
-            relay.receive(&header(1), &wrong);
+            relay.receive(at(17), &header(1), &wrong);
             assert!(relay.take(at(17), PERIOD).is_none(), "{wrong:?}");
         }
-        relay.receive(&header(2), &SEEN);
-        assert!(relay.take(at(18), PERIOD).is_some());
-        relay.receive(&header(2), &SEEN);
-        relay.receive(&header(1), &SEEN);
+        relay.receive(at(17), &header(900), &SEEN);
+        relay.receive(at(17), &header(2), &SEEN);
+        assert!(relay.take(at(18), PERIOD).is_some(), "one of the future locks nothing out");
+        relay.receive(at(18), &header(2), &SEEN);
+        relay.receive(at(18), &header(1), &SEEN);
         assert!(relay.take(at(60), PERIOD).is_none());
     }
 }

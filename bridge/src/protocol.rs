@@ -47,12 +47,16 @@ impl VehicleFrame {
 pub enum VehicleReply {
     /// Answer to a request: to a set-point that is acknowledged, or to a periodic word that is answered.
     Answer,
+    /// Answer to a periodic word at once, so long after the word was sent.
+    RoundTrip(Span),
     /// Whether the motors run.
     Motors(bool),
     /// Battery voltage \[V\].
     Battery(f64),
     /// Who has control. A vehicle that never tells is the bridge's.
     Control(ControlHolder),
+    /// Another vehicle, whose motors stand, answers in place of one that fell silent: nothing that was known holds for it.
+    Replaced,
     /// The vehicle refuses what was asked last.
     Refused(VehicleRefusal),
     /// What the vehicle knows of its own motion.

@@ -273,6 +273,6 @@ impl CommandGate {
 }
 
 /// Whether the stamp `since` is set, not in the future, and no older than `age`.
-fn is_within(now: Time, since: Time, age: Span) -> bool {
+pub(crate) fn is_within(now: Time, since: Time, age: Span) -> bool {
     since.is_set() && since <= now && now.since(since) <= age
 }

@@ -41,6 +41,11 @@ pub struct VehicleSetup {
     pub chore: Option<Box<dyn Chore>>,
 }
 
+/// Unix time \[us\], by which packets are signed.
+pub(crate) fn unix_us() -> u64 {
+    (Time::now() + Time::wall_offset()).nanos() / 1000
+}
+
 impl VehicleSetup {
     /// The way to the vehicle that `config` describes.
     ///
@@ -66,8 +71,7 @@ impl VehicleSetup {
         let protocol: Box<dyn VehicleProtocol> = match &spec {
             LinkSpec::Asctec(_) => Box::new(Asctec::new(config).map_err(located)?),
             LinkSpec::Mavlink(link) => {
-                let unix_us = (Time::now() + Time::wall_offset()).nanos() / 1000;
-                Box::new(Mavlink::new(config, link, unix_us).map_err(located)?)
+                Box::new(Mavlink::new(config, link, unix_us()).map_err(located)?)
             }
             LinkSpec::Crtp(link) => {
                 let radio_id = match link {

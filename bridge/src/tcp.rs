@@ -11,8 +11,8 @@ use std::time::Duration;
 use oqtal_wire::link::HostPort;
 use rustix::net::sockopt;
 
+use crate::internet::{addresses, refused};
 use crate::link::{PortOpenError, PortOptions, VehicleLink, without_waiting};
-use crate::udp::{addresses, refused};
 
 /// Time within which a server must accept the connection.
 const CONNECTED_WITHIN: Duration = Duration::from_millis(1500);

@@ -101,7 +101,7 @@ impl<T: Transport> Turn for BridgeTurn<T> {
         if let Some(poses) = &mut self.ports.poses
             && let Some((header, pose)) = poses.latest()?
         {
-            self.bridge.receive_pose(&header, &pose);
+            self.bridge.receive_pose(clock.now(), &header, &pose);
         }
         self.write_due(clock)?;
         self.confirm_stop();

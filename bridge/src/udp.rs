@@ -1,13 +1,14 @@
 //! UDP as a link: one frame is one datagram.
 //!
 //! `udpin` is bound to an address of this machine and learns its peer from the datagrams that arrive: while the vehicle answers,
-//! datagrams of others are discarded. `udpout` sends to one address, and takes only what comes from there.
+//! the kernel discards datagrams of others, which therefore take no room in its queue. `udpout` sends to one address, and takes only what comes from there.
 
 use std::io::{self, ErrorKind};
-use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{SocketAddr, UdpSocket};
 
 use oqtal_wire::link::HostPort;
 
+use crate::internet::{addresses, refused};
 use crate::link::{PortOpenError, PortOptions, VehicleLink, without_waiting};
 
 /// Most datagrams of others that one read discards \[-\].
@@ -69,31 +70,8 @@ impl UdpPortOptions {
     }
 }
 
-/// Addresses of `host`, at least one.
-pub(crate) fn addresses(host: &HostPort) -> Result<Vec<SocketAddr>, PortOpenError> {
-    let unknown = |reason: String| PortOpenError::UnknownHost { host: host.host.clone(), reason };
-    let text = host.to_string();
-    let found = text.to_socket_addrs().map_err(|error| unknown(error.to_string()))?;
-    let found: Vec<SocketAddr> = found.collect();
-    if found.is_empty() { Err(unknown("it has no address".to_owned())) } else { Ok(found) }
-}
-
 fn bind(addresses: &[SocketAddr], host: &HostPort) -> Result<UdpSocket, PortOpenError> {
     UdpSocket::bind(addresses).map_err(|error| refused(host, &error))
-}
-
-/// The failure of `host` to become a port.
-pub(crate) fn refused(host: &HostPort, error: &io::Error) -> PortOpenError {
-    let address = host.to_string();
-    match error.kind() {
-        ErrorKind::AddrInUse => PortOpenError::AddressInUse { address },
-        ErrorKind::AddrNotAvailable => PortOpenError::NotLocal { address },
-        ErrorKind::ConnectionRefused | ErrorKind::TimedOut => {
-            PortOpenError::NobodyListens { address }
-        }
-        ErrorKind::PermissionDenied => PortOpenError::Permission { path: address },
-        _ => PortOpenError::System { port: address, reason: error.to_string() },
-    }
 }
 
 impl VehicleLink for UdpLink {
@@ -139,9 +117,15 @@ impl VehicleLink for UdpLink {
     }
 
     fn keep_peer(&mut self, is_kept: bool) {
-        if let Some(learned) = &mut self.learned {
-            learned.is_kept = is_kept;
+        let Some(learned) = &mut self.learned else { return };
+        if std::mem::replace(&mut learned.is_kept, is_kept) == is_kept {
+            return;
         }
+        // A kernel that refuses leaves the work to `read`.
+        let _ = match learned.address.filter(|_| is_kept) {
+            Some(peer) => self.socket.connect(peer),
+            None => rustix::net::connect_unspec(&self.socket).map_err(io::Error::from),
+        };
     }
 }
 
@@ -203,8 +187,32 @@ mod tests {
         vehicles[1].send(b"b").unwrap();
         assert_eq!(link.read(&mut buffer).unwrap(), 1);
         link.keep_peer(false);
-        vehicles[0].send(b"a").unwrap();
+        // The first one is told that the other was refused.
+        let _ = vehicles[0].send(b"a");
+        let _ = vehicles[0].send(b"a");
         assert_eq!(link.read(&mut buffer).unwrap(), 1, "the vehicle was restarted");
+    }
+
+    #[test]
+    fn strangers_leave_room_for_the_vehicle_that_answers_however_much_they_send() {
+        let (mut link, vehicles) = listening(2);
+        let [vehicle, stranger] = &vehicles[..] else { panic!("two vehicles") };
+        let mut buffer = [0; 16];
+        vehicle.send(b"a").unwrap();
+        assert_eq!(link.read(&mut buffer).unwrap(), 1);
+        link.keep_peer(true);
+        for _ in 0..5000 {
+            // Refused from the first one on, which the next call tells.
+            let _ = stranger.send(b"stranger");
+        }
+        vehicle.send(b"a").unwrap();
+        assert_eq!((link.read(&mut buffer).unwrap(), buffer[0]), (1, b'a'));
+        link.write(b"hello").unwrap();
+        assert_eq!(vehicle.recv(&mut buffer).unwrap(), 5);
+        link.keep_peer(false);
+        let _ = stranger.send(b"s");
+        let _ = stranger.send(b"s");
+        assert_eq!((link.read(&mut buffer).unwrap(), buffer[0]), (1, b's'), "anybody again");
     }
 
     #[test]

@@ -13,8 +13,8 @@ use oqtal_wire::mavlink::{
 };
 
 use crate::link::VehicleLink;
-use crate::mavlink::{WantedParameter, wanted_parameters};
-use crate::setup::port;
+use crate::mavlink::{WantedParameter, encoder, wanted_parameters};
+use crate::setup::{port, unix_us};
 
 /// Time within which a heartbeat must come.
 const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
@@ -49,13 +49,17 @@ impl ParameterReport {
 /// all are right.
 ///
 /// # Errors
-/// The link has no parameters, the port cannot be opened, or the vehicle does not answer.
+/// The link has no parameters, the port cannot be opened, the vehicle does not answer, or its motors run and it is to be changed.
 pub fn set_up(config: &Config, spec: &LinkSpec, apply: bool) -> Result<(String, bool), Failure> {
     let LinkSpec::Mavlink(link) = spec else {
         let message = format!("{spec}: only vehicles of MAVLink have parameters that are set up");
         return Err(Failure::new(Exit::Usage, message));
     };
     let mut session = ParameterSession::open(config, spec, link)?;
+    if apply && session.is_armed {
+        let message = "the motors of the vehicle run: its parameters are not changed in flight; stop them first";
+        return Err(Failure::new(Exit::Peer, message));
+    }
     let mut reports = Vec::new();
     for wanted in wanted_parameters(session.kind) {
         reports.push(session.check(wanted, apply)?);
@@ -96,39 +100,40 @@ struct ParameterSession {
     decoder: MavlinkDecoder,
     vehicle: MavlinkAddress,
     kind: AutopilotKind,
+    is_armed: bool,
     heartbeat_at: Time,
 }
 
 impl ParameterSession {
     fn open(config: &Config, spec: &LinkSpec, link: &MavlinkLink) -> Result<Self, Failure> {
-        let options = &config.bridge.mavlink;
-        let own = MavlinkAddress { system: options.system, component: options.component };
+        let encoder = encoder(config, unix_us()).map_err(|error| config.locate(&error))?;
         let mut session = Self {
             link: port(spec, config).open()?,
-            encoder: MavlinkEncoder::new(own),
+            encoder,
             decoder: MavlinkDecoder::new(),
             vehicle: MavlinkAddress::ALL,
             kind: AutopilotKind::ArduPilot,
+            is_armed: false,
             heartbeat_at: Time::UNSET,
         };
         let is_wanted = |heartbeat: &MavlinkHeartbeat, from: MavlinkAddress| {
             let AutopilotFirmware::Known(kind) = heartbeat.autopilot else { return None };
             let fits = link.autopilot.is_none_or(|wanted| wanted == kind)
                 && link.system.is_none_or(|wanted| wanted == from.system);
-            fits.then_some((from, kind))
+            fits.then_some((from, kind, heartbeat.is_armed))
         };
         let found = session.wait_for(HEARTBEAT_WITHIN, |from, content| match content {
             MavlinkContent::Heartbeat(heartbeat) => is_wanted(heartbeat, from),
             _ => None,
         })?;
-        let (vehicle, kind) = found.ok_or_else(|| {
+        let (vehicle, kind, is_armed) = found.ok_or_else(|| {
             let message = format!(
                 "no heartbeat of such a vehicle at {spec} within {} s; check that it is switched on, that port, speed, autopilot and system are its own",
                 HEARTBEAT_WITHIN.seconds()
             );
             Failure::new(Exit::Peer, message)
         })?;
-        (session.vehicle, session.kind) = (vehicle, kind);
+        (session.vehicle, session.kind, session.is_armed) = (vehicle, kind, is_armed);
         Ok(session)
     }
 
@@ -236,4 +241,30 @@ impl ParameterSession {
 
 fn broken(error: &std::io::Error) -> Failure {
     Failure::new(Exit::System, format!("the port broke: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::UdpSocket;
+
+    use super::*;
+
+    #[test]
+    fn the_parameters_of_a_vehicle_whose_motors_run_are_not_changed() {
+        let vehicle = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let spec = format!("mavlink:udpout:{}", vehicle.local_addr().unwrap()).parse().unwrap();
+        let setup = std::thread::spawn(move || set_up(&Config::default(), &spec, true));
+        let (_, host) = vehicle.recv_from(&mut [0; READ_BUFFER]).unwrap();
+        let own = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
+        let heartbeat = MavlinkContent::Heartbeat(MavlinkHeartbeat {
+            autopilot: AutopilotFirmware::Known(AutopilotKind::ArduPilot),
+            custom_mode: 20,
+            is_armed: true,
+            is_simulated: false,
+        });
+        let wire = MavlinkEncoder::new(own).encode(&heartbeat).unwrap();
+        vehicle.send_to(wire.as_bytes(), host).unwrap();
+        let failure = setup.join().unwrap().unwrap_err();
+        assert!(failure.message.contains("the motors of the vehicle run"), "{}", failure.message);
+    }
 }

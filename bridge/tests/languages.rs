@@ -1,227 +1,123 @@
-//! The bridge's own rules, over a list of languages: whatever commands arrive and however the port fails, nothing old is ever sent,
-//! the vehicle gets zero set-points soon after the last command, and a flight is not resumed after a loss.
+//! The bridge's own rules, over a list of languages: whatever commands and poses arrive, whoever meddles with the vehicle and however
+//! the port fails, nothing old is ever sent, nothing but a zero set-point first, nothing at all while another has control; the
+//! vehicle gets zero set-points soon after the last command, and a flight is not resumed after a loss.
 
 #[path = "languages/asctec.rs"]
 mod asctec;
 #[path = "languages/crtp.rs"]
 mod crtp;
+#[path = "languages/exchange.rs"]
+mod exchange;
 #[path = "languages/language.rs"]
 mod language;
+#[path = "languages/mavlink.rs"]
+mod mavlink;
 
-use language::{Language, LanguageVehicle, Understood};
-use oqtal_bridge::{Bridge, Note};
-use oqtal_bus::code::Actuation;
-use oqtal_bus::message::{CommandV1, Header, Stamps};
-use oqtal_bus::time::{Span, Time};
+use exchange::{Exchange, Happening};
+use language::{Language, Understood};
 use proptest::prelude::*;
 
-const PERIOD: Span = Span::from_nanos(16_666_667);
-/// `bridge.command-timeout-periods` as shipped.
-const COMMAND_AGE: Span = Span::from_millis(50);
-/// Steps of a stick that every language tells apart \[1/s\].
-const STICK_STEPS: f64 = 2047.0;
-
 /// All languages. A further one is a row.
-const LANGUAGES: [Language; 2] = [asctec::LANGUAGE, crtp::LANGUAGE];
+const LANGUAGES: [Language; 4] =
+    [asctec::LANGUAGE, crtp::LANGUAGE, mavlink::ARDUPILOT, mavlink::PX4];
 
-/// What happens in one period.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Happening {
-    Flight,
-    Old,
-    Future,
-    Disarmed,
-    Nothing,
-    PortLost,
-}
-
-/// Set-point that was sent, and when.
-#[derive(Clone, Copy, Debug)]
-struct SentSetpoint {
-    at: Time,
-    what: Understood,
-}
-
-/// Bridge and vehicle of one language.
-struct Flight {
-    bridge: Bridge,
-    vehicle: Box<dyn LanguageVehicle>,
-    now: Time,
-    commands: u64,
-    /// Publication of each command, by its sequence.
-    published: Vec<Time>,
-    sent: Vec<SentSetpoint>,
-    stamps: Vec<Stamps>,
-}
-
-impl Flight {
-    fn new(language: &Language) -> Self {
-        let now = Time::VIRTUAL_START;
-        let mut bridge = (language.bridge)(now);
-        bridge.open(now);
-        let vehicle = (language.vehicle)();
-        let (sent, stamps, published) = (Vec::new(), Vec::new(), vec![Time::UNSET]);
-        Self { bridge, vehicle, now, commands: 0, published, sent, stamps }
-    }
-
-    fn command(&mut self, age: Span, is_flight: bool) {
-        self.commands += 1;
-        let published_at = self.now - age;
-        self.published.push(published_at);
-        let stamps = Stamps { command_published_at: published_at, ..Stamps::default() };
-        let header = Header { sequence: self.commands, stamps, ..Header::default() };
-        let stick = (self.commands % 1000 + 1) as f64 / STICK_STEPS;
-        let actuation = Actuation::Sticks.code();
-        let flight =
-            CommandV1 { actuation, sticks: [stick, 0.0, 0.0], thrust: 0.3, ..CommandV1::default() };
-        let command = if is_flight { flight } else { CommandV1::default() };
-        self.bridge.receive_command(self.now, &header, command, 0);
-    }
-
-    fn happen(&mut self, happening: Happening) {
-        match happening {
-            Happening::Flight => self.command(Span::from_millis(1), true),
-            Happening::Old => self.command(COMMAND_AGE + Span::from_millis(1), true),
-            Happening::Future => self.command(Span::from_millis(-5), true),
-            Happening::Disarmed => self.command(Span::from_millis(1), false),
-            Happening::Nothing => {}
-            Happening::PortLost => {
-                self.bridge.close(self.now);
-                self.bridge.open(self.now);
-            }
-        }
-        self.pass_period();
-    }
-
-    /// Lets a period pass in milliseconds.
-    fn pass_period(&mut self) {
-        let end = self.now + PERIOD;
-        while self.now < end {
-            let mut answers = Vec::new();
-            self.vehicle.tick(self.now, &mut answers);
-            self.hear(&mut answers);
-            if self.bridge.next_event(self.now) <= self.now {
-                self.bridge.begin_read(self.now);
-                self.bridge.turn(self.now, &mut |_: Note| {});
-                self.send(&mut answers);
-                while self.bridge.follow_up(self.now) {
-                    self.send(&mut answers);
-                }
-                self.hear(&mut answers);
-            }
-            self.now = self.now + Span::from_millis(1).min(end.since(self.now));
-        }
-    }
-
-    fn send(&mut self, answers: &mut Vec<Vec<u8>>) {
-        let frame = self.bridge.outbox().to_vec();
-        if frame.is_empty() {
-            return;
-        }
-        if let Some(what) = self.vehicle.take(self.now, &frame, answers) {
-            self.sent.push(SentSetpoint { at: self.now, what });
-        }
-        let report = self.bridge.handed_over(self.now, frame.len());
-        self.stamps.extend(report.map(|(_, stamps, _)| stamps).filter(|s| s.applied_at.is_set()));
-    }
-
-    fn hear(&mut self, answers: &mut Vec<Vec<u8>>) {
-        for answer in answers.drain(..) {
-            self.bridge.receive_bytes(self.now, &answer, &mut |_| {});
-        }
-    }
-
-    /// Flight set-points since the beginning \[-\].
-    fn flights(&self) -> usize {
-        self.sent.iter().filter(|sent| sent.what != Understood::NoThrust).count()
-    }
-
-    /// Lets the vehicle be set up and flown, by commands in every period.
-    fn until_airborne(&mut self, name: &str) {
-        (0..600).for_each(|_| self.happen(Happening::Disarmed));
-        let before = self.flights();
-        for _ in 0..600 {
-            self.happen(Happening::Flight);
-            if self.flights() > before {
-                return;
-            }
-        }
-        panic!("{name}: the vehicle does not fly: {:?}", self.sent.last());
-    }
-
-    /// Checks that every flight set-point carries a command that was young when it went, and that hops are in order.
-    fn check(&self, name: &str) -> Result<(), TestCaseError> {
-        for sent in &self.sent {
-            let Understood::Flight(stick) = sent.what else { continue };
-            let number = (stick * STICK_STEPS).round() as u64;
-            let is_it = |sequence: &u64| (sequence % 1000 + 1) == number;
-            let newest = (1..=self.commands).rev().filter(is_it).find(|sequence| {
-                let age = sent.at.since(self.published[*sequence as usize]);
-                age >= Span::ZERO && age <= COMMAND_AGE
-            });
-            prop_assert!(newest.is_some(), "{}: {:?} is of no young command", name, sent);
-        }
-        for stamps in &self.stamps {
-            let Stamps { command_published_at, received_at, applied_at, .. } = *stamps;
-            prop_assert!(command_published_at <= received_at && received_at <= applied_at);
-        }
-        Ok(())
-    }
-}
+/// What happens, and the periods that pass then \[-\].
+type Happenings = Vec<(Happening, usize)>;
 
 fn happening() -> impl Strategy<Value = Happening> {
+    let age = || prop_oneof![8 => 0..2000_i64, 1 => 0..200_000_i64, 1 => -50_000..0_i64];
+    let command = |flies| age().prop_map(move |age_us| Happening::Command { flies, age_us });
     prop_oneof![
-        20 => Just(Happening::Flight),
-        2 => Just(Happening::Old),
-        1 => Just(Happening::Future),
-        2 => Just(Happening::Disarmed),
+        24 => command(true),
+        3 => command(false),
+        3 => age().prop_map(|age_us| Happening::Pose { age_us }),
         4 => Just(Happening::Nothing),
+        1 => (any::<bool>(), any::<bool>())
+            .prop_map(|(motors_on, is_piloted)| Happening::Somebody { motors_on, is_piloted }),
+        1 => prop::collection::vec(any::<u8>(), 0..80).prop_map(Happening::Noise),
         1 => Just(Happening::PortLost),
     ]
+}
+
+fn happenings(count: std::ops::Range<usize>) -> impl Strategy<Value = Happenings> {
+    let periods = prop_oneof![12 => 0..2_usize, 1 => 2..24_usize];
+    prop::collection::vec((happening(), periods), count)
+}
+
+/// The exchange of `language`, airborne, after everything that happened.
+fn flown(language: &Language, happenings: &Happenings) -> Result<Exchange, TestCaseError> {
+    let mut exchange = Exchange::new(language);
+    exchange.until_airborne()?;
+    happenings.iter().try_for_each(|(what, periods)| exchange.happen(what, *periods))?;
+    Ok(exchange)
 }
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
 
     #[test]
-    fn nothing_old_is_ever_sent(happenings in prop::collection::vec(happening(), 100..300)) {
+    fn the_rules_hold_for_every_frame(happenings in happenings(100..300)) {
         for language in &LANGUAGES {
-            let mut flight = Flight::new(language);
-            flight.until_airborne(language.name);
-            happenings.iter().for_each(|happening| flight.happen(*happening));
-            flight.check(language.name)?;
+            flown(language, &happenings)?;
         }
     }
 
     #[test]
-    fn after_the_last_command_at_most_four_frames_are_not_zero(
-        happenings in prop::collection::vec(happening(), 0..60),
-    ) {
+    fn the_rules_hold_from_the_first_byte_on(happenings in happenings(1..200)) {
         for language in &LANGUAGES {
-            let mut flight = Flight::new(language);
-            flight.until_airborne(language.name);
-            happenings.iter().for_each(|happening| flight.happen(*happening));
-            let before = flight.flights();
-            (0..120).for_each(|_| flight.happen(Happening::Nothing));
-            let after = flight.flights() - before;
+            let mut exchange = Exchange::new(language);
+            happenings.iter().try_for_each(|(what, periods)| exchange.happen(what, *periods))?;
+        }
+    }
+
+    #[test]
+    fn after_the_last_command_at_most_four_frames_are_not_zero(happenings in happenings(0..60)) {
+        for language in &LANGUAGES {
+            let mut exchange = flown(language, &happenings)?;
+            exchange.vehicle.meddle(exchange.vehicle.motors_on(), false);
+            let before = exchange.flights();
+            exchange.happen(&Happening::Nothing, 120)?;
+            let after = exchange.flights() - before;
             prop_assert!(after <= 4, "{}: {} frames", language.name, after);
-            let last = flight.sent.iter().rev().take(30);
+            let last = exchange.heard.iter().rev().take(30);
             prop_assert!(last.clone().count() == 30);
-            prop_assert!(last.clone().all(|sent| sent.what == Understood::NoThrust));
+            prop_assert!(last.clone().all(|heard| !matches!(heard, Understood::Flight(_))));
         }
     }
 
     #[test]
     fn a_flight_is_not_resumed_after_a_loss_until_there_was_no_request(lost_after in 1..200_usize) {
         for language in &LANGUAGES {
-            let mut flight = Flight::new(language);
-            flight.until_airborne(language.name);
-            (0..lost_after).for_each(|_| flight.happen(Happening::Flight));
-            flight.happen(Happening::PortLost);
-            let before = flight.flights();
-            (0..300).for_each(|_| flight.happen(Happening::Flight));
-            prop_assert_eq!(flight.flights(), before, "{}", language.name);
-            flight.until_airborne(language.name);
+            let mut exchange = Exchange::new(language);
+            exchange.until_airborne()?;
+            for _ in 0..lost_after {
+                exchange.happen(&Happening::FLIGHT, 1)?;
+            }
+            exchange.happen(&Happening::PortLost, 1)?;
+            let before = exchange.flights();
+            for _ in 0..300 {
+                exchange.happen(&Happening::FLIGHT, 1)?;
+            }
+            prop_assert_eq!(exchange.flights(), before, "{}", language.name);
+            exchange.until_airborne()?;
         }
+    }
+}
+
+/// A flight in every language: rest, start, flight, end, stop.
+#[test]
+fn every_language_starts_flies_and_stops() {
+    for language in &LANGUAGES {
+        let mut exchange = Exchange::new(language);
+        exchange.until_airborne().unwrap();
+        for _ in 0..300 {
+            exchange.happen(&Happening::FLIGHT, 1).unwrap();
+        }
+        let (flown, name) = (exchange.flights(), language.name);
+        assert!(flown > 290 && exchange.vehicle.motors_on(), "{name}: {flown} frames");
+        for _ in 0..300 {
+            exchange.happen(&Happening::DISARMED, 1).unwrap();
+        }
+        assert!(!exchange.vehicle.motors_on(), "{name}: motors run after the flight");
     }
 }

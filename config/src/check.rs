@@ -5,6 +5,7 @@ use oqtal_control::options::OptionError;
 use crate::config::Config;
 use crate::error::{BrokenRule, ConfigError};
 use crate::instance::ClockKind;
+use crate::setting::Setting;
 
 /// Slowest rate of poses over that of the loop \[-\].
 const LEAST_POSES_PER_TICK: f64 = 1.0 / 1.5;
@@ -15,8 +16,16 @@ impl Config {
     /// # Errors
     /// The first rule broken, with the origin of the value at fault.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let checked = self.check_sections().and_then(|()| self.check_together());
-        checked.map_err(|broken| self.origins.locate_rule(&broken))
+        self.check_rules().map_err(|broken| {
+            let is_kept = |settings: &[Setting]| {
+                Self::unchecked(settings).is_none_or(|config| config.check_rules().is_ok())
+            };
+            self.origins.locate_change(&broken, is_kept)
+        })
+    }
+
+    fn check_rules(&self) -> Result<(), BrokenRule> {
+        self.check_sections().and_then(|()| self.check_together())
     }
 
     fn check_sections(&self) -> Result<(), BrokenRule> {

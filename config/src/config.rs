@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::bridge::BridgeOptions;
-use crate::error::ConfigError;
+use crate::error::{BrokenRule, ConfigError};
 use crate::fault::FaultOptions;
 use crate::fence::FenceOptions;
 use crate::instance::{ClockOptions, InstanceOptions, LogOptions};
@@ -30,16 +30,23 @@ use crate::{follow, layer, preset};
 /// The shipped file: every key with its default.
 pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
 
+/// Origin of the values of the shipped file.
+const SHIPPED: &str = "deploy/oqtal.toml, as built in";
+
 /// Sections and keys in which processes of one flight may differ: ends of wires are told only to the process at that end.
-const NOT_FLOWN: [&str; 7] = [
+const NOT_FLOWN: [&str; 8] = [
     "instance",
     "clock.kind",
     "log",
     "mocap.serve",
     "bridge.link",
+    "bridge.mavlink.signing-key-file",
     "plant.wire.link",
     "receiver.link",
 ];
+
+/// Deviation of the loop's rate from the one asked for that is not worth a warning \[-\].
+const RATE_TOLERANCE: f64 = 0.01;
 
 /// The effective configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -136,6 +143,8 @@ impl Config {
     pub fn from_settings(settings: &[Setting]) -> Result<Self, ConfigError> {
         let mut table: Table =
             DEFAULTS.parse().expect("the shipped configuration is TOML: a test holds it");
+        // Otherwise the first setting would be blamed for a section that the shipped file lacks.
+        deserialize(&table).map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let mut origins = Origins::default();
         for setting in preset::named_by(settings)?.iter().chain(settings) {
             setting.insert_into(&mut table)?;
@@ -144,7 +153,7 @@ impl Config {
             origins.record(setting);
         }
         let config = deserialize(&table)
-            .map_err(|reason| ConfigError { origin: "built-in".to_owned(), reason })?;
+            .map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let config = Self { origins, ..config };
         config.check()?;
         Ok(config)
@@ -154,6 +163,27 @@ impl Config {
     #[must_use]
     pub fn locate(&self, error: &OptionError) -> ConfigError {
         self.origins.locate(error)
+    }
+
+    /// As [`Config::locate`]. An error whose option no setting touches is blamed on the first setting with which `is_kept` no longer
+    /// holds: a long trajectory, for instance, and not the border of the room that it leaves.
+    #[must_use]
+    pub fn locate_change(
+        &self,
+        error: &OptionError,
+        is_kept: impl Fn(&Self) -> bool,
+    ) -> ConfigError {
+        let broken = BrokenRule { error: error.clone(), others: &[] };
+        let is_kept =
+            |settings: &[Setting]| Self::unchecked(settings).is_none_or(|it| is_kept(&it));
+        self.origins.locate_change(&broken, is_kept)
+    }
+
+    /// The configuration of `settings`, whatever rules it breaks; `None` if they make none.
+    pub(crate) fn unchecked(settings: &[Setting]) -> Option<Self> {
+        let mut table: Table = DEFAULTS.parse().ok()?;
+        settings.iter().try_for_each(|setting| setting.insert_into(&mut table)).ok()?;
+        deserialize(&table).ok()
     }
 
     /// Whether a recording is played instead of the cameras.
@@ -169,7 +199,7 @@ impl Config {
     }
 
     /// The configuration with `place` for each path of a file that a flight reads: waypoints that are flown, a recording that is
-    /// played.
+    /// played. A key is a secret, and stays where it is.
     ///
     /// # Errors
     /// That of `place`.
@@ -185,6 +215,11 @@ impl Config {
         if self.is_replay() {
             self.mocap.replay = place(Path::new(&self.mocap.replay))?.display().to_string();
         }
+        let key = &mut self.bridge.mavlink.signing_key_file;
+        // An empty path has no absolute one.
+        if let Ok(path) = std::path::absolute(&*key) {
+            *key = path.display().to_string();
+        }
         Ok(self)
     }
 
@@ -197,6 +232,14 @@ impl Config {
         format!(
             "cameras at {cameras} Hz, control.rate-hz = {wanted}: the loop acts on one pose in {every}, at {rate:.4} Hz"
         )
+    }
+
+    /// That the loop cannot run at the rate that was asked for, because no whole number of poses makes it; `None` if it can.
+    #[must_use]
+    pub fn rate_warning(&self) -> Option<String> {
+        let rate = self.safety.pose_rate_hz / self.poses_per_tick();
+        ((rate / self.control.rate_hz - 1.0).abs() > RATE_TOLERANCE)
+            .then(|| format!("{}; set mocap.rate-hz to a multiple of control.rate-hz", self.pace()))
     }
 
     /// The configuration as a file with every key, a key on a line.

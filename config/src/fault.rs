@@ -7,10 +7,9 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-pub use kinds::{FaultKind, FaultTarget, FaultUnit, Magnitude};
+use crate::period::Period;
 
-/// Greatest time and duration of a fault \[s\].
-const LONGEST_S: f64 = 1e6;
+pub use kinds::{FaultKind, FaultTarget, FaultUnit, Magnitude};
 
 /// `[fault]`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -72,19 +71,9 @@ impl Fault {
         let (kind, value) =
             how.split_once('=').map_or((how, None), |(kind, value)| (kind, Some(value)));
         let rule = kinds::kinds_of(target).find(|rule| rule.kind.name() == kind)?;
-        let (at, duration) =
-            when.split_once('+').map_or((when, None), |(at, duration)| (at, Some(duration)));
-        let at_s = seconds(at)?;
-        let duration_s = match duration {
-            Some(duration) => Some(seconds(duration).filter(|duration| *duration > 0.0)?),
-            None => None,
-        };
+        let Period { at_s, duration_s } = Period::parse(when)?;
         Some(Self { target, kind: rule.kind, magnitude: rule.magnitude(value)?, at_s, duration_s })
     }
-}
-
-fn seconds(text: &str) -> Option<f64> {
-    text.parse().ok().filter(|seconds| (0.0..=LONGEST_S).contains(seconds))
 }
 
 impl FromStr for Fault {
@@ -116,8 +105,8 @@ impl fmt::Display for Fault {
         if let Some(Magnitude { value, unit }) = self.magnitude {
             write!(f, "={value}{}", unit.name())?;
         }
-        write!(f, "@{}", self.at_s)?;
-        self.duration_s.map_or(Ok(()), |duration| write!(f, "+{duration}"))
+        let Self { at_s, duration_s, .. } = *self;
+        write!(f, "@{}", Period { at_s, duration_s })
     }
 }
 

@@ -15,7 +15,8 @@ use crate::text::read_text;
 const OTHER_VARIABLES: [&str; 4] = ["RECORDINGS", "PEERS_PYTHON", "PEERS_NODE", "PEERS_SECONDS"];
 
 /// Keys that name a file to read.
-pub(crate) const FILE_KEYS: [&str; 2] = ["mocap.replay", "trajectory.waypoints-file"];
+pub(crate) const FILE_KEYS: [&str; 3] =
+    ["mocap.replay", "trajectory.waypoints-file", "bridge.mavlink.signing-key-file"];
 
 /// Length up to which a file is read \[MiB\].
 const LONGEST_FILE_MIB: u64 = 1;

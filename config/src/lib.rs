@@ -13,6 +13,7 @@
 //! | `origin.rs`, `error.rs` | where a value was set, and the error that says so |
 //! | `text.rs` | files read as text |
 //! | `airframe.rs` | what `[vehicle]` and `[plant]` have in common |
+//! | `disturbance.rs`, `period.rs` | disturbances in time; the time for which they and faults act |
 //! | the others | a section each |
 
 mod airframe;
@@ -21,6 +22,7 @@ mod bridge;
 mod check;
 mod config;
 mod crtp;
+mod disturbance;
 mod error;
 mod fault;
 mod fence;
@@ -33,6 +35,7 @@ mod mocap_cameras;
 mod mocap_room;
 mod mocap_serve;
 mod origin;
+mod period;
 mod place;
 mod plant;
 mod plant_wire;
@@ -50,6 +53,7 @@ pub use asctec::{AsctecLimits, AsctecOptions, AsctecSigns};
 pub use bridge::BridgeOptions;
 pub use config::{Config, DEFAULTS};
 pub use crtp::{CrtpOptions, CrtpVehicleOptions};
+pub use disturbance::{DisturbanceKind, TimedDisturbance};
 pub use error::ConfigError;
 pub use fault::{Fault, FaultKind, FaultOptions, FaultTarget, FaultUnit, Magnitude};
 pub use fence::FenceOptions;

@@ -19,8 +19,9 @@ pub struct MavlinkOptions {
     pub attitude_sd_deg: f64,
     /// Points `[delta_c, thrust]` from the share of greatest thrust to the thrust of a set-point \[-\].
     pub thrust_table: Vec<[f64; 2]>,
-    /// Key by which packets are signed, 64 hexadecimal digits; empty for packets without a signature. Parsed by the bridge.
-    pub signing_key: String,
+    /// File with the key by which packets are signed, 64 hexadecimal digits; empty for packets without a signature. The bridge alone
+    /// reads it, so that the key is in no configuration that a flight writes down.
+    pub signing_key_file: String,
 }
 
 /// `[plant.wire.mavlink]`.

@@ -9,9 +9,9 @@ use crate::setting::Setting;
 /// Origin of a value that no setting changed.
 const BUILT_IN: &str = "built-in";
 
-/// The origins of all values that were set, as (key, origin), later settings last.
+/// The settings of which a configuration was made, later ones last.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Origins(Vec<(String, String)>);
+pub(crate) struct Origins(Vec<Setting>);
 
 /// Configurations are compared by their values: any two origins are equal.
 impl PartialEq for Origins {
@@ -21,9 +21,27 @@ impl PartialEq for Origins {
 }
 
 impl Origins {
-    /// Records the origin of `setting`.
+    /// Records `setting`.
     pub(crate) fn record(&mut self, setting: &Setting) {
-        self.0.push((setting.key.clone(), setting.origin.clone()));
+        self.0.push(setting.clone());
+    }
+
+    /// As [`Origins::locate_rule`]. If no setting touches an option of the rule, the error is blamed on the first setting with which
+    /// `is_kept`, told the settings up to it, no longer holds.
+    pub(crate) fn locate_change(
+        &self,
+        broken: &BrokenRule,
+        is_kept: impl Fn(&[Setting]) -> bool,
+    ) -> ConfigError {
+        let located = self.locate_rule(broken);
+        if located.origin != BUILT_IN {
+            return located;
+        }
+        let changes = (1..=self.0.len()).find(|count| !is_kept(&self.0[..*count]));
+        let Some(setting) = changes.and_then(|count| self.0.get(count - 1)) else { return located };
+        let Setting { key, value, origin } = setting;
+        let reason = format!("with `{key}` = {value}: {}", located.reason);
+        ConfigError { origin: origin.clone(), reason }
     }
 
     /// Adds to `error` where its option was set. An option that follows another is blamed on that one.
@@ -36,15 +54,19 @@ impl Origins {
         let BrokenRule { error, others } = broken;
         let followed = followed_by(&error.key);
         let last =
-            |concerned: &dyn Fn(&str) -> bool| self.0.iter().rev().find(|(key, _)| concerned(key));
+            |concerned: &dyn Fn(&str) -> bool| self.0.iter().rev().find(|set| concerned(&set.key));
         let found = last(&|set| are_nested(set, &error.key) || others.contains(&set))
             .or_else(|| last(&|set| followed.as_deref().is_some_and(|key| are_nested(set, key))));
-        let (set, origin) = found.map_or(("", BUILT_IN), |(key, origin)| (key, origin));
-        let through = match &followed {
-            Some(key) if key == set => format!(" (it follows `{key}`)"),
-            _ => String::new(),
+        let (set, origin) =
+            found.map_or(("", BUILT_IN), |setting| (setting.key.as_str(), setting.origin.as_str()));
+        let reason = match (&followed, found) {
+            (Some(key), _) if key == set => format!("{error} (it follows `{key}`)"),
+            (_, Some(other)) if !are_nested(set, &error.key) => {
+                format!("with `{set}` = {}: {error}", other.value)
+            }
+            _ => error.to_string(),
         };
-        ConfigError { origin: origin.to_owned(), reason: format!("{error}{through}") }
+        ConfigError { origin: origin.to_owned(), reason }
     }
 }
 

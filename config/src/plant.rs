@@ -5,8 +5,12 @@ use oqtal_control::rigid_body::{Inertia, InertiaError};
 use serde::{Deserialize, Serialize};
 
 use crate::airframe::{A_STEP, Airframe, Interface, inertia};
+use crate::disturbance::{DisturbanceKind, TimedDisturbance};
 use crate::error::BrokenRule;
 use crate::plant_wire::PlantWireOptions;
+
+/// Greatest part of the vehicle's mass that disturbances may take away \[-\].
+const MOST_TAKEN: f64 = 0.9;
 
 /// How finely a vehicle with an on-board rate loop is modelled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -67,6 +71,8 @@ pub struct PlantOptions {
     pub force_n: [f64; 3],
     /// Relative standard deviation of drift and force over seeds \[-\].
     pub disturbance_spread: f64,
+    /// Disturbances in time, each as `KIND@TIME[+DURATION]=VALUE`, in seconds after arming.
+    pub disturb: Vec<TimedDisturbance>,
     /// Rate at which the truth is sampled for cameras \[Hz\].
     pub frame_rate_hz: f64,
     /// Whether the simulated vehicle only provides the truth that cameras see, while another vehicle is behind the bridge: the
@@ -190,7 +196,23 @@ impl PlantOptions {
         self.battery.check().map_err(|error| error.within("plant.battery"))?;
         self.probe.check().map_err(|error| error.within("plant.probe"))?;
         self.wire.check().map_err(|error| error.within("plant.wire"))?;
+        self.check_mass()?;
         self.check_links()
+    }
+
+    /// Whatever is taken from the vehicle, some of it remains.
+    fn check_mass(&self) -> Result<(), BrokenRule> {
+        let taken = self.disturb.iter().map(|disturbance| match disturbance.kind {
+            DisturbanceKind::Mass(mass_kg) => (-mass_kg).max(0.0),
+            _ => 0.0,
+        });
+        let (taken_kg, least_kg) = (taken.sum::<f64>(), self.mass_kg * (1.0 - self.spread));
+        if taken_kg <= MOST_TAKEN * least_kg {
+            return Ok(());
+        }
+        let allowed = format!("not below -{:.3} kg in all", MOST_TAKEN * least_kg);
+        let error = OptionError::new("plant.disturb", format!("-{taken_kg} kg in all"), allowed);
+        Err(BrokenRule { error, others: &["plant.mass-kg", "vehicle.mass-kg", "plant.spread"] })
     }
 
     /// A vehicle is commanded in one way, and by torque over the bus alone.

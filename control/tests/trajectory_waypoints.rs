@@ -17,11 +17,11 @@ fn trajectory(text: &str) -> Trajectory {
 #[test]
 fn path_passes_through_its_points_and_rests_at_its_ends() {
     let path = trajectory(
-        "\u{feff}t,x,y,z,yaw\r\n0,0,0,1,0\r\n\r\n4, 1, 0.5, 1.2, 0.1\r\n9,2,0.5,1,0.3\r\n",
+        "\u{feff}t,x,y,z,yaw_deg\r\n0,0,0,1,0\r\n\r\n4, 1, 0.5, 1.2, 6\r\n9,2,0.5,1,18\r\n",
     );
     assert_eq!(path.duration_s(), 9.0);
     assert_eq!(path.sample(4.0).position, Vector3::new(1.0, 0.5, 1.2));
-    assert_eq!(path.sample(4.0).yaw_rad, 0.1);
+    assert_eq!(path.sample(4.0).yaw_rad, 6.0_f64.to_radians());
     assert!(path.sample(4.0).velocity.x > 0.1);
     for (t_s, position) in [(0.0, Vector3::new(0.0, 0.0, 1.0)), (9.0, Vector3::new(2.0, 0.5, 1.0))]
     {
@@ -35,7 +35,7 @@ fn path_passes_through_its_points_and_rests_at_its_ends() {
 #[test]
 fn yaw_is_zero_without_its_column_and_turns_the_short_way() {
     assert_eq!(trajectory("t,x,y,z\n0,0,0,1\n1,1,0,1\n").sample(0.7).yaw_rad, 0.0);
-    let path = trajectory("t,x,y,z,yaw\n0,0,0,1,3\n1,0,0,1,-3\n");
+    let path = trajectory("t,x,y,z,yaw_deg\n0,0,0,1,170\n1,0,0,1,-170\n");
     assert!((path.sample(0.5).yaw_rad - std::f64::consts::PI).abs() < 1e-9);
 }
 
@@ -63,16 +63,18 @@ fn bad_tables_are_refused_with_line_and_reason() {
         ("", 1, P::Header),
         ("x,y,z,t\n0,0,0,1\n", 1, P::Header),
         ("t,x,y\n0,0,0\n", 1, P::Header),
-        ("t,x,y,z,yaw,roll\n0,0,0,1,0,0\n", 1, P::Header),
+        ("t,x,y,z,yaw\n0,0,0,1,0\n1,1,0,1,0\n", 1, P::YawUnit),
+        ("t,x,y,z,yaw_rad\n0,0,0,1,0\n1,1,0,1,0\n", 1, P::YawUnit),
+        ("t,x,y,z,yaw_deg,roll\n0,0,0,1,0,0\n", 1, P::Header),
         ("\n0,0,0,1\n1,0,0,1\n", 2, P::Header),
         ("t,x,y,z\n", 1, P::TooFew),
         ("t,x,y,z\n0,0,0,1\n", 2, P::TooFew),
         ("t,x,y,z\n0,0,0,1\n\n1,0,0\n", 4, count(4, 3)),
-        ("t,x,y,z,yaw\n0,0,0,1\n", 2, count(5, 4)),
+        ("t,x,y,z,yaw_deg\n0,0,0,1\n", 2, count(5, 4)),
         ("t,x,y,z\n0,0,0,1\n1,0,oops,1\n", 3, P::Number { column: "y" }),
         ("t,x,y,z\n0,0,0,1\n1,0,0,NaN\n", 3, P::Number { column: "z" }),
         ("t,x,y,z\n0,inf,0,1\n", 2, P::Number { column: "x" }),
-        ("t,x,y,z,yaw\n0,0,0,1,1e5\n", 2, P::Number { column: "yaw" }),
+        ("t,x,y,z,yaw_deg\n0,0,0,1,1e5\n", 2, P::Number { column: "yaw_deg" }),
         ("t,x,y,z\n0,0,0,1\n2,0,0,-0.4\n", 3, P::BelowFloor),
         ("t,x,y,z\n0.5,0,0,1\n", 2, P::FirstTime),
         ("t,x,y,z\n0,0,0,1\n2,0,0,1\n2,1,0,1\n", 4, P::TimeOrder),

@@ -21,7 +21,7 @@ impl CommandModel {
     /// The model of `config`.
     ///
     /// # Errors
-    /// The inertia has no meaning.
+    /// The inertia is not positive definite.
     pub fn new(config: &Config) -> Result<Self, OptionError> {
         let vehicle = &config.vehicle;
         let lag_s = vehicle.rate_lag_ms * 1e-3;

@@ -4,8 +4,10 @@ use nalgebra::Vector3;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_control::trajectory::{FlightPlan, StartPoint, Trajectory};
+use oqtal_runtime::process::Failure;
 
 use crate::fence::Fence;
+use crate::waypoint_file::trajectory as trajectory_of;
 
 /// Points of a flight that are compared with the fence \[-\].
 const PATH_POINTS: u32 = 256;
@@ -22,7 +24,7 @@ pub(crate) fn path(config: &Config, trajectory: &Trajectory) -> Vec<(f64, Vector
 ///
 /// # Errors
 /// The key of the border, and the points of the trajectory for which it leaves no room.
-pub fn check_room(
+fn check_room(
     config: &Config,
     trajectory: &Trajectory,
     start: Option<Vector3<f64>>,
@@ -54,6 +56,23 @@ pub fn check_room(
         }
     }
     start.map_or(Ok(()), |start| check_from(config, &path, start))
+}
+
+/// Whether `trajectory` fits inside the soft border of the fence: from anywhere, or from `start` \[m, world\] where it is known.
+///
+/// # Errors
+/// The key of the border, the points of the trajectory for which it leaves no room, and the setting at fault (exit code 78).
+pub fn require_room(
+    config: &Config,
+    trajectory: &Trajectory,
+    start: Option<Vector3<f64>>,
+) -> Result<(), Failure> {
+    // A configuration whose trajectory cannot be made is another error than this one.
+    let has_room = |config: &Config| {
+        !trajectory_of(config).is_ok_and(|path| check_room(config, &path, start).is_err())
+    };
+    let located = |error: &OptionError| config.locate_change(error, has_room).into();
+    check_room(config, trajectory, start).map_err(|error| located(&error))
 }
 
 /// Whether a flight along `path` from `start` \[m, world\] stays inside the soft border.

@@ -24,6 +24,7 @@
 //! | `turn.rs` | one turn of the process over its ports |
 //! | `background.rs` | the background thread: logs, health, operator requests |
 //! | `flight_marker.rs` | the file that prevents an automatic take-off after a crash |
+//! | `warnings.rs` | what a flight asks for and will not get |
 //! | `waypoint_file.rs` | the trajectory of a configuration |
 //!
 //! [`Cycle`] is pure; [`run`] wires it to the bus.
@@ -52,6 +53,7 @@ mod supervisor;
 mod turn;
 mod vehicle;
 mod warmup;
+mod warnings;
 mod waypoint_file;
 
 use std::rc::Rc;
@@ -77,7 +79,7 @@ pub use command_model::CommandModel;
 pub use cycle::{AtStart, Cycle, Tick};
 pub use fence::Fence;
 use flight_marker::FlightMarker;
-pub use flight_room::check_room;
+pub use flight_room::require_room;
 pub use gate::MotionGate;
 pub use guard::{Accepted, Guard};
 pub use limits::{FlightLimits, FlightView, LimitConditions};
@@ -90,6 +92,7 @@ pub use supervisor::{Ending, LIMITS, SafetyConditions, SafetyRow, Supervisor};
 pub use turn::{DaemonPorts, DaemonTurn};
 pub use vehicle::VehicleWatch;
 pub use warmup::CacheWarmup;
+pub use warnings::warnings;
 pub use waypoint_file::trajectory;
 
 /// Controls the vehicle until asked to stop, and leaves its motors off.
@@ -98,6 +101,7 @@ pub use waypoint_file::trajectory;
 /// Another controller holds the command topic, the configuration is invalid, or the bus refuses.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let trajectory = fitting_trajectory(&context.config)?;
+    warnings(&context.config, &trajectory).iter().for_each(|told| tracing::warn!("{told}"));
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;
     let mut ports = DaemonPorts::open(&faulty).map_err(|error| name_holder(&bus, error))?;
@@ -131,11 +135,21 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 /// Whether the daemon could fly with `config`.
 ///
 /// # Errors
-/// An option of the law has no meaning or the trajectory does not fit inside the fence (exit code 78), or a waypoint file cannot
+/// An option of the law is invalid, or the trajectory does not fit inside the fence (exit code 78), or a waypoint file cannot
 /// be read (65).
 pub fn check(config: &Config) -> Result<(), Failure> {
-    ControlStack::new(config).map_err(|error| config.locate(&error))?;
+    require_stack(config)?;
     fitting_trajectory(config).map(drop)
+}
+
+/// Whether the law and the loops of `config` can be built.
+///
+/// # Errors
+/// An option is invalid for the law; the message names the setting at fault (exit code 78).
+pub fn require_stack(config: &Config) -> Result<(), Failure> {
+    let is_built = |config: &Config| ControlStack::new(config).is_ok();
+    let located = |error| config.locate_change(&error, is_built).into();
+    ControlStack::new(config).map(drop).map_err(located)
 }
 
 /// The trajectory of `config`, which fits inside the fence.
@@ -143,7 +157,7 @@ fn fitting_trajectory(config: &Config) -> Result<Trajectory, Failure> {
     let trajectory = trajectory(config)?;
     // What is only observed is not flown.
     if !config.safety.observe_only {
-        check_room(config, &trajectory, None).map_err(|error| config.locate(&error))?;
+        require_room(config, &trajectory, None)?;
     }
     Ok(trajectory)
 }

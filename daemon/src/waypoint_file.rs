@@ -28,7 +28,7 @@ pub fn trajectory(config: &Config) -> Result<Trajectory, Failure> {
         _ => None,
     };
     options.trajectory(waypoints).ok_or_else(|| {
-        let reason = "`trajectory.waypoints-file` must name a CSV file with columns t, x, y, z and, if wanted, yaw";
+        let reason = "`trajectory.waypoints-file` must name a CSV file with columns t, x, y, z and, if wanted, yaw_deg";
         Failure::new(Exit::Config, reason)
     })
 }

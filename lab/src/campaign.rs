@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::{ClockKind, Setting};
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 
@@ -185,7 +186,7 @@ fn runs_csv(flown: &[Flown], seeds: Range<u64>) -> Result<String, Failure> {
 
 fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {
     let file = directory.join(name);
-    fs::create_dir_all(directory).and_then(|()| fs::write(&file, text)).map_err(|error| {
+    fs::create_dir_all(directory).and_then(|()| files::write(&file, text)).map_err(|error| {
         let name = file.display();
         Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
     })

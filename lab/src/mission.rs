@@ -26,16 +26,15 @@ impl Mission {
     /// Reads the files that `config` names.
     ///
     /// # Errors
-    /// A waypoint file or a recording is bad (exit code 65), an option of the law has no meaning, or the trajectory leaves the
+    /// A waypoint file or a recording is bad (exit code 65), an option of the law is invalid, or the trajectory leaves the
     /// fence (78).
     pub fn new(config: Config) -> Result<Self, Failure> {
-        oqtal_daemon::ControlStack::new(&config).map_err(|error| config.locate(&error))?;
+        oqtal_daemon::require_stack(&config)?;
         let trajectory = oqtal_daemon::trajectory(&config)?;
         if !config.safety.observe_only {
             // Cameras that are emulated see the vehicle that the simulator put at the origin.
             let start = config.receiver.link.is_empty().then(Vector3::zeros);
-            oqtal_daemon::check_room(&config, &trajectory, start)
-                .map_err(|error| config.locate(&error))?;
+            oqtal_daemon::require_room(&config, &trajectory, start)?;
         }
         let recording = match config.is_replay() {
             true => Some(read_recording(&config.mocap.replay)?),

@@ -5,6 +5,7 @@
 
 pub mod body;
 pub mod chapter;
+pub mod claims;
 pub mod criteria;
 pub mod figures;
 pub mod judgement;
@@ -24,13 +25,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use oqtal_observe::explain::wrapped;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
 use crate::progress::Progress;
 use crate::sheet::Sheet;
 
 use chapter::{Chapter, ExperimentContext};
+use claims::{Claim, claims};
 use lander::Lander;
 
 /// One experiment: its name, its figures, and the function that runs it.
@@ -128,12 +132,15 @@ impl ReproduceArgs {
             .keep("reproduction.md", &page::markdown(&page::PAPER, &chapters, &self.command()))?;
         context.keep("reproduction.json", &json)?;
         if self.json {
-            print!("{json}");
+            print(json.trim_end())?;
         } else {
-            chapters.iter().flat_map(|chapter| &chapter.sheets).for_each(|sheet| {
-                println!("{}\n", sheet.to_text());
-            });
-            println!("page: {}", self.out.join("reproduction.html").display());
+            for sheet in chapters.iter().flat_map(|chapter| &chapter.sheets) {
+                print(&format!("{}\n", sheet.to_text()))?;
+            }
+            for Claim { claim, verdict, found, .. } in claims(&chapters) {
+                print(&wrapped(&format!("{}: {claim}: {found}.", verdict.shown()), 2))?;
+            }
+            print(&format!("\npage: {}", self.out.join("reproduction.html").display()))?;
         }
         Ok(Exit::Ok)
     }

@@ -111,6 +111,15 @@ impl<T: Into<SheetCell>> From<Option<T>> for SheetCell {
     }
 }
 
+/// Relative deviation up to which a printed figure counts as reproduced \[-\].
+const NEAR: f64 = 0.1;
+
+/// Whether a computed figure counts as the printed one reproduced.
+#[must_use]
+pub fn is_near(ours: f64, printed: f64) -> bool {
+    (ours / printed - 1.0).abs() <= NEAR
+}
+
 /// A column: name in JSON, and heading.
 pub type Column = (&'static str, &'static str);
 
@@ -184,12 +193,38 @@ pub struct Sheet {
     pub rows: Vec<SheetRow>,
     /// The same table for other plants, by their names.
     pub mismatched: Vec<Sheet>,
+    /// Whether figures as printed carry a mark: the paper's own figure reproduced, or not.
+    pub is_marked: bool,
 }
 
 impl Sheet {
     /// The rows of one variant.
     pub fn of(&self, variant: Variant) -> impl Iterator<Item = &SheetRow> {
         self.rows.iter().filter(move |row| row.variant == variant)
+    }
+
+    /// Whether the figure of `row` in the column at the index `column` is the one that the paper prints for the law; `None` where
+    /// there is nothing to compare.
+    #[must_use]
+    pub fn mark(&self, row: &SheetRow, column: usize) -> Option<bool> {
+        if !self.is_marked || row.variant != Variant::AsPrinted {
+            return None;
+        }
+        let (key, _) = self.columns[column];
+        let paper = self.of(Variant::Paper).find(|paper| paper.controller == row.controller)?;
+        let [printed, ours] = [paper, row].map(|row| row.number(&self.columns, key));
+        printed.is_finite().then(|| is_near(ours, printed))
+    }
+
+    /// The text of a cell, with its mark.
+    #[must_use]
+    pub fn show(&self, row: &SheetRow, column: usize) -> String {
+        let shown = row.cells[column].show();
+        match self.mark(row, column) {
+            None => shown,
+            Some(true) => format!("{shown} ✓"),
+            Some(false) => format!("{shown} ✗"),
+        }
     }
 
     /// The numbers in the columns `keys` of the first row of a law and variant whose settings contain all of `words`; NaN if
@@ -242,7 +277,7 @@ impl Sheet {
         let figures: Vec<String> = filled.iter().map(|k| self.columns[*k].1.to_owned()).collect();
         let row = |(k, row): (usize, &SheetRow)| {
             let names = own.iter().map(|(_, cells)| cells[k].clone()).collect();
-            (names, filled.iter().map(|k| row.cells[*k].show()).collect())
+            (names, filled.iter().map(|k| self.show(row, *k)).collect())
         };
         let rows: Vec<NamedRow> = self.rows.iter().enumerate().map(row).collect();
         format!("{title}\n{}", text_table::blocks(&named, &figures, &rows))
@@ -286,7 +321,7 @@ impl Sheet {
         text += &format!("| {} |\n|{}\n", headings.join(" | "), "---|".repeat(headings.len()));
         for variant in Variant::ALL {
             for row in self.of(variant) {
-                let cells: Vec<String> = row.cells.iter().map(SheetCell::show).collect();
+                let cells: Vec<String> = (0..row.cells.len()).map(|k| self.show(row, k)).collect();
                 let (name, settings) = (&row.controller, row.settings.replace('|', "\\|"));
                 let cells = cells.join(" | ");
                 text += &format!("| {} | {name} | {settings} | {cells} |\n", variant.title());
@@ -319,6 +354,21 @@ mod tests {
             "a": 0.004_992, "b": { "mean": 1.25, "sd": 0.033 }, "c": null,
         }] });
         assert_eq!(sheet().to_json(), expected);
+    }
+
+    #[test]
+    fn a_figure_as_printed_is_marked_against_the_printed_one() {
+        let row = |variant, number: f64| {
+            let cells = vec![number.into(), SheetCell::None, SheetCell::None];
+            SheetRow::new(variant, "oqtal", "", cells)
+        };
+        let rows =
+            vec![row(Variant::Paper, 1.0), row(Variant::AsPrinted, 1.05), row(Variant::Ours, 1.0)];
+        let marked = Sheet { rows, is_marked: true, ..sheet() };
+        let shown = [0, 1, 2].map(|k| marked.show(&marked.rows[k], 0));
+        assert_eq!(shown, ["1.000", "1.050 ✓", "1.000"]);
+        let far = row(Variant::AsPrinted, 2.0);
+        assert_eq!((marked.mark(&far, 0), marked.mark(&far, 1)), (Some(false), None));
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! `oqtal sweep`: the figures of laws over values of any keys of the configuration.
 
-use std::fs;
 use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::Setting;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use rayon::prelude::*;
@@ -104,7 +104,7 @@ impl SweepArgs {
     pub fn execute(&self) -> Result<Exit, Failure> {
         let rows = self.fly()?;
         if let Some(file) = &self.out {
-            fs::write(file, self.csv(&rows)?).map_err(|error| {
+            files::write(file, self.csv(&rows)?).map_err(|error| {
                 let name = file.display();
                 Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
             })?;

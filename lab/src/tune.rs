@@ -16,6 +16,7 @@ use std::str::FromStr;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::Setting;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
@@ -69,7 +70,7 @@ impl TuneArgs {
             let file = self.file(name, names.len());
             prepare(&file)?;
             let tuned = tune(name, &self.budget(), &ground, &Progress::default())?;
-            fs::write(&file, tuned.to_toml(&self.own(&ground)))
+            files::write(&file, tuned.to_toml(&self.own(&ground)))
                 .map_err(|error| unwritable(&file, &error))?;
             print(&format!("{tuned}configuration: {}", file.display()))?;
         }
@@ -124,7 +125,7 @@ fn parse_points(text: &str) -> Result<usize, String> {
 fn prepare(file: &Path) -> Result<(), Failure> {
     let directory = file.parent().unwrap_or(Path::new(""));
     fs::create_dir_all(directory)
-        .and_then(|()| fs::OpenOptions::new().append(true).create(true).open(file).map(drop))
+        .and_then(|()| files::check_writable(file))
         .map_err(|error| unwritable(file, &error))
 }
 

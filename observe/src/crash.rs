@@ -11,6 +11,10 @@ use crate::flight_sample::FlightSample;
 
 /// Vertical component of the body's z axis below which the vehicle has turned over \[-\]: the cosine of 80 degrees.
 const TURNED_OVER: f64 = 0.17;
+/// Speed towards the floor above which touching it is a crash \[m/s\]: several times that of a landing.
+const HARD_M_S: f64 = 1.5;
+/// Height up to which a vehicle may touch the floor \[m\].
+const AT_FLOOR_M: f64 = 0.05;
 /// Distance beyond the fence at which the vehicle is lost \[m\].
 const LOST_M: f64 = 12.0;
 
@@ -19,6 +23,11 @@ const LOST_M: f64 = 12.0;
 pub enum Crash {
     /// The vehicle was on the floor while it was to fly.
     Floor,
+    /// The vehicle touched the floor too fast, also where it was to land.
+    Hard {
+        /// Its speed towards the floor \[m/s\].
+        speed: f64,
+    },
     /// The vehicle turned over.
     TurnedOver {
         /// Angle between the body's z axis and the vertical \[deg\].
@@ -52,6 +61,14 @@ impl Crash {
         }
         (is_airborne && position.z <= 0.0).then_some(Self::Floor)
     }
+
+    /// What the state of a vehicle and the one a tick before show, be it armed or not: it fell, and the floor ended that.
+    #[must_use]
+    pub fn at_touchdown(before: &FlightSample, sample: &FlightSample) -> Option<Self> {
+        let [speed, rest] = [before, sample].map(|sample| -sample.velocity().z);
+        let touches = sample.position().z < AT_FLOOR_M && rest < 0.5 * speed;
+        (touches && speed > HARD_M_S).then_some(Self::Hard { speed })
+    }
 }
 
 /// Distance of `position` \[m, world\] beyond the box around the fence \[m\]; 0 inside.
@@ -75,6 +92,7 @@ impl fmt::Display for Crash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Floor => f.write_str("hit the floor"),
+            Self::Hard { speed } => write!(f, "hit the floor at {speed:.1} m/s"),
             Self::TurnedOver { tilt_deg } => write!(f, "turned over, tilt {tilt_deg:.0} deg"),
             Self::Lost { position: [x, y, z] } => {
                 write!(
@@ -113,6 +131,22 @@ mod tests {
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let over = [half, 0.0, 0.0, half];
         assert_eq!(said(at([0.0, 0.0, 1.0], over)).unwrap(), "turned over, tilt 90 deg");
+    }
+
+    #[test]
+    fn a_touchdown_is_a_crash_by_its_speed_and_a_fall_that_goes_on_is_none_yet() {
+        let moving = |height: f64, climb: f64| {
+            let sample = at([0.0, 0.0, height], [0.0, 0.0, 0.0, 1.0]);
+            let velocity = [0.0, 0.0, climb];
+            let truth = sample.truth.map(|truth| TruthV1 { velocity, ..truth });
+            FlightSample { truth, ..sample }
+        };
+        let said = |before, after| Crash::at_touchdown(&before, &after).map(|c| c.to_string());
+        let hard = said(moving(0.03, -2.54), moving(0.0, 0.0));
+        assert_eq!(hard.unwrap(), "hit the floor at 2.5 m/s");
+        assert_eq!(said(moving(0.01, -0.6), moving(0.0, 0.0)), None, "a landing");
+        assert_eq!(said(moving(0.08, -2.5), moving(0.04, -2.6)), None, "still falling");
+        assert_eq!(said(moving(1.0, -2.5), moving(1.0, 0.0)), None, "in the air");
     }
 
     #[test]

@@ -4,7 +4,6 @@ use std::fmt;
 
 use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{InputV1, TelemetryV1};
-use oqtal_config::Fault;
 
 /// Mode, safety state and cause of the daemon in a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,10 +68,14 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     state.then(|| DaemonCondition::of(now).state_text()).into_iter().chain(counts).collect()
 }
 
-/// Beginning and, if it has one, end of a fault by hand: time after arming \[s\], and words.
-pub fn of_fault(fault: &Fault) -> impl Iterator<Item = (f64, String)> {
-    let begins = (fault.at_s, format!("{fault} begins"));
-    let ends = fault.duration_s.map(|_| (fault.end_s(), format!("{fault} ends")));
+/// Beginning and, if it has one, end of something that is named by `what`, from a time after arming to another \[s\]: instant and
+/// words. An infinite end is none.
+pub fn of_period(
+    what: &str,
+    (from_s, until_s): (f64, f64),
+) -> impl Iterator<Item = (f64, String)> + use<> {
+    let begins = (from_s, format!("{what} begins"));
+    let ends = until_s.is_finite().then(|| (until_s, format!("{what} ends")));
     std::iter::once(begins).chain(ends)
 }
 

@@ -1,4 +1,4 @@
-//! The faults that were injected into a flight (`[fault]`).
+//! The faults that were injected into a flight (`[fault]`), and its disturbances (`plant.disturb`).
 
 use serde::Serialize;
 
@@ -15,25 +15,55 @@ pub struct InjectedFault {
     pub until_s: Option<f64>,
 }
 
+/// A disturbance that began before the flight was over.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AppliedDisturbance {
+    /// The disturbance in the grammar of `oqtal fly --disturb`.
+    pub disturbance: String,
+    /// Beginning, from arming \[s\].
+    pub from_s: f64,
+    /// End, from arming; `None` if the disturbance lasted longer than the flight \[s\].
+    pub until_s: Option<f64>,
+}
+
 impl InjectedFault {
     /// The faults of `flight`, in the order of their beginnings.
     #[must_use]
     pub fn all(flight: &Flight) -> Vec<Self> {
-        let flown_s = flight
-            .armed()
-            .next()
-            .zip(flight.samples.last())
-            .map(|(first, last)| last.telemetry.time.since(first.telemetry.time).seconds());
-        let begun = |at_s: f64| flown_s.is_some_and(|flown_s| at_s <= flown_s);
-        let faults = flight.config.fault.inject.iter().filter(|fault| begun(fault.at_s));
-        let mut all: Vec<Self> = faults
-            .map(|fault| Self {
-                fault: fault.to_string(),
-                from_s: fault.at_s,
-                until_s: Some(fault.end_s()).filter(|end_s| begun(*end_s)),
-            })
-            .collect();
-        all.sort_by(|a, b| a.from_s.total_cmp(&b.from_s));
-        all
+        let faults = flight.config.fault.inject.iter();
+        let periods = faults.map(|fault| (fault.to_string(), fault.at_s, fault.end_s()));
+        let all = begun(flight, periods).into_iter();
+        all.map(|(fault, from_s, until_s)| Self { fault, from_s, until_s }).collect()
     }
+}
+
+impl AppliedDisturbance {
+    /// The disturbances of `flight`, in the order of their beginnings.
+    #[must_use]
+    pub fn all(flight: &Flight) -> Vec<Self> {
+        let loads = flight.config.plant.disturb.iter();
+        let periods = loads.map(|load| (load.to_string(), load.at_s, load.end_s()));
+        let all = begun(flight, periods).into_iter();
+        all.map(|(disturbance, from_s, until_s)| Self { disturbance, from_s, until_s }).collect()
+    }
+}
+
+/// Those of `periods`, each a name with its beginning and end from arming \[s\], that began before `flight` was over, in order; with
+/// their ends if these came.
+fn begun(
+    flight: &Flight,
+    periods: impl Iterator<Item = (String, f64, f64)>,
+) -> Vec<(String, f64, Option<f64>)> {
+    let flown_s = flight
+        .armed()
+        .next()
+        .zip(flight.samples.last())
+        .map(|(first, last)| last.telemetry.time.since(first.telemetry.time).seconds());
+    let came = |at_s: f64| flown_s.is_some_and(|flown_s| at_s <= flown_s);
+    let begun = periods.filter(|(_, from_s, _)| came(*from_s));
+    let mut all: Vec<_> = begun
+        .map(|(name, from_s, end_s)| (name, from_s, Some(end_s).filter(|it| came(*it))))
+        .collect();
+    all.sort_by(|a, b| a.1.total_cmp(&b.1));
+    all
 }

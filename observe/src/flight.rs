@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use crate::latency::{Distribution, HopDistributions};
+use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use oqtal_bus::code::Cause;
 use oqtal_bus::message::Stamps;
 use oqtal_bus::obstacle::ArmingObstacles;
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use oqtal_config::Config;
 use oqtal_control::trajectory::Phase;
 use serde::Serialize;
@@ -76,8 +76,8 @@ pub struct AppliedCommand {
     pub sequence: u64,
     /// Its stamps, from the capture of its pose on.
     pub stamps: Stamps,
-    /// Time of its bytes on the wire; zero without one.
-    pub wire: Span,
+    /// What remained of its way after them.
+    pub onward: OnwardTime,
     /// Battery voltage when it was applied \[V\].
     pub battery_v: f64,
 }
@@ -154,6 +154,12 @@ impl Flight {
                 let reasons = ArmingObstacles::from_bits(bits);
                 let unknown = reasons.is_empty().then(|| "the daemon gives no reason".to_owned());
                 Some(format!("no take-off: {}", unknown.unwrap_or_else(|| reasons.to_string())))
+            }
+            Outcome::Timeout => {
+                let when = self.when();
+                Some(format!(
+                    "the flight lasted too long and was ended{when}: it began late, or was held up, as by the fence"
+                ))
             }
             _ => None,
         }

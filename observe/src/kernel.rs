@@ -113,6 +113,17 @@ pub struct ProcessUsage {
     pub end: Footprint,
 }
 
+impl fmt::Display for ProcessUsage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { realtime, start, end } = self;
+        write!(
+            f,
+            "{realtime}; resident {} KiB at the start, {} at the end; open files {}, {}",
+            start.resident_kib, end.resident_kib, start.open_files, end.open_files
+        )
+    }
+}
+
 impl ProcessUsage {
     /// Reads the process `pid` at the start; `None` if it does not exist.
     #[must_use]

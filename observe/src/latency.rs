@@ -3,13 +3,14 @@
 //! ```text
 //!  captured ─▶ pose published ─▶ woken ─▶ command published ─▶ received ─▶ applied
 //! ```
-//! For every sample the hops add up to `sensor_to_actuator`. Behind a bridge a command is applied when its last byte was handed to
-//! the wire; the time on the wire is a further hop.
+//! For every sample the hops add up to `sensor_to_actuator`, which ends where the command takes effect. Behind a bridge the last
+//! stamp is that at which the last byte was handed to the wire; the times on the wire, and in the air as it is configured, are
+//! further hops.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
-use oqtal_bus::message::Stamps;
+use oqtal_bus::message::{Stamps, VehicleV1};
 use oqtal_bus::time::Span;
 
 /// The names of the hops, in order.
@@ -27,12 +28,33 @@ pub const RECEIVER: [&str; 2] = ["capture_to_receive", "receive_to_publish"];
 /// Name of the hop over a wire, which follows the others.
 pub const WIRE: &str = "wire";
 
+/// Name of the hop from the last byte on the wire to the effect: not measured, but `bridge.air-latency-ms`.
+pub const AIR: &str = "air_configured";
+
 /// Name of the sum of all hops.
 pub const WHOLE: &str = "sensor_to_actuator";
 
 /// Names of all distributions, in the order of the stations.
-pub const NAMES: [&str; HOPS.len() + RECEIVER.len() + 2] =
-    [HOPS[0], RECEIVER[0], RECEIVER[1], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, WHOLE];
+pub const NAMES: [&str; HOPS.len() + RECEIVER.len() + 3] =
+    [HOPS[0], RECEIVER[0], RECEIVER[1], HOPS[1], HOPS[2], HOPS[3], HOPS[4], WIRE, AIR, WHOLE];
+
+/// What remains of the way of a command after its last stamp; none for a vehicle that is simulated on the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct OnwardTime {
+    /// Time of its bytes on the wire.
+    pub wire: Span,
+    /// Time from there to its effect, as it is configured.
+    pub air: Span,
+}
+
+impl OnwardTime {
+    /// That of the command in effect.
+    #[must_use]
+    pub fn of(vehicle: &VehicleV1) -> Self {
+        let VehicleV1 { wire_ns, air_ns, .. } = *vehicle;
+        Self { wire: Span::from_nanos(wire_ns), air: Span::from_nanos(air_ns) }
+    }
+}
 
 /// Upper end of the histogram's range \[ns\].
 const LONGEST_NS: u64 = 60_000_000_000;
@@ -64,8 +86,8 @@ pub fn receiver_hops(stamps: &Stamps) -> Option<[Span; RECEIVER.len()]> {
 
 /// Time from capture to effect.
 #[must_use]
-pub fn sensor_to_actuator(stamps: &Stamps) -> Span {
-    stamps.applied_at.since(stamps.captured_at)
+pub fn sensor_to_actuator(stamps: &Stamps, onward: OnwardTime) -> Span {
+    stamps.applied_at.since(stamps.captured_at) + onward.wire + onward.air
 }
 
 /// A distribution of spans in bounded memory: minimum and maximum are exact, quantiles have three digits.
@@ -147,12 +169,13 @@ pub struct HopDistributions {
     hops: [Distribution; HOPS.len()],
     receiver: [Distribution; RECEIVER.len()],
     wire: Distribution,
+    air: Distribution,
     whole: Distribution,
 }
 
 impl HopDistributions {
-    /// Adds a sample that reached the vehicle after the time `wire` on the wire; a sample with a missing stamp is ignored.
-    pub fn add(&mut self, stamps: &Stamps, wire: Span) {
+    /// Adds a sample that reached the vehicle after its last stamp by the time `onward`; a sample with a missing stamp is ignored.
+    pub fn add(&mut self, stamps: &Stamps, onward: OnwardTime) {
         if let Some(spans) = hops(stamps) {
             for (distribution, span) in self.hops.iter_mut().zip(spans) {
                 distribution.add(span);
@@ -160,19 +183,20 @@ impl HopDistributions {
             if let Some(spans) = receiver_hops(stamps) {
                 self.receiver.iter_mut().zip(spans).for_each(|(hop, span)| hop.add(span));
             }
-            if wire > Span::ZERO {
-                self.wire.add(wire);
-            }
-            self.whole.add(sensor_to_actuator(stamps) + wire);
+            let parts = [(&mut self.wire, onward.wire), (&mut self.air, onward.air)];
+            let taken = parts.into_iter().filter(|(_, span)| *span > Span::ZERO);
+            taken.for_each(|(distribution, span)| distribution.add(span));
+            self.whole.add(sensor_to_actuator(stamps, onward));
         }
     }
 
-    /// The distributions by name: every hop, the parts of the first one if there was a receiver, the wire if there was one, the
-    /// sum.
+    /// The distributions by name: every hop, the parts of the first one if there was a receiver, wire and air if there were any,
+    /// the sum.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
-        let wire = (self.wire.count() > 0).then_some((WIRE, &self.wire));
+        let onward = [(WIRE, &self.wire), (AIR, &self.air)];
+        let onward = onward.into_iter().filter(|(_, hop)| hop.count() > 0);
         let received = RECEIVER.into_iter().zip(&self.receiver).filter(|(_, hop)| hop.count() > 0);
-        HOPS.into_iter().zip(&self.hops).chain(received).chain(wire).chain([(WHOLE, &self.whole)])
+        HOPS.into_iter().zip(&self.hops).chain(received).chain(onward).chain([(WHOLE, &self.whole)])
     }
 }
 
@@ -209,9 +233,9 @@ mod tests {
         assert_eq!(receiver_hops(&emulated), None);
         assert_eq!(receiver_hops(&received).unwrap(), [12, 3].map(Span::from_nanos));
         let mut hops = HopDistributions::default();
-        hops.add(&emulated, Span::ZERO);
+        hops.add(&emulated, OnwardTime::default());
         assert_eq!(hops.iter().count(), HOPS.len() + 1);
-        hops.add(&received, Span::ZERO);
+        hops.add(&received, OnwardTime::default());
         assert_eq!(hops.iter().count(), HOPS.len() + RECEIVER.len() + 1);
     }
 
@@ -220,7 +244,7 @@ mod tests {
         let stamps = stamps([10, 25, 27, 40, 41, 99]);
         let spans = hops(&stamps).unwrap();
         let sum = spans.into_iter().fold(Span::ZERO, |sum, span| sum + span);
-        assert_eq!(sum, sensor_to_actuator(&stamps));
+        assert_eq!(sum, sensor_to_actuator(&stamps, OnwardTime::default()));
         assert_eq!(spans[2], Span::from_nanos(13));
     }
 
@@ -231,14 +255,16 @@ mod tests {
     }
 
     #[test]
-    fn a_wire_is_a_hop_of_its_own_and_part_of_the_whole() {
+    fn wire_and_air_are_hops_of_their_own_and_part_of_the_whole() {
         let mut hops = HopDistributions::default();
-        hops.add(&stamps([10, 25, 27, 40, 41, 99]), Span::ZERO);
+        hops.add(&stamps([10, 25, 27, 40, 41, 99]), OnwardTime::default());
         assert!(hops.iter().all(|(name, _)| name != WIRE));
-        hops.add(&stamps([10, 25, 27, 40, 41, 99]), Span::from_nanos(1000));
+        let onward = OnwardTime { wire: Span::from_nanos(1000), air: Span::from_nanos(500) };
+        hops.add(&stamps([10, 25, 27, 40, 41, 99]), onward);
         let found = |wanted| hops.iter().find(|(name, _)| *name == wanted).unwrap().1.summary();
         assert_eq!((found(WIRE).count, found(WIRE).max_ns), (1, 1000));
-        assert_eq!((found(WHOLE).min_ns, found(WHOLE).max_ns), (89, 1089));
+        assert_eq!((found(AIR).count, found(AIR).max_ns), (1, 500));
+        assert_eq!((found(WHOLE).min_ns, found(WHOLE).max_ns), (89, 1589));
     }
 
     #[test]

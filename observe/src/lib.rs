@@ -7,6 +7,7 @@ pub mod compare;
 pub mod crash;
 pub mod csv;
 pub mod event;
+pub mod explain;
 pub mod fault;
 pub mod flight;
 pub mod flight_sample;

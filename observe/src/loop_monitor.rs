@@ -4,7 +4,7 @@ use oqtal_bus::message::{CommandV1, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use serde::Serialize;
 
-use crate::latency::{Distribution, HopDistributions};
+use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use crate::sink::{ObservedTopic, Reception, Sink};
 
 /// Counters of the control loop over the time observed.
@@ -130,7 +130,7 @@ impl Sink for LoopMonitor {
             return;
         }
         self.armed = vehicle.armed == 1;
-        self.hops.add(stamps, Span::from_nanos(vehicle.wire_ns));
+        self.hops.add(stamps, OnwardTime::of(vehicle));
         let before = *self.commands_lost_before.get_or_insert(vehicle.lost);
         self.counters.commands_lost = vehicle.lost.saturating_sub(before);
     }

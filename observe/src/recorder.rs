@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use crate::latency::{Distribution, HopDistributions};
+use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
@@ -185,9 +185,15 @@ impl Recorder {
     }
 
     fn push(&mut self, sample: FlightSample) {
+        let before = self.samples.last().copied();
         self.samples.push(sample);
-        if self.outcome.is_none() && !self.config.is_replay() {
-            self.judge(&sample);
+        if self.outcome.is_some() || self.config.is_replay() {
+            return;
+        }
+        self.judge(&sample);
+        let touchdown = before.filter(|_| self.outcome.is_none() && self.flown);
+        if let Some(crash) = touchdown.and_then(|before| Crash::at_touchdown(&before, &sample)) {
+            (self.outcome, self.crash) = (Some(Outcome::Crashed), Some(crash));
         }
     }
 
@@ -272,12 +278,12 @@ impl Sink for Recorder {
             // A bridge publishes in every period; in this one it had no new command.
             return;
         }
-        let (stamps, wire) = (header.stamps, Span::from_nanos(vehicle.wire_ns));
-        self.hops.add(&stamps, wire);
+        let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));
+        self.hops.add(&stamps, onward);
         self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
         self.last_command = vehicle.command_sequence;
         let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);
-        self.applied.push(AppliedCommand { sequence, stamps, wire, battery_v });
+        self.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {

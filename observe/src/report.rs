@@ -13,8 +13,9 @@ mod timeline;
 use crate::latency::WHOLE;
 use maud::{Markup, html};
 
+use crate::explain::terms;
 use crate::flight::{Flight, Outcome};
-use crate::page::page;
+use crate::page::{page, section};
 use crate::plot::unit::{self, MISSING, significant, span};
 use crate::summary::Summary;
 
@@ -46,7 +47,22 @@ fn of_flight(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
         (motion::command(timeline))
         (latency::latency(timeline.flight, summary))
         (events::events(timeline, summary))
+        (words(timeline.flight, summary))
     }
+}
+
+/// What the words of the page mean.
+fn words(flight: &Flight, summary: &Summary) -> Markup {
+    section(
+        "Words",
+        html! {
+            table.wide.words {
+                @for (term, meaning) in terms(flight, summary) {
+                    tr { th scope="row" { (term) } td { (meaning) } }
+                }
+            }
+        },
+    )
 }
 
 fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
@@ -59,6 +75,7 @@ fn of_replay(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
         (motion::command(timeline))
         (latency::latency(timeline.flight, summary))
         (events::events(timeline, summary))
+        (words(timeline.flight, summary))
     }
 }
 

@@ -130,13 +130,20 @@ impl InstanceStatus {
         let mut lines: Vec<String> = self.processes.iter().map(ToString::to_string).collect();
         lines.extend(self.vehicle.as_ref().map(ToString::to_string));
         lines.extend(
-            self.position_m.map(|[x, y, z]| format!("{:<10} {x:.2} {y:.2} {z:.2} m", "position")),
+            self.position_m
+                .map(|at| at.map(centimetres))
+                .map(|[x, y, z]| format!("{:<10} {x:.2} {y:.2} {z:.2} m", "position")),
         );
         if self.config_agrees() == Some(false) {
             lines.push("configurations differ: restart the processes with one --config".to_owned());
         }
         lines
     }
+}
+
+/// `value` \[m\] to the centimetre, without a minus in front of zero \[m\].
+fn centimetres(value: f64) -> f64 {
+    (value * 100.0).round() / 100.0 + 0.0
 }
 
 /// Health of one process.

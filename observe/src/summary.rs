@@ -6,12 +6,12 @@ use crate::latency::{Distribution, DistributionSummary};
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::message::{FNV_OFFSET, fnv1a};
-use oqtal_config::{ClockKind, Interface};
+use oqtal_config::{ClockKind, Config, Interface};
 use oqtal_control::metrics::Statistics;
 use serde::Serialize;
 
 use crate::command_path::CommandPath;
-use crate::fault::InjectedFault;
+use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{Flight, FlightSample, Outcome};
 use crate::kernel::ProcessUsage;
 use crate::provenance::Provenance;
@@ -86,6 +86,8 @@ pub struct Summary {
     pub state_sequence: Vec<String>,
     /// The faults that were injected, in the order of their beginnings.
     pub faults: Vec<InjectedFault>,
+    /// The disturbances that acted, in the order of their beginnings.
+    pub disturbances: Vec<AppliedDisturbance>,
     pub config_hash: String,
     pub trajectory_hash: Option<String>,
 }
@@ -105,8 +107,6 @@ impl Summary {
         let (ticks, duration_s) = extent(flight.armed());
         let figures =
             |error: fn(&FlightSample) -> Vector3<f64>| error_figures(flight.scored().map(error));
-        let real =
-            |spans: &Distribution| (config.clock.kind == ClockKind::Real).then(|| spans.summary());
         Self {
             controller: name_of(&config.control.controller),
             trajectory: name_of(&config.trajectory.kind),
@@ -132,11 +132,12 @@ impl Summary {
             poses_refused: last.poses_refused,
             hops: flight.hops.iter().map(|(name, hop)| (name, hop.summary())).collect(),
             wire: flight.wire.figures(),
-            wakeup_lateness: real(&flight.wakeup_lateness),
-            period_jitter: real(&flight.period_jitter),
+            wakeup_lateness: in_real_time(config, &flight.wakeup_lateness),
+            period_jitter: in_real_time(config, &flight.period_jitter),
             daemon: flight.daemon.clone(),
             state_sequence: state_sequence(flight),
             faults: InjectedFault::all(flight),
+            disturbances: AppliedDisturbance::all(flight),
             config_hash: format!("{:016x}", config.hash()),
             trajectory_hash: trajectory_hash(flight),
         }
@@ -169,6 +170,11 @@ impl Summary {
         let document = Document { summary: self, version, revision };
         serde_json::to_string_pretty(&document).expect("a summary holds only what JSON can say")
     }
+}
+
+/// The figures of `spans`; `None` in virtual time, where they have no meaning.
+fn in_real_time(config: &Config, spans: &Distribution) -> Option<DistributionSummary> {
+    (config.clock.kind == ClockKind::Real).then(|| spans.summary())
 }
 
 /// The source of the vehicle's motion that errors are judged by.
@@ -235,8 +241,12 @@ fn effort(flight: &Flight) -> Option<f64> {
     any.then_some(sum * period_s)
 }
 
+/// The states from arming on, until the end of the record; all of them if the vehicle was never armed. On the ground the daemon
+/// waits for its first poses in a state that is no event of the flight.
 fn state_sequence(flight: &Flight) -> Vec<String> {
-    let mut states: Vec<u8> = flight.samples.iter().map(|sample| sample.telemetry.state).collect();
+    let from = flight.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
+    let states = flight.samples[from..].iter();
+    let mut states: Vec<u8> = states.map(|sample| sample.telemetry.state).collect();
     states.dedup();
     let name = |code: &u8| SafetyState::from_code(*code).map(|state| state.to_string());
     states.iter().filter_map(name).collect()

@@ -1,5 +1,6 @@
 //! The closing table of a flight in the terminal.
 
+use crate::explain::wrapped;
 use crate::latency::{DistributionSummary, NAMES};
 use comfy_table::{CellAlignment, Table, presets};
 
@@ -61,7 +62,8 @@ fn errors(summary: &Summary) -> Option<Table> {
 fn latencies(summary: &Summary) -> Option<Table> {
     let mut table = table(&["latency [us]", "p50", "p99", "p99.9", "max"]);
     for name in NAMES {
-        if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0) {
+        // In virtual time computation and bus take none.
+        if let Some(hop) = summary.hops.get(name).filter(|hop| hop.count > 0 && hop.max_ns > 0) {
             table.add_row(latency_row(&words(name), hop));
         }
     }
@@ -91,7 +93,7 @@ fn wire(wire: &WireFigures) -> String {
         format!(", answered {} % (minimum {} %)", percent(quality.mean), percent(quality.min))
     });
     format!(
-        "age at the last byte on the wire: {} since capture, {} since publication\n\
+        "age at the last byte on the wire: {} since capture,\n    {} since publication\n\
          wire: occupied by commands {} % of the time{quality}\n",
         age(from_capture),
         age(from_publication),
@@ -102,12 +104,16 @@ fn wire(wire: &WireFigures) -> String {
 fn counts(summary: &Summary) -> String {
     let Summary { riccati_solves, deadline_misses, lost, .. } = summary;
     let faults: Vec<&str> = summary.faults.iter().map(|fault| fault.fault.as_str()).collect();
-    let faults = match faults.is_empty() {
-        true => String::new(),
-        false => format!("\nfaults: {}", faults.join("\n        ")),
+    let loads = summary.disturbances.iter();
+    let loads: Vec<&str> = loads.map(|load| load.disturbance.as_str()).collect();
+    let faults = listed("faults: ", &faults) + &listed("disturbances: ", &loads);
+    // Neither has a meaning in virtual time: nothing is late there.
+    let deadlines = match summary.wakeup_lateness {
+        Some(_) => format!(", deadlines missed {deadline_misses}"),
+        None => String::new(),
     };
     format!(
-        "Riccati solves {riccati_solves}, deadlines missed {deadline_misses}\n\
+        "Riccati solves {riccati_solves}{deadlines}\n\
          poses lost {}, refused {}, commands lost {}\nstates: {}{faults}",
         lost.pose,
         summary.poses_refused,
@@ -116,13 +122,15 @@ fn counts(summary: &Summary) -> String {
     )
 }
 
+/// A line for each of `names`, below `title`; nothing without names.
+fn listed(title: &str, names: &[&str]) -> String {
+    let indent = format!("\n{}", " ".repeat(title.len()));
+    if names.is_empty() { String::new() } else { format!("\n{title}{}", names.join(&indent)) }
+}
+
 /// Scheduling and resource use of the daemon.
 fn process(daemon: &ProcessUsage) -> String {
-    let ProcessUsage { realtime, start, end } = daemon;
-    format!(
-        "\ndaemon: {realtime}\n        resident {} KiB at the start, {} at the end; open files {}, {}",
-        start.resident_kib, end.resident_kib, start.open_files, end.open_files
-    )
+    format!("\n{}", wrapped(&format!("daemon: {daemon}"), 8))
 }
 
 /// An empty table with a header.

@@ -30,8 +30,23 @@ pub struct Disturbance {
     pub acceleration: Vector3<f64>,
     /// Bias of the on-board rate loop \[rad/s, body\].
     pub rate_drift: Vector3<f64>,
+    /// Angular acceleration by torques from outside \[rad/s^2, body\].
+    pub angular_acceleration: Vector3<f64>,
+    /// Mass of the vehicle over that with its payload \[-\].
+    pub mass_ratio: f64,
     /// Battery voltage over the nominal one \[-\]; 1 where thrust does not depend on the voltage.
     pub voltage_ratio: f64,
+}
+
+impl Disturbance {
+    /// None.
+    pub const NONE: Self = Self {
+        acceleration: Vector3::new(0.0, 0.0, 0.0),
+        rate_drift: Vector3::new(0.0, 0.0, 0.0),
+        angular_acceleration: Vector3::new(0.0, 0.0, 0.0),
+        mass_ratio: 1.0,
+        voltage_ratio: 1.0,
+    };
 }
 
 /// The equations of motion of a vehicle.
@@ -127,7 +142,7 @@ impl Translation {
             position: state.velocity,
             velocity: self.acceleration(state, response.thrust, disturbance),
             attitude: state.attitude_rate(),
-            rate: response.rate,
+            rate: response.rate + disturbance.angular_acceleration,
             actuators: response.actuators,
         }
     }
@@ -135,9 +150,9 @@ impl Translation {
     /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
     #[inline]
     fn acceleration(&self, state: &State, thrust: f64, disturbance: &Disturbance) -> Vector3<f64> {
-        state.thrust_axis() * (thrust * self.per_mass)
+        state.thrust_axis() * (thrust * (self.per_mass * disturbance.mass_ratio))
             - Vector3::z() * self.gravity
-            - state.velocity * self.drag
+            - state.velocity * (self.drag * disturbance.mass_ratio)
             + disturbance.acceleration
     }
 }

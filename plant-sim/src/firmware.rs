@@ -17,11 +17,11 @@ use oqtal_bus::message::{HealthV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Publish, Transport};
-use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Failure, ProcessContext};
 use oqtal_wire::crazyflie_sitl::{FirmwarePacket, HELLO, MAX_DATAGRAM, is_from_client};
 
+use crate::disturbance::{DisturbanceClock, SceneDisturbance};
 use crate::socket::{self, PeerSocket};
 use crate::turn::tell_skipped;
 use crate::wire::LinkDirection;
@@ -59,7 +59,7 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat =
         Heartbeat::new(&bus, context.role, HealthV1::OWN_CONFIG, context.health.clone())?;
-    let mut radio = RadioFaults::open(&bus, &context.config)?;
+    let mut disturbances = DisturbanceClock::open(&bus, &context.config)?;
     let mut link = FirmwareLink::open(context, addresses)?;
     tracing::info!(address = %addresses.body, "the body waits for its firmware");
     context.enter_realtime();
@@ -68,7 +68,7 @@ pub fn run(context: &ProcessContext, addresses: BodyAddresses) -> Result<(), Fai
         socket::wait([&link.firmware, &link.client], link.next_event())?;
         heartbeat.beat(HealthV1::default())?;
         let now = Time::now();
-        link.relay.disturb(radio.at(now)?);
+        link.disturb(disturbances.at(now)?);
         tell_skipped(link.body.skip_pause(now - link.slip));
         if link.read(now) {
             context.health.count_input();
@@ -127,6 +127,12 @@ struct FirmwareLink {
 }
 
 impl FirmwareLink {
+    /// Disturbs body and radio from now on.
+    fn disturb(&mut self, disturbance: SceneDisturbance) {
+        self.relay.disturb(disturbance.radio);
+        self.body.disturb(disturbance);
+    }
+
     fn open(context: &ProcessContext, addresses: BodyAddresses) -> Result<Self, Failure> {
         let config = &context.config;
         Ok(Self {

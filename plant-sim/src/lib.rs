@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 pub mod autopilot;
+mod disturbance;
 mod dynamics;
 pub mod firmware;
 mod plant;
@@ -27,6 +28,7 @@ use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::truth::TruthSource;
 
+pub use disturbance::{AppliedLoad, DisturbanceClock, LoadSchedule, SceneDisturbance};
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
 pub use plant::{Plant, PlantOutput};
 pub use state::{Derivative, State};

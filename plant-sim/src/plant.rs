@@ -7,12 +7,15 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
 use oqtal_bus::time::{Grid, Span, Time};
 use oqtal_config::{Config, ProbeOptions};
+use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::quaternion::Attitude;
+use oqtal_control::rigid_body::Inertia;
 use oqtal_runtime::actuation::actuation_of;
 use oqtal_runtime::faults::RadioDisturbance;
 use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 
+use crate::disturbance::{LoadSchedule, SceneDisturbance};
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
 use crate::spread::drawn;
 use crate::state::State;
@@ -59,6 +62,9 @@ pub struct Plant {
     battery: BatteryModel,
     drift: Vector3<f64>,
     constant_acceleration: Vector3<f64>,
+    loads: LoadSchedule,
+    /// Mass \[kg\], drag \[1/s\] and inertia of the vehicle that they act on.
+    loaded: (f64, f64, Inertia),
     radio: VecDeque<OnAir>,
     radio_delay: Span,
     /// From the reported to the real effect of a command.
@@ -97,6 +103,7 @@ impl Plant {
             battery: BatteryModel::new(&options),
             drift,
             constant_acceleration,
+            loads: LoadSchedule::new(&options),
             radio: VecDeque::with_capacity(64),
             radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
             hidden_delay: Span::from_seconds(options.hidden_delay_ms * 1e-3),
@@ -104,6 +111,11 @@ impl Plant {
             input: PlantInput::default(),
             accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
+            loaded: (
+                options.mass_kg,
+                options.drag_per_s,
+                options.inertia().expect("the configuration was checked"),
+            ),
             thrust_exponent: options.thrust_exponent,
             probe: options.probe.clone(),
             command_timeout_at: None,
@@ -163,9 +175,10 @@ impl Plant {
         self.radio.push_back(OnAir { acts_at, header, command });
     }
 
-    /// Disturbs the radio from now on.
-    pub fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
-        self.disturbed.0 = disturbance;
+    /// Disturbs vehicle and radio from now on.
+    pub fn disturb(&mut self, disturbance: SceneDisturbance) {
+        self.disturbed.0 = disturbance.radio;
+        self.loads.begin(disturbance.armed_at);
     }
 
     /// Applies `command` at once, for a vehicle whose commands do not come over the bus. No output is made of it.
@@ -198,6 +211,8 @@ impl Plant {
                 return;
             }
             let next = self.next_sample().min(until);
+            // The equations of motion are smooth within a step.
+            let next = self.loads.next_change(self.time).map_or(next, |change| next.min(change));
             self.integrate(next.since(self.time).seconds());
             self.time = next;
         }
@@ -322,14 +337,33 @@ impl Plant {
     }
 
     fn integrate(&mut self, h: f64) {
-        let disturbance = Disturbance {
-            acceleration: self.gust.acceleration() + self.constant_acceleration,
-            rate_drift: self.drift,
-            voltage_ratio: self.battery.ratio(),
-        };
+        let disturbance = self.disturbance();
         self.battery.draw(self.dynamics.thrust(&self.state), h);
         let before = (self.state.position, self.state.attitude);
         self.dynamics.advance(&mut self.state, h, &self.input, &disturbance);
         rest_on_floor(before, &mut self.state);
+    }
+
+    /// What disturbs the vehicle from the present instant to the next event.
+    fn disturbance(&self) -> Disturbance {
+        let calm = Disturbance {
+            acceleration: self.gust.acceleration() + self.constant_acceleration,
+            rate_drift: self.drift,
+            angular_acceleration: Vector3::zeros(),
+            mass_ratio: 1.0,
+            voltage_ratio: self.battery.ratio(),
+        };
+        let Some(load) = self.loads.at(self.time) else { return calm };
+        let (mass_kg, drag_per_s, inertia) = &self.loaded;
+        let mass_ratio = mass_kg / (mass_kg + load.mass_kg);
+        let wind = load.wind * *drag_per_s;
+        let forces = self.constant_acceleration + load.force / *mass_kg + wind;
+        let torque = inertia.acceleration(BodyRate(Vector3::zeros()), Torque(load.torque));
+        Disturbance {
+            acceleration: self.gust.acceleration() + forces * mass_ratio,
+            angular_acceleration: torque.0,
+            mass_ratio,
+            ..calm
+        }
     }
 }

@@ -7,10 +7,10 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{COMMAND, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_config::Config;
-use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Health;
 use oqtal_runtime::turn::{Turn, TurnClock};
 
+use crate::disturbance::DisturbanceClock;
 use crate::plant::{Plant, PlantOutput};
 
 /// Time between two publications of the state of a stopped vehicle.
@@ -74,7 +74,7 @@ pub struct PlantTurn<T: Transport> {
     plant: Plant,
     stepping: Stepping,
     health: Health,
-    radio: RadioFaults<T>,
+    disturbances: DisturbanceClock<T>,
 }
 
 impl<T: Transport> PlantTurn<T> {
@@ -101,7 +101,7 @@ impl<T: Transport> PlantTurn<T> {
             plant,
             stepping,
             health: Health::default(),
-            radio: RadioFaults::open(bus, config)?,
+            disturbances: DisturbanceClock::open(bus, config)?,
         })
     }
 
@@ -160,7 +160,7 @@ impl<T: Transport> Turn for PlantTurn<T> {
         let arrival = self.commands.latest()?;
         // Read after the command was taken, so that it is not received before it was sent.
         let now = clock.now();
-        self.plant.disturb_radio(self.radio.at(now)?);
+        self.plant.disturb(self.disturbances.at(now)?);
         self.skip_pause(now);
         let Self { plant, outputs, .. } = self;
         let mut published = Ok(());

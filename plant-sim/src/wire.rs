@@ -37,12 +37,12 @@ use oqtal_bus::time::Time;
 use oqtal_bus::topic::TRUTH;
 use oqtal_bus::transport::{Publish, Transport};
 use oqtal_control::options::OptionError;
-use oqtal_runtime::faults::RadioFaults;
 use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
 use oqtal_wire::link::{CrtpLink, LinkSpec, PortSpec};
 
 use crate::PlantOutput;
+use crate::disturbance::DisturbanceClock;
 use crate::turn::tell_skipped;
 
 pub use autopilot::EmulatedAutopilot;
@@ -122,7 +122,7 @@ fn fly(
 ) -> Result<(), Failure> {
     let mut truths = bus.writer(&TRUTH)?;
     let mut heartbeat = heartbeat(context, bus)?;
-    let mut radio = RadioFaults::open(bus, &context.config)?;
+    let mut disturbances = DisturbanceClock::open(bus, &context.config)?;
     let mut outputs = Vec::with_capacity(64);
     let mut chunk = [0; CHUNK];
     tracing::info!(link = shown, "the emulated vehicle waits for a host");
@@ -132,7 +132,7 @@ fn fly(
         port.wait(vehicle.next_event(), vehicle.has_room(Time::now()))?;
         heartbeat.beat(HealthV1::default())?;
         let now = Time::now();
-        vehicle.disturb_radio(radio.at(now)?);
+        vehicle.disturb(disturbances.at(now)?);
         tell_skipped(vehicle.skip_pause(now));
         if !read_host(&mut port, &mut vehicle, (now, &mut chunk))? {
             context.health.count_input();

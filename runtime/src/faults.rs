@@ -23,7 +23,7 @@ mod reader;
 mod transport;
 mod turn;
 
-pub use clock::ArmingWatch;
+pub use clock::{ArmingClock, ArmingWatch};
 pub use radio::{RadioDisturbance, RadioFaults};
 pub use reader::FaultyReader;
 pub use transport::FaultyTransport;

@@ -2,11 +2,14 @@
 //! are new.
 
 use std::fs::{DirBuilder, File, OpenOptions};
-use std::io;
+use std::io::{self, Read};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 use rustix::fs::OFlags;
+
+/// Length up to which a secret is read \[bytes\].
+const LONGEST_SECRET: u64 = 1024;
 
 /// Makes a directory that only this user can enter.
 ///
@@ -37,16 +40,59 @@ pub fn check_own_directory(path: &Path) -> io::Result<()> {
 /// # Errors
 /// The path is a link, or the file cannot be created.
 pub fn create(path: &Path) -> io::Result<File> {
-    let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
-    OpenOptions::new().write(true).create(true).truncate(true).custom_flags(flags).open(path)
+    open_unlinked(OpenOptions::new().write(true).truncate(true), path)
 }
 
-/// Writes `text` to a file as [`create`] makes it.
+/// Opens a file, which is created if it is not there, by `options`; a link is not followed.
+fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
+    let flags = (OFlags::NOFOLLOW | OFlags::CLOEXEC).bits().cast_signed();
+    options.create(true).custom_flags(flags).open(path).map_err(|error| {
+        match error.raw_os_error() == Some(rustix::io::Errno::LOOP.raw_os_error()) {
+            true => {
+                io::Error::new(io::ErrorKind::PermissionDenied, "a link, which is not followed")
+            }
+            false => error,
+        }
+    })
+}
+
+/// Makes sure that [`create`] will be able to write a file; what is in it is kept.
+///
+/// # Errors
+/// As [`create`].
+pub fn check_writable(path: &Path) -> io::Result<()> {
+    open_unlinked(OpenOptions::new().append(true), path).map(drop)
+}
+
+/// Writes `content` to a file as [`create`] makes it.
 ///
 /// # Errors
 /// As [`create`], or the disk is full.
-pub fn write(path: &Path, text: &str) -> io::Result<()> {
-    io::Write::write_all(&mut create(path)?, text.as_bytes())
+pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
+    io::Write::write_all(&mut create(path)?, content.as_ref())
+}
+
+/// Reads the text of a file that only its owner, this user or root, may read.
+///
+/// # Errors
+/// Others may read or write the file, it is none, it is long, or it cannot be read.
+pub fn read_secret(path: &Path) -> io::Result<String> {
+    let flags = (OFlags::NONBLOCK | OFlags::CLOEXEC).bits().cast_signed();
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
+    let metadata = file.metadata()?;
+    let is_own = [0, rustix::process::geteuid().as_raw()].contains(&metadata.uid());
+    let reason = if !metadata.is_file() {
+        "not a file"
+    } else if !is_own {
+        "belongs to another user"
+    } else if metadata.mode() & 0o077 != 0 {
+        "others may read or write it; run chmod 600 on it"
+    } else {
+        let mut text = String::new();
+        file.take(LONGEST_SECRET).read_to_string(&mut text)?;
+        return Ok(text);
+    };
+    Err(io::Error::new(io::ErrorKind::PermissionDenied, reason))
 }
 
 #[cfg(test)]
@@ -59,9 +105,12 @@ mod tests {
         let path = |name: &str| directory.path().join(name);
         std::fs::write(path("target"), "kept").unwrap();
         std::os::unix::fs::symlink(path("target"), path("link")).unwrap();
-        assert!(write(&path("link"), "lost").is_err());
+        let refused = write(&path("link"), "lost").unwrap_err();
+        assert_eq!(refused.to_string(), "a link, which is not followed");
+        assert!(check_writable(&path("link")).is_err());
         assert_eq!(std::fs::read_to_string(path("target")).unwrap(), "kept");
         write(&path("file"), "new").unwrap();
+        check_writable(&path("file")).unwrap();
         assert_eq!(std::fs::read_to_string(path("file")).unwrap(), "new");
         std::os::unix::fs::symlink(directory.path(), path("place")).unwrap();
         assert!(create_private_directory(&path("place")).is_err());

@@ -134,7 +134,7 @@ fn tracking(model: &MonitorModel) -> StatusLine {
     let [x, y, z] = tick.position;
     let error = tracking_error_m(&tick).map_or_else(
         || "no reference".to_owned(),
-        |error| format!("error {error:.3} m, greatest {:.3} m", model.greatest_error_m),
+        |error| format!("error {error:.3} m, max {:.3} m", model.greatest_error_m),
     );
     line(label, format!("{x:.2} {y:.2} {z:.2} m; {error}"), Weight::Plain)
 }

@@ -4,7 +4,7 @@ use oqtal_bus::message::{CommandV1, Header, HealthV1, InputV1, Stamps, Telemetry
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_observe::event::{self, DaemonCondition};
-use oqtal_observe::latency::{hops, sensor_to_actuator};
+use oqtal_observe::latency::{OnwardTime, hops, sensor_to_actuator};
 use oqtal_observe::loop_monitor::LoopMonitor;
 use oqtal_observe::sink::{ObservedTopic, Reception, Sink};
 
@@ -132,7 +132,7 @@ impl MonitorModel {
     /// Adds the latency of a command that was applied.
     fn add_latency(&mut self, stamps: &Stamps, vehicle: &VehicleV1) {
         if hops(stamps).is_some() {
-            let whole = sensor_to_actuator(stamps) + Span::from_nanos(vehicle.wire_ns);
+            let whole = sensor_to_actuator(stamps, OnwardTime::of(vehicle));
             self.trends.latency.add(whole.seconds() * 1e3);
         }
     }

@@ -1,6 +1,6 @@
 //! The terminal while it is in use, and how it is left as it was: whatever ends the program, but a signal that cannot be caught.
 
-use std::io::{self, Stdout, Write, stdout};
+use std::io::{self, IsTerminal, Stdout, Write, stdin, stdout};
 use std::time::Duration;
 
 use ratatui::Terminal;
@@ -11,6 +11,8 @@ use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::{
     EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
 };
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 
 /// What the operator asks for by a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,13 +53,22 @@ impl OpenTerminal {
         self.terminal.draw(|frame| draw(frame.buffer_mut())).map(drop)
     }
 
-    /// Waits at most `timeout` for a key; returns at once on a change of the terminal's size.
+    /// Waits at most `timeout` for a key; returns at once on a change of the terminal's size. A terminal that was closed counts as
+    /// the key that ends.
     ///
     /// # Errors
-    /// The terminal is gone.
+    /// The terminal fails.
     pub fn key(&mut self, timeout: Duration) -> io::Result<Option<Key>> {
-        if !event::poll(timeout)? {
-            return Ok(None);
+        if is_closed(Duration::ZERO)? {
+            return Ok(Some(Key::Quit));
+        }
+        if !event::poll(Duration::ZERO)? {
+            if is_closed(timeout)? {
+                return Ok(Some(Key::Quit));
+            }
+            if !event::poll(Duration::ZERO)? {
+                return Ok(None);
+            }
         }
         match event::read()? {
             Event::Key(key) if key.kind != KeyEventKind::Release => Ok(meaning(key)),
@@ -70,6 +81,23 @@ impl Drop for LeaveOnDrop {
     fn drop(&mut self) {
         leave(&mut stdout());
     }
+}
+
+/// Waits at most `timeout` for input, and returns whether the terminal was closed: nobody looks any more.
+fn is_closed(timeout: Duration) -> io::Result<bool> {
+    let (input, output) = (stdin(), stdout());
+    // An input that is no terminal may be ready for ever.
+    let wanted = if input.is_terminal() { PollFlags::IN } else { PollFlags::empty() };
+    let mut ends = [PollFd::new(&input, wanted), PollFd::new(&output, PollFlags::empty())];
+    let timeout = Timespec::try_from(timeout).map_err(io::Error::other)?;
+    match poll(&mut ends, Some(&timeout)) {
+        // A signal, as of a change of size.
+        Err(Errno::INTR) => return Ok(false),
+        other => other?,
+    };
+    let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
+    Ok(ends[1].revents().intersects(gone)
+        || (!wanted.is_empty() && ends[0].revents().intersects(gone)))
 }
 
 /// What a key asks for.

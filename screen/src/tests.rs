@@ -118,7 +118,7 @@ fn a_flight_is_seen_whole_in_80_by_24() {
         "mode      flying, mission 12.3 s",
         "simulated, motors running, answers, link 98 %, battery 11.43 V",
         "age 15.2 ms; lost 0, refused 0",
-        "0.50 0.00 1.00 m; error 0.500 m, greatest 0.500 m",
+        "0.50 0.00 1.00 m; error 0.500 m, max 0.500 m",
         "180 ticks, deadlines missed 0",
         "daemon 4711, plant-sim 4711, mocap-emu 4711",
         "error [m]",

@@ -124,7 +124,7 @@ impl ObeyedStop {
 impl std::fmt::Display for ObeyedStop {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let vehicle = match (self.vehicle_obeys, self.motors_off) {
-            (_, true) => "motors off",
+            (_, true) => "motors off until `arm`",
             (true, false) => {
                 "no command reaches the vehicle any more, but it has not reported that its motors are off"
             }
@@ -134,6 +134,7 @@ impl std::fmt::Display for ObeyedStop {
             }
         };
         let daemon = if self.daemon_obeys { "the daemon obeys" } else { "no daemon has obeyed" };
-        write!(f, "stop: {vehicle}; {daemon}")
+        let what = if self.motors_off { "stopped" } else { "stop" };
+        write!(f, "{what}: {vehicle}; {daemon}")
     }
 }

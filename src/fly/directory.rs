@@ -50,6 +50,10 @@ impl FlightDirectory {
         let directory = match given {
             Some(directory) => {
                 fs::create_dir_all(directory).map_err(|e| failed(directory, &e))?;
+                // Its owner could replace the configuration before the processes read it.
+                let real = directory.canonicalize();
+                let checked = real.and_then(|real| files::check_own_directory(&real));
+                checked.map_err(|e| failed(directory, &e))?;
                 directory.to_path_buf()
             }
             None => next_free(&config.instance.name)?,
@@ -68,6 +72,7 @@ impl FlightDirectory {
         // The configuration of a flight, flown into its own directory again.
         let is_itself = to.exists() && to.canonicalize().ok() == file.canonicalize().ok();
         fs::create_dir_all(&inputs).map_err(|e| failed(&inputs, &e))?;
+        files::check_own_directory(&inputs).map_err(|e| failed(&inputs, &e))?;
         if !is_itself {
             let mut from = fs::File::open(file).map_err(|e| failed(file, &e))?;
             let copy = files::create(&to).and_then(|mut to| std::io::copy(&mut from, &mut to));

@@ -13,11 +13,23 @@ use oqtal_runtime::process::{Exit, Failure};
 pub const HELP: &str = "Inject a fault, TIME seconds after arming, as in pose:off@5+0.1 or mocap-emu:stop@5+0.5; repeatable. \
      A wrong one lists the targets and kinds";
 
-/// Checks that a flight of the processes `roles` can have its faults.
+/// The help of the flag `--disturb`.
+pub const DISTURB_HELP: &str = "Disturb the simulated vehicle, TIME seconds after arming, as in force@5+1=0.3,0,0N, torque@5+0.1=0.002,0,0Nm, \
+     gust@5+2=1.5,0,0m/s or mass@5=0.05kg; repeatable. A wrong one lists the kinds";
+
+/// Checks that a flight of the processes `roles` can have its faults and disturbances.
 ///
 /// # Errors
 /// The fault and the reason, exit code 64.
 pub fn check(config: &Config, roles: &[Role]) -> Result<(), Failure> {
+    let is_simulated = roles.contains(&Role::Plant)
+        && !config.plant.shadow
+        && !config.plant.truth.starts_with("mavlink");
+    if let Some(load) = config.plant.disturb.first().filter(|_| !is_simulated || config.is_replay())
+    {
+        let reason = "only a vehicle that this program simulates can be disturbed";
+        return Err(Failure::new(Exit::Usage, format!("--disturb {load}: {reason}")));
+    }
     let refused = config.fault.inject.iter().find_map(|fault| {
         let reason = obstacle(fault, config, roles)?;
         Some(Failure::new(Exit::Usage, format!("--fault {fault}: {reason}")))

@@ -19,7 +19,7 @@ use oqtal_observe::recorder::Recorder;
 /// Time for which a flight does not begin after which it is said what keeps it.
 const PATIENCE: Span = Span::from_millis(1000);
 
-/// A progress bar on standard error, removed when dropped; invisible where standard error is no terminal. What keeps the flight from
+/// A progress bar on standard error of one line, cut off at the width of the terminal, removed when dropped; invisible where standard error is no terminal. What keeps the flight from
 /// beginning is said on standard error, terminal or not.
 #[derive(Debug)]
 pub struct FlightProgress {
@@ -42,7 +42,7 @@ impl FlightProgress {
     #[must_use]
     pub fn new(mission: &Mission) -> Self {
         let bar = ProgressBar::new(mission.expected().seconds().ceil() as u64);
-        let style = ProgressStyle::with_template("{bar:30.cyan/blue} {pos:>3}/{len} s  {msg}");
+        let style = ProgressStyle::with_template("{bar:8.cyan/blue} {pos:>3}/{len} s {wide_msg}");
         bar.set_style(style.expect("the template is constant and valid"));
         bar.set_message("waiting for the processes");
         let awaits_flight = mission.recording.is_none();
@@ -61,15 +61,16 @@ impl FlightProgress {
             Mode::from_code(telemetry.mode).map_or_else(String::new, |mode| mode.to_string());
         let flying = telemetry.mode == Mode::Flying.code();
         let phase = Phase::from_number(telemetry.phase).filter(|_| flying);
-        let phase = phase.map_or_else(String::new, |phase| format!(", {phase}"));
+        // A phase says that the vehicle flies.
+        let doing = phase.map_or(mode, |phase| phase.to_string());
         let state = match SafetyState::from_code(telemetry.state) {
             Some(SafetyState::Nominal) | None => String::new(),
-            Some(state) => format!("  {state}"),
+            Some(state) => format!(" {state}"),
         };
         let [x, y, z] = sample.position().into();
         let error_cm = 100.0 * sample.position_error().norm();
         self.bar.set_message(format!(
-            "{mode}{phase}{state}  at {x:+.2} {y:+.2} {z:+.2} m, {error_cm:.0} cm off{}",
+            "{doing}{state}, {error_cm:.0} cm off at {x:+.1} {y:+.1} {z:+.1} m{}",
             recorder.wire().latest().map_or_else(String::new, vehicle)
         ));
     }
@@ -110,12 +111,12 @@ fn vehicle(vehicle: &VehicleV1) -> String {
         vehicle if vehicle.control == ControlHolder::Another.code() => {
             return ", another has control".to_owned();
         }
-        VehicleV1 { starting: 1, .. } => "motors starting",
-        VehicleV1 { armed: 1, .. } => "motors running",
-        _ => "motors off",
+        VehicleV1 { starting: 1, .. } => ", motors starting",
+        VehicleV1 { armed: 1, .. } => "",
+        _ => ", motors off",
     };
     let VehicleV1 { battery_v, link_quality, .. } = vehicle;
-    format!(", {state}, {battery_v:.1} V, link {:.0} %", 100.0 * link_quality)
+    format!("{state}, {battery_v:.1} V, link {:.0} %", 100.0 * link_quality)
 }
 
 /// Interrupts by Ctrl-C: the first lands the vehicle, the second stops the motors.

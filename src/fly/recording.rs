@@ -3,16 +3,17 @@
 use std::time::Duration;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::code::{Answer, Cause, OperatorCommand};
+use oqtal_bus::code::{Answer, Cause, ControlHolder, OperatorCommand};
 use oqtal_bus::control::ControlClient;
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::ControlRequestV1;
+use oqtal_bus::message::{ControlRequestV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::Role;
 use oqtal_config::ClockKind;
 use oqtal_lab::mission::Mission;
 use oqtal_lab::simulation::{REVIEW, RecordedFlight};
-use oqtal_observe::flight::Flight;
+use oqtal_observe::flight::{Flight, Outcome};
+use oqtal_observe::flight_sample::FlightSample;
 use oqtal_observe::kernel::ProcessUsage;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recorder::Recorder;
@@ -30,6 +31,11 @@ use super::vehicle::CommandLink;
 
 /// Period of polling in real time: the resolution of the times of reception.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
+
+/// Longest time for the landing of a flight that lasted too long: the daemon stops one that does not end (F41).
+const LANDED_WITHIN: Span = Span::from_millis(60_000);
+/// Time for which motors are reported off before they count as stopped: a little more than a bridge waits for a late report.
+const MOTORS_SETTLE: Span = Span::from_millis(600);
 
 /// What a recording needs.
 #[derive(Debug)]
@@ -55,6 +61,11 @@ struct Progressing {
     first: Option<(Time, Time)>,
     /// The latest review, in the clock of the flight.
     now: Time,
+    /// When the flight was over, and when the motors were last seen running then, in wall time.
+    over_since: Option<Time>,
+    running_at: Option<Time>,
+    /// When a flight that lasted too long was asked to land, in wall time.
+    landing_since: Option<Time>,
 }
 
 impl FlightRecording<'_> {
@@ -79,6 +90,9 @@ impl FlightRecording<'_> {
             wall: Time::now(),
             first: None,
             now: Time::UNSET,
+            over_since: None,
+            running_at: None,
+            landing_since: None,
         };
         while let Some(now) = clock.next_review()? {
             state.now = now;
@@ -116,12 +130,46 @@ impl FlightRecording<'_> {
         if !recorder.wire().answered() && timeout.is_some_and(|timeout| flown >= timeout) {
             return Err(self.link.never_answered());
         }
-        Ok(recorder.outcome().is_some() || flown >= self.mission.patience())
+        let is_late = flown >= self.mission.patience();
+        let is_over = recorder.outcome().is_some()
+            || is_late && (is_virtual || self.has_landed_late(state)?);
+        Ok(is_over && self.motors_rest(state))
+    }
+
+    /// Lands a vehicle that flies longer than its flight may last: to end the processes would let it fall. Returns whether there is
+    /// nothing to wait for.
+    fn has_landed_late(&self, state: &mut Progressing) -> Result<bool, Failure> {
+        if !state.recorder.latest().is_some_and(FlightSample::is_armed) {
+            return Ok(true);
+        }
+        if state.landing_since.is_none() && !self.stop.is_set() {
+            say("oqtal: the flight has lasted too long: landing");
+            let land = ControlRequestV1::of(OperatorCommand::Land);
+            self.bus.control_client()?.ask(land, Span::from_millis(500))?;
+        }
+        let since = *state.landing_since.get_or_insert_with(Time::now);
+        Ok(Time::now().since(since) >= LANDED_WITHIN)
+    }
+
+    /// Whether the motors behind a bridge are off for good, or in another's hands, or had their time: a bridge stops them once the
+    /// vehicle has rested, and one that ends before has only the emergency stop.
+    fn motors_rest(&self, state: &mut Progressing) -> bool {
+        let now = Time::now();
+        let since = *state.over_since.get_or_insert(now);
+        let runs = |vehicle: &VehicleV1| {
+            vehicle.armed == 1 && vehicle.control != ControlHolder::Another.code()
+        };
+        if state.recorder.wire().latest().is_some_and(runs) {
+            state.running_at = Some(now);
+        }
+        let timeout = self.link.rest_timeout(&self.mission.config);
+        state.running_at.is_none_or(|at| now.since(at) >= MOTORS_SETTLE)
+            || now.since(since) >= timeout
     }
 
     /// Reports losses and closes the record.
     fn conclude(&self, state: Progressing) -> RecordedFlight {
-        let Progressing { recorder, recording, mut daemon, first, now, .. } = state;
+        let Progressing { recorder, recording, mut daemon, first, now, landing_since, .. } = state;
         for (topic, lost) in recorder.lost() {
             say(&format!(
                 "oqtal: {lost} samples of `{topic}` were not recorded: this machine is overloaded"
@@ -135,7 +183,11 @@ impl FlightRecording<'_> {
         }
         let command_path = self.link.command_path();
         let flight = recorder.finish(self.mission.otherwise(), speed_factor);
-        let flight = Flight { daemon, command_path, ..flight };
+        let outcome = match flight.outcome {
+            Outcome::Landed if landing_since.is_some() => Outcome::Timeout,
+            outcome => outcome,
+        };
+        let flight = Flight { daemon, command_path, outcome, ..flight };
         let recording = recording.map(|recording| recording.close(&flight));
         (flight, recording)
     }

@@ -26,6 +26,8 @@ const NO_PORT: [(&str, &str); 3] =
     [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550"), ("crtp", "udp:127.0.0.1:19850")];
 /// Time within which a running simulator publishes the truth, which it does every millisecond.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
+/// Time within which a vehicle has reported for long enough that its motors have stopped.
+const REPORTED_WITHIN: Span = Span::from_millis(1500);
 /// Time within which a vehicle at a link must answer, unless a duration is given \[s\].
 const ANSWER_TIMEOUT_S: f64 = 20.0;
 
@@ -252,6 +254,16 @@ impl CommandLink {
     pub fn answer_timeout(&self, config: &Config) -> Option<Span> {
         let seconds = config.trajectory.duration_s.unwrap_or(ANSWER_TIMEOUT_S);
         (*self != Self::Bus).then(|| Span::from_seconds(seconds))
+    }
+
+    /// Time within which a bridge has stopped the motors after a flight; none where no bridge does.
+    #[must_use]
+    pub fn rest_timeout(&self, config: &Config) -> Span {
+        if *self == Self::Bus {
+            return Span::ZERO;
+        }
+        let millis = config.bridge.rest_ms + config.bridge.motor_sequence_ms;
+        Span::from_seconds(millis * 1e-3) + REPORTED_WITHIN
     }
 
     /// The failure for a vehicle that never answered.

@@ -149,7 +149,7 @@ impl Laboratory {
         station.bridge.receive_command(now, &header, command, 0);
         let (position, attitude) = (truth.position, truth.attitude);
         let pose = PoseV1 { position, attitude, tracked: 1, ..PoseV1::default() };
-        station.bridge.receive_pose(&header, &pose);
+        station.bridge.receive_pose(now, &header, &pose);
     }
 
     /// Thrust towards a metre of height, no turn.

@@ -24,6 +24,7 @@ pub struct Air {
     decoder: MavlinkDecoder,
     ticks: u64,
     is_cut: bool,
+    is_silent: bool,
 }
 
 pub fn disarmed() -> CommandV1 {
@@ -59,6 +60,7 @@ impl Air {
             decoder: MavlinkDecoder::new(),
             ticks: 0,
             is_cut: false,
+            is_silent: false,
         }
     }
 
@@ -68,6 +70,12 @@ impl Air {
 
     pub fn motors_run(&mut self) -> bool {
         self.vehicle.autopilot().motors_run()
+    }
+
+    /// A datagram of another sender arrives.
+    pub fn hear(&mut self, datagram: &[u8]) {
+        let Self { bridge, notes, now, .. } = self;
+        bridge.receive_bytes(*now, datagram, &mut |note| notes.push(note));
     }
 
     /// Commands this for so long \[ms\].
@@ -91,12 +99,20 @@ impl Air {
         self.is_cut = false;
     }
 
+    /// From now on nothing of the vehicle arrives.
+    pub fn fall_silent(&mut self) {
+        self.is_silent = true;
+    }
+
     fn millisecond(&mut self, command: Option<CommandV1>) {
         self.now = self.now + Span::from_millis(1);
         self.ticks += 1;
-        let Self { bridge, vehicle, notes, now, .. } = self;
+        let Self { bridge, vehicle, notes, now, is_silent, .. } = self;
         vehicle.advance(*now, &mut |_| {});
         vehicle.host_reads(*now, &mut |datagram| {
+            if *is_silent {
+                return;
+            }
             bridge.receive_bytes(*now, datagram, &mut |note| notes.push(note));
         });
         if self.ticks.is_multiple_of(PERIOD_MS) {
@@ -123,7 +139,7 @@ impl Air {
         let header = Header { sequence: self.ticks, stamps, ..Header::default() };
         let (position, attitude) = (truth.position, truth.attitude);
         let pose = PoseV1 { position, attitude, tracked: 1, ..PoseV1::default() };
-        self.bridge.receive_pose(&header, &pose);
+        self.bridge.receive_pose(self.now, &header, &pose);
         if let Some(command) = command {
             self.bridge.receive_command(self.now, &header, command, 0);
         }

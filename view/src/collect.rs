@@ -86,11 +86,16 @@ impl Collector {
     /// A collector for an instance that runs with `config`.
     #[must_use]
     pub fn new(config: &Config) -> Self {
-        let faults = config.fault.inject.iter().flat_map(event::of_fault);
+        let faults = config.fault.inject.iter().flat_map(|fault| {
+            event::of_period(&format!("fault {fault}"), (fault.at_s, fault.end_s()))
+        });
+        let loads = config.plant.disturb.iter().flat_map(|load| {
+            event::of_period(&format!("disturbance {load}"), (load.at_s, load.end_s()))
+        });
         Self {
             interface: config.vehicle.interface,
             has_truth: !config.is_replay() && !config.plant.shadow,
-            faults: faults.map(|(at_s, text)| (at_s, format!("fault {text}"))).collect(),
+            faults: faults.chain(loads).collect(),
             origin: None,
             armed_at: None,
             truths: VecDeque::new(),

@@ -5,7 +5,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_config::Interface;
 use oqtal_control::quaternion::Attitude;
 use oqtal_observe::flight::FlightSample;
-use oqtal_observe::latency::{HOPS, hops, sensor_to_actuator};
+use oqtal_observe::latency::{HOPS, OnwardTime, hops, sensor_to_actuator};
 
 /// Names of the columns of a [`TickRow`]: time since the origin \[s\]; position \[m, world\]; attitude, scalar last; reference
 /// position \[m, world\]; magnitudes of the errors \[m, m/s, deg\]; command by axis and collective thrust; age of the pose \[ms\];
@@ -92,10 +92,10 @@ pub fn vehicle(
     let (Header { stamps, .. }, vehicle) = message;
     let at = if stamps.applied_at.is_set() { stamps.applied_at } else { received_at };
     let milliseconds = |span: Span| rounded(span.seconds() * 1e3, 4);
-    let wire = Span::from_nanos(vehicle.wire_ns);
+    let onward = OnwardTime::of(vehicle);
     let spans = hops(stamps).map(|spans| spans.map(milliseconds));
     let [a, b, c, d, e] = spans.unwrap_or([f64::NAN; HOPS.len()]);
-    let whole = spans.map_or(f64::NAN, |_| milliseconds(sensor_to_actuator(stamps) + wire));
+    let whole = spans.map_or(f64::NAN, |_| milliseconds(sensor_to_actuator(stamps, onward)));
     [
         rounded(since_origin_s(at), 4),
         a,
@@ -103,7 +103,7 @@ pub fn vehicle(
         c,
         d,
         e,
-        if wire > Span::ZERO { milliseconds(wire) } else { f64::NAN },
+        if onward.wire > Span::ZERO { milliseconds(onward.wire) } else { f64::NAN },
         whole,
         rounded(vehicle.battery_v, 2),
         rounded(vehicle.link_quality, 2),

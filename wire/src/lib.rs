@@ -32,6 +32,7 @@ pub mod asctec;
 mod bytes;
 pub mod crazyflie_sitl;
 pub mod crtp;
+mod interpolation;
 pub mod link;
 pub mod mavlink;
 pub mod motion;

@@ -12,7 +12,6 @@
 //! | `command.rs` | commands that are acknowledged |
 //! | `autopilot.rs` | modes of PX4 and of ArduCopter |
 //! | `parameter.rs` | parameters of autopilots |
-//! | `clock.rs` | the vehicle's clock, from exchanges of TIMESYNC |
 //! | `thrust.rs` | from the share of greatest thrust to MAVLink's thrust |
 //!
 //! Set-points are SET_ATTITUDE_TARGET alone: body rates and thrust (type mask 128), or attitude, yaw rate and thrust (type mask 3).
@@ -21,7 +20,6 @@
 mod address;
 mod autopilot;
 mod axes;
-mod clock;
 mod command;
 mod content;
 mod origin;
@@ -34,7 +32,6 @@ mod write;
 pub use address::MavlinkAddress;
 pub use autopilot::{ArduPilotMode, AutopilotFirmware, Px4Mode};
 pub use axes::{attitude_axes, vector_axes};
-pub use clock::{ClockEstimate, TimesyncFilter};
 pub use command::{AckResult, CommandKind, VehicleCommandLong};
 pub use content::{
     AttitudeTarget, MavlinkAttitude, MavlinkContent, MavlinkHeartbeat, MavlinkPose,

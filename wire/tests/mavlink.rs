@@ -215,6 +215,18 @@ fn a_damaged_packet_costs_only_itself_and_an_unknown_one_is_skipped() {
     assert_eq!(decoded(&unknown).len(), 1);
 }
 
+#[test]
+fn noise_that_looks_like_an_unknown_packet_costs_no_packet_behind_it() {
+    let good = sent(MavlinkContent::Battery(11.1));
+    for missing in 1..12 {
+        let mut bytes = vec![0xfd, 0, 0, 0, 0, 1, 1, 0x39, 0x30, 0, 0, 0];
+        bytes.truncate(bytes.len() - missing);
+        bytes.extend(&good);
+        bytes.extend([0; MAX_PACKET]);
+        assert_eq!(decoded(&bytes).len(), 1, "{missing} bytes are missing");
+    }
+}
+
 /// Noise, packets, parts of packets, and heads of packets.
 fn piece() -> impl Strategy<Value = Vec<u8>> {
     let packet = || (0..samples().len()).prop_map(|index| sent(samples()[index]));

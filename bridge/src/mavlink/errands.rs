@@ -131,8 +131,9 @@ impl Errands {
             self.answer = Some(sync);
         } else if let Some(asked) = self.asked.filter(|asked| own_clock(*asked) == sync.asked) {
             self.asked = None;
-            if now.since(asked) <= SYNC_WITHIN {
-                reply(VehicleReply::Answer);
+            let round_trip = now.since(asked);
+            if round_trip <= SYNC_WITHIN {
+                reply(VehicleReply::RoundTrip(round_trip));
             }
         }
     }

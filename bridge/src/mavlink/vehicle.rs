@@ -13,6 +13,9 @@ use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
 
 /// Time without an estimator's flags after which the estimator is unknown.
 const FLAGS_AGE: Span = Span::from_millis(3000);
+/// Time without a heartbeat after which another autopilot may take the vehicle's place: a stranger that was heard once does not keep
+/// the vehicle out.
+const ABSENT: Span = Span::from_millis(3000);
 /// Step back of the vehicle's clock by which a restart is noticed \[ms\].
 const RESTART_MS: u32 = 2000;
 
@@ -26,6 +29,20 @@ struct Chosen {
     /// When it armed, if that was seen.
     armed_at: Option<Time>,
     heard_at: Time,
+}
+
+impl Chosen {
+    /// Autopilot of which no heartbeat was read.
+    fn new(address: MavlinkAddress, kind: AutopilotKind) -> Self {
+        Self {
+            address,
+            kind,
+            custom_mode: 0,
+            is_armed: false,
+            armed_at: None,
+            heard_at: Time::UNSET,
+        }
+    }
 }
 
 /// State of the autopilot.
@@ -85,42 +102,46 @@ impl AutopilotState {
         std::mem::take(&mut self.is_restarted)
     }
 
-    /// Whether `packet` is of the autopilot. Chooses it by its first heartbeat; tells of one that is of another kind or system.
+    /// Whether `packet`, which arrived at `now`, is of the autopilot. Chooses it by its first heartbeat; tells of one that is of another
+    /// kind or system.
     pub(super) fn takes(
         &mut self,
+        now: Time,
         packet: &MavlinkPacket,
         reply: &mut dyn FnMut(VehicleReply),
     ) -> bool {
-        if let Some(chosen) = &self.chosen {
-            return chosen.address == packet.from;
+        if self.chosen.is_some_and(|chosen| chosen.address == packet.from) {
+            return true;
         }
-        let MavlinkContent::Heartbeat(MavlinkHeartbeat { autopilot, .. }) = packet.content else {
-            return false;
-        };
-        if autopilot == AutopilotFirmware::None {
+        let MavlinkContent::Heartbeat(heartbeat) = packet.content else { return false };
+        if heartbeat.autopilot == AutopilotFirmware::None || !self.is_vacant(now, &heartbeat) {
             return false;
         }
-        let refusal = match autopilot {
+        let refusal = match heartbeat.autopilot {
             _ if self.wanted_system.is_some_and(|wanted| wanted != packet.from.system) => {
                 VehicleRefusal::OtherSystem
             }
             AutopilotFirmware::Known(kind)
                 if self.wanted_kind.is_none_or(|wanted| wanted == kind) =>
             {
-                self.chosen = Some(Chosen {
-                    address: packet.from,
-                    kind,
-                    custom_mode: 0,
-                    is_armed: false,
-                    armed_at: None,
-                    heard_at: Time::UNSET,
-                });
+                if self.chosen.is_some() {
+                    self.reset();
+                    self.is_restarted = true;
+                    reply(VehicleReply::Replaced);
+                }
+                self.chosen = Some(Chosen::new(packet.from, kind));
                 return true;
             }
             _ => VehicleRefusal::OtherAutopilot,
         };
         reply(VehicleReply::Refused(refusal));
         false
+    }
+
+    /// Whether the sender of `heartbeat` may be chosen: there is no autopilot yet, or it is [`ABSENT`] and the motors of this one stand.
+    fn is_vacant(&self, now: Time, heartbeat: &MavlinkHeartbeat) -> bool {
+        let is_absent = |chosen: Chosen| now.since(chosen.heard_at) > ABSENT;
+        self.chosen.is_none_or(|chosen| is_absent(chosen) && !heartbeat.is_armed)
     }
 
     /// Takes a message of the autopilot.

@@ -19,8 +19,10 @@ use crate::link::PortOpenError;
 
 /// Longest wait for packets of bridges.
 const LONGEST_WAIT: Span = Span::from_millis(20);
-/// Most packets read from one bridge in one turn \[-\].
+/// Most packets read from one bridge in one turn, those of others included \[-\].
 const MAX_READS: usize = 8;
+/// Time without a packet of its bridge after which another may take a vehicle: a bridge sends a set-point in every period.
+const BRIDGE_SILENCE: Span = Span::from_millis(1000);
 
 /// Vehicle on a shared radio, as `80/2M/E7E7E7E701@127.0.0.1:19851`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -72,8 +74,13 @@ fn turn<D: RadioDongle>(
     clock: &mut dyn FnMut() -> Time,
 ) -> io::Result<()> {
     for (index, bridge) in bridges.iter_mut().enumerate() {
-        for packet in (0..MAX_READS).map_while(|_| bridge.read()) {
-            worker.push(clock(), index, packet);
+        for _ in 0..MAX_READS {
+            let now = clock();
+            match bridge.read(now) {
+                Received::Packet(packet) => worker.push(now, index, packet),
+                Received::OfAnother => {}
+                Received::Nothing => break,
+            }
         }
     }
     if let Some((vehicle, Some(reply))) = worker.exchange(clock)? {
@@ -96,11 +103,24 @@ fn wait(bridges: &[BridgeSocket], left: Span) -> Result<(), Failure> {
     }
 }
 
-/// Socket for the bridge of one vehicle, which is whoever sent last.
+/// What was read from a socket.
+#[derive(Debug, PartialEq)]
+enum Received {
+    /// A packet of the vehicle's bridge.
+    Packet(CrtpPacket),
+    /// A packet of somebody else, which is discarded.
+    OfAnother,
+    /// None.
+    Nothing,
+}
+
+/// Socket for the bridge of one vehicle: whoever sent first keeps the vehicle until it has been silent for [`BRIDGE_SILENCE`].
 #[derive(Debug)]
 struct BridgeSocket {
+    vehicle: RadioSpec,
     socket: UdpSocket,
-    bridge: Option<SocketAddr>,
+    /// The bridge, and when it was heard last.
+    bridge: Option<(SocketAddr, Time)>,
 }
 
 impl BridgeSocket {
@@ -113,18 +133,29 @@ impl BridgeSocket {
         };
         let socket = UdpSocket::bind(vehicle.address).map_err(refused)?;
         socket.set_nonblocking(true).map_err(refused)?;
-        Ok(Self { socket, bridge: None })
+        Ok(Self { vehicle: vehicle.radio, socket, bridge: None })
     }
 
-    fn read(&mut self) -> Option<CrtpPacket> {
+    fn read(&mut self, now: Time) -> Received {
         let mut buffer = [0; MAX_CRTP_PACKET + 1];
-        let (length, bridge) = self.socket.recv_from(&mut buffer).ok()?;
-        self.bridge = Some(bridge);
-        Some(CrtpPacket::parse(&buffer[..length]).unwrap_or(CrtpPacket::NULL))
+        let Ok((length, sender)) = self.socket.recv_from(&mut buffer) else {
+            return Received::Nothing;
+        };
+        let is_held = |(bridge, heard_at): (SocketAddr, Time)| {
+            bridge != sender && now.since(heard_at) <= BRIDGE_SILENCE
+        };
+        if self.bridge.is_some_and(is_held) {
+            return Received::OfAnother;
+        }
+        if self.bridge.is_none_or(|(bridge, _)| bridge != sender) {
+            tracing::info!(vehicle = %self.vehicle, bridge = %sender, "a bridge has the vehicle");
+        }
+        self.bridge = Some((sender, now));
+        Received::Packet(CrtpPacket::parse(&buffer[..length]).unwrap_or(CrtpPacket::NULL))
     }
 
     fn write(&self, packet: &CrtpPacket) {
-        if let Some(bridge) = self.bridge {
+        if let Some((bridge, _)) = self.bridge {
             // A bridge that has gone is told nothing.
             let _ = self.socket.send_to(packet.as_bytes(), bridge);
         }
@@ -186,6 +217,31 @@ mod tests {
             let length = bridge.recv(&mut buffer).unwrap();
             assert_eq!(buffer[..length], *packet.as_bytes());
         }
+    }
+
+    #[test]
+    fn a_vehicle_stays_with_the_bridge_that_sends_until_that_is_silent() {
+        let address = "127.0.0.1:0".parse().unwrap();
+        let radio = "80/2M/E7E7E7E701".parse().unwrap();
+        let mut socket = BridgeSocket::bind(&SharedVehicle { radio, address }).unwrap();
+        let [bridge, stranger] = [(); 2].map(|()| {
+            let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+            sender.connect(socket.socket.local_addr().unwrap()).unwrap();
+            sender
+        });
+        let packet = CrtpRequest::Setpoint(LegacySetpoint::ZERO).packet();
+        let at = |millis| Time::VIRTUAL_START + Span::from_millis(millis);
+        let mut hear = |sender: &UdpSocket, millis| {
+            sender.send(packet.as_bytes()).unwrap();
+            (socket.read(at(millis)), socket.bridge.unwrap().0 == sender.local_addr().unwrap())
+        };
+        assert_eq!(hear(&bridge, 0), (Received::Packet(packet), true));
+        assert_eq!(hear(&stranger, 900), (Received::OfAnother, false), "nor is it answered");
+        assert_eq!(hear(&bridge, 1000), (Received::Packet(packet), true));
+        assert_eq!(hear(&stranger, 2000), (Received::OfAnother, false));
+        assert_eq!(hear(&stranger, 2001), (Received::Packet(packet), true), "a bridge restarted");
+        assert_eq!(hear(&bridge, 2002), (Received::OfAnother, false));
+        assert_eq!(socket.read(at(2003)), Received::Nothing);
     }
 
     #[test]

@@ -36,9 +36,9 @@ struct Hummingbird {
 }
 
 impl LanguageVehicle for Hummingbird {
-    fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Option<Understood> {
+    fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood {
         let scales = Scales::default();
-        let mut understood = None;
+        let mut understood = Understood::Word;
         let commands: Vec<HostCommand> = self.decoder.push(frame).collect();
         for command in commands {
             match command {
@@ -52,21 +52,35 @@ impl LanguageVehicle for Hummingbird {
                         self.held_since = Some(Time::UNSET);
                     }
                     answers.push(acknowledgement_frame(Descriptor::ControlInput).to_vec());
-                    let sticks = scales.decode(&input);
-                    let flies = input.thrust > 0;
-                    understood = Some(match flies {
-                        true => Understood::Flight(sticks.roll),
-                        false => Understood::NoThrust,
-                    });
+                    understood = match input.thrust > 0 {
+                        _ if holds => Understood::Motors,
+                        true => Understood::Flight(scales.decode(&input).roll),
+                        false => Understood::Zero,
+                    };
                 }
                 HostCommand::Poll(_) => answers.push(self.status()),
-                HostCommand::EmergencyStop => self.motors_on = false,
+                HostCommand::EmergencyStop => {
+                    self.motors_on = false;
+                    understood = Understood::Motors;
+                }
             }
         }
         understood
     }
 
     fn tick(&mut self, _: Time, _: &mut Vec<Vec<u8>>) {}
+
+    fn meddle(&mut self, motors_on: bool, _: bool) {
+        self.motors_on = motors_on;
+    }
+
+    fn motors_on(&self) -> bool {
+        self.motors_on
+    }
+
+    fn told_piloted(&self) -> bool {
+        false
+    }
 }
 
 impl Hummingbird {

@@ -45,16 +45,16 @@ struct Crazyflie {
 }
 
 impl LanguageVehicle for Crazyflie {
-    fn take(&mut self, _: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Option<Understood> {
+    fn take(&mut self, _: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood {
         let packet = CrtpPacket::parse(frame).unwrap();
         let request = CrtpRequest::read(&packet).unwrap();
         let mut say = |reply: CrtpReply| answers.push(reply.packet().as_bytes().to_vec());
         match request {
             CrtpRequest::Setpoint(setpoint) => {
-                return Some(match setpoint.thrust {
-                    0 => Understood::NoThrust,
+                return match setpoint.thrust {
+                    0 => Understood::Zero,
                     _ => Understood::Flight(setpoint.roll / AUTHORITY),
-                });
+                };
             }
             CrtpRequest::Supervisor(command) => {
                 if let SupervisorCommand::Arm(arm) = command {
@@ -62,6 +62,7 @@ impl LanguageVehicle for Crazyflie {
                 }
                 let answer = SupervisorAnswer { is_arming: true, granted: true };
                 answers.push(answer.packet(command, self.state()).as_bytes().to_vec());
+                return Understood::Motors;
             }
             CrtpRequest::Source => say(CrtpReply::Source),
             CrtpRequest::ProtocolVersion => say(CrtpReply::ProtocolVersion(12)),
@@ -79,7 +80,7 @@ impl LanguageVehicle for Crazyflie {
             CrtpRequest::StartBlock { id, .. } => say(CrtpReply::Log(LogCommand::Start, id, 0)),
             _ => {}
         }
-        None
+        Understood::Word
     }
 
     fn tick(&mut self, now: Time, answers: &mut Vec<Vec<u8>>) {
@@ -91,6 +92,18 @@ impl LanguageVehicle for Crazyflie {
         let value = |id: u16| if id == 0 { 3.9 } else { f64::from(self.state().bits()) };
         let values = block.variables().iter().map(|(kind, id)| (*kind, value(*id)));
         answers.push(CrtpReply::log_data(block.id, 0, values).as_bytes().to_vec());
+    }
+
+    fn meddle(&mut self, motors_on: bool, _: bool) {
+        self.is_armed = motors_on;
+    }
+
+    fn motors_on(&self) -> bool {
+        self.is_armed
+    }
+
+    fn told_piloted(&self) -> bool {
+        false
     }
 }
 

@@ -3,22 +3,44 @@
 use oqtal_bridge::Bridge;
 use oqtal_bus::time::Time;
 
-/// Set-point as a vehicle understands it.
+/// What a frame means to a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Understood {
-    /// No thrust: zero, or what starts or stops motors.
-    NoThrust,
-    /// Thrust, and this roll stick \[-1..1\].
+    /// A set-point without thrust.
+    Zero,
+    /// A set-point with thrust, and this roll stick \[-1..1\].
     Flight(f64),
+    /// A command that starts or stops motors, or prepares it.
+    Motors,
+    /// A pose, dated by the bridge's clock \[us\] where the language dates poses.
+    Pose(Option<u64>),
+    /// Anything else.
+    Word,
+}
+
+impl Understood {
+    /// Whether it commands the vehicle.
+    pub fn commands(self) -> bool {
+        matches!(self, Self::Zero | Self::Flight(_) | Self::Motors)
+    }
 }
 
 /// Vehicle at the other end of a language.
 pub trait LanguageVehicle {
-    /// Takes one frame of the bridge; returns what it means if it is a set-point. Answers go to `answers`.
-    fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Option<Understood>;
+    /// Takes one frame of the bridge. Answers go to `answers`.
+    fn take(&mut self, now: Time, frame: &[u8], answers: &mut Vec<Vec<u8>>) -> Understood;
 
     /// What the vehicle says by itself.
     fn tick(&mut self, now: Time, answers: &mut Vec<Vec<u8>>);
+
+    /// Somebody beside it starts or stops its motors, and flies it by hand.
+    fn meddle(&mut self, motors_on: bool, is_piloted: bool);
+
+    /// Whether motors run.
+    fn motors_on(&self) -> bool;
+
+    /// Whether the vehicle has told that somebody else flies it. Not every language has a word for it.
+    fn told_piloted(&self) -> bool;
 }
 
 /// Language: its bridge without a port, and a vehicle.

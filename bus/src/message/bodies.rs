@@ -76,7 +76,8 @@ message! {
         battery_v: f64 ["V"],
         /// Share of the latest requests to the vehicle that were answered; NaN if none are made.
         link_quality: f64 ["0..1"],
-        /// Transmission time of a command's bytes on the wire once the last one was handed to it; 0 without a wire.
+        /// Time of a command on the wire once its last byte was handed to it: computed from the rate of a line, measured by round trips
+        /// over a network; 0 without a wire.
         wire_ns: i64 ["ns"],
         /// Time from a command's last byte on the wire to its effect, as far as it is known; 0 if `applied_at` is the effect.
         air_ns: i64 ["ns"],

@@ -9,7 +9,7 @@ use nalgebra::Vector4;
 use super::reference::{Phase, Reference};
 
 /// Columns of the table; the last may be absent.
-const COLUMNS: [&str; 5] = ["t", "x", "y", "z", "yaw"];
+const COLUMNS: [&str; 5] = ["t", "x", "y", "z", "yaw_deg"];
 
 /// Greatest magnitude of any number in the table.
 const GREATEST: f64 = 1e4;
@@ -20,14 +20,15 @@ const LEAST_SPACING_S: f64 = 1e-3;
 /// A path through points at given times, from a table in comma-separated text:
 ///
 /// ```text
-/// t,x,y,z,yaw
+/// t,x,y,z,yaw_deg
 /// 0,0,0,1,0
 /// 4,1,0,1.2,0
-/// 9,1,1,1,1.57
+/// 9,1,1,1,90
 /// ```
 ///
 /// Times in s from the start of the trajectory, positions in m from the start of the flight on the floor along the axes
-/// of the world, yaw in rad relative to that at the start. The column `yaw` may be absent. Yaw turns the short way.
+/// of the world, yaw in degrees relative to that at the start. The column `yaw_deg` may be absent. Yaw turns the short
+/// way. A column without the unit in its name is refused: a yaw of 90 would be flown as 14 turns.
 ///
 /// Between the points each coordinate follows the piecewise cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5
 /// (1984) 300), at rest at the first and the last: the velocity is continuous and every coordinate stays in the
@@ -61,6 +62,8 @@ pub struct WaypointError {
 pub enum WaypointProblem {
     /// The first line does not name the columns.
     Header,
+    /// The first line names a column of yaw without its unit, or with another one.
+    YawUnit,
     /// A line has another number of fields than the header.
     FieldCount {
         /// Fields of the header.
@@ -92,7 +95,10 @@ impl fmt::Display for WaypointError {
 impl fmt::Display for WaypointProblem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Header => write!(f, "the first line must be t,x,y,z or t,x,y,z,yaw"),
+            Self::Header => write!(f, "the first line must be t,x,y,z or t,x,y,z,yaw_deg"),
+            Self::YawUnit => {
+                write!(f, "yaw is given in degrees; name its column yaw_deg")
+            }
             Self::FieldCount { expected, found } => {
                 write!(f, "{found} fields where the header has {expected}")
             }
@@ -126,7 +132,7 @@ impl Waypoints {
         let fields = header.split(',').count();
         let columns = &COLUMNS[..fields.clamp(4, 5)];
         if !header.split(',').map(str::trim).eq(columns.iter().copied()) {
-            return Err(WaypointError { line: last_line, problem: WaypointProblem::Header });
+            return Err(WaypointError { line: last_line, problem: header_problem(header) });
         }
         let mut knots = Vec::new();
         for (line, text) in lines {
@@ -160,6 +166,17 @@ impl Waypoints {
     }
 }
 
+/// What is wrong with a first line that does not name the columns.
+fn header_problem(header: &str) -> WaypointProblem {
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    match names.split_last() {
+        Some((last, others)) if last.starts_with("yaw") && *others == COLUMNS[..4] => {
+            WaypointProblem::YawUnit
+        }
+        _ => WaypointProblem::Header,
+    }
+}
+
 fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot, WaypointProblem> {
     let found = text.split(',').count();
     if found != fields {
@@ -170,7 +187,8 @@ fn parse_knot(text: &str, fields: usize, previous: Option<&Knot>) -> Result<Knot
         let plausible = field.trim().parse().ok().filter(|value: &f64| value.abs() <= GREATEST);
         *number = plausible.ok_or(WaypointProblem::Number { column })?;
     }
-    let [t_s, x, y, z, mut yaw] = numbers;
+    let [t_s, x, y, z, yaw_deg] = numbers;
+    let mut yaw = yaw_deg.to_radians();
     if z < 0.0 {
         return Err(WaypointProblem::BelowFloor);
     }

@@ -134,7 +134,7 @@ impl Prepared {
     /// Flies with `seed`. Returns the flight and its mission, or `None` if the vehicle did not land.
     ///
     /// # Errors
-    /// An option of the law has no meaning.
+    /// An option of the law is invalid.
     pub fn fly(&self, seed: u64) -> Result<Option<(Flight, Mission)>, Failure> {
         self.fly_by(seed, &mut |mission| simulation::fly(mission))
     }
@@ -187,7 +187,7 @@ impl Trial {
     /// Flies every test with `seed`. Returns the figures, and the number of Riccati equations solved on the first.
     ///
     /// # Errors
-    /// An option of the law has no meaning.
+    /// An option of the law is invalid.
     pub fn fly(&self, seed: u64) -> Result<(Figures, u64), Failure> {
         self.fly_by(seed, &mut |mission| simulation::fly(mission))
     }

@@ -154,7 +154,7 @@ pub struct Flown {
 /// Flies every entrant on `plant`.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn fly(
     entrants: &[Entrant],
     plant: &PlantVariant,

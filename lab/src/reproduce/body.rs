@@ -115,11 +115,7 @@ impl RotatingBody {
 /// The state after holding `sticks` for one tick.
 fn hold(dynamics: &Dynamics, state: &State, sticks: Vector3<f64>) -> State {
     let input = PlantInput { sticks, ..PlantInput::default() };
-    let calm = Disturbance {
-        acceleration: Vector3::zeros(),
-        rate_drift: Vector3::zeros(),
-        voltage_ratio: 1.0,
-    };
+    let calm = Disturbance::NONE;
     let mut state = *state;
     for _ in 0..STEPS {
         dynamics.advance(&mut state, 1.0 / RATE_HZ / f64::from(STEPS), &input, &calm);

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use oqtal_control::options::OptionError;
+use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
 use crate::progress::Progress;
@@ -46,7 +47,7 @@ impl ExperimentContext {
     pub fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
         let file = self.directory.join(name);
         let parent = file.parent().unwrap_or(&self.directory);
-        fs::create_dir_all(parent).and_then(|()| fs::write(&file, text)).map_err(|error| {
+        fs::create_dir_all(parent).and_then(|()| files::write(&file, text)).map_err(|error| {
             let name = file.display();
             let message = format!("{name}: {error}; give another directory with --out");
             Failure::new(Exit::System, message)

@@ -194,11 +194,7 @@ impl Lander {
     #[must_use]
     pub fn hold(&self, state: &State, torque: Vector3<f64>, dt_s: f64) -> State {
         let input = PlantInput { torque, thrust: 1.0, ..PlantInput::default() };
-        let calm = Disturbance {
-            acceleration: Vector3::zeros(),
-            rate_drift: Vector3::zeros(),
-            voltage_ratio: 1.0,
-        };
+        let calm = Disturbance::NONE;
         let steps = (dt_s / LONGEST_STEP_S - 1e-9).ceil().max(1.0);
         let mut state = *state;
         for _ in 0..steps as u32 {

@@ -1,15 +1,20 @@
 //! The chapters as an HTML page and as Markdown.
 
-use maud::{Markup, html};
+use maud::{Markup, PreEscaped, html};
 
 use oqtal_observe::page::page;
 
 use super::chapter::Chapter;
-use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
+use super::claims::{Claim, claims};
+use crate::sheet::{Sheet, SheetRow, Variant};
 
 const STYLE: &str = include_str!("page.css");
+/// Sorts a table by the column whose heading is chosen; the page is complete without.
+const SCRIPT: &str = include_str!("page.js");
 /// Number of columns above which a table is set in a smaller type.
 const WIDE: usize = 8;
+/// Title of the claims.
+const CLAIMS: &str = "What the paper claims, and what was found";
 /// Number of rows above which a table is folded.
 const LONG: usize = 40;
 /// What a page says about itself.
@@ -35,20 +40,73 @@ pub const PAPER: PageHead = PageHead {
 /// The HTML page of `chapters`.
 #[must_use]
 pub fn html(head: &PageHead, chapters: &[Chapter]) -> String {
+    let claims = claims(chapters);
     let body = html! {
         header {
             p.eyebrow { "oqtal" }
             h1 { (head.title) }
             p.note { (head.lead) }
         }
-        main { @for chapter in chapters { (section(chapter)) } }
+        main {
+            @if !claims.is_empty() { (verdicts(&claims)) }
+            (contents(chapters))
+            @for chapter in chapters { (section(chapter)) }
+        }
+        script { (PreEscaped(SCRIPT)) }
     };
     page(&format!("oqtal: {}", head.title), STYLE, &body)
 }
 
+/// The claims of the paper, each with its verdict and the table that shows it.
+fn verdicts(claims: &[Claim]) -> Markup {
+    html! {
+        section.verdicts {
+            h2 { (CLAIMS) }
+            ul {
+                @for claim in claims {
+                    li {
+                        span.badge.(claim.verdict.class()) { (claim.verdict.shown()) }
+                        div {
+                            a href=(format!("#{}", anchor(claim.sheet))) { (claim.claim) }
+                            p.note { (claim.found) "." }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Links to the chapters and their tables.
+fn contents(chapters: &[Chapter]) -> Markup {
+    html! {
+        nav {
+            h2 { "Contents" }
+            ol {
+                @for chapter in chapters {
+                    li {
+                        a href=(format!("#{}", anchor(chapter.title))) { (chapter.title) }
+                        ul {
+                            @for sheet in &chapter.sheets {
+                                li { a href=(format!("#{}", anchor(&sheet.name))) { (sheet.title) } }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The name of a place in the page.
+fn anchor(name: &str) -> String {
+    let lower = name.to_lowercase();
+    lower.chars().map(|letter| if letter.is_alphanumeric() { letter } else { '-' }).collect()
+}
+
 fn section(chapter: &Chapter) -> Markup {
     html! {
-        section {
+        section id=(anchor(chapter.title)) {
             h2 { (chapter.title) }
             @for paragraph in &chapter.intro { p.note { (paragraph) } }
             @for sheet in &chapter.sheets {
@@ -64,7 +122,7 @@ fn section(chapter: &Chapter) -> Markup {
 
 fn table(sheet: &Sheet) -> Markup {
     html! {
-        div.sheet {
+        div.sheet id=(anchor(&sheet.name)) {
             h3 { (sheet.title) }
             @if sheet.rows.len() > LONG {
                 details { summary { (sheet.rows.len()) " rows" } (rows(sheet)) }
@@ -87,22 +145,25 @@ fn rows(sheet: &Sheet) -> Markup {
                     @for (_, title) in &sheet.columns { th { (title) } }
                 }
             }
-            tbody {
-                @for variant in shown {
+            @for variant in shown {
+                tbody {
                     tr.variant { th colspan=(sheet.columns.len() + 2) { (variant.title()) } }
-                    @for row in sheet.of(variant) { (line(row)) }
+                    @for row in sheet.of(variant) { (line(sheet, row)) }
                 }
             }
         }
     }
 }
 
-fn line(row: &SheetRow) -> Markup {
+fn line(sheet: &Sheet, row: &SheetRow) -> Markup {
     html! {
         tr {
             th { (row.controller) }
             td.settings { (row.settings) }
-            @for cell in &row.cells { td { (SheetCell::show(cell)) } }
+            @for (column, (_, title)) in sheet.columns.iter().enumerate() {
+                @let mark = sheet.mark(row, column).map(|near| if near { "near" } else { "far" });
+                td class=[mark] data-name=(title) { (sheet.show(row, column)) }
+            }
         }
     }
 }
@@ -114,6 +175,14 @@ pub fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String 
     let mut text = format!(
         "# {title}\n\n{lead}\n\n```sh\n{command}\n```\n\nmakes this page with all figures, `{file}.html`.\n\n"
     );
+    let claims = claims(chapters);
+    if !claims.is_empty() {
+        text += &format!("## {CLAIMS}\n\n| claim | verdict | found |\n|---|---|---|\n");
+        for Claim { claim, verdict, found, .. } in &claims {
+            text += &format!("| {claim} | {} | {} |\n", verdict.shown(), found.replace('|', "\\|"));
+        }
+        text += "\n";
+    }
     for chapter in chapters {
         text += &format!("## {}\n\n", chapter.title);
         for paragraph in &chapter.intro {

@@ -2,6 +2,8 @@
 
 use oqtal_observe::plot::unit::rounded;
 
+use crate::sheet::is_near;
+
 /// `yes` if `holds`, else `no`.
 #[must_use]
 pub fn either<'a>(holds: bool, yes: &'a str, no: &'a str) -> &'a str {
@@ -43,9 +45,6 @@ pub fn ranges(numbers: &[i32], name: impl Fn(i32) -> String) -> String {
     listed(&parts.collect::<Vec<_>>())
 }
 
-/// Relative deviation up to which a printed figure counts as reproduced \[-\].
-const NEAR: f64 = 0.1;
-
 /// The figures `(name, computed, printed)` that agree within 10 %, and those that do not, as text.
 #[must_use]
 pub fn reproduced(figures: &[(&str, f64, f64)]) -> String {
@@ -53,7 +52,7 @@ pub fn reproduced(figures: &[(&str, f64, f64)]) -> String {
         format!("{name} ({} for {} printed)", figure(*ours), figure(*printed))
     };
     let (near, far): (Vec<_>, Vec<_>) =
-        figures.iter().partition(|(_, ours, printed)| (ours / printed - 1.0).abs() <= NEAR);
+        figures.iter().partition(|(_, ours, printed)| is_near(*ours, *printed));
     let [near, far] = [near, far].map(|some: Vec<_>| some.iter().map(compared).collect::<Vec<_>>());
     format!("within 10 %: {}; not: {}", listed(&near), listed(&far))
 }

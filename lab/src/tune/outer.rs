@@ -60,7 +60,7 @@ const LOOPS: [Loop; 4] = [
 /// with its configured gains.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn tune(budget: &Budget, ground: &Ground, progress: &Progress) -> Result<Tuned, Failure> {
     let bar = progress.start("tuning the outer loops", budget.points);
     let share = Budget { points: budget.points / LOOPS.len(), ..*budget };

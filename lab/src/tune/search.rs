@@ -176,7 +176,7 @@ pub fn search(
 /// Tunes a law, with estimator and position loops around it, on `ground`.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn law(
     space: &LawSpace,
     budget: &Budget,
@@ -221,7 +221,7 @@ pub fn law(
 /// The objective of a law at its shipped gains, and with those of `contender`, on the training seeds.
 ///
 /// # Errors
-/// A setting has no meaning.
+/// A setting is invalid.
 pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
     let ground = Ground::default();
     let reference = trained(&ground.contender("oqtal", &[]), &ground)?;

@@ -37,7 +37,7 @@ fn hops_us(command: &AppliedCommand) -> Option<[f64; 6]> {
     let mut cells = UNKNOWN;
     let spans = hops(&command.stamps)?;
     cells.iter_mut().zip(spans).for_each(|(cell, span)| *cell = micros(span));
-    cells[5] = micros(sensor_to_actuator(&command.stamps) + command.wire);
+    cells[5] = micros(sensor_to_actuator(&command.stamps, command.onward));
     Some(cells)
 }
 
@@ -295,7 +295,7 @@ const HOPS_US: ColumnGroup = numbers(
         "sensor_to_actuator_us",
     ],
     ("us", Command),
-    "hops of the command of this tick and their sum, which contains the time on a wire; empty if it never reached the vehicle",
+    "hops of the command of this tick and their sum, which contains the times on a wire and in the air; empty if it never reached the vehicle",
     |r| r.applied.and_then(hops_us).unwrap_or(UNKNOWN),
 );
 

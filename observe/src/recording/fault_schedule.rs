@@ -1,4 +1,4 @@
-//! Faults by hand as events: when each begins and ends. Their times count from the first command that arms, as for the processes
+//! Faults by hand and disturbances as events: when each begins and ends. Their times count from the first command that arms, as for the processes
 //! that inject them.
 
 use oqtal_bus::code::Actuation;
@@ -6,26 +6,37 @@ use oqtal_bus::message::{CommandV1, Header, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 
-use crate::event::of_fault;
+use crate::event::of_period;
 
-/// The faults of a flight that have not begun or ended yet.
+/// What a change of the schedule is called in a recording: the source of its event.
+type Source = &'static str;
+
+/// The faults and disturbances of a flight that have not begun or ended yet.
 #[derive(Debug)]
 pub struct FaultSchedule {
-    /// Time after arming, and words; later ones first.
-    pending: Vec<(Span, String)>,
+    /// Time after arming, source and words; later ones first.
+    pending: Vec<(Span, Source, String)>,
     armed_at: Option<Time>,
     /// Whether faults act on a vehicle that is not simulated.
     acts_on_any: bool,
 }
 
 impl FaultSchedule {
-    /// The faults of `config`.
+    /// The faults and disturbances of `config`.
     #[must_use]
     pub fn of(config: &Config) -> Self {
-        let changes = config.fault.inject.iter().flat_map(of_fault);
+        let faults = config.fault.inject.iter().flat_map(|fault| {
+            let changes = of_period(&fault.to_string(), (fault.at_s, fault.end_s()));
+            changes.map(|(at_s, text)| (at_s, "fault", text))
+        });
+        let loads = config.plant.disturb.iter().flat_map(|load| {
+            let changes = of_period(&load.to_string(), (load.at_s, load.end_s()));
+            changes.map(|(at_s, text)| (at_s, "disturbance", text))
+        });
+        let all = faults.chain(loads);
         let mut pending: Vec<_> =
-            changes.map(|(at_s, text)| (Span::from_seconds(at_s), text)).collect();
-        pending.sort_by_key(|(at, _)| std::cmp::Reverse(*at));
+            all.map(|(at_s, source, text)| (Span::from_seconds(at_s), source, text)).collect();
+        pending.sort_by_key(|(at, ..)| std::cmp::Reverse(*at));
         // An emulated vehicle behind a bridge is simulated, but the bridge does not know.
         let acts_on_any = config.fault.with_real_vehicle || !config.plant.wire.link.is_empty();
         Self { pending, armed_at: None, acts_on_any }
@@ -45,13 +56,13 @@ impl FaultSchedule {
         }
     }
 
-    /// The next change that has come at `now`, and its instant.
-    pub fn due(&mut self, now: Time) -> Option<(Time, String)> {
+    /// The next change that has come at `now`: its instant, source and words.
+    pub fn due(&mut self, now: Time) -> Option<(Time, Source, String)> {
         let at = self.armed_at? + self.pending.last()?.0;
         if at > now {
             return None;
         }
-        self.pending.pop().map(|(_, text)| (at, text))
+        self.pending.pop().map(|(_, source, text)| (at, source, text))
     }
 }
 
@@ -64,6 +75,7 @@ mod tests {
         let mut config = Config::default();
         config.fault.inject =
             ["pose:off@5+0.5", "daemon:kill@1"].map(|text| text.parse().unwrap()).to_vec();
+        config.plant.disturb = vec!["mass@6=0.1kg".parse().unwrap()];
         FaultSchedule::of(&config)
     }
 
@@ -83,12 +95,19 @@ mod tests {
         arm(&mut schedule, armed_at);
         let mut told = Vec::new();
         for millis in (0..7000).step_by(100) {
-            while let Some((at, text)) = schedule.due(armed_at + Span::from_millis(millis)) {
-                told.push((at.since(armed_at).seconds(), text));
+            while let Some((at, source, text)) = schedule.due(armed_at + Span::from_millis(millis))
+            {
+                told.push((at.since(armed_at).seconds(), format!("{source} {text}")));
             }
         }
-        let texts = ["daemon:kill@1 begins", "pose:off@5+0.5 begins", "pose:off@5+0.5 ends"];
-        let expected: Vec<_> = [1.0, 5.0, 5.5].into_iter().zip(texts.map(str::to_owned)).collect();
+        let texts = [
+            "fault daemon:kill@1 begins",
+            "fault pose:off@5+0.5 begins",
+            "fault pose:off@5+0.5 ends",
+            "disturbance mass@6=0.1kg begins",
+        ];
+        let expected: Vec<_> =
+            [1.0, 5.0, 5.5, 6.0].into_iter().zip(texts.map(str::to_owned)).collect();
         assert_eq!(told, expected);
     }
 

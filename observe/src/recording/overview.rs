@@ -6,6 +6,8 @@ use serde::Serialize;
 
 use super::facts::RECORDING;
 use super::file::RecordingFile;
+use crate::explain::wrapped;
+use crate::kernel::ProcessUsage;
 use crate::table;
 
 /// One topic of a recording.
@@ -86,7 +88,7 @@ impl RecordingOverview {
         for (name, entries) in facts {
             text += &format!("\n{name}\n");
             for (key, value) in entries {
-                text += &format!("  {key}: {value}\n");
+                text += &format!("  {}\n", wrapped(&format!("{key}: {}", in_words(value)), 4));
             }
         }
         let mut rows = table::table(&["topic", "messages", "Hz", "kB", "schema"]);
@@ -103,6 +105,12 @@ impl RecordingOverview {
         }
         format!("{text}\n{rows}")
     }
+}
+
+/// The fact `value`; figures of a process in words.
+fn in_words(value: &str) -> String {
+    serde_json::from_str::<ProcessUsage>(value)
+        .map_or_else(|_| value.to_owned(), |usage| usage.to_string())
 }
 
 fn seconds(from_ns: u64, to_ns: u64) -> f64 {

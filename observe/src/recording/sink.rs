@@ -209,10 +209,10 @@ impl McapRecorder {
         }
     }
 
-    /// Records the faults by hand that have begun or ended at `now`.
+    /// Records the faults by hand and disturbances that have begun or ended at `now`.
     fn note_faults(&mut self, received_at: Time, now: Time) {
-        while let Some((at, text)) = self.faults.due(now) {
-            self.event((received_at, at), LogSeverity::Warning, ("fault", &text));
+        while let Some((at, source, text)) = self.faults.due(now) {
+            self.event((received_at, at), LogSeverity::Warning, (source, &text));
         }
     }
 

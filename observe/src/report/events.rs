@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use oqtal_bus::code::SafetyState;
 use oqtal_control::trajectory::Phase;
 
-use crate::event::changes;
+use crate::event::{changes, of_period};
 use crate::flight::FlightSample;
 use crate::summary::Summary;
 
@@ -37,7 +37,9 @@ const PHASES: [(Phase, &str, Ink); 4] = [
 
 /// The section of the events.
 pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
-    let pairs = timeline.samples.windows(2);
+    // What the daemon waits for on the ground before it is no event of the flight.
+    let from = timeline.samples.iter().position(FlightSample::is_armed).unwrap_or(0);
+    let pairs = timeline.samples[from..].windows(2);
     let events = pairs.flat_map(|pair| {
         let at = timeline.at(&pair[1]);
         changes(&pair[0].telemetry, &pair[1].telemetry).into_iter().map(move |what| (at, what))
@@ -58,12 +60,13 @@ pub fn events(timeline: &Timeline<'_>, summary: &Summary) -> Markup {
     )
 }
 
-/// Beginnings and ends of the faults that were injected.
+/// Beginnings and ends of the faults that were injected, and of disturbances.
 fn faults(summary: &Summary) -> impl Iterator<Item = (f64, String)> {
-    summary.faults.iter().flat_map(|fault| {
-        let begins = (fault.from_s, format!("fault {} begins", fault.fault));
-        let ends = fault.until_s.map(|at| (at, format!("fault {} ends", fault.fault)));
-        std::iter::once(begins).chain(ends)
+    let faults = summary.faults.iter().map(|it| ("fault", &it.fault, it.from_s, it.until_s));
+    let loads = summary.disturbances.iter();
+    let loads = loads.map(|it| ("disturbance", &it.disturbance, it.from_s, it.until_s));
+    faults.chain(loads).flat_map(|(kind, name, from_s, until_s)| {
+        of_period(&format!("{kind} {name}"), (from_s, until_s.unwrap_or(f64::INFINITY)))
     })
 }
 

@@ -1,6 +1,6 @@
 //! Flights made by formula, for tests: a square flown with lag and noise, and a recording with jitter and gaps.
 
-use crate::latency::{Distribution, HopDistributions};
+use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use nalgebra::Vector3;
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
@@ -65,10 +65,10 @@ pub fn square() -> Flight {
         flight.wakeup_lateness.add(Span::from_nanos(noise.nanos(60_000)));
         flight.period_jitter.add(Span::from_nanos(noise.nanos(40_000)));
         let stamps = stamps(at, &mut noise);
-        flight.hops.add(&stamps, Span::ZERO);
+        flight.hops.add(&stamps, OnwardTime::default());
         let battery_v = 12.4 - 0.01 * t + 0.01 * noise.next();
-        let (sequence, wire) = (tick + 1, Span::ZERO);
-        flight.applied.push(AppliedCommand { sequence, stamps, wire, battery_v });
+        let (sequence, onward) = (tick + 1, OnwardTime::default());
+        flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
         flight.arrivals.push(PoseArrival { at, frame: tick + 1, position: position.into() });
     }
     flight

@@ -28,6 +28,7 @@ const INKS: [Ink; NAMES.len()] = [
     Ink::Fourth,
     Ink::Fifth,
     Ink::Sixth,
+    Ink::Fifth,
     Ink::Reference,
 ];
 /// Number of quantiles from which a distribution is drawn.
@@ -208,7 +209,8 @@ fn percentile(nines: i32) -> String {
 
 fn table(summary: &Summary) -> Markup {
     let hops = NAMES.into_iter().filter_map(|name| Some((words(name), summary.hops.get(name)?)));
-    let hops = hops.filter(|(_, hop)| hop.count > 0);
+    // In virtual time computation and bus take none.
+    let hops = hops.filter(|(_, hop)| hop.count > 0 && hop.max_ns > 0);
     let of_loop =
         [("wake-up lateness", &summary.wakeup_lateness), ("period jitter", &summary.period_jitter)];
     let of_loop =

@@ -1,9 +1,10 @@
 use oqtal_bus::message::{Stamps, TelemetryV1, TruthV1};
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use proptest::prelude::*;
 
 use super::*;
 use crate::flight::{AppliedCommand, FlightSample};
+use crate::latency::OnwardTime;
 
 fn page(flight: &Flight) -> String {
     html(flight, &Summary::of(flight))
@@ -135,7 +136,7 @@ proptest! {
         let applied = |sample: &FlightSample| AppliedCommand {
             sequence: 1,
             stamps: Stamps { applied_at: sample.telemetry.time, ..Stamps::default() },
-            wire: Span::ZERO,
+            onward: OnwardTime::default(),
             battery_v: battery,
         };
         flight.applied = samples.iter().map(applied).collect();

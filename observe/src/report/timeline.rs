@@ -6,7 +6,7 @@ use maud::Markup;
 
 use oqtal_bus::time::Time;
 
-use crate::fault::InjectedFault;
+use crate::fault::{AppliedDisturbance, InjectedFault};
 use crate::flight::{Flight, FlightSample};
 use crate::plot::axis::{extent, is_drawable};
 use crate::plot::figure::{self, TimeSpan};
@@ -24,7 +24,7 @@ pub struct Timeline<'a> {
     /// Ticks from the origin on.
     pub samples: &'a [FlightSample],
     origin: Time,
-    /// Changes of the safety state, beginnings and ends of faults \[s\], the first ones.
+    /// Changes of the safety state, beginnings and ends of faults and disturbances \[s\], the first ones.
     pub instants: Vec<f64>,
 }
 
@@ -44,8 +44,11 @@ impl<'a> Timeline<'a> {
         let pairs = self.samples.windows(2);
         let changed = pairs.filter(|pair| condition(&pair[0]) != condition(&pair[1]));
         let faults = InjectedFault::all(self.flight);
-        let faults = faults.iter().flat_map(|fault| [Some(fault.from_s), fault.until_s]).flatten();
-        let mut instants: Vec<f64> = changed.map(|pair| self.at(&pair[1])).chain(faults).collect();
+        let faults = faults.iter().flat_map(|fault| [Some(fault.from_s), fault.until_s]);
+        let loads = AppliedDisturbance::all(self.flight);
+        let loads = loads.iter().flat_map(|load| [Some(load.from_s), load.until_s]);
+        let caused = faults.chain(loads).flatten();
+        let mut instants: Vec<f64> = changed.map(|pair| self.at(&pair[1])).chain(caused).collect();
         instants.sort_by(f64::total_cmp);
         instants.truncate(MOST_INSTANTS);
         instants

@@ -7,6 +7,7 @@ use oqtal_config::{Config, Fidelity};
 use oqtal_control::quaternion::Attitude;
 use oqtal_wire::crazyflie_sitl::imu_datagram;
 
+use crate::disturbance::SceneDisturbance;
 use crate::plant::{Plant, PlantOutput};
 
 /// Rate of the inertial sensors \[Hz\]; the firmware's loops count their samples.
@@ -64,6 +65,11 @@ impl FirmwareBody {
     /// Drives the motors at the powers that the firmware commands \[0..1\], from now on.
     pub fn drive(&mut self, motors: [f64; 4]) {
         self.plant.drive(motors);
+    }
+
+    /// Disturbs the body from now on.
+    pub fn disturb(&mut self, disturbance: SceneDisturbance) {
+        self.plant.disturb(disturbance);
     }
 
     /// Integrates to `until`, and passes the outputs to `out`.

@@ -1,10 +1,10 @@
 //! The two halves of an emulated vehicle at the other end of a wire: the port, and the vehicle.
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_runtime::faults::RadioDisturbance;
 use oqtal_runtime::process::Failure;
 
 use super::radio::Traffic;
+use crate::disturbance::SceneDisturbance;
 use crate::plant::PlantOutput;
 
 /// Port at which a host finds the vehicle.
@@ -52,8 +52,8 @@ pub trait EmulatedVehicle {
     /// Whether the radio has room for what the host writes; otherwise the host has to wait.
     fn has_room(&self, now: Time) -> bool;
 
-    /// Disturbs the radio from now on.
-    fn disturb_radio(&mut self, disturbance: RadioDisturbance);
+    /// Disturbs vehicle and radio from now on.
+    fn disturb(&mut self, disturbance: SceneDisturbance);
 
     /// Skips what a pause of the process that ends at `now` has too much; returns it.
     fn skip_pause(&mut self, now: Time) -> Span;

@@ -12,6 +12,7 @@ use super::datagrams::DatagramModel;
 use super::end::{EmulatedVehicle, WireCounters};
 use super::on_board::Measured;
 use super::radio::LinkDirection;
+use crate::disturbance::SceneDisturbance;
 use crate::plant::{Plant, PlantOutput};
 
 /// System id of an emulated vehicle whose link names none.
@@ -96,8 +97,10 @@ impl EmulatedVehicle for MavlinkVehicle {
         true
     }
 
-    fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
-        self.network.disturb(disturbance);
+    fn disturb(&mut self, disturbance: SceneDisturbance) {
+        self.network.disturb(disturbance.radio);
+        // The network disturbs the commands, not a second time the vehicle's own radio.
+        self.plant.disturb(SceneDisturbance { radio: RadioDisturbance::default(), ..disturbance });
     }
 
     fn skip_pause(&mut self, now: Time) -> Span {

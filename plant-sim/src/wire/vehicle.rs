@@ -13,6 +13,7 @@ use super::end::{EmulatedVehicle, WireCounters};
 use super::on_board::{Measured, OnBoard};
 use super::options::{address, scales};
 use super::radio::{LinkDirection, RadioModel};
+use crate::disturbance::SceneDisturbance;
 use crate::plant::{Plant, PlantOutput};
 
 /// Emulated vehicle that is flown through its radio.
@@ -70,9 +71,11 @@ impl WiredVehicle {
         self.radio.has_room(LinkDirection::Up, now)
     }
 
-    /// Disturbs the radio from now on.
-    pub fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
-        self.radio.disturb(disturbance);
+    /// Disturbs vehicle and radio from now on.
+    pub fn disturb(&mut self, disturbance: SceneDisturbance) {
+        self.radio.disturb(disturbance.radio);
+        // Commands come over the wire, not over the plant's own radio.
+        self.plant.disturb(SceneDisturbance { radio: RadioDisturbance::default(), ..disturbance });
     }
 
     /// Takes bytes that the host wrote together.
@@ -166,8 +169,8 @@ impl EmulatedVehicle for WiredVehicle {
         WiredVehicle::has_room(self, now)
     }
 
-    fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
-        WiredVehicle::disturb_radio(self, disturbance);
+    fn disturb(&mut self, disturbance: SceneDisturbance) {
+        WiredVehicle::disturb(self, disturbance);
     }
 
     fn skip_pause(&mut self, now: Time) -> Span {

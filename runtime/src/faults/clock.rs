@@ -42,6 +42,28 @@ impl<T: Transport> ArmingWatch<T> {
     }
 }
 
+/// The instant of arming for a process in which something may count from it.
+#[derive(Debug)]
+pub struct ArmingClock<T: Transport>(Option<ArmingWatch<T>>);
+
+impl<T: Transport> ArmingClock<T> {
+    /// Watches for the instant of arming if `is_needed`.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn open(bus: &T, is_needed: bool) -> Result<Self, BusError> {
+        Ok(Self(is_needed.then(|| ArmingWatch::open(bus)).transpose()?))
+    }
+
+    /// As [`ArmingWatch::armed_at`]; `None` if it is not needed.
+    ///
+    /// # Errors
+    /// The transport failed.
+    pub fn armed_at(&mut self) -> Result<Option<Time>, BusError> {
+        self.0.as_mut().map_or(Ok(None), ArmingWatch::armed_at)
+    }
+}
+
 /// The clock of one process's faults.
 #[derive(Debug)]
 pub(super) struct FaultClock<T: Transport> {

@@ -5,7 +5,7 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::transport::Transport;
 use oqtal_config::{Config, Fault, FaultKind, FaultTarget};
 
-use super::clock::{ArmingWatch, is_within};
+use super::clock::{ArmingClock, is_within};
 
 /// How the radio is disturbed at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -19,8 +19,7 @@ pub struct RadioDisturbance {
 /// The faults of the radio in one flight.
 #[derive(Debug)]
 pub struct RadioFaults<T: Transport> {
-    /// `None` without faults.
-    arming: Option<ArmingWatch<T>>,
+    arming: ArmingClock<T>,
     faults: Vec<Fault>,
 }
 
@@ -33,8 +32,7 @@ impl<T: Transport> RadioFaults<T> {
         let all = config.fault.inject.iter();
         let faults: Vec<Fault> =
             all.filter(|fault| fault.target == FaultTarget::Radio).cloned().collect();
-        let arming = (!faults.is_empty()).then(|| ArmingWatch::open(bus)).transpose()?;
-        Ok(Self { arming, faults })
+        Ok(Self { arming: ArmingClock::open(bus, !faults.is_empty())?, faults })
     }
 
     /// The disturbance at `now`.
@@ -42,9 +40,8 @@ impl<T: Transport> RadioFaults<T> {
     /// # Errors
     /// The transport failed.
     pub fn at(&mut self, now: Time) -> Result<RadioDisturbance, BusError> {
-        let armed_at = self.arming.as_mut().map_or(Ok(None), ArmingWatch::armed_at)?;
         let mut disturbance = RadioDisturbance::default();
-        let Some(armed_at) = armed_at else { return Ok(disturbance) };
+        let Some(armed_at) = self.arming.armed_at()? else { return Ok(disturbance) };
         for fault in self.faults.iter().filter(|fault| is_within(fault, armed_at, now)) {
             let RadioDisturbance { delay, loss_probability } = &mut disturbance;
             match fault.kind {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::FULL_THRUST;
 use super::invalid_scale::InvalidScale;
+use crate::interpolation::interpolate;
 
 /// Greatest number of points \[-\].
 const MAX_POINTS: usize = 256;
@@ -51,24 +52,12 @@ impl ThrustTable {
     /// Counts \[counts\] for the thrust `delta_c` \[-\]; beyond the table, those of its nearer end.
     #[must_use]
     pub fn counts(&self, delta: f64) -> f64 {
-        self.interpolate(delta, 0, 1)
+        interpolate(&self.0, delta, [0, 1])
     }
 
     /// Thrust `delta_c` \[-\] for `counts` \[counts\]; beyond the table, that of its nearer end.
     #[must_use]
     pub fn delta(&self, counts: f64) -> f64 {
-        self.interpolate(counts, 1, 0)
-    }
-
-    fn interpolate(&self, value: f64, from: usize, to: usize) -> f64 {
-        let upper = self.0.partition_point(|point| point[from] < value);
-        match (upper.checked_sub(1).and_then(|lower| self.0.get(lower)), self.0.get(upper)) {
-            (Some(low), Some(high)) => {
-                let share = (value - low[from]) / (high[from] - low[from]);
-                low[to] + share * (high[to] - low[to])
-            }
-            (Some(end), None) | (None, Some(end)) => end[to],
-            (None, None) => 0.0,
-        }
+        interpolate(&self.0, counts, [1, 0])
     }
 }

@@ -94,6 +94,12 @@ impl MavlinkEncoder {
         self.own
     }
 
+    /// Whether packets are signed.
+    #[must_use]
+    pub fn signs(&self) -> bool {
+        self.signer.is_some()
+    }
+
     /// Signs packets from now on with `key`, where Unix time is `unix_us` \[us\].
     pub fn sign(&mut self, key: SigningKey, unix_us: u64) {
         let stamp = unix_us.saturating_sub(SIGNATURE_EPOCH_S * 1_000_000) / 10;
@@ -173,7 +179,7 @@ impl Grammar for MavlinkGrammar {
         let behind = HEADER + usize::from(length);
         let whole = behind + CHECKSUM + SIGNATURE * usize::from(flags & SIGNED);
         let Some(frame) = bytes.get(..whole) else { return Verdict::Wait(whole) };
-        let Some(extra) = extra_of(id) else { return Verdict::Accept(whole, None) };
+        let Some(extra) = extra_of(id) else { return unknown(bytes, whole) };
         let checksum = u16::from_le_bytes([frame[behind], frame[behind + 1]]);
         if calculate_crc(&frame[1..behind], extra) != checksum {
             return Verdict::Damaged;
@@ -181,6 +187,17 @@ impl Grammar for MavlinkGrammar {
         let from = MavlinkAddress { system, component };
         let content = content_of(id, &frame[HEADER..behind]);
         Verdict::Accept(whole, Some(MavlinkPacket { from, sequence, content }))
+    }
+}
+
+/// Verdict on a packet of `whole` bytes whose message is unknown, so that its checksum cannot be computed: it is one if another
+/// packet follows it. Noise that looks like its beginning would cost the packets behind it otherwise.
+fn unknown(bytes: &[u8], whole: usize) -> Verdict<MavlinkPacket> {
+    match bytes.get(whole) {
+        Some(&MAV_STX_V2) => Verdict::Accept(whole, None),
+        Some(_) => Verdict::Noise,
+        None if whole < MAX_PACKET => Verdict::Wait(whole + 1),
+        None => Verdict::Accept(whole, None),
     }
 }
 

@@ -1,5 +1,7 @@
 //! From a share of the vehicle's greatest thrust to the thrust of SET_ATTITUDE_TARGET.
 
+use crate::interpolation::interpolate;
+
 /// Greatest number of points \[-\].
 const MAX_POINTS: usize = 64;
 
@@ -28,25 +30,13 @@ impl ThrustCurve {
     #[must_use]
     pub fn thrust(&self, delta: f64) -> f64 {
         // Zero is the zero set-point, wherever the curve begins.
-        if delta > 0.0 { self.interpolate(delta, 0, 1) } else { 0.0 }
+        if delta > 0.0 { interpolate(&self.0, delta, [0, 1]) } else { 0.0 }
     }
 
     /// Share of greatest thrust \[0..1\] that `thrust` of SET_ATTITUDE_TARGET stands for.
     #[must_use]
     pub fn delta(&self, thrust: f64) -> f64 {
-        if thrust > 0.0 { self.interpolate(thrust, 1, 0) } else { 0.0 }
-    }
-
-    fn interpolate(&self, value: f64, from: usize, to: usize) -> f64 {
-        let upper = self.0.partition_point(|point| point[from] < value);
-        match (upper.checked_sub(1).and_then(|lower| self.0.get(lower)), self.0.get(upper)) {
-            (Some(low), Some(high)) => {
-                let share = (value - low[from]) / (high[from] - low[from]);
-                low[to] + share * (high[to] - low[to])
-            }
-            (Some(end), None) | (None, Some(end)) => end[to],
-            (None, None) => 0.0,
-        }
+        if thrust > 0.0 { interpolate(&self.0, thrust, [1, 0]) } else { 0.0 }
     }
 }
 

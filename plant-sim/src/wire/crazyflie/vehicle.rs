@@ -13,6 +13,7 @@ use super::super::end::{EmulatedVehicle, WireCounters};
 use super::super::on_board::Measured;
 use super::super::radio::LinkDirection;
 use super::board::CrazyflieBoard;
+use crate::disturbance::SceneDisturbance;
 use crate::plant::{Plant, PlantOutput};
 
 /// Emulated Crazyflie that is flown through its radio.
@@ -91,8 +92,10 @@ impl EmulatedVehicle for CrtpVehicle {
         true
     }
 
-    fn disturb_radio(&mut self, disturbance: RadioDisturbance) {
-        self.air.disturb(disturbance);
+    fn disturb(&mut self, disturbance: SceneDisturbance) {
+        self.air.disturb(disturbance.radio);
+        // The network disturbs the commands, not a second time the vehicle's own radio.
+        self.plant.disturb(SceneDisturbance { radio: RadioDisturbance::default(), ..disturbance });
     }
 
     fn skip_pause(&mut self, now: Time) -> Span {

@@ -1,0 +1,48 @@
+//! Report of the bridge: the vehicle's state, and the command that was forwarded with its stamps.
+
+use oqtal_bus::message::{Stamps, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+
+use super::{Bridge, VehicleReport};
+use crate::safety::ForwardedCommand;
+
+impl Bridge {
+    /// Report of the vehicle's state, with the command that a set-point forwarded and the time that the set-point needs until it
+    /// has left.
+    pub fn report(
+        &mut self,
+        now: Time,
+        forwarded: Option<ForwardedCommand>,
+        on_wire: Span,
+    ) -> VehicleReport {
+        if let Some(forwarded) = &forwarded {
+            self.last_command = forwarded.command;
+        }
+        let (wire, air) = self.on_its_way(on_wire);
+        let answers = self.is_answering(now);
+        let vehicle = VehicleV1 {
+            command_sequence: self.last_command,
+            lost: self.commands_lost,
+            wire_ns: wire.nanos(),
+            air_ns: air.nanos(),
+            armed: u8::from(answers && self.gate.last_status_running()),
+            starting: u8::from(self.gate.is_starting()),
+            stopped: u8::from(self.stopped_since.is_some()),
+            link: u8::from(answers),
+            control: self.gate.control().code(),
+            ..self.monitor.state(now)
+        };
+        let stamps = forwarded
+            .map_or_else(Stamps::default, |command| Stamps { applied_at: now, ..command.stamps });
+        (forwarded.map_or(0, |command| command.pose), stamps, vehicle)
+    }
+
+    /// Time of a set-point on the wire, and from there to its effect. A network has no rate by which its bytes leave: the time is
+    /// measured there, and is a part of the latency that is configured.
+    fn on_its_way(&self, on_wire: Span) -> (Span, Span) {
+        match self.monitor.one_way().filter(|_| self.transport.byte_rate().is_none()) {
+            Some(measured) => (measured, (self.air - measured).max(Span::ZERO)),
+            None => (on_wire, self.air),
+        }
+    }
+}

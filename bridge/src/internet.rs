@@ -1,0 +1,31 @@
+//! Hosts of the internet protocols: their addresses, and why one is no port.
+
+use std::io::{self, ErrorKind};
+use std::net::{SocketAddr, ToSocketAddrs};
+
+use oqtal_wire::link::HostPort;
+
+use crate::link::PortOpenError;
+
+/// Addresses of `host`, at least one.
+pub(crate) fn addresses(host: &HostPort) -> Result<Vec<SocketAddr>, PortOpenError> {
+    let unknown = |reason: String| PortOpenError::UnknownHost { host: host.host.clone(), reason };
+    let text = host.to_string();
+    let found = text.to_socket_addrs().map_err(|error| unknown(error.to_string()))?;
+    let found: Vec<SocketAddr> = found.collect();
+    if found.is_empty() { Err(unknown("it has no address".to_owned())) } else { Ok(found) }
+}
+
+/// The failure of `host` to become a port.
+pub(crate) fn refused(host: &HostPort, error: &io::Error) -> PortOpenError {
+    let address = host.to_string();
+    match error.kind() {
+        ErrorKind::AddrInUse => PortOpenError::AddressInUse { address },
+        ErrorKind::AddrNotAvailable => PortOpenError::NotLocal { address },
+        ErrorKind::ConnectionRefused | ErrorKind::TimedOut => {
+            PortOpenError::NobodyListens { address }
+        }
+        ErrorKind::PermissionDenied => PortOpenError::Permission { path: address },
+        _ => PortOpenError::System { port: address, reason: error.to_string() },
+    }
+}

@@ -1,0 +1,134 @@
+//! What a flight asks for and will not get: it is flown, and its operator is told before.
+
+use nalgebra::Vector3;
+use oqtal_config::Config;
+use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint, Trajectory, TrajectoryKind};
+
+/// Shortest time between two points at which the reference is looked at \[s\].
+const STEP_S: f64 = 0.01;
+/// Most points at which the reference is looked at \[-\].
+const MOST_POINTS: f64 = 20_000.0;
+/// Distance between hover point and first waypoint from which it is told \[m\].
+const TOLD_JUMP_M: f64 = 0.5;
+
+/// What `config` asks for in a flight of `trajectory` and its other values do not allow, each with its remedy.
+#[must_use]
+pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
+    if config.safety.observe_only {
+        return Vec::new();
+    }
+    let mut all: Vec<String> = config.rate_warning().into_iter().collect();
+    let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let limits = &config.position;
+    let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
+    all.extend(too_fast(&plan, config, horizontal, |velocity| velocity.xy().norm()));
+    let vertical = ("vertical", limits.vertical_velocity_limit_m_s);
+    all.extend(too_fast(&plan, config, vertical, |velocity| velocity.z.abs()));
+    all.extend(jump(&plan, config));
+    all
+}
+
+/// The time from the start of the flight at which the trajectory begins \[s\].
+fn begins_s(config: &Config) -> f64 {
+    config.trajectory.take_off_s + config.trajectory.settle_s
+}
+
+/// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there.
+fn too_fast(
+    plan: &FlightPlan,
+    config: &Config,
+    (axis, limit): (&str, f64),
+    speed: impl Fn(&Vector3<f64>) -> f64,
+) -> Option<String> {
+    let step_s = STEP_S.max(plan.end_s() / MOST_POINTS);
+    let points = (plan.end_s() / step_s) as u32;
+    let samples = (0..=points).map(|index| {
+        let t_s = f64::from(index) * step_s;
+        (t_s, plan.sample(t_s))
+    });
+    let (t_s, reference) =
+        samples.max_by(|a, b| speed(&a.1.velocity).total_cmp(&speed(&b.1.velocity)))?;
+    let fastest = speed(&reference.velocity);
+    if fastest <= limit {
+        return None;
+    }
+    let (what, remedy) = match reference.phase {
+        Phase::TakeOff => ("the take-off".to_owned(), "raise trajectory.take-off-s".to_owned()),
+        Phase::Landing => ("the landing".to_owned(), "lower trajectory.descent-m-s".to_owned()),
+        Phase::Settle | Phase::Trajectory => (
+            format!("at {:.2} s the trajectory", t_s - begins_s(config)),
+            format!("fly it {:.1} times slower", fastest / limit),
+        ),
+    };
+    Some(format!(
+        "{what} moves at {fastest:.2} m/s, and position.{axis}-velocity-limit-m-s is {limit}: the vehicle will stay behind; {remedy}, or raise the limit"
+    ))
+}
+
+/// The distance from the hover point to the first waypoint, if it is far.
+fn jump(plan: &FlightPlan, config: &Config) -> Option<String> {
+    if config.trajectory.kind != TrajectoryKind::Waypoints {
+        return None;
+    }
+    let at = begins_s(config);
+    // Half a millisecond before: rounding must not take the sample for one of the trajectory.
+    let (before, after) = (plan.sample((at - 5e-4).max(0.0)), plan.sample(at + 1e-9));
+    let distance_m = (after.position - before.position).norm();
+    let ([x, y, z], [from_x, from_y, from_z]): ([f64; 3], [f64; 3]) =
+        (after.position.into(), before.position.into());
+    (distance_m > TOLD_JUMP_M).then(|| {
+        format!(
+            "the first waypoint [{x:.2}, {y:.2}, {z:.2}] m is {distance_m:.2} m from the hover point [{from_x:.2}, {from_y:.2}, {from_z:.2}] m: the reference jumps there; begin at the hover point, or set trajectory.height-m"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use oqtal_config::Setting;
+    use oqtal_control::trajectory::Waypoints;
+
+    fn told(settings: &[&str], waypoints: Option<&str>) -> Vec<String> {
+        let settings: Vec<_> =
+            settings.iter().map(|text| Setting::parse("test", text).unwrap()).collect();
+        let config = Config::from_settings(&settings).unwrap();
+        let waypoints = waypoints.map(|text| Waypoints::parse(text).unwrap());
+        warnings(&config, &config.trajectory.trajectory(waypoints).unwrap())
+    }
+
+    #[test]
+    fn shipped_trajectories_need_no_warning() {
+        for kind in ["hover", "step", "square", "circle", "lemniscate", "attitude-chirp"] {
+            let told = told(&[&format!("trajectory.kind={kind}")], None);
+            assert!(told.is_empty(), "{kind}: {told:?}");
+        }
+    }
+
+    #[test]
+    fn speed_that_no_limit_allows_is_told_with_its_instant_and_a_remedy() {
+        let kind = "trajectory.kind=waypoints";
+        let told_of = |text| told(&[kind], Some(text)).join("\n");
+        assert!(told_of("t,x,y,z\n0,0,0,1\n20,6,0,1\n").is_empty());
+        let text = told_of("t,x,y,z\n0,0,0,1\n1,6,0,1\n");
+        for part in ["at 0.50 s", "9.00 m/s", "position.horizontal-velocity-limit-m-s is 0.8"] {
+            assert!(text.contains(part), "{text}");
+        }
+        assert!(text.contains("11.2 times slower") && !text.contains('\n'), "{text}");
+        let text = told(&["trajectory.take-off-s=1"], None).join("\n");
+        assert!(text.starts_with("the take-off") && text.contains("take-off-s"), "{text}");
+    }
+
+    #[test]
+    fn a_far_first_waypoint_is_told() {
+        let kind = "trajectory.kind=waypoints";
+        let text = told(&[kind], Some("t,x,y,z\n0,3,0,1\n9,3,0,1\n")).join("\n");
+        assert!(text.contains("[3.00, 0.00, 1.00] m is 3.00 m from the hover point"), "{text}");
+    }
+
+    #[test]
+    fn a_rate_that_the_cameras_cannot_give_is_told() {
+        let text = told(&["control.rate-hz=80"], None).join("\n");
+        assert!(text.contains("60.0000 Hz") || text.contains("60 Hz"), "{text}");
+    }
+}

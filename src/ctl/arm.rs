@@ -1,0 +1,79 @@
+//! `oqtal ctl arm`: waits while a simulated vehicle that was stopped comes to rest, and until the flight has begun.
+
+use std::time::Duration;
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::{Answer, Mode, OperatorCommand, SafetyState};
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{ControlResponseV1, VehicleV1};
+use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::VEHICLE;
+use oqtal_bus::transport::{Subscribe, Transport};
+use oqtal_runtime::program::say;
+
+use super::request::request;
+
+/// Longest time for which the vehicle may come to rest: a fall from the height of a room, and half a second without motion.
+const REST_TIMEOUT: Span = Span::from_millis(5000);
+/// Time within which the state of a vehicle is heard, if there is one.
+const HEARING_TIMEOUT: Span = Span::from_millis(400);
+/// Longest time until a flight that was accepted has begun: some ticks.
+const BEGIN_TIMEOUT: Span = Span::from_millis(900);
+/// Time between two requests.
+const PERIOD: Duration = Duration::from_millis(50);
+
+/// Arms, and returns the daemon's last answer; `None` if none answers.
+///
+/// # Errors
+/// The bus refuses.
+pub fn ask(bus: &Bus, expected: Option<u64>) -> Result<Option<ControlResponseV1>, BusError> {
+    let mut vehicles = bus.observer::<VehicleV1>(&VEHICLE)?;
+    let asked_at = Time::now();
+    let (mut simulated, mut is_told) = (None, false);
+    loop {
+        let Some(response) = request(bus, OperatorCommand::Arm, expected)? else { return Ok(None) };
+        if response.answer != Answer::Refused.code() {
+            return begun(bus, response).map(Some);
+        }
+        if let Some((_, vehicle)) = vehicles.latest()? {
+            simulated = Some(vehicle.simulated == 1);
+        }
+        let patience = match simulated {
+            Some(true) => REST_TIMEOUT,
+            // A real vehicle that moves may be in somebody's hands.
+            Some(false) => Span::ZERO,
+            None => HEARING_TIMEOUT,
+        };
+        if !comes_to_rest(&response) || Time::now().since(asked_at) >= patience {
+            return Ok(Some(response));
+        }
+        if simulated == Some(true) && !is_told {
+            say("arm: waits until the stopped vehicle is at rest; Ctrl-C cancels");
+            is_told = true;
+        }
+        std::thread::sleep(PERIOD);
+    }
+}
+
+/// Whether nothing but the end of the last flight keeps the next one from beginning.
+fn comes_to_rest(response: &ControlResponseV1) -> bool {
+    use ArmingObstacle::{Moving, Stopped, Tilted};
+    let obstacles = ArmingObstacles::from_bits(response.obstacles);
+    response.state == SafetyState::Stop.code()
+        && !obstacles.is_empty()
+        && obstacles.iter().all(|obstacle| matches!(obstacle, Moving | Stopped | Tilted))
+}
+
+/// The daemon's answer once the flight that `accepted` announces has begun, or was called off.
+fn begun(bus: &Bus, accepted: ControlResponseV1) -> Result<ControlResponseV1, BusError> {
+    let give_up = Time::now() + BEGIN_TIMEOUT;
+    let mut newest = accepted;
+    while newest.mode == Mode::Waiting.code() && Time::now() < give_up {
+        std::thread::sleep(Duration::from_millis(10));
+        if let Some(status) = request(bus, OperatorCommand::Status, None)? {
+            newest = status;
+        }
+    }
+    Ok(newest)
+}

@@ -1,0 +1,25 @@
+//! A request to the daemon, and its answer.
+
+use oqtal_bus::bus::Bus;
+use oqtal_bus::code::OperatorCommand;
+use oqtal_bus::error::BusError;
+use oqtal_bus::message::{ControlRequestV1, ControlResponseV1};
+use oqtal_bus::time::{Span, Time};
+
+/// Time within which a running daemon answers.
+const ANSWER_TIMEOUT: Span = Span::from_millis(2000);
+
+/// Sends a command that expires to the daemon; `None` if none answers. `expected`: hash of the configuration that the daemon must
+/// run with.
+pub fn request(
+    bus: &Bus,
+    command: OperatorCommand,
+    expected: Option<u64>,
+) -> Result<Option<ControlResponseV1>, BusError> {
+    let request = ControlRequestV1 {
+        valid_until: Time::now() + ANSWER_TIMEOUT,
+        config_hash: expected.unwrap_or(0),
+        ..ControlRequestV1::of(command)
+    };
+    bus.control_client()?.ask(request, ANSWER_TIMEOUT)
+}
