@@ -61,9 +61,7 @@ pub fn table(rivals: &[Rival], progress: &Progress) -> Result<Sheet, Failure> {
     })
 }
 
-const NOTE: &str = "Means of seeds 300 to 304; a dash stands where a flight did not land. The rows of the nominal plant say what is \
-     owed to a law and what to its surroundings: gains of deploy/tuned/predictive are those of the other laws within the filters, the \
-     prediction and the reference model of oqtal-dt, deploy/tuned/proportional the same with a proportional quaternion law.";
+const NOTE: &str = "Means of seeds 300 to 304; a dash stands where a flight did not land.";
 
 /// The mean figures of a law on a plant.
 fn mean((_, keys): &Case, rival: &Rival) -> Result<Figures, Failure> {

@@ -153,8 +153,8 @@ mod tests {
         for k in [2.0, 8.0, 20.0] {
             let margins = delayed_integrator(k, 0.035).margins();
             let half = margins.disk / 2.0;
-            assert!(margins.gain >= (1.0 + half) / (1.0 - half) - 1e-9, "{margins:?}");
-            assert!(margins.phase_deg >= 2.0 * half.atan().to_degrees() - 1e-6, "{margins:?}");
+            assert!(margins.gain >= (1.0 + half) / (1.0 - half) - 1e-3, "{margins:?}");
+            assert!(margins.phase_deg >= 2.0 * half.atan().to_degrees() - 0.1, "{margins:?}");
             assert!(margins.sensitivity > 1.0);
         }
     }

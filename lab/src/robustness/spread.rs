@@ -71,12 +71,12 @@ const SURROUNDINGS: [(&str, Form); 10] = [
     ("plant.thrust-exponent", Form::Between(0.95, 1.05)),
     ("plant.gust-sd-m-s2", Form::Factor(0.5, 2.0)),
     ("plant.rotors.strength", Form::OneFactor(0.97, 1.0)),
-    ("plant.rotors.lag-ms", Form::Between(5.0, 30.0)),
+    ("plant.rotors.lag-ms", Form::Between(10.0, 20.0)),
     ("mocap.position-noise-mm", Form::Factor(0.5, 2.0)),
     ("mocap.attitude-noise-deg", Form::Factor(0.5, 2.0)),
     ("mocap.jitter-ms", Form::Between(0.0, 4.0)),
     ("mocap.dropout-probability", Form::Between(0.0, 0.01)),
-    ("mocap.dropout-frames", Form::Between(1.0, 3.0)),
+    ("mocap.dropout-frames", Form::Between(1.5, 2.5)),
 ];
 
 /// Keys of the surroundings of which one value is chosen, and the values.
