@@ -16,11 +16,13 @@ use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::info::InfoArgs;
 use crate::latency::{LatencyArgs, Part};
 use crate::record::RecordArgs;
+use crate::recordings;
 use crate::replay::ReplayArgs;
 use crate::report::ReportArgs;
 use crate::view::ViewArgs;
 use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
+use oqtal_lab::identify::command::IdentifyArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
 use oqtal_lab::sweep::SweepArgs;
 use oqtal_lab::tune::TuneArgs;
@@ -50,6 +52,8 @@ enum Command {
     Reproduce(ReproduceArgs),
     /// Tune gains on simulated flights
     Tune(TuneArgs),
+    /// Identify a vehicle from recordings of its flights, or from a simulated flight: delays, lags, gains, drag, with intervals
+    Identify(Box<IdentifyArgs>),
     /// Compare the emulated cameras with recordings of real ones, and estimators on both
     #[command(subcommand)]
     Cameras(CamerasCommand),
@@ -110,6 +114,7 @@ impl Cli {
             Some(Command::Sweep(args)) => args.execute(),
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),
+            Some(Command::Identify(args)) => args.execute(&recordings::read_flight),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Monitor(args)) => args.execute(),

@@ -1,13 +1,13 @@
 //! An identification: from flights to findings, tests of the residuals, and settings.
 
-use oqtal_config::{Config, Setting, VehicleOptions};
+use oqtal_config::{Setting, VehicleOptions};
 use oqtal_runtime::process::{Exit, Failure};
 use serde::Serialize;
 
 use super::camera_figures::{LatencyFigures, RestFigures};
 use super::data::{FlightData, median};
 use super::estimate::{VehicleEstimate, estimate};
-use super::finding::{Finding, rules};
+use super::finding::{Finding, FindingRule, rules};
 use super::fit::FitResult;
 use super::lifting;
 use super::residuals::ResidualTest;
@@ -235,11 +235,23 @@ impl Identification {
         is_any_shown.then(|| findings.iter().map(value).collect())
     }
 
-    /// `settings` with what is found on top of them.
-    ///
-    /// # Errors
-    /// What is found is no configuration.
-    pub fn config(&self, settings: &[Setting]) -> Result<Config, Failure> {
-        Ok(Config::from_settings(&[settings.to_vec(), self.settings()].concat())?)
+    /// `believed` with what is found on top of it.
+    #[must_use]
+    pub fn vehicle(&self, believed: &VehicleOptions) -> VehicleOptions {
+        let mut vehicle = believed.clone();
+        let set = |rule: &FindingRule, target: &mut f64| {
+            let value = rule.key.and_then(|key| self.values(key));
+            *target = value.map_or(*target, |values| values[0]);
+        };
+        set(&rules::DELAY, &mut vehicle.command_delay_ms);
+        set(&rules::RATE_LAG, &mut vehicle.rate_lag_ms);
+        set(&rules::THRUST, &mut vehicle.max_thrust_n);
+        set(&rules::MASS, &mut vehicle.mass_kg);
+        set(&rules::THRUST_LAG, &mut vehicle.thrust_lag_ms);
+        set(&rules::DRAG, &mut vehicle.drag_per_s);
+        let rates = rules::AUTHORITY[0].key.and_then(|key| self.values(key));
+        let rates = rates.and_then(|rates| <[f64; 3]>::try_from(rates).ok());
+        vehicle.rate_authority_rad_s = rates.unwrap_or(vehicle.rate_authority_rad_s);
+        vehicle
     }
 }

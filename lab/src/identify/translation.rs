@@ -49,8 +49,8 @@ pub struct TranslationPass {
     pub innovations: Vec<Vector3<f64>>,
     /// Their expected variance over that of the measurement \[-\].
     pub variances: Vec<f64>,
-    /// Velocity at every pose but the first \[m/s, world\].
-    pub velocities: Vec<Vector3<f64>>,
+    /// Mean acceleration of the model, without gusts, from pose to pose \[m/s^2, world\].
+    pub accelerations: Vec<Vector3<f64>>,
 }
 
 /// The state of the predictor.
@@ -65,6 +65,8 @@ struct Predictor<'a> {
     covariance: Matrix3<f64>,
     /// Time since the last pose \[s\].
     since_s: f64,
+    /// What the model added to the velocity since the last pose, without gusts \[m/s\].
+    gained: Vector3<f64>,
 }
 
 /// Passes through the poses of `data` in the air.
@@ -89,7 +91,7 @@ pub fn pass(
                 break;
             }
         }
-        pass.velocities.push(predictor.velocity);
+        pass.accelerations.push(predictor.mean_acceleration());
         let (innovation, variance) = predictor.correct(&pose.position);
         pass.innovations.push(innovation);
         pass.variances.push(variance);
@@ -123,6 +125,7 @@ impl<'a> Predictor<'a> {
             gust: Vector3::zeros(),
             covariance: Matrix3::from_diagonal(&diagonal),
             since_s: 0.0,
+            gained: Vector3::zeros(),
         }
     }
 
@@ -142,9 +145,16 @@ impl<'a> Predictor<'a> {
         let TranslationModel { gravity_m_s2, drag_per_s, bias, .. } = self.model;
         let force = piece.axis * thrust - Vector3::z() * *gravity_m_s2 + bias + self.gust;
         let middle = self.velocity + (force - self.velocity * *drag_per_s) * (h_s / 2.0);
-        self.velocity += (force - middle * *drag_per_s) * h_s;
+        let gained = (force - middle * *drag_per_s) * h_s;
+        self.velocity += gained;
+        self.gained += gained - self.gust * h_s;
         self.position += middle * h_s;
         self.since_s += h_s;
+    }
+
+    /// Mean acceleration since the last pose, without gusts \[m/s^2\].
+    fn mean_acceleration(&mut self) -> Vector3<f64> {
+        std::mem::take(&mut self.gained) / self.since_s.max(SHORTEST_S)
     }
 
     /// Propagates the covariance over the time since the last pose; the gust fades meanwhile.
