@@ -5,7 +5,7 @@
 //! and begins and ends at rest, so that the vehicle stays close to the hover point, to which it flies back in between. The heading
 //! swings without steps: rotors turn a vehicle about z by their drag alone, and a step of the heading saturates them.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -38,7 +38,7 @@ const STEPS: u32 = 9;
 /// Duration of the steps of the height, with a time to settle \[s\].
 const CLIMB_S: f64 = STEP_S * STEPS as f64 + 0.6;
 /// Frequency of the heading at the start and at the end \[Hz\].
-const YAW_HZ: [f64; 2] = [0.2, 0.9];
+const YAW_HZ: [f64; 2] = [0.3, 0.8];
 /// Duration of one way of the travel \[s\].
 const WAY_S: f64 = 2.6;
 /// Number of ways \[-\].
@@ -60,7 +60,7 @@ pub struct Excitation {
 
 impl Default for Excitation {
     fn default() -> Self {
-        Self { tilt_deg: 10.0, yaw_deg: 20.0, climb_m: 0.3, travel_m: 1.6 }
+        Self { tilt_deg: 10.0, yaw_deg: 15.0, climb_m: 0.3, travel_m: 1.6 }
     }
 }
 
@@ -89,11 +89,7 @@ impl Excitation {
             });
             return reference;
         }
-        if climb_s < CLIMB_S {
-            self.climb(climb_s)
-        } else {
-            self.travel(climb_s - CLIMB_S)
-        }
+        if climb_s < CLIMB_S { self.climb(climb_s) } else { self.travel(climb_s - CLIMB_S) }
     }
 
     /// Height and heading at `t_s` after the start of the climbs.
@@ -106,7 +102,9 @@ impl Excitation {
             _ => -1.0,
         };
         let position = Vector3::z() * (side * self.climb_m);
-        let yaw_rad = chirp(t_s, CLIMB_S, YAW_HZ) * self.yaw_deg.to_radians();
+        // Grows from nothing and fades again: a heading that jumped would saturate the rotors.
+        let growth = (PI * t_s / CLIMB_S).sin();
+        let yaw_rad = growth * chirp(t_s, CLIMB_S, YAW_HZ) * self.yaw_deg.to_radians();
         Reference { yaw_rad, ..Reference::rest(position, Phase::Trajectory) }
     }
 
@@ -114,7 +112,8 @@ impl Excitation {
     fn travel(&self, t_s: f64) -> Reference {
         // The cast rounds down.
         let way = ((t_s / WAY_S) as u32).min(WAYS - 1);
-        let [x, y] = [[0.5, 0.25], [-0.5, -0.25], [0.5, -0.25], [-0.5, 0.25], [0.0, 0.0]][way as usize];
+        let [x, y] =
+            [[0.5, 0.25], [-0.5, -0.25], [0.5, -0.25], [-0.5, 0.25], [0.0, 0.0]][way as usize];
         Reference::rest(Vector3::new(x, y, 0.0) * self.travel_m, Phase::Trajectory)
     }
 }

@@ -11,7 +11,7 @@ const FEWEST: usize = 20;
 
 /// Latency of poses, from their capture, as they say, to their publication.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct LatencyFigures {
+pub struct PoseLatency {
     /// Median \[ms\].
     pub median_ms: f64,
     /// What 95 of 100 do not exceed \[ms\].
@@ -55,7 +55,7 @@ fn scatter(poses: &[PoseRecord], of: impl Fn(&PoseRecord) -> Vector3<f64>) -> Ve
     (0..3).flat_map(one).collect()
 }
 
-impl LatencyFigures {
+impl PoseLatency {
     /// Of the poses that `of` chooses; `None` if there are none.
     #[must_use]
     pub fn of(flights: &[FlightData], of: fn(&FlightData) -> &Vec<PoseRecord>) -> Option<Self> {

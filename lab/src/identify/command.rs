@@ -144,7 +144,8 @@ fn check_interface(config: &Config) -> Result<(), Failure> {
     if config.vehicle.interface == Interface::Rate {
         return Ok(());
     }
-    let reason = "only vehicles that are commanded by rates are identified (vehicle.interface = \"rate\")";
+    let reason =
+        "only vehicles that are commanded by rates are identified (vehicle.interface = \"rate\")";
     Err(Failure::new(Exit::Usage, reason))
 }
 

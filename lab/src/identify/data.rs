@@ -57,9 +57,8 @@ impl FlightData {
         let armed_s = flight.armed().next().map_or(f64::INFINITY, |s| seconds(s.telemetry.time));
         let rest: Vec<_> = poses.iter().copied().filter(|pose| pose.captured_s < armed_s).collect();
         let floor_m = median(rest.iter().map(|pose| pose.position.z)).unwrap_or(0.0);
-        let is_clear = |pose: &PoseRecord| {
-            pose.captured_s >= armed_s && pose.position.z > floor_m + CLEAR_M
-        };
+        let is_clear =
+            |pose: &PoseRecord| pose.captured_s >= armed_s && pose.position.z > floor_m + CLEAR_M;
         let first = poses.iter().position(is_clear).unwrap_or(poses.len());
         let last = poses.iter().rposition(is_clear).map_or(first, |last| last + 1);
         let until_s = armed_until_s(flight);
@@ -115,12 +114,12 @@ fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
     (kept.map(|(command, _)| command).collect(), median(delays_s.into_iter()))
 }
 
-/// The median of `values`; `None` of none.
+/// The median of `values` \[their unit\]; `None` of none.
 pub fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     quantile(values, 0.5)
 }
 
-/// The value below which this share \[0..1\] of `values` is; `None` of none.
+/// The value below which this share \[0..1\] of `values` is \[their unit\]; `None` of none.
 pub fn quantile(values: impl Iterator<Item = f64>, share: f64) -> Option<f64> {
     let mut sorted: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
     sorted.sort_by(f64::total_cmp);

@@ -4,22 +4,19 @@ use nalgebra::Vector3;
 use oqtal_config::VehicleOptions;
 
 use super::data::FlightData;
-use super::inner_loop::RateLoopLags;
 use super::lifting::{LiftingFit, TurnedFlights, lifting};
 use super::rotation::RotationModel;
 use super::translation::TranslationModel;
-use super::turning::{LoopOrder, TurningFit, turning};
+use super::turning::{TurningFit, turning};
 
 /// Fewest poses in the air of a flight that is used: two seconds at 60 Hz.
 const FEWEST_POSES: usize = 120;
 
 /// The fits of an identification.
 #[derive(Clone, Debug)]
-pub struct VehicleEstimate {
+pub struct VehicleFit {
     /// The rotation.
     pub turning: TurningFit,
-    /// Whether the rotors' lag is inside the rate loop.
-    pub has_rotors_in_loop: bool,
     /// The translation, the thrust straight over its command.
     pub lifting: LiftingFit,
     /// The translation, the thrust curved.
@@ -28,17 +25,17 @@ pub struct VehicleEstimate {
 
 /// Fits the model of `believed` to `flights`.
 #[must_use]
-pub fn estimate(flights: &[FlightData], believed: &VehicleOptions) -> Option<VehicleEstimate> {
+pub fn estimate(flights: &[FlightData], believed: &VehicleOptions) -> Option<VehicleFit> {
     if flights.is_empty() || flights.iter().any(|data| data.air.len() < FEWEST_POSES) {
         return None;
     }
     let start = RotationModel {
         delay_s: believed.command_delay_ms * 1e-3,
-        lags: RateLoopLags { lag_s: believed.rate_lag_ms * 1e-3, actuator_s: 0.0 },
+        lag_s: believed.rate_lag_ms * 1e-3,
         authority: Vector3::from(believed.rate_authority_rad_s),
         bias: Vector3::zeros(),
     };
-    let first = turning(flights, &start, LoopOrder::First)?;
+    let turning = turning(flights, &start)?;
     let start = TranslationModel {
         gravity_m_s2: believed.gravity_m_s2,
         thrust_m_s2: believed.max_thrust_n / believed.mass_kg,
@@ -51,20 +48,9 @@ pub fn estimate(flights: &[FlightData], believed: &VehicleOptions) -> Option<Veh
     let lift = |turning: &TurningFit, is_curved| {
         lifting(TurnedFlights { flights, rotations: &turning.passes }, &start, is_curved)
     };
-    let lifting = lift(&first, false)?;
-    // The thrust is late by its lag and the delay; of their sum the fit is sure, whatever the rotation took for the delay.
-    let late_s = first.fit.values[0] + lifting.fit.values[1];
-    let second = turning(flights, &first.models[0], LoopOrder::WithRotors(late_s))?;
-    let has_rotors_in_loop = second.likelihood > first.likelihood;
-    let (turning, lifting) = match has_rotors_in_loop {
-        true => {
-            let lifting = lift(&second, false)?;
-            (second, lifting)
-        }
-        false => (first, lifting),
-    };
+    let lifting = lift(&turning, false)?;
     let curved = lift(&turning, true)?;
-    Some(VehicleEstimate { turning, has_rotors_in_loop, lifting, curved })
+    Some(VehicleFit { turning, lifting, curved })
 }
 
 /// Mean commanded share of the greatest thrust in the air \[0..1\].

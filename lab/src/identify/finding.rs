@@ -7,7 +7,7 @@ pub const INTERVAL: f64 = 1.96;
 
 /// A parameter as the flights show it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Finding {
+pub struct ParameterFinding {
     /// What it is.
     pub name: &'static str,
     /// The key of the configuration that has its value; `None` if none has.
@@ -44,22 +44,22 @@ pub struct FindingRule {
 impl FindingRule {
     /// The finding of `value` with the standard deviation `sd`, `before` in the configuration.
     #[must_use]
-    pub fn found(&self, value: f64, sd: f64, before: Option<f64>) -> Finding {
+    pub fn found(&self, value: f64, sd: f64, before: Option<f64>) -> ParameterFinding {
         let Self { name, key, unit, widest_ratio, widest, motion } = *self;
         let half_width = INTERVAL * sd;
         let is_shown = half_width <= widest.max(widest_ratio * value.abs());
         let missing = (!is_shown).then_some(motion);
-        Finding { name, key, unit, value, half_width, before, missing }
+        ParameterFinding { name, key, unit, value, half_width, before, missing }
     }
 
     /// The finding of a `value` that was told.
     #[must_use]
-    pub fn told(&self, value: f64, before: Option<f64>) -> Finding {
+    pub fn told(&self, value: f64, before: Option<f64>) -> ParameterFinding {
         self.found(value, 0.0, before)
     }
 }
 
-impl Finding {
+impl ParameterFinding {
     /// Whether the flights show the value.
     #[must_use]
     pub fn is_shown(&self) -> bool {
@@ -89,7 +89,7 @@ pub mod rules {
         key: Some("vehicle.command-delay-ms"),
         unit: "ms",
         widest_ratio: 0.0,
-        widest: 5.0,
+        widest: 8.0,
         motion: FAST,
     };
     /// The part of the delay that the stamps of the commands do not show.
@@ -145,8 +145,8 @@ pub mod rules {
         name: "drag",
         key: Some("vehicle.drag-per-s"),
         unit: "1/s",
-        widest_ratio: 0.5,
-        widest: 0.06,
+        widest_ratio: 0.25,
+        widest: 0.04,
         motion: "travel to and fro at the greatest speed",
     };
     /// External acceleration along x, y and z.

@@ -64,12 +64,8 @@ pub fn fit(
     residuals: &dyn Fn(&[f64]) -> Vec<f64>,
 ) -> Option<Vec<f64>> {
     let mut values: Vec<f64> = parameters.iter().map(FitParameter::inside).collect();
-    let config = MPConfig {
-        max_iter: ITERATIONS,
-        ftol: TOLERANCE,
-        xtol: TOLERANCE,
-        ..MPConfig::new()
-    };
+    let config =
+        MPConfig { max_iter: ITERATIONS, ftol: TOLERANCE, xtol: TOLERANCE, ..MPConfig::new() };
     let mut problem = Problem {
         parameters: parameters.iter().map(FitParameter::constraint).collect(),
         config,
@@ -136,16 +132,14 @@ pub fn covariance(
     let white = information.try_inverse()?;
     let freedom = best.len().saturating_sub(free.len()).max(1) as f64;
     let square = best.iter().map(|residual| residual * residual).sum::<f64>() / freedom;
-    let scores = DMatrix::from_fn(best.len(), free.len(), |row, column| {
-        jacobian[(row, column)] * best[row]
-    });
+    let scores =
+        DMatrix::from_fn(best.len(), free.len(), |row, column| jacobian[(row, column)] * best[row]);
     let meat = long_run(&scores, series);
     let correlated = &white * meat * &white;
     let white = white * square;
     // Scales the white covariance, so that the correlations of the parameters remain.
-    let scale = DVector::from_fn(free.len(), |k, _| {
-        (correlated[(k, k)] / white[(k, k)]).max(1.0).sqrt()
-    });
+    let scale =
+        DVector::from_fn(free.len(), |k, _| (correlated[(k, k)] / white[(k, k)]).max(1.0).sqrt());
     let mut whole = DMatrix::zeros(values.len(), values.len());
     for (i, j) in (0..free.len()).flat_map(|i| (0..free.len()).map(move |j| (i, j))) {
         whole[(free[i], free[j])] = white[(i, j)] * scale[i] * scale[j];

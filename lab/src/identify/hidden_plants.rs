@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use super::data::{FlightData, median, quantile};
 use super::excitation_flight;
-use super::finding::{Finding, rules};
+use super::finding::{ParameterFinding, rules};
 use super::identification::{Identification, Scale, identify};
 use crate::campaign::metric::{of_attitude, of_hover};
 use crate::mission::Mission;
@@ -128,7 +128,7 @@ pub fn hidden_plant(config: &Config) -> Result<HiddenPlant, Failure> {
     let failed = HiddenPlant { seed, parameters: Vec::new(), flown_ratio: None };
     let Ok(identification) = identified(config) else { return Ok(failed) };
     let truth = truth(config);
-    let parameters = parameters(&identification, &truth);
+    let parameters = parameters(&identification, &equivalent(config));
     let found = identification.vehicle(&config.vehicle);
     let [by_found, by_truth] = [found, truth].map(|vehicle| figures(config, &vehicle));
     let (by_found, by_truth) = (by_found?, by_truth?);
@@ -166,10 +166,30 @@ pub fn truth(config: &Config) -> VehicleOptions {
     }
 }
 
+/// What a loop of first order has to be to answer as that of `config` does. A loop around rotors of lag `a` is of second order,
+/// `a T s^2 + T s + 1`: its slow pole is the lag, its fast one acts as a delay. The thrust, which is as late, lags behind that delay
+/// by what remains.
+#[must_use]
+pub fn equivalent(config: &Config) -> VehicleOptions {
+    let truth = truth(config);
+    if config.plant.fidelity == Fidelity::Eq61 {
+        return truth;
+    }
+    let (loop_ms, rotors_ms) = (truth.rate_lag_ms, truth.thrust_lag_ms);
+    let discriminant = (1.0 - 4.0 * rotors_ms / loop_ms).max(0.0);
+    let fast_ms = 0.5 * loop_ms * (1.0 - discriminant.sqrt());
+    VehicleOptions {
+        rate_lag_ms: loop_ms - fast_ms,
+        command_delay_ms: truth.command_delay_ms + fast_ms,
+        thrust_lag_ms: (rotors_ms - fast_ms).max(0.0),
+        ..truth
+    }
+}
+
 /// The errors of the findings.
 #[must_use]
 pub fn parameters(identification: &Identification, truth: &VehicleOptions) -> Vec<HiddenParameter> {
-    let one = |finding: &Finding| {
+    let one = |finding: &ParameterFinding| {
         let relative = |truth: f64| (truth, 100.0 / truth, "%");
         let in_ms = |truth: f64| (truth, 1.0, "ms");
         let axis = rules::AUTHORITY.iter().position(|rule| rule.name == finding.name);
@@ -223,7 +243,9 @@ impl HiddenRoom {
 
     fn names(&self) -> Vec<(&'static str, &'static str)> {
         let first = self.plants.iter().find(|plant| !plant.parameters.is_empty());
-        first.map_or_else(Vec::new, |plant| plant.parameters.iter().map(|p| (p.name, p.unit)).collect())
+        first.map_or_else(Vec::new, |plant| {
+            plant.parameters.iter().map(|p| (p.name, p.unit)).collect()
+        })
     }
 
     fn to_markdown(&self) -> String {

@@ -4,10 +4,10 @@ use oqtal_config::{Setting, VehicleOptions};
 use oqtal_runtime::process::{Exit, Failure};
 use serde::Serialize;
 
-use super::camera_figures::{LatencyFigures, RestFigures};
+use super::camera_figures::{PoseLatency, RestFigures};
 use super::data::{FlightData, median};
-use super::estimate::{VehicleEstimate, estimate};
-use super::finding::{Finding, FindingRule, rules};
+use super::estimate::{VehicleFit, estimate};
+use super::finding::{FindingRule, ParameterFinding, rules};
 use super::fit::FitResult;
 use super::lifting;
 use super::residuals::ResidualTest;
@@ -17,6 +17,9 @@ use super::turning;
 const BODY_AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 /// Names of the axes of the world.
 const WORLD_AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Lag of the thrust below which the rotors seem to follow at once \[s\].
+const PROMPT_S: f64 = 3e-3;
 
 /// What is known of the vehicle beside its flights: they show the thrust over the mass alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,24 +36,24 @@ pub enum Scale {
 #[derive(Clone, Debug, Serialize)]
 pub struct Identification {
     /// The parameters.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<ParameterFinding>,
     /// The tests of the residuals, for each axis of attitude and position.
     pub residuals: Vec<ResidualTest>,
     /// The cameras at rest; `None` without poses at rest.
     pub at_rest: Option<RestFigures>,
     /// Latency of the poses at rest.
-    pub latency_at_rest: Option<LatencyFigures>,
+    pub latency_at_rest: Option<PoseLatency>,
     /// Latency of the poses in flight.
-    pub latency_in_flight: Option<LatencyFigures>,
+    pub latency_in_flight: Option<PoseLatency>,
     /// Correlation time of the gusts \[s\].
     pub gust_s: f64,
-    /// Whether the rate loop is closed around rotors that lag as the thrust does.
-    pub has_rotors_in_loop: bool,
+    /// Whether the thrust follows so soon that the lag of the rotors must be in the delay.
+    pub has_prompt_thrust: bool,
     /// Poses that were used \[-\].
     pub poses: usize,
     /// The fits, for plots.
     #[serde(skip)]
-    pub estimate: VehicleEstimate,
+    pub estimate: VehicleFit,
 }
 
 /// Identifies the vehicle that flew `flights`, which is believed to be `believed`. Nothing else is known of it but its `scale`.
@@ -77,10 +80,10 @@ pub fn identify(
         findings: findings.concat(),
         residuals: residuals(&estimate),
         at_rest: RestFigures::of(flights),
-        latency_at_rest: LatencyFigures::of(flights, |data| &data.rest),
-        latency_in_flight: LatencyFigures::of(flights, |data| &data.air),
+        latency_at_rest: PoseLatency::of(flights, |data| &data.rest),
+        latency_in_flight: PoseLatency::of(flights, |data| &data.air),
         gust_s: estimate.lifting.noise.gust_s,
-        has_rotors_in_loop: estimate.has_rotors_in_loop,
+        has_prompt_thrust: estimate.lifting.fit.values[1] < PROMPT_S,
         poses: flights.iter().map(|data| data.air.len()).sum(),
         estimate,
     })
@@ -98,10 +101,10 @@ fn of(fit: &FitResult, index: usize, factor: f64) -> (f64, f64) {
 }
 
 fn rotation(
-    estimate: &VehicleEstimate,
+    estimate: &VehicleFit,
     believed: &VehicleOptions,
     stamped_s: Option<f64>,
-) -> Vec<Finding> {
+) -> Vec<ParameterFinding> {
     let fit = &estimate.turning.fit;
     let (delay_ms, sd_ms) = of(fit, 0, 1e3);
     let mut findings = vec![rules::DELAY.found(delay_ms, sd_ms, Some(believed.command_delay_ms))];
@@ -121,10 +124,10 @@ fn rotation(
 }
 
 fn translation(
-    estimate: &VehicleEstimate,
+    estimate: &VehicleFit,
     believed: &VehicleOptions,
     scale: Scale,
-) -> Vec<Finding> {
+) -> Vec<ParameterFinding> {
     let fit = &estimate.lifting.fit;
     let (ratio, sd) = of(fit, 0, 1.0);
     let before = (Some(believed.mass_kg), Some(believed.max_thrust_n));
@@ -161,7 +164,7 @@ fn translation(
     findings
 }
 
-fn noise(estimate: &VehicleEstimate) -> Vec<Finding> {
+fn noise(estimate: &VehicleFit) -> Vec<ParameterFinding> {
     let (turning, lifting) = (&estimate.turning, &estimate.lifting);
     let count: usize = turning.passes.iter().map(|pass| 3 * pass.innovations.len()).sum();
     let sd_ratio = (2.0 * count as f64).sqrt().recip();
@@ -175,7 +178,7 @@ fn noise(estimate: &VehicleEstimate) -> Vec<Finding> {
     ]
 }
 
-fn residuals(estimate: &VehicleEstimate) -> Vec<ResidualTest> {
+fn residuals(estimate: &VehicleFit) -> Vec<ResidualTest> {
     let (turning, lifting) = (&estimate.turning, &estimate.lifting);
     let mut tests = Vec::new();
     for axis in 0..3 {
@@ -194,7 +197,7 @@ fn residuals(estimate: &VehicleEstimate) -> Vec<ResidualTest> {
 impl Identification {
     /// The findings of a key that the flights show, all of its components.
     #[must_use]
-    pub fn of_key(&self, key: &str) -> Vec<&Finding> {
+    pub fn of_key(&self, key: &str) -> Vec<&ParameterFinding> {
         self.findings.iter().filter(|finding| finding.key == Some(key)).collect()
     }
 
@@ -228,7 +231,7 @@ impl Identification {
     pub fn values(&self, key: &str) -> Option<Vec<f64>> {
         let findings = self.of_key(key);
         let is_any_shown = findings.iter().any(|finding| finding.is_shown());
-        let value = |finding: &&Finding| match finding.before {
+        let value = |finding: &&ParameterFinding| match finding.before {
             Some(before) if !finding.is_shown() => before,
             _ => finding.value,
         };

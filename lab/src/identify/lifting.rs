@@ -112,7 +112,7 @@ fn residuals(
     axes.flat_map(|(pass, axis)| normalised(pass, noise, axis)).map(huber).collect()
 }
 
-/// The innovations along an axis in expected standard deviations.
+/// The innovations along an axis \[expected standard deviations\].
 pub fn normalised(pass: &TranslationPass, noise: &TranslationNoise, axis: usize) -> Vec<f64> {
     let sd = |variance: &f64| noise.measured_m * variance.sqrt();
     let pairs = pass.innovations.iter().zip(&pass.variances);
@@ -135,9 +135,8 @@ fn noise_of(
         noise.gust_ratio = best_in_proportion(GUSTS, 15, |gust_ratio| {
             log(TranslationNoise { gust_ratio, ..noise })
         });
-        noise.gust_s = best_in_proportion(GUST_TIMES, 9, |gust_s| {
-            log(TranslationNoise { gust_s, ..noise })
-        });
+        noise.gust_s =
+            best_in_proportion(GUST_TIMES, 9, |gust_s| log(TranslationNoise { gust_s, ..noise }));
     }
     TranslationNoise { measured_m: likelihood(&passes(turned, models, &noise)).measured, ..noise }
 }

@@ -29,7 +29,7 @@ impl Likelihood {
     }
 }
 
-/// The value between `low` and `high` at which `of` is greatest: the best of `count` values that divide the range evenly in
+/// The value between `low` and `high` \[any unit\] at which `of` is greatest: the best of `count` values that divide the range evenly in
 /// proportion.
 pub fn best_in_proportion(
     [low, high]: [f64; 2],

@@ -4,9 +4,9 @@ use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
 use oqtal_observe::plot::unit::{MISSING, rounded};
 
-use super::camera_figures::LatencyFigures;
+use super::camera_figures::PoseLatency;
 use super::digits::with_interval;
-use super::finding::Finding;
+use super::finding::ParameterFinding;
 use super::identification::Identification;
 
 /// The headings of the findings.
@@ -14,8 +14,8 @@ pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
 
 /// The cells of a finding under [`HEADINGS`].
 #[must_use]
-pub fn cells(finding: &Finding) -> [String; 5] {
-    let Finding { name, unit, value, half_width, before, missing, .. } = finding;
+pub fn cells(finding: &ParameterFinding) -> [String; 5] {
+    let ParameterFinding { name, unit, value, half_width, before, missing, .. } = finding;
     let (value_text, half) = match half_width {
         half if half.is_infinite() => (rounded(*value, 3), MISSING.to_owned()),
         half if *half == 0.0 => (rounded(*value, 4), "told".to_owned()),
@@ -52,17 +52,19 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
             names.join("; ")
         ),
     });
-    if identification.has_rotors_in_loop {
-        let lag = "the rate loop is closed around rotors that lag as the thrust does";
-        lines.push(format!("rotation: {lag}; `rate lag` is that of the loop alone"));
+    if identification.has_prompt_thrust {
+        let reason = "the lag of the rotors is then inside the rate loop";
+        let effect =
+            "it is in the delay, and missing in rate lag and thrust lag; their sums are right";
+        lines.push(format!("thrust that follows at once: {reason}: {effect}"));
     }
     lines.push(cameras(identification));
     lines
 }
 
 fn cameras(identification: &Identification) -> String {
-    let latency = |figures: &Option<LatencyFigures>| match figures {
-        Some(LatencyFigures { median_ms, p95_ms }) => {
+    let latency = |figures: &Option<PoseLatency>| match figures {
+        Some(PoseLatency { median_ms, p95_ms }) => {
             format!("latency {median_ms:.1} ms, 95 of 100 below {p95_ms:.1} ms")
         }
         None => "no latency".to_owned(),
@@ -70,7 +72,10 @@ fn cameras(identification: &Identification) -> String {
     let at_rest = match &identification.at_rest {
         Some(rest) => {
             let (mm, deg) = (rest.position_mm, rest.attitude_deg);
-            format!("at rest {mm:.3} mm and {deg:.3} deg, {}", latency(&identification.latency_at_rest))
+            format!(
+                "at rest {mm:.3} mm and {deg:.3} deg, {}",
+                latency(&identification.latency_at_rest)
+            )
         }
         None => "no poses at rest".to_owned(),
     };

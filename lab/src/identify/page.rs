@@ -56,8 +56,13 @@ fn findings(identification: &Identification) -> Markup {
 }
 
 fn residuals(identification: &Identification) -> Markup {
-    let headings =
-        ["", "residuals", "correlation with the next", "Ljung-Box (20), white below 37.6", "beyond 4 sd"];
+    let headings = [
+        "",
+        "residuals",
+        "correlation with the next",
+        "Ljung-Box (20), white below 37.6",
+        "beyond 4 sd",
+    ];
     html! {
         table {
             thead { tr { @for heading in headings { th { (heading) } } } }

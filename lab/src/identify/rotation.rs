@@ -4,9 +4,9 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::data::FlightData;
-use super::inner_loop::RateLoopLags;
-use super::robust::limited;
-use super::timeline::Timeline;
+use super::inner_loop::LoopStep;
+use super::robust::{LostTrack, limited};
+use super::timeline::CommandTimeline;
 
 /// Standard deviation of the rate before the first pose \[rad/s\].
 const INITIAL_RATE: f64 = 0.5;
@@ -16,8 +16,8 @@ const INITIAL_RATE: f64 = 0.5;
 pub struct RotationModel {
     /// From the sending of a command to its effect \[s\].
     pub delay_s: f64,
-    /// Time constants of the rate loop.
-    pub lags: RateLoopLags,
+    /// Time constant of the rate loop \[s\].
+    pub lag_s: f64,
     /// Rate at full stick \[rad/s, body\].
     pub authority: Vector3<f64>,
     /// Error of the rate that the vehicle follows \[rad/s, body\].
@@ -66,11 +66,11 @@ struct Predictor<'a> {
     model: &'a RotationModel,
     attitude: UnitQuaternion<f64>,
     rate: Vector3<f64>,
-    acceleration: Vector3<f64>,
     /// Covariance of angle and rate over the variance of a measurement: `[angle, both, rate]`.
     covariance: [f64; 3],
     /// Variance that the rate gains in a second, over that of a measurement \[1/s^3\].
     walk: f64,
+    lost: LostTrack,
 }
 
 /// Passes through the poses of `data` in the air.
@@ -78,7 +78,7 @@ struct Predictor<'a> {
 pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> RotationPass {
     let Some((first, poses)) = data.air.split_first() else { return RotationPass::default() };
     let mut pass = RotationPass::default();
-    let mut timeline = Timeline::new(&data.commands, model.delay_s);
+    let mut timeline = CommandTimeline::new(&data.commands, model.delay_s);
     let began_s = data.commands.first().map_or(first.captured_s, |first| first.sent_s);
     timeline.pieces((began_s, first.captured_s), |h_s, command| {
         pass.before.push((h_s, command.map_or(0.0, |command| command.thrust)));
@@ -105,29 +105,23 @@ pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> 
 }
 
 impl<'a> Predictor<'a> {
-    fn new(
-        model: &'a RotationModel,
-        attitude: UnitQuaternion<f64>,
-        noise: &RotationNoise,
-    ) -> Self {
+    fn new(model: &'a RotationModel, attitude: UnitQuaternion<f64>, noise: &RotationNoise) -> Self {
         Self {
             model,
             attitude,
             rate: Vector3::zeros(),
-            acceleration: Vector3::zeros(),
             covariance: [1.0, 0.0, (INITIAL_RATE / noise.measured_rad).powi(2)],
             walk: noise.walk_ratio * noise.walk_ratio,
+            lost: LostTrack::default(),
         }
     }
 
     /// Advances by `h_s` \[s\]; returns body z in the middle of that time \[world\].
     fn advance(&mut self, h_s: f64, sticks: &Vector3<f64>) -> Vector3<f64> {
-        let step = self.model.lags.over(h_s);
+        let step = LoopStep::new(self.model.lag_s, h_s);
         let demand = self.model.authority.component_mul(sticks) + self.model.bias;
         let before = self.rate;
-        let turned = Vector3::from_fn(|axis, _| {
-            step.advance(&mut self.rate[axis], &mut self.acceleration[axis], demand[axis])
-        });
+        let turned = Vector3::from_fn(|axis, _| step.advance(&mut self.rate[axis], demand[axis]));
         // Rotations about changing axes do not commute: the coning of a rate that changes evenly.
         let coning = before.cross(&self.rate) * (h_s * h_s / 12.0);
         let half = UnitQuaternion::from_scaled_axis((turned + coning) * 0.5);
@@ -152,7 +146,13 @@ impl<'a> Predictor<'a> {
         let innovation = (self.attitude.inverse() * measured).scaled_axis();
         let [p, c, r] = self.covariance;
         let variance = p + 1.0;
-        let counted = limited(&innovation, measured_rad * variance.sqrt());
+        let sd = measured_rad * variance.sqrt();
+        if self.lost.notices(&innovation, sd) {
+            self.attitude = *measured;
+            self.covariance = [1.0, 0.0, (INITIAL_RATE / measured_rad).powi(2)];
+            return (innovation, variance);
+        }
+        let counted = limited(&innovation, sd);
         self.attitude *= UnitQuaternion::from_scaled_axis(counted * (p / variance));
         self.rate += counted * (c / variance);
         self.covariance = [p / variance, c / variance, r - c * c / variance];

@@ -7,14 +7,14 @@ const LONGEST_S: f64 = 6e-3;
 
 /// The commands of a flight under a delay, passed through in the order of time.
 #[derive(Clone, Debug)]
-pub struct Timeline<'a> {
+pub struct CommandTimeline<'a> {
     commands: &'a [CommandRecord],
     delay_s: f64,
     /// Number of commands that have taken effect \[-\].
     acted: usize,
 }
 
-impl<'a> Timeline<'a> {
+impl<'a> CommandTimeline<'a> {
     /// Commands that act `delay_s` \[s\] after they were sent.
     #[must_use]
     pub fn new(commands: &'a [CommandRecord], delay_s: f64) -> Self {

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::data::FlightData;
-use super::robust::limited;
+use super::robust::{LostTrack, limited};
 use super::rotation::{RotationPass, ThrustPiece};
 
 /// Standard deviation of the velocity before the first pose \[m/s\].
@@ -67,6 +67,7 @@ struct Predictor<'a> {
     since_s: f64,
     /// What the model added to the velocity since the last pose, without gusts \[m/s\].
     gained: Vector3<f64>,
+    lost: LostTrack,
 }
 
 /// Passes through the poses of `data` in the air.
@@ -99,6 +100,15 @@ pub fn pass(
     pass
 }
 
+impl TranslationNoise {
+    /// Covariance of position, velocity and gust after a pose alone, over the variance of a measurement.
+    fn initial(&self) -> Matrix3<f64> {
+        let velocity = INITIAL_VELOCITY / self.measured_m;
+        let diagonal = Vector3::new(1.0, velocity * velocity, self.gust_ratio.powi(2));
+        Matrix3::from_diagonal(&diagonal)
+    }
+}
+
 impl TranslationModel {
     /// Thrust over the mass at a commanded share \[m/s^2\].
     #[must_use]
@@ -114,8 +124,6 @@ impl<'a> Predictor<'a> {
         noise: &'a TranslationNoise,
         position: Vector3<f64>,
     ) -> Self {
-        let velocity = INITIAL_VELOCITY / noise.measured_m;
-        let diagonal = Vector3::new(1.0, velocity * velocity, noise.gust_ratio.powi(2));
         Self {
             model,
             noise,
@@ -123,9 +131,10 @@ impl<'a> Predictor<'a> {
             position,
             velocity: Vector3::zeros(),
             gust: Vector3::zeros(),
-            covariance: Matrix3::from_diagonal(&diagonal),
+            covariance: noise.initial(),
             since_s: 0.0,
             gained: Vector3::zeros(),
+            lost: LostTrack::default(),
         }
     }
 
@@ -162,9 +171,15 @@ impl<'a> Predictor<'a> {
         let h = self.since_s;
         let keep = (-h / self.noise.gust_s).exp();
         let transition = Matrix3::new(
-            1.0, h, h * h / 2.0, //
-            0.0, 1.0 - self.model.drag_per_s * h, h, //
-            0.0, 0.0, keep,
+            1.0,
+            h,
+            h * h / 2.0, //
+            0.0,
+            1.0 - self.model.drag_per_s * h,
+            h, //
+            0.0,
+            0.0,
+            keep,
         );
         self.covariance = transition * self.covariance * transition.transpose();
         let added = self.noise.gust_ratio.powi(2) * (1.0 - keep * keep);
@@ -182,7 +197,13 @@ impl<'a> Predictor<'a> {
         self.propagate();
         let innovation = measured - self.position;
         let variance = self.covariance[(0, 0)] + 1.0;
-        let counted = limited(&innovation, self.noise.measured_m * variance.sqrt());
+        let sd = self.noise.measured_m * variance.sqrt();
+        if self.lost.notices(&innovation, sd) {
+            self.position = *measured;
+            self.covariance = self.noise.initial();
+            return (innovation, variance);
+        }
+        let counted = limited(&innovation, sd);
         let column = self.covariance.column(0).into_owned();
         let gain = column / variance;
         self.position += counted * gain.x;

@@ -1,7 +1,7 @@
 //! The findings as a configuration.
 
 use super::digits::with_interval;
-use super::finding::Finding;
+use super::finding::ParameterFinding;
 use super::identification::Identification;
 
 /// Column at which remarks begin \[characters\].
@@ -38,7 +38,8 @@ fn line(identification: &Identification, key: &str, name: &str) -> String {
     let Some(values) = identification.values(key) else {
         return format!("# {name}: {remark}\n");
     };
-    let half = |finding: &&&Finding| if finding.is_shown() { finding.half_width } else { 0.0 };
+    let half =
+        |finding: &&&ParameterFinding| if finding.is_shown() { finding.half_width } else { 0.0 };
     let numbers: Vec<String> = values
         .iter()
         .zip(findings.iter().map(|finding| half(&finding)))
@@ -56,8 +57,8 @@ fn with_decimals(number: String) -> String {
     if number.contains('.') { number } else { number + ".0" }
 }
 
-fn remark(finding: &Finding) -> String {
-    let Finding { value, half_width, before, missing, .. } = finding;
+fn remark(finding: &ParameterFinding) -> String {
+    let ParameterFinding { value, half_width, before, missing, .. } = finding;
     let before = before.map_or(String::new(), |before| format!(", before {before}"));
     match missing {
         Some(motion) => {
