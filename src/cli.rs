@@ -16,11 +16,13 @@ use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::info::InfoArgs;
 use crate::latency::{LatencyArgs, Part};
 use crate::record::RecordArgs;
+use crate::recordings;
 use crate::replay::ReplayArgs;
 use crate::report::ReportArgs;
 use crate::view::ViewArgs;
 use oqtal_lab::cameras::CamerasCommand;
 use oqtal_lab::campaign::CampaignArgs;
+use oqtal_lab::identify::command::IdentifyArgs;
 use oqtal_lab::reproduce::ReproduceArgs;
 use oqtal_lab::robustness::RobustnessArgs;
 use oqtal_lab::sweep::SweepArgs;
@@ -53,6 +55,8 @@ enum Command {
     Robustness(RobustnessArgs),
     /// Tune gains on simulated flights
     Tune(TuneArgs),
+    /// Identify a vehicle from recordings of its flights, or from a simulated flight: delays, lags, gains, drag, with intervals
+    Identify(Box<IdentifyArgs>),
     /// Compare the emulated cameras with recordings of real ones, and estimators on both
     #[command(subcommand)]
     Cameras(CamerasCommand),
@@ -114,6 +118,7 @@ impl Cli {
             Some(Command::Reproduce(args)) => args.execute(),
             Some(Command::Robustness(args)) => args.execute(),
             Some(Command::Tune(args)) => args.execute(),
+            Some(Command::Identify(args)) => args.execute(&recordings::read_flight),
             Some(Command::Cameras(command)) => command.execute(),
             Some(Command::Ctl(args)) => args.execute(),
             Some(Command::Monitor(args)) => args.execute(),

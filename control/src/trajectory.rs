@@ -4,6 +4,7 @@
 //! around it. Both are pure functions of time.
 
 mod attitude;
+mod excitation;
 mod options;
 mod path;
 mod plan;
@@ -12,6 +13,7 @@ pub mod shape;
 mod waypoints;
 
 pub use attitude::{AttitudeChirp, AttitudeDoublet};
+pub use excitation::Excitation;
 pub use options::{TrajectoryKind, TrajectoryOptions};
 pub use path::Trajectory;
 pub use plan::{FlightPlan, StartPoint};

@@ -4,6 +4,7 @@
 pub mod cameras;
 pub mod campaign;
 pub mod csv_text;
+pub mod identify;
 pub mod mission;
 pub mod progress;
 pub mod replay;

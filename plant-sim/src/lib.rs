@@ -31,6 +31,7 @@ use oqtal_wire::truth::TruthSource;
 pub use disturbance::{AppliedLoad, DisturbanceClock, LoadSchedule, SceneDisturbance};
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
 pub use plant::{Plant, PlantOutput};
+pub use spread::drawn;
 pub use state::{Derivative, State};
 pub use turn::{PlantTurn, Stepping};
 

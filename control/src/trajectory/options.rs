@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::attitude::{AttitudeChirp, AttitudeDoublet};
+use super::excitation::Excitation;
 use super::path::{Trajectory, TrajectoryShape};
 use super::shape::{Circle, Hover, Lemniscate, MAX_DURATION_S, Square, Step};
 use super::waypoints::Waypoints;
@@ -29,6 +30,8 @@ pub enum TrajectoryKind {
     AttitudeChirp,
     /// [`AttitudeDoublet`]
     AttitudeDoublet,
+    /// [`Excitation`]
+    Excitation,
     /// [`Waypoints`]
     Waypoints,
 }
@@ -67,6 +70,8 @@ pub struct TrajectoryOptions {
     pub attitude_chirp: AttitudeChirp,
     /// Parameters of the attitude doublet.
     pub attitude_doublet: AttitudeDoublet,
+    /// Parameters of the excitation.
+    pub excitation: Excitation,
 }
 
 impl Default for TrajectoryOptions {
@@ -86,6 +91,7 @@ impl Default for TrajectoryOptions {
             lemniscate: Lemniscate::default(),
             attitude_chirp: AttitudeChirp::default(),
             attitude_doublet: AttitudeDoublet::default(),
+            excitation: Excitation::default(),
         }
     }
 }
@@ -109,7 +115,8 @@ impl TrajectoryOptions {
         self.circle.check().map_err(|error| error.within("circle"))?;
         self.lemniscate.check().map_err(|error| error.within("lemniscate"))?;
         self.attitude_chirp.check().map_err(|error| error.within("attitude-chirp"))?;
-        self.attitude_doublet.check().map_err(|error| error.within("attitude-doublet"))
+        self.attitude_doublet.check().map_err(|error| error.within("attitude-doublet"))?;
+        self.excitation.check().map_err(|error| error.within("excitation"))
     }
 
     /// The trajectory that these options name. `waypoints` is the content of the file, used by
@@ -126,6 +133,7 @@ impl TrajectoryOptions {
             TrajectoryKind::AttitudeDoublet => {
                 TrajectoryShape::AttitudeDoublet(self.attitude_doublet)
             }
+            TrajectoryKind::Excitation => TrajectoryShape::Excitation(self.excitation),
             TrajectoryKind::Waypoints => TrajectoryShape::Waypoints(waypoints?),
         };
         Some(Trajectory { shape, hover_point: Vector3::new(0.0, 0.0, self.height_m) })

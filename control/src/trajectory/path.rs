@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::attitude::{AttitudeChirp, AttitudeDoublet};
+use super::excitation::Excitation;
 use super::reference::{Phase, Reference};
 use super::shape::{Circle, Hover, Lemniscate, Square, Step};
 use super::waypoints::Waypoints;
@@ -25,6 +26,7 @@ pub(super) enum TrajectoryShape {
     Lemniscate(Lemniscate),
     AttitudeChirp(AttitudeChirp),
     AttitudeDoublet(AttitudeDoublet),
+    Excitation(Excitation),
     Waypoints(Waypoints),
 }
 
@@ -42,6 +44,7 @@ impl Trajectory {
             TrajectoryShape::Lemniscate(lemniscate) => lemniscate.sample(t_s),
             TrajectoryShape::AttitudeChirp(chirp) => chirp.sample(t_s),
             TrajectoryShape::AttitudeDoublet(doublet) => doublet.sample(t_s),
+            TrajectoryShape::Excitation(excitation) => excitation.sample(t_s),
             // Waypoints are not relative to the hover point.
             TrajectoryShape::Waypoints(waypoints) => return waypoints.sample(t_s),
         };
@@ -60,6 +63,7 @@ impl Trajectory {
             TrajectoryShape::Lemniscate(lemniscate) => lemniscate.sweep().duration_s(),
             TrajectoryShape::AttitudeChirp(chirp) => chirp.duration_s(),
             TrajectoryShape::AttitudeDoublet(doublet) => doublet.duration_s(),
+            TrajectoryShape::Excitation(_) => Excitation::DURATION_S,
             TrajectoryShape::Waypoints(waypoints) => waypoints.duration_s(),
         }
     }

@@ -1,0 +1,35 @@
+//! `oqtal identify`: the parameters of a vehicle from its flights, by prediction errors.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `data.rs`, `timeline.rs` | poses and commands of a flight, and which command acts when |
+//! | `inner_loop.rs`, `rotation.rs`, `translation.rs` | prediction from pose to pose |
+//! | `turning.rs`, `lifting.rs`, `estimate.rs` | the fits of rotation and translation, and their order |
+//! | `fit.rs`, `noise.rs`, `robust.rs`, `residuals.rs` | least squares, noise, outliers, tests |
+//! | `finding.rs`, `camera_figures.rs`, `identification.rs` | what is told of each parameter, and when it is not |
+//! | `overview.rs`, `vehicle_toml.rs`, `page.rs`, `digits.rs` | text, configuration, page |
+//! | `excitation_flight.rs`, `hidden_plants.rs` | a flight of its own; how far findings are from the truth |
+//! | `command.rs` | the command line |
+
+pub mod camera_figures;
+pub mod command;
+pub mod data;
+pub mod digits;
+pub mod estimate;
+pub mod excitation_flight;
+pub mod finding;
+pub mod fit;
+pub mod hidden_plants;
+pub mod identification;
+pub mod inner_loop;
+pub mod lifting;
+pub mod noise;
+pub mod overview;
+pub mod page;
+pub mod residuals;
+pub mod robust;
+pub mod rotation;
+pub mod timeline;
+pub mod translation;
+pub mod turning;
+pub mod vehicle_toml;

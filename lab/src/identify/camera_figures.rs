@@ -1,0 +1,66 @@
+//! Noise and latency of the cameras, at rest and in flight.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use super::data::{FlightData, PoseRecord, median, quantile};
+use super::robust::deviation;
+
+/// Fewest poses at rest whose noise is told.
+const FEWEST: usize = 20;
+
+/// Latency of poses, from their capture, as they say, to their publication.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PoseLatency {
+    /// Median \[ms\].
+    pub median_ms: f64,
+    /// What 95 of 100 do not exceed \[ms\].
+    pub p95_ms: f64,
+}
+
+/// The cameras as poses on the floor show them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RestFigures {
+    /// Standard deviation of the position along each axis \[mm\].
+    pub position_mm: f64,
+    /// Standard deviation of the attitude about each axis \[deg\].
+    pub attitude_deg: f64,
+}
+
+impl RestFigures {
+    /// Of the poses before take-off; `None` if they are too few.
+    #[must_use]
+    pub fn of(flights: &[FlightData]) -> Option<Self> {
+        let mut positions = Vec::new();
+        let mut angles = Vec::new();
+        for data in flights.iter().filter(|data| data.rest.len() >= FEWEST) {
+            let first = data.rest[0].attitude;
+            positions.extend(scatter(&data.rest, |pose| pose.position));
+            angles.extend(scatter(&data.rest, |pose| first.rotation_to(&pose.attitude)));
+        }
+        (!positions.is_empty()).then(|| Self {
+            position_mm: deviation(&positions) * 1e3,
+            attitude_deg: deviation(&angles).to_degrees(),
+        })
+    }
+}
+
+/// The components of a quantity minus their medians.
+fn scatter(poses: &[PoseRecord], of: impl Fn(&PoseRecord) -> Vector3<f64>) -> Vec<f64> {
+    let one = |axis: usize| {
+        let values: Vec<f64> = poses.iter().map(|pose| of(pose)[axis]).collect();
+        let middle = median(values.iter().copied()).unwrap_or(0.0);
+        values.into_iter().map(move |value| value - middle)
+    };
+    (0..3).flat_map(one).collect()
+}
+
+impl PoseLatency {
+    /// Of the poses that `of` chooses; `None` if there are none.
+    #[must_use]
+    pub fn of(flights: &[FlightData], of: fn(&FlightData) -> &Vec<PoseRecord>) -> Option<Self> {
+        let latencies = || flights.iter().flat_map(of).map(|pose| pose.latency_s * 1e3);
+        let median_ms = median(latencies())?;
+        Some(Self { median_ms, p95_ms: quantile(latencies(), 0.95)? })
+    }
+}

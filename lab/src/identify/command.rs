@@ -1,0 +1,168 @@
+//! The command line of `oqtal identify`.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use oqtal_config::{Config, Interface, Setting};
+use oqtal_observe::flight::Flight;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+
+use super::data::FlightData;
+use super::excitation_flight;
+use super::hidden_plants::{HiddenPlants, study};
+use super::identification::{Scale, identify};
+use super::{overview, page, vehicle_toml};
+
+/// Reads the flight of a recording.
+pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
+
+/// Arguments of `oqtal identify`.
+#[derive(Args, Debug)]
+pub struct IdentifyArgs {
+    /// Recordings of flights of one vehicle, best of `oqtal fly --trajectory excitation`
+    #[arg(value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Fly the excitation in virtual time and identify the simulated vehicle of `[plant]`, while the controller knows `[vehicle]`
+    #[arg(long, conflicts_with = "files")]
+    fly: bool,
+    /// Mass as weighed [kg]: flights show the thrust over the mass alone [default: that of `[vehicle]`]
+    #[arg(long, value_name = "KG", value_parser = positive)]
+    mass: Option<f64>,
+    /// Greatest thrust as measured [N], in place of the mass
+    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "mass")]
+    max_thrust: Option<f64>,
+    /// Configuration file (TOML) of the vehicle and its surroundings, with --fly
+    #[arg(long, value_name = "FILE", conflicts_with = "files")]
+    config: Option<PathBuf>,
+    /// Any key of the configuration, with --fly, as in --set mocap.preset=measured; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE", conflicts_with = "files")]
+    settings: Vec<String>,
+    /// A key of `[plant]`, where the vehicle differs from the one that the controller knows, as in --plant rate-lag-ms=65; may be
+    /// repeated
+    #[arg(long = "plant", value_name = "KEY=VALUE", conflicts_with = "files")]
+    plant: Vec<String>,
+    /// Seed of every random source, with --fly
+    #[arg(long, value_name = "N", conflicts_with = "files")]
+    seed: Option<u32>,
+    /// Directory of vehicle.toml, identification.json and identification.html [default: none]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    json: bool,
+    /// Identify N vehicles whose parameters are drawn within 30 %, in each of four laboratories, and print how far the findings are
+    /// from the truth
+    #[arg(long, value_name = "N", conflicts_with_all = ["files", "fly", "mass", "max_thrust", "seed"], value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    hidden_plants: Option<u64>,
+}
+
+impl IdentifyArgs {
+    /// Identifies the vehicle, prints the findings and writes them.
+    ///
+    /// # Errors
+    /// A setting is invalid (exit code 78), a recording is bad or too short (65), the flight failed (1), or a file cannot be
+    /// written (71).
+    pub fn execute(&self, read: &ReadFlight) -> Result<Exit, Failure> {
+        if let Some(count) = self.hidden_plants {
+            return self.study(count);
+        }
+        let flights = self.flights(read)?;
+        let Some(first) = flights.first() else {
+            let reason = "nothing to identify a vehicle from; give recordings, or --fly";
+            return Err(Failure::new(Exit::Usage, reason));
+        };
+        let vehicle = first.config.vehicle.clone();
+        let data: Vec<FlightData> = flights.iter().map(FlightData::of).collect();
+        let identification = identify(&data, &vehicle, self.scale())?;
+        let json = json(&identification)?;
+        if let Some(directory) = &self.out {
+            let toml = vehicle_toml::toml(&identification, &vehicle.preset);
+            write(directory, "vehicle.toml", &toml)?;
+            write(directory, "identification.json", &json)?;
+            write(directory, "identification.html", &page::html(&identification, &data))?;
+        }
+        let written = self.out.as_ref().map_or(String::new(), |directory| {
+            format!("\nwritten: {}", directory.join("vehicle.toml").display())
+        });
+        let text = overview::text(&identification) + &written;
+        print(if self.json { json.trim_end() } else { &text })?;
+        Ok(Exit::Ok)
+    }
+
+    fn study(&self, count: u64) -> Result<Exit, Failure> {
+        let study = study(&self.own_settings()?, 1..count + 1, HiddenPlants::LABORATORIES)?;
+        let (json, tables) = (json(&study)?, study.to_markdown());
+        if let Some(directory) = &self.out {
+            write(directory, "hidden-plants.json", &json)?;
+            write(directory, "hidden-plants.md", &tables)?;
+        }
+        print(if self.json { json.trim_end() } else { tables.trim_end() })?;
+        Ok(Exit::Ok)
+    }
+
+    fn scale(&self) -> Scale {
+        match (self.mass, self.max_thrust) {
+            (Some(mass_kg), _) => Scale::Mass(mass_kg),
+            (None, Some(thrust_n)) => Scale::Thrust(thrust_n),
+            (None, None) => Scale::Unknown,
+        }
+    }
+
+    /// The flights of the files, or one that is flown now.
+    fn flights(&self, read: &ReadFlight) -> Result<Vec<Flight>, Failure> {
+        let mut flights = Vec::new();
+        if self.fly {
+            let config = Config::from_settings(&self.own_settings()?)?;
+            check_interface(&config)?;
+            flights.push(excitation_flight::fly(&config)?);
+        }
+        for file in &self.files {
+            let flight = read(file)?;
+            check_interface(&flight.config)?;
+            flights.push(flight);
+        }
+        Ok(flights)
+    }
+
+    fn own_settings(&self) -> Result<Vec<Setting>, Failure> {
+        let mut settings = Config::layers(self.config.as_deref())?;
+        for text in &self.settings {
+            settings.push(Setting::parse("--set", text)?);
+        }
+        for text in &self.plant {
+            settings.push(Setting::parse_in("plant", "--plant", text)?);
+        }
+        let seed = self.seed.map(|seed| Setting::flag("--seed", "clock.seed", i64::from(seed)));
+        settings.extend(seed);
+        Ok(settings)
+    }
+}
+
+fn check_interface(config: &Config) -> Result<(), Failure> {
+    if config.vehicle.interface == Interface::Rate {
+        return Ok(());
+    }
+    let reason =
+        "only vehicles that are commanded by rates are identified (vehicle.interface = \"rate\")";
+    Err(Failure::new(Exit::Usage, reason))
+}
+
+fn json(value: &impl serde::Serialize) -> Result<String, Failure> {
+    let text = serde_json::to_string_pretty(value);
+    text.map(|text| text + "\n").map_err(|error| Failure::new(Exit::Internal, error.to_string()))
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("not above zero".to_owned()) }
+}
+
+fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    let file = directory.join(name);
+    fs::create_dir_all(directory).and_then(|()| fs::write(&file, text)).map_err(|error| {
+        let name = file.display();
+        Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
+    })
+}

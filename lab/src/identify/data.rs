@@ -1,0 +1,132 @@
+//! What an identification knows of a flight: the commands as they were sent and the poses as they were measured. Neither the
+//! truth nor the instants at which commands took effect are among it.
+
+use nalgebra::Vector3;
+use oqtal_bus::time::Time;
+use oqtal_control::quaternion::Attitude;
+use oqtal_observe::flight::{Flight, FlightSample};
+
+/// Height above the floor from which on a flight is used \[m\]: below, the floor pushes.
+const CLEAR_M: f64 = 0.3;
+/// Share of acknowledged commands from which on one without an acknowledgement counts as lost \[-\].
+const ACKNOWLEDGED_SHARE: f64 = 0.5;
+
+/// A pose as it was measured.
+#[derive(Clone, Copy, Debug)]
+pub struct PoseRecord {
+    /// Capture, as the pose says \[s\].
+    pub captured_s: f64,
+    /// From its capture to its publication \[s\].
+    pub latency_s: f64,
+    /// Position \[m, world\].
+    pub position: Vector3<f64>,
+    /// Attitude, body to world.
+    pub attitude: Attitude,
+}
+
+/// A command as it was sent.
+#[derive(Clone, Copy, Debug)]
+pub struct CommandRecord {
+    /// Instant of its publication \[s\].
+    pub sent_s: f64,
+    /// Sticks \[-1..1, body\].
+    pub sticks: Vector3<f64>,
+    /// Collective thrust, as a share of the vehicle's greatest \[0..1\].
+    pub thrust: f64,
+}
+
+/// What is known of one flight.
+#[derive(Clone, Debug, Default)]
+pub struct FlightData {
+    /// Poses on the floor before the motors ran.
+    pub rest: Vec<PoseRecord>,
+    /// Poses in the air, without the vicinity of the floor.
+    pub air: Vec<PoseRecord>,
+    /// Every command of the flight, in the order of time.
+    pub commands: Vec<CommandRecord>,
+    /// Median time from the publication of a command to the effect that its stamps tell \[s\]; `None` without such stamps.
+    pub stamped_delay_s: Option<f64>,
+}
+
+impl FlightData {
+    /// The data of `flight`.
+    #[must_use]
+    pub fn of(flight: &Flight) -> Self {
+        let poses = poses(flight);
+        let (commands, stamped_delay_s) = commands(flight);
+        let armed_s = flight.armed().next().map_or(f64::INFINITY, |s| seconds(s.telemetry.time));
+        let rest: Vec<_> = poses.iter().copied().filter(|pose| pose.captured_s < armed_s).collect();
+        let floor_m = median(rest.iter().map(|pose| pose.position.z)).unwrap_or(0.0);
+        let is_clear =
+            |pose: &PoseRecord| pose.captured_s >= armed_s && pose.position.z > floor_m + CLEAR_M;
+        let first = poses.iter().position(is_clear).unwrap_or(poses.len());
+        let last = poses.iter().rposition(is_clear).map_or(first, |last| last + 1);
+        let until_s = armed_until_s(flight);
+        let air = poses[first..last].iter().copied();
+        let air = air.filter(|pose| pose.captured_s < until_s).collect();
+        Self { rest, air, commands, stamped_delay_s }
+    }
+}
+
+/// Instant of the last tick with motors on \[s\].
+fn armed_until_s(flight: &Flight) -> f64 {
+    flight.armed().last().map_or(f64::NEG_INFINITY, |sample| seconds(sample.telemetry.time))
+}
+
+/// The poses that the daemon accepted, each once, in the order of their capture.
+fn poses(flight: &Flight) -> Vec<PoseRecord> {
+    let mut poses: Vec<PoseRecord> = Vec::new();
+    for FlightSample { telemetry, .. } in &flight.samples {
+        let (captured, published) = (telemetry.pose_captured_at, telemetry.pose_published_at);
+        let captured_s = seconds(captured);
+        let Some(attitude) = Attitude::from_xyzw(telemetry.pose_attitude) else { continue };
+        let position = Vector3::from(telemetry.pose_position);
+        let is_new = poses.last().is_none_or(|last| last.captured_s < captured_s);
+        if captured.is_set() && is_new && position.iter().all(|number| number.is_finite()) {
+            let latency_s = published.since(captured).seconds();
+            poses.push(PoseRecord { captured_s, latency_s, position, attitude });
+        }
+    }
+    poses
+}
+
+/// The commands, without those that were lost, and the delay that their stamps tell.
+fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
+    let mut applied = flight.applied.iter().peekable();
+    let mut told: Vec<(CommandRecord, bool)> = Vec::new();
+    let mut delays_s = Vec::new();
+    for FlightSample { telemetry, .. } in &flight.samples {
+        while applied.next_if(|next| next.sequence < telemetry.command_sequence).is_some() {}
+        let stamps = applied.peek().filter(|next| next.sequence == telemetry.command_sequence);
+        let stamps = stamps.map(|next| next.stamps);
+        let sent = stamps.map(|s| s.command_published_at).filter(|at| at.is_set());
+        let sent_s = seconds(sent.unwrap_or(telemetry.time));
+        if let Some(stamps) = stamps.filter(|stamps| stamps.applied_at.is_set()) {
+            delays_s.push(seconds(stamps.applied_at) - sent_s);
+        }
+        let sticks = Vector3::from(telemetry.sticks);
+        let command = CommandRecord { sent_s, sticks, thrust: telemetry.thrust };
+        told.push((command, stamps.is_some()));
+    }
+    let acknowledged = told.iter().filter(|(_, is_told)| *is_told).count() as f64;
+    let knows_losses = acknowledged > ACKNOWLEDGED_SHARE * told.len() as f64;
+    let kept = told.into_iter().filter(|(_, is_told)| *is_told || !knows_losses);
+    (kept.map(|(command, _)| command).collect(), median(delays_s.into_iter()))
+}
+
+/// The median of `values` \[their unit\]; `None` of none.
+pub fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    quantile(values, 0.5)
+}
+
+/// The value below which this share \[0..1\] of `values` is \[their unit\]; `None` of none.
+pub fn quantile(values: impl Iterator<Item = f64>, share: f64) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let index = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
+    sorted.get(index).copied()
+}
+
+fn seconds(time: Time) -> f64 {
+    time.nanos() as f64 * 1e-9
+}

@@ -1,0 +1,25 @@
+//! Numbers with as many digits as their interval supports.
+
+/// `value` and its half width \[any unit\], the half width with two significant digits and the value with as many decimals.
+#[must_use]
+pub fn with_interval(value: f64, half_width: f64) -> (String, String) {
+    let decimals = if half_width.is_finite() && half_width > 0.0 {
+        (1.0 - half_width.log10().floor()).clamp(0.0, 9.0) as usize
+    } else {
+        4
+    };
+    (format!("{value:.decimals$}"), format!("{half_width:.decimals$}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_has_the_decimals_of_its_interval() {
+        let pair = |value, half| with_interval(value, half);
+        assert_eq!(pair(54.2163, 0.5742), ("54.22".to_owned(), "0.57".to_owned()));
+        assert_eq!(pair(20.5, 12.3), ("20".to_owned(), "12".to_owned()));
+        assert_eq!(pair(0.5, 0.0), ("0.5000".to_owned(), "0.0000".to_owned()));
+    }
+}

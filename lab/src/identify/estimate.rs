@@ -1,0 +1,68 @@
+//! What flights show of their vehicle: the fits of rotation and translation, one after the other.
+
+use nalgebra::Vector3;
+use oqtal_config::VehicleOptions;
+
+use super::data::FlightData;
+use super::lifting::{LiftingFit, TurnedFlights, lifting};
+use super::rotation::RotationModel;
+use super::translation::TranslationModel;
+use super::turning::{TurningFit, turning};
+
+/// Fewest poses in the air of a flight that is used: two seconds at 60 Hz.
+const FEWEST_POSES: usize = 120;
+
+/// The fits of an identification.
+#[derive(Clone, Debug)]
+pub struct VehicleFit {
+    /// The rotation.
+    pub turning: TurningFit,
+    /// The translation, the thrust straight over its command.
+    pub lifting: LiftingFit,
+    /// The translation, the thrust curved.
+    pub curved: LiftingFit,
+}
+
+/// Fits the model of `believed` to `flights`.
+#[must_use]
+pub fn estimate(flights: &[FlightData], believed: &VehicleOptions) -> Option<VehicleFit> {
+    if flights.is_empty() || flights.iter().any(|data| data.air.len() < FEWEST_POSES) {
+        return None;
+    }
+    let start = RotationModel {
+        delay_s: believed.command_delay_ms * 1e-3,
+        lag_s: believed.rate_lag_ms * 1e-3,
+        authority: Vector3::from(believed.rate_authority_rad_s),
+        bias: Vector3::zeros(),
+    };
+    let turning = turning(flights, &start)?;
+    let start = TranslationModel {
+        gravity_m_s2: believed.gravity_m_s2,
+        thrust_m_s2: believed.max_thrust_n / believed.mass_kg,
+        thrust_lag_s: believed.thrust_lag_ms * 1e-3,
+        drag_per_s: believed.drag_per_s,
+        bias: Vector3::zeros(),
+        curvature_ratio: 0.0,
+        hover_share: mean_share(flights)?,
+    };
+    let lift = |turning: &TurningFit, is_curved| {
+        lifting(TurnedFlights { flights, rotations: &turning.passes }, &start, is_curved)
+    };
+    let lifting = lift(&turning, false)?;
+    let curved = lift(&turning, true)?;
+    Some(VehicleFit { turning, lifting, curved })
+}
+
+/// Mean commanded share of the greatest thrust in the air \[0..1\].
+fn mean_share(flights: &[FlightData]) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for data in flights {
+        let (from_s, to_s) = (data.air.first()?.captured_s, data.air.last()?.captured_s);
+        let in_air = data.commands.iter().filter(|c| (from_s..to_s).contains(&c.sent_s));
+        for command in in_air {
+            sum += command.thrust;
+            count += 1.0;
+        }
+    }
+    Some(sum / count).filter(|share: &f64| share.is_finite() && *share > 0.0)
+}

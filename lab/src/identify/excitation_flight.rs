@@ -1,0 +1,53 @@
+//! A flight of the program's own that shows the parameters of a vehicle, in virtual time.
+
+use oqtal_bus::code::Cause;
+use oqtal_config::Config;
+use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::flight::{Flight, Outcome};
+use oqtal_runtime::process::{Exit, Failure};
+
+use crate::mission::Mission;
+use crate::simulation;
+
+/// Time at rest before the motions \[s\]: the flight lasts less than a minute.
+const SETTLE_S: f64 = 1.0;
+
+/// The masses that the controller assumes, one attempt after the other, over that of the configuration \[-\]: a vehicle that its
+/// thrust does not lift is heavier, or weaker, than configured.
+const ASSUMED: [f64; 4] = [1.0, 1.3, 1.7, 2.2];
+
+/// Flies the excitation with the law of `config`, which knows `[vehicle]` alone.
+///
+/// # Errors
+/// A setting is invalid, or the flight did not end as planned (exit code 1).
+pub fn fly(config: &Config) -> Result<Flight, Failure> {
+    let mut config = config.clone();
+    config.trajectory.kind = TrajectoryKind::Excitation;
+    config.trajectory.duration_s = None;
+    config.trajectory.settle_s = SETTLE_S;
+    let believed = config.vehicle.mass_kg;
+    let mut shortfall = String::new();
+    for assumed in ASSUMED {
+        config.vehicle.mass_kg = believed * assumed;
+        let flight = simulation::fly(&Mission::new(config.clone())?)?;
+        let Some(reason) = reason(&flight) else { return Ok(flight) };
+        shortfall = reason;
+        if !is_too_heavy(&flight) {
+            break;
+        }
+    }
+    let remedy = "mend [vehicle] by hand, or fly slower: --set trajectory.excitation.tilt-deg=5";
+    Err(Failure::new(Exit::Flight, format!("the excitation flight failed: {shortfall}; {remedy}")))
+}
+
+/// Why `flight` shows less than was planned; `None` if it does not.
+fn reason(flight: &Flight) -> Option<String> {
+    let is_landed = flight.outcome == Outcome::Landed;
+    let otherwise = (!is_landed).then(|| format!("the flight ended as {}", flight.outcome));
+    flight.shortfall().or(otherwise)
+}
+
+fn is_too_heavy(flight: &Flight) -> bool {
+    let last = flight.samples.last();
+    last.is_some_and(|sample| sample.telemetry.cause == Cause::NoLift.code())
+}

@@ -1,0 +1,188 @@
+//! What an identification says of one parameter, and when it says nothing.
+
+use serde::Serialize;
+
+/// Half the width of a 95 % interval over its standard deviation \[-\].
+pub const INTERVAL: f64 = 1.96;
+
+/// A parameter as the flights show it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParameterFinding {
+    /// What it is.
+    pub name: &'static str,
+    /// The key of the configuration that has its value; `None` if none has.
+    pub key: Option<&'static str>,
+    /// Unit of the numbers.
+    pub unit: &'static str,
+    /// The value \[unit of the finding\].
+    pub value: f64,
+    /// Half the width of its 95 % interval \[unit of the finding\]; 0 for a value that was told.
+    pub half_width: f64,
+    /// The value in the configuration \[unit of the finding\]; `None` if it has none.
+    pub before: Option<f64>,
+    /// The motion that is missing in the flights, where they do not show the value.
+    pub missing: Option<&'static str>,
+}
+
+/// A parameter, and what its value needs to be believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FindingRule {
+    /// What it is.
+    pub name: &'static str,
+    /// The key of the configuration.
+    pub key: Option<&'static str>,
+    /// Unit of the numbers.
+    pub unit: &'static str,
+    /// Greatest half width of the interval over the value \[-\].
+    pub widest_ratio: f64,
+    /// Greatest half width where the value is small \[unit of the finding\].
+    pub widest: f64,
+    /// The motion that shows it.
+    pub motion: &'static str,
+}
+
+impl FindingRule {
+    /// The finding of `value` with the standard deviation `sd`, `before` in the configuration.
+    #[must_use]
+    pub fn found(&self, value: f64, sd: f64, before: Option<f64>) -> ParameterFinding {
+        let Self { name, key, unit, widest_ratio, widest, motion } = *self;
+        let half_width = INTERVAL * sd;
+        let is_shown = half_width <= widest.max(widest_ratio * value.abs());
+        let missing = (!is_shown).then_some(motion);
+        ParameterFinding { name, key, unit, value, half_width, before, missing }
+    }
+
+    /// The finding of a `value` that was told.
+    #[must_use]
+    pub fn told(&self, value: f64, before: Option<f64>) -> ParameterFinding {
+        self.found(value, 0.0, before)
+    }
+}
+
+impl ParameterFinding {
+    /// Whether the flights show the value.
+    #[must_use]
+    pub fn is_shown(&self) -> bool {
+        self.missing.is_none()
+    }
+}
+
+/// The parameters in the order in which they are shown.
+pub mod rules {
+    use super::FindingRule;
+
+    const FAST: &str = "fast motions about roll and pitch: doublets, or sines up to some Hz";
+    const STEPS: &str = "steps of the thrust: climbs and descents of some tenths of a metre";
+
+    const INFORMATION: FindingRule = FindingRule {
+        name: "",
+        key: None,
+        unit: "",
+        widest_ratio: f64::INFINITY,
+        widest: f64::INFINITY,
+        motion: "",
+    };
+
+    /// From sending a command to its effect.
+    pub const DELAY: FindingRule = FindingRule {
+        name: "delay of commands",
+        key: Some("vehicle.command-delay-ms"),
+        unit: "ms",
+        widest_ratio: 0.0,
+        widest: 8.0,
+        motion: FAST,
+    };
+    /// The part of the delay that the stamps of the commands do not show.
+    pub const HIDDEN_DELAY: FindingRule =
+        FindingRule { name: "of it not in the stamps", unit: "ms", ..INFORMATION };
+    /// Time constant of the rate loop.
+    pub const RATE_LAG: FindingRule =
+        FindingRule { name: "rate lag", key: Some("vehicle.rate-lag-ms"), ..DELAY };
+    /// Rate at full stick about roll, pitch and yaw.
+    pub const AUTHORITY: [FindingRule; 3] = [
+        authority("rate at full stick, roll", "motions about roll"),
+        authority("rate at full stick, pitch", "motions about pitch"),
+        authority("rate at full stick, yaw", "a swing of the heading"),
+    ];
+    /// Bias of the rate loop about roll, pitch and yaw.
+    pub const RATE_BIAS: [FindingRule; 3] = [
+        FindingRule { name: "rate bias, roll", unit: "deg/s", ..INFORMATION },
+        FindingRule { name: "rate bias, pitch", unit: "deg/s", ..INFORMATION },
+        FindingRule { name: "rate bias, yaw", unit: "deg/s", ..INFORMATION },
+    ];
+    /// Greatest thrust.
+    pub const THRUST: FindingRule = FindingRule {
+        name: "greatest thrust",
+        key: Some("vehicle.max-thrust-n"),
+        unit: "N",
+        widest_ratio: 0.1,
+        widest: 0.0,
+        motion: "time in the air, tilted to all sides",
+    };
+    /// Mass.
+    pub const MASS: FindingRule =
+        FindingRule { name: "mass", key: Some("vehicle.mass-kg"), unit: "kg", ..THRUST };
+    /// Greatest thrust over the mass.
+    pub const THRUST_PER_MASS: FindingRule =
+        FindingRule { name: "greatest thrust over mass", unit: "m/s^2", ..INFORMATION };
+    /// Time constant of the thrust.
+    pub const THRUST_LAG: FindingRule = FindingRule {
+        name: "thrust lag",
+        key: Some("vehicle.thrust-lag-ms"),
+        unit: "ms",
+        widest_ratio: 0.0,
+        widest: 10.0,
+        motion: STEPS,
+    };
+    /// Curvature of the thrust over its command.
+    pub const THRUST_CURVE: FindingRule = FindingRule {
+        name: "curvature of the thrust (0 straight, 1 parabola)",
+        unit: "-",
+        ..INFORMATION
+    };
+    /// Drag.
+    pub const DRAG: FindingRule = FindingRule {
+        name: "drag",
+        key: Some("vehicle.drag-per-s"),
+        unit: "1/s",
+        widest_ratio: 0.25,
+        widest: 0.04,
+        motion: "travel to and fro at the greatest speed",
+    };
+    /// External acceleration along x, y and z.
+    pub const PUSH: [FindingRule; 3] = [
+        FindingRule { name: "external acceleration, x", unit: "m/s^2", ..INFORMATION },
+        FindingRule { name: "external acceleration, y", unit: "m/s^2", ..INFORMATION },
+        FindingRule { name: "external acceleration, z", unit: "m/s^2", ..INFORMATION },
+    ];
+    /// Standard deviation of the gusts.
+    pub const GUST: FindingRule =
+        FindingRule { name: "gusts, standard deviation", unit: "m/s^2", ..INFORMATION };
+    /// Noise of a measured attitude in flight.
+    pub const ATTITUDE_NOISE: FindingRule = FindingRule {
+        name: "attitude noise in flight",
+        key: Some("control.predictive.filter.attitude-noise-deg"),
+        unit: "deg",
+        widest_ratio: 0.2,
+        widest: 0.0,
+        motion: "more time in the air",
+    };
+    /// Noise of a measured position in flight.
+    pub const POSITION_NOISE: FindingRule = FindingRule {
+        name: "position noise in flight",
+        key: Some("control.predictive.filter.position-noise-mm"),
+        unit: "mm",
+        ..ATTITUDE_NOISE
+    };
+
+    const fn authority(name: &'static str, motion: &'static str) -> FindingRule {
+        FindingRule {
+            name,
+            key: Some("vehicle.rate-authority-rad-s"),
+            unit: "rad/s",
+            widest_ratio: 0.1,
+            widest: 0.0,
+            motion,
+        }
+    }
+}

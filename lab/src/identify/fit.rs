@@ -1,0 +1,167 @@
+//! Nonlinear least squares with bounds, and the covariance of what was found.
+
+use nalgebra::{DMatrix, DVector};
+use rmpfit::{MPConfig, MPFitter, MPPar, MPResult};
+
+/// Greatest number of iterations of a fit.
+const ITERATIONS: usize = 60;
+/// Change of the sum of squares, and of the parameters, at which a fit has converged \[-\].
+const TOLERANCE: f64 = 1e-11;
+
+/// A parameter of a fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FitParameter {
+    /// Where the fit begins \[unit of the parameter\].
+    pub start: f64,
+    /// Least and greatest value \[unit of the parameter\].
+    pub bounds: [f64; 2],
+    /// Step of the derivatives, about the precision that is wanted \[unit of the parameter\].
+    pub step: f64,
+    /// Whether it stays at its start.
+    pub is_fixed: bool,
+}
+
+/// What a fit found, and how sure it is.
+#[derive(Clone, Debug)]
+pub struct FitResult {
+    /// The parameters \[unit of each\].
+    pub values: Vec<f64>,
+    /// Their covariance \[units of the two\]; 0 of a fixed one.
+    pub covariance: DMatrix<f64>,
+}
+
+struct Problem<'a> {
+    parameters: Vec<MPPar>,
+    config: MPConfig,
+    points: usize,
+    residuals: &'a dyn Fn(&[f64]) -> Vec<f64>,
+}
+
+impl MPFitter for Problem<'_> {
+    fn eval(&mut self, values: &[f64], deviates: &mut [f64]) -> MPResult<()> {
+        deviates.copy_from_slice(&(self.residuals)(values));
+        Ok(())
+    }
+
+    fn number_of_points(&self) -> usize {
+        self.points
+    }
+
+    fn config(&self) -> &MPConfig {
+        &self.config
+    }
+
+    fn parameters(&self) -> &[MPPar] {
+        &self.parameters
+    }
+}
+
+/// The values at which the sum of the squared `residuals` is least; `None` if they cannot be computed. Residuals are in standard
+/// deviations, and as many at any values.
+#[must_use]
+pub fn fit(
+    parameters: &[FitParameter],
+    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Option<Vec<f64>> {
+    let mut values: Vec<f64> = parameters.iter().map(FitParameter::inside).collect();
+    let config =
+        MPConfig { max_iter: ITERATIONS, ftol: TOLERANCE, xtol: TOLERANCE, ..MPConfig::new() };
+    let mut problem = Problem {
+        parameters: parameters.iter().map(FitParameter::constraint).collect(),
+        config,
+        points: residuals(&values).len(),
+        residuals,
+    };
+    problem.mpfit(&mut values).ok()?;
+    Some(values)
+}
+
+impl FitParameter {
+    /// The start, moved inside the bounds.
+    fn inside(&self) -> f64 {
+        let [low, high] = self.bounds;
+        if self.is_fixed {
+            return self.start;
+        }
+        self.start.clamp(low + self.step, high - self.step)
+    }
+
+    fn constraint(&self) -> MPPar {
+        let [limit_low, limit_up] = self.bounds;
+        MPPar {
+            fixed: self.is_fixed,
+            limited_low: true,
+            limited_up: true,
+            limit_low,
+            limit_up,
+            step: self.step,
+            ..MPPar::new()
+        }
+    }
+}
+
+/// The covariance of a fit: that of white residuals, or, where it is greater, the one that takes their correlation as they have it
+/// (Newey and West, Econometrica 55 (1987) 703). The residuals consist of `series` of these lengths, in each of which neighbours are
+/// neighbours in time.
+#[must_use]
+pub fn covariance(
+    parameters: &[FitParameter],
+    values: &[f64],
+    series: &[usize],
+    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Option<DMatrix<f64>> {
+    let best = residuals(values);
+    let free: Vec<usize> = (0..values.len()).filter(|k| !parameters[*k].is_fixed).collect();
+    let mut jacobian = DMatrix::zeros(best.len(), free.len());
+    for (column, index) in free.iter().copied().enumerate() {
+        let parameter = &parameters[index];
+        let moved = |by: f64| {
+            let mut values = values.to_vec();
+            values[index] += by;
+            DVector::from_vec(residuals(&values))
+        };
+        let slope = (moved(parameter.step) - moved(-parameter.step)) / (2.0 * parameter.step);
+        jacobian.set_column(column, &slope);
+    }
+    let mut information = jacobian.transpose() * &jacobian;
+    for (column, index) in free.iter().copied().enumerate() {
+        // Of what the residuals do not depend on, the bounds are known.
+        let [low, high] = parameters[index].bounds;
+        information[(column, column)] += (high - low).powi(-2);
+    }
+    let white = information.try_inverse()?;
+    let freedom = best.len().saturating_sub(free.len()).max(1) as f64;
+    let square = best.iter().map(|residual| residual * residual).sum::<f64>() / freedom;
+    let scores =
+        DMatrix::from_fn(best.len(), free.len(), |row, column| jacobian[(row, column)] * best[row]);
+    let meat = long_run(&scores, series);
+    let correlated = &white * meat * &white;
+    let white = white * square;
+    // Scales the white covariance, so that the correlations of the parameters remain.
+    let scale =
+        DVector::from_fn(free.len(), |k, _| (correlated[(k, k)] / white[(k, k)]).max(1.0).sqrt());
+    let mut whole = DMatrix::zeros(values.len(), values.len());
+    for (i, j) in (0..free.len()).flat_map(|i| (0..free.len()).map(move |j| (i, j))) {
+        whole[(free[i], free[j])] = white[(i, j)] * scale[i] * scale[j];
+    }
+    Some(whole)
+}
+
+/// The sum of the products of scores in their own and in neighbouring rows of the same series.
+fn long_run(scores: &DMatrix<f64>, series: &[usize]) -> DMatrix<f64> {
+    let mut sum = scores.transpose() * scores;
+    let mut begin = 0;
+    for length in series.iter().copied() {
+        // Twice the rule of Newey and West for the number of neighbours that count.
+        let lags = (8.0 * (length as f64 / 100.0).powf(2.0 / 9.0)).ceil() as usize;
+        for lag in 1..=lags.min(length.saturating_sub(1)) {
+            let weight = 1.0 - lag as f64 / (lags + 1) as f64;
+            let early = scores.rows(begin, length - lag);
+            let late = scores.rows(begin + lag, length - lag);
+            let product = early.transpose() * late;
+            sum += (&product + product.transpose()) * weight;
+        }
+        begin += length;
+    }
+    sum
+}

@@ -1,0 +1,289 @@
+//! How far identifications are from the truth: vehicles whose parameters are drawn are flown and identified by a controller that
+//! knows the shipped vehicle alone.
+
+use std::ops::Range;
+
+use oqtal_config::{Config, Fidelity, PlantOptions, Setting, VehicleOptions};
+use oqtal_control::controller::ControllerName;
+use oqtal_control::trajectory::TrajectoryKind;
+use oqtal_observe::plot::unit::rounded;
+use oqtal_plant_sim::drawn;
+use oqtal_runtime::process::Failure;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::data::{FlightData, median, quantile};
+use super::excitation_flight;
+use super::finding::{ParameterFinding, rules};
+use super::identification::{Identification, Scale, identify};
+use crate::campaign::metric::{of_attitude, of_hover};
+use crate::mission::Mission;
+use crate::progress::Progress;
+use crate::simulation;
+
+/// Greatest relative deviation of every parameter \[-\].
+const SPREAD: f64 = 0.3;
+
+/// Where vehicles are flown: fidelity of the plant, preset of the cameras.
+pub type Laboratory = (&'static str, &'static str);
+
+/// A parameter of one vehicle, identified.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct HiddenParameter {
+    /// What it is.
+    pub name: &'static str,
+    /// Unit of the error: "ms", or "%" of the truth.
+    pub unit: &'static str,
+    /// Value found minus truth \[unit of the parameter's error\].
+    pub error: f64,
+    /// Half the width of its 95 % interval \[unit of the parameter's error\].
+    pub half_width: f64,
+}
+
+/// One vehicle, identified.
+#[derive(Clone, Debug, Serialize)]
+pub struct HiddenPlant {
+    /// Seed of its parameters.
+    pub seed: u64,
+    /// Its parameters; empty if its flight failed.
+    pub parameters: Vec<HiddenParameter>,
+    /// Figures of `oqtal-dt` that flies with what was found over those with the truth, hover and chirp \[-\].
+    pub flown_ratio: Option<[f64; 2]>,
+}
+
+/// The vehicles of one laboratory.
+#[derive(Clone, Debug, Serialize)]
+pub struct HiddenRoom {
+    /// The laboratory.
+    pub laboratory: Laboratory,
+    /// The vehicles.
+    pub plants: Vec<HiddenPlant>,
+}
+
+/// Vehicles identified in several laboratories.
+#[derive(Clone, Debug, Serialize)]
+pub struct HiddenPlants {
+    /// The laboratories.
+    pub rooms: Vec<HiddenRoom>,
+}
+
+impl HiddenPlants {
+    /// Both fidelities of the plant, with exact and with measured timing of the cameras.
+    pub const LABORATORIES: &[Laboratory] = &[
+        ("eq61", "qualisys"),
+        ("eq61", "measured"),
+        ("rotors", "qualisys"),
+        ("rotors", "measured"),
+    ];
+}
+
+/// Flies and identifies a vehicle for each of `seeds` in each of `laboratories`, under `settings`.
+///
+/// # Errors
+/// A setting is invalid.
+pub fn study(
+    settings: &[Setting],
+    seeds: Range<u64>,
+    laboratories: &[Laboratory],
+) -> Result<HiddenPlants, Failure> {
+    let progress = Progress::default();
+    let bar = progress.start("hidden plants", laboratories.len() * seeds.clone().count());
+    let room = |laboratory: &Laboratory| {
+        let plant = |seed| {
+            let plant = hidden_plant(&config(settings, *laboratory, seed)?);
+            bar.inc();
+            plant
+        };
+        let plants: Result<Vec<HiddenPlant>, Failure> =
+            seeds.clone().into_par_iter().map(plant).collect();
+        Ok(HiddenRoom { laboratory: *laboratory, plants: plants? })
+    };
+    Ok(HiddenPlants { rooms: laboratories.iter().map(room).collect::<Result<_, Failure>>()? })
+}
+
+/// The configuration of the vehicle `seed` in a laboratory.
+///
+/// # Errors
+/// A setting is invalid.
+pub fn config(
+    settings: &[Setting],
+    (fidelity, preset): Laboratory,
+    seed: u64,
+) -> Result<Config, Failure> {
+    let own = [
+        Setting::flag("hidden plants", "plant.spread", SPREAD),
+        Setting::flag("hidden plants", "plant.fidelity", fidelity),
+        Setting::flag("hidden plants", "mocap.preset", preset),
+        Setting::flag("hidden plants", "clock.seed", seed.cast_signed()),
+    ];
+    Ok(Config::from_settings(&[settings, &own[..]].concat())?)
+}
+
+/// The vehicle of `config`, flown and identified.
+///
+/// # Errors
+/// A setting is invalid.
+pub fn hidden_plant(config: &Config) -> Result<HiddenPlant, Failure> {
+    let seed = config.clock.seed;
+    let failed = HiddenPlant { seed, parameters: Vec::new(), flown_ratio: None };
+    let Ok(identification) = identified(config) else { return Ok(failed) };
+    let truth = truth(config);
+    let parameters = parameters(&identification, &equivalent(config));
+    let found = identification.vehicle(&config.vehicle);
+    let [by_found, by_truth] = [found, truth].map(|vehicle| figures(config, &vehicle));
+    let (by_found, by_truth) = (by_found?, by_truth?);
+    let flown_ratio = by_found.zip(by_truth).map(|(a, b)| [a[0] / b[0], a[1] / b[1]]);
+    Ok(HiddenPlant { seed, parameters, flown_ratio })
+}
+
+/// The vehicle of `config` as an identification finds it that is told the mass.
+///
+/// # Errors
+/// The flight failed, or shows nothing.
+pub fn identified(config: &Config) -> Result<Identification, Failure> {
+    let mass_kg = drawn(&config.plant, config.clock.seed).mass_kg;
+    let data = FlightData::of(&excitation_flight::fly(config)?);
+    identify(&[data], &config.vehicle, Scale::Mass(mass_kg))
+}
+
+/// The true parameters, as `[vehicle]` has them. The thrust of rotors lags as their speed does.
+#[must_use]
+pub fn truth(config: &Config) -> VehicleOptions {
+    let plant: PlantOptions = drawn(&config.plant, config.clock.seed);
+    let thrust_lag_ms = match plant.fidelity {
+        Fidelity::Eq61 => plant.thrust_lag_ms,
+        Fidelity::Rotors => plant.rotors.lag_ms,
+    };
+    VehicleOptions {
+        mass_kg: plant.mass_kg,
+        max_thrust_n: plant.max_thrust_n,
+        rate_authority_rad_s: plant.rate_authority_rad_s,
+        rate_lag_ms: plant.rate_lag_ms,
+        thrust_lag_ms,
+        command_delay_ms: plant.command_delay_ms,
+        drag_per_s: plant.drag_per_s,
+        ..config.vehicle.clone()
+    }
+}
+
+/// What a loop of first order has to be to answer as that of `config` does. A loop around rotors of lag `a` is of second order,
+/// `a T s^2 + T s + 1`: its slow pole is the lag, its fast one acts as a delay. The thrust, which is as late, lags behind that delay
+/// by what remains.
+#[must_use]
+pub fn equivalent(config: &Config) -> VehicleOptions {
+    let truth = truth(config);
+    if config.plant.fidelity == Fidelity::Eq61 {
+        return truth;
+    }
+    let (loop_ms, rotors_ms) = (truth.rate_lag_ms, truth.thrust_lag_ms);
+    let discriminant = (1.0 - 4.0 * rotors_ms / loop_ms).max(0.0);
+    let fast_ms = 0.5 * loop_ms * (1.0 - discriminant.sqrt());
+    VehicleOptions {
+        rate_lag_ms: loop_ms - fast_ms,
+        command_delay_ms: truth.command_delay_ms + fast_ms,
+        thrust_lag_ms: (rotors_ms - fast_ms).max(0.0),
+        ..truth
+    }
+}
+
+/// The errors of the findings.
+#[must_use]
+pub fn parameters(identification: &Identification, truth: &VehicleOptions) -> Vec<HiddenParameter> {
+    let one = |finding: &ParameterFinding| {
+        let relative = |truth: f64| (truth, 100.0 / truth, "%");
+        let in_ms = |truth: f64| (truth, 1.0, "ms");
+        let axis = rules::AUTHORITY.iter().position(|rule| rule.name == finding.name);
+        let (truth, scale, unit) = match (finding.name, axis) {
+            (_, Some(axis)) => relative(truth.rate_authority_rad_s[axis]),
+            (name, _) if name == rules::DELAY.name => in_ms(truth.command_delay_ms),
+            (name, _) if name == rules::RATE_LAG.name => in_ms(truth.rate_lag_ms),
+            (name, _) if name == rules::THRUST_LAG.name => in_ms(truth.thrust_lag_ms),
+            (name, _) if name == rules::THRUST.name => relative(truth.max_thrust_n),
+            (name, _) if name == rules::DRAG.name => relative(truth.drag_per_s),
+            _ => return None,
+        };
+        Some(HiddenParameter {
+            name: finding.name,
+            unit,
+            error: (finding.value - truth) * scale,
+            half_width: finding.half_width * scale,
+        })
+    };
+    identification.findings.iter().filter_map(one).collect()
+}
+
+/// Root mean square of the position error of a hover \[mm\] and of the attitude error of a chirp \[deg\], with `oqtal-dt` that knows
+/// `vehicle`; `None` if it does not land.
+///
+/// # Errors
+/// An option of the law is invalid.
+pub fn figures(config: &Config, vehicle: &VehicleOptions) -> Result<Option<[f64; 2]>, Failure> {
+    let fly = |kind| {
+        let mut config = config.clone();
+        config.vehicle = vehicle.clone();
+        config.control.controller = ControllerName::OqtalDt;
+        config.trajectory.kind = kind;
+        let mission = Mission::new(config)?;
+        let flight = simulation::fly(&mission)?;
+        Ok::<_, Failure>(flight.shortfall().is_none().then_some((flight, mission)))
+    };
+    let hover = fly(TrajectoryKind::Hover)?.map(|(flight, _)| of_hover(&flight)[0]);
+    let chirp = fly(TrajectoryKind::AttitudeChirp)?;
+    let chirp = chirp.map(|(flight, mission)| of_attitude(&flight, &mission.trajectory)[0]);
+    Ok(hover.zip(chirp).map(|(hover, chirp)| [hover, chirp]))
+}
+
+impl HiddenRoom {
+    /// The errors of a parameter over all vehicles, with the half widths of their intervals.
+    fn errors(&self, name: &str) -> Vec<(f64, f64)> {
+        let parameters = self.plants.iter().flat_map(|plant| &plant.parameters);
+        let same = parameters.filter(|parameter| parameter.name == name);
+        same.map(|parameter| (parameter.error, parameter.half_width)).collect()
+    }
+
+    fn names(&self) -> Vec<(&'static str, &'static str)> {
+        let first = self.plants.iter().find(|plant| !plant.parameters.is_empty());
+        first.map_or_else(Vec::new, |plant| {
+            plant.parameters.iter().map(|p| (p.name, p.unit)).collect()
+        })
+    }
+
+    fn to_markdown(&self) -> String {
+        let (fidelity, preset) = self.laboratory;
+        let flown = self.plants.iter().filter(|plant| !plant.parameters.is_empty()).count();
+        let mut text = format!(
+            "### Plant `{fidelity}`, cameras `{preset}`: {flown} of {} identified\n\n\
+             | parameter | median error | 95 of 100 below | intervals that hold the truth |\n|---|---|---|---|\n",
+            self.plants.len()
+        );
+        for (name, unit) in self.names() {
+            let errors = self.errors(name);
+            let sizes = || errors.iter().map(|(error, _)| error.abs());
+            let held = errors.iter().filter(|(error, half)| error.abs() <= *half).count();
+            let [middle, most] = [median(sizes()), quantile(sizes(), 0.95)]
+                .map(|value| rounded(value.unwrap_or(f64::NAN), 2));
+            let share = 100.0 * held as f64 / errors.len().max(1) as f64;
+            text += &format!("| {name} | {middle} {unit} | {most} {unit} | {share:.0} % |\n");
+        }
+        text + &self.flown() + "\n"
+    }
+
+    /// How `oqtal-dt` flies with what was found.
+    fn flown(&self) -> String {
+        let row = |(name, index): (&str, usize)| {
+            let ratios = || self.plants.iter().filter_map(|p| p.flown_ratio).map(|r| r[index]);
+            let [middle, most] = [median(ratios()), quantile(ratios(), 0.95)]
+                .map(|ratio| rounded(100.0 * (ratio.unwrap_or(f64::NAN) - 1.0), 2));
+            format!("| `oqtal-dt`, {name}, against the truth known | {middle} % | {most} % | |\n")
+        };
+        [("hover", 0), ("chirp", 1)].map(row).concat()
+    }
+}
+
+impl HiddenPlants {
+    /// The tables of all laboratories.
+    #[must_use]
+    pub fn to_markdown(&self) -> String {
+        self.rooms.iter().map(HiddenRoom::to_markdown).collect()
+    }
+}

@@ -1,0 +1,260 @@
+//! An identification: from flights to findings, tests of the residuals, and settings.
+
+use oqtal_config::{Setting, VehicleOptions};
+use oqtal_runtime::process::{Exit, Failure};
+use serde::Serialize;
+
+use super::camera_figures::{PoseLatency, RestFigures};
+use super::data::{FlightData, median};
+use super::estimate::{VehicleFit, estimate};
+use super::finding::{FindingRule, ParameterFinding, rules};
+use super::fit::FitResult;
+use super::lifting;
+use super::residuals::ResidualTest;
+use super::turning;
+
+/// Names of the axes of the body.
+const BODY_AXES: [&str; 3] = ["roll", "pitch", "yaw"];
+/// Names of the axes of the world.
+const WORLD_AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Lag of the thrust below which the rotors seem to follow at once \[s\].
+const PROMPT_S: f64 = 3e-3;
+
+/// What is known of the vehicle beside its flights: they show the thrust over the mass alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scale {
+    /// Neither; the thrust is that at the mass of the configuration.
+    Unknown,
+    /// The mass \[kg\].
+    Mass(f64),
+    /// The greatest thrust \[N\].
+    Thrust(f64),
+}
+
+/// What flights show of their vehicle.
+#[derive(Clone, Debug, Serialize)]
+pub struct Identification {
+    /// The parameters.
+    pub findings: Vec<ParameterFinding>,
+    /// The tests of the residuals, for each axis of attitude and position.
+    pub residuals: Vec<ResidualTest>,
+    /// The cameras at rest; `None` without poses at rest.
+    pub at_rest: Option<RestFigures>,
+    /// Latency of the poses at rest.
+    pub latency_at_rest: Option<PoseLatency>,
+    /// Latency of the poses in flight.
+    pub latency_in_flight: Option<PoseLatency>,
+    /// Correlation time of the gusts \[s\].
+    pub gust_s: f64,
+    /// Whether the thrust follows so soon that the lag of the rotors must be in the delay.
+    pub has_prompt_thrust: bool,
+    /// Poses that were used \[-\].
+    pub poses: usize,
+    /// The fits, for plots.
+    #[serde(skip)]
+    pub estimate: VehicleFit,
+}
+
+/// Identifies the vehicle that flew `flights`, which is believed to be `believed`. Nothing else is known of it but its `scale`.
+///
+/// # Errors
+/// A flight is too short, or does not show anything (exit code 65).
+pub fn identify(
+    flights: &[FlightData],
+    believed: &VehicleOptions,
+    scale: Scale,
+) -> Result<Identification, Failure> {
+    let estimate = estimate(flights, believed).ok_or_else(|| {
+        let reason = "a flight is too short to identify the vehicle: at least two seconds in the air are needed, \
+                      best those of `oqtal fly --trajectory excitation`";
+        Failure::new(Exit::Data, reason)
+    })?;
+    let told = stamped(flights);
+    let findings = [
+        rotation(&estimate, believed, told),
+        translation(&estimate, believed, scale),
+        noise(&estimate),
+    ];
+    Ok(Identification {
+        findings: findings.concat(),
+        residuals: residuals(&estimate),
+        at_rest: RestFigures::of(flights),
+        latency_at_rest: PoseLatency::of(flights, |data| &data.rest),
+        latency_in_flight: PoseLatency::of(flights, |data| &data.air),
+        gust_s: estimate.lifting.noise.gust_s,
+        has_prompt_thrust: estimate.lifting.fit.values[1] < PROMPT_S,
+        poses: flights.iter().map(|data| data.air.len()).sum(),
+        estimate,
+    })
+}
+
+/// Median of the delays that the stamps of the flights tell \[s\].
+fn stamped(flights: &[FlightData]) -> Option<f64> {
+    median(flights.iter().filter_map(|data| data.stamped_delay_s))
+}
+
+/// Value and standard deviation of a parameter of a fit, in its unit times `factor`.
+fn of(fit: &FitResult, index: usize, factor: f64) -> (f64, f64) {
+    let variance = fit.covariance[(index, index)].max(0.0);
+    (fit.values[index] * factor, variance.sqrt() * factor)
+}
+
+fn rotation(
+    estimate: &VehicleFit,
+    believed: &VehicleOptions,
+    stamped_s: Option<f64>,
+) -> Vec<ParameterFinding> {
+    let fit = &estimate.turning.fit;
+    let (delay_ms, sd_ms) = of(fit, 0, 1e3);
+    let mut findings = vec![rules::DELAY.found(delay_ms, sd_ms, Some(believed.command_delay_ms))];
+    let hidden = stamped_s.map(|told_s| delay_ms - told_s * 1e3);
+    findings.extend(hidden.map(|hidden_ms| rules::HIDDEN_DELAY.found(hidden_ms, sd_ms, None)));
+    let (lag_ms, sd_ms) = of(fit, 1, 1e3);
+    findings.push(rules::RATE_LAG.found(lag_ms, sd_ms, Some(believed.rate_lag_ms)));
+    for (axis, rule) in rules::AUTHORITY.iter().enumerate() {
+        let (rate, sd) = of(fit, 2 + axis, 1.0);
+        findings.push(rule.found(rate, sd, Some(believed.rate_authority_rad_s[axis])));
+    }
+    for (axis, rule) in rules::RATE_BIAS.iter().enumerate() {
+        let (bias, sd) = of(fit, 5 + axis, 1f64.to_degrees());
+        findings.push(rule.found(bias, sd, None));
+    }
+    findings
+}
+
+fn translation(
+    estimate: &VehicleFit,
+    believed: &VehicleOptions,
+    scale: Scale,
+) -> Vec<ParameterFinding> {
+    let fit = &estimate.lifting.fit;
+    let (ratio, sd) = of(fit, 0, 1.0);
+    let before = (Some(believed.mass_kg), Some(believed.max_thrust_n));
+    let mut findings = vec![rules::THRUST_PER_MASS.found(
+        ratio,
+        sd,
+        Some(believed.max_thrust_n / believed.mass_kg),
+    )];
+    match scale {
+        Scale::Unknown => {
+            let mass_kg = believed.mass_kg;
+            findings.push(rules::THRUST.found(ratio * mass_kg, sd * mass_kg, before.1));
+        }
+        Scale::Mass(mass_kg) => {
+            findings.push(rules::MASS.told(mass_kg, before.0));
+            findings.push(rules::THRUST.found(ratio * mass_kg, sd * mass_kg, before.1));
+        }
+        Scale::Thrust(thrust_n) => {
+            let mass_kg = thrust_n / ratio;
+            findings.push(rules::MASS.found(mass_kg, mass_kg * sd / ratio, before.0));
+            findings.push(rules::THRUST.told(thrust_n, before.1));
+        }
+    }
+    let (lag_ms, sd_ms) = of(fit, 1, 1e3);
+    findings.push(rules::THRUST_LAG.found(lag_ms, sd_ms, Some(believed.thrust_lag_ms)));
+    let (bend, sd) = of(&estimate.curved.fit, 3, 1.0);
+    findings.push(rules::THRUST_CURVE.found(bend, sd, None));
+    let (drag, sd) = of(fit, 2, 1.0);
+    findings.push(rules::DRAG.found(drag.max(0.0), sd, Some(believed.drag_per_s)));
+    for (axis, rule) in rules::PUSH.iter().enumerate() {
+        let (push, sd) = of(fit, 4 + axis, 1.0);
+        findings.push(rule.found(push, sd, None));
+    }
+    findings
+}
+
+fn noise(estimate: &VehicleFit) -> Vec<ParameterFinding> {
+    let (turning, lifting) = (&estimate.turning, &estimate.lifting);
+    let count: usize = turning.passes.iter().map(|pass| 3 * pass.innovations.len()).sum();
+    let sd_ratio = (2.0 * count as f64).sqrt().recip();
+    let attitude_deg = turning.noise.measured_rad.to_degrees();
+    let position_mm = lifting.noise.measured_m * 1e3;
+    let gust = lifting.noise.gust_ratio * lifting.noise.measured_m;
+    vec![
+        rules::GUST.found(gust, f64::INFINITY, None),
+        rules::ATTITUDE_NOISE.found(attitude_deg, attitude_deg * sd_ratio, None),
+        rules::POSITION_NOISE.found(position_mm, position_mm * sd_ratio, None),
+    ]
+}
+
+fn residuals(estimate: &VehicleFit) -> Vec<ResidualTest> {
+    let (turning, lifting) = (&estimate.turning, &estimate.lifting);
+    let mut tests = Vec::new();
+    for axis in 0..3 {
+        let of_turn = |pass| turning::normalised(pass, &turning.noise, axis);
+        let turned: Vec<f64> = turning.passes.iter().flat_map(of_turn).collect();
+        tests.push(ResidualTest::of(format!("attitude, {}", BODY_AXES[axis]), &turned));
+    }
+    for axis in 0..3 {
+        let of_lift = |pass| lifting::normalised(pass, &lifting.noise, axis);
+        let lifted: Vec<f64> = lifting.passes.iter().flat_map(of_lift).collect();
+        tests.push(ResidualTest::of(format!("position, {}", WORLD_AXES[axis]), &lifted));
+    }
+    tests
+}
+
+impl Identification {
+    /// The findings of a key that the flights show, all of its components.
+    #[must_use]
+    pub fn of_key(&self, key: &str) -> Vec<&ParameterFinding> {
+        self.findings.iter().filter(|finding| finding.key == Some(key)).collect()
+    }
+
+    /// The keys that the flights show something of, in order, each once.
+    #[must_use]
+    pub fn keys(&self) -> Vec<&'static str> {
+        let mut keys: Vec<&'static str> = Vec::new();
+        for key in self.findings.iter().filter_map(|finding| finding.key) {
+            if !keys.contains(&key) {
+                keys.push(key);
+            }
+        }
+        keys
+    }
+
+    /// What is found, as settings over a configuration; what the flights do not show stays as it was.
+    #[must_use]
+    pub fn settings(&self) -> Vec<Setting> {
+        let setting = |key: &'static str| {
+            let values = self.values(key)?;
+            Some(match values.as_slice() {
+                [value] => Setting::flag("identify", key, *value),
+                several => Setting::flag("identify", key, several.to_vec()),
+            })
+        };
+        self.keys().into_iter().filter_map(setting).collect()
+    }
+
+    /// The values of a key, components that the flights do not show as they were; `None` if they show none.
+    #[must_use]
+    pub fn values(&self, key: &str) -> Option<Vec<f64>> {
+        let findings = self.of_key(key);
+        let is_any_shown = findings.iter().any(|finding| finding.is_shown());
+        let value = |finding: &&ParameterFinding| match finding.before {
+            Some(before) if !finding.is_shown() => before,
+            _ => finding.value,
+        };
+        is_any_shown.then(|| findings.iter().map(value).collect())
+    }
+
+    /// `believed` with what is found on top of it.
+    #[must_use]
+    pub fn vehicle(&self, believed: &VehicleOptions) -> VehicleOptions {
+        let mut vehicle = believed.clone();
+        let set = |rule: &FindingRule, target: &mut f64| {
+            let value = rule.key.and_then(|key| self.values(key));
+            *target = value.map_or(*target, |values| values[0]);
+        };
+        set(&rules::DELAY, &mut vehicle.command_delay_ms);
+        set(&rules::RATE_LAG, &mut vehicle.rate_lag_ms);
+        set(&rules::THRUST, &mut vehicle.max_thrust_n);
+        set(&rules::MASS, &mut vehicle.mass_kg);
+        set(&rules::THRUST_LAG, &mut vehicle.thrust_lag_ms);
+        set(&rules::DRAG, &mut vehicle.drag_per_s);
+        let rates = rules::AUTHORITY[0].key.and_then(|key| self.values(key));
+        let rates = rates.and_then(|rates| <[f64; 3]>::try_from(rates).ok());
+        vehicle.rate_authority_rad_s = rates.unwrap_or(vehicle.rate_authority_rad_s);
+        vehicle
+    }
+}

@@ -1,0 +1,142 @@
+//! The fit of the translation: thrust, its lag and curve, drag, and constant forces.
+
+use nalgebra::Vector3;
+
+use super::data::FlightData;
+use super::fit::{FitParameter, FitResult, covariance, fit};
+use super::noise::{Likelihood, best_in_proportion};
+use super::robust::huber;
+use super::rotation::RotationPass;
+use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pass};
+
+/// Rounds of a fit and an estimate of the noise.
+const ROUNDS: usize = 2;
+/// Parameters before the biases.
+const SHARED: usize = 4;
+/// Range of the gusts over the noise of a measurement \[1/s^2\].
+const GUSTS: [f64; 2] = [3.0, 10_000.0];
+/// Range of their correlation time \[s\].
+const GUST_TIMES: [f64; 2] = [0.05, 12.8];
+
+/// What the flights show of the translation.
+#[derive(Clone, Debug)]
+pub struct LiftingFit {
+    /// The parameters, with the external acceleration of each flight.
+    pub models: Vec<TranslationModel>,
+    /// Values and covariance in the order thrust \[m/s^2\], lag \[s\], drag \[1/s\], curvature \[-\], accelerations \[m/s^2, world\].
+    pub fit: FitResult,
+    /// Noise of the measurement and of the translation.
+    pub noise: TranslationNoise,
+    /// The flights as the predictor passed through them.
+    pub passes: Vec<TranslationPass>,
+}
+
+/// Flights with their rotation.
+#[derive(Clone, Copy, Debug)]
+pub struct TurnedFlights<'a> {
+    /// The flights.
+    pub flights: &'a [FlightData],
+    /// Their rotation.
+    pub rotations: &'a [RotationPass],
+}
+
+/// Fits the translation, from `start` on; the thrust is straight over its command unless `is_curved`.
+#[must_use]
+pub fn lifting(
+    turned: TurnedFlights,
+    start: &TranslationModel,
+    is_curved: bool,
+) -> Option<LiftingFit> {
+    let mut noise = TranslationNoise { measured_m: 0.5e-3, gust_ratio: 100.0, gust_s: 0.8 };
+    let mut parameters = parameters(start, turned.flights.len(), is_curved);
+    for _ in 0..ROUNDS {
+        let residuals = |values: &[f64]| residuals(turned, &models(values, start), &noise);
+        let values = fit(&parameters, &residuals)?;
+        for (parameter, value) in parameters.iter_mut().zip(&values) {
+            parameter.start = *value;
+        }
+        noise = noise_of(turned, &models(&values, start), noise);
+    }
+    let residuals = |values: &[f64]| residuals(turned, &models(values, start), &noise);
+    let values: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
+    let covariance = covariance(&parameters, &values, &series(turned.flights), &residuals)?;
+    let models = models(&values, start);
+    let passes = passes(turned, &models, &noise);
+    Some(LiftingFit { models, fit: FitResult { values, covariance }, noise, passes })
+}
+
+fn parameters(start: &TranslationModel, flights: usize, is_curved: bool) -> Vec<FitParameter> {
+    let free = |start, bounds, step| FitParameter { start, bounds, step, is_fixed: false };
+    let thrust = free(start.thrust_m_s2, [0.1, 1000.0], 0.02);
+    let lag = free(start.thrust_lag_s, [0.0, 0.5], 5e-4);
+    let drag = free(start.drag_per_s, [-1.0, 10.0], 5e-3);
+    let bend = FitParameter { is_fixed: !is_curved, ..free(0.0, [-2.0, 2.0], 1e-2) };
+    let bias = free(0.0, [-9.0, 9.0], 1e-3);
+    let biases = std::iter::repeat_n(bias, 3 * flights);
+    [thrust, lag, drag, bend].into_iter().chain(biases).collect()
+}
+
+fn models(values: &[f64], start: &TranslationModel) -> Vec<TranslationModel> {
+    let biases = values[SHARED..].chunks_exact(3).map(Vector3::from_column_slice);
+    let model = |bias| TranslationModel {
+        thrust_m_s2: values[0],
+        thrust_lag_s: values[1],
+        drag_per_s: values[2],
+        curvature_ratio: values[3],
+        bias,
+        ..*start
+    };
+    biases.map(model).collect()
+}
+
+fn passes(
+    turned: TurnedFlights,
+    models: &[TranslationModel],
+    noise: &TranslationNoise,
+) -> Vec<TranslationPass> {
+    let flights = turned.flights.iter().zip(turned.rotations).zip(models);
+    flights.map(|((data, rotation), model)| pass(data, rotation, model, noise)).collect()
+}
+
+fn series(flights: &[FlightData]) -> Vec<usize> {
+    flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
+}
+
+fn residuals(
+    turned: TurnedFlights,
+    models: &[TranslationModel],
+    noise: &TranslationNoise,
+) -> Vec<f64> {
+    let passes = passes(turned, models, noise);
+    let axes = passes.iter().flat_map(|pass| (0..3).map(move |axis| (pass, axis)));
+    axes.flat_map(|(pass, axis)| normalised(pass, noise, axis)).map(huber).collect()
+}
+
+/// The innovations along an axis \[expected standard deviations\].
+pub fn normalised(pass: &TranslationPass, noise: &TranslationNoise, axis: usize) -> Vec<f64> {
+    let sd = |variance: &f64| noise.measured_m * variance.sqrt();
+    let pairs = pass.innovations.iter().zip(&pass.variances);
+    pairs.map(|(innovation, variance)| innovation[axis] / sd(variance)).collect()
+}
+
+fn likelihood(passes: &[TranslationPass]) -> Likelihood {
+    Likelihood::of(passes.iter().map(|pass| (&*pass.innovations, &*pass.variances)))
+}
+
+/// The most likely noise at these parameters.
+fn noise_of(
+    turned: TurnedFlights,
+    models: &[TranslationModel],
+    noise: TranslationNoise,
+) -> TranslationNoise {
+    let log = |noise: TranslationNoise| likelihood(&passes(turned, models, &noise)).log;
+    let mut noise = noise;
+    for _ in 0..2 {
+        noise.gust_ratio = best_in_proportion(GUSTS, 15, |gust_ratio| {
+            log(TranslationNoise { gust_ratio, ..noise })
+        });
+        noise.gust_s =
+            best_in_proportion(GUST_TIMES, 9, |gust_s| log(TranslationNoise { gust_s, ..noise }));
+    }
+    TranslationNoise { measured_m: likelihood(&passes(turned, models, &noise)).measured, ..noise }
+}

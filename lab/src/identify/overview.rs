@@ -1,0 +1,99 @@
+//! An identification as text for the terminal.
+
+use comfy_table::presets::UTF8_FULL_CONDENSED;
+use comfy_table::{CellAlignment, Table};
+use oqtal_observe::plot::unit::{MISSING, rounded};
+
+use super::camera_figures::PoseLatency;
+use super::digits::with_interval;
+use super::finding::ParameterFinding;
+use super::identification::Identification;
+
+/// The headings of the findings.
+pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
+
+/// The cells of a finding under [`HEADINGS`].
+#[must_use]
+pub fn cells(finding: &ParameterFinding) -> [String; 5] {
+    let ParameterFinding { name, unit, value, half_width, before, missing, .. } = finding;
+    let (value_text, half) = match half_width {
+        half if half.is_infinite() => (rounded(*value, 3), MISSING.to_owned()),
+        half if *half == 0.0 => (rounded(*value, 4), "told".to_owned()),
+        half => with_interval(*value, *half),
+    };
+    let name = if *unit == "-" { (*name).to_owned() } else { format!("{name} [{unit}]") };
+    let before_text = before.map_or_else(|| MISSING.to_owned(), |before| rounded(before, 4));
+    let change = match before {
+        _ if missing.is_some() => "not shown".to_owned(),
+        Some(before) if *before != 0.0 => format!("{:+.1} %", 100.0 * (value / before - 1.0)),
+        _ => MISSING.to_owned(),
+    };
+    [name, value_text, half, before_text, change]
+}
+
+/// What the tests of the residuals, the cameras and the missing motions say, one item for each line.
+#[must_use]
+pub fn remarks(identification: &Identification) -> Vec<String> {
+    let mut lines = Vec::new();
+    for finding in identification.findings.iter().filter(|finding| !finding.is_shown()) {
+        let motion = finding.missing.unwrap_or_default();
+        lines.push(format!("{}: not shown, and not written. Missing: {motion}", finding.name));
+    }
+    let coloured: Vec<&str> = identification
+        .residuals
+        .iter()
+        .filter(|test| !test.is_white)
+        .map(|test| &*test.name)
+        .collect();
+    lines.push(match coloured.as_slice() {
+        [] => "residuals: white on all axes; the model leaves nothing to predict".to_owned(),
+        names => format!(
+            "residuals: not white ({}): the vehicle does more than the model; the intervals account for it",
+            names.join("; ")
+        ),
+    });
+    if identification.has_prompt_thrust {
+        let reason = "the lag of the rotors is then inside the rate loop";
+        let effect =
+            "it is in the delay, and missing in rate lag and thrust lag; their sums are right";
+        lines.push(format!("thrust that follows at once: {reason}: {effect}"));
+    }
+    lines.push(cameras(identification));
+    lines
+}
+
+fn cameras(identification: &Identification) -> String {
+    let latency = |figures: &Option<PoseLatency>| match figures {
+        Some(PoseLatency { median_ms, p95_ms }) => {
+            format!("latency {median_ms:.1} ms, 95 of 100 below {p95_ms:.1} ms")
+        }
+        None => "no latency".to_owned(),
+    };
+    let at_rest = match &identification.at_rest {
+        Some(rest) => {
+            let (mm, deg) = (rest.position_mm, rest.attitude_deg);
+            format!(
+                "at rest {mm:.3} mm and {deg:.3} deg, {}",
+                latency(&identification.latency_at_rest)
+            )
+        }
+        None => "no poses at rest".to_owned(),
+    };
+    let in_flight = latency(&identification.latency_in_flight);
+    format!("cameras, by their own stamps: {at_rest}; in flight {in_flight}")
+}
+
+/// The findings as a table, and the remarks below it.
+#[must_use]
+pub fn text(identification: &Identification) -> String {
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED);
+    table.set_header(HEADINGS);
+    for finding in &identification.findings {
+        table.add_row(cells(finding));
+    }
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    format!("{table}\n{}", remarks(identification).join("\n"))
+}

@@ -1,0 +1,161 @@
+//! Prediction of the attitude from pose to pose: the on-board rate loop under the commands that act, corrected by a Kalman filter at
+//! each pose. What the predictions miss, over their expected deviation, are the residuals of a fit.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::data::FlightData;
+use super::inner_loop::LoopStep;
+use super::robust::{LostTrack, limited};
+use super::timeline::CommandTimeline;
+
+/// Standard deviation of the rate before the first pose \[rad/s\].
+const INITIAL_RATE: f64 = 0.5;
+
+/// Parameters of the rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotationModel {
+    /// From the sending of a command to its effect \[s\].
+    pub delay_s: f64,
+    /// Time constant of the rate loop \[s\].
+    pub lag_s: f64,
+    /// Rate at full stick \[rad/s, body\].
+    pub authority: Vector3<f64>,
+    /// Error of the rate that the vehicle follows \[rad/s, body\].
+    pub bias: Vector3<f64>,
+}
+
+/// Noise of the rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RotationNoise {
+    /// Standard deviation of a measured attitude about each axis \[rad\].
+    pub measured_rad: f64,
+    /// What the rate walks in one second, over [`Self::measured_rad`] \[1/s\].
+    pub walk_ratio: f64,
+}
+
+/// A piece of time with one thrust command and the direction of the thrust in its middle.
+#[derive(Clone, Copy, Debug)]
+pub struct ThrustPiece {
+    /// Duration \[s\].
+    pub h_s: f64,
+    /// Commanded share of the greatest thrust \[0..1\].
+    pub share: f64,
+    /// Body z \[world\].
+    pub axis: Vector3<f64>,
+    /// Whether a pose is at its end.
+    pub ends_at_pose: bool,
+}
+
+/// A flight passed through by the predictor.
+#[derive(Clone, Debug, Default)]
+pub struct RotationPass {
+    /// Measured minus predicted attitude of every pose but the first \[rad, body\].
+    pub innovations: Vec<Vector3<f64>>,
+    /// Their expected variance over that of the measurement \[-\].
+    pub variances: Vec<f64>,
+    /// The pieces of time, from the first pose to the last.
+    pub pieces: Vec<ThrustPiece>,
+    /// Duration \[s\] and commanded share \[0..1\] of the pieces before the first pose.
+    pub before: Vec<(f64, f64)>,
+    /// Body rate at every pose but the first \[rad/s, body\].
+    pub rates: Vec<Vector3<f64>>,
+}
+
+/// The state of the predictor.
+struct Predictor<'a> {
+    model: &'a RotationModel,
+    attitude: UnitQuaternion<f64>,
+    rate: Vector3<f64>,
+    /// Covariance of angle and rate over the variance of a measurement: `[angle, both, rate]`.
+    covariance: [f64; 3],
+    /// Variance that the rate gains in a second, over that of a measurement \[1/s^3\].
+    walk: f64,
+    lost: LostTrack,
+}
+
+/// Passes through the poses of `data` in the air.
+#[must_use]
+pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> RotationPass {
+    let Some((first, poses)) = data.air.split_first() else { return RotationPass::default() };
+    let mut pass = RotationPass::default();
+    let mut timeline = CommandTimeline::new(&data.commands, model.delay_s);
+    let began_s = data.commands.first().map_or(first.captured_s, |first| first.sent_s);
+    timeline.pieces((began_s, first.captured_s), |h_s, command| {
+        pass.before.push((h_s, command.map_or(0.0, |command| command.thrust)));
+    });
+    let mut predictor = Predictor::new(model, *first.attitude.unit_quaternion(), noise);
+    let mut last_s = first.captured_s;
+    for pose in poses {
+        timeline.pieces((last_s, pose.captured_s), |h_s, command| {
+            let (sticks, share) = command.map_or((Vector3::zeros(), 0.0), |c| (c.sticks, c.thrust));
+            let axis = predictor.advance(h_s, &sticks);
+            pass.pieces.push(ThrustPiece { h_s, share, axis, ends_at_pose: false });
+        });
+        if let Some(piece) = pass.pieces.last_mut() {
+            piece.ends_at_pose = true;
+        }
+        pass.rates.push(predictor.rate);
+        let (innovation, variance) =
+            predictor.correct(pose.attitude.unit_quaternion(), noise.measured_rad);
+        pass.innovations.push(innovation);
+        pass.variances.push(variance);
+        last_s = pose.captured_s;
+    }
+    pass
+}
+
+impl<'a> Predictor<'a> {
+    fn new(model: &'a RotationModel, attitude: UnitQuaternion<f64>, noise: &RotationNoise) -> Self {
+        Self {
+            model,
+            attitude,
+            rate: Vector3::zeros(),
+            covariance: [1.0, 0.0, (INITIAL_RATE / noise.measured_rad).powi(2)],
+            walk: noise.walk_ratio * noise.walk_ratio,
+            lost: LostTrack::default(),
+        }
+    }
+
+    /// Advances by `h_s` \[s\]; returns body z in the middle of that time \[world\].
+    fn advance(&mut self, h_s: f64, sticks: &Vector3<f64>) -> Vector3<f64> {
+        let step = LoopStep::new(self.model.lag_s, h_s);
+        let demand = self.model.authority.component_mul(sticks) + self.model.bias;
+        let before = self.rate;
+        let turned = Vector3::from_fn(|axis, _| step.advance(&mut self.rate[axis], demand[axis]));
+        // Rotations about changing axes do not commute: the coning of a rate that changes evenly.
+        let coning = before.cross(&self.rate) * (h_s * h_s / 12.0);
+        let half = UnitQuaternion::from_scaled_axis((turned + coning) * 0.5);
+        let middle = self.attitude * half;
+        self.attitude = UnitQuaternion::new_normalize((middle * half).into_inner());
+        let ([p, c, r], (keep, lever)) = (self.covariance, step.of_rate());
+        let added = self.walk * h_s;
+        self.covariance = [
+            p + 2.0 * lever * c + lever * lever * r + added * h_s * h_s / 3.0,
+            keep * (c + lever * r) + added * h_s / 2.0,
+            keep * keep * r + added,
+        ];
+        middle * Vector3::z()
+    }
+
+    /// Corrects by a measured attitude; returns the innovation \[rad, body\] and its expected variance over that of a measurement.
+    fn correct(
+        &mut self,
+        measured: &UnitQuaternion<f64>,
+        measured_rad: f64,
+    ) -> (Vector3<f64>, f64) {
+        let innovation = (self.attitude.inverse() * measured).scaled_axis();
+        let [p, c, r] = self.covariance;
+        let variance = p + 1.0;
+        let sd = measured_rad * variance.sqrt();
+        if self.lost.notices(&innovation, sd) {
+            self.attitude = *measured;
+            self.covariance = [1.0, 0.0, (INITIAL_RATE / measured_rad).powi(2)];
+            return (innovation, variance);
+        }
+        let counted = limited(&innovation, sd);
+        self.attitude *= UnitQuaternion::from_scaled_axis(counted * (p / variance));
+        self.rate += counted * (c / variance);
+        self.covariance = [p / variance, c / variance, r - c * c / variance];
+        (innovation, variance)
+    }
+}

@@ -1,0 +1,125 @@
+//! The fit of the rotation: delay, lag, authority and bias.
+
+use nalgebra::Vector3;
+
+use super::data::FlightData;
+use super::fit::{FitParameter, FitResult, covariance, fit};
+use super::noise::{Likelihood, best_in_proportion};
+use super::robust::huber;
+use super::rotation::{RotationModel, RotationNoise, RotationPass, pass};
+
+/// Rounds of a fit and an estimate of the noise.
+const ROUNDS: usize = 2;
+/// Parameters before the biases.
+const SHARED: usize = 5;
+/// Range of the walk of the rate over the noise of a measurement \[1/s\].
+const WALKS: [f64; 2] = [0.1, 1000.0];
+
+/// What the flights show of the rotation.
+#[derive(Clone, Debug)]
+pub struct TurningFit {
+    /// The parameters, with the bias of each flight.
+    pub models: Vec<RotationModel>,
+    /// Values and covariance in the order delay \[s\], lag \[s\], authority \[rad/s, body\], biases
+    /// \[rad/s, body\].
+    pub fit: FitResult,
+    /// Noise of the measurement and of the rotation.
+    pub noise: RotationNoise,
+    /// The flights as the predictor passed through them.
+    pub passes: Vec<RotationPass>,
+}
+
+/// Fits the rotation to `flights`, from `start` on, the rate loop of first order.
+#[must_use]
+pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningFit> {
+    let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
+    let mut parameters = parameters(start, flights.len());
+    for _ in 0..ROUNDS {
+        let residuals = |values: &[f64]| residuals(flights, &models(values), &noise);
+        let values = fit(&parameters, &residuals)?;
+        begin_at(&mut parameters, &values);
+        noise = noise_of(flights, &models(&values), noise);
+    }
+    finish(flights, &parameters, noise)
+}
+
+/// Lets a further fit begin at these values.
+fn begin_at(parameters: &mut [FitParameter], values: &[f64]) {
+    for (parameter, value) in parameters.iter_mut().zip(values) {
+        parameter.start = *value;
+    }
+}
+
+/// The fit at the values where `parameters` begin.
+fn finish(
+    flights: &[FlightData],
+    parameters: &[FitParameter],
+    noise: RotationNoise,
+) -> Option<TurningFit> {
+    let residuals = |values: &[f64]| residuals(flights, &models(values), &noise);
+    let values: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
+    let covariance = covariance(parameters, &values, &series(flights), &residuals)?;
+    let models = models(&values);
+    let passes = passes(flights, &models, &noise);
+    Some(TurningFit { models, fit: FitResult { values, covariance }, noise, passes })
+}
+
+fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {
+    let time = |start| FitParameter { start, bounds: [0.0, 0.3], step: 2e-4, is_fixed: false };
+    let lag = FitParameter { bounds: [1e-3, 1.0], ..time(start.lag_s) };
+    let rate = |start| FitParameter { start, bounds: [-50.0, 50.0], step: 1e-3, is_fixed: false };
+    let authority = start.authority.iter().map(|authority| rate(*authority));
+    let biases = (0..3 * flights).map(|_| rate(0.0));
+    let times = [time(start.delay_s), lag].into_iter();
+    times.chain(authority).chain(biases).collect()
+}
+
+/// The parameters of each flight from the values of a fit.
+fn models(values: &[f64]) -> Vec<RotationModel> {
+    let (delay_s, lag_s) = (values[0], values[1]);
+    let authority = Vector3::from_column_slice(&values[2..SHARED]);
+    let biases = values[SHARED..].chunks_exact(3).map(Vector3::from_column_slice);
+    biases.map(|bias| RotationModel { delay_s, lag_s, authority, bias }).collect()
+}
+
+fn passes(
+    flights: &[FlightData],
+    models: &[RotationModel],
+    noise: &RotationNoise,
+) -> Vec<RotationPass> {
+    flights.iter().zip(models).map(|(data, model)| pass(data, model, noise)).collect()
+}
+
+/// Number of residuals of each axis of each flight.
+fn series(flights: &[FlightData]) -> Vec<usize> {
+    flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
+}
+
+fn residuals(flights: &[FlightData], models: &[RotationModel], noise: &RotationNoise) -> Vec<f64> {
+    let passes = passes(flights, models, noise);
+    let axes = passes.iter().flat_map(|pass| (0..3).map(move |axis| (pass, axis)));
+    axes.flat_map(|(pass, axis)| normalised(pass, noise, axis)).map(huber).collect()
+}
+
+/// The innovations about an axis \[expected standard deviations\].
+pub fn normalised(pass: &RotationPass, noise: &RotationNoise, axis: usize) -> Vec<f64> {
+    let sd = |variance: &f64| noise.measured_rad * variance.sqrt();
+    let pairs = pass.innovations.iter().zip(&pass.variances);
+    pairs.map(|(innovation, variance)| innovation[axis] / sd(variance)).collect()
+}
+
+fn likelihood(passes: &[RotationPass]) -> Likelihood {
+    Likelihood::of(passes.iter().map(|pass| (&*pass.innovations, &*pass.variances)))
+}
+
+/// The most likely noise at these parameters.
+fn noise_of(
+    flights: &[FlightData],
+    models: &[RotationModel],
+    noise: RotationNoise,
+) -> RotationNoise {
+    let with = |walk_ratio| RotationNoise { walk_ratio, ..noise };
+    let log = |walk_ratio| likelihood(&passes(flights, models, &with(walk_ratio))).log;
+    let noise = with(best_in_proportion(WALKS, 17, log));
+    RotationNoise { measured_rad: likelihood(&passes(flights, models, &noise)).measured, ..noise }
+}

@@ -1,0 +1,173 @@
+//! Vehicles that the controller does not know are identified, and what flights do not show is not told.
+
+use nalgebra::Vector3;
+use oqtal_bus::time::Time;
+use oqtal_config::{Config, Setting};
+use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion, Rotation, VehicleModel};
+use oqtal_lab::identify::data::{CommandRecord, FlightData, PoseRecord};
+use oqtal_lab::identify::excitation_flight;
+use oqtal_lab::identify::finding::rules;
+use oqtal_lab::identify::hidden_plants::{self, HiddenParameter, HiddenPlants};
+use oqtal_lab::identify::identification::{Identification, Scale, identify};
+use oqtal_lab::identify::rotation::{self, RotationModel, RotationNoise};
+use oqtal_lab::identify::translation::{self, TranslationModel, TranslationNoise};
+use oqtal_lab::identify::vehicle_toml;
+use oqtal_lab::mission::Mission;
+use oqtal_lab::simulation;
+use oqtal_observe::flight::Flight;
+
+/// Longest flight \[s\].
+const LONGEST_S: f64 = 60.0;
+
+fn identified(flight: &Flight) -> Identification {
+    let data = [FlightData::of(flight)];
+    identify(&data, &flight.config.vehicle, Scale::Unknown).unwrap()
+}
+
+fn armed_s(flight: &Flight) -> f64 {
+    let mut times = flight.armed().map(|sample| sample.telemetry.time);
+    let first = times.next().unwrap();
+    times.last().unwrap().since(first).seconds()
+}
+
+/// Greatest error of a parameter, in its unit.
+fn bound(parameter: &HiddenParameter) -> f64 {
+    if parameter.name == rules::DRAG.name { 20.0 } else { 3.0 }
+}
+
+/// One vehicle in two laboratories; with `OQTAL_HIDDEN_PLANTS` so many in all of them, and their tables are printed.
+#[test]
+fn hidden_vehicles_are_identified_within_their_bounds() {
+    let count = std::env::var("OQTAL_HIDDEN_PLANTS").ok().map(|text| text.parse().unwrap());
+    let all = HiddenPlants::LABORATORIES;
+    let laboratories = if count.is_some() { all.to_vec() } else { vec![all[0], all[3]] };
+    let study = hidden_plants::study(&[], 1..count.unwrap_or(1) + 1, &laboratories).unwrap();
+    println!("{}", study.to_markdown());
+    for room in study.rooms {
+        let flown: Vec<&Vec<HiddenParameter>> =
+            room.plants.iter().map(|plant| &plant.parameters).filter(|p| !p.is_empty()).collect();
+        assert!(10 * flown.len() >= 9 * room.plants.len(), "{:?}", room.laboratory);
+        for (index, parameter) in flown[0].iter().enumerate() {
+            let mut errors: Vec<f64> = flown.iter().map(|p| p[index].error.abs()).collect();
+            errors.sort_by(f64::total_cmp);
+            let median = errors[errors.len() / 2];
+            assert!(median <= bound(parameter), "{:?}: {parameter:?}, {median}", room.laboratory);
+        }
+    }
+}
+
+#[test]
+fn neither_truth_nor_plant_nor_instants_of_effect_reach_the_estimator() {
+    let config = hidden_plants::config(&[], HiddenPlants::LABORATORIES[0], 2).unwrap();
+    let flight = excitation_flight::fly(&config).unwrap();
+    assert!(armed_s(&flight) <= LONGEST_S, "{}", armed_s(&flight));
+    let mut blind = flight.clone();
+    blind.samples.iter_mut().for_each(|sample| sample.truth = None);
+    blind.applied.iter_mut().for_each(|applied| applied.stamps.applied_at = Time::UNSET);
+    blind.config.plant = Config::default().plant;
+    let [seeing, blind] = [identified(&flight), identified(&blind)];
+    let told = |identification: &Identification| {
+        let hidden = |name| name == rules::HIDDEN_DELAY.name;
+        let own = identification.findings.iter().filter(|finding| !hidden(finding.name));
+        own.map(|finding| (finding.name, finding.value, finding.half_width)).collect::<Vec<_>>()
+    };
+    assert_eq!(told(&seeing), told(&blind));
+    assert_eq!(seeing.findings.len(), blind.findings.len() + 1);
+}
+
+#[test]
+fn what_a_hover_does_not_show_is_not_written() {
+    let settings = [
+        Setting::flag("test", "trajectory.kind", "hover"),
+        Setting::flag("test", "trajectory.hover.duration-s", 6.0),
+    ];
+    let config = Config::from_settings(&settings).unwrap();
+    let flight = simulation::fly(&Mission::new(config).unwrap()).unwrap();
+    let identification = identified(&flight);
+    let drag = identification.of_key("vehicle.drag-per-s")[0];
+    assert_eq!(drag.missing, Some(rules::DRAG.motion), "{drag:?}");
+    let text = vehicle_toml::toml(&identification, "hummingbird");
+    assert!(!text.contains("\ndrag-per-s"), "{text}");
+    assert!(text.contains(rules::DRAG.motion), "{text}");
+    assert_eq!(identification.vehicle(&flight.config.vehicle).drag_per_s, 0.25);
+}
+
+#[test]
+fn what_is_found_is_a_layer_of_the_configuration() {
+    let settings = [Setting::flag("test", "plant.rate-lag-ms", 60.0)];
+    let flight = excitation_flight::fly(&Config::from_settings(&settings).unwrap()).unwrap();
+    let identification = identified(&flight);
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("vehicle.toml");
+    std::fs::write(&file, vehicle_toml::toml(&identification, "hummingbird")).unwrap();
+    let layered = Config::load(Some(&file), &[]).unwrap();
+    let found = identification.vehicle(&flight.config.vehicle);
+    assert!((found.rate_lag_ms - 60.0).abs() < 3.0, "{found:?}");
+    let [a, b] = [&layered.vehicle, &found].map(|vehicle| {
+        [vehicle.rate_lag_ms, vehicle.command_delay_ms, vehicle.max_thrust_n, vehicle.drag_per_s]
+    });
+    // The file has as many digits as the intervals support.
+    assert!(a.iter().zip(&b).all(|(a, b)| (a / b - 1.0).abs() < 0.01), "{a:?} {b:?}");
+    assert_eq!(layered.vehicle.mass_kg, flight.config.vehicle.mass_kg);
+}
+
+/// A vehicle of `model` under swinging commands for five seconds, without noise.
+fn ideal(model: &VehicleModel, (delay_s, authority): (f64, f64)) -> FlightData {
+    let mut history = CommandHistory::new(delay_s);
+    let mut data = FlightData::default();
+    let mut motion = Motion::default();
+    for k in 0..300_u32 {
+        let t_s = f64::from(k) / 60.0;
+        let (position, attitude) = (motion.position, motion.attitude);
+        data.air.push(PoseRecord { captured_s: t_s, latency_s: 0.0, position, attitude });
+        let swing = |per_s: f64| (per_s * t_s).sin();
+        let sticks = Vector3::new(swing(9.0), swing(5.0), 0.5 * swing(3.0));
+        let thrust = 0.25 + 0.05 * swing(4.0);
+        data.commands.push(CommandRecord { sent_s: t_s, sticks, thrust });
+        let thrust_n = thrust * 20.0;
+        let input = ModelInput { demand: sticks * authority, thrust_n, ..ModelInput::default() };
+        history.push(u64::from(k) + 1, t_s, input);
+        let span = (t_s, f64::from(k + 1) / 60.0);
+        motion = history.propagate(model, (&motion, &Bias::default()), span);
+    }
+    data
+}
+
+/// The predictor against the code with which `oqtal-dt` predicts.
+#[test]
+fn the_model_is_that_of_the_predictive_law() {
+    let (delay_s, authority, lag_s) = (20e-3, 1.8, 50e-3);
+    let model = VehicleModel {
+        rotation: Rotation::RateLoop { lag_s },
+        mass_kg: 0.5,
+        gravity_m_s2: 9.81,
+        drag_per_s: 0.25,
+        thrust_lag_s: 40e-3,
+        longest_step_s: 1e-3,
+    };
+    let data = ideal(&model, (delay_s, authority));
+    let (authority, bias) = (Vector3::repeat(authority), Vector3::zeros());
+    let turning = RotationModel { delay_s, lag_s, authority, bias };
+    let noise = RotationNoise { measured_rad: 1e-3, walk_ratio: 0.1 };
+    let turned = rotation::pass(&data, &turning, &noise);
+    let lifting = TranslationModel {
+        gravity_m_s2: 9.81,
+        thrust_m_s2: 40.0,
+        thrust_lag_s: 40e-3,
+        drag_per_s: 0.25,
+        bias,
+        curvature_ratio: 0.0,
+        hover_share: 0.25,
+    };
+    let noise = TranslationNoise { measured_m: 1e-3, gust_ratio: 1.0, gust_s: 1.0 };
+    let lifted = translation::pass(&data, &turned, &lifting, &noise);
+    let greatest =
+        |innovations: &[Vector3<f64>]| innovations.iter().map(Vector3::amax).fold(0.0, f64::max);
+    assert_eq!(turned.innovations.len(), 299);
+    assert!(greatest(&turned.innovations) < 3e-5, "{} rad", greatest(&turned.innovations));
+    assert!(greatest(&lifted.innovations) < 3e-5, "{} m", greatest(&lifted.innovations));
+    let other = RotationModel { delay_s: 25e-3, ..turning };
+    let missed =
+        rotation::pass(&data, &other, &RotationNoise { measured_rad: 1e-3, walk_ratio: 0.1 });
+    assert!(greatest(&missed.innovations) > 3e-4, "{} rad", greatest(&missed.innovations));
+}
