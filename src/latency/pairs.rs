@@ -55,7 +55,7 @@ impl Terms {
         let cpu = config.realtime.cpus.last().copied().map_or_else(last_cpu, Ok)?;
         config.realtime.cpus = vec![cpu];
         let file = rig.directory().join("periodic.toml");
-        files::write(&file, &config.to_toml())
+        files::write(&file, config.to_toml())
             .map_err(|e| Failure::new(Exit::System, format!("{}: {e}", file.display())))?;
         let priority = (realtime.policy == "fifo").then_some(realtime.priority);
         Ok(Self { config: file, cpu, priority, length })

@@ -72,7 +72,7 @@ impl Rig {
         let rig =
             Self { config, place, directory, takers: Vec::new(), chain: Vec::new(), camera: None };
         let written = files::create_private_directory(&rig.directory)
-            .and_then(|()| files::write(&rig.config_file(), &rig.config.to_toml()));
+            .and_then(|()| files::write(&rig.config_file(), rig.config.to_toml()));
         written.map_err(|e| failed(&rig.directory, &e))?;
         Ok(rig)
     }

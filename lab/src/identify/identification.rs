@@ -181,15 +181,15 @@ fn noise(estimate: &VehicleFit) -> Vec<ParameterFinding> {
 fn residuals(estimate: &VehicleFit) -> Vec<ResidualTest> {
     let (turning, lifting) = (&estimate.turning, &estimate.lifting);
     let mut tests = Vec::new();
-    for axis in 0..3 {
+    for (axis, name) in BODY_AXES.iter().enumerate() {
         let of_turn = |pass| turning::normalised(pass, &turning.noise, axis);
         let turned: Vec<f64> = turning.passes.iter().flat_map(of_turn).collect();
-        tests.push(ResidualTest::of(format!("attitude, {}", BODY_AXES[axis]), &turned));
+        tests.push(ResidualTest::of(format!("attitude, {name}"), &turned));
     }
-    for axis in 0..3 {
+    for (axis, name) in WORLD_AXES.iter().enumerate() {
         let of_lift = |pass| lifting::normalised(pass, &lifting.noise, axis);
         let lifted: Vec<f64> = lifting.passes.iter().flat_map(of_lift).collect();
-        tests.push(ResidualTest::of(format!("position, {}", WORLD_AXES[axis]), &lifted));
+        tests.push(ResidualTest::of(format!("position, {name}"), &lifted));
     }
     tests
 }
