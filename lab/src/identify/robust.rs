@@ -42,7 +42,7 @@ impl LostTrack {
     }
 }
 
-/// `innovation` with each component limited to [`LIMIT`] times `sd`.
+/// `innovation` with each component limited to `LIMIT` times `sd`.
 #[must_use]
 pub fn limited(innovation: &Vector3<f64>, sd: f64) -> Vector3<f64> {
     innovation.map(|component| component.clamp(-LIMIT * sd, LIMIT * sd))
