@@ -112,7 +112,7 @@ fn a_browser_follows_a_flight_that_it_arms_and_lands() {
         ["blocked", "403"].contains(&&*seen["refused"]["foreign"].to_string().replace('"', ""))
     );
     assert!(seen["armed"].as_str().unwrap().starts_with("arm"), "{seen}");
-    assert!(seen["landing"].as_str().unwrap().starts_with("land: "), "{seen}");
+    assert!(seen["landing"].as_str().unwrap().starts_with("landing"), "{seen}");
     assert!(number(&seen, "/pixels") > 100.0, "no path is drawn");
 }
 

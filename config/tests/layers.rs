@@ -62,17 +62,30 @@ fn a_matrix_is_printed_on_one_line() {
 #[test]
 fn an_error_names_the_setting_that_made_the_value_impossible() {
     let too_light = error(&["vehicle.gravity-m-s2=3.0"]);
-    assert!(too_light.starts_with("flag 0: `position.vertical-acceleration-limit"), "{too_light}");
+    assert!(
+        too_light.contains("`position.vertical-acceleration-limit")
+            && too_light.starts_with("flag 0: "),
+        "{too_light}"
+    );
     let too_heavy = error(&["vehicle.max-thrust-n=6.0", "vehicle.mass-kg=0.8"]);
-    assert!(too_heavy.starts_with("flag 1: `vehicle.max-thrust-n` is 6"), "{too_heavy}");
+    assert!(
+        too_heavy.contains("`vehicle.max-thrust-n` is 6") && too_heavy.starts_with("flag 1: "),
+        "{too_heavy}"
+    );
     let too_fast = error(&["mocap.rate-hz=60", "control.rate-hz=200"]);
-    assert!(too_fast.starts_with("flag 1: `safety.pose-rate-hz` is 60"), "{too_fast}");
+    assert!(
+        too_fast.contains("`safety.pose-rate-hz` is 60") && too_fast.starts_with("flag 1: "),
+        "{too_fast}"
+    );
     let too_slow = error(&["control.rate-hz=100", "mocap.rate-hz=30"]);
     assert!(too_slow.starts_with("flag 1: ") && too_slow.contains("it follows `mocap.rate-hz`"));
     let too_long = error(&["bridge.motor-sequence-ms=4000"]);
-    assert!(too_long.starts_with("flag 0: `safety.motor-start-ms`"), "{too_long}");
+    assert!(
+        too_long.contains("`safety.motor-start-ms`") && too_long.starts_with("flag 0: "),
+        "{too_long}"
+    );
     let wired = error(&["plant.wire.link=asctec:/tmp/x", "clock.kind=lockstep"]);
-    assert!(wired.starts_with("flag 1: `plant.wire.link`"), "{wired}");
+    assert!(wired.contains("`plant.wire.link`") && wired.starts_with("flag 1: "), "{wired}");
 }
 
 #[test]

@@ -64,7 +64,7 @@ async function control(page, context) {
 	await until(page, 'answer', 'token');
 	await page.fill('#token', token);
 	await page.click('#unlock button');
-	await until(page, 'answer', 'status: done');
+	await until(page, 'answer', 'daemon: disarmed');
 	// Poses may be late on a busy machine: the operator arms again.
 	for (let tries = 0; tries < 60 && !(await text(page, 'mode')).includes('flying'); tries += 1) {
 		await page.click('#arm');
@@ -74,7 +74,7 @@ async function control(page, context) {
 	await page.waitForFunction(() => parseFloat(document.getElementById('z')?.textContent) > 0.3, null, TIMEOUT);
 	const armed = await text(page, 'answer');
 	await page.click('#land');
-	await until(page, 'answer', 'land: ');
+	await until(page, 'answer', 'landing');
 	const landing = await text(page, 'answer');
 	await until(page, 'mode', 'disarmed');
 	return { refused, armed, landing, pixels: await page.evaluate(drawn) };

@@ -44,7 +44,9 @@ where
 {
     let closed: SMatrix<f64, N, N> =
         (model.a - model.b * gain).fixed_view::<N, N>(first, first).into_owned();
-    closed.complex_eigenvalues().iter().map(|pole| pole.re).fold(f64::MIN, f64::max)
+    // Without a bound on its iterations, and with the least tolerance, it need not end.
+    let schur = closed.try_schur(1e-12, 10_000).expect("the iteration converges");
+    schur.complex_eigenvalues().iter().map(|pole| pole.re).fold(f64::MIN, f64::max)
 }
 
 fn check_stable<I: Form>(model: &AugmentedModel, gain: &Gain, input: I, integral_action: bool) {

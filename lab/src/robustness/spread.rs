@@ -339,10 +339,10 @@ mod tests {
             read("[plant]\nmass-kg = { factor = [0.5, 1] }\nbattery.sag = { choose = [true] }\n");
         let keys = spread.unwrap().keys;
         assert_eq!(
-            keys[0],
+            keys[1],
             SpreadKey { key: "plant.mass-kg".to_owned(), form: Form::Factor(0.5, 1.0) }
         );
-        assert_eq!(keys[1].form, Form::Choose(vec![Value::Boolean(true)]));
+        assert_eq!(keys[0].form, Form::Choose(vec![Value::Boolean(true)]));
         for wrong in
             ["mass-kg = 3", "mass-kg = { times = [1, 2] }", "mass-kg = { factor = [2, 1] }"]
         {
