@@ -86,7 +86,7 @@ configuration() {
         NR == 1 {
             print "# oqtal: the configuration of all services on this machine."
             print "# Every line that begins with \"# name = \" shows a default; remove the # to set it. Then check and restart:"
-            print "#   oqtal check /etc/oqtal/oqtal.toml && systemctl restart oqtal-daemon oqtal-plant-sim oqtal-mocap-emu"
+            print "#   oqtal check /etc/oqtal/oqtal.toml && systemctl try-restart 'oqtal-*.service'"
             next
         }
         /^\[/ { section = $1 }

@@ -49,7 +49,7 @@ pub type BeginSeries = dyn Fn(Option<PathBuf>) -> Result<Box<dyn FlightSeries>, 
 #[derive(Args, Debug)]
 pub struct CampaignArgs {
     /// Laws to compare
-    #[arg(long, value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
+    #[arg(long, visible_alias = "laws", value_name = "A,B,C", value_delimiter = ',', value_parser = PossibleValuesParser::new(space::LAW_NAMES), default_values = space::LAW_NAMES)]
     controllers: Vec<String>,
     /// Gains of the laws: `configured`, those with which `oqtal fly` flies; `tuned`, deploy/tuned, found for the shipped vehicle; or
     /// a directory with a file LAW.toml for each law, as written by `oqtal tune`

@@ -10,7 +10,7 @@ use super::finding::ParameterFinding;
 use super::identification::Identification;
 
 /// The headings of the findings.
-pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
+pub const HEADINGS: [&str; 5] = ["", "value", "± (nominal 95 %)", "before", "change"];
 
 /// The cells of a finding under [`HEADINGS`].
 #[must_use]
@@ -46,7 +46,7 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
         .map(|test| &*test.name)
         .collect();
     lines.push(match coloured.as_slice() {
-        [] => "residuals: white on all axes; the model leaves nothing to predict".to_owned(),
+        [] => "residuals: no correlation found on any axis".to_owned(),
         names => format!(
             "residuals: not white ({}): the vehicle does more than the model; the intervals account for it",
             names.join("; ")

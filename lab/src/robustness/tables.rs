@@ -59,7 +59,10 @@ const DISTRIBUTION: [Column; 5] = [
     ("p95", "95 % point"),
     ("worst", "worst"),
     ("worst_draw", "in draw"),
-    ("worse_than_best_other_percent", "worse than the best other law [% of draws]"),
+    (
+        "worse_than_best_other_percent",
+        "worse than the best other row, the same law with other gains included [% of draws]",
+    ),
 ];
 
 fn distributions(judged: &[Judged]) -> Sheet {
@@ -111,7 +114,7 @@ fn broken(judged: &[Judged], draws: &[Draw]) -> Sheet {
     });
     Sheet {
         name: "broken".to_owned(),
-        title: "Draws that broke a law".to_owned(),
+        title: "Flights that ended early".to_owned(),
         notes: vec![BROKEN_NOTE.to_owned()],
         columns: BROKEN.to_vec(),
         rows: rows.collect(),
@@ -120,8 +123,9 @@ fn broken(judged: &[Judged], draws: &[Draw]) -> Sheet {
 }
 
 const BROKEN_NOTE: &str = "Of each law the first draws in which a flight did not land, and the one with the greatest error in \
-     hover. `oqtal fly --clock in-process --trajectory hover --controller LAW` with these arguments flies the draw again; gains \
-     that are not those of the configuration are added by `--config deploy/tuned/LAW.toml`.";
+     hover. On the chirp the position loop is open and the vehicle drifts: one that does not come back within 3 s of the sweep's \
+     end is landed by the daemon, although its attitude was held. `oqtal fly --clock in-process --trajectory hover --controller \
+     LAW` with these arguments flies the draw again, a chirp with `--trajectory attitude-chirp`; gains that are not those of the configuration are added by `--config deploy/tuned/LAW.toml`.";
 
 fn broken_row(law: &Judged, draw: &Draw, index: usize) -> SheetRow {
     let figures = &law.figures[index];
