@@ -10,12 +10,18 @@ use crate::plot::unit::{significant, span, unit_of_length, words};
 use crate::summary::{ErrorFigures, Summary};
 use crate::wire::{CommandAge, WireFigures};
 
+/// What is said in place of errors.
+const UNSCORED: &str = "no errors: nothing of this flight is scored; a hover is from 10 s after it is\n\
+                        reached, see --duration\n";
+
 /// The closing table of a flight: plain text of at most 80 columns.
 #[must_use]
 pub fn closing(summary: &Summary) -> String {
     let mut text = format!("{}\n", headline(summary));
-    if let Some(errors) = errors(summary) {
-        text += &format!("{errors}\n");
+    match errors(summary) {
+        Some(errors) => text += &format!("{errors}\n"),
+        None if summary.outcome == Outcome::Landed => text += UNSCORED,
+        None => {}
     }
     if let Some(latencies) = latencies(summary) {
         text += &format!("{latencies}\n");

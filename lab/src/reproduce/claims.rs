@@ -233,7 +233,7 @@ fn trend(table: &Sheet) -> Claim {
         verdict: ClaimVerdict::of(
             steps().map(|pair| pair[1][0] < pair[0][0] && pair[1][1] > pair[0][1]),
         ),
-        found: format!("q from 1 to 100: {}", said.join(", ")),
+        found: format!("with q from 1 to 100: {}", said.join(", ")),
         sheet: "III",
     }
 }

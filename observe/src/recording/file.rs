@@ -14,7 +14,9 @@ use super::facts::{CONFIG_FILE, LAYOUT, RECORDING};
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingFileError {
     /// The file cannot be read.
-    #[error("{path}: {error}; expected a file that `oqtal fly` or `oqtal record` wrote (`fly --clock in-process` only with `--set record.flights=all`)")]
+    #[error(
+        "{path}: {error}; expected a file that `oqtal fly` or `oqtal record` wrote (`fly --clock in-process` only with `--set record.flights=all`)"
+    )]
     Io {
         /// The file.
         path: PathBuf,

@@ -54,7 +54,7 @@ fn tests() -> String {
          error stays below 1.5 degrees. oqtal-dt is given the rate and the acceleration of the prescribed attitude, leads it \
          over the delay and inverts the lag; geometric is given all but the lead; pid, lqr and oqtal fly without feed-forward, as \
          in the paper, and are worse than a vehicle that stays level. What is owed to the law and what to its surroundings is in \
-         robustness.md.",
+         oqtal-dt.md.",
         options.hover.duration_s,
         chirp.amplitude_deg,
         chirp.from_hz,
