@@ -12,7 +12,9 @@ mod reference;
 use nalgebra::Vector3;
 use oqtal_control::controller::{OqtalDtOptions, RateInput};
 use oqtal_control::position::PositionOptions;
-use oqtal_control::predictive::{Autopilot, Design, PredictiveOptions, Rotation, VehicleModel};
+use oqtal_control::predictive::{
+    Autopilot, Design, Integration, PredictiveOptions, Rotation, VehicleModel,
+};
 use proptest::prelude::*;
 
 const PERIOD_S: f64 = 1.0 / 60.0;
@@ -28,7 +30,7 @@ fn quadrotor() -> VehicleModel {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 0.05,
-        longest_step_s: VehicleModel::FINE_STEP_S,
+        integration: Integration::Fine,
     }
 }
 

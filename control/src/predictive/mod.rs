@@ -64,7 +64,7 @@ pub use history::CommandHistory;
 use inner_law::InnerLaw;
 pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
-pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
+pub use model::{Bias, Integration, ModelInput, Motion, Rotation, VehicleModel};
 pub use observer::{FilterInnovation, MotionObserver};
 pub use options::{FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;

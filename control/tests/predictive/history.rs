@@ -76,4 +76,29 @@ proptest! {
         prop_assert!(whole.attitude.angle_to(&parts.attitude) < 1e-6);
         prop_assert!((whole.rate - parts.rate).amax() < 1e-6);
     }
+
+    /// From a pose to the effect of a command the coarse integration stays within the noise of cameras.
+    #[test]
+    fn coarse_prediction_is_close_to_fine_prediction(
+        demands in prop::collection::vec(vector(2.0), 5),
+        thrusts in prop::collection::vec(0.0..10.0, 5),
+        rate in vector(1.0),
+        horizon_s in 0.01..0.08,
+    ) {
+        let mut history = CommandHistory::new(0.0);
+        for (sequence, (demand, thrust_n)) in demands.into_iter().zip(thrusts).enumerate() {
+            let input = ModelInput { demand, thrust_n, ..ModelInput::default() };
+            history.push(sequence as u64 + 1, sequence as f64 * PERIOD_S, input);
+        }
+        let start = Motion { rate, thrust_n: 5.0, ..Motion::default() };
+        let after = |integration| {
+            let model = VehicleModel { integration, ..quadrotor() };
+            history.propagate(&model, (&start, &Bias::default()), (0.0, horizon_s))
+        };
+        let (fine, coarse) = (after(Integration::Fine), after(Integration::Coarse));
+        prop_assert!((fine.position - coarse.position).norm() < 0.5e-3);
+        prop_assert!((fine.velocity - coarse.velocity).norm() < 0.01);
+        prop_assert!(fine.attitude.angle_to(&coarse.attitude) < 2e-3);
+        prop_assert!((fine.rate - coarse.rate).norm() < 0.05);
+    }
 }
