@@ -58,7 +58,7 @@ impl Firmware {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &network]).arg(path);
         (self.arguments)(path, &mut command);
-        let log = std::fs::File::create(directory.join("log")).unwrap();
+        let log = std::fs::File::create(directory.join("output")).unwrap();
         command.current_dir(directory).stdin(Stdio::null());
         command.stdout(log.try_clone().unwrap()).stderr(log);
         FirmwareProcess { command, child: None, network }
