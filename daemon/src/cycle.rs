@@ -20,6 +20,8 @@ use oqtal_config::{Config, Interface};
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
+use oqtal_control::position::OuterLoop;
+use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions};
 
 use crate::arming::ArmingCheck;
@@ -254,6 +256,16 @@ impl Cycle {
         self.telemetry.deadline_misses = self.health.deadline_misses();
         self.telemetry.command_sequence = command_sequence;
         &self.telemetry
+    }
+
+    /// Replaces the gains of one of the outer loops of Fig. 16, in flight; gains that do not pass their check are refused.
+    ///
+    /// # Errors
+    /// The first gain that is not allowed.
+    pub fn set_loop(&mut self, which: OuterLoop, gains: PidGains) -> Result<(), OptionError> {
+        gains.check()?;
+        self.stack.active_mut().set_loop(which, gains);
+        Ok(())
     }
 
     /// The telemetry of the last tick.

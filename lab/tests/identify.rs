@@ -11,6 +11,7 @@ use oqtal_lab::identify::excitation_flight;
 use oqtal_lab::identify::finding::rules;
 use oqtal_lab::identify::hidden_plants::{self, HiddenParameter, HiddenPlants};
 use oqtal_lab::identify::identification::{Identification, Scale, identify};
+use oqtal_lab::identify::noise::Innovations;
 use oqtal_lab::identify::rotation::{self, RotationModel, RotationNoise};
 use oqtal_lab::identify::translation::{self, TranslationModel, TranslationNoise};
 use oqtal_lab::identify::vehicle_toml;
@@ -163,8 +164,9 @@ fn the_model_is_that_of_the_predictive_law() {
     };
     let noise = TranslationNoise { measured_m: 1e-3, gust_ratio: 1.0, gust_s: 1.0 };
     let lifted = translation::pass(&data, &turned, &lifting, &noise);
-    let greatest =
-        |innovations: &[Vector3<f64>]| innovations.iter().map(Vector3::amax).fold(0.0, f64::max);
+    let greatest = |innovations: &Innovations| {
+        innovations.values.iter().map(Vector3::amax).fold(0.0, f64::max)
+    };
     assert_eq!(turned.innovations.len(), 299);
     assert!(greatest(&turned.innovations) < 3e-5, "{} rad", greatest(&turned.innovations));
     assert!(greatest(&lifted.innovations) < 3e-5, "{} m", greatest(&lifted.innovations));

@@ -1,8 +1,9 @@
 //! The interface of a control stack.
 
 use oqtal_control::estimator::Estimate;
-use oqtal_control::position::PositionCommand;
+use oqtal_control::position::{OuterLoop, PositionCommand};
 use oqtal_control::predictive::{FilterInnovation, Motion};
+use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::Reference;
 
 use crate::command::VehicleCommand;
@@ -55,6 +56,9 @@ pub trait FlightStack {
 
     /// Records that a command took effect at `applied_s` \[s since the clock's origin\].
     fn applied(&mut self, sequence: u64, applied_s: f64);
+
+    /// Replaces the gains of one of the outer loops of Fig. 16; without effect on a stack that has others.
+    fn set_loop(&mut self, _: OuterLoop, _: PidGains) {}
 
     /// Resets integrators and filters for a new flight. Counters are kept.
     fn reset(&mut self);
