@@ -5,6 +5,7 @@ use oqtal_control::controller::{AttitudeLaw, AttitudeState, Controller, InputFor
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::PositionLoops;
+use oqtal_control::predictive::CommandReport;
 use oqtal_control::trajectory::Reference;
 
 use super::flight_stack::{ControlOutput, ControlStep, FlightStack, SATURATED};
@@ -59,7 +60,7 @@ where
     fn sent(&mut self, _: u64, _: f64, _: &VehicleCommand) {}
 
     /// The paper's laws do not predict.
-    fn applied(&mut self, _: u64, _: f64) {}
+    fn applied(&mut self, _: CommandReport) {}
 
     fn reset(&mut self) {
         self.position.reset();
