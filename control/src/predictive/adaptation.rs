@@ -1,8 +1,9 @@
 //! Adaptation of the vehicle model in flight: response to commanded rates, and thrust.
 //!
 //! The response is estimated by a [`RotationEstimator`] within bounds about the configured one. A second estimator, whose
-//! parameters are fixed, predicts the same poses: if the adapted one predicts them worse, by squares of the innovations over
-//! some seconds, the fixed model is flown and the adaptation begins anew; it is flown again once it has been no worse for a
+//! parameters are fixed, predicts the same poses. The difference of the squares of their normalised innovations, summed over
+//! some seconds, is the logarithm of the likelihood ratio of the two models: if it speaks for the fixed one, that is flown and
+//! the adaptation begins anew; the adapted one is flown again once it has been as good for a
 //! while. The thrust follows the vertical acceleration that the position filter would otherwise explain by a force: with a
 //! thrust other than configured, or a mass, horizontal accelerations are wrong by the same factor.
 
@@ -14,13 +15,13 @@ use super::options::{AdaptationOptions, FilterOptions};
 use super::rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator};
 use crate::quaternion::Attitude;
 
-/// Time constant of the low-pass on normalised innovations \[s\].
-const JUDGED_S: f64 = 1.0;
+/// Time in which evidence for one of the models is forgotten \[s\].
+const EVIDENCE_S: f64 = 3.0;
 
-/// Ratio of the mean squares of the adapted to those of the fixed model above which the fixed one is flown \[-\], and below which
-/// the adapted one is flown again.
-const WORSE: f64 = 1.25;
-const AS_GOOD: f64 = 1.02;
+/// Logarithm of the likelihood ratio, fixed to adapted model, above which the fixed one is flown \[-\], and below which the adapted
+/// one may be flown again.
+const WORSE: f64 = 10.0;
+const AS_GOOD: f64 = 1.0;
 
 /// Time for which the adapted model must be as good before it is flown again \[s\].
 const PROBATION_S: f64 = 2.0;
@@ -66,10 +67,8 @@ impl AdaptedModel {
 struct Rotating {
     adapted: RotationEstimator,
     fixed: RotationEstimator,
-    /// Time of the last pose \[s\].
-    last_s: f64,
-    /// Low-passed squares of the innovations over their variance, adapted and fixed \[-\].
-    squares: [f64; 2],
+    /// Logarithm of the likelihood ratio of the last seconds, fixed to adapted model \[-\].
+    evidence: f64,
     /// Time for which the adapted model has been as good, while the fixed one is flown \[s\]; `None` while the adapted one is.
     probation_s: Option<f64>,
 }
@@ -80,6 +79,8 @@ pub struct Adaptation {
     options: AdaptationOptions,
     filter: FilterOptions,
     nominal: VehicleModel,
+    /// Time of the last pose in flight \[s\].
+    last_s: Option<f64>,
     /// `None` on the floor, and for a vehicle whose rates are not commanded.
     rotating: Option<Rotating>,
     thrust_gain: f64,
@@ -94,12 +95,12 @@ impl Adaptation {
         nominal: &VehicleModel,
     ) -> Self {
         let (options, filter, nominal) = (*options, *filter, *nominal);
-        Self { options, filter, nominal, rotating: None, thrust_gain: 1.0 }
+        Self { options, filter, nominal, last_s: None, rotating: None, thrust_gain: 1.0 }
     }
 
     /// Forgets the response, which another flight may not have. What is known of the thrust is kept: the battery is the same.
     pub fn land(&mut self) {
-        self.rotating = None;
+        (self.last_s, self.rotating) = (None, None);
     }
 
     /// Takes the attitude measured at `t_s` \[s\] in flight, and the external vertical acceleration that the position filter
@@ -107,11 +108,20 @@ impl Adaptation {
     pub fn take(
         &mut self,
         t_s: f64,
-        (measured, motion): (&Attitude, &Motion),
-        vertical: f64,
+        (measured, motion, vertical): (&Attitude, &Motion, f64),
         history: &CommandHistory,
     ) {
-        let dt_s = self.rotate(t_s, measured, history);
+        let Some(last_s) = self.last_s.replace(t_s) else {
+            self.rotating = self.started(measured);
+            return;
+        };
+        let dt_s = t_s - last_s;
+        if dt_s <= 0.0 {
+            return;
+        }
+        if let Some(rotating) = &mut self.rotating {
+            rotating.take(measured, history, (last_s, t_s));
+        }
         let lift = self.thrust_gain * motion.thrust_n / self.nominal.mass_kg;
         if lift > 0.5 * self.nominal.gravity_m_s2 {
             let share = (dt_s / THRUST_S).clamp(0.0, 1.0);
@@ -121,20 +131,7 @@ impl Adaptation {
         }
     }
 
-    /// Passes the attitude to both estimators; returns the time since the last one \[s\].
-    fn rotate(&mut self, t_s: f64, measured: &Attitude, history: &CommandHistory) -> f64 {
-        let Some(rotating) = &mut self.rotating else {
-            self.rotating = self.started(t_s, measured);
-            return 0.0;
-        };
-        let dt_s = t_s - rotating.last_s;
-        if dt_s > 0.0 {
-            rotating.take(t_s, measured, history);
-        }
-        dt_s
-    }
-
-    fn started(&self, last_s: f64, measured: &Attitude) -> Option<Rotating> {
+    fn started(&self, measured: &Attitude) -> Option<Rotating> {
         let bounds = self.bounds()?;
         let known = RateResponse { gain: 0.0, lag_s: 0.0, delay_s: 0.0 };
         let with = |deviation| {
@@ -142,7 +139,7 @@ impl Adaptation {
             RotationEstimator::new(bounds, &self.filter, *measured)
         };
         let (adapted, fixed) = (with(bounds.deviation), with(known));
-        Some(Rotating { adapted, fixed, last_s, squares: [1.0; 2], probation_s: None })
+        Some(Rotating { adapted, fixed, evidence: 0.0, probation_s: None })
     }
 
     /// `None` for a vehicle whose rates are not commanded.
@@ -178,29 +175,27 @@ impl Adaptation {
 }
 
 impl Rotating {
-    fn take(&mut self, t_s: f64, measured: &Attitude, history: &CommandHistory) {
-        let interval = (self.last_s, t_s);
-        let dt_s = t_s - self.last_s;
+    fn take(&mut self, measured: &Attitude, history: &CommandHistory, interval: (f64, f64)) {
+        let dt_s = interval.1 - interval.0;
         let (adapted, _) = self.adapted.take(measured, history, interval);
         let (fixed, variance) = self.fixed.take(measured, history, interval);
-        self.last_s = t_s;
-        let share = (dt_s / JUDGED_S).clamp(0.0, 1.0);
-        for (mean, off) in self.squares.iter_mut().zip([adapted, fixed]) {
-            *mean += share * (off.norm_squared() / (3.0 * variance) - *mean);
-        }
+        let kept = (1.0 - dt_s / EVIDENCE_S).clamp(0.0, 1.0);
+        let worse = (adapted.norm_squared() - fixed.norm_squared()) / (2.0 * variance);
+        // A sum that does not fall below zero tells a change soon (Page, Biometrika 41, 1954).
+        self.evidence = (self.evidence * kept + worse).max(0.0);
         self.judge(dt_s);
     }
 
     /// Chooses the model that is flown.
     fn judge(&mut self, dt_s: f64) {
-        let [adapted, fixed] = self.squares;
         self.probation_s = match self.probation_s {
-            None if adapted > WORSE * fixed.max(1.0) => {
+            _ if self.evidence > WORSE => {
                 self.adapted = self.adapted.restarted(&self.fixed);
+                self.evidence = 0.0;
                 Some(0.0)
             }
             None => None,
-            Some(_) if adapted > AS_GOOD * fixed.max(1.0) => Some(0.0),
+            Some(_) if self.evidence > AS_GOOD => Some(0.0),
             Some(since_s) => Some(since_s + dt_s).filter(|since_s| *since_s < PROBATION_S),
         };
     }

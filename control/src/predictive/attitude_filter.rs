@@ -129,9 +129,9 @@ impl AttitudeFilter {
         gain
     }
 
-    /// Adds to the bias about an axis \[as the demand\].
-    pub fn shift_bias(&mut self, axis: usize, shift: f64) {
-        self.bias[axis] = (self.bias[axis] + shift).clamp(-BIAS_LIMIT, BIAS_LIMIT);
+    /// Adds to the bias \[as the demand, body axes\].
+    pub fn shift_bias(&mut self, shift: &Vector3<f64>) {
+        self.bias = (self.bias + shift).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));
     }
 
     fn apply(&mut self, motion: &mut Motion, innovation: &Vector3<f64>, gain: &Vector3<f64>) {

@@ -129,9 +129,8 @@ impl CommandHistory {
         if follows && sent_s.is_finite() {
             // Commands use one connection, so their order is kept.
             let acts_s = (sent_s + self.delay_s).max(newest.map_or(sent_s, |last| last.acts_s));
-            self.expect_reports();
             self.sent.push(Sent { sequence, sent_s, acts_s, input, settled: false, doubt: 0.0 });
-            self.doubt_open();
+            self.doubt_open(1);
         }
     }
 
@@ -149,45 +148,33 @@ impl CommandHistory {
         }
         sent.acts_s = acts_s;
         self.delay_s += DELAY_WEIGHT * (measured_s - self.delay_s);
-        if sent.settled && sent.doubt == 0.0 {
-            return;
+        let open = self.open_until();
+        if newer < open {
+            // Where reports are missed they come after more commands.
+            let waited = if follows { newer } else { open };
+            let patience = self.patience.map_or(0.0, |patience| patience - PATIENCE_DECAY);
+            self.patience = Some(patience.max(waited as f64));
+            self.settle(newer + 1, follows);
+            self.doubt_open(0);
         }
-        let patience = self.patience.map_or(0.0, |patience| patience - PATIENCE_DECAY);
-        self.patience = Some(patience.max(newer as f64));
-        self.settle(newer + 1, follows);
-        self.doubt_open();
+    }
+
+    /// Counts commands as lost whose reports are overdue when the next command is to be sent.
+    pub fn expect_reports(&mut self) {
+        self.doubt_open(0);
     }
 
     /// Settles the command that was sent `back` commands ago as applied, and those before it as lost, unless the vehicle may have
     /// reported them.
     fn settle(&mut self, back: usize, follows: bool) {
         for older in (back..=self.open_until()).rev() {
-            self.decide(older, follows && older > back);
+            let is_lost = follows && older > back;
+            let Some(sent) = self.sent.back_mut(older) else { continue };
+            (sent.settled, sent.doubt) = (true, f64::from(u8::from(is_lost)));
+            let after = &mut self.losses[usize::from(self.last_was_lost)];
+            *after += LOSS_WEIGHT * (f64::from(u8::from(is_lost)) - *after);
+            self.last_was_lost = is_lost;
         }
-        if let Some(sent) = self.sent.back_mut(back) {
-            // A report that comes after it was given up.
-            sent.doubt = 0.0;
-            self.last_was_lost &= back > 1 && self.is_settled(back - 1);
-        }
-    }
-
-    /// Counts commands as lost whose reports are overdue when the next command is to be sent.
-    pub fn expect_reports(&mut self) {
-        let Some(patience) = self.patience else { return };
-        let overdue = patience.ceil() as usize + 1;
-        for back in (overdue..=self.open_until()).rev() {
-            self.decide(back, true);
-        }
-        self.doubt_open();
-    }
-
-    /// Sets the fate of the command that was sent `back` commands ago, if it is open, and learns from it.
-    fn decide(&mut self, back: usize, lost: bool) {
-        let Some(sent) = self.sent.back_mut(back).filter(|sent| !sent.settled) else { return };
-        (sent.settled, sent.doubt) = (true, f64::from(u8::from(lost)));
-        let after = &mut self.losses[usize::from(self.last_was_lost)];
-        *after += LOSS_WEIGHT * (f64::from(u8::from(lost)) - *after);
-        self.last_was_lost = lost;
     }
 
     /// How many commands ago the oldest one of open fate was sent \[-\]; 0 if there is none.
@@ -195,21 +182,20 @@ impl CommandHistory {
         self.sent.newest_first().take_while(|sent| !sent.settled).count()
     }
 
-    fn is_settled(&self, back: usize) -> bool {
-        self.sent.newest_first().nth(back - 1).is_some_and(|sent| sent.settled)
-    }
-
-    /// Gives the commands of open fate their probabilities, from the oldest one on.
-    fn doubt_open(&mut self) {
-        if self.patience.is_none() {
-            return;
-        }
+    /// Gives the commands of open fate their probabilities, from the oldest one on. `sent` is the number of commands sent since
+    /// reports were last looked for \[-\].
+    fn doubt_open(&mut self, sent: usize) {
+        let Some(patience) = self.patience else { return };
+        let overdue = patience.ceil() as usize + 1 + sent;
         let [after_arrival, after_loss] = self.losses;
-        let mut doubt = f64::from(u8::from(self.last_was_lost));
+        let mut doubt = 0.0;
         for back in (1..=self.open_until()).rev() {
             doubt = doubt * after_loss + (1.0 - doubt) * after_arrival;
-            if let Some(sent) = self.sent.back_mut(back) {
-                sent.doubt = doubt;
+            if back >= overdue {
+                doubt = 1.0;
+            }
+            if let Some(open) = self.sent.back_mut(back) {
+                open.doubt = doubt;
             }
         }
     }

@@ -197,8 +197,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
             match self.observer.latest().filter(|_| self.observer.is_airborne()) {
                 Some((last_s, motion)) if last_s == t_s => {
                     let vertical = self.observer.bias().acceleration.z;
-                    let seen = (&measured.attitude, motion);
-                    adaptation.take(t_s, seen, vertical, &self.history);
+                    let seen = (&measured.attitude, motion, vertical);
+                    adaptation.take(t_s, seen, &self.history);
                 }
                 Some(_) => {}
                 None => adaptation.land(),

@@ -144,34 +144,38 @@ impl RotationEstimator {
         let innovation = self.motion.attitude.rotation_to(measured);
         let variance = self.filter.innovation_variance();
         let gain = self.filter.correct_with_gain(&mut self.motion, &innovation);
+        let before = self.parameters;
         for (axis, off) in innovation.iter().enumerate() {
             let slope: RowVector3<f64> = self.sensitivity[axis].row(0).into_owned();
             self.sensitivity[axis] -= gain * slope;
-            self.learn(axis, (*off, variance), &slope);
+            // Part of it is explained by what the other axes taught.
+            let explained = slope.dot(&(self.parameters - before).transpose());
+            self.learn((*off - explained, variance), &slope);
         }
+        self.shift(&(self.parameters - before));
         (innovation, variance)
     }
 
-    /// Corrects the parameters by the innovation about an axis \[rad\] of this variance, whose sensitivity to them is `slope`; the
-    /// state follows them.
-    fn learn(&mut self, axis: usize, (off, variance): (f64, f64), slope: &RowVector3<f64>) {
+    /// Corrects the parameters by an innovation \[rad\] of this variance, whose sensitivity to them is `slope`.
+    fn learn(&mut self, (off, variance): (f64, f64), slope: &RowVector3<f64>) {
         let spread = self.covariance * slope.transpose();
         let expected = variance + slope.dot(&spread.transpose());
         if off * off > OUTLIER_SIGMA * OUTLIER_SIGMA * expected || expected <= 0.0 {
             return;
         }
         let gain = spread / expected;
-        let wanted = self.bounds.clamp(&(self.parameters + gain * off));
-        let change = wanted - self.parameters;
-        self.parameters = wanted;
+        self.parameters = self.bounds.clamp(&(self.parameters + gain * off));
         self.covariance -= gain * spread.transpose();
         self.covariance = (self.covariance + self.covariance.transpose()) * 0.5;
-        let shift = self.sensitivity[axis] * change;
-        let mut turn = Vector3::zeros();
-        turn[axis] = shift.x;
-        self.motion.attitude = self.motion.attitude.turned_by(turn);
-        self.motion.rate[axis] += shift.y;
-        self.filter.shift_bias(axis, shift.z);
+    }
+
+    /// Moves the state to where it would be had the parameters always been what they have become by `change`.
+    fn shift(&mut self, change: &Vector3<f64>) {
+        let shifts = self.sensitivity.map(|sensitivity| sensitivity * change);
+        let part = |state: usize| Vector3::from(shifts.map(|shift| shift[state]));
+        self.motion.attitude = self.motion.attitude.turned_by(part(0));
+        self.motion.rate += part(1);
+        self.filter.shift_bias(&part(2));
     }
 
     /// Propagates everything over `interval` \[s\].
