@@ -11,7 +11,7 @@ use oqtal_control::controller::{
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
-    Autopilot, Design, Integration, PredictiveOptions, Rotation, VehicleModel,
+    Autopilot, CommandReport, Design, Integration, PredictiveOptions, Rotation, VehicleModel,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::rigid_body::Inertia;
@@ -74,7 +74,11 @@ fn the_autopilot_does_not_allocate_in_a_step() {
             if let Some(decision) = autopilot.decide(now_s, &reference) {
                 decided += 1;
                 autopilot.sent(tick, now_s, &decision.command());
-                autopilot.applied(tick, now_s + 0.02);
+                autopilot.applied(CommandReport {
+                    sequence: tick,
+                    acts_s: now_s + 0.02,
+                    follows: true,
+                });
             }
         }
     });

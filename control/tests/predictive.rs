@@ -1,11 +1,15 @@
 //! Tests of the predictive autopilot: model, filters, prediction, reference model, and the whole.
 
+#[path = "predictive/adaptation.rs"]
+mod adaptation;
 #[path = "predictive/autopilot.rs"]
 mod autopilot;
 #[path = "predictive/filters.rs"]
 mod filters;
 #[path = "predictive/history.rs"]
 mod history;
+#[path = "predictive/noise.rs"]
+mod noise;
 #[path = "predictive/reference.rs"]
 mod reference;
 

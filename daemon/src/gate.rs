@@ -7,7 +7,7 @@ use oqtal_bus::code::Cause;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{
-    CommandHistory, FilterOptions, Integration, MeasuredPose, Surroundings, Track,
+    CommandHistory, CommandReport, FilterOptions, Integration, MeasuredPose, Surroundings, Track,
 };
 
 use crate::command::VehicleCommand;
@@ -106,9 +106,9 @@ impl MotionGate {
         self.history.push(sequence, sent_s, self.commands.input(command));
     }
 
-    /// Records that a command took effect at `applied_s` \[s\].
-    pub fn applied(&mut self, sequence: u64, applied_s: f64) {
-        self.history.applied(sequence, applied_s);
+    /// Records that a command took effect.
+    pub fn applied(&mut self, report: CommandReport) {
+        self.history.applied(report);
     }
 
     /// Delay from sending a command to its effect, as measured \[s\].

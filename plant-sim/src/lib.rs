@@ -19,10 +19,12 @@
 #![forbid(unsafe_code)]
 
 pub mod autopilot;
+mod command_radio;
 mod disturbance;
 mod dynamics;
 pub mod firmware;
 mod plant;
+mod rotors;
 mod socket;
 mod spread;
 mod state;
@@ -42,9 +44,11 @@ use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::truth::TruthSource;
 
+pub use command_radio::CommandLoss;
 pub use disturbance::{AppliedLoad, DisturbanceClock, LoadSchedule, SceneDisturbance};
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
 pub use plant::{Plant, PlantOutput};
+pub use rotors::RotorAir;
 pub use spread::drawn;
 pub use state::{Derivative, State};
 pub use turn::{PlantTurn, Stepping};

@@ -117,6 +117,18 @@ pub struct Motion {
     pub thrust_n: f64,
 }
 
+impl ModelInput {
+    /// The input between this one and `other` \[0..1\].
+    #[must_use]
+    pub fn towards(&self, other: &Self, share: f64) -> Self {
+        Self {
+            demand: self.demand.lerp(&other.demand, share),
+            attitude: self.attitude.turned_by(self.attitude.rotation_to(&other.attitude) * share),
+            thrust_n: self.thrust_n + (other.thrust_n - self.thrust_n) * share,
+        }
+    }
+}
+
 impl Motion {
     /// The motion of `estimate` under `thrust_n` \[N\].
     #[must_use]
