@@ -258,7 +258,7 @@ struct Eq61 {
     command: RateCommand,
     rate_bandwidth: Vector3<f64>,
     thrust: LaggedThrust,
-    air: RotorAir,
+    air: Option<RotorAir>,
 }
 
 impl Eq61 {
@@ -278,10 +278,10 @@ impl Eq61 {
         // The thrust of a rotor is proportional to the square of its voltage.
         let share = disturbance.voltage_ratio.powi(2);
         // The on-board loop, which Eq. (61) contains, holds the rate against the torque of the air.
-        let (drag, _) = air_wrench(&self.air, state, (&self.air.speeds(thrust), disturbance));
+        let air = air_forces(self.air.as_ref(), (state, disturbance), |air| air.speeds(thrust));
         Response {
-            thrust: thrust * self.air.ground_ratio(state.position.z),
-            drag,
+            thrust: thrust * air.ground_ratio,
+            drag: air.drag,
             rate: (self.command.rate(state, input, disturbance) - state.rate)
                 .component_mul(&self.rate_bandwidth),
             actuators: self.thrust.change(thrust, input.thrust, share),
@@ -289,20 +289,30 @@ impl Eq61 {
     }
 }
 
-/// Force \[N, world\] and torque \[N m, body\] of the air on rotors at these speeds \[rad/s\].
+/// Effect of the air on a vehicle.
+struct AirForces {
+    /// Drag of the rotors \[N, world\].
+    drag: Vector3<f64>,
+    /// Torque of that drag \[N m, body\].
+    torque: Vector3<f64>,
+    /// Thrust at this height over that far from the floor \[-\].
+    ground_ratio: f64,
+}
+
+/// Effect of the air on rotors at these speeds \[rad/s\].
 #[inline]
-fn air_wrench(
-    air: &RotorAir,
-    state: &State,
-    (speeds, disturbance): (&Vector4<f64>, &Disturbance),
-) -> (Vector3<f64>, Vector3<f64>) {
-    if !air.acts() {
-        return (Vector3::zeros(), Vector3::zeros());
-    }
+fn air_forces(
+    air: Option<&RotorAir>,
+    (state, disturbance): (&State, &Disturbance),
+    speeds: impl FnOnce(&RotorAir) -> Vector4<f64>,
+) -> AirForces {
+    let Some(air) = air else {
+        return AirForces { drag: Vector3::zeros(), torque: Vector3::zeros(), ground_ratio: 1.0 };
+    };
     let attitude = UnitQuaternion::new_unchecked(state.attitude);
     let velocity = attitude.inverse_transform_vector(&(state.velocity - disturbance.wind));
-    let (force, torque) = air.wrench(speeds, &velocity, &state.rate);
-    (attitude * force, torque)
+    let (force, torque) = air.wrench(&speeds(air), &velocity, &state.rate);
+    AirForces { drag: attitude * force, torque, ground_ratio: air.ground_ratio(state.position.z) }
 }
 
 /// Four rotors on two crossed arms, with the on-board rate loop, or driven by a firmware. Opposite rotors turn the same way.
@@ -320,7 +330,7 @@ struct Rotors {
     mix: Matrix4<f64>,
     /// Inverse of `mix` for intact rotors, which the on-board loop takes them for.
     unmix: Matrix4<f64>,
-    air: RotorAir,
+    air: Option<RotorAir>,
 }
 
 impl Rotors {
@@ -346,15 +356,15 @@ impl Rotors {
     fn response(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Response {
         let speeds = state.actuators;
         let wrench = self.mix * speeds.component_mul(&speeds);
-        let (drag, damping) = air_wrench(&self.air, state, (&speeds, disturbance));
-        let torque = wrench.fixed_rows::<3>(1).into_owned() + damping;
+        let air = air_forces(self.air.as_ref(), (state, disturbance), |_| speeds);
+        let torque = wrench.fixed_rows::<3>(1).into_owned() + air.torque;
         let targets = match &input.motors {
             None => self.on_board_loop(state, input, disturbance),
             Some(motors) => motors.map(|power| self.speed(power)) * disturbance.voltage_ratio,
         };
         Response {
-            thrust: wrench.x * self.air.ground_ratio(state.position.z),
-            drag,
+            thrust: wrench.x * air.ground_ratio,
+            drag: air.drag,
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
             actuators: (targets - speeds) / self.rotor_lag,

@@ -53,28 +53,25 @@ pub struct RotorAir {
 }
 
 impl RotorAir {
-    /// The air on these rotors.
+    /// The air on these rotors; `None` if it has no effect.
     #[must_use]
-    pub fn new(rotors: &RotorOptions) -> Self {
+    pub fn new(rotors: &RotorOptions) -> Option<Self> {
+        let has_drag = rotors.drag_coefficient > 0.0 || rotors.inflow_coefficient > 0.0;
+        if !has_drag && !rotors.ground_effect {
+            return None;
+        }
         // A rotor at (x, y) lifts with the torque (y, -x) per newton: read off the mix.
         let mix = mix(rotors) / rotors.thrust_coefficient;
         let mut places = Matrix3x4::zeros();
         places.row_mut(0).copy_from(&-mix.row(2));
         places.row_mut(1).copy_from(&mix.row(1));
         let (in_plane, along) = (rotors.drag_coefficient, rotors.inflow_coefficient);
-        Self {
+        Some(Self {
             coefficients: Vector3::new(in_plane, in_plane, along),
             places,
             thrust_coefficient: rotors.thrust_coefficient,
             radius: rotors.ground_effect.then_some(rotors.radius_m),
-        }
-    }
-
-    /// Whether there is any drag or inflow.
-    #[inline]
-    #[must_use]
-    pub fn acts(&self) -> bool {
-        self.coefficients.amax() > 0.0
+        })
     }
 
     /// Force \[N, body\] and torque \[N m, body\] on rotors at these speeds \[rad/s\] whose centre moves through the air at `velocity`
