@@ -16,7 +16,7 @@
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
 //! | `monitor.rs`, `round_trips.rs` | state of the vehicle and of a network as replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
-//! | `setup.rs` | protocol, transport and port that the configuration asks for | |
+//! | `setup.rs`, `options.rs` | protocol, transport and port that the configuration asks for | |
 //! | `vehicle_setup.rs` | the command `setup`: parameters of an autopilot | |
 //! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!

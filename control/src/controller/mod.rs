@@ -20,6 +20,7 @@ mod oqtal;
 mod oqtal_dt;
 mod pid;
 mod regulator;
+mod set_point;
 
 /// The table of the laws: variant, name in a configuration, field, options, law. Names, sections, defaults, checks, tests and
 /// studies follow from it.
@@ -54,3 +55,4 @@ pub use oqtal_dt::{DiscreteGain, OqtalDt, OqtalDtOptions};
 pub use pid::{PidOptions, QuaternionPid};
 pub use registry::{Controller, ControllerName, ControllerOptions};
 pub use regulator::{AugmentedModel, Gain, LawState, Weights};
+pub use set_point::SetPointLoop;
