@@ -54,7 +54,9 @@ impl ParameterReport {
 /// The link has no parameters, the port cannot be opened, the vehicle does not answer, or its motors run and it is to be changed.
 pub fn set_up(config: &Config, spec: &LinkSpec, apply: bool) -> Result<(String, bool), Failure> {
     let LinkSpec::Mavlink(link) = spec else {
-        let message = format!("{spec}: only vehicles of MAVLink have parameters that are set up");
+        let message = format!(
+            "{spec}: only vehicles of MAVLink have parameters that are set up; those of a Crazyflie are set by the bridge whenever it connects"
+        );
         return Err(Failure::new(Exit::Usage, message));
     };
     let mut session = ParameterSession::open(config, spec, link)?;

@@ -122,7 +122,7 @@ pub const TAKEN_OVER: Fault = Fault {
 pub const BATTERY: Fault = Fault {
     name: "battery empty",
     begin: |flight| match kind(flight.firmware) {
-        Some(AutopilotKind::ArduPilot) => set(flight, "SIM_BATT_VOLTAGE", 9.0),
+        Some(AutopilotKind::ArduPilot) => set(flight, "SIM_BATT_VOLTAGE", 11.3),
         Some(AutopilotKind::Px4) => {
             set(flight, "SIM_BAT_MIN_PCT", 0.0);
             set(flight, "SIM_BAT_DRAIN", 1.0);

@@ -25,7 +25,7 @@ pub const CRAZYFLIE: Firmware = Firmware {
         command.args(["19950", "127.0.0.1"]);
     },
     parameters: "",
-    battery: &["safety.battery-low-v = 4.12", "safety.battery-empty-v = 4.1"],
+    battery: &[],
 };
 
 pub const ARDUCOPTER: Firmware = Firmware {
@@ -48,7 +48,7 @@ pub const ARDUCOPTER: Firmware = Firmware {
         command.args(["--serial1", "udpclient:127.0.0.1:14551", "--defaults", "parameters"]);
     },
     parameters: include_str!("arducopter.parm"),
-    battery: &[],
+    battery: &["safety.battery-low-v = 11.6", "safety.battery-empty-v = 11.5"],
 };
 
 pub const PX4: Firmware = Firmware {
