@@ -12,6 +12,8 @@
 //! | `disturbance.rs` | disturbances in time, `plant.disturb` |
 //! | `spread.rs` | a vehicle that differs from its nominal values |
 //! | `turn.rs` | one turn over its ports |
+//! | `rotors.rs` | the forces of the air on the rotors |
+//! | `command_radio.rs` | which commands reach the vehicle, and when |
 //! | `wire.rs` | the vehicle at the other end of a wire |
 //! | `firmware.rs` | the body of a Crazyflie's firmware that runs as a program |
 //! | `autopilot.rs` | the truth of an autopilot's own simulator |
