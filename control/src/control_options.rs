@@ -65,8 +65,7 @@ impl ControlOptions {
     /// Whether the autopilot of [`crate::predictive`] is around the law that flies.
     #[must_use]
     pub fn is_predictive(&self) -> bool {
-        self.controller.is_predictive()
-            || self.surroundings == LawSurroundings::Predictive
+        self.controller.is_predictive() || self.surroundings == LawSurroundings::Predictive
     }
 
     /// Checks every option.

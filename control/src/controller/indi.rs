@@ -103,11 +103,7 @@ pub struct Indi<I> {
 
 impl<I: InputForm> Indi<I> {
     /// The input that corrects the filtered one.
-    fn increment(
-        &self,
-        state: &AttitudeState,
-        reference: &AttitudeReference,
-    ) -> Vector3<f64> {
+    fn increment(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let IndiOptions { attitude_gain_per_s, rate_gain_per_s, feed_forward, .. } = self.options;
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let omega_e = error.rate_error(state.rate, reference.rate);

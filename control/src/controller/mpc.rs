@@ -237,6 +237,24 @@ mod tests {
         assert!(first.x.abs() <= 1.0 + 1e-6);
     }
 
+    /// From nearly half a turn, sampled as in flight: the limits are active most of the way.
+    #[test]
+    fn it_comes_to_its_reference_from_far_away() {
+        let mut law = MpcOptions::default().build(input(), PERIOD_S).unwrap();
+        let (mut attitude, mut rate) =
+            (Attitude::from_rotation_vector(Vector3::new(2.0, -1.5, 1.0)), Vector3::zeros());
+        for _ in 0..240 {
+            let state = AttitudeState { attitude, rate: BodyRate(rate) };
+            let sticks = law.update(&state, &AttitudeReference::default(), PERIOD_S).0;
+            for _ in 0..16 {
+                rate += (2.0 * sticks - rate) * (PERIOD_S / 16.0 / 0.05);
+                attitude = attitude.turned_by(rate * PERIOD_S / 16.0);
+            }
+            assert!(rate.amax() <= 2.0 + 1e-6, "{rate}");
+        }
+        assert!(attitude.angle_to(&Attitude::LEVEL) < 1e-3);
+    }
+
     #[test]
     fn the_rate_is_kept_where_it_can_be() {
         let options = MpcOptions { max_rate_rad_s: 0.5, ..MpcOptions::default() };

@@ -137,7 +137,12 @@ impl<I: InputForm> Px4Attitude<I> {
     }
 
     /// The input that makes the rate `omega_sp`, with the rate loop of a body that is commanded by torque.
-    fn rate_loop(&mut self, omega: Vector3<f64>, omega_sp: Vector3<f64>, dt_s: f64) -> Vector3<f64> {
+    fn rate_loop(
+        &mut self,
+        omega: Vector3<f64>,
+        omega_sp: Vector3<f64>,
+        dt_s: f64,
+    ) -> Vector3<f64> {
         let Px4Options { rate_gain_per_s, rate_integral_per_s, rate_derivative, .. } = self.options;
         let error = omega_sp - omega;
         self.filter.step(&omega, dt_s);
@@ -167,7 +172,8 @@ impl<I: InputForm> AttitudeLaw for Px4Attitude<I> {
         let correction = self.correction(state, reference);
         let moves = self.options.feed_forward;
         let u = if self.input.inertia().is_some() {
-            let forward = if moves { error.rotation() * reference.rate.0 } else { Vector3::zeros() };
+            let forward =
+                if moves { error.rotation() * reference.rate.0 } else { Vector3::zeros() };
             let u = self.rate_loop(state.rate.0, limited(correction + forward), dt_s);
             let acceleration = error.reference_acceleration(&omega_e, reference).0;
             if moves { u + self.input.input_for(&acceleration) } else { u }

@@ -9,7 +9,8 @@
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
-    DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus,
+    DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT,
+    SolverStatus,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6x3, Vector3, Vector6};
 
@@ -17,6 +18,9 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Matrix6x3, Vector3, Vector6};
 const MOST_ITERATIONS: u32 = 40;
 /// Penalty of the slack, linear and quadratic \[1/(rad/s), 1/(rad/s)^2\].
 const PENALTY: [f64; 2] = [1e4, 1e3];
+
+/// Greatest number in a program \[-\].
+const GREATEST: f64 = 1e9;
 
 /// The limits of the moves, lower and upper.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,8 +63,16 @@ struct Condensed {
 
 impl QuadraticProgram {
     /// The first move from the error `x_0`; `None` if the solver finds none.
-    pub(super) fn first_move(&self, x_0: &Vector6<f64>, bounds: &MoveBounds) -> Option<Vector3<f64>> {
+    pub(super) fn first_move(
+        &self,
+        x_0: &Vector6<f64>,
+        bounds: &MoveBounds,
+    ) -> Option<Vector3<f64>> {
         let Condensed { h, f, g, k } = self.condensed(x_0, bounds);
+        // What no motion of a vehicle leads to is not given to the solver.
+        if !f.iter().chain(&k).all(|number| number.abs() < GREATEST) {
+            return None;
+        }
         let cones = [NonnegativeConeT(g.nrows())];
         let (h, g) = (sparse(&h.upper_triangle()), sparse(&g));
         let mut solver =
