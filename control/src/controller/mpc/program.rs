@@ -19,6 +19,8 @@ const MOST_ITERATIONS: u32 = 40;
 /// Penalty of the slack, linear and quadratic \[1/(rad/s), 1/(rad/s)^2\].
 const PENALTY: [f64; 2] = [1e4, 1e3];
 
+/// Part of the greatest element of a matrix below which another one is a rounding error \[-\].
+const ROUNDING: f64 = 1e-9;
 /// Greatest number in a program \[-\].
 const GREATEST: f64 = 1e9;
 
@@ -32,12 +34,11 @@ pub(super) struct MoveBounds {
 }
 
 impl MoveBounds {
-    /// Whether a move and the rate after it are within the limits.
-    pub(super) fn allow(&self, u: &Vector3<f64>, omega_e: &Vector3<f64>) -> bool {
-        let within = |value: &Vector3<f64>, [low, high]: &[Vector3<f64>; 2]| {
-            (0..3).all(|axis| (low[axis]..=high[axis]).contains(&value[axis]))
-        };
-        within(u, &self.input) && within(omega_e, &self.rate)
+    /// Whether the move of an axis and the rate after it are within the limits.
+    pub(super) fn allow(&self, u: &Vector3<f64>, omega_e: f64, axis: usize) -> bool {
+        let within =
+            |value: f64, [low, high]: &[Vector3<f64>; 2]| (low[axis]..=high[axis]).contains(&value);
+        within(u[axis], &self.input) && within(omega_e, &self.rate)
     }
 }
 
@@ -53,6 +54,17 @@ pub(super) struct QuadraticProgram {
     pub(super) steps: usize,
 }
 
+/// The program of some axes with their states `[omega_e; eps]`, and the error it starts from.
+struct AxesProgram {
+    a: DMatrix<f64>,
+    b: DMatrix<f64>,
+    q: DMatrix<f64>,
+    r: DMatrix<f64>,
+    p: DMatrix<f64>,
+    x_0: DVector<f64>,
+    steps: usize,
+}
+
 /// `minimise 1/2 z' h z + f' z` with `g z <= k`.
 struct Condensed {
     h: DMatrix<f64>,
@@ -62,13 +74,71 @@ struct Condensed {
 }
 
 impl QuadraticProgram {
-    /// The first move from the error `x_0`; `None` if the solver finds none.
-    pub(super) fn first_move(
+    /// Whether no axis affects another.
+    fn is_decoupled(&self) -> bool {
+        let apart = |row: usize, column: usize, element: f64, greatest: f64| {
+            row % 3 == column % 3 || element.abs() <= ROUNDING * greatest
+        };
+        let square = |m: &Matrix6<f64>| {
+            let greatest = m.amax();
+            (0..36).all(|i| apart(i % 6, i / 6, m[i], greatest))
+        };
+        let greatest = self.b.amax();
+        square(&self.a)
+            && square(&self.p)
+            && (0..18).all(|i| apart(i % 6, i / 6, self.b[i], greatest))
+    }
+
+    /// The first moves of the axes that are `broken`, of all if axes affect each other, from the error `x_0`; `None` for an axis for
+    /// which the solver has none.
+    pub(super) fn first_moves(
         &self,
         x_0: &Vector6<f64>,
         bounds: &MoveBounds,
-    ) -> Option<Vector3<f64>> {
-        let Condensed { h, f, g, k } = self.condensed(x_0, bounds);
+        broken: [bool; 3],
+    ) -> [Option<f64>; 3] {
+        let mut moves = [None; 3];
+        if self.is_decoupled() {
+            for axis in (0..3).filter(|axis| broken[*axis]) {
+                let found = self.of(&[axis], x_0).solve(bounds, &[axis]);
+                moves[axis] = found.and_then(|moves| moves.first().copied());
+            }
+        } else if broken.contains(&true)
+            && let Some(found) = self.of(&[0, 1, 2], x_0).solve(bounds, &[0, 1, 2])
+        {
+            moves.iter_mut().zip(found).for_each(|(place, found)| *place = Some(found));
+        }
+        moves
+    }
+
+    /// The program of `axes` alone.
+    fn of(&self, axes: &[usize], x_0: &Vector6<f64>) -> AxesProgram {
+        let states: Vec<usize> =
+            axes.iter().copied().chain(axes.iter().map(|axis| axis + 3)).collect();
+        let count = states.len();
+        let part =
+            |m: &Matrix6<f64>| DMatrix::from_fn(count, count, |i, j| m[(states[i], states[j])]);
+        AxesProgram {
+            a: part(&self.a),
+            b: DMatrix::from_fn(count, axes.len(), |i, j| self.b[(states[i], axes[j])]),
+            q: part(&self.q),
+            r: DMatrix::from_fn(axes.len(), axes.len(), |i, j| self.r[(axes[i], axes[j])]),
+            p: part(&self.p),
+            x_0: DVector::from_fn(count, |i, _| x_0[states[i]]),
+            steps: self.steps,
+        }
+    }
+}
+
+impl AxesProgram {
+    /// Number of inputs \[-\].
+    fn inputs(&self) -> usize {
+        self.b.ncols()
+    }
+
+    /// The first move of each of `axes`; `None` if the solver finds none.
+    fn solve(&self, bounds: &MoveBounds, axes: &[usize]) -> Option<Vec<f64>> {
+        let Condensed { h, f, g, k } = self.condensed(bounds, axes);
         // What no motion of a vehicle leads to is not given to the solver.
         if !f.iter().chain(&k).all(|number| number.abs() < GREATEST) {
             return None;
@@ -81,47 +151,48 @@ impl QuadraticProgram {
         let solution = &solver.solution;
         let is_solved =
             matches!(solution.status, SolverStatus::Solved | SolverStatus::AlmostSolved);
-        let first = Vector3::from_iterator(solution.x.iter().take(3).copied());
+        let first = solution.x.get(..self.inputs())?.to_vec();
         (is_solved && first.iter().all(|u| u.is_finite())).then_some(first)
     }
 
     /// States after the moves: `x_1 .. x_N` without a move, and per move.
-    fn prediction(&self, x_0: &Vector6<f64>) -> (DVector<f64>, DMatrix<f64>) {
-        let steps = self.steps;
-        let (mut free, mut by_moves) =
-            (DVector::zeros(6 * steps), DMatrix::zeros(6 * steps, 3 * steps + 1));
-        let (mut x, mut effect) = (*x_0, self.b);
+    fn prediction(&self) -> (DVector<f64>, DMatrix<f64>) {
+        let (steps, states, inputs) = (self.steps, self.a.nrows(), self.inputs());
+        let mut free = DVector::zeros(states * steps);
+        let mut by_moves = DMatrix::zeros(states * steps, inputs * steps + 1);
+        let (mut x, mut effect) = (self.x_0.clone(), self.b.clone());
         for step in 0..steps {
-            x = self.a * x;
-            free.fixed_rows_mut::<6>(6 * step).copy_from(&x);
+            x = &self.a * x;
+            free.rows_mut(states * step, states).copy_from(&x);
             for later in step..steps {
-                let mut block = by_moves.fixed_view_mut::<6, 3>(6 * later, 3 * (later - step));
-                block.copy_from(&effect);
+                let corner = (states * later, inputs * (later - step));
+                by_moves.view_mut(corner, (states, inputs)).copy_from(&effect);
             }
-            effect = self.a * effect;
+            effect = &self.a * effect;
         }
         (free, by_moves)
     }
 
-    fn condensed(&self, x_0: &Vector6<f64>, bounds: &MoveBounds) -> Condensed {
-        let (steps, slack) = (self.steps, 3 * self.steps);
-        let (free, by_moves) = self.prediction(x_0);
+    fn condensed(&self, bounds: &MoveBounds, axes: &[usize]) -> Condensed {
+        let (steps, states, inputs) = (self.steps, self.a.nrows(), self.inputs());
+        let slack = inputs * steps;
+        let (free, by_moves) = self.prediction();
         let mut weighted = by_moves.clone();
         for step in 0..steps {
-            let weight = if step + 1 == steps { self.p } else { self.q };
-            let mut rows = weighted.fixed_rows_mut::<6>(6 * step);
+            let weight = if step + 1 == steps { &self.p } else { &self.q };
+            let mut rows = weighted.rows_mut(states * step, states);
             let product = weight * &rows;
             rows.copy_from(&product);
         }
         let mut h = 2.0 * by_moves.tr_mul(&weighted);
         let mut f = 2.0 * weighted.tr_mul(&free);
         for step in 0..steps {
-            let mut block = h.fixed_view_mut::<3, 3>(3 * step, 3 * step);
-            block += 2.0 * self.r;
+            let mut block = h.view_mut((inputs * step, inputs * step), (inputs, inputs));
+            block += 2.0 * &self.r;
         }
         f[slack] = PENALTY[0];
         h[(slack, slack)] = PENALTY[1];
-        let (g, k) = self.limits((&free, &by_moves), bounds);
+        let (g, k) = self.limits((&free, &by_moves), (bounds, axes));
         Condensed { h, f, g, k }
     }
 
@@ -129,14 +200,15 @@ impl QuadraticProgram {
     fn limits(
         &self,
         (free, by_moves): (&DVector<f64>, &DMatrix<f64>),
-        bounds: &MoveBounds,
+        (bounds, axes): (&MoveBounds, &[usize]),
     ) -> (DMatrix<f64>, DVector<f64>) {
-        let (count, slack) = (3 * self.steps, 3 * self.steps);
+        let inputs = self.inputs();
+        let (count, slack) = (inputs * self.steps, inputs * self.steps);
         let (mut g, mut k) =
             (DMatrix::zeros(4 * count + 1, slack + 1), DVector::zeros(4 * count + 1));
         for index in 0..count {
-            let (step, axis) = (index / 3, index % 3);
-            let state = 6 * step + axis;
+            let (step, input) = (index / inputs, index % inputs);
+            let (state, axis) = (self.a.nrows() * step + input, axes[input]);
             for (side, sign) in [-1.0, 1.0].into_iter().enumerate() {
                 let of_input = 2 * index + side;
                 g[(of_input, index)] = sign;
