@@ -1,11 +1,13 @@
-//! `oqtal check FILE`: the effective configuration.
+//! `oqtal check FILE`: the effective configuration, and what of the vehicle differs from the shipped one.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
-use oqtal_config::Config;
+use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure, check_instance, describe};
 use oqtal_runtime::program::{print, say};
+use toml::{Table, Value};
 
 /// Arguments of `oqtal check`.
 #[derive(Args, Debug)]
@@ -28,7 +30,63 @@ impl CheckArgs {
         oqtal_mocap_emu::check(&config)?;
         let told = oqtal_daemon::warnings(&config, &oqtal_daemon::trajectory(&config)?);
         told.iter().for_each(|told| say(&format!("oqtal: warning: {told}")));
+        changes(&config)?.iter().for_each(|line| say(&format!("oqtal: {line}")));
         print(&describe(&config))?;
         Ok(Exit::Ok)
+    }
+}
+
+/// What of `[vehicle]` and of the filters' noise differs from the shipped values of its preset, as an identification changes them:
+/// one line for each key.
+fn changes(config: &Config) -> Result<Vec<String>, Failure> {
+    let preset = Setting::flag("check", "vehicle.preset", config.vehicle.preset.as_str());
+    let before = Config::from_settings(&[preset])?;
+    let (now, before) = (keys(config)?, keys(&before)?);
+    let changed = now.iter().filter(|(key, value)| before.get(*key) != Some(*value));
+    Ok(changed.map(|(key, value)| change(key, value, before.get(key))).collect())
+}
+
+/// The values that an identification may change, by their keys.
+fn keys(config: &Config) -> Result<BTreeMap<String, Value>, Failure> {
+    let filter = &config.control.predictive.filter;
+    let sections = [
+        ("vehicle", Table::try_from(&config.vehicle)),
+        ("control.predictive.filter", Table::try_from(filter)),
+    ];
+    let mut keys = BTreeMap::new();
+    for (section, table) in sections {
+        let table = table.map_err(|error| Failure::new(Exit::Internal, error.to_string()))?;
+        keys.extend(table.into_iter().map(|(key, value)| (format!("{section}.{key}"), value)));
+    }
+    Ok(keys)
+}
+
+/// A change in words, in per cent where it is of a number.
+fn change(key: &str, now: &Value, before: Option<&Value>) -> String {
+    let Some(before) = before else { return format!("{key} = {now}, without a shipped value") };
+    let share = now.as_float().zip(before.as_float()).filter(|(_, before)| *before != 0.0);
+    let share = share.map(|(now, before)| format!(", {:+.1} %", 100.0 * (now / before - 1.0)));
+    format!("{key} = {now}, shipped {before}{}", share.unwrap_or_default())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_differs_from_the_preset_is_said() {
+        assert_eq!(changes(&Config::default()).unwrap(), Vec::<String>::new());
+        let settings = [
+            Setting::flag("test", "vehicle.rate-lag-ms", 60.0),
+            Setting::flag("test", "vehicle.rate-authority-rad-s", vec![2.0, 2.0, 1.5]),
+        ];
+        let said = changes(&Config::from_settings(&settings).unwrap()).unwrap();
+        assert_eq!(
+            said,
+            [
+                "vehicle.rate-authority-rad-s = [2.0, 2.0, 1.5], shipped [2.0, 2.0, 2.0]",
+                "vehicle.rate-lag-ms = 60.0, shipped 50.0, +20.0 %",
+            ]
+        );
     }
 }

@@ -126,6 +126,23 @@ pub struct PositionCommand {
     pub velocity: Vector3<f64>,
 }
 
+/// One of the six PIDs of Fig. 16, by the variable that it controls.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OuterLoop {
+    /// Position along x.
+    X,
+    /// Position along y.
+    Y,
+    /// Height.
+    Z,
+    /// Velocity along x.
+    VelocityX,
+    /// Velocity along y.
+    VelocityY,
+    /// Climb velocity.
+    VelocityZ,
+}
+
 /// The six PIDs of Fig. 16 and their limits.
 #[derive(Clone, Copy, Debug)]
 pub struct PositionLoops {
@@ -195,6 +212,19 @@ impl PositionLoops {
             thrust_n: self.mass_kg * specific_thrust,
             velocity: velocity.push(climb),
         }
+    }
+
+    /// Replaces the gains of one PID; its state is kept, so that a flight may go on.
+    pub fn set_gains(&mut self, which: OuterLoop, gains: PidGains) {
+        let pid = match which {
+            OuterLoop::X => &mut self.horizontal_position.x,
+            OuterLoop::Y => &mut self.horizontal_position.y,
+            OuterLoop::Z => &mut self.vertical_position,
+            OuterLoop::VelocityX => &mut self.horizontal_velocity.x,
+            OuterLoop::VelocityY => &mut self.horizontal_velocity.y,
+            OuterLoop::VelocityZ => &mut self.vertical_velocity,
+        };
+        pid.set_gains(gains);
     }
 
     /// Resets the state of all PIDs. Options are kept.

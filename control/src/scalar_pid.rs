@@ -68,6 +68,11 @@ impl Pid {
         }
     }
 
+    /// Replaces the gains; the integral term stays, so that the output does not jump.
+    pub fn set_gains(&mut self, gains: PidGains) {
+        self.gains = gains;
+    }
+
     /// The output for the present error, `dt_s` \[s\] after the error before it.
     ///
     /// If the result is not finite, or `dt_s` is not positive and finite, the state is unchanged and the last output

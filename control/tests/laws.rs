@@ -12,6 +12,8 @@ mod geometric;
 mod golden_gains;
 #[path = "laws/robustness.rs"]
 mod robustness;
+#[path = "laws/set_point.rs"]
+mod set_point;
 #[path = "laws/solves.rs"]
 mod solves;
 

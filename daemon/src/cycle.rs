@@ -20,6 +20,9 @@ use oqtal_config::{Config, Interface};
 use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
+use oqtal_control::position::OuterLoop;
+use oqtal_control::predictive::CommandReport;
+use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions};
 
 use crate::arming::ArmingCheck;
@@ -233,12 +236,15 @@ impl Cycle {
         self.cancel_if_vehicle_replaced(header.source);
         self.vehicle.hear(now, header.source, vehicle);
         self.requests.stop |= vehicle.stopped != 0 && self.is_flying();
+        let follows = self.vehicle.follows(header.sequence);
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
             let still_to_go = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);
             let applied_s = seconds(applied_at + still_to_go);
-            self.guard.motion.applied(vehicle.command_sequence, applied_s);
-            self.stack.active_mut().applied(vehicle.command_sequence, applied_s);
+            let sequence = vehicle.command_sequence;
+            let report = CommandReport { sequence, acts_s: applied_s, follows };
+            self.guard.motion.applied(report);
+            self.stack.active_mut().applied(report);
         }
     }
 
@@ -254,6 +260,16 @@ impl Cycle {
         self.telemetry.deadline_misses = self.health.deadline_misses();
         self.telemetry.command_sequence = command_sequence;
         &self.telemetry
+    }
+
+    /// Replaces the gains of one of the outer loops of Fig. 16, in flight; gains that do not pass their check are refused.
+    ///
+    /// # Errors
+    /// The first gain that is not allowed.
+    pub fn set_loop(&mut self, which: OuterLoop, gains: PidGains) -> Result<(), OptionError> {
+        gains.check()?;
+        self.stack.active_mut().set_loop(which, gains);
+        Ok(())
     }
 
     /// The telemetry of the last tick.

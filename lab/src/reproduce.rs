@@ -3,6 +3,7 @@
 //! Each experiment is a file: its settings, its runs, its rows. Tables ([`crate::sheet`]) and figures ([`figures`]) are made from
 //! them by shared code.
 
+pub mod architecture;
 pub mod body;
 pub mod chapter;
 pub mod claims;
@@ -10,6 +11,7 @@ pub mod criteria;
 pub mod figures;
 pub mod judgement;
 pub mod lander;
+pub mod online;
 pub mod options;
 pub mod page;
 pub mod recovery;
@@ -45,7 +47,12 @@ struct Experiment {
 }
 
 /// The experiments, in the order of the page.
-const EXPERIMENTS: [Experiment; 7] = [
+const EXPERIMENTS: [Experiment; 9] = [
+    Experiment {
+        name: "architecture",
+        figures: &["figure-3", "figure-4", "figure-5", "figure-15", "figure-16"],
+        run: |_| Ok(architecture::chapter()),
+    },
     Experiment {
         name: "table-4",
         figures: &["figure-10", "figure-11", "figure-12", "figure-13", "figure-14"],
@@ -70,6 +77,11 @@ const EXPERIMENTS: [Experiment; 7] = [
         name: "table-5",
         figures: &["figure-17", "figure-18", "figure-19", "figure-20", "figure-21", "figure-22"],
         run: table_5::chapter,
+    },
+    Experiment {
+        name: "outer-in-flight",
+        figures: &[],
+        run: |context| online::chapter(&context.progress),
     },
     Experiment {
         name: "options",

@@ -1,5 +1,6 @@
 //! A flight in one process: the turns of the very processes, over topics in memory, in the order of the virtual clock.
 
+pub mod online;
 mod processes;
 
 use std::rc::Rc;
@@ -35,6 +36,10 @@ struct Simulation<'a> {
     observer: BusObserver<MemoryBus>,
     recorder: Recorder,
     recording: Option<McapRecorder>,
+    /// The present instant.
+    now: Time,
+    /// The instant at which the flight ends.
+    end: Time,
 }
 
 /// A flight, and its recording if there is one.
@@ -92,6 +97,8 @@ impl<'a> Simulation<'a> {
             observer,
             recorder: Recorder::new(config),
             recording,
+            now: start,
+            end: start + mission.patience(),
         })
     }
 
@@ -101,36 +108,59 @@ impl<'a> Simulation<'a> {
         aftermath: Span,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
     ) -> Result<RecordedFlight, Failure> {
-        let start = Time::VIRTUAL_START;
-        let mut end = start + self.mission.patience();
-        if self.mission.recording.is_none() {
-            self.processes.obey(start, OperatorCommand::Fly)?;
-        }
+        self.begin()?;
         let began = Time::now();
-        let mut now = start;
+        while self.to_review(aftermath, watch)? {}
+        Ok(self.close(began))
+    }
+
+    /// Asks the daemon to fly.
+    fn begin(&mut self) -> Result<(), BusError> {
+        if self.mission.recording.is_none() {
+            self.processes.obey(Time::VIRTUAL_START, OperatorCommand::Fly)?;
+        }
+        Ok(())
+    }
+
+    /// Flies up to the next [`REVIEW`], that included; `false` once the flight is over, and `aftermath` with it.
+    fn to_review(
+        &mut self,
+        aftermath: Span,
+        watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,
+    ) -> Result<bool, Failure> {
         while let Some((role, at)) = self.virtual_clock.turn() {
-            now = at;
-            let result = if role == Role::Recorder {
-                self.review(now, watch)?;
+            self.now = at;
+            let is_review = role == Role::Recorder;
+            let result = if is_review {
+                self.review(at, watch)?;
                 if self.recorder.outcome().is_some() {
-                    end = end.min(now + aftermath);
+                    self.end = self.end.min(at + aftermath);
                 }
-                if now >= end {
-                    break;
+                if at >= self.end {
+                    return Ok(false);
                 }
-                TurnResult { next: Some(end.min(now + REVIEW)), published: false }
+                TurnResult { next: Some(self.end.min(at + REVIEW)), published: false }
             } else {
-                self.step(role, now)?
+                self.step(role, at)?
             };
             self.virtual_clock.done(role, result);
             if let Some(outages) = self.faults.begin()? {
                 self.begin_outages(outages);
             }
+            if is_review {
+                return Ok(true);
+            }
         }
-        let speed = now.since(start).seconds() / Time::now().since(began).seconds().max(1e-9);
+        Ok(false)
+    }
+
+    /// The flight, which was simulated since `began`.
+    fn close(self, began: Time) -> RecordedFlight {
+        let flown_s = self.now.since(Time::VIRTUAL_START).seconds();
+        let speed = flown_s / Time::now().since(began).seconds().max(1e-9);
         let flight = self.recorder.finish(self.mission.otherwise(), speed);
         let recording = self.recording.map(|recording| recording.close(&flight));
-        Ok((flight, recording))
+        (flight, recording)
     }
 
     /// Records what was published since the last call.

@@ -2,6 +2,7 @@
 
 pub mod bee_colony;
 pub mod gains;
+pub mod online;
 pub mod optimiser;
 pub mod outer;
 pub mod search;

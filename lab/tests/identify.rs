@@ -3,12 +3,15 @@
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_config::{Config, Setting};
-use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion, Rotation, VehicleModel};
+use oqtal_control::predictive::{
+    Bias, CommandHistory, Integration, ModelInput, Motion, Rotation, VehicleModel,
+};
 use oqtal_lab::identify::data::{CommandRecord, FlightData, PoseRecord};
 use oqtal_lab::identify::excitation_flight;
 use oqtal_lab::identify::finding::rules;
 use oqtal_lab::identify::hidden_plants::{self, HiddenParameter, HiddenPlants};
 use oqtal_lab::identify::identification::{Identification, Scale, identify};
+use oqtal_lab::identify::noise::Innovations;
 use oqtal_lab::identify::rotation::{self, RotationModel, RotationNoise};
 use oqtal_lab::identify::translation::{self, TranslationModel, TranslationNoise};
 use oqtal_lab::identify::vehicle_toml;
@@ -143,7 +146,7 @@ fn the_model_is_that_of_the_predictive_law() {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 40e-3,
-        longest_step_s: 1e-3,
+        integration: Integration::Fine,
     };
     let data = ideal(&model, (delay_s, authority));
     let (authority, bias) = (Vector3::repeat(authority), Vector3::zeros());
@@ -161,8 +164,9 @@ fn the_model_is_that_of_the_predictive_law() {
     };
     let noise = TranslationNoise { measured_m: 1e-3, gust_ratio: 1.0, gust_s: 1.0 };
     let lifted = translation::pass(&data, &turned, &lifting, &noise);
-    let greatest =
-        |innovations: &[Vector3<f64>]| innovations.iter().map(Vector3::amax).fold(0.0, f64::max);
+    let greatest = |innovations: &Innovations| {
+        innovations.values.iter().map(Vector3::amax).fold(0.0, f64::max)
+    };
     assert_eq!(turned.innovations.len(), 299);
     assert!(greatest(&turned.innovations) < 3e-5, "{} rad", greatest(&turned.innovations));
     assert!(greatest(&lifted.innovations) < 3e-5, "{} m", greatest(&lifted.innovations));

@@ -131,6 +131,12 @@ impl Recorder {
         self.outcome
     }
 
+    /// The ticks so far, in the order of time.
+    #[must_use]
+    pub fn samples(&self) -> &[FlightSample] {
+        &self.samples
+    }
+
     /// The newest tick.
     #[must_use]
     pub fn latest(&self) -> Option<&FlightSample> {

@@ -13,6 +13,7 @@ use super::feedback::RateFeedback;
 use super::input::InputForm;
 use super::law::{AttitudeLaw, LawOptions, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
+use super::set_point::SetPointLoop;
 use crate::euler::EulerAngles;
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
@@ -173,6 +174,19 @@ impl<I: InputForm> ClassicLqr<I> {
     ) -> Result<Gain, RiccatiError> {
         AugmentedModel::new(&Self::state_matrix(options, input, point), input)
             .gain(&options.weights())
+    }
+
+    /// The loop of the law and the linear model at the operating point `[omega; Theta]`, with the set-point as its input.
+    ///
+    /// # Errors
+    /// If the Riccati equation has no usable solution.
+    pub fn set_point_loop(
+        options: &LqrOptions,
+        input: &I,
+        point: &SVector<f64, 6>,
+    ) -> Result<SetPointLoop, RiccatiError> {
+        let model = AugmentedModel::new(&Self::state_matrix(options, input, point), input);
+        Ok(SetPointLoop::new(&model, &model.gain(&options.weights())?))
     }
 }
 

@@ -28,6 +28,7 @@ mod oqtal_dt;
 mod pid;
 mod px4;
 mod regulator;
+mod set_point;
 
 /// The table of the laws: variant, name in a configuration, field, options, law. Names, sections, defaults, checks, tests and
 /// studies follow from it.
@@ -90,3 +91,4 @@ pub use pid::{PidOptions, QuaternionPid};
 pub use px4::{Px4Attitude, Px4Options};
 pub use registry::{Controller, ControllerName, ControllerOptions};
 pub use regulator::{AugmentedModel, Gain, LawState, Weights};
+pub use set_point::SetPointLoop;

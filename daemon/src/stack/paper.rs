@@ -4,7 +4,9 @@ use oqtal_config::Config;
 use oqtal_control::controller::{AttitudeLaw, AttitudeState, Controller, InputForm};
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
-use oqtal_control::position::PositionLoops;
+use oqtal_control::position::{OuterLoop, PositionLoops};
+use oqtal_control::predictive::CommandReport;
+use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::Reference;
 
 use super::flight_stack::{ControlOutput, ControlStep, FlightStack, SATURATED};
@@ -59,7 +61,11 @@ where
     fn sent(&mut self, _: u64, _: f64, _: &VehicleCommand) {}
 
     /// The paper's laws do not predict.
-    fn applied(&mut self, _: u64, _: f64) {}
+    fn applied(&mut self, _: CommandReport) {}
+
+    fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {
+        self.position.set_gains(which, gains);
+    }
 
     fn reset(&mut self) {
         self.position.reset();

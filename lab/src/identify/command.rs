@@ -141,11 +141,18 @@ impl IdentifyArgs {
 }
 
 fn check_interface(config: &Config) -> Result<(), Failure> {
-    if config.vehicle.interface == Interface::Rate {
-        return Ok(());
-    }
-    let reason =
-        "only vehicles that are commanded by rates are identified (vehicle.interface = \"rate\")";
+    let remedy = match config.vehicle.interface {
+        Interface::Rate => return Ok(()),
+        Interface::Attitude => {
+            "a vehicle that holds attitudes hides its rate loop; fly it with vehicle.interface = \"rate\", which Crazyflie and \
+             MAVLink autopilots take, and identify that flight"
+        }
+        Interface::Torque => {
+            "a vehicle that takes torque has no rate loop; its inertia is [vehicle] inertia-kg-m2, by calculation or by a \
+             pendulum, and its delay is shown by `oqtal latency --attach`"
+        }
+    };
+    let reason = format!("only vehicles that are commanded by rates are identified: {remedy}");
     Err(Failure::new(Exit::Usage, reason))
 }
 

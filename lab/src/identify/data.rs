@@ -68,6 +68,12 @@ impl FlightData {
     }
 }
 
+/// Number of residuals of each axis of each flight: one for every pose in the air but the first.
+#[must_use]
+pub fn series(flights: &[FlightData]) -> Vec<usize> {
+    flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
+}
+
 /// Instant of the last tick with motors on \[s\].
 fn armed_until_s(flight: &Flight) -> f64 {
     flight.armed().last().map_or(f64::NEG_INFINITY, |sample| seconds(sample.telemetry.time))

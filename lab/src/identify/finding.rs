@@ -94,15 +94,15 @@ pub mod rules {
     };
     /// The part of the delay that the stamps of the commands do not show.
     pub const HIDDEN_DELAY: FindingRule =
-        FindingRule { name: "of it not in the stamps", unit: "ms", ..INFORMATION };
+        FindingRule { name: "of it, not in stamps", unit: "ms", ..INFORMATION };
     /// Time constant of the rate loop.
     pub const RATE_LAG: FindingRule =
         FindingRule { name: "rate lag", key: Some("vehicle.rate-lag-ms"), ..DELAY };
     /// Rate at full stick about roll, pitch and yaw.
     pub const AUTHORITY: [FindingRule; 3] = [
-        authority("rate at full stick, roll", "motions about roll"),
-        authority("rate at full stick, pitch", "motions about pitch"),
-        authority("rate at full stick, yaw", "a swing of the heading"),
+        authority("full stick, roll", "motions about roll"),
+        authority("full stick, pitch", "motions about pitch"),
+        authority("full stick, yaw", "a swing of the heading"),
     ];
     /// Bias of the rate loop about roll, pitch and yaw.
     pub const RATE_BIAS: [FindingRule; 3] = [
@@ -124,7 +124,7 @@ pub mod rules {
         FindingRule { name: "mass", key: Some("vehicle.mass-kg"), unit: "kg", ..THRUST };
     /// Greatest thrust over the mass.
     pub const THRUST_PER_MASS: FindingRule =
-        FindingRule { name: "greatest thrust over mass", unit: "m/s^2", ..INFORMATION };
+        FindingRule { name: "thrust over mass", unit: "m/s^2", ..INFORMATION };
     /// Time constant of the thrust.
     pub const THRUST_LAG: FindingRule = FindingRule {
         name: "thrust lag",
@@ -134,12 +134,9 @@ pub mod rules {
         widest: 10.0,
         motion: STEPS,
     };
-    /// Curvature of the thrust over its command.
-    pub const THRUST_CURVE: FindingRule = FindingRule {
-        name: "curvature of the thrust (0 straight, 1 parabola)",
-        unit: "-",
-        ..INFORMATION
-    };
+    /// Curvature of the thrust over its command: 0 of a straight line, 1 of a parabola.
+    pub const THRUST_CURVE: FindingRule =
+        FindingRule { name: "curvature of the thrust", unit: "-", ..INFORMATION };
     /// Drag.
     pub const DRAG: FindingRule = FindingRule {
         name: "drag",
@@ -151,16 +148,15 @@ pub mod rules {
     };
     /// External acceleration along x, y and z.
     pub const PUSH: [FindingRule; 3] = [
-        FindingRule { name: "external acceleration, x", unit: "m/s^2", ..INFORMATION },
-        FindingRule { name: "external acceleration, y", unit: "m/s^2", ..INFORMATION },
-        FindingRule { name: "external acceleration, z", unit: "m/s^2", ..INFORMATION },
+        FindingRule { name: "push, x", unit: "m/s^2", ..INFORMATION },
+        FindingRule { name: "push, y", unit: "m/s^2", ..INFORMATION },
+        FindingRule { name: "push, z", unit: "m/s^2", ..INFORMATION },
     ];
     /// Standard deviation of the gusts.
-    pub const GUST: FindingRule =
-        FindingRule { name: "gusts, standard deviation", unit: "m/s^2", ..INFORMATION };
+    pub const GUST: FindingRule = FindingRule { name: "gusts, 1 sd", unit: "m/s^2", ..INFORMATION };
     /// Noise of a measured attitude in flight.
     pub const ATTITUDE_NOISE: FindingRule = FindingRule {
-        name: "attitude noise in flight",
+        name: "attitude noise",
         key: Some("control.predictive.filter.attitude-noise-deg"),
         unit: "deg",
         widest_ratio: 0.2,
@@ -169,7 +165,7 @@ pub mod rules {
     };
     /// Noise of a measured position in flight.
     pub const POSITION_NOISE: FindingRule = FindingRule {
-        name: "position noise in flight",
+        name: "position noise",
         key: Some("control.predictive.filter.position-noise-mm"),
         unit: "mm",
         ..ATTITUDE_NOISE

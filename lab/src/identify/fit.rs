@@ -76,6 +76,26 @@ pub fn fit(
     Some(values)
 }
 
+/// Lets a further fit begin at these values \[unit of each\].
+pub fn begin_at(parameters: &mut [FitParameter], values: &[f64]) {
+    for (parameter, value) in parameters.iter_mut().zip(values) {
+        parameter.start = *value;
+    }
+}
+
+/// The values at which `parameters` begin, as the result of a fit: with the covariance that `residuals` show there, which consist
+/// of `series` of these lengths; `None` if it cannot be computed.
+#[must_use]
+pub fn result(
+    parameters: &[FitParameter],
+    series: &[usize],
+    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Option<FitResult> {
+    let values: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
+    let covariance = covariance(parameters, &values, series, residuals)?;
+    Some(FitResult { values, covariance })
+}
+
 impl FitParameter {
     /// The start, moved inside the bounds.
     fn inside(&self) -> f64 {
@@ -103,8 +123,7 @@ impl FitParameter {
 /// The covariance of a fit: that of white residuals, or, where it is greater, the one that takes their correlation as they have it
 /// (Newey and West, Econometrica 55 (1987) 703). The residuals consist of `series` of these lengths, in each of which neighbours are
 /// neighbours in time.
-#[must_use]
-pub fn covariance(
+fn covariance(
     parameters: &[FitParameter],
     values: &[f64],
     series: &[usize],

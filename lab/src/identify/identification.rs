@@ -9,9 +9,9 @@ use super::data::{FlightData, median};
 use super::estimate::{VehicleFit, estimate};
 use super::finding::{FindingRule, ParameterFinding, rules};
 use super::fit::FitResult;
-use super::lifting;
 use super::residuals::ResidualTest;
-use super::turning;
+use super::rotation::RotationPass;
+use super::translation::TranslationPass;
 
 /// Names of the axes of the body.
 const BODY_AXES: [&str; 3] = ["roll", "pitch", "yaw"];
@@ -182,12 +182,14 @@ fn residuals(estimate: &VehicleFit) -> Vec<ResidualTest> {
     let (turning, lifting) = (&estimate.turning, &estimate.lifting);
     let mut tests = Vec::new();
     for (axis, name) in BODY_AXES.iter().enumerate() {
-        let of_turn = |pass| turning::normalised(pass, &turning.noise, axis);
+        let of_turn =
+            |pass: &RotationPass| pass.innovations.normalised(turning.noise.measured_rad, axis);
         let turned: Vec<f64> = turning.passes.iter().flat_map(of_turn).collect();
         tests.push(ResidualTest::of(format!("attitude, {name}"), &turned));
     }
     for (axis, name) in WORLD_AXES.iter().enumerate() {
-        let of_lift = |pass| lifting::normalised(pass, &lifting.noise, axis);
+        let of_lift =
+            |pass: &TranslationPass| pass.innovations.normalised(lifting.noise.measured_m, axis);
         let lifted: Vec<f64> = lifting.passes.iter().flat_map(of_lift).collect();
         tests.push(ResidualTest::of(format!("position, {name}"), &lifted));
     }

@@ -2,10 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::data::FlightData;
-use super::fit::{FitParameter, FitResult, covariance, fit};
-use super::noise::{Likelihood, best_in_proportion};
-use super::robust::huber;
+use super::data::{FlightData, series};
+use super::fit::{FitParameter, FitResult, begin_at, fit, result};
+use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::RotationPass;
 use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pass};
 
@@ -50,19 +49,16 @@ pub fn lifting(
     let mut noise = TranslationNoise { measured_m: 0.5e-3, gust_ratio: 100.0, gust_s: 0.8 };
     let mut parameters = parameters(start, turned.flights.len(), is_curved);
     for _ in 0..ROUNDS {
-        let residuals = |values: &[f64]| residuals(turned, &models(values, start), &noise);
+        let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
         let values = fit(&parameters, &residuals)?;
-        for (parameter, value) in parameters.iter_mut().zip(&values) {
-            parameter.start = *value;
-        }
+        begin_at(&mut parameters, &values);
         noise = noise_of(turned, &models(&values, start), noise);
     }
-    let residuals = |values: &[f64]| residuals(turned, &models(values, start), &noise);
-    let values: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
-    let covariance = covariance(&parameters, &values, &series(turned.flights), &residuals)?;
-    let models = models(&values, start);
+    let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
+    let fit = result(&parameters, &series(turned.flights), &residuals)?;
+    let models = models(&fit.values, start);
     let passes = passes(turned, &models, &noise);
-    Some(LiftingFit { models, fit: FitResult { values, covariance }, noise, passes })
+    Some(LiftingFit { models, fit, noise, passes })
 }
 
 fn parameters(start: &TranslationModel, flights: usize, is_curved: bool) -> Vec<FitParameter> {
@@ -98,29 +94,17 @@ fn passes(
     flights.map(|((data, rotation), model)| pass(data, rotation, model, noise)).collect()
 }
 
-fn series(flights: &[FlightData]) -> Vec<usize> {
-    flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
-}
-
-fn residuals(
+fn residuals_of(
     turned: TurnedFlights,
     models: &[TranslationModel],
     noise: &TranslationNoise,
 ) -> Vec<f64> {
     let passes = passes(turned, models, noise);
-    let axes = passes.iter().flat_map(|pass| (0..3).map(move |axis| (pass, axis)));
-    axes.flat_map(|(pass, axis)| normalised(pass, noise, axis)).map(huber).collect()
-}
-
-/// The innovations along an axis \[expected standard deviations\].
-pub fn normalised(pass: &TranslationPass, noise: &TranslationNoise, axis: usize) -> Vec<f64> {
-    let sd = |variance: &f64| noise.measured_m * variance.sqrt();
-    let pairs = pass.innovations.iter().zip(&pass.variances);
-    pairs.map(|(innovation, variance)| innovation[axis] / sd(variance)).collect()
+    residuals(passes.iter().map(|pass| &pass.innovations), noise.measured_m)
 }
 
 fn likelihood(passes: &[TranslationPass]) -> Likelihood {
-    Likelihood::of(passes.iter().map(|pass| (&*pass.innovations, &*pass.variances)))
+    Likelihood::of(passes.iter().map(|pass| &pass.innovations))
 }
 
 /// The most likely noise at these parameters.

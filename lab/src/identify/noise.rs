@@ -2,7 +2,50 @@
 
 use nalgebra::Vector3;
 
-use super::robust::deviation;
+use super::robust::{deviation, huber};
+
+/// What a predictor missed at every pose but the first, and how much it expected to miss.
+#[derive(Clone, Debug, Default)]
+pub struct Innovations {
+    /// Measured minus predicted: attitude \[rad, body\] or position \[m, world\].
+    pub values: Vec<Vector3<f64>>,
+    /// Expected variance of each component over that of a measurement \[-\].
+    pub variances: Vec<f64>,
+}
+
+impl Innovations {
+    /// Adds the innovation of a further pose and its expected variance over that of a measurement \[-\].
+    pub fn push(&mut self, (value, variance): (Vector3<f64>, f64)) {
+        self.values.push(value);
+        self.variances.push(variance);
+    }
+
+    /// Number of innovations \[-\].
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Whether there is none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// The innovations of an axis in expected standard deviations, where a measurement has the deviation `measured`
+    /// \[unit of the innovations\].
+    #[must_use]
+    pub fn normalised(&self, measured: f64, axis: usize) -> Vec<f64> {
+        let pairs = self.values.iter().zip(&self.variances);
+        pairs.map(|(value, variance)| value[axis] / (measured * variance.sqrt())).collect()
+    }
+}
+
+/// The residuals of a fit: the innovations of every flight, axis by axis, of limited influence \[expected standard deviations\].
+pub fn residuals<'a>(flights: impl Iterator<Item = &'a Innovations>, measured: f64) -> Vec<f64> {
+    let axes = flights.flat_map(|flight| (0..3).map(move |axis| (flight, axis)));
+    axes.flat_map(|(flight, axis)| flight.normalised(measured, axis)).map(huber).collect()
+}
 
 /// The likelihood of innovations, and the deviation of the measurements at which it is greatest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,15 +57,13 @@ pub struct Likelihood {
 }
 
 impl Likelihood {
-    /// Of `innovations` with these expected variances, each over that of a measurement.
+    /// Of the innovations of every flight.
     #[must_use]
-    pub fn of<'a>(passes: impl Iterator<Item = (&'a [Vector3<f64>], &'a [f64])>) -> Self {
+    pub fn of<'a>(flights: impl Iterator<Item = &'a Innovations>) -> Self {
         let (mut normalised, mut half_logs) = (Vec::new(), 0.0);
-        for (innovations, variances) in passes {
-            for (innovation, variance) in innovations.iter().zip(variances) {
-                normalised.extend(innovation.iter().map(|e| e / variance.sqrt()));
-                half_logs += 1.5 * variance.ln();
-            }
+        for flight in flights {
+            (0..3).for_each(|axis| normalised.extend(flight.normalised(1.0, axis)));
+            half_logs += flight.variances.iter().map(|variance| 1.5 * variance.ln()).sum::<f64>();
         }
         let measured = deviation(&normalised).max(f64::MIN_POSITIVE);
         Self { log: -(normalised.len() as f64) * measured.ln() - half_logs, measured }

@@ -2,6 +2,7 @@
 
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, Table};
+use oqtal_observe::explain::wrapped;
 use oqtal_observe::plot::unit::{MISSING, rounded};
 
 use super::camera_figures::PoseLatency;
@@ -10,7 +11,7 @@ use super::finding::ParameterFinding;
 use super::identification::Identification;
 
 /// The headings of the findings.
-pub const HEADINGS: [&str; 5] = ["", "value", "± (nominal 95 %)", "before", "change"];
+pub const HEADINGS: [&str; 5] = ["", "value", "± (95 %)", "before", "change"];
 
 /// The cells of a finding under [`HEADINGS`].
 #[must_use]
@@ -83,7 +84,7 @@ fn cameras(identification: &Identification) -> String {
     format!("cameras, by their own stamps: {at_rest}; in flight {in_flight}")
 }
 
-/// The findings as a table, and the remarks below it.
+/// The findings as a table of at most 80 columns, and the remarks below it.
 #[must_use]
 pub fn text(identification: &Identification) -> String {
     let mut table = Table::new();
@@ -95,5 +96,7 @@ pub fn text(identification: &Identification) -> String {
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }
-    format!("{table}\n{}", remarks(identification).join("\n"))
+    let remarks = remarks(identification);
+    let remarks: Vec<String> = remarks.iter().map(|line| wrapped(line, 2)).collect();
+    format!("{table}\n{}", remarks.join("\n"))
 }

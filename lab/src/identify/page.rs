@@ -9,9 +9,7 @@ use oqtal_observe::plot::trace::{Point, Trace};
 
 use super::data::{FlightData, PoseRecord};
 use super::identification::Identification;
-use super::lifting;
 use super::overview::{HEADINGS, cells, remarks};
-use super::turning;
 
 /// Poses to either side over which a rate is the difference of two attitudes \[-\].
 const RATE_POSES: usize = 3;
@@ -190,12 +188,12 @@ fn normalised(identification: &Identification, data: &FlightData, number: usize)
     };
     let inks = [Ink::Actual, Ink::Second, Ink::Third];
     let turned = |(name, axis): (&'static str, usize)| {
-        let residuals = turning::normalised(&turning.passes[number], &turning.noise, axis);
-        trace(name, inks[axis], residuals)
+        let innovations = &turning.passes[number].innovations;
+        trace(name, inks[axis], innovations.normalised(turning.noise.measured_rad, axis))
     };
     let lifted = |(name, axis): (&'static str, usize)| {
-        let residuals = lifting::normalised(&lifting.passes[number], &lifting.noise, axis);
-        trace(name, inks[axis], residuals)
+        let innovations = &lifting.passes[number].innovations;
+        trace(name, inks[axis], innovations.normalised(lifting.noise.measured_m, axis))
     };
     let body = [("roll", 0), ("pitch", 1), ("yaw", 2)].map(turned);
     let world = [("x", 0), ("y", 1), ("z", 2)].map(lifted);

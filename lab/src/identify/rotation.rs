@@ -5,6 +5,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::data::FlightData;
 use super::inner_loop::LoopStep;
+use super::noise::Innovations;
 use super::robust::{LostTrack, limited};
 use super::timeline::CommandTimeline;
 
@@ -50,9 +51,7 @@ pub struct ThrustPiece {
 #[derive(Clone, Debug, Default)]
 pub struct RotationPass {
     /// Measured minus predicted attitude of every pose but the first \[rad, body\].
-    pub innovations: Vec<Vector3<f64>>,
-    /// Their expected variance over that of the measurement \[-\].
-    pub variances: Vec<f64>,
+    pub innovations: Innovations,
     /// The pieces of time, from the first pose to the last.
     pub pieces: Vec<ThrustPiece>,
     /// Duration \[s\] and commanded share \[0..1\] of the pieces before the first pose.
@@ -95,10 +94,8 @@ pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> 
             piece.ends_at_pose = true;
         }
         pass.rates.push(predictor.rate);
-        let (innovation, variance) =
-            predictor.correct(pose.attitude.unit_quaternion(), noise.measured_rad);
-        pass.innovations.push(innovation);
-        pass.variances.push(variance);
+        let missed = predictor.correct(pose.attitude.unit_quaternion(), noise.measured_rad);
+        pass.innovations.push(missed);
         last_s = pose.captured_s;
     }
     pass

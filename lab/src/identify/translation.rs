@@ -4,6 +4,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::data::FlightData;
+use super::noise::Innovations;
 use super::robust::{LostTrack, limited};
 use super::rotation::{RotationPass, ThrustPiece};
 
@@ -46,9 +47,7 @@ pub struct TranslationNoise {
 #[derive(Clone, Debug, Default)]
 pub struct TranslationPass {
     /// Measured minus predicted position of every pose but the first \[m, world\].
-    pub innovations: Vec<Vector3<f64>>,
-    /// Their expected variance over that of the measurement \[-\].
-    pub variances: Vec<f64>,
+    pub innovations: Innovations,
     /// Mean acceleration of the model, without gusts, from pose to pose \[m/s^2, world\].
     pub accelerations: Vec<Vector3<f64>>,
 }
@@ -93,9 +92,7 @@ pub fn pass(
             }
         }
         pass.accelerations.push(predictor.mean_acceleration());
-        let (innovation, variance) = predictor.correct(&pose.position);
-        pass.innovations.push(innovation);
-        pass.variances.push(variance);
+        pass.innovations.push(predictor.correct(&pose.position));
     }
     pass
 }

@@ -2,10 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::data::FlightData;
-use super::fit::{FitParameter, FitResult, covariance, fit};
-use super::noise::{Likelihood, best_in_proportion};
-use super::robust::huber;
+use super::data::{FlightData, series};
+use super::fit::{FitParameter, FitResult, begin_at, fit, result};
+use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::{RotationModel, RotationNoise, RotationPass, pass};
 
 /// Rounds of a fit and an estimate of the noise.
@@ -35,33 +34,16 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
     let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
     let mut parameters = parameters(start, flights.len());
     for _ in 0..ROUNDS {
-        let residuals = |values: &[f64]| residuals(flights, &models(values), &noise);
+        let residuals = |values: &[f64]| residuals_of(flights, &models(values), &noise);
         let values = fit(&parameters, &residuals)?;
         begin_at(&mut parameters, &values);
         noise = noise_of(flights, &models(&values), noise);
     }
-    finish(flights, &parameters, noise)
-}
-
-/// Lets a further fit begin at these values.
-fn begin_at(parameters: &mut [FitParameter], values: &[f64]) {
-    for (parameter, value) in parameters.iter_mut().zip(values) {
-        parameter.start = *value;
-    }
-}
-
-/// The fit at the values where `parameters` begin.
-fn finish(
-    flights: &[FlightData],
-    parameters: &[FitParameter],
-    noise: RotationNoise,
-) -> Option<TurningFit> {
-    let residuals = |values: &[f64]| residuals(flights, &models(values), &noise);
-    let values: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
-    let covariance = covariance(parameters, &values, &series(flights), &residuals)?;
-    let models = models(&values);
+    let residuals = |values: &[f64]| residuals_of(flights, &models(values), &noise);
+    let fit = result(&parameters, &series(flights), &residuals)?;
+    let models = models(&fit.values);
     let passes = passes(flights, &models, &noise);
-    Some(TurningFit { models, fit: FitResult { values, covariance }, noise, passes })
+    Some(TurningFit { models, fit, noise, passes })
 }
 
 fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {
@@ -90,26 +72,17 @@ fn passes(
     flights.iter().zip(models).map(|(data, model)| pass(data, model, noise)).collect()
 }
 
-/// Number of residuals of each axis of each flight.
-fn series(flights: &[FlightData]) -> Vec<usize> {
-    flights.iter().flat_map(|data| [data.air.len().saturating_sub(1); 3]).collect()
-}
-
-fn residuals(flights: &[FlightData], models: &[RotationModel], noise: &RotationNoise) -> Vec<f64> {
+fn residuals_of(
+    flights: &[FlightData],
+    models: &[RotationModel],
+    noise: &RotationNoise,
+) -> Vec<f64> {
     let passes = passes(flights, models, noise);
-    let axes = passes.iter().flat_map(|pass| (0..3).map(move |axis| (pass, axis)));
-    axes.flat_map(|(pass, axis)| normalised(pass, noise, axis)).map(huber).collect()
-}
-
-/// The innovations about an axis \[expected standard deviations\].
-pub fn normalised(pass: &RotationPass, noise: &RotationNoise, axis: usize) -> Vec<f64> {
-    let sd = |variance: &f64| noise.measured_rad * variance.sqrt();
-    let pairs = pass.innovations.iter().zip(&pass.variances);
-    pairs.map(|(innovation, variance)| innovation[axis] / sd(variance)).collect()
+    residuals(passes.iter().map(|pass| &pass.innovations), noise.measured_rad)
 }
 
 fn likelihood(passes: &[RotationPass]) -> Likelihood {
-    Likelihood::of(passes.iter().map(|pass| (&*pass.innovations, &*pass.variances)))
+    Likelihood::of(passes.iter().map(|pass| &pass.innovations))
 }
 
 /// The most likely noise at these parameters.

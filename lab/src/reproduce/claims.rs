@@ -75,7 +75,9 @@ pub fn claims(chapters: &[Chapter]) -> Vec<Claim> {
         claims.extend([trend(table), best_tuned(table)]);
     }
     claims.extend(sheet("V-ranking").map(ranking));
-    claims.extend(sheet("V").map(greatest_weight));
+    if let Some(table) = sheet("V") {
+        claims.extend([greatest_weight(table), reduction(table)]);
+    }
     claims
 }
 
@@ -291,6 +293,47 @@ fn greatest_weight(table: &Sheet) -> Claim {
     }
 }
 
+/// The columns of Table V in which the abstract claims a reduction.
+const SQUARE: [(&str, &str); 3] = [
+    ("position_error_m", "position"),
+    ("velocity_error_m_s", "velocity"),
+    ("attitude_error_deg", "attitude"),
+];
+/// The reduction of the abstract \[%\], rounded to whole numbers.
+const REDUCTION: std::ops::RangeInclusive<f64> = 10.0..=20.0;
+
+fn reduction(table: &Sheet) -> Claim {
+    let keys = SQUARE.map(|(key, _)| key);
+    let of = |(variant, words): (Variant, [&[&str]; 3])| {
+        let laws = ["oqtal", "pid", "lqr"];
+        let [oqtal, pid, lqr] =
+            [0, 1, 2].map(|k| table.figures((laws[k], variant), words[k], keys));
+        let less = |rival: [f64; 3]| [0, 1, 2].map(|k| 100.0 * (1.0 - oqtal[k] / rival[k]));
+        [("pid", less(pid)), ("lqr", less(lqr))]
+    };
+    let said = |cases: &[(&str, [f64; 3]); 2]| {
+        let one = |(law, less): &(&str, [f64; 3])| {
+            let parts =
+                SQUARE.iter().zip(less).map(|((_, name), less)| format!("{name} {less:.0} %"));
+            format!("than {law}: {}", parts.collect::<Vec<_>>().join(", "))
+        };
+        cases.iter().map(one).collect::<Vec<_>>().join("; ")
+    };
+    let printed = of((Variant::Paper, [&[], &[], &[]]));
+    let tuned = of((Variant::Ours, [&["tuned alike"]; 3]));
+    let parts = printed.iter().chain(&tuned).flat_map(|(_, less)| less);
+    Claim {
+        claim: "OQTAL has 10 to 20 % less error in the square (abstract)",
+        verdict: ClaimVerdict::of(parts.map(|less| REDUCTION.contains(&less.round()))),
+        found: format!(
+            "less error by the printed numbers of Table V {}; here, all tuned alike, {}",
+            said(&printed),
+            said(&tuned)
+        ),
+        sheet: "V",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -327,5 +370,23 @@ mod tests {
         let none = judged(vec![row("pid", 4, 3), row("lqr", 3, 4)]);
         assert_eq!(none[0].verdict, ClaimVerdict::Fails);
         assert!(none[0].found.contains("better than pid by 3 figures, worse by 4"), "{none:?}");
+    }
+    #[test]
+    fn the_reduction_of_the_abstract_is_judged_by_every_figure() {
+        let row = |variant, law: &str, scale: f64| {
+            let cells = SQUARE.map(|_| SheetCell::Number(scale)).to_vec();
+            SheetRow::new(variant, law, "tuned alike", cells)
+        };
+        let judged = |oqtal: f64| {
+            let rows = [Variant::Paper, Variant::Ours].into_iter().flat_map(|variant| {
+                [("pid", 1.0), ("lqr", 1.0), ("oqtal", oqtal)]
+                    .map(|(law, scale)| row(variant, law, scale))
+            });
+            let columns = SQUARE.to_vec();
+            reduction(&Sheet { columns, rows: rows.collect(), ..Sheet::default() })
+        };
+        assert_eq!(judged(0.85).verdict, ClaimVerdict::Holds);
+        assert_eq!(judged(1.1).verdict, ClaimVerdict::Fails);
+        assert!(judged(0.85).found.contains("than pid: position 15 %"), "{}", judged(0.85).found);
     }
 }

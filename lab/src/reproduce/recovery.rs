@@ -1,7 +1,6 @@
 //! Recovery from attitudes and rates far outside normal flight.
 
 use nalgebra::Vector3;
-use oqtal_control::controller::ControllerOptions;
 use oqtal_control::quaternion::Attitude;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
@@ -43,7 +42,7 @@ pub fn chapter(lander: &Lander, progress: &Progress) -> Result<Chapter, Failure>
     let quadrotor = RotatingBody::quadrotor()?;
     let mut cases: Vec<(&str, &RotatingBody, Entry)> =
         roster::each().into_iter().map(|entry| ("spacecraft, 5 N m", &spacecraft, entry)).collect();
-    cases.extend(quadrotor_laws().into_iter().map(|entry| ("quadrotor", &quadrotor, entry)));
+    cases.extend(roster::shipped().into_iter().map(|entry| ("quadrotor", &quadrotor, entry)));
     let bar = progress.start("recovery", cases.len());
     let recover = |(vehicle, body, entry): &(&str, &RotatingBody, Entry)| {
         let rows = [("175° off", FAR_RAD, 0.0), ("tumble of 20 rad/s", 0.0, TUMBLE_RAD_S)].map(
@@ -92,16 +91,6 @@ fn verdict(rows: &[SheetRow]) -> String {
         "Not every command was a number.",
     );
     format!("Not recovered: {}. {commands}", listed(&lost))
-}
-
-/// The laws with their shipped gains for the quadrotor.
-fn quadrotor_laws() -> Vec<Entry> {
-    let shipped = |entry: Entry| {
-        let options =
-            ControllerOptions { controller: entry.options.controller, ..Default::default() };
-        Entry { settings: "shipped gains".to_owned(), options, ..entry }
-    };
-    roster::each().into_iter().map(shipped).collect()
 }
 
 fn row(entry: &Entry, [vehicle, start]: [&str; 2], turned: &ManoeuvreRecord) -> SheetRow {

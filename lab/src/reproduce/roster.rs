@@ -232,3 +232,14 @@ pub fn each() -> Vec<Entry> {
     entries.extend(new_laws());
     entries
 }
+
+/// Every law with the gains that it is shipped with for the quadrotor.
+#[must_use]
+pub fn shipped() -> Vec<Entry> {
+    let shipped = |entry: Entry| {
+        let options =
+            ControllerOptions { controller: entry.options.controller, ..Default::default() };
+        Entry { settings: "shipped gains".to_owned(), options, ..entry }
+    };
+    each().into_iter().map(shipped).collect()
+}

@@ -8,12 +8,14 @@ use oqtal_bus::memory::MemoryBus;
 use oqtal_bus::time::Time;
 use oqtal_bus::topic::Role;
 use oqtal_config::FaultTarget;
+use oqtal_control::position::OuterLoop;
+use oqtal_control::scalar_pid::PidGains;
 use oqtal_daemon::{CacheWarmup, Cycle, DaemonPorts, DaemonTurn, loop_handoff};
 use oqtal_mocap_emu::{Cameras, EmulatedCameras, Playback, Start};
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
 use oqtal_runtime::faults::{FaultyTransport, FaultyTurn};
 use oqtal_runtime::pose_source::PoseTurn;
-use oqtal_runtime::process::Failure;
+use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::turn::step;
 use oqtal_runtime::virtual_clock::TurnResult;
 
@@ -83,6 +85,12 @@ impl<'a> Processes<'a> {
             // They take no part in virtual time.
             Role::Recorder | Role::Bridge | Role::Receiver => Ok(TurnResult::default()),
         }
+    }
+
+    /// Replaces the gains of an outer loop of the daemon.
+    pub(super) fn set_loop(&mut self, which: OuterLoop, gains: PidGains) -> Result<(), Failure> {
+        let set = self.daemon.turn.cycle.set_loop(which, gains);
+        set.map_err(|error| Failure::new(Exit::Config, error.within("position").to_string()))
     }
 
     /// Passes an operator's command to the daemon; `false` if it is refused.

@@ -1,0 +1,61 @@
+//! A flight that waits at every review for what its caller wants changed: gains are replaced while the vehicle flies.
+
+use oqtal_bus::time::{Span, Time};
+use oqtal_control::position::OuterLoop;
+use oqtal_control::scalar_pid::PidGains;
+use oqtal_observe::flight::{Flight, FlightSample};
+use oqtal_runtime::process::Failure;
+
+use super::Simulation;
+use crate::mission::Mission;
+
+/// A flight that its caller takes from review to review.
+pub struct OnlineFlight<'a> {
+    simulation: Simulation<'a>,
+    began: Time,
+    is_over: bool,
+}
+
+impl<'a> OnlineFlight<'a> {
+    /// Begins to fly `mission`.
+    ///
+    /// # Errors
+    /// An option of the law is invalid.
+    pub fn begin(mission: &'a Mission) -> Result<Self, Failure> {
+        let mut simulation = Simulation::new(mission, None)?;
+        simulation.begin()?;
+        Ok(Self { simulation, began: Time::now(), is_over: false })
+    }
+
+    /// Flies on to the next [`REVIEW`](super::REVIEW); `false` once the flight is over.
+    ///
+    /// # Errors
+    /// The flight cannot go on.
+    pub fn advance(&mut self) -> Result<bool, Failure> {
+        self.is_over = self.is_over || !self.simulation.to_review(Span::ZERO, &mut |_| None)?;
+        Ok(!self.is_over)
+    }
+
+    /// Replaces the gains of an outer loop.
+    ///
+    /// # Errors
+    /// A gain is not allowed.
+    pub fn set_loop(&mut self, which: OuterLoop, gains: PidGains) -> Result<(), Failure> {
+        self.simulation.processes.set_loop(which, gains)
+    }
+
+    /// The ticks so far, in the order of time.
+    #[must_use]
+    pub fn samples(&self) -> &[FlightSample] {
+        self.simulation.recorder.samples()
+    }
+
+    /// The flight, flown to its end.
+    ///
+    /// # Errors
+    /// The flight cannot go on.
+    pub fn finish(mut self) -> Result<Flight, Failure> {
+        while self.advance()? {}
+        Ok(self.simulation.close(self.began).0)
+    }
+}
