@@ -120,7 +120,9 @@ fn weighted(desired: &Attitude, actual: &Attitude, weight: f64) -> Attitude {
     let reduced = tilt * actual.unit_quaternion();
     // What is left is a turn about z.
     let left = (reduced.inverse() * desired.unit_quaternion()).into_inner();
-    let sign = if left.w < 0.0 { -1.0 } else { 1.0 };
+    // Half a turn is one about +z, whichever of the two quaternions describes it.
+    let is_negative = left.w < 0.0 || (left.w == 0.0 && left.k < 0.0);
+    let sign = if is_negative { -1.0 } else { 1.0 };
     let turn = 2.0 * (sign * left.k).atan2(sign * left.w);
     Attitude::from_unit_quaternion(reduced).turned_by(weight * turn * Vector3::z())
 }
