@@ -11,7 +11,7 @@
 //! command is `omega_sp`. Differences from the source: PX4 feeds only the rate about the vertical forward; gains of the rate
 //! loop are per inertia, so that one set suits bodies of different inertia.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::filtered_rate::FilteredRate;
@@ -21,6 +21,10 @@ use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
+
+/// Norm of the quaternion between two opposite directions of thrust \[-\]; any axis turns one to the other, and the whole attitude is
+/// taken, as in the source.
+const UPSIDE_DOWN: f64 = 1e-9;
 
 /// Options of [`Px4Attitude`]. The default is for the Hummingbird in rate form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -115,8 +119,10 @@ pub struct Px4Attitude<I> {
 /// then left.
 fn weighted(desired: &Attitude, actual: &Attitude, weight: f64) -> Attitude {
     let [z, z_d] = [actual, desired].map(|attitude| attitude.to_world(&Vector3::z()));
-    // Upside down every axis will do: the source then takes the whole attitude.
-    let Some(tilt) = UnitQuaternion::rotation_between(&z, &z_d) else { return *desired };
+    let axis = z.cross(&z_d);
+    // The quaternion of half the angle between the two, exact for small angles too.
+    let tilt = Quaternion::new(1.0 + z.dot(&z_d), axis.x, axis.y, axis.z);
+    let Some(tilt) = UnitQuaternion::try_new(tilt, UPSIDE_DOWN) else { return *desired };
     let reduced = tilt * actual.unit_quaternion();
     // What is left is a turn about z.
     let left = (reduced.inverse() * desired.unit_quaternion()).into_inner();
