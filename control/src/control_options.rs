@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::controller::{self, ControllerName, ControllerOptions, for_each_law};
+use crate::controller::{
+    self, ControllerName, ControllerOptions, for_each_law, with_optional_laws,
+};
 use crate::estimator::EstimatorOptions;
 use crate::options::{OptionError, Rule, check_options};
 use crate::predictive::PredictiveOptions;
@@ -11,7 +13,7 @@ use crate::predictive::PredictiveOptions;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LawSurroundings {
-    /// The autopilot of [`crate::predictive`] around `oqtal-dt`, estimator and position loops around every other law.
+    /// The autopilot of [`crate::predictive`] around `oqtal-dt` and `mpc`, estimator and position loops around every other law.
     #[default]
     Own,
     /// The autopilot of [`crate::predictive`] around every law.
@@ -63,8 +65,7 @@ impl ControlOptions {
     /// Whether the autopilot of [`crate::predictive`] is around the law that flies.
     #[must_use]
     pub fn is_predictive(&self) -> bool {
-        self.controller == ControllerName::OqtalDt
-            || self.surroundings == LawSurroundings::Predictive
+        self.controller.is_predictive() || self.surroundings == LawSurroundings::Predictive
     }
 
     /// Checks every option.

@@ -1,11 +1,14 @@
 //! `oqtal robustness`: every law on plants that differ from the one that it is designed for.
 
+pub mod against;
 pub mod cases;
 pub mod flown;
 pub mod frequency;
+pub mod impulse;
 pub mod linear;
 pub mod margins;
 pub mod probed;
+pub mod responses;
 pub mod spread;
 pub mod statistics;
 pub mod tables;
@@ -61,6 +64,9 @@ pub struct RobustnessArgs {
     /// Margins of the attitude loop as well, of the linear model and flown
     #[arg(long)]
     margins: bool,
+    /// Responses to a step, a force and a gust as well
+    #[arg(long)]
+    responses: bool,
     /// Directory of robustness.html, robustness.md and robustness.json
     #[arg(long, value_name = "DIR", default_value = "robustness")]
     out: PathBuf,
@@ -112,6 +118,10 @@ impl RobustnessArgs {
         let progress = Progress::default();
         let loops = if self.margins { margins::all(&rivals, &progress)? } else { Vec::new() };
         let single = self.plants.then(|| cases::table(&rivals, &progress)).transpose()?;
+        let responses = match self.responses {
+            true => Some(responses::chapter(&responses::all(&rivals, &progress)?)),
+            false => None,
+        };
         let judged = flown::fly(rivals, &draws, &progress)?;
         let monte_carlo = Chapter {
             title: "Monte-Carlo",
@@ -124,7 +134,7 @@ impl RobustnessArgs {
             "draws": flown_draws(&judged, &draws),
             "loops": margins::document(&loops),
         });
-        Ok((document, [monte_carlo].into_iter().chain(margins).collect()))
+        Ok((document, [monte_carlo].into_iter().chain(responses).chain(margins).collect()))
     }
 
     fn spread(&self) -> Result<PlantSpread, Failure> {
@@ -150,9 +160,14 @@ impl RobustnessArgs {
             self.spread,
             self.runs,
             self.seed,
-            [(self.wide, " --wide"), (self.plants, " --plants"), (self.margins, " --margins")]
-                .map(|(is_set, flag)| if is_set { flag } else { "" })
-                .concat()
+            [
+                (self.wide, " --wide"),
+                (self.plants, " --plants"),
+                (self.margins, " --margins"),
+                (self.responses, " --responses"),
+            ]
+            .map(|(is_set, flag)| if is_set { flag } else { "" })
+            .concat()
         )
     }
 
@@ -187,7 +202,9 @@ pub fn rivals(
                 1 => controller.to_owned(),
                 _ => format!("{controller}, {source}"),
             };
-            rivals.push(Rival { name, controller, settings, remark });
+            let mut rival = Rival { name, controller, settings, remark, is_predictive: false };
+            rival.is_predictive = rival.config()?.control.is_predictive();
+            rivals.push(rival);
         }
     }
     if rivals.is_empty() {

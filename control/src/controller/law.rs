@@ -61,6 +61,9 @@ pub trait LawOptions: Copy + Default {
     /// The gains that `oqtal tune` searches. The first one is raised by the study of the greatest gain.
     const TUNED: &'static [SearchRange];
 
+    /// Whether the law flies within the estimation, prediction and position law of [`crate::predictive`] by itself.
+    const IS_PREDICTIVE: bool = false;
+
     /// Gains for the paper's spacecraft in torque form.
     #[must_use]
     fn spacecraft() -> Self;

@@ -59,6 +59,8 @@ impl LawOptions for OqtalDtOptions {
         SearchRange::new("control.oqtal-dt.rate-weight", 1e-3, 10.0),
     ];
 
+    const IS_PREDICTIVE: bool = true;
+
     /// Gains for the paper's spacecraft in torque form.
     fn spacecraft() -> Self {
         // 2^20 and 2^6 over 1
@@ -152,6 +154,12 @@ impl<I: InputForm> OqtalDt<I> {
         let k = dare(&part(&a), &b, &part(&q), &r)?.k;
         gain.fixed_view_mut::<3, 3>(0, 3).copy_from(&k);
         Ok(gain)
+    }
+
+    /// The input form of the vehicle.
+    #[cfg(feature = "mpc")]
+    pub(super) fn into_input(self) -> I {
+        self.input
     }
 
     /// The gain `K` of `u = -K [omega_e; eps]`.

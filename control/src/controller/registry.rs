@@ -33,6 +33,14 @@ macro_rules! define_registry {
                 }
             }
 
+            /// Whether the law flies within the prediction by itself: [`LawOptions::IS_PREDICTIVE`].
+            #[must_use]
+            pub const fn is_predictive(self) -> bool {
+                match self {
+                    $(Self::$Variant => <super::$Options as LawOptions>::IS_PREDICTIVE,)*
+                }
+            }
+
             /// The gains that are tuned: [`LawOptions::TUNED`].
             #[must_use]
             pub const fn tuned_gains(self) -> &'static [SearchRange] {

@@ -140,7 +140,8 @@ proptest! {
 /// A body is held far from its reference, then released at the reference: the integral has not wound up.
 fn check_windup<I: Form>(input: I, options: &ControllerOptions) {
     let far = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, 2.0)));
-    for name in ALL {
+    // An incremental law takes a body that does not move under its input for one that is disturbed by as much.
+    for name in ALL.into_iter().filter(|name| *name != ControllerName::Indi) {
         let mut law = law(name, options, input);
         for _ in 0..600 {
             law.update(&far, &AttitudeReference::default(), DT_S);
@@ -219,7 +220,7 @@ fn a_scheduled_law_solves_nothing_before_its_first_step_and_others_nothing_at_al
 #[test]
 fn options_without_meaning_are_refused_by_name() {
     type Set = fn(&mut ControllerOptions, f64);
-    let cases: [(&str, Set); 10] = [
+    let cases: [(&str, Set); 13] = [
         ("pid.gain", |o, v| o.pid.gain = v),
         ("pid.integral-time-s", |o, v| o.pid.integral_time_s = v),
         ("lqr.operating-pitch-limit-rad", |o, v| o.lqr.operating_pitch_limit_rad = v),
@@ -230,6 +231,9 @@ fn options_without_meaning_are_refused_by_name() {
         ("oqtal-dt.rate-weight", |o, v| o.oqtal_dt.rate_weight = v),
         ("oqtal-dt.input-weight", |o, v| o.oqtal_dt.input_weight = v),
         ("geometric.attitude-gain", |o, v| o.geometric.attitude_gain = v),
+        ("px4.attitude-gain-per-s", |o, v| o.px4.attitude_gain_per_s = v),
+        ("px4.yaw-weight", |o, v| o.px4.yaw_weight = v),
+        ("indi.cutoff-hz", |o, v| o.indi.cutoff_hz = v),
     ];
     for (key, set) in cases {
         for value in [-1.0, f64::NAN, f64::NEG_INFINITY] {

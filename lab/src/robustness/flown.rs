@@ -97,6 +97,19 @@ pub struct Rival {
     pub settings: Vec<Setting>,
     /// Where they come from.
     pub remark: String,
+    /// Whether the law flies within the estimation and prediction of `oqtal-dt`.
+    pub is_predictive: bool,
+}
+
+impl Rival {
+    /// The configuration that the law flies with.
+    ///
+    /// # Errors
+    /// A setting is wrong.
+    pub fn config(&self) -> Result<Config, Failure> {
+        let law = Setting::flag("--laws", "control.controller", self.controller);
+        Ok(Config::from_settings(&[&self.settings[..], &[law]].concat())?)
+    }
 }
 
 /// A law with its figures on every draw.

@@ -8,21 +8,16 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Complex, Matrix3, Vector3};
 use oqtal_config::Config;
-use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerName, InputForm, OqtalDt,
-    RateInput,
-};
+use oqtal_control::controller::RateInput;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{AttitudeFilter, Rotation};
-use oqtal_control::quaternion::Attitude;
 
 use super::frequency::LoopResponse;
+use super::impulse::ImpulseResponse;
 
 type ComplexVector = Vector3<Complex<f64>>;
 type ComplexMatrix = Matrix3<Complex<f64>>;
 
-/// Small error by which a law is made linear \[rad\].
-const SMALL_RAD: f64 = 1e-6;
 /// Poses after which a filter's gain is steady \[-\].
 const STEADY: usize = 20_000;
 /// Lowest frequency of a response \[Hz\], and number of its points.
@@ -39,22 +34,14 @@ struct AxisModel {
     period_s: f64,
 }
 
-/// What an attitude law does about a small error of one axis: `u = -(attitude + slope / (z - 1)) theta - rate omega`.
-#[derive(Clone, Copy, Debug)]
-struct LawGains {
-    /// Of the attitude \[1/rad\].
-    attitude: f64,
-    /// Growth of the input in each tick, per attitude error \[1/rad\].
-    slope: f64,
-    /// Of the rate \[s/rad\].
-    rate: f64,
-}
-
 /// The loop about one axis.
 #[derive(Clone, Debug)]
 pub struct LinearLoop {
     vehicle: AxisModel,
-    law: LawGains,
+    /// Answers of the law to attitude and rate.
+    law: [ImpulseResponse; 2],
+    /// Cut-off frequency of the estimated rate without prediction \[Hz\].
+    rate_cutoff_hz: f64,
     /// The model and the steady gain of the filter of `oqtal-dt`, where the law is within its surroundings.
     predictor: Option<(AxisModel, Vector3<f64>)>,
 }
@@ -83,7 +70,11 @@ impl LinearLoop {
         };
         let is_predictive = config.control.is_predictive();
         let predictor = is_predictive.then(|| (model, steady_gain(config, &model)));
-        Ok(Self { vehicle: plant, law: law_gains(config, axis)?, predictor })
+        let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?
+            .with_lag(1e-3 * vehicle.rate_lag_ms, period_s)?;
+        let law = ImpulseResponse::of(&config.control.controller_options(), input, axis)?;
+        let rate_cutoff_hz = config.control.estimator.rate_cutoff_hz;
+        Ok(Self { vehicle: plant, law, rate_cutoff_hz, predictor })
     }
 
     /// The loop over frequency, up to half of the loop's rate.
@@ -104,11 +95,12 @@ impl LinearLoop {
 
     /// From the measured attitude to the input, with the sign of negative feedback.
     fn controller(&self, z: Complex<f64>) -> Complex<f64> {
-        let LawGains { attitude, slope, rate } = self.law;
-        let of_attitude = attitude + slope / (z - 1.0);
-        let Some((model, gain)) = &self.predictor else { return of_attitude };
+        let [of_attitude, of_rate] = self.law.each_ref().map(|response| response.at(z));
+        let Some((model, gain)) = &self.predictor else {
+            return of_attitude + of_rate * self.differentiated(z);
+        };
         let authority = Complex::from(model.authority.recip());
-        let kappa = ComplexVector::new(of_attitude, rate.into(), authority);
+        let kappa = ComplexVector::new(of_attitude, of_rate, authority);
         // x = (I - L h) (F x / z + g u) + L y, with g the effect of commands sent, a period later than in `motion`.
         let keep = (Matrix3::identity() - gain * Vector3::x().transpose()).map(Complex::from);
         let carried = keep * model.transition(model.period_s).map(Complex::from) / z;
@@ -120,6 +112,15 @@ impl LinearLoop {
         let ahead = model.transition(model.delay_s).map(Complex::from);
         let own = kappa.dot(&(ahead * by_input + model.in_transit(z)));
         kappa.dot(&(ahead * by_pose)) / (own + 1.0)
+    }
+}
+
+impl LinearLoop {
+    /// From the measured attitude to the rate that the estimator makes of it.
+    fn differentiated(&self, z: Complex<f64>) -> Complex<f64> {
+        let period_s = self.vehicle.period_s;
+        let weight = -(-TAU * self.rate_cutoff_hz * period_s).exp_m1();
+        weight * (z - 1.0) / period_s / (z - 1.0 + weight)
     }
 }
 
@@ -187,35 +188,4 @@ fn steady_gain(config: &Config, model: &AxisModel) -> Vector3<f64> {
         gain = covariance.correct(options.attitude_noise_deg.to_radians());
     }
     gain
-}
-
-/// The gains of the law about an axis.
-fn law_gains(config: &Config, axis: usize) -> Result<LawGains, OptionError> {
-    let (vehicle, control) = (&config.vehicle, &config.control);
-    let period_s = 1.0 / control.rate_hz;
-    let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?
-        .with_lag(1e-3 * vehicle.rate_lag_ms, period_s)?;
-    if control.controller == ControllerName::OqtalDt {
-        let law = OqtalDt::new(control.oqtal_dt, input, period_s)?;
-        let gain = law.gain();
-        // eps is half of the angle.
-        return Ok(LawGains {
-            attitude: 0.5 * gain[(axis, axis + 3)],
-            slope: 0.0,
-            rate: gain[(axis, axis)],
-        });
-    }
-    let mut law = Controller::new(&control.controller_options(), input)?;
-    let mut error = Vector3::zeros();
-    error[axis] = SMALL_RAD;
-    let state = AttitudeState {
-        attitude: Attitude::from_rotation_vector(error),
-        ..AttitudeState::default()
-    };
-    let mut answer = || {
-        let command = law.update(&state, &AttitudeReference::default(), period_s);
-        -RateInput::u_from(command)[axis] / SMALL_RAD
-    };
-    let [first, second] = [answer(), answer()];
-    Ok(LawGains { attitude: first, slope: second - first, rate: 0.0 })
 }

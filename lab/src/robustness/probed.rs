@@ -31,13 +31,12 @@ const PERIODS: [u32; 27] = [
 const AMPLITUDE: f64 = 0.02;
 
 /// Nothing but the sine moves the vehicle.
-const CALM: [(&str, f64); 6] = [
+const CALM: [(&str, f64); 5] = [
     ("plant.gust-sd-m-s2", 0.0),
     ("plant.disturbance-spread", 0.0),
     ("plant.spread", 0.0),
     ("mocap.position-noise-mm", 0.0),
     ("mocap.attitude-noise-deg", 0.0),
-    ("trajectory.attitude-chirp.sweep-s", SWEEP_S),
 ];
 
 /// The loop of a law with `settings` about axis number `axis`, flown at each frequency.
@@ -56,21 +55,30 @@ pub fn flown(settings: &[Setting], axis: usize) -> Result<LoopResponse, Failure>
     Ok(LoopResponse { points: points? })
 }
 
+/// The settings by which nothing moves the vehicle by chance; the filters are told the noise of `nominal` all the same.
+#[must_use]
+pub fn calm(nominal: &Config) -> Vec<Setting> {
+    let set = |key: &str, value: toml::Value| Setting::flag("calm", key, value);
+    let still = || toml::Value::from(vec![0.0; 3]);
+    let filter = &nominal.control.predictive.filter;
+    let quiet = CALM.into_iter().map(|(key, value)| set(key, value.into()));
+    let own = [
+        set("plant.rate-drift-deg-s", still()),
+        set("plant.force-n", still()),
+        set("control.predictive.filter.attitude-noise-deg", filter.attitude_noise_deg.into()),
+        set("control.predictive.filter.position-noise-mm", filter.position_noise_mm.into()),
+    ];
+    quiet.chain(own).collect()
+}
+
 fn prepared(settings: &[Setting], axis: usize) -> Result<Config, Failure> {
     let nominal = Config::from_settings(settings)?;
-    let mut settings = settings.to_vec();
+    let mut settings = [settings, &calm(&nominal)].concat();
     let mut set = |key: &str, value: toml::Value| settings.push(Setting::flag("probe", key, value));
-    CALM.into_iter().for_each(|(key, value)| set(key, value.into()));
-    let still = || toml::Value::from(vec![0.0; 3]);
-    set("plant.rate-drift-deg-s", still());
-    set("plant.force-n", still());
     set("trajectory.kind", "attitude-chirp".into());
+    set("trajectory.attitude-chirp.sweep-s", SWEEP_S.into());
     // Level but for rounding.
     set("trajectory.attitude-chirp.amplitude-deg", 1e-9.into());
-    // The noise that the filters are told stays that of the configuration.
-    let filter = &nominal.control.predictive.filter;
-    set("control.predictive.filter.attitude-noise-deg", filter.attitude_noise_deg.into());
-    set("control.predictive.filter.position-noise-mm", filter.position_noise_mm.into());
     set("plant.probe.stick", (axis as i64 + 1).into());
     set("plant.probe.amplitude", AMPLITUDE.into());
     Ok(Config::from_settings(&settings)?)

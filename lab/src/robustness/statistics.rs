@@ -107,6 +107,7 @@ mod tests {
             controller: name,
             settings: Vec::new(),
             remark: String::new(),
+            is_predictive: false,
         };
         let figures = hover.iter().map(|value| [*value; METRICS]).collect();
         Judged { rival, figures }

@@ -1,5 +1,6 @@
 //! The tables of the Monte-Carlo study.
 
+use super::against;
 use super::flown::{Draw, Judged};
 use super::spread::{PlantSpread, SpreadKey};
 use super::statistics::{Quantiles, dependence, worse_than_the_best_other};
@@ -15,7 +16,8 @@ const MOST_FAILURES: usize = 5;
 /// All tables of laws on draws of `spread`.
 #[must_use]
 pub fn all(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Vec<Sheet> {
-    let tables = [landed(judged), distributions(judged), broken(judged, draws)];
+    let tables =
+        [landed(judged), against::table(judged), distributions(judged), broken(judged, draws)];
     tables.into_iter().chain([dependences(judged, draws, spread), spread_table(spread)]).collect()
 }
 

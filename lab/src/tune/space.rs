@@ -10,7 +10,7 @@ pub struct LawSpace {
     pub controller: &'static str,
     /// Gains of the law itself; the first is the one that `max_q` raises.
     pub gains: &'static [SearchRange],
-    /// Gains around the law: those of [`PREDICTOR`] for `oqtal-dt`, of [`SURROUNDINGS`] for every other law.
+    /// Gains around the law: those of [`PREDICTOR`] for `oqtal-dt` and `mpc`, of [`SURROUNDINGS`] for every other law.
     pub around: &'static [SearchRange],
 }
 
@@ -27,13 +27,18 @@ pub const LAWS: [LawSpace; ControllerName::ALL.len()] = {
         let law = ControllerName::ALL[index];
         if !matches!(law, ControllerName::OqtalDt) {
             let (controller, gains) = (law.name(), law.tuned_gains());
-            laws[next] = LawSpace { controller, gains, around: &SURROUNDINGS };
+            laws[next] = LawSpace { controller, gains, around: around(law) };
             next += 1;
         }
         index += 1;
     }
     laws
 };
+
+/// The gains around a law in its own surroundings.
+const fn around(law: ControllerName) -> &'static [SearchRange] {
+    if law.is_predictive() { &PREDICTOR } else { &SURROUNDINGS }
+}
 
 /// The names of the laws.
 pub const LAW_NAMES: [&str; LAWS.len()] = {

@@ -1,0 +1,192 @@
+//! Incremental nonlinear dynamic inversion: the last input, corrected by what it did not achieve. Not in the paper.
+//!
+//! ```text
+//! u = u_f + B^-1 (nu - omega_dot_f - A (omega - omega_f))
+//! nu = c (C omega_d - 2 k eps - omega) + C omega_d_dot - omega_e x C omega_d
+//! ```
+//!
+//! Source: E. J. J. Smeur, Q. P. Chu and G. C. H. E. de Croon, *Adaptive Incremental Nonlinear Dynamic Inversion for Attitude
+//! Control of Micro Air Vehicles*, JGCD 39(3), 2016, without its adaptation of `B`. The model is `omega_dot = A omega + B u + d`
+//! with an unknown `d`, which cancels between now and the filtered past (index `f`, one filter for the measured motion and the
+//! input). By torque `A = 0` and `B = J^-1`, as in the source. By rates `A` and `B` are those of the vehicle's own rate loop with
+//! its lag, and what is left of the law is a rate loop around that one; if the rate follows at once, the increments are of the
+//! rate itself: `u = u_f + K^-1 (omega_sp - omega_f)`.
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::filtered_rate::FilteredRate;
+use super::input::InputForm;
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use crate::options::{OptionError, Rule, check_options};
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
+
+/// Most ticks by which the input can be delayed before its filter \[-\].
+const MOST_TICKS: usize = 8;
+
+/// Options of [`Indi`]. The default is for the Hummingbird in rate form.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct IndiOptions {
+    /// `k`, the gain from attitude to rate \[1/s\].
+    pub attitude_gain_per_s: f64,
+    /// `c`, the gain from rate to angular acceleration \[1/s\].
+    pub rate_gain_per_s: f64,
+    /// Cut-off frequency of the filter of rate and input \[Hz\].
+    pub cutoff_hz: f64,
+    /// Ticks that pass from a command to the pose that shows its effect \[-\]: the input is delayed by as many before its filter, so
+    /// that it is compared with the motion that it caused. 0 with the prediction of `oqtal-dt`.
+    pub input_delay_ticks: usize,
+    /// Whether the reference's motion is fed forward.
+    pub feed_forward: bool,
+}
+
+impl Default for IndiOptions {
+    fn default() -> Self {
+        Self {
+            attitude_gain_per_s: 4.0,
+            rate_gain_per_s: 16.0,
+            cutoff_hz: 1.0,
+            input_delay_ticks: 2,
+            feed_forward: true,
+        }
+    }
+}
+
+impl LawOptions for IndiOptions {
+    type Law<I: InputForm> = Indi<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.indi.attitude-gain-per-s", 0.5, 40.0),
+        SearchRange::new("control.indi.rate-gain-per-s", 2.0, 60.0),
+        SearchRange::new("control.indi.cutoff-hz", 0.02, 10.0),
+    ];
+
+    fn spacecraft() -> Self {
+        Self { input_delay_ticks: 0, ..Self::default() }
+    }
+
+    fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("attitude-gain-per-s", self.attitude_gain_per_s, Rule::Positive),
+            ("rate-gain-per-s", self.rate_gain_per_s, Rule::Positive),
+            ("cutoff-hz", self.cutoff_hz, Rule::Between(1e-3, 1000.0)),
+            (
+                "input-delay-ticks",
+                self.input_delay_ticks as f64,
+                Rule::Between(0.0, MOST_TICKS as f64),
+            ),
+        ])
+    }
+
+    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Indi<I>, OptionError> {
+        self.check()?;
+        let model = input.rate_model().and_then(|(a, b)| Some((a, b.try_inverse()?)));
+        let filter = FilteredRate::new(self.cutoff_hz);
+        let sent = [Vector3::zeros(); MOST_TICKS + 1];
+        Ok(Indi { options: self, input, model, filter, sent, input_f: Vector3::zeros() })
+    }
+}
+
+/// The law for a vehicle commanded through `I`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Indi<I> {
+    options: IndiOptions,
+    input: I,
+    /// `A` and `B^-1`; `None` if the rate follows the input at once.
+    model: Option<(Matrix3<f64>, Matrix3<f64>)>,
+    filter: FilteredRate,
+    /// The last inputs, the newest first \[N m, body axes, in rate form -1..1\].
+    sent: [Vector3<f64>; MOST_TICKS + 1],
+    input_f: Vector3<f64>,
+}
+
+impl<I: InputForm> Indi<I> {
+    /// The input that corrects the filtered one.
+    fn increment(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
+        let IndiOptions { attitude_gain_per_s, rate_gain_per_s, feed_forward, .. } = self.options;
+        let error = AttitudeError::between(&reference.attitude, &state.attitude);
+        let omega_e = error.rate_error(state.rate, reference.rate);
+        let omega = state.rate.0;
+        let (mut rate, mut acceleration) = (Vector3::zeros(), Vector3::zeros());
+        if feed_forward {
+            rate = error.rotation() * reference.rate.0;
+            acceleration = error.reference_acceleration(&omega_e, reference).0;
+        }
+        rate -= 2.0 * attitude_gain_per_s * error.eps();
+        let Some((a, b_inverse)) = &self.model else {
+            return self.input.input_for(&(rate - self.filter.rate()));
+        };
+        let nu = rate_gain_per_s * (rate - omega) + acceleration;
+        b_inverse * (nu - self.filter.acceleration() - a * (omega - self.filter.rate()))
+    }
+}
+
+impl<I: InputForm> AttitudeLaw for Indi<I> {
+    type Command = I::Command;
+
+    fn command(
+        &mut self,
+        state: &AttitudeState,
+        reference: &AttitudeReference,
+        dt_s: f64,
+    ) -> I::Command {
+        let share = self.filter.step(&state.rate.0, dt_s);
+        self.input_f += share * (self.sent[self.options.input_delay_ticks] - self.input_f);
+        let u = self.input.saturate(&(self.input_f + self.increment(state, reference)));
+        self.sent.rotate_right(1);
+        self.sent[0] = u;
+        I::command_from(u)
+    }
+
+    fn reset(&mut self) {
+        self.filter.reset();
+        self.sent = [Vector3::zeros(); MOST_TICKS + 1];
+        self.input_f = Vector3::zeros();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controller::RateInput;
+    use crate::quantity::BodyRate;
+    use crate::quaternion::Attitude;
+
+    const DT_S: f64 = 1e-3;
+
+    /// A rate loop with a lag and a drift that no model knows: the attitude comes to the reference all the same.
+    #[test]
+    fn an_unknown_drift_leaves_no_error() {
+        let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
+        let options = IndiOptions { input_delay_ticks: 0, ..IndiOptions::default() };
+        let drift = Vector3::new(0.05, -0.03, 0.02);
+        let left = |options: IndiOptions| {
+            let mut law = options.build(input, DT_S).unwrap();
+            let mut state = AttitudeState::default();
+            for _ in 0..8000 {
+                let sticks = law.update(&state, &AttitudeReference::default(), DT_S).0;
+                let rate = state.rate.0 + (2.0 * sticks + drift - state.rate.0) * DT_S / 0.05;
+                let attitude = state.attitude.turned_by(rate * DT_S);
+                state = AttitudeState { attitude, rate: BodyRate(rate) };
+            }
+            state.attitude.angle_to(&Attitude::LEVEL)
+        };
+        assert!(left(options) < 1e-4, "{}", left(options));
+        // Nearly without increments it is an inversion of the model, which the drift deceives.
+        assert!(left(IndiOptions { cutoff_hz: 1e-3, ..options }) > 1e-3);
+    }
+
+    /// The inverted model: the angular acceleration is the demanded one from the first step on.
+    #[test]
+    fn the_demanded_acceleration_is_made_at_once() {
+        let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
+        let options = IndiOptions::default();
+        let mut law = options.build(input, DT_S).unwrap();
+        let attitude = Attitude::from_rotation_vector(Vector3::new(1e-3, 0.0, 0.0));
+        let state = AttitudeState { attitude, ..AttitudeState::default() };
+        let sticks = law.update(&state, &AttitudeReference::default(), DT_S).0;
+        let expected = -options.rate_gain_per_s * options.attitude_gain_per_s * 1e-3;
+        assert!((2.0 * sticks.x / 0.05 - expected).abs() < 1e-7);
+    }
+}

@@ -1,0 +1,295 @@
+//! Linear model predictive control of the attitude error, with the limits of input and rate. Not in the paper.
+//!
+//! ```text
+//! min  sum_{i<N} (x_i' Q x_i + u_i' R u_i) + x_N' P x_N,   x_{i+1} = A x_i + B u_i,   x = [omega_e; eps]
+//! with |u_i + u_ref| <= u_max  and  |omega_ref + omega_e,i| <= omega_max
+//! ```
+//!
+//! `A`, `B`, weights and feed-forward are those of [`OqtalDt`]; `P` is the solution of its Riccati equation, so that without an
+//! active limit the plan is that of its gain for any `N` (P. O. M. Scokaert and J. B. Rawlings, *IEEE TAC* 43(8), 1998). Feed-forward
+//! and reference rate are held over the horizon. Only if that plan breaks a limit is the quadratic program solved (of each axis by itself, if none
+//! affects another), by Clarabel, an interior-point method in pure Rust, in a bounded number of iterations; if it finds no solution, the first move of the plan
+//! is clipped.
+//!
+//! A step within the limits does not allocate. The solver does: about a thousand times in each program (`tests/allocation.rs`). The
+//! law is for studies; before it flies a vehicle in real time its worst step is to be measured on that machine.
+
+mod program;
+
+use nalgebra::{Matrix3, Matrix6, SVector, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
+
+use super::input::InputForm;
+use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::oqtal_dt::{DiscreteGain, OqtalDt, OqtalDtOptions};
+use crate::options::{OptionError, Rule, check_options};
+use crate::riccati::dare;
+use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
+use program::{MoveBounds, QuadraticProgram};
+
+/// Longest horizon \[-\].
+const MOST_STEPS: usize = 40;
+
+/// Options of [`Mpc`]. The default is for the Hummingbird in rate form.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct MpcOptions {
+    /// Weight on `eps` \[-\].
+    pub attitude_weight: f64,
+    /// Weight on `omega_e` \[s^2/rad^2\].
+    pub rate_weight: f64,
+    /// Weight on the input \[-\].
+    pub input_weight: f64,
+    /// `N`, the number of moves that are planned \[-\].
+    pub horizon: usize,
+    /// `omega_max`, the greatest rate about each axis \[rad/s\]; it gives way where it cannot be kept.
+    pub max_rate_rad_s: f64,
+}
+
+impl Default for MpcOptions {
+    fn default() -> Self {
+        let OqtalDtOptions { attitude_weight, rate_weight, input_weight } = Default::default();
+        Self { attitude_weight, rate_weight, input_weight, horizon: 12, max_rate_rad_s: 2.0 }
+    }
+}
+
+impl MpcOptions {
+    fn weights(&self) -> OqtalDtOptions {
+        let Self { attitude_weight, rate_weight, input_weight, .. } = *self;
+        OqtalDtOptions { attitude_weight, rate_weight, input_weight }
+    }
+}
+
+impl LawOptions for MpcOptions {
+    type Law<I: InputForm> = Mpc<I>;
+
+    const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("control.mpc.attitude-weight", 100.0, 1e5),
+        SearchRange::new("control.mpc.rate-weight", 1e-3, 10.0),
+    ];
+
+    const IS_PREDICTIVE: bool = true;
+
+    fn spacecraft() -> Self {
+        let OqtalDtOptions { attitude_weight, rate_weight, input_weight } =
+            OqtalDtOptions::spacecraft();
+        Self { attitude_weight, rate_weight, input_weight, ..Self::default() }
+    }
+
+    fn check(&self) -> Result<(), OptionError> {
+        self.weights().check()?;
+        check_options([
+            ("horizon", self.horizon as f64, Rule::Between(1.0, MOST_STEPS as f64)),
+            ("max-rate-rad-s", self.max_rate_rad_s, Rule::Positive),
+        ])
+    }
+
+    fn build<I: InputForm>(self, input: I, period_s: f64) -> Result<Mpc<I>, OptionError> {
+        self.check()?;
+        let (a, b) = OqtalDt::plant(&input, period_s);
+        let weights = [self.rate_weight, self.attitude_weight];
+        let q = Matrix6::from_diagonal(&SVector::from_fn(|i, _| weights[i / 3]));
+        let r = Matrix3::from_diagonal_element(self.input_weight);
+        // If the rate follows the input at once, each axis is an integrator, for which clipping solves the program.
+        let program = match input.rate_model() {
+            Some(_) => dare(&a, &b, &q, &r).ok().map(|terminal| QuadraticProgram {
+                a,
+                b,
+                q,
+                r,
+                p: terminal.p,
+                steps: self.horizon,
+            }),
+            None => None,
+        };
+        let law = OqtalDt::new(self.weights(), input, period_s)?;
+        let gain = *law.gain();
+        Ok(Mpc { options: self, gain, program, input: law.into_input() })
+    }
+}
+
+/// The law for a vehicle commanded through `I`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mpc<I> {
+    options: MpcOptions,
+    input: I,
+    gain: DiscreteGain,
+    program: Option<QuadraticProgram>,
+}
+
+impl<I: InputForm> Mpc<I> {
+    /// The limits of the moves of a body with the reference input `u_ref` and the reference rate `omega_ref`.
+    fn bounds(&self, u_ref: Vector3<f64>, omega_ref: Vector3<f64>) -> MoveBounds {
+        let most = self.input.saturate(&Vector3::repeat(f64::MAX));
+        let fastest = Vector3::repeat(self.options.max_rate_rad_s);
+        // A feed-forward beyond the limits leaves no room on one side; the first move is then at the limit.
+        let u_ref = self.input.saturate(&u_ref);
+        MoveBounds {
+            input: [-most - u_ref, most - u_ref],
+            rate: [-fastest - omega_ref, fastest - omega_ref],
+        }
+    }
+
+    /// The axes on which the plan of the gain breaks a limit within the horizon.
+    fn broken(
+        &self,
+        program: &QuadraticProgram,
+        mut x: Vector6<f64>,
+        bounds: &MoveBounds,
+    ) -> [bool; 3] {
+        let mut broken = [false; 3];
+        for _ in 0..program.steps {
+            let u = -self.gain * x;
+            x = program.a * x + program.b * u;
+            for (axis, broken) in broken.iter_mut().enumerate() {
+                *broken |= !bounds.allow(&u, x[axis], axis);
+            }
+        }
+        broken
+    }
+}
+
+impl<I: InputForm> AttitudeLaw for Mpc<I> {
+    type Command = I::Command;
+
+    fn command(
+        &mut self,
+        state: &AttitudeState,
+        reference: &AttitudeReference,
+        _: f64,
+    ) -> I::Command {
+        let error = AttitudeError::between(&reference.attitude, &state.attitude);
+        let omega_e = error.rate_error(state.rate, reference.rate);
+        let mut x = Vector6::zeros();
+        x.fixed_rows_mut::<3>(0).copy_from(&omega_e);
+        x.fixed_rows_mut::<3>(3).copy_from(error.eps());
+        let u_ref = self.input.feed_forward(&error, &omega_e, reference)
+            + self.input.gyroscopic(state.rate);
+        let bounds = self.bounds(u_ref, error.rotation() * reference.rate.0);
+        let mut u = -self.gain * x;
+        if let Some(program) = &self.program {
+            let planned = program.first_moves(&x, &bounds, self.broken(program, x, &bounds));
+            u.iter_mut().zip(planned).for_each(|(u, planned)| *u = planned.unwrap_or(*u));
+        }
+        I::command_from(self.input.saturate(&(u_ref + u)))
+    }
+
+    fn reset(&mut self) {}
+
+    fn riccati_solves(&self) -> u32 {
+        1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::controller::RateInput;
+    use crate::quantity::BodyRate;
+    use crate::quaternion::Attitude;
+
+    const PERIOD_S: f64 = 1.0 / 60.0;
+
+    fn input() -> RateInput {
+        RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, PERIOD_S).unwrap()
+    }
+
+    fn state(angle: f64, rate: f64) -> AttitudeState {
+        AttitudeState {
+            attitude: Attitude::from_rotation_vector(Vector3::new(angle, 0.0, 0.0)),
+            rate: BodyRate(Vector3::new(rate, 0.0, 0.0)),
+        }
+    }
+
+    #[test]
+    fn within_the_limits_the_move_is_that_of_the_riccati_equation() {
+        let mut law = MpcOptions::default().build(input(), PERIOD_S).unwrap();
+        let mut own = OqtalDt::new(OqtalDtOptions::default(), input(), PERIOD_S).unwrap();
+        let rest = AttitudeReference::default();
+        let state = state(0.02, -0.1);
+        let given = law.update(&state, &rest, PERIOD_S).0;
+        assert!((given - own.update(&state, &rest, PERIOD_S).0).amax() < 1e-12);
+        // The program has the same solution where no limit is active.
+        let mut x = Vector6::zeros();
+        (x[0], x[3]) = (-0.1, 0.01);
+        let program = law.program.unwrap();
+        let bounds = law.bounds(Vector3::zeros(), Vector3::zeros());
+        assert_eq!(law.broken(&program, x, &bounds), [false; 3]);
+        let moves = program.first_moves(&x, &bounds, [true; 3]);
+        let solved = Vector3::from(moves.map(Option::unwrap));
+        assert!((solved + law.gain * x).amax() < 1e-6, "{solved}");
+    }
+
+    /// The best first moves by trying them: no sequence of two moves on a grid costs less.
+    #[test]
+    fn beyond_the_limits_no_other_moves_cost_less() {
+        let options = MpcOptions { horizon: 2, max_rate_rad_s: 100.0, ..MpcOptions::default() };
+        let law = options.build(input(), PERIOD_S).unwrap();
+        let program = law.program.unwrap();
+        let bounds = law.bounds(Vector3::zeros(), Vector3::zeros());
+        let mut x = Vector6::zeros();
+        (x[0], x[3]) = (-1.0, 0.09);
+        assert_eq!(law.broken(&program, x, &bounds), [true, false, false]);
+        let first = program.first_moves(&x, &bounds, [true; 3])[0].unwrap();
+        let cost = |moves: [f64; 2]| {
+            let (mut x, mut sum) = (x, 0.0);
+            for u in moves {
+                let u = Vector3::new(u, 0.0, 0.0);
+                sum += (x.transpose() * program.q * x)[0] + (u.transpose() * program.r * u)[0];
+                x = program.a * x + program.b * u;
+            }
+            sum + (x.transpose() * program.p * x)[0]
+        };
+        let grid = || (-100..=100).map(|step| f64::from(step) / 100.0);
+        let least = |first: f64| grid().map(|u| cost([first, u])).fold(f64::INFINITY, f64::min);
+        let best = grid().map(|u| (least(u), u)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        assert!((first - best.1).abs() < 0.02, "{first}, {best:?}");
+        assert!(first.abs() <= 1.0 + 1e-6);
+    }
+
+    /// The program of all axes at once, as for a body whose axes affect each other, has the solution of each by itself.
+    #[test]
+    fn axes_together_are_planned_as_each_by_itself() {
+        let law = MpcOptions::default().build(input(), PERIOD_S).unwrap();
+        let alone = law.program.unwrap();
+        let bounds = law.bounds(Vector3::new(0.1, -0.2, 0.0), Vector3::new(0.3, 0.0, 0.0));
+        let mut coupled = alone;
+        // Enough to be no zero, too little to matter.
+        coupled.a[(0, 1)] = 1e-6;
+        let x = Vector6::new(-1.0, 0.5, 0.1, 0.09, -0.12, 0.2);
+        let [apart, together] =
+            [alone, coupled].map(|program| program.first_moves(&x, &bounds, [true; 3]));
+        for (apart, together) in apart.into_iter().zip(together) {
+            assert!((apart.unwrap() - together.unwrap()).abs() < 1e-4, "{apart:?} {together:?}");
+        }
+    }
+
+    /// From nearly half a turn, sampled as in flight: the limits are active most of the way.
+    #[test]
+    fn it_comes_to_its_reference_from_far_away() {
+        let mut law = MpcOptions::default().build(input(), PERIOD_S).unwrap();
+        let (mut attitude, mut rate) =
+            (Attitude::from_rotation_vector(Vector3::new(2.0, -1.5, 1.0)), Vector3::zeros());
+        for _ in 0..240 {
+            let state = AttitudeState { attitude, rate: BodyRate(rate) };
+            let sticks = law.update(&state, &AttitudeReference::default(), PERIOD_S).0;
+            for _ in 0..16 {
+                rate += (2.0 * sticks - rate) * (PERIOD_S / 16.0 / 0.05);
+                attitude = attitude.turned_by(rate * PERIOD_S / 16.0);
+            }
+            assert!(rate.amax() <= 2.0 + 1e-6, "{rate}");
+        }
+        assert!(attitude.angle_to(&Attitude::LEVEL) < 1e-3);
+    }
+
+    #[test]
+    fn the_rate_is_kept_where_it_can_be() {
+        let options = MpcOptions { max_rate_rad_s: 0.5, ..MpcOptions::default() };
+        let mut law = options.build(input(), PERIOD_S).unwrap();
+        let sticks = law.update(&state(0.8, -0.5), &AttitudeReference::default(), PERIOD_S).0;
+        assert!((2.0 * sticks.x + 0.5).abs() < 1e-3, "{sticks}");
+        // Too fast already: it brakes, and does not fail.
+        let sticks = law.update(&state(0.8, -1.5), &AttitudeReference::default(), PERIOD_S).0;
+        assert!(2.0 * sticks.x > -0.5, "{sticks}");
+    }
+}

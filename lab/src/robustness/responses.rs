@@ -1,0 +1,276 @@
+//! Responses in time: a step of the attitude, a sudden force, a gust; without noise, so that only the law is seen.
+
+use maud::Markup;
+use oqtal_config::Setting;
+use oqtal_control::euler::EulerAngles;
+use oqtal_observe::flight::{Flight, FlightSample};
+use oqtal_observe::plot::axis::Axis;
+use oqtal_observe::plot::chart::{Mark, Plot};
+use oqtal_observe::plot::figure::{HALF, figure};
+use oqtal_observe::plot::palette::Ink;
+use oqtal_observe::plot::trace::Point;
+use oqtal_runtime::process::Failure;
+use rayon::prelude::*;
+
+use super::flown::Rival;
+use super::probed;
+use crate::mission::Mission;
+use crate::progress::Progress;
+use crate::reproduce::chapter::Chapter;
+use crate::reproduce::figures::Figure;
+use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use crate::simulation;
+
+/// Size of the attitude step \[deg\].
+const STEP_DEG: f64 = 10.0;
+/// Time for which the attitude step is held \[s\].
+const HELD_S: f64 = 2.0;
+/// Part of the step within which it counts as settled \[-\].
+const BAND: f64 = 0.05;
+/// Instant of a disturbance, from arming: in the middle of a hover \[s\].
+const DISTURBED_S: f64 = 12.0;
+/// Time that is shown and judged after a disturbance \[s\].
+const JUDGED_S: f64 = 6.0;
+/// Distance from the reference within which a disturbance counts as overcome \[mm\].
+const OVERCOME_MM: f64 = 5.0;
+
+/// What happens to the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ResponseEvent {
+    AttitudeStep,
+    Force,
+    Gust,
+}
+
+const EVENTS: [ResponseEvent; 3] =
+    [ResponseEvent::AttitudeStep, ResponseEvent::Force, ResponseEvent::Gust];
+
+impl ResponseEvent {
+    fn title(self) -> &'static str {
+        match self {
+            Self::AttitudeStep => "step of the roll angle by 10° [°]",
+            Self::Force => {
+                "force of 0.2 N from one moment to the next: distance from the reference [mm]"
+            }
+            Self::Gust => "gust, 1.5 m/s at its height, 1 s: distance from the reference [mm]",
+        }
+    }
+
+    fn settings(self) -> Vec<Setting> {
+        let set = |key: &str, value: toml::Value| Setting::flag("response", key, value);
+        let disturbed = |what: &str| {
+            let list = toml::Value::Array(vec![what.into()]);
+            vec![set("trajectory.kind", "hover".into()), set("plant.disturb", list)]
+        };
+        match self {
+            Self::AttitudeStep => vec![
+                set("trajectory.kind", "step".into()),
+                set("trajectory.step.axis", "roll".into()),
+                set("trajectory.step.angle-deg", STEP_DEG.into()),
+                set("trajectory.step.hold-s", HELD_S.into()),
+                set("trajectory.step.duration-s", (HELD_S + 6.0).into()),
+            ],
+            Self::Force => disturbed(&format!("force@{DISTURBED_S}=0.2,0,0N")),
+            Self::Gust => disturbed(&format!("gust@{DISTURBED_S}+1=1.5,0,0m/s")),
+        }
+    }
+
+    /// The response over the time since the event \[s\]: roll \[deg\], or the distance from the reference \[mm\].
+    fn curve(self, flight: &Flight) -> Vec<Point> {
+        let start = match self {
+            Self::AttitudeStep => flight.scored().next(),
+            Self::Force | Self::Gust => flight.armed().next(),
+        };
+        let Some(start) = start.map(|sample| sample.telemetry.time) else { return Vec::new() };
+        let begin_s = if self == Self::AttitudeStep { 0.0 } else { DISTURBED_S };
+        let end_s = if self == Self::AttitudeStep { HELD_S } else { JUDGED_S };
+        let point = |sample: &FlightSample| {
+            let time_s = sample.telemetry.time.since(start).seconds() - begin_s;
+            (time_s, self.value(sample))
+        };
+        let shown = |point: &Point| (-0.2..end_s).contains(&point.0);
+        flight.armed().map(point).filter(shown).collect()
+    }
+
+    fn value(self, sample: &FlightSample) -> f64 {
+        match self {
+            Self::AttitudeStep => EulerAngles::from_attitude(&sample.attitude()).roll.to_degrees(),
+            Self::Force | Self::Gust => 1e3 * sample.position_error().norm(),
+        }
+    }
+}
+
+/// The responses of a law.
+#[derive(Clone, Debug)]
+pub struct LawResponses {
+    name: String,
+    remark: String,
+    /// One for each of [`EVENTS`]; `None` if the flight did not land.
+    curves: [Option<Vec<Point>>; EVENTS.len()],
+}
+
+/// Flies every event with every law.
+///
+/// # Errors
+/// A setting has no meaning.
+pub fn all(rivals: &[Rival], progress: &Progress) -> Result<Vec<LawResponses>, Failure> {
+    let bar = progress.start("responses", rivals.len());
+    let respond = |rival: &Rival| {
+        let nominal = rival.config()?;
+        let law = Setting::flag("--laws", "control.controller", rival.controller);
+        let fly = |event: ResponseEvent| -> Result<Option<Vec<Point>>, Failure> {
+            let own = [&rival.settings[..], &[law.clone()]].concat();
+            let settings = [own, probed::calm(&nominal), event.settings()].concat();
+            let mission = Mission::new(oqtal_config::Config::from_settings(&settings)?)?;
+            let flight = simulation::fly(&mission)?;
+            let has_landed = flight.outcome == oqtal_observe::flight::Outcome::Landed;
+            Ok(has_landed.then(|| event.curve(&flight)))
+        };
+        let [step, force, gust] = EVENTS;
+        let curves = [fly(step)?, fly(force)?, fly(gust)?];
+        bar.inc();
+        Ok(LawResponses { name: rival.name.clone(), remark: rival.remark.clone(), curves })
+    };
+    rivals.par_iter().map(respond).collect()
+}
+
+const COLUMNS: [Column; 7] = [
+    ("rise_s", "step: 10 to 90 % [s]"),
+    ("overshoot_percent", "step: overshoot [%]"),
+    ("settled_s", "step: within 5 % [s]"),
+    ("force_most_mm", "force: farthest [mm]"),
+    ("force_over_s", "force: within 5 mm [s]"),
+    ("gust_most_mm", "gust: farthest [mm]"),
+    ("gust_over_s", "gust: within 5 mm [s]"),
+];
+
+/// The chapter of the page.
+#[must_use]
+pub fn chapter(responses: &[LawResponses]) -> Chapter {
+    Chapter {
+        title: "Responses",
+        intro: vec![INTRO.to_owned()],
+        sheets: vec![table(responses)],
+        figures: EVENTS.iter().enumerate().flat_map(|event| drawn(event, responses)).collect(),
+    }
+}
+
+const INTRO: &str = "The nominal vehicle without noise, drift and gusts; the filters are told the noise of the cameras all the same. The \
+     attitude step is prescribed, with the position loop open; its times count from the tick in which it is commanded, so that the \
+     delay of the loop is in them. Force and gust meet a hover. A dash stands where the response did not come within the bounds while it \
+     was watched.";
+
+fn table(responses: &[LawResponses]) -> Sheet {
+    let row = |law: &LawResponses| {
+        let [step, force, gust] =
+            law.curves.each_ref().map(|curve| curve.as_deref().unwrap_or_default());
+        let cells =
+            [step_figures(step).to_vec(), force_figures(force), force_figures(gust)].concat();
+        SheetRow::new(Variant::Ours, law.name.clone(), law.remark.clone(), cells)
+    };
+    Sheet {
+        name: "responses".to_owned(),
+        title: "Responses to a step, a force and a gust".to_owned(),
+        columns: COLUMNS.to_vec(),
+        rows: responses.iter().map(row).collect(),
+        ..Sheet::default()
+    }
+}
+
+/// Rise time \[s\], overshoot \[%\] and time to settle \[s\] of the attitude step.
+fn step_figures(curve: &[Point]) -> [SheetCell; 3] {
+    let reached = |share: f64| {
+        curve.iter().find(|(time, roll)| *time >= 0.0 && *roll >= share * STEP_DEG).map(|p| p.0)
+    };
+    let rise = reached(0.9).zip(reached(0.1)).map(|(late, early)| late - early);
+    let most = curve.iter().map(|point| point.1).reduce(f64::max);
+    let overshoot = most.map(|most| 1e2 * (most / STEP_DEG - 1.0).max(0.0));
+    let outside = |roll: f64| (roll - STEP_DEG).abs() > BAND * STEP_DEG;
+    [rise.into(), overshoot.into(), last_outside(curve, outside).into()]
+}
+
+/// Greatest distance \[mm\] and time until it stays small \[s\].
+fn force_figures(curve: &[Point]) -> Vec<SheetCell> {
+    let most = curve.iter().filter(|point| point.0 >= 0.0).map(|point| point.1).reduce(f64::max);
+    vec![most.into(), last_outside(curve, |distance| distance > OVERCOME_MM).into()]
+}
+
+/// Time of the last point that is outside \[s\]; `None` if that is the end, or there is no curve.
+fn last_outside(curve: &[Point], outside: impl Fn(f64) -> bool) -> Option<f64> {
+    let after = || curve.iter().filter(|point| point.0 >= 0.0);
+    let last = after().filter(|point| outside(point.1)).last();
+    let end = curve.last()?;
+    match last {
+        None => Some(0.0),
+        Some(last) if last == end => None,
+        Some(last) => Some(last.0),
+    }
+}
+
+const INKS: [Ink; 6] = [Ink::Actual, Ink::Second, Ink::Third, Ink::Fourth, Ink::Fifth, Ink::Sixth];
+const HEIGHT: u32 = 520;
+const LABEL_WIDTH: u32 = 110;
+const LINE_WIDTH: u32 = 3;
+
+/// The curves of an event, as many laws in one figure as there are colours.
+fn drawn((index, event): (usize, &ResponseEvent), responses: &[LawResponses]) -> Vec<Figure> {
+    let with_curve: Vec<(&str, &Vec<Point>)> = responses
+        .iter()
+        .filter_map(|law| Some((law.name.as_str(), law.curves[index].as_ref()?)))
+        .collect();
+    let plot = |laws: &[(&str, &Vec<Point>)]| Figure {
+        number: 0,
+        markup: over_time(&format!("Response: {}", event.title()), laws),
+    };
+    with_curve.chunks(INKS.len()).map(plot).collect()
+}
+
+fn over_time(title: &str, laws: &[(&str, &Vec<Point>)]) -> Markup {
+    let points = || laws.iter().flat_map(|(_, curve)| curve.iter());
+    let x = Axis::fitting(points().map(|point| point.0)).range;
+    let y = Axis::fitting(points().map(|point| point.1));
+    let legend: Vec<(&str, Ink)> = laws.iter().map(|(name, _)| *name).zip(INKS).collect();
+    let lines = laws.iter().zip(INKS);
+    let lines = lines.map(|((_, curve), ink)| Mark::Line(ink, LINE_WIDTH, (*curve).clone()));
+    let plot = Plot {
+        size: (HALF, HEIGHT),
+        label_width: LABEL_WIDTH,
+        x: Axis::linear(x, 8.0, " s"),
+        y,
+        shapes: lines.collect(),
+    };
+    figure(title, &legend, &plot)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A first-order lag of 0.1 s after a delay of 0.05 s, with a fifth too much for a while.
+    fn curve() -> Vec<Point> {
+        let roll = |time: f64| match time {
+            t if t < 0.05 => 0.0,
+            t if (0.5..0.7).contains(&t) => 12.0,
+            t => 10.0 * (1.0 - (-(t - 0.05) / 0.1).exp()),
+        };
+        (-20..200).map(|tick| 0.01 * f64::from(tick)).map(|time| (time, roll(time))).collect()
+    }
+
+    #[test]
+    fn a_known_step_has_its_known_figures() {
+        let [rise, overshoot, settled] = step_figures(&curve()).map(|cell| match cell {
+            SheetCell::Number(number) => number,
+            _ => f64::NAN,
+        });
+        assert!((rise - 0.1 * 9.0_f64.ln()).abs() < 0.011, "{rise}");
+        assert!((overshoot - 20.0).abs() < 1e-9);
+        assert!((settled - 0.69).abs() < 0.011, "{settled}");
+    }
+
+    #[test]
+    fn what_never_settles_has_no_time() {
+        assert_eq!(last_outside(&curve(), |roll| roll < 100.0), None);
+        assert_eq!(last_outside(&curve(), |roll| roll > 100.0), Some(0.0));
+        assert_eq!(last_outside(&[], |_| true), None);
+    }
+}
