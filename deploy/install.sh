@@ -109,6 +109,9 @@ install_files() {
     put "$here/sysusers.d/oqtal.conf" "$lib/sysusers.d"
     put "$here/tmpfiles.d/oqtal.conf" "$lib/tmpfiles.d"
     put "$here/udev/70-oqtal-radio.rules" "$lib/udev/rules.d"
+    put "$here/udev/71-oqtal-crazyradio.rules" "$lib/udev/rules.d"
+    # Not in force until an operator copies one.
+    for drop_in in "$here"/drop-ins/*; do put "$drop_in" "$share"; done
     put "$here/oqtal.toml" "$share"
     install_configuration
 }
@@ -155,7 +158,8 @@ remove_files() {
         "$units"/oqtal-mocap-emu.service "$units"/oqtal-receiver.service "$units"/oqtal-bridge.service \
         "$units"/oqtal-sim.target \
         "$units"/oqtal-flight.target "$lib/sysusers.d/oqtal.conf" "$lib/tmpfiles.d/oqtal.conf" \
-        "$lib/udev/rules.d/70-oqtal-radio.rules" "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
+        "$lib/udev/rules.d/70-oqtal-radio.rules" "$lib/udev/rules.d/71-oqtal-crazyradio.rules" \
+        "$share"/oqtal-bridge-network.conf "$share"/oqtal-bridge-radio.conf "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
         "$made_user"
     # Directories that are not empty are kept.
     for directory in "$etc" "$share" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" \

@@ -45,6 +45,29 @@ fn two_crazyflies_on_one_radio_fly_at_sixty_hertz_within_its_budget() {
 }
 
 #[test]
+fn poses_of_two_crazyflies_in_one_packet_leave_the_radio_free_and_both_know_where_they_are() {
+    let mut laboratory = Laboratory::new(&configuration(), 2, 0.0);
+    laboratory.pack_poses();
+    laboratory.pass(4000);
+    laboratory.command(true);
+    laboratory.pass(14_000);
+    let before = [0, 1].map(|vehicle| laboratory.counts(vehicle));
+    laboratory.pass(10_000);
+    let mut packed = 0;
+    for (vehicle, before) in before.into_iter().enumerate() {
+        let after = laboratory.counts(vehicle);
+        packed += after.packed - before.packed;
+        assert!((595..=605).contains(&(after.setpoints - before.setpoints)), "{after:?}");
+        let height = laboratory.truth(vehicle).position[2];
+        assert!((height - 1.0).abs() < 0.02, "{height} m");
+        let estimated = laboratory.estimate(vehicle);
+        assert!((estimated[2] - height).abs() < 0.01, "{estimated:?}, at {height} m");
+    }
+    println!("{packed} poses went in the packet of another");
+    assert!(packed > 400, "{packed} poses");
+}
+
+#[test]
 fn two_crazyflies_fly_on_where_one_transmission_of_ten_is_lost_and_land() {
     let mut laboratory = flown(2, 0.1);
     for vehicle in 0..2 {

@@ -2,109 +2,94 @@
 //! variable is not set. One flight after another: each needs a quiet machine, a network of its own and fixed ports.
 
 mod common;
+#[path = "firmware/faults.rs"]
+mod faults;
+#[path = "firmware/flight.rs"]
+mod flight;
 #[path = "firmware/program.rs"]
 mod program;
+#[path = "firmware/relay.rs"]
+mod relay;
+#[path = "firmware/vehicles.rs"]
+mod vehicles;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 use std::time::Duration;
 
+use oqtal_bus::code::{OperatorCommand, SafetyState};
+use oqtal_bus::time::Span;
 use serde_json::Value;
 
 use common::Testbed;
+use common::random::length;
+use faults::{BATTERY, FAULTS, Fault, HEAD, TAKEN_OVER, observe, refuses_to_arm};
+use flight::FirmwareFlight;
 use program::Firmware;
+use vehicles::{ALL, ARDUCOPTER, CRAZYFLIE, PX4};
 
 /// Greatest root mean square of the position error in hover \[m\].
 const HOVER_M: f64 = 0.03;
 /// Greatest mean position error on the square \[m\], whose corners are steps of 1.3 m.
 const SQUARE_M: f64 = 0.6;
+/// Greatest mean attitude error \[deg\]: more is a vehicle that swings.
+const ATTITUDE_DEG: f64 = 5.0;
+/// Age of a command, since its publication, above which the bridge sends it to nobody.
+const OLD: Span = Span::from_millis(51);
 
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
-/// Its sensors and motors are those of the simulated vehicle.
-const CRAZYFLIE: Firmware = Firmware {
-    variable: "OQTAL_CRAZYFLIE",
-    preset: "crazyflie-2.1.toml",
-    link: "crtp:udp:127.0.0.1:19850",
-    truth: "crazyflie-sitl:udp:127.0.0.1:19950",
-    boot: Duration::from_secs(0),
-    arguments: |_, command| {
-        command.args(["19950", "127.0.0.1"]);
-    },
-    parameters: "",
-};
+fn alone() -> MutexGuard<'static, ()> {
+    ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+}
 
-const ARDUCOPTER: Firmware = Firmware {
-    variable: "OQTAL_ARDUCOPTER",
-    preset: "ardupilot-quad.toml",
-    link: "mavlink:udpin:127.0.0.1:14550,autopilot=ardupilot",
-    truth: "mavlink:udpin:127.0.0.1:14551",
-    boot: Duration::from_secs(30),
-    arguments: |_, command| {
-        command.args(["--model", "quad", "--home", "-35.363261,149.165230,584,0", "-w"]);
-        command.args(["--serial0", "udpclient:127.0.0.1:14550"]);
-        command.args(["--serial1", "udpclient:127.0.0.1:14551", "--defaults", "parameters"]);
-    },
-    parameters: include_str!("firmware/arducopter.parm"),
-};
-
-const PX4: Firmware = Firmware {
-    variable: "OQTAL_PX4",
-    preset: "px4-quad.toml",
-    link: "mavlink:udpin:127.0.0.1:14540,autopilot=px4",
-    truth: "mavlink:udpin:127.0.0.1:19410",
-    boot: Duration::from_secs(12),
-    arguments: |path, command| {
-        let etc = path.parent().and_then(Path::parent).unwrap().join("etc");
-        command.arg(etc).args(["-d", "-s", "etc/init.d-posix/rcS", "-w", "."]);
-        command.env("PX4_SIM_MODEL", "sihsim_quadx");
-        for setting in include_str!("firmware/px4.parameters").lines() {
-            let (name, value) = setting.split_once(' ').unwrap();
-            command.env(format!("PX4_PARAM_{name}"), value);
-        }
-    },
-    parameters: "",
-};
-
-/// Flies the firmware, which must land; returns the summary, or `None` without the program.
-fn fly(firmware: &Firmware, controller: &str, trajectory: &[&str]) -> Option<Value> {
-    let path = firmware.path()?;
-    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+/// Flies the firmware at `path`, which must land; returns the summary.
+fn fly(firmware: &Firmware, path: &Path, controller: &str, trajectory: &[&str]) -> Value {
     let testbed = Testbed::new("firmware");
-    let process = firmware.start(&path, &testbed.path("firmware"));
-    let preset = Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy/presets").join(firmware.preset);
-    let mut words = vec!["fly", "--json", "--controller", controller];
-    words.extend(["--config", preset.to_str().unwrap(), "--truth", firmware.truth]);
-    let vehicle = format!("link:{}", firmware.link);
-    words.extend(["--vehicle", &vehicle]);
+    let process = firmware.start(path, &testbed.path("firmware"));
+    let mut words = vec!["fly", "--json", "--controller", controller, "--truth", firmware.truth];
+    let (vehicle, preset) =
+        (format!("link:{}", firmware.link), format!("vehicle.preset={}", firmware.preset));
+    words.extend(["--set", &preset, "--vehicle", &vehicle]);
     words.extend(trajectory);
     let command: Command = testbed.oqtal(&words);
     let output = process.beside(&command).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{} with {controller}: {said}", firmware.variable);
+    assert!(output.status.success(), "{} with {controller}: {said}", firmware.name);
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["outcome"], "landed", "{said}");
     assert_eq!(summary["error_source"], "truth");
-    Some(summary)
+    let number = |path: &str| common::number(&summary, path);
+    eprintln!(
+        "| {}, `{controller}` | {trajectory:?} | position RMS {:.1} mm, mean {:.3} m | velocity {:.3} m/s | attitude {:.2} deg | {:.1}, {:.1} ms |",
+        firmware.name,
+        number("/position_error_m/rms") * 1e3,
+        number("/position_error_m/mean"),
+        number("/velocity_error_m_s/mean"),
+        number("/attitude_error_deg/mean"),
+        number("/hops/sensor_to_actuator/p50_ns") * 1e-6,
+        number("/hops/sensor_to_actuator/p99_ns") * 1e-6,
+    );
+    summary
 }
 
 /// Hover and square with each of the laws that a user would choose.
 fn flies_hover_and_square(firmware: &Firmware) {
+    let Some(path) = firmware.path() else { return };
+    let _alone = alone();
     for controller in ["pid", "oqtal", "oqtal-dt"] {
-        let Some(hover) = fly(firmware, controller, &["--trajectory", "hover", "--duration", "10"])
-        else {
-            return;
-        };
-        let rms = hover["position_error_m"]["rms"].as_f64().unwrap();
-        assert!(rms <= HOVER_M, "{} hovers with {controller} within {rms} m", firmware.variable);
-        let square = fly(firmware, controller, &["--trajectory", "square"]).unwrap();
-        let mean = square["position_error_m"]["mean"].as_f64().unwrap();
-        assert!(
-            mean <= SQUARE_M,
-            "{} flies a square with {controller} within {mean} m",
-            firmware.variable
-        );
+        let hover =
+            fly(firmware, &path, controller, &["--trajectory", "hover", "--duration", "10"]);
+        let rms = common::number(&hover, "/position_error_m/rms");
+        assert!(rms <= HOVER_M, "{} hovers with {controller} within {rms} m", firmware.name);
+        let square = fly(firmware, &path, controller, &["--trajectory", "square"]);
+        let mean = common::number(&square, "/position_error_m/mean");
+        assert!(mean <= SQUARE_M, "{}: a square with {controller} within {mean} m", firmware.name);
+        for flight in [hover, square] {
+            let degrees = common::number(&flight, "/attitude_error_deg/mean");
+            assert!(degrees <= ATTITUDE_DEG, "{} with {controller}: {degrees} deg", firmware.name);
+        }
     }
 }
 
@@ -121,4 +106,90 @@ fn arducopter_flies_hover_and_square() {
 #[test]
 fn px4_flies_hover_and_square() {
     flies_hover_and_square(&PX4);
+}
+
+/// The firmware whose programs are there.
+fn present() -> Vec<(&'static Firmware, PathBuf)> {
+    ALL.into_iter().filter_map(|firmware| firmware.path().map(|path| (firmware, path))).collect()
+}
+
+/// Flies every firmware that `takes_part` into each of `faults`.
+fn shows(faults: &[Fault], takes_part: impl Fn(&Firmware) -> bool) {
+    let _alone = alone();
+    for (firmware, path) in present().iter().filter(|(firmware, _)| takes_part(firmware)) {
+        eprintln!("{HEAD}");
+        for fault in faults {
+            observe(firmware, path, fault);
+        }
+    }
+}
+
+/// Whether the firmware has modes that a pilot can choose.
+fn has_modes(firmware: &Firmware) -> bool {
+    firmware.link.starts_with("mavlink")
+}
+
+#[test]
+fn each_fault_ends_on_the_ground_and_no_old_command_is_flown() {
+    shows(&FAULTS, |_| true);
+}
+
+#[test]
+fn f57_a_pilot_who_takes_over_real_firmware_is_sent_nothing() {
+    shows(&[TAKEN_OVER], has_modes);
+}
+
+#[test]
+fn f45_an_empty_battery_of_real_firmware_ends_in_a_landing() {
+    shows(&[BATTERY], |_| true);
+}
+
+/// PX4 refuses nothing once it has a position, for which the daemon waits, and the Crazyflie arms by itself.
+#[test]
+fn arming_that_arducopter_refuses_after_its_start_is_told_in_its_words() {
+    let _alone = alone();
+    if let Some(path) = ARDUCOPTER.path() {
+        refuses_to_arm(&ARDUCOPTER, &path);
+    }
+}
+
+/// One datagram of a hundred is lost, and each takes up to 5 ms longer, in both directions; seconds from OQTAL_TEST_LOSS_S.
+#[test]
+fn losses_and_jitter_are_flown_through_by_real_firmware_which_gets_nothing_old() {
+    let seconds = length("OQTAL_TEST_LOSS_S", 10);
+    let _alone = alone();
+    for (firmware, path) in present() {
+        let mut flight = FirmwareFlight::start(firmware, &path, &[]);
+        flight.take_off();
+        {
+            let mut relay = flight.relay.state();
+            (relay.loss, relay.jitter_ms) = (0.01, 5.0);
+            (relay.lost, relay.setpoints) = (0, Vec::new());
+        }
+        let seen = flight.watch(Duration::from_secs(seconds));
+        assert!(seen.state(SafetyState::Hold).is_none(), "{} flies on", firmware.name);
+        let high = seen.truths.iter().map(|truth| (truth.position[2] - 1.0).abs());
+        let farthest = high.fold(0.0, f64::max);
+        assert!(farthest < 0.3, "{} is {farthest} m off its height", firmware.name);
+        let relay = flight.relay.state();
+        let (count, lost) = (relay.setpoints.len(), relay.lost);
+        eprintln!(
+            "| {} | {seconds} s | {count} set-points, {lost} datagrams lost | {farthest:.3} m |",
+            firmware.name
+        );
+        assert!(
+            relay.setpoints.iter().all(|setpoint| setpoint.flies),
+            "a set-point without thrust"
+        );
+        drop(relay);
+        // What the bridge says of every command: when it was published, and when it was handed to the port.
+        for stamps in &seen.stamps {
+            let age = stamps.applied_at.since(stamps.command_published_at);
+            assert!(age <= OLD, "{}: a command of {} ms", firmware.name, age.seconds() * 1e3);
+        }
+        assert!(seen.stamps.len() as u64 > 50 * seconds, "{} commands", seen.stamps.len());
+        flight.ask(OperatorCommand::Land);
+        let landing = flight.watch(Duration::from_secs(6));
+        assert!(landing.floor().is_some(), "{} lands", firmware.name);
+    }
 }

@@ -10,7 +10,7 @@ use oqtal_bus::time::Span;
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
     AutopilotFirmware, CommandKind, MavlinkAddress, MavlinkContent, MavlinkEncoder,
-    MavlinkHeartbeat,
+    MavlinkHeartbeat, SigningKey,
 };
 
 const BOTH: [AutopilotKind; 2] = [AutopilotKind::ArduPilot, AutopilotKind::Px4];
@@ -192,5 +192,39 @@ fn losses_and_jitter_are_flown_through_and_nothing_old_is_sent() {
             });
             assert!((newest.unwrap() - 0.4 - 0.001 * f64::from(step % 2)).abs() < 1e-6);
         }
+    }
+}
+
+#[test]
+fn a_vehicle_that_does_not_sign_with_the_configured_key_is_not_believed() {
+    let digits = "0f".repeat(32);
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), &digits).unwrap();
+    let setting = format!("bridge.mavlink.signing-key-file={}", file.path().display());
+    for kind in BOTH {
+        // The emulated autopilot does not sign.
+        let mut air = Air::new(kind, &[&setting]);
+        air.fly_for(3000, disarmed());
+        assert_eq!(air.said.link, 0, "{kind:?}");
+        let refused = Note::Refused(VehicleRefusal::Unsigned);
+        assert_eq!(air.notes.iter().filter(|note| **note == refused).count(), 1, "{kind:?}");
+        assert_eq!(air.said.refusal, VehicleRefusal::Unsigned.code());
+        let autopilot = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
+        let mut signer = MavlinkEncoder::new(autopilot);
+        signer.sign(SigningKey::from_hex(&digits).unwrap(), 0);
+        let heartbeat = MavlinkHeartbeat {
+            autopilot: AutopilotFirmware::Known(kind),
+            custom_mode: 0,
+            is_armed: false,
+            is_simulated: false,
+        };
+        let wire = signer.encode(&MavlinkContent::Heartbeat(heartbeat)).unwrap();
+        air.hear(wire.as_bytes());
+        air.fly_for(50, disarmed());
+        assert_eq!(air.said.link, 1, "{kind:?}: signed with the key");
+        air.fly_for(1100, disarmed());
+        air.hear(wire.as_bytes());
+        air.fly_for(50, disarmed());
+        assert_eq!(air.said.link, 0, "{kind:?}: the same packet again");
     }
 }

@@ -6,24 +6,44 @@ use std::net::UdpSocket;
 
 use common::{Testbed, number, stderr};
 
-/// The square through an emulated autopilot is as accurate as the direct simulation at the same delay.
-#[test]
-fn the_square_over_mavlink_is_as_good_as_without_it() {
+/// Flies the square with these words through an emulated autopilot; it is as accurate as the direct simulation of `vehicle` at the same
+/// delay. Returns the summary.
+fn square_as_good_as(vehicle: &str, words: &[&str]) -> serde_json::Value {
     let testbed = Testbed::new("mav-square");
-    let words = ["--vehicle", "bridge:mavlink", "--seed", "7", "--set", "plant.wire.latency-ms=19"];
-    let wired = testbed.summary(&words);
+    let wired = testbed.summary(&[words, &["--seed", "7"]].concat());
     assert_eq!(wired["outcome"], "landed", "{wired:#}");
-    assert_eq!(wired["vehicle"], "bridge:mavlink");
-    let direct = testbed.summary(&["--clock", "in-process", "--seed", "7"]);
+    let direct = testbed.summary(&["--vehicle", vehicle, "--clock", "in-process", "--seed", "7"]);
     for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
         let path = format!("/{error}/mean");
         let ratio = number(&wired, &path) / number(&direct, &path);
-        assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
+        assert!((0.85..1.15).contains(&ratio), "{vehicle}, {error}: {ratio} of the direct flight");
     }
+    wired
+}
+
+#[test]
+fn the_square_over_mavlink_is_as_good_as_without_it() {
+    let words = ["--vehicle", "bridge:mavlink", "--set", "plant.wire.latency-ms=19"];
+    let wired = square_as_good_as("sim", &words);
+    assert_eq!(wired["vehicle"], "bridge:mavlink");
     // Measured by exchanges of clocks: half of a round trip, one way of which takes 19 ms.
     let on_wire = number(&wired, "/hops/wire/p50_ns");
     assert!(on_wire >= 9.5e6, "{on_wire} ns");
     assert!(number(&wired, "/hops/wire/count") > 1000.0);
+}
+
+#[test]
+fn the_square_of_the_preset_ardupilot_quad_is_as_good_as_without_mavlink() {
+    let vehicle = "bridge:mavlink,autopilot=ardupilot";
+    let preset = "vehicle.preset=ardupilot-quad";
+    square_as_good_as("sim:ardupilot-quad", &["--vehicle", vehicle, "--set", preset]);
+}
+
+#[test]
+fn the_square_of_the_preset_px4_quad_is_as_good_as_without_mavlink() {
+    let vehicle = "bridge:mavlink,autopilot=px4";
+    let preset = "vehicle.preset=px4-quad";
+    square_as_good_as("sim:px4-quad", &["--vehicle", vehicle, "--set", preset]);
 }
 
 /// PX4 with 1 % of datagrams lost and 5 ms of jitter, and ArduCopter that is told attitudes.

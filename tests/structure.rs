@@ -1,4 +1,4 @@
-//! Limits on the workspace's sources: lengths, arguments, dependencies between files and crates, unique names, units.
+//! Limits on the workspace's sources: lengths, arguments, dependencies between files and crates, unique names, units, tables of files.
 //! Each test prints the complete list of violations.
 
 #[path = "structure/circles.rs"]
@@ -13,6 +13,8 @@ mod modules;
 mod names;
 #[path = "common/sources.rs"]
 mod sources;
+#[path = "structure/tables.rs"]
+mod tables;
 #[path = "structure/units.rs"]
 mod units;
 
@@ -108,4 +110,9 @@ fn every_allowed_repetition_of_a_type_name_exists() {
 #[test]
 fn public_numbers_have_a_unit() {
     assert_none("public numbers without a unit in name or documentation", &units::missing());
+}
+
+#[test]
+fn every_file_is_in_the_table_of_its_crate() {
+    assert_none("differences between files and the table in lib.rs", &tables::wrong());
 }

@@ -16,7 +16,7 @@
 //! | `poses.rs` | poses on their way to a vehicle that estimates its own motion | format, transport |
 //! | `monitor.rs`, `round_trips.rs` | state of the vehicle and of a network as replies show it | format, transport |
 //! | `bridge.rs` | the bridge of all these, pure | |
-//! | `setup.rs` | protocol, transport and port that the configuration asks for | |
+//! | `setup.rs`, `options.rs` | protocol, transport and port that the configuration asks for | |
 //! | `vehicle_setup.rs` | the command `setup`: parameters of an autopilot | |
 //! | `turn.rs`, `background.rs`, `note.rs` | the turn of the real-time thread; the background thread; its log | |
 //!
@@ -83,8 +83,8 @@ pub use protocol::{
     VehicleProtocol, VehicleReply, VehicleText,
 };
 pub use radio::{
-    MAX_AGE, RadioAck, RadioCounts, RadioDongle, RadioPortOptions, RadioSchedule, RadioWorker,
-    SharedVehicle, share_radio,
+    MAX_AGE, RadioAck, RadioCounts, RadioDongle, RadioPortOptions, RadioSchedule,
+    RadioShareOptions, RadioWorker, SharedVehicle, share_radio,
 };
 pub use safety::{CommandGate, ForwardedCommand, MotorStatus, SafetyLimits};
 pub use schedule::{Schedule, spacing};
@@ -121,6 +121,10 @@ pub struct RadioArgs {
     /// Most packets beside set-points for each vehicle \[1/s\]
     #[arg(long, value_name = "N", default_value_t = 250)]
     packets_per_s: u16,
+    /// Send poses of two vehicles on one channel in one packet that both hear and none acknowledges: fewer packets; needs radio
+    /// firmware that hears the address FFE7E7E7E7, as that of Crazyflie 2.1 does
+    #[arg(long)]
+    pack_poses: bool,
 }
 
 /// Arguments of the setup.
@@ -172,7 +176,8 @@ impl BridgeCommand {
 impl RadioArgs {
     fn execute(self) -> std::process::ExitCode {
         let packets_per_s = f64::from(self.packets_per_s.max(50));
-        match share_radio(&self.vehicles, packets_per_s) {
+        let options = RadioShareOptions { packets_per_s, packs_poses: self.pack_poses };
+        match share_radio(&self.vehicles, options) {
             Ok(()) => std::process::ExitCode::SUCCESS,
             Err(failure) => conclude("oqtal bridge radio", &failure),
         }
@@ -216,6 +221,7 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     let setup = VehicleSetup::of(&context.config)?;
     setup.warn_of_broadcast(&context.config);
+    setup.warn_of_short_start(&context.config);
     let VehicleSetup { spec, protocol, transport, port, chore } = setup;
     let bus = Rc::new(context.bus()?);
     let faulty = FaultyTransport::new(&bus, &context.config)?;

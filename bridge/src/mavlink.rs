@@ -30,8 +30,8 @@ use oqtal_config::Config;
 use oqtal_control::options::OptionError;
 use oqtal_wire::link::{AutopilotKind, MavlinkLink};
 use oqtal_wire::mavlink::{
-    AttitudeTarget, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkPose,
-    SetpointKind, ThrustCurve,
+    AttitudeTarget, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkPacket,
+    MavlinkPose, SetpointKind, SignatureCheck, ThrustCurve,
 };
 
 use crate::options;
@@ -43,6 +43,7 @@ use errands::Errands;
 use starting::StartSequence;
 use vehicle::AutopilotState;
 
+pub(crate) use errands::OWN_HEARTBEAT;
 pub use wanted::{WantedParameter, WantedValue, wanted_parameters};
 
 /// Frame lengths \[bytes\]: header and checksum around the greatest payload.
@@ -61,6 +62,8 @@ const READ_PERIOD: Span = Span::from_millis(2);
 pub struct Mavlink {
     encoder: MavlinkEncoder,
     decoder: MavlinkDecoder,
+    /// Check of what is received; `None` without a key.
+    check: Option<SignatureCheck>,
     vehicle: AutopilotState,
     starting: StartSequence,
     errands: Errands,
@@ -87,6 +90,7 @@ impl Mavlink {
         Ok(Self {
             encoder,
             decoder: MavlinkDecoder::new(),
+            check: signature_check(config, unix_us)?,
             vehicle: AutopilotState::new(link.autopilot, link.system),
             starting: StartSequence::default(),
             errands: Errands::new(Span::period_of(config.bridge.status_rate_hz)),
@@ -138,6 +142,22 @@ pub(crate) fn encoder(config: &Config, unix_us: u64) -> Result<MavlinkEncoder, O
         encoder.sign(key, unix_us);
     }
     Ok(encoder)
+}
+
+/// Check of the signatures of received packets, where Unix time is `unix_us` \[us\]; `None` if no key is configured.
+///
+/// # Errors
+/// The key cannot be used.
+pub(crate) fn signature_check(
+    config: &Config,
+    unix_us: u64,
+) -> Result<Option<SignatureCheck>, OptionError> {
+    Ok(options::signing_key(config)?.map(|key| SignatureCheck::new(key, unix_us)))
+}
+
+/// Whether `packet` is believed: it is signed with the key of `check`, if there is one.
+pub(crate) fn is_believed(check: &mut Option<SignatureCheck>, packet: &MavlinkPacket) -> bool {
+    check.as_mut().is_none_or(|check| check.accepts(packet.from, packet.signed.as_ref()))
 }
 
 impl VehicleProtocol for Mavlink {
@@ -222,8 +242,12 @@ impl VehicleProtocol for Mavlink {
     }
 
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
-        let Self { decoder, vehicle, starting, errands, .. } = self;
+        let Self { decoder, check, vehicle, starting, errands, .. } = self;
         for packet in decoder.push(bytes) {
+            if !is_believed(check, &packet) {
+                vehicle.hear_unsigned(&packet, reply);
+                continue;
+            }
             if !vehicle.takes(now, &packet, reply) {
                 continue;
             }

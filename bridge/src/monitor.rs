@@ -160,8 +160,8 @@ impl VehicleMonitor {
 /// Whether `reply` is one of the vehicle that was asked for: a vehicle that is refused as a whole is another, and that commands are not
 /// answered is the bridge's own finding, whatever else is heard.
 fn is_answer(reply: &VehicleReply) -> bool {
-    use VehicleRefusal::{NoAnswer, OtherAutopilot, OtherSystem};
-    !matches!(reply, VehicleReply::Refused(OtherAutopilot | OtherSystem | NoAnswer))
+    use VehicleRefusal::{NoAnswer, OtherAutopilot, OtherSystem, Unsigned};
+    !matches!(reply, VehicleReply::Refused(OtherAutopilot | OtherSystem | NoAnswer | Unsigned))
 }
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ fn log_motors(event: MotorEvent) {
         MotorEvent::Stopping => tracing::info!("motors are being stopped"),
         MotorEvent::Stopped => tracing::info!("motors have stopped"),
         MotorEvent::StartFailed => tracing::warn!(
-            "motors did not start: zero set-point until disarmed; see what the vehicle says, and for AscTec check `bridge.asctec.motor-yaw-counts` and the remote control"
+            "motors did not start within `bridge.motor-sequence-ms`: zero set-point until disarmed; see what the vehicle says. An autopilot of MAVLink needs 6000 ms, as the presets ardupilot-quad and px4-quad give it; for AscTec check `bridge.asctec.motor-yaw-counts` and the remote control"
         ),
         MotorEvent::StopFailed => {
             tracing::warn!("motors did not stop: zero set-point; stop them by the remote control")

@@ -19,5 +19,5 @@ mod worker;
 pub use dongle::{RadioAck, RadioDongle};
 pub use port::RadioPortOptions;
 pub use schedule::{MAX_AGE, RadioCounts, RadioSchedule};
-pub use share::{SharedVehicle, share_radio};
+pub use share::{RadioShareOptions, SharedVehicle, share_radio};
 pub use worker::RadioWorker;

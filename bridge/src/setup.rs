@@ -26,6 +26,10 @@ use crate::xbee::XbeeTransport;
 /// Greatest share of the line's time that set-points may take \[-\].
 const MAX_OCCUPANCY: f64 = 0.8;
 
+/// Time that an autopilot of MAVLink may take from the request to the first thrust that it obeys \[ms\]: 1.5 s of set-points, mode and
+/// arming, each refused once, and 1 to 2 s of spooling up.
+const AUTOPILOT_START_MS: f64 = 5000.0;
+
 /// The way to the vehicle.
 #[derive(Debug)]
 pub struct VehicleSetup {
@@ -96,6 +100,16 @@ impl VehicleSetup {
         if is_broadcast && link.xbee != Framing::Transparent {
             tracing::warn!(
                 "commands go to every radio in reach, and a reply of any radio counts as the vehicle's; set `bridge.xbee-address` to the address of its radio"
+            );
+        }
+    }
+
+    /// Warns if an autopilot is given less time for its start than it takes.
+    pub fn warn_of_short_start(&self, config: &Config) {
+        let given = config.bridge.motor_sequence_ms;
+        if matches!(self.spec, LinkSpec::Mavlink(_)) && given < AUTOPILOT_START_MS {
+            tracing::warn!(
+                "`bridge.motor-sequence-ms` is {given}: an autopilot takes up to {AUTOPILOT_START_MS} for its mode, arming and the first thrust that it obeys; set `vehicle.preset` to \"ardupilot-quad\" or \"px4-quad\", or this key to 6000 and `safety.motor-start-ms` to 6500"
             );
         }
     }

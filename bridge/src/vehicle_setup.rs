@@ -9,11 +9,13 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_wire::link::{AutopilotKind, LinkSpec, MavlinkLink};
 use oqtal_wire::mavlink::{
     AutopilotFirmware, MavlinkAddress, MavlinkContent, MavlinkDecoder, MavlinkEncoder,
-    MavlinkHeartbeat, ParameterName, ParameterValue,
+    MavlinkHeartbeat, ParameterName, ParameterValue, SignatureCheck,
 };
 
 use crate::link::VehicleLink;
-use crate::mavlink::{WantedParameter, encoder, wanted_parameters};
+use crate::mavlink::{
+    OWN_HEARTBEAT, WantedParameter, encoder, is_believed, signature_check, wanted_parameters,
+};
 use crate::setup::{port, unix_us};
 
 /// Time within which a heartbeat must come.
@@ -22,7 +24,7 @@ const HEARTBEAT_WITHIN: Span = Span::from_millis(6000);
 const ANSWER_WITHIN: Span = Span::from_millis(500);
 const TRIES: usize = 5;
 /// Own heartbeats, which some autopilots need before they speak.
-const OWN_HEARTBEAT: Span = Span::from_millis(500);
+const HEARTBEAT_PERIOD: Span = Span::from_millis(500);
 const PAUSE: Duration = Duration::from_millis(2);
 const READ_BUFFER: usize = 2048;
 
@@ -98,6 +100,7 @@ struct ParameterSession {
     link: Box<dyn VehicleLink>,
     encoder: MavlinkEncoder,
     decoder: MavlinkDecoder,
+    check: Option<SignatureCheck>,
     vehicle: MavlinkAddress,
     kind: AutopilotKind,
     is_armed: bool,
@@ -106,11 +109,15 @@ struct ParameterSession {
 
 impl ParameterSession {
     fn open(config: &Config, spec: &LinkSpec, link: &MavlinkLink) -> Result<Self, Failure> {
-        let encoder = encoder(config, unix_us()).map_err(|error| config.locate(&error))?;
+        let located = |error| config.locate(&error);
+        let encoder = encoder(config, unix_us()).map_err(located)?;
+        let check = signature_check(config, unix_us()).map_err(located)?;
+        let signed = if check.is_some() { ", that it signs with the same key" } else { "" };
         let mut session = Self {
             link: port(spec, config).open()?,
             encoder,
             decoder: MavlinkDecoder::new(),
+            check,
             vehicle: MavlinkAddress::ALL,
             kind: AutopilotKind::ArduPilot,
             is_armed: false,
@@ -128,7 +135,7 @@ impl ParameterSession {
         })?;
         let (vehicle, kind, is_armed) = found.ok_or_else(|| {
             let message = format!(
-                "no heartbeat of such a vehicle at {spec} within {} s; check that it is switched on, that port, speed, autopilot and system are its own",
+                "no heartbeat of such a vehicle at {spec} within {} s; check that it is switched on, that port, speed, autopilot and system are its own{signed}",
                 HEARTBEAT_WITHIN.seconds()
             );
             Failure::new(Exit::Peer, message)
@@ -197,7 +204,9 @@ impl ParameterSession {
         while Time::now() < deadline {
             self.beat()?;
             let count = self.link.read(&mut buffer).map_err(|error| broken(&error))?;
-            let mut packets = self.decoder.push(&buffer[..count]);
+            let Self { decoder, check, .. } = self;
+            let mut packets =
+                decoder.push(&buffer[..count]).filter(|packet| is_believed(check, packet));
             let found = packets.find_map(|packet| pick(packet.from, &packet.content));
             packets.for_each(drop);
             if found.is_some() {
@@ -212,16 +221,11 @@ impl ParameterSession {
 
     fn beat(&mut self) -> Result<(), Failure> {
         let now = Time::now();
-        if self.heartbeat_at.is_set() && now.since(self.heartbeat_at) < OWN_HEARTBEAT {
+        if self.heartbeat_at.is_set() && now.since(self.heartbeat_at) < HEARTBEAT_PERIOD {
             return Ok(());
         }
         self.heartbeat_at = now;
-        self.send(&MavlinkContent::Heartbeat(MavlinkHeartbeat {
-            autopilot: AutopilotFirmware::None,
-            custom_mode: 0,
-            is_armed: false,
-            is_simulated: false,
-        }))
+        self.send(&MavlinkContent::Heartbeat(OWN_HEARTBEAT))
     }
 
     fn send(&mut self, content: &MavlinkContent) -> Result<(), Failure> {

@@ -195,6 +195,8 @@ code! {
         Locked = 7 => "the vehicle is locked until it is restarted",
         /// The vehicle speaks a version of its language that the bridge does not.
         OtherVersion = 8 => "the vehicle speaks another protocol version",
+        /// Packets of the vehicle are not signed with the key that is configured, so that they are not believed.
+        Unsigned = 9 => "the vehicle does not sign with the key of bridge.mavlink.signing-key-file",
     }
 }
 

@@ -1,4 +1,31 @@
 //! Communication between the processes of oqtal: messages, topics, ports and wake-up, on iceoryx2.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `topic.rs` | every topic of the system |
+//! | `message.rs` | the messages, plain data in SI units |
+//! | `code.rs` | enumerations in messages |
+//! | `obstacle.rs` | what keeps a flight from beginning |
+//! | `text.rs` | short text in a message |
+//! | `origin.rs` | the process that a message comes from |
+//! | `time.rs` | instants and spans of time |
+//! | `transport.rs` | interface of the ports of topics |
+//! | `bus.rs` | the instance between processes: joining, opening ports, leaving |
+//! | `memory.rs` | topics inside one process, for virtual time |
+//! | `port.rs` | typed writers and readers |
+//! | `ports.rs` | ports of iceoryx2, as bytes |
+//! | `node.rs` | a node of iceoryx2, which opens services and ports |
+//! | `control.rs` | requests of operators and their answers |
+//! | `stop.rs` | the operator's stop, in shared memory |
+//! | `wake.rs` | wake-up of processes that sleep |
+//! | `shared.rs` | words in a mapped file |
+//! | `membership.rs` | who takes part in an instance |
+//! | `paths.rs` | directories and names of an instance |
+//! | `private.rs` | the part of shared memory that other users cannot reach |
+//! | `remains.rs` | files that ended processes left behind |
+//! | `suspend.rs` | suspension of the machine |
+//! | `error.rs` | errors of the bus |
+//! | `mismatch.rs` | kinds of errors of opening a service |
 // Mapping of shared memory in `shared.rs`.
 #![deny(unsafe_code)]
 

@@ -56,6 +56,12 @@ pub struct PlantOptions {
     pub command_delay_ms: f64,
     /// From the effect of a command as the vehicle reports it to the real one \[ms\]: a delay that no stamp shows.
     pub hidden_delay_ms: f64,
+    /// Greatest addition to that delay, drawn evenly for each command \[ms\]; commands keep their order.
+    pub command_jitter_ms: f64,
+    /// Share of the commands over the bus that never arrive \[-\]; the losses of a wire are in `[plant.wire]`.
+    pub command_loss_probability: f64,
+    /// Mean number of commands that are lost in a row \[-\], geometric.
+    pub command_loss_burst: f64,
     /// Linear drag per mass \[1/s\].
     pub drag_per_s: f64,
     /// Greatest relative deviation of each of these parameters, and of the rotors', from its value here \[-\], drawn once per
@@ -102,7 +108,8 @@ pub enum RotorLayout {
     Cross,
 }
 
-/// `[plant.rotors]`: four rotors, for `fidelity = "rotors"` and for a firmware as a program.
+/// `[plant.rotors]`: four rotors, for `fidelity = "rotors"` and for a firmware as a program. The forces of the air, but not their
+/// torques, act on a vehicle by Eq. (61) too.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RotorOptions {
@@ -120,6 +127,14 @@ pub struct RotorOptions {
     pub max_speed_rad_s: f64,
     /// Thrust and torque of each rotor over those of an intact one at the same speed \[-\].
     pub strength: [f64; 4],
+    /// Drag in a rotor's plane, per speed of the rotor and of the air \[N s^2/(rad m)\]; 0 for none.
+    pub drag_coefficient: f64,
+    /// Loss of thrust by inflow along a rotor's axis, per speed of the rotor and of the air \[N s^2/(rad m)\]; 0 for none.
+    pub inflow_coefficient: f64,
+    /// Radius of a rotor \[m\].
+    pub radius_m: f64,
+    /// Whether the thrust grows close to the floor.
+    pub ground_effect: bool,
     /// Part of a rotor's thrust that grows with the square of the power that a firmware commands; the rest grows linearly
     /// \[0..1\].
     pub quadratic_thrust: f64,
@@ -182,6 +197,9 @@ impl PlantOptions {
         let own = check_options([
             ("spread", self.spread, Rule::Between(0.0, 0.5)),
             ("hidden-delay-ms", self.hidden_delay_ms, Rule::Between(0.0, 500.0)),
+            ("command-jitter-ms", self.command_jitter_ms, Rule::Between(0.0, 500.0)),
+            ("command-loss-probability", self.command_loss_probability, Rule::Between(0.0, 0.5)),
+            ("command-loss-burst", self.command_loss_burst, Rule::Between(1.0, 1000.0)),
             ("thrust-exponent", self.thrust_exponent, Rule::Between(0.5, 2.0)),
             ("rate-lag-ratio", self.rate_lag_ratio[0], Rule::Between(0.1, 10.0)),
             ("rate-lag-ratio", self.rate_lag_ratio[1], Rule::Between(0.1, 10.0)),
@@ -264,6 +282,9 @@ impl RotorOptions {
             ("torque-coefficient", self.torque_coefficient, Rule::Positive),
             ("lag-ms", self.lag_ms, A_STEP),
             ("max-speed-rad-s", self.max_speed_rad_s, Rule::Positive),
+            ("drag-coefficient", self.drag_coefficient, Rule::Between(0.0, 1.0)),
+            ("inflow-coefficient", self.inflow_coefficient, Rule::Between(0.0, 1.0)),
+            ("radius-m", self.radius_m, Rule::Positive),
             ("quadratic-thrust", self.quadratic_thrust, Rule::Between(0.0, 1.0)),
         ])?;
         check_options(self.strength.map(|share| ("strength", share, Rule::Between(0.0, 2.0))))

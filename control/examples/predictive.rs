@@ -7,7 +7,7 @@ use oqtal_control::controller::{InputForm, OqtalDtOptions, RateInput};
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::{
-    Autopilot, Bias, CommandHistory, Design, ModelInput, Motion, PredictiveCommand,
+    Autopilot, Bias, CommandHistory, Design, Integration, ModelInput, Motion, PredictiveCommand,
     PredictiveOptions, Rotation, VehicleModel,
 };
 use oqtal_control::quantity::BodyRate;
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 0.05,
-        longest_step_s: VehicleModel::FINE_STEP_S,
+        integration: Integration::Fine,
     };
     let input = RateInput::new(Vector3::repeat(2.0))?.with_lag(0.05, PERIOD_S)?;
     let design = Design { model, input, delay_s: DELAY_S, period_s: PERIOD_S };

@@ -10,7 +10,9 @@ use oqtal_control::controller::{
 };
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::PositionOptions;
-use oqtal_control::predictive::{Autopilot, Design, PredictiveOptions, Rotation, VehicleModel};
+use oqtal_control::predictive::{
+    Autopilot, CommandReport, Design, Integration, PredictiveOptions, Rotation, VehicleModel,
+};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::rigid_body::Inertia;
 use oqtal_control::trajectory::{Phase, Reference};
@@ -56,7 +58,7 @@ fn the_autopilot_does_not_allocate_in_a_step() {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 0.05,
-        longest_step_s: VehicleModel::FINE_STEP_S,
+        integration: Integration::Fine,
     };
     let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
     let design = Design { model, input, delay_s: 0.02, period_s: DT_S };
@@ -72,7 +74,11 @@ fn the_autopilot_does_not_allocate_in_a_step() {
             if let Some(decision) = autopilot.decide(now_s, &reference) {
                 decided += 1;
                 autopilot.sent(tick, now_s, &decision.command());
-                autopilot.applied(tick, now_s + 0.02);
+                autopilot.applied(CommandReport {
+                    sequence: tick,
+                    acts_s: now_s + 0.02,
+                    follows: true,
+                });
             }
         }
     });

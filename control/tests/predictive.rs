@@ -1,18 +1,24 @@
 //! Tests of the predictive autopilot: model, filters, prediction, reference model, and the whole.
 
+#[path = "predictive/adaptation.rs"]
+mod adaptation;
 #[path = "predictive/autopilot.rs"]
 mod autopilot;
 #[path = "predictive/filters.rs"]
 mod filters;
 #[path = "predictive/history.rs"]
 mod history;
+#[path = "predictive/noise.rs"]
+mod noise;
 #[path = "predictive/reference.rs"]
 mod reference;
 
 use nalgebra::Vector3;
 use oqtal_control::controller::{OqtalDtOptions, RateInput};
 use oqtal_control::position::PositionOptions;
-use oqtal_control::predictive::{Autopilot, Design, PredictiveOptions, Rotation, VehicleModel};
+use oqtal_control::predictive::{
+    Autopilot, Design, Integration, PredictiveOptions, Rotation, VehicleModel,
+};
 use proptest::prelude::*;
 
 const PERIOD_S: f64 = 1.0 / 60.0;
@@ -28,7 +34,7 @@ fn quadrotor() -> VehicleModel {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 0.05,
-        longest_step_s: VehicleModel::FINE_STEP_S,
+        integration: Integration::Fine,
     }
 }
 

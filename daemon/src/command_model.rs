@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use oqtal_config::{Config, Interface, VehicleOptions};
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{ModelInput, Rotation, VehicleModel};
+use oqtal_control::predictive::{Integration, ModelInput, Rotation, VehicleModel};
 use oqtal_control::rigid_body::Inertia;
 
 use crate::command::{RotationCommand, VehicleCommand, collective};
@@ -41,7 +41,7 @@ impl CommandModel {
                 gravity_m_s2: vehicle.gravity_m_s2,
                 drag_per_s: vehicle.drag_per_s,
                 thrust_lag_s: vehicle.thrust_lag_ms * 1e-3,
-                longest_step_s: VehicleModel::FINE_STEP_S,
+                integration: Integration::Fine,
             },
             rate_authority: vehicle.rate_authority_rad_s.into(),
             max_thrust_n: vehicle.max_thrust_n,

@@ -21,6 +21,7 @@ use oqtal_control::estimator::{Estimate, Estimator};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::OuterLoop;
+use oqtal_control::predictive::CommandReport;
 use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::{Trajectory, TrajectoryOptions};
 
@@ -235,12 +236,15 @@ impl Cycle {
         self.cancel_if_vehicle_replaced(header.source);
         self.vehicle.hear(now, header.source, vehicle);
         self.requests.stop |= vehicle.stopped != 0 && self.is_flying();
+        let follows = self.vehicle.follows(header.sequence);
         let applied_at = header.stamps.applied_at;
         if applied_at.is_set() {
             let still_to_go = Span::from_nanos(vehicle.wire_ns + vehicle.air_ns);
             let applied_s = seconds(applied_at + still_to_go);
-            self.guard.motion.applied(vehicle.command_sequence, applied_s);
-            self.stack.active_mut().applied(vehicle.command_sequence, applied_s);
+            let sequence = vehicle.command_sequence;
+            let report = CommandReport { sequence, acts_s: applied_s, follows };
+            self.guard.motion.applied(report);
+            self.stack.active_mut().applied(report);
         }
     }
 

@@ -6,7 +6,9 @@ mod stranger;
 use oqtal_bus::code::Cause;
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_control::predictive::{CommandHistory, FilterOptions, MeasuredPose, Surroundings, Track};
+use oqtal_control::predictive::{
+    CommandHistory, CommandReport, FilterOptions, Integration, MeasuredPose, Surroundings, Track,
+};
 
 use crate::command::VehicleCommand;
 use crate::command_model::CommandModel;
@@ -71,7 +73,7 @@ impl MotionGate {
     /// The vehicle has no model.
     pub fn new(config: &Config) -> Result<Self, OptionError> {
         let mut commands = CommandModel::new(config)?;
-        commands.model = commands.model.coarse();
+        commands.model.integration = Integration::Coarse;
         Ok(Self {
             commands,
             history: CommandHistory::new(config.vehicle.command_delay_ms * 1e-3),
@@ -104,9 +106,9 @@ impl MotionGate {
         self.history.push(sequence, sent_s, self.commands.input(command));
     }
 
-    /// Records that a command took effect at `applied_s` \[s\].
-    pub fn applied(&mut self, sequence: u64, applied_s: f64) {
-        self.history.applied(sequence, applied_s);
+    /// Records that a command took effect.
+    pub fn applied(&mut self, report: CommandReport) {
+        self.history.applied(report);
     }
 
     /// Delay from sending a command to its effect, as measured \[s\].

@@ -12,6 +12,8 @@
 //! | `gate.rs` | the gate on the innovation: a pose against the motion predicted from the commands |
 //! | `pose_noise.rs` | whether a source repeats poses |
 //! | `limits.rs`, `fence.rs`, `floor.rs` | the limits of a flight |
+//! | `descent.rs` | the descent of a vehicle that holds an attitude by itself, without poses |
+//! | `flight_room.rs` | the path of a flight against the fence |
 //! | `arming.rs` | what keeps a flight from beginning |
 //! | `setpoint.rs` | the check of the reference |
 //! | `loop_health.rs` | age and losses of poses, late ticks |

@@ -22,6 +22,8 @@ pub struct VehicleWatch {
     were_starting: bool,
     /// The process that published last, and whether it is another than when the flight began.
     speaker: Option<u64>,
+    /// Number of the last message.
+    number: u64,
     is_replaced: bool,
 }
 
@@ -39,8 +41,15 @@ impl VehicleWatch {
             awaited_since: None,
             were_starting: false,
             speaker: None,
+            number: 0,
             is_replaced: false,
         }
+    }
+
+    /// Whether message `number` follows the last one, so that none was missed.
+    pub fn follows(&mut self, number: u64) -> bool {
+        let last = std::mem::replace(&mut self.number, number);
+        number == last + 1
     }
 
     /// Takes a message about the vehicle, published by process `source`, at `now`.

@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 use oqtal_config::Config;
-use oqtal_control::trajectory::{FlightPlan, Phase, StartPoint, Trajectory, TrajectoryKind};
+use oqtal_control::trajectory::{
+    FlightPlan, Phase, Reference, StartPoint, Trajectory, TrajectoryKind,
+};
 
 /// Shortest time between two points at which the reference is looked at \[s\].
 const STEP_S: f64 = 0.01;
@@ -18,14 +20,35 @@ pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
         return Vec::new();
     }
     let mut all: Vec<String> = config.rate_warning().into_iter().collect();
+    all.extend(law_replaced(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());
+    let samples = samples(&plan);
     let limits = &config.position;
     let horizontal = ("horizontal", limits.horizontal_velocity_limit_m_s);
-    all.extend(too_fast(&plan, config, horizontal, |velocity| velocity.xy().norm()));
+    all.extend(too_fast(&samples, config, horizontal, |velocity| velocity.xy().norm()));
     let vertical = ("vertical", limits.vertical_velocity_limit_m_s);
-    all.extend(too_fast(&plan, config, vertical, |velocity| velocity.z.abs()));
+    all.extend(too_fast(&samples, config, vertical, |velocity| velocity.z.abs()));
     all.extend(jump(&plan, config));
     all
+}
+
+/// That the configured law has no effect, where the vehicle holds the commanded attitude by itself.
+fn law_replaced(config: &Config) -> Option<String> {
+    let replaced = config.vehicle.interface.holds_attitude() && !config.control.is_predictive();
+    replaced.then(|| {
+        format!(
+            "vehicle.interface is \"attitude\": the vehicle's own loop takes the place of the attitude law, and {} flies as every other but oqtal-dt",
+            config.control.controller
+        )
+    })
+}
+
+/// The reference over the whole flight, with its times from the start \[s\].
+fn samples(plan: &FlightPlan) -> Vec<(f64, Reference)> {
+    let step_s = STEP_S.max(plan.end_s() / MOST_POINTS);
+    let points = (plan.end_s() / step_s) as u32;
+    let times = (0..=points).map(|index| f64::from(index) * step_s);
+    times.map(|t_s| (t_s, plan.sample(t_s))).collect()
 }
 
 /// The time from the start of the flight at which the trajectory begins \[s\].
@@ -35,19 +58,13 @@ fn begins_s(config: &Config) -> f64 {
 
 /// Where the reference is fastest along an axis, if it is faster than the limit of the commanded velocity there.
 fn too_fast(
-    plan: &FlightPlan,
+    samples: &[(f64, Reference)],
     config: &Config,
     (axis, limit): (&str, f64),
     speed: impl Fn(&Vector3<f64>) -> f64,
 ) -> Option<String> {
-    let step_s = STEP_S.max(plan.end_s() / MOST_POINTS);
-    let points = (plan.end_s() / step_s) as u32;
-    let samples = (0..=points).map(|index| {
-        let t_s = f64::from(index) * step_s;
-        (t_s, plan.sample(t_s))
-    });
     let (t_s, reference) =
-        samples.max_by(|a, b| speed(&a.1.velocity).total_cmp(&speed(&b.1.velocity)))?;
+        samples.iter().max_by(|a, b| speed(&a.1.velocity).total_cmp(&speed(&b.1.velocity)))?;
     let fastest = speed(&reference.velocity);
     if fastest <= limit {
         return None;
@@ -117,6 +134,15 @@ mod tests {
         assert!(text.contains("11.2 times slower") && !text.contains('\n'), "{text}");
         let text = told(&["trajectory.take-off-s=1"], None).join("\n");
         assert!(text.starts_with("the take-off") && text.contains("take-off-s"), "{text}");
+    }
+
+    #[test]
+    fn a_law_whose_place_the_vehicle_takes_is_told() {
+        let attitude = "vehicle.interface=attitude";
+        let text = told(&[attitude, "control.controller=lqr"], None).join("\n");
+        assert!(text.contains("lqr flies as every other but oqtal-dt"), "{text}");
+        assert!(told(&[attitude, "control.controller=oqtal-dt"], None).is_empty());
+        assert!(told(&["control.controller=lqr"], None).is_empty());
     }
 
     #[test]

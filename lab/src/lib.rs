@@ -1,4 +1,22 @@
 //! Studies in virtual time: flights in one process, campaigns, tuning, and the experiments of the paper.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `simulation.rs` | a flight in one process |
+//! | `mission.rs` | configuration and files of a flight, read and checked |
+//! | `study.rs` | what all flights of a study have in common |
+//! | `campaign.rs` | `oqtal campaign`: laws over many runs |
+//! | `sweep.rs` | `oqtal sweep`: figures over values of any keys |
+//! | `tune.rs` | `oqtal tune`: optimisation of gains |
+//! | `robustness.rs` | `oqtal robustness`: plants that differ from `[vehicle]` |
+//! | `identify.rs` | `oqtal identify`: parameters of a vehicle from its flights |
+//! | `reproduce.rs` | `oqtal reproduce`: the experiments of the paper |
+//! | `cameras.rs` | `oqtal cameras`: emulated cameras against recordings |
+//! | `replay.rs` | `oqtal replay`: a recording through the daemon once more |
+//! | `sheet.rs` | tables of the paper's figures and ours |
+//! | `text_table.rs` | tables for a terminal of 80 columns |
+//! | `csv_text.rs` | tables as CSV |
+//! | `progress.rs` | progress bars |
 #![forbid(unsafe_code)]
 
 pub mod cameras;

@@ -3,7 +3,9 @@
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_config::{Config, Setting};
-use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion, Rotation, VehicleModel};
+use oqtal_control::predictive::{
+    Bias, CommandHistory, Integration, ModelInput, Motion, Rotation, VehicleModel,
+};
 use oqtal_lab::identify::data::{CommandRecord, FlightData, PoseRecord};
 use oqtal_lab::identify::excitation_flight;
 use oqtal_lab::identify::finding::rules;
@@ -144,7 +146,7 @@ fn the_model_is_that_of_the_predictive_law() {
         gravity_m_s2: 9.81,
         drag_per_s: 0.25,
         thrust_lag_s: 40e-3,
-        longest_step_s: 1e-3,
+        integration: Integration::Fine,
     };
     let data = ideal(&model, (delay_s, authority));
     let (authority, bias) = (Vector3::repeat(authority), Vector3::zeros());

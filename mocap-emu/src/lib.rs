@@ -2,6 +2,7 @@
 //!
 //! | file | subject |
 //! |---|---|
+//! | `body.rs` | the body whose poses are published |
 //! | `cameras.rs` | emulated cameras: measurement, connection and stamp together |
 //! | `pose_noise.rs`, `drift.rs` | measurement by noise on the true pose |
 //! | `markers.rs` | measurement from the markers up |

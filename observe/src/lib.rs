@@ -1,5 +1,33 @@
 //! Observation of flights: the observer of the bus and its sinks (recorder, latency, status), and what is made of a recorded
 //! flight: summary, table, report, CSV.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `observer.rs` | the one observer of the bus |
+//! | `sink.rs` | interface of what uses the samples |
+//! | `recorder.rs` | sink: joins every tick with the truth |
+//! | `loop_monitor.rs` | sink: latencies and counters of a running instance |
+//! | `status.rs` | sink: newest health, vehicle and tick |
+//! | `recording.rs` | recordings as MCAP files |
+//! | `event.rs` | events in words |
+//! | `flight.rs` | a recorded flight |
+//! | `flight_sample.rs` | one tick of a flight |
+//! | `nearest.rs` | the sample nearest to an instant |
+//! | `summary.rs` | figures of a flight, `summary.json` |
+//! | `latency.rs` | latency by hops, from capture to effect |
+//! | `command_path.rs` | the path of commands to the vehicle |
+//! | `wire.rs` | figures of the wire to a vehicle |
+//! | `crash.rs` | how a vehicle crashed |
+//! | `fault.rs` | faults and disturbances of a flight |
+//! | `table.rs` | the closing table in the terminal |
+//! | `explain.rs` | words of that table, explained |
+//! | `report.rs` | the report of a flight, one HTML page |
+//! | `compare.rs` | several flights side by side |
+//! | `csv.rs` | `telemetry.csv` |
+//! | `page.rs` | HTML pages in one style |
+//! | `plot.rs` | plots as SVG |
+//! | `kernel.rs` | what the kernel granted to a process |
+//! | `provenance.rs` | the build of the program |
 #![forbid(unsafe_code)]
 
 pub mod command_path;

@@ -290,7 +290,8 @@ impl HealthReport {
 impl fmt::Display for ProcessHealth {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(heard) = &self.heard else {
-            let missing = if self.is_replaced { "not started" } else { "silent" };
+            let missing =
+                if self.is_replaced { "not started" } else { "silent: not running, or hung" };
             return write!(f, "{:<10} {missing}", self.name);
         };
         let HealthReport { pid, age_ms, config_hash, daemon, .. } = heard;
@@ -345,7 +346,10 @@ mod tests {
         fresh.health(&Reception::default(), Role::Mocap, &late);
         assert!(fresh.status(Time::VIRTUAL_START).lines()[1].ends_with("runs late"));
         let stale = monitor(&roles, Span::from_millis(101));
-        assert_eq!(stale.status(Time::VIRTUAL_START).lines()[1], "mocap-emu  silent");
+        assert_eq!(
+            stale.status(Time::VIRTUAL_START).lines()[1],
+            "mocap-emu  silent: not running, or hung"
+        );
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! Equations of motion of the simulated vehicles: state and input in, derivative out.
 
-use nalgebra::{Matrix4, Quaternion, Vector3, Vector4};
-use oqtal_config::{Fidelity, Interface, PlantOptions, RotorLayout, RotorOptions};
+use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
+use oqtal_config::{Fidelity, Interface, PlantOptions};
 use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::rigid_body::Inertia;
 
+use crate::rotors::{RotorAir, mix};
 use crate::state::{Derivative, State};
 
 /// The command in effect.
@@ -32,6 +33,8 @@ pub struct Disturbance {
     pub rate_drift: Vector3<f64>,
     /// Angular acceleration by torques from outside \[rad/s^2, body\].
     pub angular_acceleration: Vector3<f64>,
+    /// Velocity of the air, as the rotors meet it \[m/s, world\].
+    pub wind: Vector3<f64>,
     /// Mass of the vehicle over that with its payload \[-\].
     pub mass_ratio: f64,
     /// Battery voltage over the nominal one \[-\]; 1 where thrust does not depend on the voltage.
@@ -44,6 +47,7 @@ impl Disturbance {
         acceleration: Vector3::new(0.0, 0.0, 0.0),
         rate_drift: Vector3::new(0.0, 0.0, 0.0),
         angular_acceleration: Vector3::new(0.0, 0.0, 0.0),
+        wind: Vector3::new(0.0, 0.0, 0.0),
         mass_ratio: 1.0,
         voltage_ratio: 1.0,
     };
@@ -71,6 +75,8 @@ enum Body {
 struct Response {
     /// Thrust along body z \[N\].
     thrust: f64,
+    /// Drag of the rotors \[N, world\].
+    drag: Vector3<f64>,
     /// Angular acceleration \[rad/s^2, body\].
     rate: Vector3<f64>,
     /// Change of the actuators \[N/s\] or \[rad/s^2\].
@@ -140,7 +146,7 @@ impl Translation {
     ) -> Derivative {
         Derivative {
             position: state.velocity,
-            velocity: self.acceleration(state, response.thrust, disturbance),
+            velocity: self.acceleration(state, (response.thrust, response.drag), disturbance),
             attitude: state.attitude_rate(),
             rate: response.rate + disturbance.angular_acceleration,
             actuators: response.actuators,
@@ -149,10 +155,17 @@ impl Translation {
 
     /// Newton's law in the world frame, in place of Eq. (15), erratum E-15.
     #[inline]
-    fn acceleration(&self, state: &State, thrust: f64, disturbance: &Disturbance) -> Vector3<f64> {
-        state.thrust_axis() * (thrust * (self.per_mass * disturbance.mass_ratio))
+    fn acceleration(
+        &self,
+        state: &State,
+        (thrust, rotor_drag): (f64, Vector3<f64>),
+        disturbance: &Disturbance,
+    ) -> Vector3<f64> {
+        let per_mass = self.per_mass * disturbance.mass_ratio;
+        state.thrust_axis() * (thrust * per_mass)
             - Vector3::z() * self.gravity
             - state.velocity * (self.drag * disturbance.mass_ratio)
+            + rotor_drag * per_mass
             + disturbance.acceleration
     }
 }
@@ -196,6 +209,7 @@ impl Spacecraft {
         let thrust = state.actuators.x;
         Response {
             thrust,
+            drag: Vector3::zeros(),
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(input.torque)).0,
             actuators: self.thrust.change(thrust, input.thrust, 1.0),
@@ -244,6 +258,7 @@ struct Eq61 {
     command: RateCommand,
     rate_bandwidth: Vector3<f64>,
     thrust: LaggedThrust,
+    air: RotorAir,
 }
 
 impl Eq61 {
@@ -253,6 +268,7 @@ impl Eq61 {
             rate_bandwidth: Vector3::from(plant.rate_lag_ratio)
                 .map(|ratio| 1e3 / (plant.rate_lag_ms * ratio)),
             thrust: LaggedThrust::new(plant),
+            air: RotorAir::new(&plant.rotors),
         }
     }
 
@@ -261,13 +277,32 @@ impl Eq61 {
         let thrust = state.actuators.x;
         // The thrust of a rotor is proportional to the square of its voltage.
         let share = disturbance.voltage_ratio.powi(2);
+        // The on-board loop, which Eq. (61) contains, holds the rate against the torque of the air.
+        let (drag, _) = air_wrench(&self.air, state, (&self.air.speeds(thrust), disturbance));
         Response {
-            thrust,
+            thrust: thrust * self.air.ground_ratio(state.position.z),
+            drag,
             rate: (self.command.rate(state, input, disturbance) - state.rate)
                 .component_mul(&self.rate_bandwidth),
             actuators: self.thrust.change(thrust, input.thrust, share),
         }
     }
+}
+
+/// Force \[N, world\] and torque \[N m, body\] of the air on rotors at these speeds \[rad/s\].
+#[inline]
+fn air_wrench(
+    air: &RotorAir,
+    state: &State,
+    (speeds, disturbance): (&Vector4<f64>, &Disturbance),
+) -> (Vector3<f64>, Vector3<f64>) {
+    if !air.acts() {
+        return (Vector3::zeros(), Vector3::zeros());
+    }
+    let attitude = UnitQuaternion::new_unchecked(state.attitude);
+    let velocity = attitude.inverse_transform_vector(&(state.velocity - disturbance.wind));
+    let (force, torque) = air.wrench(speeds, &velocity, &state.rate);
+    (attitude * force, torque)
 }
 
 /// Four rotors on two crossed arms, with the on-board rate loop, or driven by a firmware. Opposite rotors turn the same way.
@@ -285,31 +320,7 @@ struct Rotors {
     mix: Matrix4<f64>,
     /// Inverse of `mix` for intact rotors, which the on-board loop takes them for.
     unmix: Matrix4<f64>,
-}
-
-/// From squared rotor speeds \[(rad/s)^2\] to `[thrust \[N\]; torque \[N m\]]`. Lift at +y rolls the vehicle about +x.
-fn mix(rotors: &RotorOptions) -> Matrix4<f64> {
-    let (k, d) = (rotors.thrust_coefficient, rotors.torque_coefficient);
-    let arm = k * rotors.arm_m;
-    match rotors.layout {
-        // Columns: front (+x), left (+y), back (-x), right (-y).
-        RotorLayout::Plus => Matrix4::new(
-            k, k, k, k, //
-            0.0, arm, 0.0, -arm, //
-            -arm, 0.0, arm, 0.0, //
-            -d, d, -d, d,
-        ),
-        // Columns: front right, back right, back left, front left.
-        RotorLayout::Cross => {
-            let lever = arm * std::f64::consts::FRAC_1_SQRT_2;
-            Matrix4::new(
-                k, k, k, k, //
-                -lever, -lever, lever, lever, //
-                -lever, lever, lever, -lever, //
-                -d, d, -d, d,
-            )
-        }
-    }
+    air: RotorAir,
 }
 
 impl Rotors {
@@ -327,6 +338,7 @@ impl Rotors {
             quadratic_thrust: rotors.quadratic_thrust,
             mix: mix * Matrix4::from_diagonal(&Vector4::from(rotors.strength)),
             unmix: mix.try_inverse().expect("arm and coefficients are above zero"),
+            air: RotorAir::new(rotors),
         }
     }
 
@@ -334,13 +346,15 @@ impl Rotors {
     fn response(&self, state: &State, input: &PlantInput, disturbance: &Disturbance) -> Response {
         let speeds = state.actuators;
         let wrench = self.mix * speeds.component_mul(&speeds);
-        let torque = wrench.fixed_rows::<3>(1).into_owned();
+        let (drag, damping) = air_wrench(&self.air, state, (&speeds, disturbance));
+        let torque = wrench.fixed_rows::<3>(1).into_owned() + damping;
         let targets = match &input.motors {
             None => self.on_board_loop(state, input, disturbance),
             Some(motors) => motors.map(|power| self.speed(power)) * disturbance.voltage_ratio,
         };
         Response {
-            thrust: wrench.x,
+            thrust: wrench.x * self.air.ground_ratio(state.position.z),
+            drag,
             // Eq. (3), erratum E-03.
             rate: self.inertia.acceleration(BodyRate(state.rate), Torque(torque)).0,
             actuators: (targets - speeds) / self.rotor_lag,

@@ -2,13 +2,29 @@
 //!
 //! [`Plant`] is pure; [`run`] wires it to the bus, puts it at the other end of a radio's wire ([`wire`]), makes it the body of a
 //! firmware that runs as a program ([`firmware`]), or tells the truth of an autopilot's own simulator ([`autopilot`]).
+//!
+//! | file | subject |
+//! |---|---|
+//! | `plant.rs` | the simulated vehicle, integrated from event to event |
+//! | `dynamics.rs` | equations of motion |
+//! | `state.rs` | the state, and its integration |
+//! | `world.rs` | gusts, drift, battery, floor |
+//! | `disturbance.rs` | disturbances in time, `plant.disturb` |
+//! | `spread.rs` | a vehicle that differs from its nominal values |
+//! | `turn.rs` | one turn over its ports |
+//! | `wire.rs` | the vehicle at the other end of a wire |
+//! | `firmware.rs` | the body of a Crazyflie's firmware that runs as a program |
+//! | `autopilot.rs` | the truth of an autopilot's own simulator |
+//! | `socket.rs` | UDP sockets of programs beside the plant |
 #![forbid(unsafe_code)]
 
 pub mod autopilot;
+mod command_radio;
 mod disturbance;
 mod dynamics;
 pub mod firmware;
 mod plant;
+mod rotors;
 mod socket;
 mod spread;
 mod state;
@@ -28,9 +44,11 @@ use oqtal_runtime::process_loop;
 use oqtal_wire::link::LinkSpec;
 use oqtal_wire::truth::TruthSource;
 
+pub use command_radio::CommandLoss;
 pub use disturbance::{AppliedLoad, DisturbanceClock, LoadSchedule, SceneDisturbance};
 pub use dynamics::{Disturbance, Dynamics, PlantInput};
 pub use plant::{Plant, PlantOutput};
+pub use rotors::RotorAir;
 pub use spread::drawn;
 pub use state::{Derivative, State};
 pub use turn::{PlantTurn, Stepping};

@@ -1,7 +1,5 @@
 //! The simulated vehicle, integrated from event to event: camera instants, milliseconds, commands that take effect.
 
-use std::collections::VecDeque;
-
 use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
@@ -11,10 +9,8 @@ use oqtal_control::quantity::{BodyRate, Torque};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::rigid_body::Inertia;
 use oqtal_runtime::actuation::actuation_of;
-use oqtal_runtime::faults::RadioDisturbance;
-use oqtal_runtime::random::{Generator, RandomSource, stream};
-use rand::RngExt;
 
+use crate::command_radio::CommandRadio;
 use crate::disturbance::{LoadSchedule, SceneDisturbance};
 use crate::dynamics::{Disturbance, Dynamics, PlantInput};
 use crate::spread::drawn;
@@ -40,14 +36,6 @@ pub enum PlantOutput {
     Applied(u64, Stamps, VehicleV1),
 }
 
-/// A command on the radio.
-#[derive(Clone, Copy, Debug)]
-struct OnAir {
-    acts_at: Time,
-    header: Header,
-    command: CommandV1,
-}
-
 /// A simulated vehicle and its radio. Pure: time comes in as an argument.
 #[derive(Clone, Debug)]
 pub struct Plant {
@@ -65,12 +53,7 @@ pub struct Plant {
     loads: LoadSchedule,
     /// Mass \[kg\], drag \[1/s\] and inertia of the vehicle that they act on.
     loaded: (f64, f64, Inertia),
-    radio: VecDeque<OnAir>,
-    radio_delay: Span,
-    /// From the reported to the real effect of a command.
-    hidden_delay: Span,
-    /// Faults of the radio, and the random numbers that they need.
-    disturbed: (RadioDisturbance, Generator),
+    radio: CommandRadio,
     input: PlantInput,
     accepts: Actuation,
     max_torque: f64,
@@ -104,10 +87,7 @@ impl Plant {
             drift,
             constant_acceleration,
             loads: LoadSchedule::new(&options),
-            radio: VecDeque::with_capacity(64),
-            radio_delay: Span::from_seconds(options.command_delay_ms * 1e-3),
-            hidden_delay: Span::from_seconds(options.hidden_delay_ms * 1e-3),
-            disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
+            radio: CommandRadio::new(&options, seed),
             input: PlantInput::default(),
             accepts: actuation_of(options.interface),
             max_torque: options.max_torque_nm,
@@ -136,8 +116,10 @@ impl Plant {
     /// The next instant that other processes depend on: a camera frame, a command that takes effect, or a command time-out.
     #[must_use]
     pub fn next_event(&self) -> Time {
-        let applied = self.radio.front().map(|on_air| on_air.acts_at);
-        [applied, self.command_timeout_at].into_iter().flatten().fold(self.camera.next(), Time::min)
+        [self.radio.next_effect(), self.command_timeout_at]
+            .into_iter()
+            .flatten()
+            .fold(self.camera.next(), Time::min)
     }
 
     /// The next instant at which observers expect a sample of the truth.
@@ -150,7 +132,7 @@ impl Plant {
     /// whether this is a change.
     pub fn keep_stopped(&mut self, stopped: bool) -> bool {
         if stopped {
-            self.radio.iter_mut().for_each(|on_air| on_air.command = CommandV1::default());
+            self.radio.disarm();
             self.act_on(&CommandV1::default());
         }
         std::mem::replace(&mut self.stopped, stopped) != stopped
@@ -163,21 +145,12 @@ impl Plant {
         header.stamps.received_at = now;
         self.commands_lost = lost;
         let command = if self.stopped { CommandV1::default() } else { command };
-        let (disturbance, generator) = &mut self.disturbed;
-        if disturbance.loss_probability > 0.0
-            && generator.random::<f64>() < disturbance.loss_probability
-        {
-            return;
-        }
-        // Commands keep their order, also behind one that a fault delays.
-        let arrival = now + self.radio_delay + self.hidden_delay + disturbance.delay;
-        let acts_at = self.radio.back().map_or(arrival, |last| arrival.max(last.acts_at));
-        self.radio.push_back(OnAir { acts_at, header, command });
+        self.radio.send(now, header, command);
     }
 
     /// Disturbs vehicle and radio from now on.
     pub fn disturb(&mut self, disturbance: SceneDisturbance) {
-        self.disturbed.0 = disturbance.radio;
+        self.radio.disturb(disturbance.radio);
         self.loads.begin(disturbance.armed_at);
     }
 
@@ -265,10 +238,8 @@ impl Plant {
 
     /// Applies the commands that are due.
     fn apply_due(&mut self, out: &mut impl FnMut(PlantOutput)) {
-        while let Some(on_air) = self.radio.front().copied().filter(|c| c.acts_at <= self.time) {
-            self.radio.pop_front();
+        while let Some((on_air, applied_at)) = self.radio.receive(self.time) {
             self.act_on(&on_air.command);
-            let applied_at = on_air.acts_at - self.hidden_delay;
             let stamps = Stamps { applied_at, ..on_air.header.stamps };
             self.last_command = on_air.header.sequence;
             out(PlantOutput::Applied(on_air.header.pose_sequence, stamps, self.vehicle()));
@@ -350,6 +321,7 @@ impl Plant {
             acceleration: self.gust.acceleration() + self.constant_acceleration,
             rate_drift: self.drift,
             angular_acceleration: Vector3::zeros(),
+            wind: Vector3::zeros(),
             mass_ratio: 1.0,
             voltage_ratio: self.battery.ratio(),
         };
@@ -362,6 +334,7 @@ impl Plant {
         Disturbance {
             acceleration: self.gust.acceleration() + forces * mass_ratio,
             angular_acceleration: torque.0,
+            wind: load.wind,
             mass_ratio,
             ..calm
         }

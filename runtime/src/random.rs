@@ -35,6 +35,10 @@ pub enum RandomSource {
     Room = 10,
     /// Trouble of the network that poses are served over, by frame.
     Network = 11,
+    /// Loss of commands on the simulated radio, one draw per command.
+    CommandLoss = 12,
+    /// Jitter of the simulated radio, one draw per command.
+    CommandJitter = 13,
     /// Faults by hand.
     Fault = 20,
     /// Loss of commands on a radio with a fault, one draw per command.

@@ -8,11 +8,13 @@ use oqtal_bridge::{RadioAck, RadioDongle};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
-use oqtal_wire::crtp::CrtpPacket;
+use oqtal_wire::crtp::{CrtpPacket, CrtpRequest};
 use oqtal_wire::link::RadioSpec;
 
 /// Time of an exchange: two USB transfers of a full-speed device, 32 bytes each way at 2 Mbit/s, and turning round.
 const EXCHANGE: Span = Span::from_nanos(1_200_000);
+/// Time of a packet that is not acknowledged, between two settings of the radio.
+const BROADCAST: Span = Span::from_nanos(1_200_000);
 /// Further time of each repetition.
 const REPETITION: Span = Span::from_nanos(500_000);
 /// Repetitions after which a packet is given up \[-\].
@@ -71,5 +73,23 @@ impl RadioDongle for EmulatedRadio {
             return Ok(RadioAck { is_acknowledged: true, repeated, reply });
         }
         Ok(RadioAck { is_acknowledged: false, repeated: REPETITIONS, reply: None })
+    }
+    fn broadcast(&mut self, _: &RadioSpec, packet: &CrtpPacket) -> io::Result<()> {
+        let mut air = self.0.borrow_mut();
+        air.pass(BROADCAST);
+        let now = air.now;
+        let Some(CrtpRequest::Poses(poses)) = CrtpRequest::read(packet) else {
+            panic!("{packet:?}: only poses go to everybody")
+        };
+        for pose in poses.poses() {
+            let is_lost = air.is_lost();
+            // All emulated vehicles have one address: the radio chooses among them.
+            let alone = CrtpRequest::Pose(pose.pose()).packet();
+            let vehicle = &mut air.vehicles[usize::from(pose.vehicle) - 1];
+            if !is_lost {
+                vehicle.host_writes(now, alone.as_bytes());
+            }
+        }
+        Ok(())
     }
 }

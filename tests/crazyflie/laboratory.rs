@@ -33,6 +33,8 @@ pub struct Laboratory {
     stations: Vec<Station>,
     radio: RadioWorker<EmulatedRadio>,
     pub notes: Vec<Note>,
+    /// Position that each vehicle tells of itself \[m, world\].
+    estimates: Vec<[f64; 3]>,
 }
 
 /// The shipped Crazyflie in still air, without further delay behind its radio.
@@ -62,7 +64,13 @@ impl Laboratory {
         };
         let stations = radios.iter().map(station).collect();
         let radio = RadioWorker::new(EmulatedRadio(air.clone()), radios, SHARE);
-        Self { air, config: config.clone(), stations, radio, notes: Vec::new() }
+        let estimates = vec![[f64::NAN; 3]; count];
+        Self { air, config: config.clone(), stations, radio, notes: Vec::new(), estimates }
+    }
+
+    /// From now on poses of two vehicles go in one packet.
+    pub fn pack_poses(&mut self) {
+        self.radio.pack_poses();
     }
 
     /// From now on every vehicle is commanded to hover at a metre, or nothing but "disarmed".
@@ -72,6 +80,11 @@ impl Laboratory {
 
     pub fn counts(&self, vehicle: usize) -> RadioCounts {
         self.radio.counts(vehicle)
+    }
+
+    /// Position that a vehicle tells of itself \[m, world\].
+    pub fn estimate(&self, vehicle: usize) -> [f64; 3] {
+        self.estimates[vehicle]
     }
 
     pub fn truth(&self, vehicle: usize) -> TruthV1 {
@@ -112,7 +125,7 @@ impl Laboratory {
         if now.since(self.stations[index].commanded_at) >= PERIOD {
             self.give_command(now, index);
         }
-        let Self { stations, radio, notes, .. } = self;
+        let Self { stations, radio, notes, estimates, .. } = self;
         let bridge = &mut stations[index].bridge;
         if bridge.next_event(now) > now {
             return;
@@ -122,7 +135,9 @@ impl Laboratory {
             let bytes = bridge.outbox();
             if let Ok(packet) = CrtpPacket::parse(bytes) {
                 radio.push(now, index, packet);
-                bridge.handed_over(now, packet.as_bytes().len());
+                if let Some((_, _, said)) = bridge.handed_over(now, packet.as_bytes().len()) {
+                    estimates[index] = said.estimate_position;
+                }
             }
         };
         bridge.turn(now, &mut |note| notes.push(note));

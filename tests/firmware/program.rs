@@ -4,14 +4,21 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use crate::common::skipped;
+use crate::relay::RelayPorts;
+
 /// A firmware, and how it is started.
 pub struct Firmware {
+    pub name: &'static str,
     /// Variable of the environment with the path of the program.
     pub variable: &'static str,
-    /// Preset of the vehicle, beside `deploy/presets`.
+    /// Preset of the vehicle.
     pub preset: &'static str,
     /// Link of the vehicle, as the bridge opens it.
     pub link: &'static str,
+    /// The same through a relay, and the addresses of that.
+    pub relayed_link: &'static str,
+    pub ports: RelayPorts,
     /// Source of the truth, as the simulator follows it.
     pub truth: &'static str,
     /// Time from its start to that from which it can be armed: it levels and checks its sensors.
@@ -20,11 +27,14 @@ pub struct Firmware {
     pub arguments: fn(&Path, &mut Command),
     /// Parameters that are not its defaults, in its own form; the file `parameters` of its directory.
     pub parameters: &'static str,
+    /// Lines of configuration with which its battery becomes empty in flight.
+    pub battery: &'static [&'static str],
 }
 
-/// A running firmware and its network; both end when dropped.
+/// A firmware and its network; both end when dropped.
 pub struct FirmwareProcess {
-    child: Child,
+    command: Command,
+    child: Option<Child>,
     network: String,
 }
 
@@ -33,13 +43,13 @@ impl Firmware {
     pub fn path(&self) -> Option<PathBuf> {
         let path = std::env::var_os(self.variable).map(PathBuf::from);
         if path.is_none() {
-            eprintln!("skipped: set {} to the path of the program", self.variable);
+            skipped(&format!("set {} to the path of the program", self.variable));
         }
         path
     }
 
-    /// Starts the program at `path` in `directory`, and waits until it can be armed.
-    pub fn start(&self, path: &Path, directory: &Path) -> FirmwareProcess {
+    /// Makes a network for the program at `path`, which starts in `directory`.
+    pub fn prepare(&self, path: &Path, directory: &Path) -> FirmwareProcess {
         std::fs::create_dir_all(directory).unwrap();
         std::fs::write(directory.join("parameters"), self.parameters).unwrap();
         let network = format!("oqtal-firmware-{}", std::process::id());
@@ -48,21 +58,55 @@ impl Firmware {
         let mut command = Command::new("ip");
         command.args(["netns", "exec", &network]).arg(path);
         (self.arguments)(path, &mut command);
-        let log = std::fs::File::create(directory.join("log")).unwrap();
+        let log = std::fs::File::create(directory.join("output")).unwrap();
         command.current_dir(directory).stdin(Stdio::null());
         command.stdout(log.try_clone().unwrap()).stderr(log);
-        let process = FirmwareProcess { child: command.spawn().unwrap(), network };
+        FirmwareProcess { command, child: None, network }
+    }
+
+    /// Starts the program at `path` in `directory`, and waits until it can be armed.
+    pub fn start(&self, path: &Path, directory: &Path) -> FirmwareProcess {
+        let mut process = self.prepare(path, directory);
+        process.run();
         std::thread::sleep(self.boot);
         process
     }
 }
 
 impl FirmwareProcess {
+    /// Name of its network.
+    pub fn network(&self) -> &str {
+        &self.network
+    }
+
+    /// Starts the program; it begins anew if it runs.
+    pub fn run(&mut self) {
+        self.end();
+        self.child = Some(self.command.spawn().unwrap());
+    }
+
+    fn end(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+
     /// `command` in the network of the firmware.
     pub fn beside(&self, command: &Command) -> Command {
         let mut beside = Command::new("ip");
         beside.args(["netns", "exec", &self.network]).arg(command.get_program());
         beside.args(command.get_args()).stdin(Stdio::null());
+        // The paths of programs are no settings of the configuration.
+        for name in ["OQTAL_CRAZYFLIE", "OQTAL_ARDUCOPTER", "OQTAL_PX4"] {
+            beside.env_remove(name);
+        }
+        for (name, value) in command.get_envs() {
+            match value {
+                Some(value) => beside.env(name, value),
+                None => beside.env_remove(name),
+            };
+        }
         if let Some(directory) = command.get_current_dir() {
             beside.current_dir(directory);
         }
@@ -72,8 +116,7 @@ impl FirmwareProcess {
 
 impl Drop for FirmwareProcess {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.end();
         ip(&["netns", "delete", &self.network]);
     }
 }

@@ -22,6 +22,8 @@
 //! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
 //! | [`text`] | text of another machine, made fit for a log |
+//! | `interpolation` | straight lines between the points of a table |
+//! | `bytes` | numbers at places of a packet |
 //! | [`motion`] | what a camera system measures: poses of bodies, positions of markers |
 //! | [`qtm`] | the RT protocol of Qualisys Track Manager |
 //! | [`vrpn`] | VRPN, as Vicon Tracker, Motive and others serve it |

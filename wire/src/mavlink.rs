@@ -3,7 +3,8 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `packet.rs` | packets: encoder, grammar of the stream, signatures |
+//! | `packet.rs` | packets: encoder, grammar of the stream |
+//! | `signature.rs` | signatures of packets, and their check |
 //! | `address.rs` | systems and their components |
 //! | `content.rs` | the messages that are understood, and their meaning |
 //! | `read.rs`, `write.rs` | from messages of the crate to meanings, and back |
@@ -26,6 +27,7 @@ mod origin;
 mod packet;
 mod parameter;
 mod read;
+mod signature;
 mod thrust;
 mod write;
 
@@ -39,7 +41,7 @@ pub use content::{
 };
 pub use packet::{
     MAX_PACKET, MavlinkDecoder, MavlinkEncoder, MavlinkGrammar, MavlinkPacket, MavlinkWire,
-    SigningKey,
 };
 pub use parameter::{ParameterName, ParameterValue};
+pub use signature::{SignatureCheck, SignedBytes, SigningKey};
 pub use thrust::{InvalidThrustCurve, ThrustCurve};

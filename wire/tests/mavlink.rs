@@ -9,7 +9,8 @@ use oqtal_wire::mavlink::{
     AckResult, AttitudeTarget, AutopilotFirmware, CommandKind, MAX_PACKET, MavlinkAddress,
     MavlinkAttitude, MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkGrammar,
     MavlinkHeartbeat, MavlinkPacket, MavlinkPose, MavlinkPosition, MavlinkText, ParameterName,
-    ParameterValue, SetpointKind, SigningKey, TextSeverity, Timesync, VehicleCommandLong,
+    ParameterValue, SetpointKind, SignatureCheck, SigningKey, TextSeverity, Timesync,
+    VehicleCommandLong,
 };
 use proptest::prelude::*;
 
@@ -193,6 +194,38 @@ fn a_signed_packet_is_longer_by_its_signature_and_is_read() {
     for wrong in ["", "0f", &"0g".repeat(32), &"0f".repeat(33)] {
         assert!(SigningKey::from_hex(wrong).is_none());
     }
+}
+
+#[test]
+fn only_packets_that_are_signed_with_the_key_are_believed_and_none_twice() {
+    const NOW_US: u64 = 1_800_000_000_000_000;
+    const MINUTE_US: u64 = 60_000_000;
+    let key = |digits: &str| SigningKey::from_hex(&digits.repeat(32)).unwrap();
+    let sender = |key: Option<SigningKey>, from, unix_us| {
+        let mut encoder = MavlinkEncoder::new(from);
+        if let Some(key) = key {
+            encoder.sign(key, unix_us);
+        }
+        encoder
+    };
+    let packet = |encoder: &mut MavlinkEncoder| {
+        let wire = encoder.encode(&MavlinkContent::Battery(11.1)).unwrap();
+        decoded(wire.as_bytes())[0]
+    };
+    let mut check = SignatureCheck::new(key("0f"), NOW_US);
+    let mut accepts = |packet: &MavlinkPacket| check.accepts(packet.from, packet.signed.as_ref());
+
+    assert!(!accepts(&packet(&mut sender(None, VEHICLE, 0))), "not signed");
+    assert!(!accepts(&packet(&mut sender(Some(key("1f")), VEHICLE, NOW_US))), "by another key");
+    let mut vehicle = sender(Some(key("0f")), VEHICLE, NOW_US);
+    let (first, second) = (packet(&mut vehicle), packet(&mut vehicle));
+    assert!(accepts(&first));
+    assert!(!accepts(&first), "recorded and sent again");
+    assert!(accepts(&second));
+    assert!(!accepts(&first), "older than the last");
+    let old = packet(&mut sender(Some(key("0f")), OWN, NOW_US - 2 * MINUTE_US));
+    assert!(!accepts(&old), "first heard, and more than a minute old");
+    assert!(accepts(&packet(&mut sender(Some(key("0f")), OWN, NOW_US - MINUTE_US / 2))));
 }
 
 #[test]

@@ -147,7 +147,7 @@ impl Errands {
 }
 
 /// Heartbeat of this computer.
-const OWN_HEARTBEAT: MavlinkHeartbeat = MavlinkHeartbeat {
+pub(crate) const OWN_HEARTBEAT: MavlinkHeartbeat = MavlinkHeartbeat {
     autopilot: AutopilotFirmware::None,
     custom_mode: 0,
     is_armed: false,

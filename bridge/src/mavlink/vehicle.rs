@@ -138,6 +138,18 @@ impl AutopilotState {
         false
     }
 
+    /// Takes a packet that is not believed: tells of it if it is the heartbeat of an autopilot, and none is known.
+    pub(super) fn hear_unsigned(
+        &self,
+        packet: &MavlinkPacket,
+        reply: &mut dyn FnMut(VehicleReply),
+    ) {
+        let MavlinkContent::Heartbeat(heartbeat) = packet.content else { return };
+        if self.chosen.is_none() && heartbeat.autopilot != AutopilotFirmware::None {
+            reply(VehicleReply::Refused(VehicleRefusal::Unsigned));
+        }
+    }
+
     /// Whether the sender of `heartbeat` may be chosen: there is no autopilot yet, or it is [`ABSENT`] and the motors of this one stand.
     fn is_vacant(&self, now: Time, heartbeat: &MavlinkHeartbeat) -> bool {
         let is_absent = |chosen: Chosen| now.since(chosen.heard_at) > ABSENT;

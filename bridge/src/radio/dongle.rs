@@ -24,4 +24,10 @@ pub trait RadioDongle: Debug {
     /// # Errors
     /// The radio is lost.
     fn exchange(&mut self, target: &RadioSpec, packet: &CrtpPacket) -> io::Result<RadioAck>;
+
+    /// Sends `packet` to every vehicle on the channel and with the rate of `target`; none acknowledges it.
+    ///
+    /// # Errors
+    /// The radio is lost.
+    fn broadcast(&mut self, target: &RadioSpec, packet: &CrtpPacket) -> io::Result<()>;
 }

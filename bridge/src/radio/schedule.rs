@@ -9,7 +9,7 @@
 use std::collections::VecDeque;
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_wire::crtp::{CrtpPacket, CrtpPort};
+use oqtal_wire::crtp::{CrtpPacket, CrtpPort, CrtpPose, CrtpRequest};
 
 /// Age above which a packet is never sent.
 pub const MAX_AGE: Span = Span::from_millis(50);
@@ -41,6 +41,8 @@ pub struct RadioCounts {
     pub dropped: u64,
     /// Repetitions by the radio itself \[-\].
     pub repeated: u64,
+    /// Poses that went in the packet of another vehicle's pose \[-\].
+    pub packed: u64,
 }
 
 /// What waits for one vehicle.
@@ -123,6 +125,32 @@ impl RadioSchedule {
         with_setpoint.or_else(with_other).or_else(to_poll)
     }
 
+    /// Takes the newest pose that waits for another vehicle out of the schedule, to go in the packet of the pose that goes now to
+    /// `vehicle`; `hears` says of a vehicle whether it hears that packet. Returns the vehicle, and its pose.
+    pub fn companion(
+        &mut self,
+        vehicle: usize,
+        hears: impl Fn(usize) -> bool,
+    ) -> Option<(usize, CrtpPose)> {
+        for (index, other) in self.vehicles.iter_mut().enumerate() {
+            if index == vehicle || !hears(index) {
+                continue;
+            }
+            if let Some(pose) = other.take_pose() {
+                other.counts.packed += 1;
+                return Some((index, pose));
+            }
+        }
+        None
+    }
+
+    /// Records that the packet that went to `vehicle` was sent to several, so that none acknowledges it.
+    pub fn broadcast(&mut self, vehicle: usize) {
+        if let Some(vehicle) = self.vehicles.get_mut(vehicle) {
+            vehicle.on_air = None;
+        }
+    }
+
     /// Takes what became of the packet that went: whether it was acknowledged, whether the vehicle said something in the
     /// acknowledgement, how often the radio repeated it.
     pub fn sent(&mut self, now: Time, vehicle: usize, ack: Option<bool>, repeated: u32) {
@@ -172,9 +200,37 @@ impl RadioVehicle {
         self.counts.dropped += (before - after) as u64;
     }
 
+    /// Takes the newest pose that waits; an older one is dropped.
+    fn take_pose(&mut self) -> Option<CrtpPose> {
+        let mut newest = None;
+        let before = self.others.len();
+        self.others.retain(|waiting| match single_pose(&waiting.packet) {
+            Some(pose) => {
+                newest = Some(pose);
+                false
+            }
+            None => true,
+        });
+        let poses = (before - self.others.len()) as u64;
+        self.counts.dropped += poses.saturating_sub(1);
+        newest
+    }
+
     fn take(&mut self, now: Time) -> Waiting {
         let null = Waiting { since: now, packet: CrtpPacket::NULL, attempts: 0 };
         self.setpoint.take().or_else(|| self.others.pop_front()).unwrap_or(null)
+    }
+}
+
+/// The pose in a packet of one pose; `None` for any other packet.
+pub fn single_pose(packet: &CrtpPacket) -> Option<CrtpPose> {
+    match CrtpRequest::read(packet)? {
+        CrtpRequest::Pose(pose) => Some(pose),
+        CrtpRequest::Poses(poses) => match poses.poses() {
+            [pose] => Some(pose.pose()),
+            _ => None,
+        },
+        _ => None,
     }
 }
 
@@ -187,7 +243,7 @@ fn is_setpoint(packet: &CrtpPacket) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use oqtal_wire::crtp::{CrtpRequest, LegacySetpoint};
+    use oqtal_wire::crtp::LegacySetpoint;
 
     const EXCHANGE: Span = Span::from_nanos(1_200_000);
 

@@ -33,6 +33,15 @@ pub struct SharedVehicle {
     pub address: SocketAddr,
 }
 
+/// How vehicles share a radio.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RadioShareOptions {
+    /// Packets other than set-points that each vehicle gets at most \[1/s\].
+    pub packets_per_s: f64,
+    /// Whether poses of two vehicles on one channel go in one packet.
+    pub packs_poses: bool,
+}
+
 impl FromStr for SharedVehicle {
     type Err = String;
 
@@ -48,11 +57,14 @@ impl FromStr for SharedVehicle {
 ///
 /// # Errors
 /// There is no radio, or it is lost; an address is in use, or named twice.
-pub fn share_radio(vehicles: &[SharedVehicle], packets_per_s: f64) -> Result<(), Failure> {
+pub fn share_radio(vehicles: &[SharedVehicle], options: RadioShareOptions) -> Result<(), Failure> {
     let stop = stop_on_signals()?;
     let mut bridges = vehicles.iter().map(BridgeSocket::bind).collect::<Result<Vec<_>, _>>()?;
     let radios = vehicles.iter().map(|vehicle| vehicle.radio).collect();
-    let mut worker = RadioWorker::new(UsbDongle::open()?, radios, packets_per_s);
+    let mut worker = RadioWorker::new(UsbDongle::open()?, radios, options.packets_per_s);
+    if options.packs_poses {
+        worker.pack_poses();
+    }
     for SharedVehicle { radio, address } in vehicles {
         tracing::info!("{radio} is at crtp:udp:{address}");
     }
@@ -175,6 +187,10 @@ mod tests {
     impl RadioDongle for Mirror {
         fn exchange(&mut self, _: &RadioSpec, packet: &CrtpPacket) -> io::Result<RadioAck> {
             Ok(RadioAck { is_acknowledged: true, repeated: 0, reply: Some(*packet) })
+        }
+
+        fn broadcast(&mut self, _: &RadioSpec, _: &CrtpPacket) -> io::Result<()> {
+            Ok(())
         }
     }
 

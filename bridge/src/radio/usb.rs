@@ -31,6 +31,8 @@ const POWER: u8 = 0x04;
 const REPEAT_DELAY: u8 = 0x05;
 const REPEAT_COUNT: u8 = 0x06;
 const ACKNOWLEDGE: u8 = 0x10;
+/// Address that every Crazyflie hears beside its own.
+const EVERYBODY: [u8; 5] = [0xFF, 0xE7, 0xE7, 0xE7, 0xE7];
 const CARRIER: u8 = 0x20;
 
 /// Greatest power, 0 dBm of the chip.
@@ -118,17 +120,34 @@ impl UsbDongle {
     }
 }
 
+impl UsbDongle {
+    fn send(&mut self, packet: &CrtpPacket) -> Result<(), TransferError> {
+        let bytes = packet.as_bytes().to_vec();
+        self.output.transfer_blocking(bytes.into(), TIMEOUT).status
+    }
+}
+
 impl RadioDongle for UsbDongle {
     fn exchange(&mut self, target: &RadioSpec, packet: &CrtpPacket) -> io::Result<RadioAck> {
-        let lost = |error: TransferError| io::Error::new(io::ErrorKind::BrokenPipe, error);
         self.tune(target).map_err(lost)?;
-        let sent = self.output.transfer_blocking(packet.as_bytes().to_vec().into(), TIMEOUT);
-        sent.status.map_err(lost)?;
+        self.send(packet).map_err(lost)?;
         let answer = self.input.allocate(MAX_ANSWER);
         let received = self.input.transfer_blocking(answer, TIMEOUT);
         received.status.map_err(lost)?;
         Ok(read_answer(&received.buffer))
     }
+
+    fn broadcast(&mut self, target: &RadioSpec, packet: &CrtpPacket) -> io::Result<()> {
+        self.tune(&RadioSpec { address: EVERYBODY, ..*target }).map_err(lost)?;
+        // Without an acknowledgement to wait for the radio answers nothing.
+        self.set(ACKNOWLEDGE, 0, &[]).map_err(lost)?;
+        self.send(packet).map_err(lost)?;
+        self.set(ACKNOWLEDGE, 1, &[]).map_err(lost)
+    }
+}
+
+fn lost(error: TransferError) -> io::Error {
+    io::Error::new(io::ErrorKind::BrokenPipe, error)
 }
 
 /// Reads status and reply: bit 0 for an acknowledgement, the repetitions in the upper half.

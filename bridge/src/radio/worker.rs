@@ -3,11 +3,11 @@
 use std::io;
 
 use oqtal_bus::time::{Span, Time};
-use oqtal_wire::crtp::CrtpPacket;
+use oqtal_wire::crtp::{CrtpPacket, CrtpRequest, PackedPose, PackedPoses};
 use oqtal_wire::link::RadioSpec;
 
 use super::dongle::RadioDongle;
-use super::schedule::{RadioCounts, RadioSchedule};
+use super::schedule::{RadioCounts, RadioSchedule, single_pose};
 
 /// Time between two accounts in the log.
 const ACCOUNT_PERIOD: Span = Span::from_millis(10_000);
@@ -18,6 +18,7 @@ pub struct RadioWorker<D> {
     dongle: D,
     vehicles: Vec<RadioSpec>,
     schedule: RadioSchedule,
+    packs_poses: bool,
     /// When the last account was given, and the traffic until then.
     account: (Time, Vec<RadioCounts>),
 }
@@ -28,7 +29,12 @@ impl<D: RadioDongle> RadioWorker<D> {
     pub fn new(dongle: D, vehicles: Vec<RadioSpec>, packets_per_s: f64) -> Self {
         let counts = vec![RadioCounts::default(); vehicles.len()];
         let schedule = RadioSchedule::new(vehicles.len(), packets_per_s);
-        Self { dongle, vehicles, schedule, account: (Time::UNSET, counts) }
+        Self { dongle, vehicles, schedule, packs_poses: false, account: (Time::UNSET, counts) }
+    }
+
+    /// From now on poses of two vehicles on one channel go in one packet if both wait, to the address that every vehicle hears.
+    pub fn pack_poses(&mut self) {
+        self.packs_poses = true;
     }
 
     /// Takes a packet for a vehicle.
@@ -51,12 +57,36 @@ impl<D: RadioDongle> RadioWorker<D> {
         clock: &mut dyn FnMut() -> Time,
     ) -> io::Result<Option<(usize, Option<CrtpPacket>)>> {
         let Some((vehicle, packet)) = self.schedule.next(clock()) else { return Ok(None) };
+        if let Some(packed) = self.packed(vehicle, &packet) {
+            self.dongle.broadcast(&self.vehicles[vehicle], &packed)?;
+            self.schedule.broadcast(vehicle);
+            return Ok(Some((vehicle, None)));
+        }
         let ack = self.dongle.exchange(&self.vehicles[vehicle], &packet)?;
         // A null packet in return says nothing.
         let reply = ack.reply.filter(|reply| !reply.is_null());
         let outcome = ack.is_acknowledged.then_some(reply.is_some());
         self.schedule.sent(clock(), vehicle, outcome, ack.repeated);
         Ok(Some((vehicle, reply)))
+    }
+
+    /// The packet of the pose in `packet`, which goes to `vehicle`, and of one that waits for another vehicle; `None` if there is none.
+    fn packed(&mut self, vehicle: usize, packet: &CrtpPacket) -> Option<CrtpPacket> {
+        let pose = single_pose(packet).filter(|_| self.packs_poses)?;
+        let Self { vehicles, schedule, .. } = self;
+        let own = vehicles[vehicle];
+        let hears = |other: usize| {
+            (vehicles[other].channel, vehicles[other].rate) == (own.channel, own.rate)
+        };
+        let id = |index: usize| vehicles[index].vehicle_id();
+        let first = PackedPose::of(id(vehicle), &pose)?;
+        let (other, pose) = schedule.companion(vehicle, hears)?;
+        // A pose that cannot be packed is that of a vehicle out of reach: the next one goes by itself.
+        let poses = match PackedPose::of(id(other), &pose) {
+            Some(second) => PackedPoses::of(&[first, second]),
+            None => PackedPoses::of(&[first]),
+        };
+        Some(CrtpRequest::Poses(poses).packet())
     }
 
     /// Traffic with one vehicle since the start.
@@ -81,12 +111,13 @@ impl<D: RadioDongle> RadioWorker<D> {
             let sent = counts.sent - before.sent;
             let share = (counts.acknowledged - before.acknowledged) as f64 / sent.max(1) as f64;
             tracing::info!(
-                "{vehicle}: {:.0} packets/s, of them {:.0} set-points; {:.1} % acknowledged, {} repeated, {} dropped",
+                "{vehicle}: {:.0} packets/s, of them {:.0} set-points; {:.1} % acknowledged, {} repeated, {} dropped, {} poses in packets of others",
                 sent as f64 / seconds,
                 (counts.setpoints - before.setpoints) as f64 / seconds,
                 100.0 * share,
                 counts.repeated - before.repeated,
                 counts.dropped - before.dropped,
+                counts.packed - before.packed,
             );
             *before = counts;
         }

@@ -187,6 +187,14 @@ message! {
         innovation_attitude: [f64; 3] ["rad, body"],
         /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
         nis: [f64; 2] ["-"],
+        /// Rate over the commanded one by the model adapted in flight; NaN if none is, as the next three.
+        adapted_rate_gain: f64 ["-"],
+        /// Lag of the rate by that model.
+        adapted_rate_lag_s: f64 ["s"],
+        /// Delay of commands behind their reported effect by that model.
+        adapted_delay_s: f64 ["s"],
+        /// Thrust over the mass by that model, relative to the configured one.
+        adapted_thrust_gain: f64 ["-"],
         /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
         obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
@@ -201,6 +209,8 @@ message! {
         scored: u8 ["flag"],
         /// 1 if this tick used a new pose, 0 if it acted on its deadline.
         fresh: u8 ["flag"],
+        /// 1 while the adapted model predicts worse than the configured one, which is flown in its place.
+        fell_back: u8 ["flag"],
         /// 1 if the attitude command hit its limit.
         saturated: u8 ["flag"],
     }

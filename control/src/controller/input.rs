@@ -56,6 +56,9 @@ pub trait InputForm {
     /// Converts a command to `u`.
     fn u_from(command: Self::Command) -> Vector3<f64>;
 
+    /// Sets the lag of the rate behind `u` in the feed-forward \[s\]; without effect where the vehicle has none.
+    fn set_rate_lag(&mut self, _lag_s: f64, _period_s: f64) {}
+
     /// `omega x J omega`, the gyroscopic torque that `u` must cancel \[N m, body axes\]; zero in rate form.
     fn gyroscopic(&self, omega: BodyRate) -> Vector3<f64> {
         self.inertia().map_or_else(Vector3::zeros, |inertia| inertia.gyroscopic_torque(omega).0)
@@ -173,11 +176,15 @@ impl RateInput {
             ("rate-lag-s", lag_s, Rule::Positive),
             ("period-s", period_s, Rule::Positive),
         ])?;
-        // A held command moves the rate by (1 - e^(-T/lag)) (u - omega): for omega_d to grow by T
-        // omega_d_dot it must be ahead by T / (1 - e^(-T/lag)), which is the lag and half a period.
-        let lead_s = period_s / -(-period_s / lag_s).exp_m1();
-        Ok(Self { lag_s, lead_s, ..self })
+        Ok(Self { lag_s, lead_s: lead_s(lag_s, period_s), ..self })
     }
+}
+
+/// Time by which a rate must be commanded ahead if it follows with `lag_s` and commands are held for `period_s` \[s\].
+fn lead_s(lag_s: f64, period_s: f64) -> f64 {
+    // A held command moves the rate by (1 - e^(-T/lag)) (u - omega): for omega_d to grow by T
+    // omega_d_dot it must be ahead by T / (1 - e^(-T/lag)), which is the lag and half a period.
+    period_s / -(-period_s / lag_s).exp_m1()
 }
 
 impl InputForm for RateInput {
@@ -227,6 +234,12 @@ impl InputForm for RateInput {
     fn saturate(&self, u: &Vector3<f64>) -> Vector3<f64> {
         // Each stick is limited separately: a saturated yaw does not reduce roll and pitch.
         if is_finite(u) { u.map(|stick| stick.clamp(-1.0, 1.0)) } else { Vector3::zeros() }
+    }
+
+    fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        if self.lag_s > 0.0 && lag_s > 0.0 {
+            self.lead_s = lead_s(lag_s, period_s);
+        }
     }
 
     fn command_from(u: Vector3<f64>) -> StickCommand {

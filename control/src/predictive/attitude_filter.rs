@@ -115,6 +115,26 @@ impl AttitudeFilter {
     /// Corrects `motion` by this innovation \[rad, body axes\], of a measurement with standard deviation `noise` \[rad\].
     pub fn correct_by(&mut self, motion: &mut Motion, innovation: &Vector3<f64>, noise: f64) {
         let gain = self.covariance.correct(noise);
+        self.apply(motion, innovation, &gain);
+    }
+
+    /// Corrects `motion` by this innovation \[rad, body axes\]; returns the gain from it to `[theta; omega; d]`.
+    pub fn correct_with_gain(
+        &mut self,
+        motion: &mut Motion,
+        innovation: &Vector3<f64>,
+    ) -> Vector3<f64> {
+        let gain = self.covariance.correct(self.noise);
+        self.apply(motion, innovation, &gain);
+        gain
+    }
+
+    /// Adds to the bias \[as the demand, body axes\].
+    pub fn shift_bias(&mut self, shift: &Vector3<f64>) {
+        self.bias = (self.bias + shift).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));
+    }
+
+    fn apply(&mut self, motion: &mut Motion, innovation: &Vector3<f64>, gain: &Vector3<f64>) {
         motion.attitude = motion.attitude.turned_by(innovation * gain.x);
         motion.rate += innovation * gain.y;
         self.bias = (self.bias + innovation * gain.z).map(|d| d.clamp(-BIAS_LIMIT, BIAS_LIMIT));

@@ -1,4 +1,12 @@
-//! The commands already sent: those that act on the vehicle now and those still on the way.
+//! The commands already sent: those that act on the vehicle now, those still on the way, and those that were lost.
+//!
+//! Commands use one connection, so their order is kept, and a vehicle that reports one that it applied will not apply an
+//! older one any more: an older one without a report was lost. So was one whose report is due by now, as long as reports come at
+//! all. Of the commands that no report can be expected of yet, each counts as lost with the probability with which commands have
+//! been lost lately after one that was lost, or after one that was not (Gilbert, *Capacity of a burst-noise channel*, Bell System
+//! Technical Journal 39, 1960). The expected input then acts: the motion under it is the expected motion of a linear vehicle.
+
+use nalgebra::Vector3;
 
 use super::model::{Bias, ModelInput, Motion, VehicleModel};
 use super::ring::Ring;
@@ -9,6 +17,15 @@ const DELAY_WEIGHT: f64 = 0.1;
 /// Greatest plausible delay \[s\]; a longer one is taken for a wrong stamp and ignored.
 const LONGEST_DELAY_S: f64 = 0.25;
 
+/// Weight of a command in the low-pass on the losses \[-\]: a memory of some hundred commands.
+const LOSS_WEIGHT: f64 = 0.01;
+
+/// Probability of a further loss after the first one, until one is measured \[-\].
+const FIRST_GUESS: f64 = 0.5;
+
+/// Reduction, with each report, of the number of commands after which a report counts as overdue \[-\].
+const PATIENCE_DECAY: f64 = 0.02;
+
 /// A command that was sent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sent {
@@ -16,6 +33,36 @@ struct Sent {
     sent_s: f64,
     acts_s: f64,
     input: ModelInput,
+    /// Whether its fate is known.
+    settled: bool,
+    /// Probability that it does not act \[-\].
+    doubt: f64,
+}
+
+/// A vehicle's report that it applied a command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CommandReport {
+    /// Sequence of the command.
+    pub sequence: u64,
+    /// When it took effect \[s\].
+    pub acts_s: f64,
+    /// Whether no report between the last one and this one was missed: commands in between were then lost.
+    pub follows: bool,
+}
+
+/// Difference between the effect of a command and the one that the model and the reports have of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CommandEffect {
+    /// From the reported to the real effect \[s\].
+    pub delay_s: f64,
+    /// Factor of the demand about each axis \[-, body axes\].
+    pub gain: Vector3<f64>,
+}
+
+impl Default for CommandEffect {
+    fn default() -> Self {
+        Self { delay_s: 0.0, gain: Vector3::repeat(1.0) }
+    }
 }
 
 /// The newest commands with the times at which they take effect, and the measured delay from sending to effect.
@@ -23,19 +70,56 @@ struct Sent {
 pub struct CommandHistory {
     sent: Ring<Sent>,
     delay_s: f64,
+    effect: CommandEffect,
+    /// Probability of a loss after a command that arrived, and after one that was lost \[-\].
+    losses: [f64; 2],
+    /// Whether the newest command of known fate was lost.
+    last_was_lost: bool,
+    /// Commands sent after one before its report arrives, at most \[-\]; `None` before the first report.
+    patience: Option<f64>,
 }
 
 impl CommandHistory {
     /// An empty history. `delay_s` is the delay from sending to effect until one is measured \[s\].
     #[must_use]
     pub fn new(delay_s: f64) -> Self {
-        Self { sent: Ring::new(), delay_s }
+        Self {
+            sent: Ring::new(),
+            delay_s,
+            effect: CommandEffect::default(),
+            losses: [0.0, FIRST_GUESS],
+            last_was_lost: false,
+            patience: None,
+        }
     }
 
-    /// Measured delay from sending a command to its effect \[s\].
+    /// Measured delay from sending a command to its effect, by the reports \[s\].
     #[must_use]
     pub fn delay_s(&self) -> f64 {
         self.delay_s
+    }
+
+    /// Delay from sending a command to its effect, with what reports do not show \[s\].
+    #[must_use]
+    pub fn effect_delay_s(&self) -> f64 {
+        self.delay_s + self.effect.delay_s
+    }
+
+    /// Probability that a command is lost after one that arrived, and after one that was lost, as measured lately \[-\].
+    #[must_use]
+    pub fn loss_probabilities(&self) -> [f64; 2] {
+        self.losses
+    }
+
+    /// How the effect of commands differs from the reported one.
+    #[must_use]
+    pub fn effect(&self) -> &CommandEffect {
+        &self.effect
+    }
+
+    /// Sets how the effect of commands differs from the reported one.
+    pub fn set_effect(&mut self, effect: CommandEffect) {
+        self.effect = effect;
     }
 
     /// Records a command sent at `sent_s` \[s\]. A command that does not follow the last one is ignored.
@@ -45,19 +129,74 @@ impl CommandHistory {
         if follows && sent_s.is_finite() {
             // Commands use one connection, so their order is kept.
             let acts_s = (sent_s + self.delay_s).max(newest.map_or(sent_s, |last| last.acts_s));
-            self.sent.push(Sent { sequence, sent_s, acts_s, input });
+            self.sent.push(Sent { sequence, sent_s, acts_s, input, settled: false, doubt: 0.0 });
+            self.doubt_open(1);
         }
     }
 
-    /// Records that a command took effect at `acts_s` \[s\].
-    pub fn applied(&mut self, sequence: u64, acts_s: f64) {
-        let Some(sent) = self.sent.newest_mut(|sent| sent.sequence == sequence) else {
+    /// Records that a command took effect.
+    pub fn applied(&mut self, report: CommandReport) {
+        let CommandReport { sequence, acts_s, follows } = report;
+        let Some(newer) = self.sent.newest_first().position(|sent| sent.sequence == sequence)
+        else {
             return;
         };
+        let Some(sent) = self.sent.back_mut(newer + 1) else { return };
         let measured_s = acts_s - sent.sent_s;
-        if (0.0..=LONGEST_DELAY_S).contains(&measured_s) {
-            sent.acts_s = acts_s;
-            self.delay_s += DELAY_WEIGHT * (measured_s - self.delay_s);
+        if !(0.0..=LONGEST_DELAY_S).contains(&measured_s) {
+            return;
+        }
+        sent.acts_s = acts_s;
+        self.delay_s += DELAY_WEIGHT * (measured_s - self.delay_s);
+        let open = self.open_until();
+        if newer < open {
+            // Where reports are missed they come after more commands.
+            let waited = if follows { newer } else { open };
+            let patience = self.patience.map_or(0.0, |patience| patience - PATIENCE_DECAY);
+            self.patience = Some(patience.max(waited as f64));
+            self.settle(newer + 1, follows);
+            self.doubt_open(0);
+        }
+    }
+
+    /// Counts commands as lost whose reports are overdue when the next command is to be sent.
+    pub fn expect_reports(&mut self) {
+        self.doubt_open(0);
+    }
+
+    /// Settles the command that was sent `back` commands ago as applied, and those before it as lost, unless the vehicle may have
+    /// reported them.
+    fn settle(&mut self, back: usize, follows: bool) {
+        for older in (back..=self.open_until()).rev() {
+            let is_lost = follows && older > back;
+            let Some(sent) = self.sent.back_mut(older) else { continue };
+            (sent.settled, sent.doubt) = (true, f64::from(u8::from(is_lost)));
+            let after = &mut self.losses[usize::from(self.last_was_lost)];
+            *after += LOSS_WEIGHT * (f64::from(u8::from(is_lost)) - *after);
+            self.last_was_lost = is_lost;
+        }
+    }
+
+    /// How many commands ago the oldest one of open fate was sent \[-\]; 0 if there is none.
+    fn open_until(&self) -> usize {
+        self.sent.newest_first().take_while(|sent| !sent.settled).count()
+    }
+
+    /// Gives the commands of open fate their probabilities, from the oldest one on. `sent` is the number of commands sent since
+    /// reports were last looked for \[-\].
+    fn doubt_open(&mut self, sent: usize) {
+        let Some(patience) = self.patience else { return };
+        let overdue = patience.ceil() as usize + 1 + sent;
+        let [after_arrival, after_loss] = self.losses;
+        let mut doubt = 0.0;
+        for back in (1..=self.open_until()).rev() {
+            doubt = doubt * after_loss + (1.0 - doubt) * after_arrival;
+            if back >= overdue {
+                doubt = 1.0;
+            }
+            if let Some(open) = self.sent.back_mut(back) {
+                open.doubt = doubt;
+            }
         }
     }
 
@@ -69,9 +208,11 @@ impl CommandHistory {
         (motion, bias): (&Motion, &Bias),
         (from_s, to_s): (f64, f64),
     ) -> Motion {
+        let CommandEffect { delay_s, gain } = self.effect;
         let (mut motion, mut t_s) = (*motion, from_s);
         while t_s < to_s {
-            let (input, until_s) = self.at(t_s);
+            let (mut input, until_s) = self.reported(t_s, delay_s);
+            input.demand.component_mul_assign(&gain);
             let end_s = until_s.min(to_s);
             motion = model.advance(&motion, &input, bias, end_s - t_s);
             t_s = end_s;
@@ -79,15 +220,30 @@ impl CommandHistory {
         motion
     }
 
-    /// The input that acts at `t_s` \[s\] and the time until which it acts \[s\]; zero before the first command.
-    fn at(&self, t_s: f64) -> (ModelInput, f64) {
+    /// The input that is expected to act at `t_s` \[s\], if commands act `delay_s` \[s\] after their reported effect, and the time
+    /// until which it does \[s\]; zero before the first command.
+    #[must_use]
+    pub fn reported(&self, t_s: f64, delay_s: f64) -> (ModelInput, f64) {
         let mut until_s = f64::INFINITY;
-        for sent in self.sent.newest_first() {
-            if sent.acts_s <= t_s {
-                return (sent.input, until_s);
+        let mut commands = self.sent.newest_first();
+        let acting = commands.find(|sent| {
+            let acts = sent.acts_s + delay_s <= t_s;
+            if !acts {
+                until_s = until_s.min(sent.acts_s + delay_s);
             }
-            until_s = until_s.min(sent.acts_s);
+            acts
+        });
+        let Some(acting) = acting else { return (ModelInput::default(), until_s) };
+        let (mut input, mut doubt) = (acting.input, acting.doubt);
+        for older in commands {
+            if doubt <= 0.0 {
+                break;
+            }
+            // What acts if the newer ones do not.
+            let share = doubt * (1.0 - older.doubt);
+            input = input.towards(&older.input, share / (1.0 - doubt + share).max(f64::EPSILON));
+            doubt *= older.doubt;
         }
-        (ModelInput::default(), until_s)
+        (input, until_s)
     }
 }

@@ -31,6 +31,13 @@ impl<I: InputForm> InnerLaw<I> {
         }
     }
 
+    /// Sets the lag of the rate \[s\] for a loop that runs every `period_s` \[s\]. Other laws keep the one of their design.
+    pub(super) fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        if let Self::Own(law) = self {
+            law.set_rate_lag(lag_s, period_s);
+        }
+    }
+
     /// Restarts integral action.
     pub(super) fn reset(&mut self) {
         match self {

@@ -14,6 +14,7 @@
 //! | `model.rs` | model of the vehicle |
 //! | `history.rs` | commands sent, measured delay |
 //! | `kalman.rs`, `attitude_filter.rs`, `position_filter.rs` | the filters |
+//! | `rotation_estimator.rs`, `adaptation.rs` | the model adapted in flight |
 //! | `observer.rs` | estimate of the motion from both filters; differences on the floor |
 //! | `reference_model.rs` | a reference with limited speed, acceleration and jerk |
 //! | `position_law.rs`, `command_filter.rs` | desired acceleration |
@@ -28,6 +29,7 @@
 //! motion is predicted to that time, and the reference is that of that time. The set-point reported for now was
 //! therefore decided one delay ago.
 
+mod adaptation;
 mod attitude_filter;
 mod command_filter;
 mod flatness;
@@ -42,6 +44,7 @@ mod position_filter;
 mod position_law;
 mod reference_model;
 mod ring;
+mod rotation_estimator;
 mod setpoint_buffer;
 mod track;
 
@@ -57,19 +60,21 @@ use crate::quantity::BodyRate;
 use crate::quaternion::Attitude;
 use crate::tracking_error::AttitudeError;
 use crate::trajectory::Reference;
+pub use adaptation::{Adaptation, AdaptedModel};
 pub use attitude_filter::AttitudeFilter;
 pub use command_filter::{CommandFilter, Smooth};
 pub use flatness::Force;
-pub use history::CommandHistory;
+pub use history::{CommandEffect, CommandHistory, CommandReport};
 use inner_law::InnerLaw;
 pub use kalman::{Covariance, StateTransition};
 pub use look_ahead::LookAhead;
-pub use model::{Bias, ModelInput, Motion, Rotation, VehicleModel};
+pub use model::{Bias, Integration, ModelInput, Motion, Rotation, VehicleModel};
 pub use observer::{FilterInnovation, MotionObserver};
-pub use options::{FilterOptions, PredictiveOptions};
+pub use options::{AdaptationOptions, FilterOptions, PredictiveOptions};
 pub use position_filter::PositionFilter;
 pub use position_law::{PositionLaw, Setpoint};
 pub use reference_model::{Course, MotionLimits, ReferenceModel, ReferenceModelOptions};
+pub use rotation_estimator::{RateResponse, ResponseBounds, RotationEstimator};
 use setpoint_buffer::SetpointBuffer;
 pub use track::{Deviation, Innovation, MeasuredPose, Surroundings, Track};
 
@@ -127,7 +132,11 @@ pub struct PredictiveCommand {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Autopilot<I> {
     design: Design<I>,
+    /// The model that is flown: that of the design, adapted.
+    model: VehicleModel,
     observer: MotionObserver,
+    /// `None` for a fixed model.
+    adaptation: Option<Adaptation>,
     history: CommandHistory,
     position: PositionLaw,
     attitude: InnerLaw<I>,
@@ -149,7 +158,12 @@ impl<I: InputForm + Copy> Autopilot<I> {
         loops: &PositionOptions,
     ) -> Result<Self, OptionError> {
         Ok(Self {
+            model: design.model,
             observer: MotionObserver::new(design.model, options.filter),
+            adaptation: options
+                .adaptation
+                .adapt
+                .then(|| Adaptation::new(&options.adaptation, &options.filter, &design.model)),
             history: CommandHistory::new(design.delay_s),
             position: PositionLaw::new(options, loops, design.model.gravity_m_s2),
             attitude: InnerLaw::Own(OqtalDt::new(law, design.input, design.period_s)?),
@@ -179,6 +193,33 @@ impl<I: InputForm + Copy> Autopilot<I> {
     /// Takes the pose captured at `t_s` \[s\], with velocity and body rate from differences.
     pub fn observe(&mut self, t_s: f64, measured: &Estimate) {
         self.observer.take(t_s, measured, &self.history);
+        if let Some(adaptation) = &mut self.adaptation {
+            match self.observer.latest().filter(|_| self.observer.is_airborne()) {
+                Some((last_s, motion)) if last_s == t_s => {
+                    let vertical = self.observer.bias().acceleration.z;
+                    let seen = (&measured.attitude, motion, vertical);
+                    adaptation.take(t_s, seen, &self.history);
+                }
+                Some(_) => {}
+                None => adaptation.land(),
+            }
+            let adapted = adaptation.model();
+            self.fly_with(&adapted);
+        }
+    }
+
+    /// Predicts and commands with this model from now on.
+    fn fly_with(&mut self, adapted: &AdaptedModel) {
+        self.model = adapted.of(&self.design.model);
+        self.observer.set_model(self.model);
+        self.history.set_effect(adapted.effect());
+        self.attitude.set_rate_lag(adapted.rate_lag_s, self.design.period_s);
+    }
+
+    /// The model that is flown, relative to the configured one; `None` if that is flown itself.
+    #[must_use]
+    pub fn adapted(&self) -> Option<AdaptedModel> {
+        self.adaptation.as_ref().map(Adaptation::model)
     }
 
     /// Records a command sent at `t_s` \[s\].
@@ -190,9 +231,9 @@ impl<I: InputForm + Copy> Autopilot<I> {
         self.history.push(sequence, t_s, ModelInput { demand, attitude, thrust_n });
     }
 
-    /// Records that a command took effect at `t_s` \[s\].
-    pub fn applied(&mut self, sequence: u64, t_s: f64) {
-        self.history.applied(sequence, t_s);
+    /// Records that a command took effect.
+    pub fn applied(&mut self, report: CommandReport) {
+        self.history.applied(report);
     }
 
     /// Measured delay from sending a command to its effect \[s\].
@@ -212,7 +253,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
     /// pose, if no time has passed, and if a number is not finite or overflows; no part of such a step is stored.
     pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<PredictiveOutput> {
         let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
-        let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.delay_s());
+        self.history.expect_reports();
+        let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.effect_delay_s());
         let motion = self.observer.predict(now_s + delay_s, &self.history)?;
         let sound = motion.is_finite() && reference.is_finite() && now_s.is_finite();
         if !sound || dt_s <= 0.0 {
@@ -250,7 +292,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
             }
         };
         let cosine = motion.attitude.to_world(&Vector3::z()).z.max(LEAST_COSINE);
-        let thrust_n = self.design.model.mass_kg * force.value.z / cosine;
+        let thrust_n = self.model.mass_kg * force.value.z / cosine;
         let numbers = velocity.iter().chain(&force.value).chain([&thrust_n]);
         if attitude.is_finite() && numbers.copied().all(f64::is_finite) {
             return Some(PositionCommand { attitude, thrust_n, velocity });
@@ -291,6 +333,7 @@ impl<I: InputForm + Copy> Autopilot<I> {
         let state = AttitudeState { attitude: motion.attitude, rate: BodyRate(motion.rate) };
         let Design { input, .. } = &self.design;
         let demanded = self.attitude.input(&state, wanted, dt_s);
-        input.saturate(&(demanded - input.input_for(&bias.demand)))
+        let u = demanded - input.input_for(&bias.demand);
+        input.saturate(&u.component_div(&self.history.effect().gain))
     }
 }

@@ -61,6 +61,17 @@ impl MotionObserver {
         }
     }
 
+    /// Sets the model of the vehicle from now on.
+    pub fn set_model(&mut self, model: VehicleModel) {
+        self.model = model;
+    }
+
+    /// Whether the vehicle has left the floor.
+    #[must_use]
+    pub fn is_airborne(&self) -> bool {
+        self.airborne
+    }
+
     /// Restarts with a vehicle at rest at its last position.
     pub fn reset(&mut self) {
         *self = Self { last: self.last, ..Self::new(self.model, self.options) };

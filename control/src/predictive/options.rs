@@ -55,6 +55,49 @@ impl FilterOptions {
     }
 }
 
+/// Options of the adaptation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
+pub struct AdaptationOptions {
+    /// Whether the model is adapted in flight.
+    pub adapt: bool,
+    /// Greatest relative deviation of the rate over the commanded one \[-\].
+    pub rate_gain_deviation: f64,
+    /// Greatest deviation of the lag of the rate \[ms\].
+    pub rate_lag_deviation_ms: f64,
+    /// Greatest delay that no report shows \[ms\].
+    pub delay_deviation_ms: f64,
+    /// Greatest relative deviation of the thrust over the mass \[-\].
+    pub thrust_deviation: f64,
+}
+
+impl Default for AdaptationOptions {
+    fn default() -> Self {
+        Self {
+            adapt: false,
+            rate_gain_deviation: 0.4,
+            rate_lag_deviation_ms: 60.0,
+            delay_deviation_ms: 40.0,
+            thrust_deviation: 0.4,
+        }
+    }
+}
+
+impl AdaptationOptions {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
+        check_options([
+            ("rate-gain-deviation", self.rate_gain_deviation, Rule::Between(0.0, 0.9)),
+            ("rate-lag-deviation-ms", self.rate_lag_deviation_ms, Rule::Between(0.0, 500.0)),
+            ("delay-deviation-ms", self.delay_deviation_ms, Rule::Between(0.0, 100.0)),
+            ("thrust-deviation", self.thrust_deviation, Rule::Between(0.0, 0.9)),
+        ])
+    }
+}
+
 /// Options of the [`Autopilot`](super::Autopilot).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
@@ -69,6 +112,8 @@ pub struct PredictiveOptions {
     pub command_bandwidth_rad_s: f64,
     /// The Kalman filters.
     pub filter: FilterOptions,
+    /// Adaptation of the model in flight.
+    pub adaptation: AdaptationOptions,
     /// The reference model.
     pub reference: ReferenceModelOptions,
 }
@@ -85,6 +130,7 @@ impl Default for PredictiveOptions {
             velocity_gain_per_s: 7.7,
             command_bandwidth_rad_s: 15.0,
             filter: FilterOptions::default(),
+            adaptation: AdaptationOptions::default(),
             reference: ReferenceModelOptions::default(),
         }
     }
@@ -107,6 +153,7 @@ impl PredictiveOptions {
             ("command-bandwidth-rad-s", self.command_bandwidth_rad_s, Rule::Between(0.1, 1000.0)),
         ])?;
         self.filter.check().map_err(|error| error.within("filter"))?;
+        self.adaptation.check().map_err(|error| error.within("adaptation"))?;
         self.reference.check().map_err(|error| error.within("reference"))
     }
 }

@@ -29,10 +29,12 @@ impl<T: Copy> Ring<T> {
         (1..=KEPT).map_while(|back| self.items[self.index(back)].as_ref())
     }
 
-    /// The newest item for which `holds` is true. One that was added lately is found without reading the whole buffer.
-    pub fn newest_mut(&mut self, holds: impl FnMut(&T) -> bool) -> Option<&mut T> {
-        let newer = self.newest_first().position(holds)?;
-        let index = self.index(newer + 1);
+    /// The item that was added `back` items ago \[-\]; 1 for the newest.
+    pub fn back_mut(&mut self, back: usize) -> Option<&mut T> {
+        if !(1..=KEPT).contains(&back) {
+            return None;
+        }
+        let index = self.index(back);
         self.items[index].as_mut()
     }
 

@@ -2,7 +2,9 @@
 
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::estimator::Estimate;
-use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion, PredictiveCommand};
+use oqtal_control::predictive::{
+    Bias, CommandHistory, CommandReport, ModelInput, Motion, PredictiveCommand,
+};
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{Phase, Reference};
 
@@ -189,7 +191,8 @@ proptest! {
             let u = Vector3::new(a, b, c);
             let command = PredictiveCommand { u, attitude: Attitude::LEVEL, thrust_n: d };
             bench.autopilot.sent(bench.tick, bench.now_s(), &command);
-            bench.autopilot.applied(bench.tick, h);
+            let report = CommandReport { sequence: bench.tick, acts_s: h, follows: true };
+            bench.autopilot.applied(report);
             let reference = Reference { position: Vector3::new(f, g, h), ..hover() };
             if let Some(decision) = bench.autopilot.decide(bench.now_s(), &reference) {
                 prop_assert!(decision.u.iter().all(|stick| (-1.0..=1.0).contains(stick)));

@@ -7,27 +7,8 @@ use oqtal_control::predictive::{
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::riccati::dare;
 
+use super::noise::Noise;
 use super::*;
-
-/// Deviates of the standard normal distribution, from a generator of linear congruences.
-struct Noise(u64);
-
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        // Box and Muller
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-
-    fn vector(&mut self) -> Vector3<f64> {
-        Vector3::from_fn(|_, _| self.normal())
-    }
-}
 
 /// Options with walks so small that no bias reaches its limit in a test.
 fn options() -> FilterOptions {
@@ -92,7 +73,7 @@ fn innovations_of_the_position_filter_are_white_and_of_the_size_it_expects() {
     let (h, sd) = (PERIOD_S, options.position_noise_mm * 1e-3);
     let (mut truth, mut bias) = (Motion::default(), Vector3::zeros());
     let mut estimate = Motion::default();
-    let mut innovations = Vec::new();
+    let (mut innovations, mut errors) = (Vec::new(), Vec::new());
     for _ in 0..3000 {
         for (motion, bias) in [(&mut truth, &bias), (&mut estimate, filter.bias())] {
             motion.position += motion.velocity * h + bias * (h * h / 2.0);
@@ -107,9 +88,29 @@ fn innovations_of_the_position_filter_are_white_and_of_the_size_it_expects() {
         filter.predict(0.25, h);
         let measured = truth.position + noise.vector() * sd;
         innovations.push(filter.correct(&mut estimate, &measured));
+        let off = [truth.position - estimate.position, truth.velocity - estimate.velocity];
+        errors.push(squares(&filter.covariance().0, &[off[0], off[1], bias - filter.bias()]));
     }
     let transition = PositionFilter::new(&options).transition(0.25, h);
     assert_white(&innovations, settled(&transition, sd)[(0, 0)] + sd * sd);
+    assert_consistent(&errors);
+}
+
+/// Squares of the error of an axis over its covariance (normalised estimation error squared), mean of the axes: 3 in the mean.
+fn squares(covariance: &Matrix3<f64>, errors: &[Vector3<f64>; 3]) -> f64 {
+    let inverse = covariance.try_inverse().expect("a covariance");
+    let of_axis = |axis: usize| {
+        let error = Vector3::from_fn(|state, _| errors[state][axis]);
+        error.dot(&(inverse * error))
+    };
+    (0..3).map(of_axis).sum::<f64>() / 3.0
+}
+
+/// The errors are as large as the filter says. They are correlated over some tenths of a second, which leaves some hundred
+/// independent ones.
+fn assert_consistent(squares: &[f64]) {
+    let mean = squares[200..].iter().sum::<f64>() / (squares.len() - 200) as f64;
+    assert!((2.5..3.5).contains(&mean), "squares of the errors over their variance: {mean}");
 }
 
 #[test]
@@ -123,7 +124,7 @@ fn innovations_of_the_attitude_filter_are_white_and_of_the_size_it_expects() {
     let turn = LAG_S * (1.0 - decay);
     let (mut truth, mut drift) = (Motion::default(), Vector3::zeros());
     let mut estimate = Motion::default();
-    let mut innovations = Vec::new();
+    let (mut innovations, mut errors) = (Vec::new(), Vec::new());
     for _ in 0..3000 {
         for (motion, drift) in [(&mut truth, &drift), (&mut estimate, filter.bias())] {
             let angle = motion.rate * turn + drift * (h - turn);
@@ -138,9 +139,13 @@ fn innovations_of_the_attitude_filter_are_white_and_of_the_size_it_expects() {
         filter.predict(&model.rotation, h);
         let measured = truth.attitude.turned_by(noise.vector() * sd);
         innovations.push(filter.correct(&mut estimate, &measured));
+        let turn = estimate.attitude.rotation_to(&truth.attitude);
+        let off = [turn, truth.rate - estimate.rate, drift - filter.bias()];
+        errors.push(squares(&filter.covariance().0, &off));
     }
     let transition = AttitudeFilter::new(&options).transition(&model.rotation, h);
     assert_white(&innovations, settled(&transition, sd)[(0, 0)] + sd * sd);
+    assert_consistent(&errors);
 }
 
 proptest! {

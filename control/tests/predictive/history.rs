@@ -1,11 +1,15 @@
 //! The history of commands.
 
-use oqtal_control::predictive::{Bias, CommandHistory, ModelInput, Motion};
+use oqtal_control::predictive::{Bias, CommandHistory, CommandReport, ModelInput, Motion};
 
 use super::*;
 
 fn thrust(thrust_n: f64) -> ModelInput {
     ModelInput { thrust_n, ..ModelInput::default() }
+}
+
+fn report(sequence: u64, acts_s: f64) -> CommandReport {
+    CommandReport { sequence, acts_s, follows: true }
 }
 
 /// The thrust that a vehicle without lag has at `t_s`.
@@ -32,13 +36,13 @@ fn the_delay_is_learnt_from_what_the_vehicle_says() {
     for sequence in 1..200 {
         let sent_s = sequence as f64 * PERIOD_S;
         history.push(sequence, sent_s, thrust(1.0));
-        history.applied(sequence, sent_s + 0.03);
+        history.applied(report(sequence, sent_s + 0.03));
     }
     assert!((history.delay_s() - 0.03).abs() < 1e-6);
     // Neither a command nobody knows nor a stamp that cannot be changes it.
-    history.applied(7_000, 0.0);
-    history.applied(199, 1e3);
-    history.applied(199, f64::NAN);
+    history.applied(report(7_000, 0.0));
+    history.applied(report(199, 1e3));
+    history.applied(report(199, f64::NAN));
     assert!((history.delay_s() - 0.03).abs() < 1e-6);
 }
 
@@ -50,6 +54,73 @@ fn what_is_not_finite_or_older_than_the_last_is_not_remembered() {
     history.push(2, 0.5, thrust(2.0));
     history.push(3, f64::NAN, thrust(3.0));
     assert_eq!(history, before);
+}
+
+/// A history of commands with the thrust of their number, one a period, of which some are reported lost by silence: those for which
+/// `lost` is true. Reports come while one newer command is on its way.
+fn reported(commands: u64, lost: impl Fn(u64) -> bool) -> CommandHistory {
+    let mut history = CommandHistory::new(DELAY_S);
+    for tick in 1..=commands {
+        if tick > 2 && !lost(tick - 2) {
+            history.applied(report(tick - 2, (tick - 2) as f64 * PERIOD_S + DELAY_S));
+        }
+        history.push(tick, tick as f64 * PERIOD_S, thrust(tick as f64));
+    }
+    history
+}
+
+/// When command `tick` acts, and a little.
+fn effect_s(tick: u64) -> f64 {
+    tick as f64 * PERIOD_S + DELAY_S + 1e-6
+}
+
+#[test]
+fn a_command_whose_report_is_overdue_was_lost_and_the_last_one_acts_on() {
+    let history = reported(100, |tick| (90..95).contains(&tick));
+    for tick in 90..95 {
+        assert_eq!(history.reported(effect_s(tick), 0.0).0.thrust_n, 89.0);
+    }
+    assert_eq!(history.reported(effect_s(95), 0.0).0.thrust_n, 95.0);
+    // In a burst that goes on, only the last two commands are open.
+    let history = reported(100, |tick| tick >= 90);
+    assert_eq!(history.reported(effect_s(98), 0.0).0.thrust_n, 89.0);
+    let open = history.reported(effect_s(99), 0.0).0.thrust_n;
+    assert!(open > 89.0 && open < 99.0, "{open}");
+}
+
+#[test]
+fn losses_are_expected_as_often_as_they_came() {
+    // Bursts of five in fifty.
+    let history = reported(5001, |tick| tick % 50 < 5);
+    let [after_arrival, after_loss] = history.loss_probabilities();
+    assert!((0.01..0.05).contains(&after_arrival), "{after_arrival}");
+    assert!((0.7..0.9).contains(&after_loss), "{after_loss}");
+    let none = reported(1000, |_| false);
+    assert_eq!(none.loss_probabilities()[0], 0.0);
+    assert_eq!(none.reported(effect_s(1000), 0.0).0.thrust_n, 1000.0);
+}
+
+#[test]
+fn reports_that_were_missed_make_no_command_a_lost_one() {
+    let mut history = CommandHistory::new(DELAY_S);
+    for tick in 1..=100 {
+        if tick > 2 && tick % 2 == 0 {
+            let acts_s = (tick - 2) as f64 * PERIOD_S + DELAY_S;
+            history.applied(CommandReport { follows: false, ..report(tick - 2, acts_s) });
+        }
+        history.push(tick, tick as f64 * PERIOD_S, thrust(tick as f64));
+    }
+    assert!(history.loss_probabilities()[0] < 0.05, "{:?}", history.loss_probabilities());
+    assert_eq!(history.reported(effect_s(95), 0.0).0.thrust_n, 95.0);
+}
+
+#[test]
+fn a_vehicle_without_reports_is_flown_by_what_was_sent() {
+    let mut history = CommandHistory::new(DELAY_S);
+    for tick in 1..=100 {
+        history.push(tick, tick as f64 * PERIOD_S, thrust(tick as f64));
+    }
+    assert_eq!(history.reported(effect_s(60), 0.0).0.thrust_n, 60.0);
 }
 
 proptest! {
@@ -75,5 +146,30 @@ proptest! {
         prop_assert!((whole.velocity - parts.velocity).amax() < 1e-7);
         prop_assert!(whole.attitude.angle_to(&parts.attitude) < 1e-6);
         prop_assert!((whole.rate - parts.rate).amax() < 1e-6);
+    }
+
+    /// From a pose to the effect of a command the coarse integration stays within the noise of cameras.
+    #[test]
+    fn coarse_prediction_is_close_to_fine_prediction(
+        demands in prop::collection::vec(vector(2.0), 5),
+        thrusts in prop::collection::vec(0.0..10.0, 5),
+        rate in vector(1.0),
+        horizon_s in 0.01..0.08,
+    ) {
+        let mut history = CommandHistory::new(0.0);
+        for (sequence, (demand, thrust_n)) in demands.into_iter().zip(thrusts).enumerate() {
+            let input = ModelInput { demand, thrust_n, ..ModelInput::default() };
+            history.push(sequence as u64 + 1, sequence as f64 * PERIOD_S, input);
+        }
+        let start = Motion { rate, thrust_n: 5.0, ..Motion::default() };
+        let after = |integration| {
+            let model = VehicleModel { integration, ..quadrotor() };
+            history.propagate(&model, (&start, &Bias::default()), (0.0, horizon_s))
+        };
+        let (fine, coarse) = (after(Integration::Fine), after(Integration::Coarse));
+        prop_assert!((fine.position - coarse.position).norm() < 0.5e-3);
+        prop_assert!((fine.velocity - coarse.velocity).norm() < 0.01);
+        prop_assert!(fine.attitude.angle_to(&coarse.attitude) < 2e-3);
+        prop_assert!((fine.rate - coarse.rate).norm() < 0.05);
     }
 }

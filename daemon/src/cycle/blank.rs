@@ -21,6 +21,10 @@ pub(super) fn without_pose() -> TelemetryV1 {
         innovation_position: unknown,
         innovation_attitude: unknown,
         nis: [f64::NAN; 2],
+        adapted_rate_gain: f64::NAN,
+        adapted_rate_lag_s: f64::NAN,
+        adapted_delay_s: f64::NAN,
+        adapted_thrust_gain: f64::NAN,
         ..TelemetryV1::default()
     }
 }

@@ -2,6 +2,7 @@
 
 use oqtal_bus::message::{Header, PoseV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_control::predictive::AdaptedModel;
 use oqtal_control::trajectory::Reference;
 
 use super::Cycle;
@@ -27,6 +28,9 @@ impl Cycle {
         telemetry.innovation_position = innovation.map_or(unknown, |i| i.position.into());
         telemetry.innovation_attitude = innovation.map_or(unknown, |i| i.attitude.into());
         telemetry.nis = innovation.map_or([f64::NAN; 2], |i| [i.position_nis, i.attitude_nis]);
+        if let Some(adapted) = self.stack.active().adapted() {
+            record_adapted(telemetry, &adapted);
+        }
     }
 
     /// Fills in the telemetry of this tick.
@@ -62,6 +66,15 @@ impl Cycle {
         telemetry.phase = reference.map_or(0, |reference| reference.phase as u8);
         record_commands(telemetry, reference.as_ref(), output);
     }
+}
+
+/// Fills in the model adapted in flight.
+fn record_adapted(telemetry: &mut TelemetryV1, adapted: &AdaptedModel) {
+    telemetry.adapted_rate_gain = adapted.rate_gain;
+    telemetry.adapted_rate_lag_s = adapted.rate_lag_s;
+    telemetry.adapted_delay_s = adapted.delay_s;
+    telemetry.adapted_thrust_gain = adapted.thrust_gain;
+    telemetry.fell_back = u8::from(adapted.fell_back);
 }
 
 /// Fills in reference and commands: the last ones while coasting, NaN when not flying.

@@ -2,7 +2,7 @@
 
 use oqtal_control::estimator::Estimate;
 use oqtal_control::position::{OuterLoop, PositionCommand};
-use oqtal_control::predictive::{FilterInnovation, Motion};
+use oqtal_control::predictive::{AdaptedModel, CommandReport, FilterInnovation, Motion};
 use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::Reference;
 
@@ -54,8 +54,13 @@ pub trait FlightStack {
     /// Records the command that was sent at `sent_s` \[s since the clock's origin\], for predictions.
     fn sent(&mut self, sequence: u64, sent_s: f64, command: &VehicleCommand);
 
-    /// Records that a command took effect at `applied_s` \[s since the clock's origin\].
-    fn applied(&mut self, sequence: u64, applied_s: f64);
+    /// Records that a command took effect, at a time since the clock's origin.
+    fn applied(&mut self, report: CommandReport);
+
+    /// The model that the stack adapted in flight; `None` if it flies with the configured one.
+    fn adapted(&self) -> Option<AdaptedModel> {
+        None
+    }
 
     /// Replaces the gains of one of the outer loops of Fig. 16; without effect on a stack that has others.
     fn set_loop(&mut self, _: OuterLoop, _: PidGains) {}

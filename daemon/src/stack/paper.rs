@@ -5,6 +5,7 @@ use oqtal_control::controller::{AttitudeLaw, AttitudeState, Controller, InputFor
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::position::{OuterLoop, PositionLoops};
+use oqtal_control::predictive::CommandReport;
 use oqtal_control::scalar_pid::PidGains;
 use oqtal_control::trajectory::Reference;
 
@@ -60,7 +61,7 @@ where
     fn sent(&mut self, _: u64, _: f64, _: &VehicleCommand) {}
 
     /// The paper's laws do not predict.
-    fn applied(&mut self, _: u64, _: f64) {}
+    fn applied(&mut self, _: CommandReport) {}
 
     fn set_loop(&mut self, which: OuterLoop, gains: PidGains) {
         self.position.set_gains(which, gains);

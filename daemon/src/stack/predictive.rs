@@ -5,7 +5,8 @@ use oqtal_control::controller::{Controller, ControllerName, InputForm};
 use oqtal_control::estimator::Estimate;
 use oqtal_control::options::OptionError;
 use oqtal_control::predictive::{
-    Autopilot, Design, FilterInnovation, Motion, PredictiveCommand, PredictiveOutput,
+    AdaptedModel, Autopilot, CommandReport, Design, FilterInnovation, Motion, PredictiveCommand,
+    PredictiveOutput,
 };
 use oqtal_control::trajectory::Reference;
 
@@ -90,8 +91,12 @@ where
         self.autopilot.sent(sequence, sent_s, &command);
     }
 
-    fn applied(&mut self, sequence: u64, applied_s: f64) {
-        self.autopilot.applied(sequence, applied_s);
+    fn applied(&mut self, report: CommandReport) {
+        self.autopilot.applied(report);
+    }
+
+    fn adapted(&self) -> Option<AdaptedModel> {
+        self.autopilot.adapted()
     }
 
     fn reset(&mut self) {

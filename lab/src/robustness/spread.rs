@@ -66,12 +66,17 @@ const VEHICLE: [(&str, Form); 9] = [
 
 /// What its surroundings and its body may differ by beside. A rotor is weaker by a few hundredths at most: the simulated on-board
 /// loop has no integral action, so that it turns by itself about 3 deg/s for each.
-const SURROUNDINGS: [(&str, Form); 10] = [
+const SURROUNDINGS: [(&str, Form); 15] = [
     ("plant.inertia-kg-m2", Form::Factor(0.8, 1.2)),
     ("plant.thrust-exponent", Form::Between(0.95, 1.05)),
     ("plant.gust-sd-m-s2", Form::Factor(0.5, 2.0)),
     ("plant.rotors.strength", Form::OneFactor(0.97, 1.0)),
     ("plant.rotors.lag-ms", Form::Between(10.0, 20.0)),
+    ("plant.rotors.drag-coefficient", Form::Between(0.0, 1.2e-4)),
+    ("plant.rotors.inflow-coefficient", Form::Between(0.0, 2.4e-4)),
+    ("plant.command-jitter-ms", Form::Between(0.0, 4.0)),
+    ("plant.command-loss-probability", Form::Between(0.0, 0.02)),
+    ("plant.command-loss-burst", Form::Between(2.0, 3.0)),
     ("mocap.position-noise-mm", Form::Factor(0.5, 2.0)),
     ("mocap.attitude-noise-deg", Form::Factor(0.5, 2.0)),
     ("mocap.jitter-ms", Form::Between(0.0, 4.0)),
@@ -80,8 +85,11 @@ const SURROUNDINGS: [(&str, Form); 10] = [
 ];
 
 /// Keys of the surroundings of which one value is chosen, and the values.
-const CHOSEN: [(&str, [&str; 2]); 2] =
-    [("plant.battery.sag", ["false", "true"]), ("plant.fidelity", ["eq61", "rotors"])];
+const CHOSEN: [(&str, [&str; 2]); 3] = [
+    ("plant.battery.sag", ["false", "true"]),
+    ("plant.fidelity", ["eq61", "rotors"]),
+    ("plant.rotors.ground-effect", ["false", "true"]),
+];
 
 impl FromStr for PlantSpread {
     type Err = String;

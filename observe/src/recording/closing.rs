@@ -14,8 +14,8 @@ const FLIGHT: &str = "flight";
 pub struct ClosingFacts {
     /// Path of the commands.
     pub command_path: CommandPath,
-    /// Outcome if the messages do not show one.
-    pub otherwise: Option<Outcome>,
+    /// How the flight ended, for messages that do not show it.
+    pub outcome: Option<Outcome>,
     /// Flight time over wall time \[-\].
     pub speed_factor: f64,
     /// Resource use of the daemon.
@@ -28,7 +28,7 @@ impl ClosingFacts {
     pub fn of(flight: &Flight) -> Self {
         Self {
             command_path: flight.command_path.clone(),
-            otherwise: Some(flight.outcome),
+            outcome: Some(flight.outcome),
             speed_factor: flight.speed_factor,
             daemon: flight.daemon.clone(),
         }
@@ -40,7 +40,7 @@ impl ClosingFacts {
         let json = |daemon: &ProcessUsage| serde_json::to_string(daemon).unwrap_or_default();
         let facts = [
             ("command_path", Some(self.command_path.to_string())),
-            ("otherwise", self.otherwise.map(|outcome| outcome.to_string())),
+            ("outcome", self.outcome.map(|outcome| outcome.to_string())),
             ("speed_factor", Some(self.speed_factor.to_string())),
             ("daemon", self.daemon.as_ref().map(json)),
         ];
@@ -54,7 +54,7 @@ impl ClosingFacts {
         let fact = |name| file.fact(FLIGHT, name);
         Self {
             command_path: fact("command_path").map(CommandPath::parse).unwrap_or_default(),
-            otherwise: fact("otherwise").and_then(Outcome::parse),
+            outcome: fact("outcome").and_then(Outcome::parse),
             speed_factor: fact("speed_factor").and_then(|text| text.parse().ok()).unwrap_or(1.0),
             daemon: fact("daemon").and_then(|text| serde_json::from_str(text).ok()),
         }

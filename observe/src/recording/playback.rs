@@ -20,8 +20,8 @@ pub fn flight(file: &RecordingFile) -> Result<Flight, RecordingFileError> {
     let config = config(file)?;
     let mut recorder = Recorder::new(&config);
     play(file, &mut recorder)?;
-    let ClosingFacts { command_path, otherwise, speed_factor, daemon } = ClosingFacts::read(file);
-    let flight = recorder.finish(otherwise.unwrap_or(Outcome::Unfinished), speed_factor);
+    let ClosingFacts { command_path, outcome, speed_factor, daemon } = ClosingFacts::read(file);
+    let flight = recorder.finish(outcome.unwrap_or(Outcome::Unfinished), speed_factor);
     Ok(Flight { command_path, daemon, ..flight })
 }
 

@@ -74,8 +74,9 @@ impl SimulatorObserver {
     pub fn take(&mut self, now: Time, sample: &MavlinkTruth) {
         let start = *self.start.get_or_insert_with(|| MotionStart::new(sample));
         let reported = start.position(sample);
-        // Half a step of latitude, whichever way the world is turned; of longitude it is less, and the altitude is finer.
-        let half = Vector3::new(0.5, 0.5, 0.0) * (COUNT * EARTH_M);
+        // Half a step of latitude, whichever way the world is turned; of longitude it is less.
+        let step = COUNT * EARTH_M;
+        let half = Vector3::new(step, step, sample.altitude_step_m) * 0.5;
         let position = match self.predicted(now) {
             Some(at) if (at.position - reported).norm() < JUMP_M => {
                 at.position.sup(&(reported - half)).inf(&(reported + half))
@@ -140,6 +141,7 @@ mod tests {
             latitude_e7: 0,
             longitude_e7: 1_491_652_300,
             altitude_m: 584.0,
+            altitude_step_m: 0.01,
             velocity: [0.0; 3],
             attitude: [0.0, 0.0, sin, cos],
             rate: [0.0; 3],
@@ -184,6 +186,24 @@ mod tests {
         observer.take(START, &MavlinkTruth { rate: [0.0, 0.0, 2.0], ..sample() });
         let truth = observer.truth(START + Span::from_millis(50)).unwrap();
         assert!((truth.attitude[2] - f64::sin(0.05)).abs() < 1e-12, "{truth:?}");
+    }
+
+    /// Climbs at 1 m/s, sampled at 60 Hz in steps of a centimetre: the height has none.
+    #[test]
+    fn steps_of_the_altitude_are_smoothed_by_the_velocity() {
+        let mut observer = SimulatorObserver::default();
+        let mut heights = Vec::new();
+        for number in 0..120 {
+            let climbed = f64::from(number) / 60.0;
+            let altitude_m = 584.0 + (climbed * 100.0).floor() / 100.0;
+            let now = START + Span::from_seconds(climbed);
+            let velocity = [0.0, 0.0, 1.0];
+            observer.take(now, &MavlinkTruth { altitude_m, velocity, ..sample() });
+            heights.push(observer.truth(now).unwrap().position[2]);
+        }
+        for pair in heights[10..].windows(2) {
+            assert!((pair[1] - pair[0] - 1.0 / 60.0).abs() < 1e-3, "{pair:?}");
+        }
     }
 
     /// Flies forward at 1 m/s, sampled at 100 Hz in steps of a centimetre.

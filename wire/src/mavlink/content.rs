@@ -122,6 +122,8 @@ pub struct MavlinkTruth {
     pub longitude_e7: i32,
     /// Altitude \[m\].
     pub altitude_m: f64,
+    /// Steps in which the altitude is counted \[m\].
+    pub altitude_step_m: f64,
     /// Velocity \[m/s, world whose x is north\].
     pub velocity: [f64; 3],
     /// Attitude, scalar last \[body to world whose x is north\].

@@ -8,6 +8,7 @@ use mavlink::{MAV_STX_V2, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Messag
 
 use super::address::MavlinkAddress;
 use super::content::MavlinkContent;
+use super::signature::{SIGNATURE, SignedBytes, Signer, SigningKey};
 use super::{read, write};
 use crate::stream::{Decoder, Grammar, Verdict};
 
@@ -16,7 +17,6 @@ pub const MAX_PACKET: usize = 280;
 /// Length of the header with its start byte \[bytes\].
 const HEADER: usize = 10;
 const CHECKSUM: usize = 2;
-const SIGNATURE: usize = 13;
 /// Flag of a signed packet.
 const SIGNED: u8 = 1;
 /// Number of EKF_STATUS_REPORT, the byte that its checksum includes, and where its flags are.
@@ -25,8 +25,6 @@ const EKF_STATUS_CRC: u8 = 71;
 const EKF_STATUS_FLAGS: usize = 20;
 /// Numbers of messages above which a packet of an unknown message is taken for noise \[-\].
 const GREATEST_MESSAGE: u32 = 0xffff;
-/// Seconds between the beginnings of Unix time and of MAVLink's signatures, 1 January 2015.
-const SIGNATURE_EPOCH_S: u64 = 1_420_070_400;
 
 /// Bytes of a packet.
 #[derive(Clone, Copy)]
@@ -38,39 +36,6 @@ impl MavlinkWire {
     pub fn as_bytes(&self) -> &[u8] {
         self.0.raw_bytes()
     }
-}
-
-/// Secret key of signed packets.
-#[derive(Clone, PartialEq, Eq)]
-pub struct SigningKey([u8; 32]);
-
-impl SigningKey {
-    /// Key of 64 hexadecimal digits; `None` for anything else.
-    #[must_use]
-    pub fn from_hex(text: &str) -> Option<Self> {
-        let mut key = [0; 32];
-        if text.len() != 64 || !text.bytes().all(|byte| byte.is_ascii_hexdigit()) {
-            return None;
-        }
-        for (place, index) in key.iter_mut().zip((0..64).step_by(2)) {
-            *place = u8::from_str_radix(&text[index..index + 2], 16).ok()?;
-        }
-        Some(Self(key))
-    }
-}
-
-impl std::fmt::Debug for SigningKey {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("SigningKey(…)")
-    }
-}
-
-/// Signature of the packets of one sender: their stamps rise.
-#[derive(Clone, Debug)]
-struct Signer {
-    key: SigningKey,
-    /// Stamp of the next packet \[10 us since 1 January 2015\].
-    stamp: u64,
 }
 
 /// Encoder of the packets of one sender.
@@ -102,8 +67,7 @@ impl MavlinkEncoder {
 
     /// Signs packets from now on with `key`, where Unix time is `unix_us` \[us\].
     pub fn sign(&mut self, key: SigningKey, unix_us: u64) {
-        let stamp = unix_us.saturating_sub(SIGNATURE_EPOCH_S * 1_000_000) / 10;
-        self.signer = Some(Signer { key, stamp });
+        self.signer = Some(Signer::new(key, unix_us));
     }
 
     /// The packet of a message; `None` for one that cannot be sent.
@@ -128,20 +92,6 @@ impl MavlinkEncoder {
     }
 }
 
-impl Signer {
-    fn sign(&mut self, raw: &mut MAVLinkV2MessageRaw) {
-        let stamp = self.stamp.to_le_bytes();
-        let place = raw.signature_timestamp_bytes_mut();
-        let length = place.len();
-        place.copy_from_slice(&stamp[..length]);
-        *raw.signature_link_id_mut() = 0;
-        let mut signature = [0; 6];
-        raw.calculate_signature(&self.key.0, &mut signature);
-        raw.signature_value_mut().copy_from_slice(&signature);
-        self.stamp += 1;
-    }
-}
-
 /// Message, and who sent it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MavlinkPacket {
@@ -151,9 +101,11 @@ pub struct MavlinkPacket {
     pub sequence: u8,
     /// What it says.
     pub content: MavlinkContent,
+    /// The packet with its signature, if it has one: [`SignatureCheck`](super::SignatureCheck) says whether it is believed.
+    pub signed: Option<SignedBytes>,
 }
 
-/// Grammar of MAVLink 2. Signatures of received packets are not checked.
+/// Grammar of MAVLink 2. Signatures of received packets are kept, and not checked.
 #[derive(Clone, Copy, Debug)]
 pub struct MavlinkGrammar;
 
@@ -186,7 +138,8 @@ impl Grammar for MavlinkGrammar {
         }
         let from = MavlinkAddress { system, component };
         let content = content_of(id, &frame[HEADER..behind]);
-        Verdict::Accept(whole, Some(MavlinkPacket { from, sequence, content }))
+        let signed = if flags & SIGNED != 0 { SignedBytes::of(frame) } else { None };
+        Verdict::Accept(whole, Some(MavlinkPacket { from, sequence, content, signed }))
     }
 }
 

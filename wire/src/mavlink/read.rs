@@ -197,6 +197,8 @@ fn sim_state(state: &SIM_STATE_DATA) -> MavlinkTruth {
         latitude_e7: state.lat_int,
         longitude_e7: state.lon_int,
         altitude_m: f64::from(state.alt),
+        // A real number on the wire, which ArduPilot computes from centimetres.
+        altitude_step_m: 0.01,
         velocity: vector_axes([state.vn, state.ve, state.vd].map(f64::from)),
         attitude: from_wire_quaternion([state.q1, state.q2, state.q3, state.q4]),
         rate: vector_axes([state.xgyro, state.ygyro, state.zgyro].map(f64::from)),
@@ -210,6 +212,7 @@ fn hil_state(state: &HIL_STATE_QUATERNION_DATA) -> MavlinkTruth {
         latitude_e7: state.lat,
         longitude_e7: state.lon,
         altitude_m: f64::from(state.alt) / 1000.0,
+        altitude_step_m: 0.001,
         velocity: vector_axes(centimetres.map(|speed| speed / 100.0)),
         attitude: from_wire_quaternion(state.attitude_quaternion),
         rate: vector_axes([state.rollspeed, state.pitchspeed, state.yawspeed].map(f64::from)),

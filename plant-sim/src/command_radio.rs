@@ -1,0 +1,132 @@
+//! The radio between the bus and the simulated vehicle: delay, jitter, losses in bursts, and faults by hand.
+//!
+//! Losses follow the channel of Gilbert (*Capacity of a burst-noise channel*, Bell System Technical Journal 39, 1960): in its bad
+//! state every command is lost, in its good one none.
+
+use std::collections::VecDeque;
+
+use oqtal_bus::message::{CommandV1, Header};
+use oqtal_bus::time::{Span, Time};
+use oqtal_config::PlantOptions;
+use oqtal_runtime::faults::RadioDisturbance;
+use oqtal_runtime::random::{Generator, RandomSource, stream};
+use rand::RngExt;
+
+/// A command on the radio.
+#[derive(Clone, Copy, Debug)]
+pub struct OnAir {
+    /// When it takes effect.
+    pub acts_at: Time,
+    /// Its header.
+    pub header: Header,
+    /// The command.
+    pub command: CommandV1,
+}
+
+/// Losses of commands in bursts.
+#[derive(Clone, Debug)]
+pub struct CommandLoss {
+    generator: Generator,
+    /// Probability that a burst begins with a command \[-\].
+    begins: f64,
+    /// Probability that a burst goes on with the next command \[-\].
+    goes_on: f64,
+    is_bad: bool,
+}
+
+impl CommandLoss {
+    /// The losses of `plant` under `seed`.
+    #[must_use]
+    pub fn new(plant: &PlantOptions, seed: u64) -> Self {
+        let PlantOptions { command_loss_probability: share, command_loss_burst: burst, .. } = plant;
+        Self {
+            generator: stream(seed, RandomSource::CommandLoss),
+            // In the long run the channel is bad for `share` of the commands.
+            begins: share / ((1.0 - share) * burst),
+            goes_on: 1.0 - burst.recip(),
+            is_bad: false,
+        }
+    }
+
+    /// Whether the next command is lost.
+    pub fn next_is_lost(&mut self) -> bool {
+        if self.begins > 0.0 {
+            let probability = if self.is_bad { self.goes_on } else { self.begins };
+            self.is_bad = self.generator.random::<f64>() < probability;
+        }
+        self.is_bad
+    }
+}
+
+/// The commands on their way to the vehicle.
+#[derive(Clone, Debug)]
+pub struct CommandRadio {
+    on_air: VecDeque<OnAir>,
+    delay: Span,
+    /// From the reported to the real effect of a command.
+    hidden_delay: Span,
+    /// Greatest addition to the delay, and its random numbers.
+    jitter: (Span, Generator),
+    loss: CommandLoss,
+    /// Faults of the radio, and the random numbers that they need.
+    disturbed: (RadioDisturbance, Generator),
+}
+
+impl CommandRadio {
+    /// The radio of `plant` under `seed`.
+    #[must_use]
+    pub fn new(plant: &PlantOptions, seed: u64) -> Self {
+        let millis = |millis: f64| Span::from_seconds(millis * 1e-3);
+        Self {
+            on_air: VecDeque::with_capacity(64),
+            delay: millis(plant.command_delay_ms),
+            hidden_delay: millis(plant.hidden_delay_ms),
+            jitter: (millis(plant.command_jitter_ms), stream(seed, RandomSource::CommandJitter)),
+            loss: CommandLoss::new(plant, seed),
+            disturbed: (RadioDisturbance::default(), stream(seed, RandomSource::RadioFault)),
+        }
+    }
+
+    /// Disturbs the radio from now on.
+    pub fn disturb(&mut self, disturbance: RadioDisturbance) {
+        self.disturbed.0 = disturbance;
+    }
+
+    /// When the next command takes effect; `None` if none is on its way.
+    #[must_use]
+    pub fn next_effect(&self) -> Option<Time> {
+        self.on_air.front().map(|on_air| on_air.acts_at)
+    }
+
+    /// Replaces every command on its way by one that disarms.
+    pub fn disarm(&mut self) {
+        self.on_air.iter_mut().for_each(|on_air| on_air.command = CommandV1::default());
+    }
+
+    /// Sends a command at `now`, unless it is lost.
+    pub fn send(&mut self, now: Time, header: Header, command: CommandV1) {
+        let is_lost = self.loss.next_is_lost();
+        let (disturbance, generator) = &mut self.disturbed;
+        let is_disturbed = disturbance.loss_probability > 0.0
+            && generator.random::<f64>() < disturbance.loss_probability;
+        let (jitter, generator) = &mut self.jitter;
+        let jitter = match *jitter > Span::ZERO {
+            true => jitter.scaled(generator.random::<f64>()),
+            false => Span::ZERO,
+        };
+        if is_lost || is_disturbed {
+            return;
+        }
+        // Commands keep their order, also behind one that is delayed.
+        let arrival = now + self.delay + self.hidden_delay + disturbance.delay + jitter;
+        let acts_at = self.on_air.back().map_or(arrival, |last| arrival.max(last.acts_at));
+        self.on_air.push_back(OnAir { acts_at, header, command });
+    }
+
+    /// The next command that takes effect by `now`, and the instant at which the vehicle reports it to.
+    pub fn receive(&mut self, now: Time) -> Option<(OnAir, Time)> {
+        let next = self.on_air.front().copied().filter(|on_air| on_air.acts_at <= now)?;
+        self.on_air.pop_front();
+        Some((next, next.acts_at - self.hidden_delay))
+    }
+}

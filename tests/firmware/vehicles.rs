@@ -1,0 +1,81 @@
+//! The firmware that is flown, and how each program is started.
+
+use std::path::Path;
+use std::time::Duration;
+
+use crate::program::Firmware;
+use crate::relay::RelayPorts;
+
+/// Its sensors and motors are those of the simulated vehicle.
+pub const CRAZYFLIE: Firmware = Firmware {
+    name: "Crazyflie",
+    variable: "OQTAL_CRAZYFLIE",
+    preset: "crazyflie-2.1",
+    link: "crtp:udp:127.0.0.1:19850",
+    relayed_link: "crtp:udp:127.0.0.1:19851",
+    ports: RelayPorts {
+        near: "127.0.0.1:19851",
+        near_peer: None,
+        far: "127.0.0.1:0",
+        far_peer: Some("127.0.0.1:19850"),
+    },
+    truth: "crazyflie-sitl:udp:127.0.0.1:19950",
+    boot: Duration::from_secs(0),
+    arguments: |_, command| {
+        command.args(["19950", "127.0.0.1"]);
+    },
+    parameters: "",
+    battery: &["safety.battery-low-v = 4.12", "safety.battery-empty-v = 4.1"],
+};
+
+pub const ARDUCOPTER: Firmware = Firmware {
+    name: "ArduCopter",
+    variable: "OQTAL_ARDUCOPTER",
+    preset: "ardupilot-quad",
+    link: "mavlink:udpin:127.0.0.1:14550,autopilot=ardupilot",
+    relayed_link: "mavlink:udpin:127.0.0.1:14650,autopilot=ardupilot",
+    ports: RelayPorts {
+        near: "127.0.0.1:0",
+        near_peer: Some("127.0.0.1:14650"),
+        far: "127.0.0.1:14550",
+        far_peer: None,
+    },
+    truth: "mavlink:udpin:127.0.0.1:14551",
+    boot: Duration::from_secs(30),
+    arguments: |_, command| {
+        command.args(["--model", "quad", "--home", "-35.363261,149.165230,584,0", "-w"]);
+        command.args(["--serial0", "udpclient:127.0.0.1:14550"]);
+        command.args(["--serial1", "udpclient:127.0.0.1:14551", "--defaults", "parameters"]);
+    },
+    parameters: include_str!("arducopter.parm"),
+    battery: &[],
+};
+
+pub const PX4: Firmware = Firmware {
+    name: "PX4",
+    variable: "OQTAL_PX4",
+    preset: "px4-quad",
+    link: "mavlink:udpin:127.0.0.1:14540,autopilot=px4",
+    relayed_link: "mavlink:udpin:127.0.0.1:14640,autopilot=px4",
+    ports: RelayPorts {
+        near: "127.0.0.1:0",
+        near_peer: Some("127.0.0.1:14640"),
+        far: "127.0.0.1:14540",
+        far_peer: None,
+    },
+    truth: "mavlink:udpin:127.0.0.1:19410",
+    boot: Duration::from_secs(12),
+    arguments: |path, command| {
+        let etc = path.parent().and_then(Path::parent).unwrap().join("etc");
+        command.arg(etc).args(["-d", "-s", "etc/init.d-posix/rcS", "-w", "."]);
+        command.env("PX4_SIM_MODEL", "sihsim_quadx");
+        for setting in include_str!("px4.parameters").lines() {
+            let (name, value) = setting.split_once(' ').unwrap();
+            command.env(format!("PX4_PARAM_{name}"), value);
+        }
+    },
+    parameters: "",
+    battery: &["safety.battery-low-v = 15.1", "safety.battery-empty-v = 14.9"],
+};
+
+pub const ALL: [&Firmware; 3] = [&CRAZYFLIE, &ARDUCOPTER, &PX4];
