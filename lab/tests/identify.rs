@@ -55,6 +55,12 @@ fn hidden_vehicles_are_identified_within_their_bounds() {
             errors.sort_by(f64::total_cmp);
             let median = errors[errors.len() / 2];
             assert!(median <= bound(parameter), "{:?}: {parameter:?}, {median}", room.laboratory);
+            // Two half widths are four standard deviations.
+            let is_lost = |found: &&&Vec<HiddenParameter>| {
+                found[index].error.abs() > 2.0 * found[index].half_width
+            };
+            let lost = flown.iter().filter(is_lost).count();
+            assert!(20 * lost <= flown.len(), "{:?}: {parameter:?}, {lost}", room.laboratory);
         }
     }
 }

@@ -8,6 +8,9 @@ const ITERATIONS: usize = 60;
 /// Change of the sum of squares, and of the parameters, at which a fit has converged \[-\].
 const TOLERANCE: f64 = 1e-11;
 
+/// Fits of a [`precise_fit`], each with steps from the one before.
+const PASSES: usize = 3;
+
 /// A parameter of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitParameter {
@@ -58,11 +61,7 @@ impl MPFitter for Problem<'_> {
 
 /// The values at which the sum of the squared `residuals` is least; `None` if they cannot be computed. Residuals are in standard
 /// deviations, and as many at any values.
-#[must_use]
-pub fn fit(
-    parameters: &[FitParameter],
-    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
-) -> Option<Vec<f64>> {
+fn fit(parameters: &[FitParameter], residuals: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Vec<f64>> {
     let mut values: Vec<f64> = parameters.iter().map(FitParameter::inside).collect();
     let config =
         MPConfig { max_iter: ITERATIONS, ftol: TOLERANCE, xtol: TOLERANCE, ..MPConfig::new() };
@@ -76,24 +75,31 @@ pub fn fit(
     Some(values)
 }
 
-/// Lets a further fit begin at these values \[unit of each\].
-pub fn begin_at(parameters: &mut [FitParameter], values: &[f64]) {
-    for (parameter, value) in parameters.iter_mut().zip(values) {
-        parameter.start = *value;
-    }
-}
+/// Step of a derivative over the standard deviation of its parameter \[-\].
+const STEP_SHARE: f64 = 0.5;
 
-/// The values at which `parameters` begin, as the result of a fit: with the covariance that `residuals` show there, which consist
-/// of `series` of these lengths; `None` if it cannot be computed.
+/// The result of a fit from where `parameters` begin. The fit is repeated with steps of the derivatives as long as the parameters
+/// turn out to be precise: over longer ones, residuals of limited influence are not straight.
 #[must_use]
-pub fn result(
-    parameters: &[FitParameter],
+pub fn precise_fit(
+    parameters: &mut [FitParameter],
     series: &[usize],
     residuals: &dyn Fn(&[f64]) -> Vec<f64>,
 ) -> Option<FitResult> {
-    let values: Vec<f64> = parameters.iter().map(|parameter| parameter.start).collect();
-    let covariance = covariance(parameters, &values, series, residuals)?;
-    Some(FitResult { values, covariance })
+    let mut found = None;
+    for _ in 0..PASSES {
+        let values = fit(parameters, residuals)?;
+        let covariance = covariance(parameters, &values, series, residuals)?;
+        for (index, parameter) in parameters.iter_mut().enumerate() {
+            parameter.start = values[index];
+            let sd = covariance[(index, index)].sqrt();
+            if sd > 0.0 {
+                parameter.step = parameter.step.min(STEP_SHARE * sd);
+            }
+        }
+        found = Some(FitResult { values, covariance });
+    }
+    found
 }
 
 impl FitParameter {

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::data::{FlightData, series};
-use super::fit::{FitParameter, FitResult, begin_at, fit, result};
+use super::fit::{FitParameter, FitResult, precise_fit};
 use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::RotationPass;
 use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pass};
@@ -48,14 +48,14 @@ pub fn lifting(
 ) -> Option<LiftingFit> {
     let mut noise = TranslationNoise { measured_m: 0.5e-3, gust_ratio: 100.0, gust_s: 0.8 };
     let mut parameters = parameters(start, turned.flights.len(), is_curved);
+    let series = series(turned.flights);
     for _ in 0..ROUNDS {
         let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
-        let values = fit(&parameters, &residuals)?;
-        begin_at(&mut parameters, &values);
-        noise = noise_of(turned, &models(&values, start), noise);
+        let found = precise_fit(&mut parameters, &series, &residuals)?;
+        noise = noise_of(turned, &models(&found.values, start), noise);
     }
     let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
-    let fit = result(&parameters, &series(turned.flights), &residuals)?;
+    let fit = precise_fit(&mut parameters, &series, &residuals)?;
     let models = models(&fit.values, start);
     let passes = passes(turned, &models, &noise);
     Some(LiftingFit { models, fit, noise, passes })

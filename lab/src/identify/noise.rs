@@ -70,8 +70,11 @@ impl Likelihood {
     }
 }
 
-/// The value between `low` and `high` \[any unit\] at which `of` is greatest: the best of `count` values that divide the range evenly in
-/// proportion.
+/// Steps by which the best value is narrowed down after the division of its range: to a percent.
+const NARROWINGS: usize = 9;
+
+/// The value between `low` and `high` \[any unit\] at which `of` is greatest: near the best of `count` values that divide the range
+/// evenly in proportion, by golden sections of its logarithm.
 pub fn best_in_proportion(
     [low, high]: [f64; 2],
     count: u32,
@@ -80,6 +83,22 @@ pub fn best_in_proportion(
     let ratio = (high / low).powf(1.0 / f64::from(count.max(2) - 1));
     let values = (0..count).map(|k| low * ratio.powf(f64::from(k)));
     let scored: Vec<(f64, f64)> = values.map(|value| (of(value), value)).collect();
-    let best = scored.iter().max_by(|a, b| a.0.total_cmp(&b.0));
-    best.map_or(low, |(_, value)| *value)
+    let best = scored.iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(low, |(_, value)| *value);
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    let (mut from, mut to) = ((best / ratio).max(low).ln(), (best * ratio).min(high).ln());
+    let inner = |from: f64, to: f64| [to - golden * (to - from), from + golden * (to - from)];
+    let mut points = inner(from, to);
+    let mut scores = points.map(|log| of(log.exp()));
+    for _ in 0..NARROWINGS {
+        if scores[0] >= scores[1] {
+            to = points[1];
+            points = [inner(from, to)[0], points[0]];
+            scores = [of(points[0].exp()), scores[0]];
+        } else {
+            from = points[0];
+            points = [points[1], inner(from, to)[1]];
+            scores = [scores[1], of(points[1].exp())];
+        }
+    }
+    (0.5 * (from + to)).exp()
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::data::{FlightData, series};
-use super::fit::{FitParameter, FitResult, begin_at, fit, result};
+use super::fit::{FitParameter, FitResult, precise_fit};
 use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::{RotationModel, RotationNoise, RotationPass, pass};
 
@@ -34,16 +34,35 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
     let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
     let mut parameters = parameters(start, flights.len());
     for _ in 0..ROUNDS {
-        let residuals = |values: &[f64]| residuals_of(flights, &models(values), &noise);
-        let values = fit(&parameters, &residuals)?;
-        begin_at(&mut parameters, &values);
-        noise = noise_of(flights, &models(&values), noise);
+        let found = fit_under(flights, &mut parameters, &noise)?;
+        noise = noise_of(flights, &models(&found.values), noise);
     }
-    let residuals = |values: &[f64]| residuals_of(flights, &models(values), &noise);
-    let fit = result(&parameters, &series(flights), &residuals)?;
+    let fit = fit_under(flights, &mut parameters, &noise)?;
     let models = models(&fit.values);
     let passes = passes(flights, &models, &noise);
     Some(TurningFit { models, fit, noise, passes })
+}
+
+/// The rotation that predicts a flight best, from `start` on, if the noise is this: what the fits of many such flights scatter about,
+/// where the vehicle is not of the model's order.
+#[must_use]
+pub fn turning_under(
+    flight: &FlightData,
+    start: &RotationModel,
+    noise: &RotationNoise,
+) -> Option<RotationModel> {
+    let flights = std::slice::from_ref(flight);
+    let found = fit_under(flights, &mut parameters(start, 1), noise)?;
+    models(&found.values).first().copied()
+}
+
+fn fit_under(
+    flights: &[FlightData],
+    parameters: &mut [FitParameter],
+    noise: &RotationNoise,
+) -> Option<FitResult> {
+    let residuals = |values: &[f64]| residuals_of(flights, &models(values), noise);
+    precise_fit(parameters, &series(flights), &residuals)
 }
 
 fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {

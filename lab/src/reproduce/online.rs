@@ -7,7 +7,7 @@ use super::chapter::Chapter;
 use super::words::{about, either, figure};
 use crate::progress::Progress;
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
-use crate::tune::online::{TunedInFlight, TunedLoop, tune};
+use crate::tune::online::{LOOPS, TunedInFlight, TunedLoop, tune};
 
 const COLUMNS: [Column; 9] = [
     ("loop", "PID"),
@@ -26,7 +26,7 @@ const COLUMNS: [Column; 9] = [
 /// # Errors
 /// The flight ended before its loops were tuned.
 pub fn chapter(progress: &Progress) -> Result<Chapter, Failure> {
-    let tuned = tune(&[], progress)?;
+    let tuned = tune(&[], &LOOPS, progress)?;
     let sheet = Sheet {
         name: "outer-in-flight".to_owned(),
         title: "The six PIDs of Fig. 16, tuned in flight".to_owned(),
@@ -40,7 +40,7 @@ pub fn chapter(progress: &Progress) -> Result<Chapter, Failure> {
 
 const NOTE: &str = "The paper's reference [27] tunes the loops online by an artificial bee colony, one input and one output at a time; \
      it prints neither gains nor settings. Here one simulated flight goes on from the first bee to the last: every 4 s the vehicle \
-     moves 0.4 m along x and y and 0.25 m along z and back, under the shipped OQTAL, and a bee is a pair of gains of one loop that is \
+     moves 0.3 m along x and y and 0.2 m along z and back, under the shipped OQTAL, and a bee is a pair of gains of one loop that is \
      flown for such a window. Judged are the error of the loop's own variable, as the daemon measures it, and with half the weight \
      the change of the sticks from tick to tick; a bee that lets the vehicle stray by 0.5 m is broken off. The errors before and \
      after are those of six windows each, with the shipped gains and with all that was found.";

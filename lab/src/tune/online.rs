@@ -23,9 +23,9 @@ use crate::simulation::online::OnlineFlight;
 /// Duration of a window \[s\], a multiple of [`REVIEW`](crate::simulation::REVIEW).
 const WINDOW_S: f64 = 4.0;
 /// The way out \[m, world\].
-const AWAY_M: [f64; 3] = [0.4, 0.4, 0.25];
+const AWAY_M: [f64; 3] = [0.3, 0.3, 0.2];
 /// Time for the way out, and for the way back \[s\].
-const WAY_S: f64 = 0.6;
+const WAY_S: f64 = 1.0;
 /// Height of the flight \[m\].
 const HEIGHT_M: f64 = 1.0;
 /// Distance from the reference beyond which a bee is broken off \[m\].
@@ -39,8 +39,11 @@ const RANGE: f64 = 3.0;
 /// Weight of the jitter of the command against the error \[-\].
 const JITTER_WEIGHT: f64 = 0.5;
 
-/// The loops in the order in which they are tuned, the inner ones first, with their names and axes.
-const LOOPS: [(OuterLoop, &str, usize); 6] = [
+/// A loop with its name and its axis.
+pub type NamedLoop = (OuterLoop, &'static str, usize);
+
+/// The loops in the order in which they are tuned, the inner ones first.
+pub const LOOPS: [NamedLoop; 6] = [
     (OuterLoop::VelocityZ, "V_Z", 2),
     (OuterLoop::VelocityX, "V_X", 0),
     (OuterLoop::VelocityY, "V_Y", 1),
@@ -87,18 +90,22 @@ struct WindowFigures {
     jitter: f64,
 }
 
-/// Tunes the loops around the law of the configuration with `settings`.
+/// Tunes `named` of [`LOOPS`] around the law of the configuration with `settings`.
 ///
 /// # Errors
 /// A setting is invalid, or the flight ended before the last bee (exit code 1).
-pub fn tune(settings: &[Setting], progress: &Progress) -> Result<TunedInFlight, Failure> {
-    let mission = mission(settings)?;
+pub fn tune(
+    settings: &[Setting],
+    named: &[NamedLoop],
+    progress: &Progress,
+) -> Result<TunedInFlight, Failure> {
+    let mission = mission(settings, named.len())?;
     let mut search = OnlineSearch::begin(&mission)?;
-    let bar = progress.start("tuning in flight", LOOPS.len() + 2);
+    let bar = progress.start("tuning in flight", named.len() + 2);
     let before = search.compare()?;
     bar.inc();
     let mut loops = Vec::new();
-    for (which, name, axis) in LOOPS {
+    for (which, name, axis) in named.iter().copied() {
         let start = configured(&mission.config.position, which);
         let (found, bees, strayed) = search.tune((which, axis), start, &before)?;
         loops.push(TunedLoop { name, gains: [start, found], error: [0.0; 2], bees, strayed });
@@ -106,8 +113,8 @@ pub fn tune(settings: &[Setting], progress: &Progress) -> Result<TunedInFlight, 
     }
     let after = search.compare()?;
     bar.inc();
-    for (tuned, (which, _, axis)) in loops.iter_mut().zip(LOOPS) {
-        tuned.error = [before, after].map(|figures| figures.error(which, axis));
+    for (tuned, (which, _, axis)) in loops.iter_mut().zip(named) {
+        tuned.error = [before, after].map(|figures| figures.error(*which, *axis));
     }
     let rate_hz = mission.config.control.rate_hz;
     let flight = search.flight.finish()?;
@@ -121,12 +128,12 @@ pub fn tune(settings: &[Setting], progress: &Progress) -> Result<TunedInFlight, 
     })
 }
 
-/// The flight: take-off, one window after another, landing.
-fn mission(settings: &[Setting]) -> Result<Mission, Failure> {
+/// The flight in which so many loops are tuned: take-off, one window after another, landing.
+fn mission(settings: &[Setting], loops: usize) -> Result<Mission, Failure> {
     let height = Setting::flag("tune", "trajectory.height-m", HEIGHT_M);
     let mut config = Config::from_settings(&[settings, &[height]].concat())?;
     config.trajectory.kind = TrajectoryKind::Waypoints;
-    let windows = 2 * COMPARED + LOOPS.len() * COLONY.most_evaluations() + 1;
+    let windows = 2 * COMPARED + loops * COLONY.most_evaluations() + 1;
     let waypoints = Waypoints::parse(&table(windows))
         .map_err(|error| Failure::new(Exit::Internal, error.problem.to_string()))?;
     let trajectory = config.trajectory.trajectory(Some(waypoints));
