@@ -110,7 +110,7 @@ impl<'a> Simulation<'a> {
     ) -> Result<RecordedFlight, Failure> {
         self.begin()?;
         let began = Time::now();
-        while self.to_review(aftermath, watch)? {}
+        while self.fly_to_review(aftermath, watch)? {}
         Ok(self.close(began))
     }
 
@@ -123,7 +123,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// Flies up to the next [`REVIEW`], that included; `false` once the flight is over, and `aftermath` with it.
-    fn to_review(
+    fn fly_to_review(
         &mut self,
         aftermath: Span,
         watch: &mut impl FnMut(&Recorder) -> Option<OperatorCommand>,

@@ -21,12 +21,15 @@ const MOST_OLD: usize = 4;
 /// The ground station of a pilot.
 const STATION: MavlinkAddress = MavlinkAddress { system: 250, component: 190 };
 
+/// What is done to a flight.
+type Action = fn(&mut FirmwareFlight);
+
 /// A fault.
 pub struct Fault {
     pub name: &'static str,
-    pub begin: fn(&mut FirmwareFlight),
+    pub begin: Action,
     /// What ends it, and when.
-    pub end: Option<(Duration, fn(&mut FirmwareFlight))>,
+    pub end: Option<(Duration, Action)>,
     pub watch: Duration,
     pub shows: fn(&Observation),
 }

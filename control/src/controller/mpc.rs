@@ -11,8 +11,8 @@
 //! affects another), by Clarabel, an interior-point method in pure Rust, in a bounded number of iterations; if it finds no solution, the first move of the plan
 //! is clipped.
 //!
-//! A step within the limits does not allocate. The solver does: about a thousand times in each program (`tests/allocation.rs`). The
-//! law is for studies; before it flies a vehicle in real time its worst step is to be measured on that machine.
+//! A step within the limits does not allocate (`tests/allocation.rs`). The solver does, in each program. The law is for studies: the
+//! daemon warns of it where it flies in real time.
 
 mod program;
 

@@ -86,7 +86,9 @@ macro_rules! define_registry {
         }
 
         /// The law that a configuration names.
+        // Not boxed: the cache warm-up copies the law, and a copy must not allocate.
         #[derive(Clone, Copy, Debug, PartialEq)]
+        #[allow(clippy::large_enum_variant)]
         pub enum Controller<I> {
             $($(#[$doc])* $Variant(super::$Law<I>),)*
         }

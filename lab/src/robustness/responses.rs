@@ -119,7 +119,7 @@ pub fn all(rivals: &[Rival], progress: &Progress) -> Result<Vec<LawResponses>, F
         let nominal = rival.config()?;
         let law = Setting::flag("--laws", "control.controller", rival.controller);
         let fly = |event: ResponseEvent| -> Result<Option<Vec<Point>>, Failure> {
-            let own = [&rival.settings[..], &[law.clone()]].concat();
+            let own = [&rival.settings[..], std::slice::from_ref(&law)].concat();
             let settings = [own, probed::calm(&nominal), event.settings()].concat();
             let mission = Mission::new(oqtal_config::Config::from_settings(&settings)?)?;
             let flight = simulation::fly(&mission)?;

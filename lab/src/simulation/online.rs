@@ -32,7 +32,7 @@ impl<'a> OnlineFlight<'a> {
     /// # Errors
     /// The flight cannot go on.
     pub fn advance(&mut self) -> Result<bool, Failure> {
-        self.is_over = self.is_over || !self.simulation.to_review(Span::ZERO, &mut |_| None)?;
+        self.is_over = self.is_over || !self.simulation.fly_to_review(Span::ZERO, &mut |_| None)?;
         Ok(!self.is_over)
     }
 

@@ -118,7 +118,7 @@ pub fn tune(
     }
     let rate_hz = mission.config.control.rate_hz;
     let flight = search.flight.finish()?;
-    let away = flight.armed().map(|sample| strayed(sample));
+    let away = flight.armed().map(strayed);
     Ok(TunedInFlight {
         loops,
         jitter: [before.jitter, after.jitter],
@@ -223,7 +223,7 @@ impl<'a> OnlineSearch<'a> {
         let authority = Vector3::from(mission.config.vehicle.rate_authority_rad_s);
         let flight = OnlineFlight::begin(mission)?;
         let mut search = Self { flight, authority, seen: 0, until_s: 0.0 };
-        while !search.flight.samples().last().is_some_and(|last| last.telemetry.scored != 0) {
+        while search.flight.samples().last().is_none_or(|last| last.telemetry.scored == 0) {
             search.advance()?;
         }
         search.seen =
