@@ -94,7 +94,7 @@ const TESTBED: Diagram = Diagram {
     parts: &[
         Block((0.9, 0.6), ["Qualisys cameras", "receiver or mocap-emu"]),
         Block((2.0, 0.6), ["filter", "daemon: estimator"]),
-        Block((3.1, 0.6), ["control laws, Fig. 16", "daemon: position, attitude"]),
+        Block((3.1, 0.6), ["control laws, Fig. 16", "daemon: loops and law"]),
         Block((4.3, 0.6), ["post-processing", "daemon: limits"]),
         Block((4.3, 1.7), ["XBee radio", "bridge"]),
         Block((0.9, 1.7), ["Hummingbird", "or plant-sim"]),
@@ -120,7 +120,7 @@ const LOOPS: &[DiagramPart] = &[
     Block((2.2, 2.2), ["PID, V_Z", "velocity to acceleration"]),
     Block((3.4, 1.0), ["desired attitude", "along the force"]),
     Block((4.6, 1.0), ["attitude law", "PID, LQR or OQTAL"]),
-    Block((5.8, 1.0), ["quadrotor", "Eqs. (15), (61)"]),
+    Block((6.0, 1.0), ["quadrotor", "Eqs. (15), (61)"]),
 ];
 
 /// Fig. 16.
@@ -139,11 +139,11 @@ const OUTER_LOOPS: Diagram = Diagram {
         ("", &[Right(4), At(2.8, 1.4), At(2.8, 1.1), At(3.0, 1.1)]),
         ("q_d", &[Right(6), Left(7)]),
         ("δ_r, δ_p, δ_y", &[Right(7), Left(8)]),
-        ("δ_c", &[Right(5), At(5.8, 2.2), Bottom(8)]),
-        ("q, ω", &[At(5.8, 0.35), At(4.6, 0.35), Top(7)]),
-        ("x, v", &[At(6.3, 1.0), At(6.3, 2.8), At(0.5, 2.8)]),
+        ("δ_c", &[Right(5), At(6.0, 2.2), Bottom(8)]),
+        ("q, ω", &[Top(8), At(6.0, 0.35), At(4.6, 0.35), Top(7)]),
+        ("x, v, to all six", &[Right(8), At(6.95, 1.0), At(6.95, 2.8), At(1.0, 2.8), Bottom(2)]),
     ],
-    size: (6.5, 3.0),
+    size: (7.1, 3.0),
 };
 
 /// Figs. 3 to 5, 15 and 16.

@@ -19,12 +19,12 @@ const HEAD: (f64, f64) = (9.0, 4.0);
 /// Distance of two lines of a text \[pixels\].
 const LINE: f64 = 15.0;
 
-/// A part of a diagram, by its column and row.
+/// A part of a diagram, by its column and row \[-\].
 #[derive(Clone, Copy, Debug)]
 pub(super) enum DiagramPart {
-    /// A box with two lines of text.
+    /// A box at a column and row \[-\] with two lines of text.
     Block((f64, f64), [&'static str; 2]),
-    /// A summing junction.
+    /// A summing junction at a column and row \[-\].
     Sum((f64, f64)),
 }
 
@@ -35,6 +35,7 @@ pub(super) enum DiagramPlace {
     Right(usize),
     Top(usize),
     Bottom(usize),
+    /// A column and row \[-\].
     At(f64, f64),
 }
 
@@ -52,7 +53,7 @@ pub(super) struct Diagram {
     pub(super) parts: &'static [DiagramPart],
     /// Signals.
     pub(super) wires: &'static [DiagramWire],
-    /// Columns and rows of the drawing.
+    /// Columns and rows of the drawing \[-\].
     pub(super) size: (f64, f64),
 }
 
@@ -106,10 +107,10 @@ impl Diagram {
         let (width, height) = (self.size.0 * PITCH.0, self.size.1 * PITCH.1);
         let title = format!("Fig. {}: {}", self.number, self.title);
         let markup: Markup = html! {
-            figure.plot {
+            figure.plot style="grid-column:1/-1" {
                 figcaption { span.title { (title) } }
                 div.scroll role="img" aria-label=(title) {
-                    svg viewBox={ "0 0 " (width) " " (height) } { (PreEscaped(body)) }
+                    svg viewBox={ "0 0 " (width) " " (height) } style={ "max-width:" (width) "px" } { (PreEscaped(body)) }
                 }
             }
         };
