@@ -45,10 +45,15 @@ impl MoveBounds {
 /// The data of the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct QuadraticProgram {
+    /// `A` of the state `[omega_e; eps]` \[rad/s and -, body\].
     pub(super) a: Matrix6<f64>,
+    /// `B`, from the input to the state \[per unit of the input\].
     pub(super) b: Matrix6x3<f64>,
+    /// `Q`, the weight of the state \[per square of its unit\].
     pub(super) q: Matrix6<f64>,
+    /// `R`, the weight of the input \[per square of its unit\].
     pub(super) r: Matrix3<f64>,
+    /// `P`, the weight of the last state \[per square of its unit\].
     pub(super) p: Matrix6<f64>,
     /// Number of moves \[-\].
     pub(super) steps: usize,
