@@ -3,13 +3,12 @@
 
 use std::ops::Range;
 
-use nalgebra::Vector3;
 use oqtal_config::{Config, Fidelity, PlantOptions, Setting, VehicleOptions};
 use oqtal_control::controller::ControllerName;
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::plot::unit::rounded;
 use oqtal_plant_sim::drawn;
-use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -17,8 +16,6 @@ use super::data::{FlightData, median, quantile};
 use super::excitation_flight;
 use super::finding::{ParameterFinding, rules};
 use super::identification::{Identification, Scale, identify};
-use super::rotation::{RotationModel, RotationNoise};
-use super::turning::turning_under;
 use crate::campaign::metric::{of_attitude, of_hover};
 use crate::mission::Mission;
 use crate::progress::Progress;
@@ -131,8 +128,7 @@ pub fn hidden_plant(config: &Config) -> Result<HiddenPlant, Failure> {
     let failed = HiddenPlant { seed, parameters: Vec::new(), flown_ratio: None };
     let Ok(identification) = identified(config) else { return Ok(failed) };
     let truth = truth(config);
-    let equivalent = equivalent(config, &identification.estimate.turning.noise)?;
-    let parameters = parameters(&identification, &equivalent);
+    let parameters = parameters(&identification, &equivalent(config));
     let found = identification.vehicle(&config.vehicle);
     let [by_found, by_truth] = [found, truth].map(|vehicle| figures(config, &vehicle));
     let (by_found, by_truth) = (by_found?, by_truth?);
@@ -170,39 +166,24 @@ pub fn truth(config: &Config) -> VehicleOptions {
     }
 }
 
-/// What a loop of first order has to be to predict the vehicle of `config` best under this noise. A loop around rotors is of second
-/// order: delay and lag are those of a fit to a flight in calm air with cameras that do not err, and the lag of the thrust is what
-/// remains of the rotors' behind the delay that the loop gained.
-///
-/// # Errors
-/// That flight failed.
-pub fn equivalent(config: &Config, noise: &RotationNoise) -> Result<VehicleOptions, Failure> {
+/// What a loop of first order has to be to answer as that of `config` does. A loop around rotors of lag `a` is of second order,
+/// `a T s^2 + T s + 1`: its slow pole is the lag, its fast one acts as a delay. The thrust, which is as late, lags behind that delay
+/// by what remains.
+#[must_use]
+pub fn equivalent(config: &Config) -> VehicleOptions {
     let truth = truth(config);
     if config.plant.fidelity == Fidelity::Eq61 {
-        return Ok(truth);
+        return truth;
     }
-    let mut exact = config.clone();
-    exact.plant.gust_sd_m_s2 = 0.0;
-    (exact.mocap.position_noise_mm, exact.mocap.attitude_noise_deg) = (0.0, 0.0);
-    (exact.mocap.room.position_drift_mm, exact.mocap.room.attitude_drift_deg) = (0.0, 0.0);
-    let flight = FlightData::of(&excitation_flight::fly(&exact)?);
-    let start = RotationModel {
-        delay_s: truth.command_delay_ms * 1e-3,
-        lag_s: truth.rate_lag_ms * 1e-3,
-        authority: Vector3::from(truth.rate_authority_rad_s),
-        bias: Vector3::zeros(),
-    };
-    let best = turning_under(&flight, &start, noise).ok_or_else(|| {
-        Failure::new(Exit::Internal, "the loop of first order cannot be fitted to the rotors'")
-    })?;
-    let (delay_ms, lag_ms) = (best.delay_s * 1e3, best.lag_s * 1e3);
-    let gained_ms = delay_ms - truth.command_delay_ms;
-    Ok(VehicleOptions {
-        rate_lag_ms: lag_ms,
-        command_delay_ms: delay_ms,
-        thrust_lag_ms: (truth.thrust_lag_ms - gained_ms).max(0.0),
+    let (loop_ms, rotors_ms) = (truth.rate_lag_ms, truth.thrust_lag_ms);
+    let discriminant = (1.0 - 4.0 * rotors_ms / loop_ms).max(0.0);
+    let fast_ms = 0.5 * loop_ms * (1.0 - discriminant.sqrt());
+    VehicleOptions {
+        rate_lag_ms: loop_ms - fast_ms,
+        command_delay_ms: truth.command_delay_ms + fast_ms,
+        thrust_lag_ms: (rotors_ms - fast_ms).max(0.0),
         ..truth
-    })
+    }
 }
 
 /// The errors of the findings.

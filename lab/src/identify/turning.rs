@@ -43,19 +43,6 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
     Some(TurningFit { models, fit, noise, passes })
 }
 
-/// The rotation that predicts a flight best, from `start` on, if the noise is this: what the fits of many such flights scatter about,
-/// where the vehicle is not of the model's order.
-#[must_use]
-pub fn turning_under(
-    flight: &FlightData,
-    start: &RotationModel,
-    noise: &RotationNoise,
-) -> Option<RotationModel> {
-    let flights = std::slice::from_ref(flight);
-    let found = fit_under(flights, &mut parameters(start, 1), noise)?;
-    models(&found.values).first().copied()
-}
-
 fn fit_under(
     flights: &[FlightData],
     parameters: &mut [FitParameter],
