@@ -155,9 +155,19 @@ pub(crate) fn signature_check(
     Ok(options::signing_key(config)?.map(|key| SignatureCheck::new(key, unix_us)))
 }
 
-/// Whether `packet` is believed: it is signed with the key of `check`, if there is one.
-pub(crate) fn is_believed(check: &mut Option<SignatureCheck>, packet: &MavlinkPacket) -> bool {
-    check.as_mut().is_none_or(|check| check.accepts(packet.from, packet.signed.as_ref()))
+/// Whether `packet` is believed: it is signed with the key of `check`, if there is one. Packets of `encoder` are stamped later than
+/// it from now on.
+pub(crate) fn is_believed(
+    check: &mut Option<SignatureCheck>,
+    encoder: &mut MavlinkEncoder,
+    packet: &MavlinkPacket,
+) -> bool {
+    let Some(check) = check else { return true };
+    let accepted = check.accepts(packet.from, packet.signed.as_ref());
+    if accepted {
+        encoder.follow(check);
+    }
+    accepted
 }
 
 impl VehicleProtocol for Mavlink {
@@ -242,9 +252,9 @@ impl VehicleProtocol for Mavlink {
     }
 
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
-        let Self { decoder, check, vehicle, starting, errands, .. } = self;
+        let Self { encoder, decoder, check, vehicle, starting, errands, .. } = self;
         for packet in decoder.push(bytes) {
-            if !is_believed(check, &packet) {
+            if !is_believed(check, encoder, &packet) {
                 vehicle.hear_unsigned(&packet, reply);
                 continue;
             }

@@ -206,9 +206,9 @@ impl ParameterSession {
         while Time::now() < deadline {
             self.beat()?;
             let count = self.link.read(&mut buffer).map_err(|error| broken(&error))?;
-            let Self { decoder, check, .. } = self;
+            let Self { encoder, decoder, check, .. } = self;
             let mut packets =
-                decoder.push(&buffer[..count]).filter(|packet| is_believed(check, packet));
+                decoder.push(&buffer[..count]).filter(|packet| is_believed(check, encoder, packet));
             let found = packets.find_map(|packet| pick(packet.from, &packet.content));
             packets.for_each(drop);
             if found.is_some() {

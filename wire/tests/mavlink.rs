@@ -196,11 +196,16 @@ fn a_signed_packet_is_longer_by_its_signature_and_is_read() {
     }
 }
 
+/// Unix time of these tests, and a minute \[us\].
+const NOW_US: u64 = 1_800_000_000_000_000;
+const MINUTE_US: u64 = 60_000_000;
+
+fn key(digits: &str) -> SigningKey {
+    SigningKey::from_hex(&digits.repeat(32)).unwrap()
+}
+
 #[test]
 fn only_packets_that_are_signed_with_the_key_are_believed_and_none_twice() {
-    const NOW_US: u64 = 1_800_000_000_000_000;
-    const MINUTE_US: u64 = 60_000_000;
-    let key = |digits: &str| SigningKey::from_hex(&digits.repeat(32)).unwrap();
     let sender = |key: Option<SigningKey>, from, unix_us| {
         let mut encoder = MavlinkEncoder::new(from);
         if let Some(key) = key {
@@ -226,6 +231,35 @@ fn only_packets_that_are_signed_with_the_key_are_believed_and_none_twice() {
     let old = packet(&mut sender(Some(key("0f")), OWN, NOW_US - 2 * MINUTE_US));
     assert!(!accepts(&old), "first heard, and more than a minute old");
     assert!(accepts(&packet(&mut sender(Some(key("0f")), OWN, NOW_US - MINUTE_US / 2))));
+}
+
+#[test]
+fn a_sender_whose_clock_was_not_set_is_believed_once_it_has_heard_a_later_stamp() {
+    let packet = |encoder: &mut MavlinkEncoder| {
+        let wire = encoder.encode(&MavlinkContent::Battery(11.1)).unwrap();
+        decoded(wire.as_bytes())[0]
+    };
+    let sender = |address, unix_us| {
+        let mut encoder = MavlinkEncoder::new(address);
+        encoder.sign(key("0f"), unix_us);
+        encoder
+    };
+    let accepts = |check: &mut SignatureCheck, packet: &MavlinkPacket| {
+        check.accepts(packet.from, packet.signed.as_ref())
+    };
+    let (mut vehicle, mut own) = (sender(VEHICLE, NOW_US), sender(OWN, 0));
+    let mut by_vehicle = SignatureCheck::new(key("0f"), NOW_US);
+    let mut by_own = SignatureCheck::new(key("0f"), 0);
+    assert!(!accepts(&mut by_vehicle, &packet(&mut own)), "of 1970");
+    assert!(accepts(&mut by_own, &packet(&mut vehicle)));
+    own.follow(&by_own);
+    for _ in 0..3 {
+        assert!(accepts(&mut by_vehicle, &packet(&mut own)));
+    }
+    // A clock that is ahead stays so.
+    let mut ahead = sender(OWN, NOW_US + MINUTE_US);
+    ahead.follow(&by_own);
+    assert!(accepts(&mut by_vehicle, &packet(&mut ahead)));
 }
 
 #[test]

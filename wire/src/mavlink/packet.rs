@@ -8,7 +8,7 @@ use mavlink::{MAV_STX_V2, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Messag
 
 use super::address::MavlinkAddress;
 use super::content::MavlinkContent;
-use super::signature::{SIGNATURE, SignedBytes, Signer, SigningKey};
+use super::signature::{SIGNATURE, SignatureCheck, SignedBytes, Signer, SigningKey};
 use super::{read, write};
 use crate::stream::{Decoder, Grammar, Verdict};
 
@@ -70,6 +70,13 @@ impl MavlinkEncoder {
         self.signer = Some(Signer::new(key, unix_us));
     }
 
+    /// Stamps the packets from now on later than those that `check` has accepted; nothing if packets are not signed.
+    pub fn follow(&mut self, check: &SignatureCheck) {
+        if let Some(signer) = &mut self.signer {
+            signer.follow(check);
+        }
+    }
+
     /// The packet of a message; `None` for one that cannot be sent.
     pub fn encode(&mut self, content: &MavlinkContent) -> Option<MavlinkWire> {
         let message = write::message(content)?;
@@ -101,7 +108,7 @@ pub struct MavlinkPacket {
     pub sequence: u8,
     /// What it says.
     pub content: MavlinkContent,
-    /// The packet with its signature, if it has one: [`SignatureCheck`](super::SignatureCheck) says whether it is believed.
+    /// The packet with its signature, if it has one: [`SignatureCheck`] says whether it is believed.
     pub signed: Option<SignedBytes>,
 }
 

@@ -15,6 +15,8 @@ pub(super) const SIGNATURE: usize = 13;
 const SIGNATURE_EPOCH_S: u64 = 1_420_070_400;
 /// Age, by the newest stamp that is known, above which the first packet of a sender is not believed \[10 us\]: a minute.
 const FIRST_WITHIN: u64 = 6_000_000;
+/// Greatest stamp that a packet can carry \[10 us\].
+const GREATEST_STAMP: u64 = (1 << 48) - 1;
 /// Most senders that are believed \[-\]; each has a key.
 const MAX_SENDERS: usize = 16;
 
@@ -78,6 +80,12 @@ impl Signer {
         let signature = self.key.signature_of(raw);
         raw.signature_value_mut().copy_from_slice(&signature);
         self.stamp += 1;
+    }
+
+    /// Makes the next stamp later than every one that `check` has accepted: a receiver that knows those believes no sender whose
+    /// first stamp is a minute behind them, as of a machine whose clock was not set.
+    pub(super) fn follow(&mut self, check: &SignatureCheck) {
+        self.stamp = self.stamp.max(check.newest.saturating_add(1)).min(GREATEST_STAMP);
     }
 }
 
