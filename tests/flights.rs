@@ -8,6 +8,9 @@ use serde_json::Value;
 
 const LAWS: [&str; ControllerName::NAMES.len()] = ControllerName::NAMES;
 
+/// The model of `[vehicle]` throughout.
+const FIXED: [&str; 2] = ["--set", "control.predictive.adaptation.adapt=false"];
+
 fn fly(words: &[&str]) -> Value {
     Testbed::new("flights").summary(&[&["--clock", "in-process", "--seed", "7"], words].concat())
 }
@@ -127,7 +130,8 @@ fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
 }
 
 /// A delay of commands that is another than the configured one, and longer by more than a tick, is measured: the attitude is held
-/// as with the configured one. The same delay hidden from the stamps, which no law can measure, shows what that is worth.
+/// as with the configured one. A delay hidden from the stamps shows what that is worth: the fixed model does not know of it, the
+/// adapted one finds it.
 #[test]
 fn oqtal_dt_learns_the_delay_of_the_loop() {
     let error = |words: &[&str]| {
@@ -140,8 +144,27 @@ fn oqtal_dt_learns_the_delay_of_the_loop() {
         let measured = error(&longer);
         assert!(measured < 1.1 * configured, "{longer:?}: {measured} deg, {configured} deg");
     }
-    let hidden = error(&["--plant", "hidden-delay-ms=20"]);
-    assert!(hidden > 1.8 * configured, "{hidden} deg, {configured} deg");
+    let hidden = ["--plant", "hidden-delay-ms=20"];
+    let fixed = error(&[&hidden[..], &FIXED].concat());
+    assert!(fixed > 1.8 * configured, "{fixed} deg, {configured} deg");
+    let adapted = error(&hidden);
+    assert!(adapted < 1.2 * configured, "{adapted} deg, {configured} deg");
+}
+
+/// The rates of the vehicle lag twice as long as the law is told. The lag that is found is given to any law within the prediction.
+#[test]
+fn a_model_adapted_in_flight_makes_up_for_a_lag_that_is_not_known() {
+    let chirp = |controller: &str, words: &[&str]| {
+        let flight = ["--controller", controller, "--trajectory", "attitude-chirp"];
+        let lag = ["--plant", "rate-lag-ms=100", "--set", "control.surroundings=predictive"];
+        let summary = fly(&[&flight[..], &lag, words].concat());
+        assert_eq!(summary["outcome"], "landed", "{controller} {words:?}");
+        number(&summary, "/attitude_error_deg/rms")
+    };
+    for controller in ["oqtal-dt", "geometric", "px4"] {
+        let (adapted, fixed) = (chirp(controller, &[]), chirp(controller, &FIXED));
+        assert!(adapted < fixed / 2.5, "{controller}: {adapted} deg, {fixed} deg");
+    }
 }
 
 #[test]

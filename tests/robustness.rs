@@ -62,13 +62,17 @@ fn draws_are_the_same_for_every_law_and_any_number_of_threads_and_fly_again() {
 }
 
 #[test]
-fn a_spread_of_a_file_is_drawn_from_and_a_wrong_one_is_refused_with_its_line() {
+fn a_spread_of_a_file_is_drawn_from_and_identified_and_a_wrong_one_is_refused_with_its_line() {
     let testbed = Testbed::new("spread-file");
     testbed.write("lag.toml", "[plant]\nrate-lag-ms = { between = [60, 61] }\n");
     let words = ["--laws", "geometric", "--spread", "lag.toml", "--runs", "1", "--json"];
     let document: Value = serde_json::from_slice(&study(&testbed, "2", &words)).unwrap();
     let lag = document["draws"][0]["drawn"]["plant.rate-lag-ms"].as_f64().unwrap();
     assert!((60.0..61.0).contains(&lag));
+    let words = [&words[..], &["--identified"]].concat();
+    let document: Value = serde_json::from_slice(&study(&testbed, "2", &words)).unwrap();
+    let found = document["identified_draws"][0]["drawn"]["vehicle.rate-lag-ms"].as_f64().unwrap();
+    assert!((found - lag).abs() < 3.0, "{found} ms identified, {lag} ms true");
     testbed.write("wrong.toml", "[plant]\n\nrate-lag-ms = { betwen = [60, 61] }\n");
     let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
         .args(["robustness", "--spread", "wrong.toml"])

@@ -43,11 +43,13 @@ fn sticks() -> RateInput {
 }
 
 fn autopilot() -> Autopilot<RateInput> {
+    autopilot_with(&PredictiveOptions::default())
+}
+
+fn autopilot_with(options: &PredictiveOptions) -> Autopilot<RateInput> {
     let design =
         Design { model: quadrotor(), input: sticks(), delay_s: DELAY_S, period_s: PERIOD_S };
-    let options = PredictiveOptions::default();
-    Autopilot::new(design, OqtalDtOptions::default(), &options, &PositionOptions::default())
-        .unwrap()
+    Autopilot::new(design, OqtalDtOptions::default(), options, &PositionOptions::default()).unwrap()
 }
 
 fn vector(limit: f64) -> impl Strategy<Value = Vector3<f64>> {

@@ -4,6 +4,7 @@ pub mod against;
 pub mod cases;
 pub mod flown;
 pub mod frequency;
+pub mod identified;
 pub mod impulse;
 pub mod linear;
 pub mod margins;
@@ -33,6 +34,7 @@ use crate::study::StudyArgs;
 use crate::tune::space;
 
 use flown::{Draw, Judged, MOST_DRAWS, Rival};
+use identified::IdentifiedDraws;
 use spread::PlantSpread;
 
 /// Arguments of `oqtal robustness`.
@@ -58,6 +60,9 @@ pub struct RobustnessArgs {
     /// that a directory lacks is left out
     #[arg(long, value_name = "SOURCES", value_delimiter = ',', default_value = "tuned")]
     gains: Vec<GainSource>,
+    /// Every draw as well with what `oqtal identify` finds of its plant from one flight in place of [vehicle]
+    #[arg(long)]
+    identified: bool,
     /// Some single plants as well: the nominal one, lags and delays at and beyond the edge of the spread
     #[arg(long)]
     plants: bool,
@@ -122,19 +127,29 @@ impl RobustnessArgs {
             true => Some(responses::chapter(&responses::all(&rivals, &progress)?)),
             false => None,
         };
-        let judged = flown::fly(rivals, &draws, &progress)?;
-        let monte_carlo = Chapter {
+        let judged = flown::fly(&rivals, &draws, &progress)?;
+        let mut monte_carlo = Chapter {
             title: "Monte-Carlo",
             intro: vec![self.intro()],
-            sheets: tables::all(&judged, &draws, &spread).into_iter().chain(single).collect(),
+            sheets: tables::all(&judged, &draws),
             figures: Vec::new(),
         };
-        let margins = (!loops.is_empty()).then(|| margins::chapter(&loops));
-        let document = json!({
+        monte_carlo.sheets.push(tables::dependences(&judged, &draws, &spread));
+        monte_carlo.sheets.extend([tables::spread_table(&spread)].into_iter().chain(single));
+        let mut document = json!({
             "draws": flown_draws(&judged, &draws),
             "loops": margins::document(&loops),
         });
-        Ok((document, [monte_carlo].into_iter().chain(responses).chain(margins).collect()))
+        let mut chapters = vec![monte_carlo];
+        if self.identified {
+            let known = identified::identified(&draws, &common, &progress)?;
+            let judged = flown::fly(&rivals, &known.draws, &progress)?;
+            document["identified_draws"] = flown_draws(&judged, &known.draws);
+            chapters.push(identified_chapter(&known, &judged));
+        }
+        let margins = (!loops.is_empty()).then(|| margins::chapter(&loops));
+        chapters.extend(responses.into_iter().chain(margins));
+        Ok((document, chapters))
     }
 
     fn spread(&self) -> Result<PlantSpread, Failure> {
@@ -162,6 +177,7 @@ impl RobustnessArgs {
             self.seed,
             [
                 (self.wide, " --wide"),
+                (self.identified, " --identified"),
                 (self.plants, " --plants"),
                 (self.margins, " --margins"),
                 (self.responses, " --responses"),
@@ -173,6 +189,23 @@ impl RobustnessArgs {
 
     fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
         write(&self.out.join(name), text)
+    }
+}
+
+/// The same draws flown by laws that know each plant as it was identified.
+fn identified_chapter(known: &IdentifiedDraws, judged: &[Judged]) -> Chapter {
+    let IdentifiedDraws { draws, unidentified } = known;
+    let named = |sheet: Sheet| Sheet { name: format!("identified_{}", sheet.name), ..sheet };
+    Chapter {
+        title: "The same plants, identified",
+        intro: vec![format!(
+            "The draws from above. Each plant was first flown and identified as by `oqtal identify --fly --mass`, with its own mass \
+             and the law of the configuration; [vehicle] of all laws is what that flight showed. Not identified: {unidentified} of \
+             {}, which are flown with the [vehicle] from above. Gains are those from above too.",
+            draws.len()
+        )],
+        sheets: tables::all(judged, draws).into_iter().map(named).collect(),
+        figures: Vec::new(),
     }
 }
 

@@ -144,6 +144,10 @@ impl<I: InputForm> AttitudeLaw for Indi<I> {
         self.sent = [Vector3::zeros(); MOST_TICKS + 1];
         self.input_f = Vector3::zeros();
     }
+
+    fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        self.input.set_rate_lag(lag_s, period_s);
+    }
 }
 
 #[cfg(test)]

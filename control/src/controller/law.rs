@@ -39,6 +39,10 @@ pub trait AttitudeLaw {
     /// Sets integral action to zero and discards the gain, which is computed again in the next step. Counters are kept.
     fn reset(&mut self);
 
+    /// Sets the lag of the rate that the feed-forward inverts \[s\], for a loop that runs every `period_s` \[s\]; gains stay. A law
+    /// without feed-forward has nothing to set.
+    fn set_rate_lag(&mut self, _lag_s: f64, _period_s: f64) {}
+
     /// Number of Riccati equations solved so far, the first and failed ones included \[-\].
     fn riccati_solves(&self) -> u32 {
         0

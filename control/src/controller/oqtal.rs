@@ -252,6 +252,10 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         (self.eps_dot, self.eps_ddot) = (None, Vector3::zeros());
     }
 
+    fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        self.input.set_rate_lag(lag_s, period_s);
+    }
+
     fn riccati_solves(&self) -> u32 {
         self.schedule.solves()
     }

@@ -168,11 +168,6 @@ impl<I: InputForm> OqtalDt<I> {
         &self.gain
     }
 
-    /// Sets the lag that the feed-forward inverts \[s\], for a loop that runs every `period_s` \[s\]; the gain stays.
-    pub fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
-        self.input.set_rate_lag(lag_s, period_s);
-    }
-
     /// `eps`, shortened until the rate it commands can be stopped within it.
     fn stoppable(&self, eps: &Vector3<f64>) -> Vector3<f64> {
         // omega^2 = 2 a angle, and the angle is at least twice eps.
@@ -207,6 +202,10 @@ impl<I: InputForm> AttitudeLaw for OqtalDt<I> {
     }
 
     fn reset(&mut self) {}
+
+    fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        self.input.set_rate_lag(lag_s, period_s);
+    }
 
     fn riccati_solves(&self) -> u32 {
         1

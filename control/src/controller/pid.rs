@@ -153,4 +153,8 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
     fn reset(&mut self) {
         self.eps_i.reset();
     }
+
+    fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        self.input.set_rate_lag(lag_s, period_s);
+    }
 }

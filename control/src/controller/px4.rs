@@ -196,6 +196,10 @@ impl<I: InputForm> AttitudeLaw for Px4Attitude<I> {
         self.filter.reset();
         self.integral.reset();
     }
+
+    fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        self.input.set_rate_lag(lag_s, period_s);
+    }
 }
 
 #[cfg(test)]

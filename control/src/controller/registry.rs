@@ -152,6 +152,10 @@ impl<I: InputForm> AttitudeLaw for Controller<I> {
         self.law_mut().reset();
     }
 
+    fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
+        self.law_mut().set_rate_lag(lag_s, period_s);
+    }
+
     fn riccati_solves(&self) -> u32 {
         self.law().riccati_solves()
     }

@@ -98,9 +98,9 @@ impl Adaptation {
         Self { options, filter, nominal, last_s: None, rotating: None, thrust_gain: 1.0 }
     }
 
-    /// Forgets the response, which another flight may not have. What is known of the thrust is kept: the battery is the same.
+    /// Forgets what was learnt: the next flight may have another battery, load or vehicle.
     pub fn land(&mut self) {
-        (self.last_s, self.rotating) = (None, None);
+        *self = Self::new(&self.options, &self.filter, &self.nominal);
     }
 
     /// Takes the attitude measured at `t_s` \[s\] in flight, and the external vertical acceleration that the position filter

@@ -31,10 +31,11 @@ impl<I: InputForm> InnerLaw<I> {
         }
     }
 
-    /// Sets the lag of the rate \[s\] for a loop that runs every `period_s` \[s\]. Other laws keep the one of their design.
+    /// Sets the lag of the rate \[s\] for a loop that runs every `period_s` \[s\].
     pub(super) fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
-        if let Self::Own(law) = self {
-            law.set_rate_lag(lag_s, period_s);
+        match self {
+            Self::Own(law) => law.set_rate_lag(lag_s, period_s),
+            Self::Other(law) => law.set_rate_lag(lag_s, period_s),
         }
     }
 

@@ -74,7 +74,7 @@ pub struct AdaptationOptions {
 impl Default for AdaptationOptions {
     fn default() -> Self {
         Self {
-            adapt: false,
+            adapt: true,
             rate_gain_deviation: 0.4,
             rate_lag_deviation_ms: 60.0,
             delay_deviation_ms: 40.0,

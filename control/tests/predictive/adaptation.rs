@@ -124,8 +124,7 @@ fn without_motion_nothing_is_learnt() {
 }
 
 fn adaptation() -> Adaptation {
-    let options = AdaptationOptions { adapt: true, ..AdaptationOptions::default() };
-    Adaptation::new(&options, &FilterOptions::default(), &quadrotor())
+    Adaptation::new(&AdaptationOptions::default(), &FilterOptions::default(), &quadrotor())
 }
 
 /// Flies `vehicle` for some ticks under `adaptation`; returns for how many the adapted model was not flown.
@@ -179,4 +178,21 @@ fn the_thrust_follows_the_acceleration_that_it_lacks_within_bounds() {
         adaptation.take(vehicle.now_s(), (&measured, &hovering, -8.0), &vehicle.history);
     }
     assert_eq!(adaptation.model().thrust_gain, 0.6);
+}
+
+#[test]
+fn what_was_learnt_is_forgotten_on_the_floor() {
+    let hidden = RateResponse { gain: 0.7, lag_s: 0.09, delay_s: 0.02 };
+    let mut adaptation = adaptation();
+    let configured = adaptation.model();
+    let mut vehicle = Vehicle::new(hidden, 7);
+    let weak = Motion { thrust_n: 0.5 * 9.81, ..Motion::default() };
+    for _ in 0..600 {
+        let measured = vehicle.turn(0.6);
+        adaptation.take(vehicle.now_s(), (&measured, &weak, -1.0), &vehicle.history);
+    }
+    let learnt = adaptation.model();
+    assert!(learnt.rate_gain < 0.8 && learnt.thrust_gain < 0.9, "{learnt:?}");
+    adaptation.land();
+    assert_eq!(adaptation.model(), configured);
 }

@@ -28,10 +28,10 @@ pub struct IdentifyArgs {
     #[arg(long, conflicts_with = "files")]
     fly: bool,
     /// Mass as weighed [kg]: flights show the thrust over the mass alone [default: that of `[vehicle]`]
-    #[arg(long, value_name = "KG", value_parser = positive)]
+    #[arg(long, value_name = "KG", value_parser = mass)]
     mass: Option<f64>,
     /// Greatest thrust as measured [N], in place of the mass
-    #[arg(long, value_name = "N", value_parser = positive, conflicts_with = "mass")]
+    #[arg(long, value_name = "N", value_parser = thrust, conflicts_with = "mass")]
     max_thrust: Option<f64>,
     /// Configuration file (TOML) of the vehicle and its surroundings, with --fly
     #[arg(long, value_name = "FILE", conflicts_with = "files")]
@@ -161,9 +161,20 @@ fn json(value: &impl serde::Serialize) -> Result<String, Failure> {
     text.map(|text| text + "\n").map_err(|error| Failure::new(Exit::Internal, error.to_string()))
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+/// A mass that a vehicle for a room may have \[kg\].
+fn mass(text: &str) -> Result<f64, String> {
+    within(text, (1e-3, 1e3), "kg")
+}
+
+/// A thrust that such a vehicle may have \[N\].
+fn thrust(text: &str) -> Result<f64, String> {
+    within(text, (1e-2, 1e5), "N")
+}
+
+fn within(text: &str, (least, most): (f64, f64), unit: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if value > 0.0 && value.is_finite() { Ok(value) } else { Err("not above zero".to_owned()) }
+    let is_within = (least..=most).contains(&value);
+    is_within.then_some(value).ok_or_else(|| format!("not within {least} to {most} {unit}"))
 }
 
 fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {

@@ -45,11 +45,10 @@ pub fn estimate(flights: &[FlightData], believed: &VehicleOptions) -> Option<Veh
         curvature_ratio: 0.0,
         hover_share: mean_share(flights)?,
     };
-    let lift = |turning: &TurningFit, is_curved| {
-        lifting(TurnedFlights { flights, rotations: &turning.passes }, &start, is_curved)
-    };
-    let lifting = lift(&turning, false)?;
-    let curved = lift(&turning, true)?;
+    let delayed = turning.delayed(flights);
+    let turned = TurnedFlights { flights, rotations: &turning.passes, delayed: &delayed };
+    let curved = lifting(turned, &start, true)?;
+    let lifting = lifting(turned, &start, false)?;
     Some(VehicleFit { turning, lifting, curved })
 }
 

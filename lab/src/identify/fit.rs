@@ -61,7 +61,11 @@ impl MPFitter for Problem<'_> {
 
 /// The values at which the sum of the squared `residuals` is least; `None` if they cannot be computed. Residuals are in standard
 /// deviations, and as many at any values.
-fn fit(parameters: &[FitParameter], residuals: &dyn Fn(&[f64]) -> Vec<f64>) -> Option<Vec<f64>> {
+#[must_use]
+pub fn least_squares(
+    parameters: &[FitParameter],
+    residuals: &dyn Fn(&[f64]) -> Vec<f64>,
+) -> Option<Vec<f64>> {
     let mut values: Vec<f64> = parameters.iter().map(FitParameter::inside).collect();
     let config =
         MPConfig { max_iter: ITERATIONS, ftol: TOLERANCE, xtol: TOLERANCE, ..MPConfig::new() };
@@ -88,7 +92,7 @@ pub fn precise_fit(
 ) -> Option<FitResult> {
     let mut found = None;
     for _ in 0..PASSES {
-        let values = fit(parameters, residuals)?;
+        let values = least_squares(parameters, residuals)?;
         let covariance = covariance(parameters, &values, series, residuals)?;
         for (index, parameter) in parameters.iter_mut().enumerate() {
             parameter.start = values[index];

@@ -1,9 +1,9 @@
 //! The fit of the translation: thrust, its lag and curve, drag, and constant forces.
 
-use nalgebra::Vector3;
+use nalgebra::{DVector, Vector3};
 
 use super::data::{FlightData, series};
-use super::fit::{FitParameter, FitResult, precise_fit};
+use super::fit::{FitParameter, FitResult, least_squares, precise_fit};
 use super::noise::{Likelihood, best_in_proportion, residuals};
 use super::rotation::RotationPass;
 use super::translation::{TranslationModel, TranslationNoise, TranslationPass, pass};
@@ -37,6 +37,8 @@ pub struct TurnedFlights<'a> {
     pub flights: &'a [FlightData],
     /// Their rotation.
     pub rotations: &'a [RotationPass],
+    /// The same, were the delay of commands longer by one standard deviation.
+    pub delayed: &'a [RotationPass],
 }
 
 /// Fits the translation, from `start` on; the thrust is straight over its command unless `is_curved`.
@@ -55,7 +57,14 @@ pub fn lifting(
         noise = noise_of(turned, &models(&found.values, start), noise);
     }
     let residuals = |values: &[f64]| residuals_of(turned, &models(values, start), &noise);
-    let fit = precise_fit(&mut parameters, &series, &residuals)?;
+    let mut fit = precise_fit(&mut parameters, &series, &residuals)?;
+    // The delay is taken from the rotation, and the lag of the thrust is what remains: what a standard deviation of the one
+    // moves the other parameters by adds to their covariance.
+    let delayed = TurnedFlights { rotations: turned.delayed, ..turned };
+    let residuals = |values: &[f64]| residuals_of(delayed, &models(values, start), &noise);
+    let beside = least_squares(&parameters, &residuals)?;
+    let change = DVector::from_vec(beside) - DVector::from_column_slice(&fit.values);
+    fit.covariance += &change * change.transpose();
     let models = models(&fit.values, start);
     let passes = passes(turned, &models, &noise);
     Some(LiftingFit { models, fit, noise, passes })

@@ -43,6 +43,17 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
     Some(TurningFit { models, fit, noise, passes })
 }
 
+impl TurningFit {
+    /// The passes through `flights`, were the delay longer by one standard deviation.
+    #[must_use]
+    pub fn delayed(&self, flights: &[FlightData]) -> Vec<RotationPass> {
+        let by_s = self.fit.covariance[(0, 0)].max(0.0).sqrt();
+        let longer =
+            |model: &RotationModel| RotationModel { delay_s: model.delay_s + by_s, ..*model };
+        passes(flights, &self.models.iter().map(longer).collect::<Vec<_>>(), &self.noise)
+    }
+}
+
 fn fit_under(
     flights: &[FlightData],
     parameters: &mut [FitParameter],

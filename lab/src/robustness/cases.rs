@@ -15,8 +15,9 @@ use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
 type Case = (&'static str, &'static [(&'static str, f64)]);
 
 /// The plants. Authority is a factor of the configured one.
-const CASES: [Case; 8] = [
+const CASES: [Case; 12] = [
     ("nominal", &[]),
+    ("rate lag 30 ms", &[("plant.rate-lag-ms", 30.0)]),
     ("rate lag 80 ms", &[("plant.rate-lag-ms", 80.0)]),
     ("rate lag 84 ms", &[("plant.rate-lag-ms", 84.0)]),
     ("rate lag 90 ms", &[("plant.rate-lag-ms", 90.0)]),
@@ -24,6 +25,12 @@ const CASES: [Case; 8] = [
     ("authority -20 %, rate lag 80 ms", &[(AUTHORITY, 0.8), ("plant.rate-lag-ms", 80.0)]),
     ("hidden delay 30 ms", &[("plant.hidden-delay-ms", 30.0)]),
     ("hidden delay 40 ms", &[("plant.hidden-delay-ms", 40.0)]),
+    (
+        "rate lag 120 ms, hidden delay 40 ms",
+        &[("plant.rate-lag-ms", 120.0), ("plant.hidden-delay-ms", 40.0)],
+    ),
+    ("authority doubled: 6 dB", &[(AUTHORITY, 2.0)]),
+    ("authority halved", &[(AUTHORITY, 0.5)]),
 ];
 
 const AUTHORITY: &str = "plant.rate-authority-rad-s";

@@ -151,11 +151,7 @@ impl Judged {
 ///
 /// # Errors
 /// A setting has no meaning.
-pub fn fly(
-    rivals: Vec<Rival>,
-    draws: &[Draw],
-    progress: &Progress,
-) -> Result<Vec<Judged>, Failure> {
+pub fn fly(rivals: &[Rival], draws: &[Draw], progress: &Progress) -> Result<Vec<Judged>, Failure> {
     let bar = progress.start("draws", rivals.len() * draws.len());
     let cases: Vec<(&Rival, &Draw)> =
         rivals.iter().flat_map(|rival| draws.iter().map(move |draw| (rival, draw))).collect();
@@ -171,5 +167,6 @@ pub fn fly(
         .collect();
     let flown = flown?;
     let of_each = flown.chunks(draws.len().max(1)).map(<[_]>::to_vec);
-    Ok(rivals.into_iter().zip(of_each).map(|(rival, figures)| Judged { rival, figures }).collect())
+    let judged = |(rival, figures): (&Rival, _)| Judged { rival: rival.clone(), figures };
+    Ok(rivals.iter().zip(of_each).map(judged).collect())
 }

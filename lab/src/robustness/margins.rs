@@ -81,7 +81,8 @@ const INTRO: [&str; 2] = [
      the commands where they take effect, one flight for each of 27 frequencies from 0.5 to 14 Hz; -u/v at that frequency is the \
      loop gain.",
     "Gain, phase and delay margin are the least change of one of them that makes the loop oscillate; the disk margin allows gain \
-     and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency.",
+     and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency. They \
+     are those of the configured model, with the adaptation off.",
 ];
 
 fn columns() -> Vec<Column> {

@@ -1,7 +1,8 @@
 //! The attitude loop as it is flown: a sine is added to the commands where they take effect, and the law's answer measured.
 //!
 //! The attitude is prescribed level, so that the position loop is open. With `u` the input that the law commands and `v` the one
-//! that acts, the loop gain is `-u / v` at the frequency of the sine.
+//! that acts, the loop gain is `-u / v` at the frequency of the sine. It is that of the configured model: a loop whose model is
+//! adapted is none that a gain describes.
 
 use std::f64::consts::TAU;
 
@@ -75,6 +76,8 @@ fn prepared(settings: &[Setting], axis: usize) -> Result<Config, Failure> {
     let nominal = Config::from_settings(settings)?;
     let mut settings = [settings, &calm(&nominal)].concat();
     let mut set = |key: &str, value: toml::Value| settings.push(Setting::flag("probe", key, value));
+    // A sine that acts without having been commanded would be taken for a vehicle other than the model.
+    set("control.predictive.adaptation.adapt", false.into());
     set("trajectory.kind", "attitude-chirp".into());
     set("trajectory.attitude-chirp.sweep-s", SWEEP_S.into());
     // Level but for rounding.

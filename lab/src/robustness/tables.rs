@@ -13,12 +13,10 @@ const STRONGEST: usize = 4;
 /// Draws that are shown of those in which a law did not land \[-\].
 const MOST_FAILURES: usize = 5;
 
-/// All tables of laws on draws of `spread`.
+/// What the laws reach on the draws, and where they do not.
 #[must_use]
-pub fn all(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Vec<Sheet> {
-    let tables =
-        [landed(judged), against::table(judged), distributions(judged), broken(judged, draws)];
-    tables.into_iter().chain([dependences(judged, draws, spread), spread_table(spread)]).collect()
+pub fn all(judged: &[Judged], draws: &[Draw]) -> Vec<Sheet> {
+    vec![landed(judged), against::table(judged), distributions(judged), broken(judged, draws)]
 }
 
 const LANDED: [Column; 5] = [
@@ -146,7 +144,8 @@ fn broken_row(law: &Judged, draw: &Draw, index: usize) -> SheetRow {
 const DEPENDENCE: [Column; 1] = [("rank_correlation", "rank correlation with the hover's error")];
 
 /// The keys that the error in hover of each law depends on most.
-fn dependences(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Sheet {
+#[must_use]
+pub fn dependences(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Sheet {
     let rows = judged.iter().flat_map(|law| {
         let values = law.values(HOVER);
         let of_key =
@@ -168,7 +167,8 @@ fn dependences(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> Sheet
 }
 
 /// The spread itself.
-fn spread_table(spread: &PlantSpread) -> Sheet {
+#[must_use]
+pub fn spread_table(spread: &PlantSpread) -> Sheet {
     let row = |SpreadKey { key, form }: &SpreadKey| {
         SheetRow::new(Variant::Ours, "all", key.clone(), vec![form.words().as_str().into()])
     };

@@ -66,7 +66,7 @@ fn telemetry<'a>(row: &Row<'a>) -> &'a TelemetryV1 {
 use Instant::{Capture, Command, Tick};
 
 /// Every column, in order.
-pub(super) const COLUMNS: [ColumnGroup; 41] = [
+pub(super) const COLUMNS: [ColumnGroup; 42] = [
     numbers(&["t_s"], ("s", Tick), "time of the tick since the first armed one", |r| {
         fill([instant(r, telemetry(r).time)])
     }),
@@ -222,6 +222,7 @@ pub(super) const COLUMNS: [ColumnGroup; 41] = [
     FILTER_RATE,
     INNOVATION,
     NIS,
+    ADAPTED,
     HOPS_US,
     BATTERY,
 ];
@@ -265,6 +266,24 @@ const NIS: ColumnGroup = numbers(
     ("-", Capture),
     "squared innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise",
     |r| fill(telemetry(r).nis),
+);
+
+const ADAPTED: ColumnGroup = numbers(
+    &[
+        "adapted_rate_gain",
+        "adapted_rate_lag_ms",
+        "adapted_delay_ms",
+        "adapted_thrust_gain",
+        "adapted_fell_back",
+    ],
+    ("-; ms; ms; -; 0 or 1", Tick),
+    "the model that is flown: rate over the commanded one, its lag, delay that no report shows, thrust over the configured one; 1 while the configured model predicts better and is flown; empty without adaptation",
+    |r| {
+        let t = telemetry(r);
+        let fell_back = if t.adapted_rate_gain.is_nan() { f64::NAN } else { t.fell_back.into() };
+        let (lag_ms, delay_ms) = (t.adapted_rate_lag_s * 1e3, t.adapted_delay_s * 1e3);
+        fill([t.adapted_rate_gain, lag_ms, delay_ms, t.adapted_thrust_gain, fell_back])
+    },
 );
 
 const INNOVATION: ColumnGroup = numbers(
