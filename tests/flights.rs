@@ -167,6 +167,20 @@ fn a_model_adapted_in_flight_makes_up_for_a_lag_that_is_not_known() {
     }
 }
 
+/// A short lag that is learnt on the floor, and a force that is taken for thrust before it turns round, each brought a vehicle down.
+#[test]
+fn a_model_adapted_in_flight_is_misled_neither_by_the_floor_nor_by_a_force() {
+    let turning = ["--disturb", "force@20+1=0,0,1.5N", "--disturb", "force@21+1=0,0,-1.5N"];
+    let short = ["--vehicle", "sim:crazyflie-2.1"];
+    for (seed, words) in [("2", &turning[..]), ("1", &short), ("6", &short), ("17", &short)] {
+        let hover = ["--controller", "oqtal-dt", "--trajectory", "hover", "--seed", seed];
+        let summary = Testbed::new("misled")
+            .summary(&[&["--clock", "in-process"], &hover[..], words].concat());
+        assert_eq!(summary["outcome"], "landed", "seed {seed} {words:?}");
+        assert!(number(&summary, "/position_error_m/rms") < 0.2, "seed {seed} {words:?}");
+    }
+}
+
 #[test]
 fn oqtal_solves_once_where_the_classic_law_solves_often() {
     let solves = |controller| number(&fly(&["--controller", controller]), "/riccati_solves");

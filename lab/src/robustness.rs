@@ -87,6 +87,7 @@ const PAGE: PageHead = PageHead {
     title: "Robustness",
     lead: "Every law flies the same draws of plants that differ from the model that all laws are designed for. The laws know \
      [vehicle], the same in all draws, and what stamps show; they do not know what is drawn, the noise of the cameras included. \
+     `oqtal-dt` and the laws within its prediction adapt the model in flight, but for the gains of deploy/tuned/fixed. \
      Gains of one directory were found alike; those found over such a spread are no yardstick for those found near the model.",
     file: "robustness",
 };

@@ -5,7 +5,10 @@
 //! some seconds, is the logarithm of the likelihood ratio of the two models: if it speaks for the fixed one, that is flown and
 //! the adaptation begins anew; the adapted one is flown again once it has been as good for a
 //! while. The thrust follows the vertical acceleration that the position filter would otherwise explain by a force: with a
-//! thrust other than configured, or a mass, horizontal accelerations are wrong by the same factor.
+//! thrust other than configured, or a mass, horizontal accelerations are wrong by the same factor. A force passes and a thrust
+//! stays: the longer the flight, the more slowly the thrust follows.
+//!
+//! Nothing is learnt until the vehicle is clear of the floor, which holds it.
 
 use nalgebra::Vector3;
 
@@ -21,13 +24,20 @@ const EVIDENCE_S: f64 = 3.0;
 /// Logarithm of the likelihood ratio, fixed to adapted model, above which the fixed one is flown \[-\], and below which the adapted
 /// one may be flown again.
 const WORSE: f64 = 10.0;
-const AS_GOOD: f64 = 1.0;
+const AS_GOOD: f64 = 4.0;
 
 /// Time for which the adapted model must be as good before it is flown again \[s\].
 const PROBATION_S: f64 = 2.0;
 
-/// Time constant with which the thrust follows the vertical acceleration \[s\].
-const THRUST_S: f64 = 1.5;
+/// Least and greatest time constant with which the thrust follows the vertical acceleration \[s\]; in between, the time in flight.
+const THRUST_S: [f64; 2] = [1.5, 8.0];
+
+/// Thrust over the weight of the configured model below which a vertical acceleration says nothing of the thrust \[-\].
+const LEAST_THRUST: f64 = 0.7;
+
+/// Height above the first pose in flight \[m\], or time since that \[s\], from which on the vehicle is clear of the floor.
+const CLEAR_M: f64 = 0.1;
+const CLEAR_S: f64 = 3.0;
 
 /// The model that is flown, relative to the configured one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,7 +89,9 @@ pub struct Adaptation {
     options: AdaptationOptions,
     filter: FilterOptions,
     nominal: VehicleModel,
-    /// Time of the last pose in flight \[s\].
+    /// Time \[s\] and height \[m, world\] of the first pose in flight.
+    lift_off: Option<(f64, f64)>,
+    /// Time of the last pose clear of the floor \[s\].
     last_s: Option<f64>,
     /// `None` on the floor, and for a vehicle whose rates are not commanded.
     rotating: Option<Rotating>,
@@ -95,7 +107,15 @@ impl Adaptation {
         nominal: &VehicleModel,
     ) -> Self {
         let (options, filter, nominal) = (*options, *filter, *nominal);
-        Self { options, filter, nominal, last_s: None, rotating: None, thrust_gain: 1.0 }
+        Self {
+            options,
+            filter,
+            nominal,
+            lift_off: None,
+            last_s: None,
+            rotating: None,
+            thrust_gain: 1.0,
+        }
     }
 
     /// Forgets what was learnt: the next flight may have another battery, load or vehicle.
@@ -111,6 +131,11 @@ impl Adaptation {
         (measured, motion, vertical): (&Attitude, &Motion, f64),
         history: &CommandHistory,
     ) {
+        let height_m = motion.position.z;
+        let (lifted_s, lifted_m) = *self.lift_off.get_or_insert((t_s, height_m));
+        if self.last_s.is_none() && height_m < lifted_m + CLEAR_M && t_s < lifted_s + CLEAR_S {
+            return;
+        }
         let Some(last_s) = self.last_s.replace(t_s) else {
             self.rotating = self.started(measured);
             return;
@@ -122,11 +147,12 @@ impl Adaptation {
         if let Some(rotating) = &mut self.rotating {
             rotating.take(measured, history, (last_s, t_s));
         }
-        let lift = self.thrust_gain * motion.thrust_n / self.nominal.mass_kg;
-        if lift > 0.5 * self.nominal.gravity_m_s2 {
-            let share = (dt_s / THRUST_S).clamp(0.0, 1.0);
+        let gravity = self.nominal.gravity_m_s2;
+        if motion.thrust_n > LEAST_THRUST * gravity * self.nominal.mass_kg {
+            let [least_s, most_s] = THRUST_S;
+            let share = (dt_s / (t_s - lifted_s).clamp(least_s, most_s)).clamp(0.0, 1.0);
             let most = self.options.thrust_deviation;
-            let gain = self.thrust_gain * (1.0 + share * vertical / lift);
+            let gain = self.thrust_gain + share * vertical / gravity;
             self.thrust_gain = gain.clamp(1.0 - most, 1.0 + most);
         }
     }

@@ -178,16 +178,18 @@ impl VehicleModel {
     }
 
     fn longest_step_s(&self) -> f64 {
-        if self.integration == Integration::Fine {
-            return FINE_STEP_S;
-        }
         let rotation_s = match &self.rotation {
             Rotation::RateLoop { lag_s } => *lag_s,
             Rotation::AttitudeLoop { gain_per_s, lag_s, .. } => lag_s.min(gain_per_s.recip()),
             Rotation::RigidBody { .. } => f64::INFINITY,
         };
+        // Both steps are stable up to twice the lag.
+        let fine_s = FINE_STEP_S.min(rotation_s);
+        if self.integration == Integration::Fine {
+            return fine_s;
+        }
         let thrust_s = if self.thrust_lag_s > 0.0 { self.thrust_lag_s } else { f64::INFINITY };
-        (COARSE_SHARE * rotation_s.min(thrust_s)).clamp(FINE_STEP_S, COARSE_STEP_S)
+        (COARSE_SHARE * rotation_s.min(thrust_s)).clamp(fine_s, COARSE_STEP_S)
     }
 
     /// Thrust `t_s` \[s\] after that of `motion` \[N\]: a first-order lag by itself, and therefore exact.

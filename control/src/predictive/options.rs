@@ -65,7 +65,7 @@ pub struct AdaptationOptions {
     pub rate_gain_deviation: f64,
     /// Greatest deviation of the lag of the rate \[ms\].
     pub rate_lag_deviation_ms: f64,
-    /// Greatest delay that no report shows \[ms\].
+    /// Greatest deviation of the delay from the reported one \[ms\].
     pub delay_deviation_ms: f64,
     /// Greatest relative deviation of the thrust over the mass \[-\].
     pub thrust_deviation: f64,

@@ -23,6 +23,9 @@ const BIAS_WALK: f64 = 0.002;
 /// Time in which the estimator forgets what it knows of a parameter \[s\].
 const MEMORY_S: f64 = 120.0;
 
+/// Lag below which none is estimated \[s\]: between two poses it is over, and not to be told from none.
+const LEAST_LAG_S: f64 = 5e-3;
+
 /// Innovation above which a pose corrects no parameter \[standard deviations\].
 const OUTLIER_SIGMA: f64 = 5.0;
 
@@ -73,7 +76,7 @@ impl ResponseBounds {
         let (nominal, most) = (self.nominal.vector(), self.deviation.vector());
         let off = (parameters - nominal).zip_map(&most, |off, most| off.clamp(-most, most));
         let mut clamped = nominal + off;
-        clamped.y = clamped.y.max(0.1 * nominal.y);
+        clamped.y = clamped.y.max(nominal.y.min(LEAST_LAG_S)).max(0.1 * nominal.y);
         clamped
     }
 }

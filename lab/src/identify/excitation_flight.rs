@@ -12,9 +12,11 @@ use crate::simulation;
 /// Time at rest before the motions \[s\]: the flight lasts less than a minute.
 const SETTLE_S: f64 = 1.0;
 
-/// The masses that the controller assumes, one attempt after the other, over that of the configuration \[-\]: a vehicle that its
-/// thrust does not lift is heavier, or weaker, than configured.
-const ASSUMED: [f64; 4] = [1.0, 1.3, 1.7, 2.2];
+/// The masses that the controller assumes after a flight that failed, one attempt after the other, over that of the configuration
+/// \[-\]: a vehicle that its thrust does not lift is heavier, or weaker, than configured; one that leaves the fence or its
+/// reference is lighter, or stronger.
+const HEAVIER: &[f64] = &[1.3, 1.7, 2.2];
+const LIGHTER: &[f64] = &[0.8, 0.6];
 
 /// Flies the excitation with the law of `config`, which knows `[vehicle]` alone.
 ///
@@ -26,16 +28,16 @@ pub fn fly(config: &Config) -> Result<Flight, Failure> {
     config.trajectory.duration_s = None;
     config.trajectory.settle_s = SETTLE_S;
     let believed = config.vehicle.mass_kg;
-    let mut shortfall = String::new();
-    for assumed in ASSUMED {
-        config.vehicle.mass_kg = believed * assumed;
-        let flight = simulation::fly(&Mission::new(config.clone())?)?;
-        let Some(reason) = reason(&flight) else { return Ok(flight) };
-        shortfall = reason;
-        if !is_too_heavy(&flight) {
+    let mut flight = simulation::fly(&Mission::new(config.clone())?)?;
+    let others = if is_too_heavy(&flight) { HEAVIER } else { LIGHTER };
+    for assumed in others {
+        if reason(&flight).is_none() {
             break;
         }
+        config.vehicle.mass_kg = believed * assumed;
+        flight = simulation::fly(&Mission::new(config.clone())?)?;
     }
+    let Some(shortfall) = reason(&flight) else { return Ok(flight) };
     let remedy = "mend [vehicle] by hand, or fly slower: --set trajectory.excitation.tilt-deg=5";
     Err(Failure::new(Exit::Flight, format!("the excitation flight failed: {shortfall}; {remedy}")))
 }
