@@ -1,12 +1,12 @@
 //! Adaptation of the vehicle model in flight: response to commanded rates, and thrust.
 //!
 //! The response is estimated by a [`RotationEstimator`] within bounds about the configured one. A second estimator, whose
-//! parameters are fixed, predicts the same poses. The difference of the squares of their normalised innovations, summed over
-//! some seconds, is the logarithm of the likelihood ratio of the two models: if it speaks for the fixed one, that is flown and
-//! the adaptation begins anew; the adapted one is flown again once it has been as good for a
-//! while. The thrust follows the vertical acceleration that the position filter would otherwise explain by a force: with a
-//! thrust other than configured, or a mass, horizontal accelerations are wrong by the same factor. A force passes and a thrust
-//! stays: the longer the flight, the more slowly the thrust follows.
+//! parameters are fixed, predicts the same poses. The difference of the squares of their normalised innovations about roll and
+//! pitch, summed over some seconds, is the logarithm of the likelihood ratio of the two models: if it speaks for the fixed one,
+//! that is flown and the adaptation begins anew; the adapted one is flown again once it has been as good for a while. The thrust
+//! follows the vertical acceleration that the position filter would otherwise explain by a force: with a thrust other than
+//! configured, or a mass, horizontal accelerations are wrong by the same factor. A force passes and a thrust stays: the longer
+//! the flight, the more slowly the thrust follows.
 //!
 //! Nothing is learnt until the vehicle is clear of the floor, which holds it.
 
@@ -206,7 +206,8 @@ impl Rotating {
         let (adapted, _) = self.adapted.take(measured, history, interval);
         let (fixed, variance) = self.fixed.take(measured, history, interval);
         let kept = (1.0 - dt_s / EVIDENCE_S).clamp(0.0, 1.0);
-        let worse = (adapted.norm_squared() - fixed.norm_squared()) / (2.0 * variance);
+        let squares = [adapted, fixed].map(|innovation| innovation.xy().norm_squared());
+        let worse = (squares[0] - squares[1]) / (2.0 * variance);
         // A sum that does not fall below zero tells a change soon (Page, Biometrika 41, 1954).
         self.evidence = (self.evidence * kept + worse).max(0.0);
         self.judge(dt_s);

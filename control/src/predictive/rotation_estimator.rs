@@ -5,7 +5,8 @@
 //! of the moment; the sensitivity of its prediction to them is propagated beside it, and with it the innovations correct the
 //! parameters too (Friedland, *Treatment of bias in recursive filtering*, IEEE Trans. Automatic Control 14, 1969; Ljung,
 //! *Asymptotic behavior of the extended Kalman filter as a parameter estimator*, the same, 24, 1979). The axes share the
-//! parameters; their coupling, of the size of the angle turned between two poses, is neglected as in the attitude filter.
+//! parameters; their coupling, of the size of the angle turned between two poses, is neglected as in the attitude filter. Roll
+//! and pitch teach them: yaw, which rotors turn by their drag alone, answers more slowly on most vehicles.
 
 use nalgebra::{Matrix3, RowVector3, Vector3};
 
@@ -31,6 +32,9 @@ const OUTLIER_SIGMA: f64 = 5.0;
 
 /// Relative step of the differences by which sensitivities are computed \[-\].
 const STEP: f64 = 1e-4;
+
+/// Number of the axes whose innovations correct the parameters, roll and pitch \[-\].
+const TEACHING_AXES: usize = 2;
 
 /// Number of parameters \[-\].
 const PARAMETERS: usize = 3;
@@ -151,6 +155,9 @@ impl RotationEstimator {
         for (axis, off) in innovation.iter().enumerate() {
             let slope: RowVector3<f64> = self.sensitivity[axis].row(0).into_owned();
             self.sensitivity[axis] -= gain * slope;
+            if axis >= TEACHING_AXES {
+                continue;
+            }
             // Part of it is explained by what the other axes taught.
             let explained = slope.dot(&(self.parameters - before).transpose());
             self.learn((*off - explained, variance), &slope);

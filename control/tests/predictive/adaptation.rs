@@ -90,7 +90,7 @@ fn the_estimator_knows_how_well_it_knows() {
     let mut squares = Vector3::zeros();
     let deviation = RateResponse { gain: 0.2, lag_s: 0.03, delay_s: 0.02 };
     let bounds = ResponseBounds { deviation, ..BOUNDS };
-    let vehicles = 60;
+    let vehicles = 240;
     for seed in 0..vehicles {
         // As the estimator supposes, the bounds are two standard deviations away.
         let mut draw = Noise(1000 + seed);
@@ -105,7 +105,7 @@ fn the_estimator_knows_how_well_it_knows() {
         )
         .map(|error| error * error);
     }
-    // The mean of 60 squares has a standard deviation of 0.18.
+    // The mean of 240 squares has a standard deviation of 0.09.
     let mean = squares / vehicles as f64;
     assert!(mean.iter().all(|mean| (0.4..1.7).contains(mean)), "{mean}");
 }
