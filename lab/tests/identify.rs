@@ -156,7 +156,7 @@ fn the_model_is_that_of_the_predictive_law() {
     };
     let data = ideal(&model, (delay_s, authority));
     let (authority, bias) = (Vector3::repeat(authority), Vector3::zeros());
-    let turning = RotationModel { delay_s, lag_s, authority, bias };
+    let turning = RotationModel { delay_s, lag_s, fast_s: 0.0, authority, bias };
     let noise = RotationNoise { measured_rad: 1e-3, walk_ratio: 0.1 };
     let turned = rotation::pass(&data, &turning, &noise);
     let lifting = TranslationModel {

@@ -32,6 +32,7 @@ pub fn estimate(flights: &[FlightData], believed: &VehicleOptions) -> Option<Veh
     let start = RotationModel {
         delay_s: believed.command_delay_ms * 1e-3,
         lag_s: believed.rate_lag_ms * 1e-3,
+        fast_s: 0.0,
         authority: Vector3::from(believed.rate_authority_rad_s),
         bias: Vector3::zeros(),
     };

@@ -149,7 +149,11 @@ fn covariance(
             values[index] += by;
             DVector::from_vec(residuals(&values))
         };
-        let slope = (moved(parameter.step) - moved(-parameter.step)) / (2.0 * parameter.step);
+        // One-sided at a bound.
+        let [low, high] = parameter.bounds;
+        let above = parameter.step.min(high - values[index]);
+        let below = parameter.step.min(values[index] - low);
+        let slope = (moved(above) - moved(-below)) / (above + below);
         jacobian.set_column(column, &slope);
     }
     let mut information = jacobian.transpose() * &jacobian;

@@ -117,7 +117,7 @@ fn rotation(
         findings.push(rule.found(rate, sd, Some(believed.rate_authority_rad_s[axis])));
     }
     for (axis, rule) in rules::RATE_BIAS.iter().enumerate() {
-        let (bias, sd) = of(fit, 5 + axis, 1f64.to_degrees());
+        let (bias, sd) = of(fit, 6 + axis, 1f64.to_degrees());
         findings.push(rule.found(bias, sd, None));
     }
     findings

@@ -1,7 +1,10 @@
-//! The on-board rate loop about one axis, solved exactly for a constant demand: a rate that follows its demand with a lag.
+//! The on-board rate loop about one axis, solved exactly for a constant demand: a rate that follows its demand with a lag, behind a
+//! second lag that is shorter.
 
 /// Shortest lag \[s\].
 const SHORTEST_S: f64 = 1e-4;
+/// Greatest ratio of the shorter lag to the longer one \[-\].
+const CLOSEST: f64 = 0.8;
 
 /// The solution of the loop over a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,28 +15,84 @@ pub struct LoopStep {
     keep: f64,
     /// The angle that a deviation of the rate turns meanwhile, over the deviation \[s\].
     lever_s: f64,
+    /// What remains of a deviation of the target from the demand \[-\].
+    target_keep: f64,
+    /// The deviation of the rate that one of the target leaves, over it \[-\].
+    target_rate: f64,
+    /// The angle that a deviation of the target turns meanwhile, over it \[s\].
+    target_lever_s: f64,
+}
+
+/// The state of the loop about one axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LoopState {
+    /// The rate \[rad/s\].
+    pub rate: f64,
+    /// What the rate follows: the demand behind the shorter lag \[rad/s\].
+    pub target: f64,
 }
 
 impl LoopStep {
-    /// The solution over `h_s` for a loop of time constant `lag_s` \[s\].
+    /// The solution over `h_s` for a loop of the time constants `lag_s` and `fast_s` \[s\].
     #[must_use]
-    pub fn new(lag_s: f64, h_s: f64) -> Self {
+    pub fn new(lag_s: f64, fast_s: f64, h_s: f64) -> Self {
         let lag_s = lag_s.max(SHORTEST_S);
+        let fast_s = fast_s.min(CLOSEST * lag_s);
         let keep = (-h_s / lag_s).exp();
-        Self { h_s, keep, lever_s: lag_s * (1.0 - keep) }
+        let target_keep = if fast_s > 0.0 { (-h_s / fast_s).exp() } else { 0.0 };
+        let share = fast_s / (lag_s - fast_s);
+        let lever_s = lag_s * (1.0 - keep);
+        Self {
+            h_s,
+            keep,
+            lever_s,
+            target_keep,
+            target_rate: share * (keep - target_keep),
+            target_lever_s: share * (lever_s - fast_s * (1.0 - target_keep)),
+        }
     }
 
-    /// Advances a rate under a constant demand \[rad/s\]; returns the angle turned \[rad\].
+    /// Advances the loop under a constant demand \[rad/s\]; returns the angle turned \[rad\].
     #[inline]
-    pub fn advance(&self, rate: &mut f64, demand: f64) -> f64 {
-        let off = *rate - demand;
-        *rate = demand + off * self.keep;
-        demand * self.h_s + off * self.lever_s
+    pub fn advance(&self, state: &mut LoopState, demand: f64) -> f64 {
+        let off = state.rate - demand;
+        let target_off = state.target - demand;
+        state.rate = demand + off * self.keep + target_off * self.target_rate;
+        state.target = demand + target_off * self.target_keep;
+        demand * self.h_s + off * self.lever_s + target_off * self.target_lever_s
     }
 
     /// What remains of a deviation of the rate \[-\], and the angle that it turns meanwhile over it \[s\].
     #[must_use]
     pub fn of_rate(&self) -> (f64, f64) {
         (self.keep, self.lever_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against the equations `T r' = x - r`, `f x' = d - x` in steps that are small.
+    #[test]
+    fn the_loop_behind_a_second_lag_is_solved_exactly() {
+        for (lag_s, fast_s) in [(50e-3, 0.0), (50e-3, 6e-3), (30e-3, 15e-3), (20e-3, 16e-3)] {
+            let (h_s, demand, start) = (12e-3, 1.5, LoopState { rate: -0.4, target: 0.3 });
+            let mut exact = start;
+            let angle = LoopStep::new(lag_s, fast_s, h_s).advance(&mut exact, demand);
+            let (steps, mut state, mut turned) = (200_000, start, 0.0);
+            let dt = h_s / f64::from(steps);
+            for _ in 0..steps {
+                let target_rate = if fast_s > 0.0 { (demand - state.target) / fast_s } else { 0.0 };
+                if fast_s == 0.0 {
+                    state.target = demand;
+                }
+                turned += state.rate * dt;
+                state.rate += (state.target - state.rate) / lag_s * dt;
+                state.target += target_rate * dt;
+            }
+            let off = [angle - turned, exact.rate - state.rate, exact.target - state.target];
+            assert!(off.iter().all(|off| off.abs() < 1e-5), "{lag_s}, {fast_s}: {off:?}");
+        }
     }
 }

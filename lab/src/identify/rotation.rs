@@ -4,7 +4,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::data::FlightData;
-use super::inner_loop::LoopStep;
+use super::inner_loop::{LoopState, LoopStep};
 use super::noise::Innovations;
 use super::robust::{LostTrack, limited};
 use super::timeline::CommandTimeline;
@@ -15,10 +15,12 @@ const INITIAL_RATE: f64 = 0.5;
 /// Parameters of the rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotationModel {
-    /// From the sending of a command to its effect \[s\].
+    /// From the sending of a command to its effect, [`Self::fast_s`] included \[s\].
     pub delay_s: f64,
     /// Time constant of the rate loop \[s\].
     pub lag_s: f64,
+    /// Time constant of a second, shorter lag: that part of the delay which is none, but a lag \[s\].
+    pub fast_s: f64,
     /// Rate at full stick \[rad/s, body\].
     pub authority: Vector3<f64>,
     /// Error of the rate that the vehicle follows \[rad/s, body\].
@@ -64,7 +66,8 @@ pub struct RotationPass {
 struct Predictor<'a> {
     model: &'a RotationModel,
     attitude: UnitQuaternion<f64>,
-    rate: Vector3<f64>,
+    /// The loop of each axis \[body\].
+    axes: [LoopState; 3],
     /// Covariance of angle and rate over the variance of a measurement: `[angle, both, rate]`.
     covariance: [f64; 3],
     /// Variance that the rate gains in a second, over that of a measurement \[1/s^3\].
@@ -77,23 +80,29 @@ struct Predictor<'a> {
 pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> RotationPass {
     let Some((first, poses)) = data.air.split_first() else { return RotationPass::default() };
     let mut pass = RotationPass::default();
-    let mut timeline = CommandTimeline::new(&data.commands, model.delay_s);
+    let mut thrusts = CommandTimeline::new(&data.commands, model.delay_s);
     let began_s = data.commands.first().map_or(first.captured_s, |first| first.sent_s);
-    timeline.pieces((began_s, first.captured_s), |h_s, command| {
+    thrusts.pieces((began_s, first.captured_s), |h_s, command| {
         pass.before.push((h_s, command.map_or(0.0, |command| command.thrust)));
     });
+    let mut sticks = CommandTimeline::new(&data.commands, (model.delay_s - model.fast_s).max(0.0));
     let mut predictor = Predictor::new(model, *first.attitude.unit_quaternion(), noise);
     let mut last_s = first.captured_s;
     for pose in poses {
-        timeline.pieces((last_s, pose.captured_s), |h_s, command| {
-            let (sticks, share) = command.map_or((Vector3::zeros(), 0.0), |c| (c.sticks, c.thrust));
-            let axis = predictor.advance(h_s, &sticks);
-            pass.pieces.push(ThrustPiece { h_s, share, axis, ends_at_pose: false });
+        let mut from_s = last_s;
+        sticks.pieces((last_s, pose.captured_s), |h_s, command| {
+            let sticks = command.map_or_else(Vector3::zeros, |command| command.sticks);
+            thrusts.pieces((from_s, from_s + h_s), |h_s, command| {
+                let share = command.map_or(0.0, |command| command.thrust);
+                let axis = predictor.advance(h_s, &sticks);
+                pass.pieces.push(ThrustPiece { h_s, share, axis, ends_at_pose: false });
+            });
+            from_s += h_s;
         });
         if let Some(piece) = pass.pieces.last_mut() {
             piece.ends_at_pose = true;
         }
-        pass.rates.push(predictor.rate);
+        pass.rates.push(predictor.rate());
         let missed = predictor.correct(pose.attitude.unit_quaternion(), noise.measured_rad);
         pass.innovations.push(missed);
         last_s = pose.captured_s;
@@ -106,21 +115,26 @@ impl<'a> Predictor<'a> {
         Self {
             model,
             attitude,
-            rate: Vector3::zeros(),
+            axes: [LoopState::default(); 3],
             covariance: [1.0, 0.0, (INITIAL_RATE / noise.measured_rad).powi(2)],
             walk: noise.walk_ratio * noise.walk_ratio,
             lost: LostTrack::default(),
         }
     }
 
+    /// Body rate \[rad/s\].
+    fn rate(&self) -> Vector3<f64> {
+        self.axes.map(|axis| axis.rate).into()
+    }
+
     /// Advances by `h_s` \[s\]; returns body z in the middle of that time \[world\].
     fn advance(&mut self, h_s: f64, sticks: &Vector3<f64>) -> Vector3<f64> {
-        let step = LoopStep::new(self.model.lag_s, h_s);
+        let step = LoopStep::new(self.model.lag_s, self.model.fast_s, h_s);
         let demand = self.model.authority.component_mul(sticks) + self.model.bias;
-        let before = self.rate;
-        let turned = Vector3::from_fn(|axis, _| step.advance(&mut self.rate[axis], demand[axis]));
+        let before = self.rate();
+        let turned = Vector3::from_fn(|axis, _| step.advance(&mut self.axes[axis], demand[axis]));
         // Rotations about changing axes do not commute: the coning of a rate that changes evenly.
-        let coning = before.cross(&self.rate) * (h_s * h_s / 12.0);
+        let coning = before.cross(&self.rate()) * (h_s * h_s / 12.0);
         let half = UnitQuaternion::from_scaled_axis((turned + coning) * 0.5);
         let middle = self.attitude * half;
         self.attitude = UnitQuaternion::new_normalize((middle * half).into_inner());
@@ -151,7 +165,9 @@ impl<'a> Predictor<'a> {
         }
         let counted = limited(&innovation, sd);
         self.attitude *= UnitQuaternion::from_scaled_axis(counted * (p / variance));
-        self.rate += counted * (c / variance);
+        for (axis, by) in self.axes.iter_mut().zip(counted.iter()) {
+            axis.rate += by * (c / variance);
+        }
         self.covariance = [p / variance, c / variance, r - c * c / variance];
         (innovation, variance)
     }

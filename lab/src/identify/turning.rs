@@ -9,8 +9,12 @@ use super::rotation::{RotationModel, RotationNoise, RotationPass, pass};
 
 /// Rounds of a fit and an estimate of the noise.
 const ROUNDS: usize = 2;
+/// Place of the square of the second lag among the parameters.
+const FAST: usize = 5;
 /// Parameters before the biases.
-const SHARED: usize = 5;
+const SHARED: usize = 6;
+/// Longest second lag \[s\].
+const LONGEST_FAST_S: f64 = 15e-3;
 /// Range of the walk of the rate over the noise of a measurement \[1/s\].
 const WALKS: [f64; 2] = [0.1, 1000.0];
 
@@ -19,8 +23,8 @@ const WALKS: [f64; 2] = [0.1, 1000.0];
 pub struct TurningFit {
     /// The parameters, with the bias of each flight.
     pub models: Vec<RotationModel>,
-    /// Values and covariance in the order delay \[s\], lag \[s\], authority \[rad/s, body\], biases
-    /// \[rad/s, body\].
+    /// Values and covariance in the order delay \[s\], lag \[s\], authority \[rad/s, body\], square of the second lag \[s^2\],
+    /// biases \[rad/s, body\].
     pub fit: FitResult,
     /// Noise of the measurement and of the rotation.
     pub noise: RotationNoise,
@@ -28,7 +32,8 @@ pub struct TurningFit {
     pub passes: Vec<RotationPass>,
 }
 
-/// Fits the rotation to `flights`, from `start` on, the rate loop of first order.
+/// Fits the rotation to `flights`, from `start` on. The fit has a second lag, so that a loop of second order does not shift what is
+/// found and is within the intervals; for `[vehicle]`, whose loop is of first order, it is a part of the delay.
 #[must_use]
 pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningFit> {
     let mut noise = RotationNoise { measured_rad: 3e-3, walk_ratio: 30.0 };
@@ -37,6 +42,8 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
         let found = fit_under(flights, &mut parameters, &noise)?;
         noise = noise_of(flights, &models(&found.values), noise);
     }
+    // The second lag last: from far away, a fit that has it ends at its bound.
+    parameters[FAST].is_fixed = false;
     let fit = fit_under(flights, &mut parameters, &noise)?;
     let models = models(&fit.values);
     let passes = passes(flights, &models, &noise);
@@ -70,15 +77,19 @@ fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {
     let authority = start.authority.iter().map(|authority| rate(*authority));
     let biases = (0..3 * flights).map(|_| rate(0.0));
     let times = [time(start.delay_s), lag].into_iter();
-    times.chain(authority).chain(biases).collect()
+    // The square: a lag that is part of the delay acts by its square, and so do the derivatives not vanish where it is 0.
+    let longest = LONGEST_FAST_S * LONGEST_FAST_S;
+    let fast = FitParameter { start: 0.0, bounds: [0.0, longest], step: 4e-6, is_fixed: true };
+    times.chain(authority).chain([fast]).chain(biases).collect()
 }
 
 /// The parameters of each flight from the values of a fit.
 fn models(values: &[f64]) -> Vec<RotationModel> {
     let (delay_s, lag_s) = (values[0], values[1]);
-    let authority = Vector3::from_column_slice(&values[2..SHARED]);
+    let authority = Vector3::from_column_slice(&values[2..FAST]);
+    let fast_s = values[FAST].max(0.0).sqrt();
     let biases = values[SHARED..].chunks_exact(3).map(Vector3::from_column_slice);
-    biases.map(|bias| RotationModel { delay_s, lag_s, authority, bias }).collect()
+    biases.map(|bias| RotationModel { delay_s, lag_s, fast_s, authority, bias }).collect()
 }
 
 fn passes(
