@@ -69,10 +69,12 @@ fn a_spread_of_a_file_is_drawn_from_and_identified_and_a_wrong_one_is_refused_wi
     let document: Value = serde_json::from_slice(&study(&testbed, "2", &words)).unwrap();
     let lag = document["draws"][0]["drawn"]["plant.rate-lag-ms"].as_f64().unwrap();
     assert!((60.0..61.0).contains(&lag));
-    let words = [&words[..], &["--identified"]].concat();
+    let words = [&words[..], &["--identified", "--wide"]].concat();
     let document: Value = serde_json::from_slice(&study(&testbed, "2", &words)).unwrap();
     let found = document["identified_draws"][0]["drawn"]["vehicle.rate-lag-ms"].as_f64().unwrap();
     assert!((found - lag).abs() < 3.0, "{found} ms identified, {lag} ms true");
+    let wide = document["wide_draws"][0]["drawn"]["plant.rate-lag-ms"].as_f64().unwrap();
+    assert!((59.5..61.5).contains(&wide) && wide != lag, "{wide} ms, {lag} ms");
     testbed.write("wrong.toml", "[plant]\n\nrate-lag-ms = { betwen = [60, 61] }\n");
     let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
         .args(["robustness", "--spread", "wrong.toml"])

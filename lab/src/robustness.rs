@@ -12,6 +12,7 @@ pub mod probed;
 pub mod responses;
 pub mod spread;
 pub mod statistics;
+pub mod summary;
 pub mod tables;
 
 use std::fs;
@@ -20,6 +21,7 @@ use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
+use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Map, Value, json};
@@ -47,7 +49,7 @@ pub struct RobustnessArgs {
     /// file in TOML with a form of drawing for each key (docs/robustness.md)
     #[arg(long, value_name = "SPREAD", default_value = "vehicle")]
     spread: String,
-    /// Every range of the spread twice as wide
+    /// As many draws as well of a spread with every range twice as wide
     #[arg(long)]
     wide: bool,
     /// Number of draws; every law flies all of them
@@ -118,45 +120,54 @@ impl RobustnessArgs {
     /// Flies everything. Returns draws and loops as JSON, and the chapters of the page.
     fn flown(&self) -> Result<(Value, Vec<Chapter>), Failure> {
         let common = self.study.settings()?;
-        let spread = self.spread()?;
-        let draws = Draw::several(&spread, &common, (self.seed, 0..self.runs))?;
         let rivals = rivals(&self.laws, &self.gains, &common)?;
         let progress = Progress::default();
         let loops = if self.margins { margins::all(&rivals, &progress)? } else { Vec::new() };
-        let single = self.plants.then(|| cases::table(&rivals, &progress)).transpose()?;
-        let responses = match self.responses {
-            true => Some(responses::chapter(&responses::all(&rivals, &progress)?)),
-            false => None,
-        };
-        let judged = flown::fly(&rivals, &draws, &progress)?;
-        let mut monte_carlo = Chapter {
-            title: "Monte-Carlo",
-            intro: vec![self.intro()],
-            sheets: tables::all(&judged, &draws),
-            figures: Vec::new(),
-        };
-        monte_carlo.sheets.push(tables::dependences(&judged, &draws, &spread));
-        monte_carlo.sheets.extend([tables::spread_table(&spread)].into_iter().chain(single));
-        let mut document = json!({
-            "draws": flown_draws(&judged, &draws),
-            "loops": margins::document(&loops),
-        });
-        let mut chapters = vec![monte_carlo];
-        if self.identified {
-            let known = identified::identified(&draws, &common, &progress)?;
-            let judged = flown::fly(&rivals, &known.draws, &progress)?;
-            document["identified_draws"] = flown_draws(&judged, &known.draws);
-            chapters.push(identified_chapter(&known, &judged));
+        let (mut document, mut chapters) = self.over_draws(&rivals, &common, &progress)?;
+        document["loops"] = margins::document(&loops);
+        if self.responses {
+            chapters.push(responses::chapter(&responses::all(&rivals, &progress)?));
         }
-        let margins = (!loops.is_empty()).then(|| margins::chapter(&loops));
-        chapters.extend(responses.into_iter().chain(margins));
+        chapters.extend((!loops.is_empty()).then(|| margins::chapter(&loops)));
         Ok((document, chapters))
     }
 
-    fn spread(&self) -> Result<PlantSpread, Failure> {
+    /// The Monte-Carlo studies.
+    fn over_draws(
+        &self,
+        rivals: &[Rival],
+        common: &[Setting],
+        progress: &Progress,
+    ) -> Result<(Value, Vec<Chapter>), Failure> {
         let spread = PlantSpread::from_str(&self.spread)
             .map_err(|reason| Failure::new(Exit::Config, reason))?;
-        Ok(if self.wide { spread.twice_as_wide() } else { spread })
+        let several =
+            |spread: &PlantSpread| Draw::several(spread, common, (self.seed, 0..self.runs));
+        let draws = several(&spread)?;
+        let wide = self.wide.then(|| several(&spread.twice_as_wide())).transpose()?;
+        let judged = flown::fly(rivals, &draws, progress)?;
+        let mut document = json!({ "draws": flown_draws(&judged, &draws) });
+        let mut sheets = tables::all(&judged, &draws);
+        sheets.push(tables::dependences(&judged, &draws, &spread));
+        sheets.push(tables::spread_table(&spread));
+        if self.plants {
+            sheets.extend(cases::tables(rivals, progress)?);
+        }
+        let intro = vec![self.intro()];
+        let mut chapters =
+            vec![Chapter { title: "Monte-Carlo", intro, sheets, figures: Vec::new() }];
+        if self.identified {
+            let known = identified::identified(&draws, common, progress)?;
+            let judged = flown::fly(rivals, &known.draws, progress)?;
+            document["identified_draws"] = flown_draws(&judged, &known.draws);
+            chapters.push(identified_chapter(&known, &judged));
+        }
+        if let Some(draws) = wide {
+            let judged = flown::fly(rivals, &draws, progress)?;
+            document["wide_draws"] = flown_draws(&judged, &draws);
+            chapters.push(wide_chapter(&judged, &draws));
+        }
+        Ok((document, chapters))
     }
 
     fn intro(&self) -> String {
@@ -196,7 +207,6 @@ impl RobustnessArgs {
 /// The same draws flown by laws that know each plant as it was identified.
 fn identified_chapter(known: &IdentifiedDraws, judged: &[Judged]) -> Chapter {
     let IdentifiedDraws { draws, unidentified } = known;
-    let named = |sheet: Sheet| Sheet { name: format!("identified_{}", sheet.name), ..sheet };
     Chapter {
         title: "The same plants, identified",
         intro: vec![format!(
@@ -205,9 +215,26 @@ fn identified_chapter(known: &IdentifiedDraws, judged: &[Judged]) -> Chapter {
              {}, which are flown with the [vehicle] from above. Gains are those from above too.",
             draws.len()
         )],
-        sheets: tables::all(judged, draws).into_iter().map(named).collect(),
+        sheets: named("identified", tables::all(judged, draws)),
         figures: Vec::new(),
     }
+}
+
+/// The draws of the wider spread.
+fn wide_chapter(judged: &[Judged], draws: &[Draw]) -> Chapter {
+    let intro = "As many draws of a spread whose ranges are each twice as wide, about the same middles. Gains are those from above.";
+    Chapter {
+        title: "A spread twice as wide",
+        intro: vec![intro.to_owned()],
+        sheets: named("wide", tables::all(judged, draws)),
+        figures: Vec::new(),
+    }
+}
+
+/// The sheets with `of` before their names.
+fn named(of: &str, sheets: Vec<Sheet>) -> Vec<Sheet> {
+    let named = |sheet: Sheet| Sheet { name: format!("{of}_{}", sheet.name), ..sheet };
+    sheets.into_iter().map(named).collect()
 }
 
 fn write(file: &Path, text: &str) -> Result<(), Failure> {
@@ -225,16 +252,17 @@ fn write(file: &Path, text: &str) -> Result<(), Failure> {
 pub fn rivals(
     laws: &[String],
     sources: &[GainSource],
-    common: &[oqtal_config::Setting],
+    common: &[Setting],
 ) -> Result<Vec<Rival>, Failure> {
     let mut rivals = Vec::new();
     for source in sources {
         let chosen = space::LAW_NAMES.into_iter().filter(|law| laws.iter().any(|name| name == law));
         for controller in chosen.filter(|law| source.has(law)) {
             let (settings, remark) = source.of(controller, common)?;
-            let name = match sources.len() {
-                1 => controller.to_owned(),
-                _ => format!("{controller}, {source}"),
+            // Beside others, the source is in the name.
+            let (name, remark) = match sources.len() {
+                1 => (controller.to_owned(), remark),
+                _ => (format!("{controller}, {source}"), String::new()),
             };
             let mut rival = Rival { name, controller, settings, remark, is_predictive: false };
             rival.is_predictive = rival.config()?.control.is_predictive();

@@ -188,9 +188,8 @@ pub fn markdown(head: &PageHead, chapters: &[Chapter], command: &str) -> String 
         for paragraph in &chapter.intro {
             text += &format!("{paragraph}\n\n");
         }
-        for sheet in
-            chapter.sheets.iter().flat_map(|sheet| std::iter::once(sheet).chain(&sheet.mismatched))
-        {
+        let shown = chapter.sheets.iter().filter(|sheet| !sheet.is_detail);
+        for sheet in shown.flat_map(|sheet| std::iter::once(sheet).chain(&sheet.mismatched)) {
             text += &sheet.to_markdown();
         }
     }

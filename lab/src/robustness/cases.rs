@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::flown::Rival;
 use crate::campaign::flights::{Contender, NOMINAL, Trial};
-use crate::campaign::metric::{Figures, METRIC};
+use crate::campaign::metric::{CHIRP, Figures, HOVER, METRIC};
 use crate::campaign::statistics::Runs;
 use crate::progress::Progress;
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
@@ -38,11 +38,40 @@ const AUTHORITY: &str = "plant.rate-authority-rad-s";
 /// Seeds of the flights.
 const SEEDS: std::ops::Range<u64> = 300..305;
 
-/// Flies every law on every plant.
+/// Flies every law on every plant. Returns hover and chirp with a column for each plant, and all figures with a row for each.
 ///
 /// # Errors
 /// A setting has no meaning.
-pub fn table(rivals: &[Rival], progress: &Progress) -> Result<Sheet, Failure> {
+pub fn tables(rivals: &[Rival], progress: &Progress) -> Result<[Sheet; 3], Failure> {
+    let all = table(rivals, progress)?;
+    let hover = beside(&all, ("plants_hover", "Single plants: hover [mm]"), METRIC[HOVER].key);
+    let chirp = beside(&all, ("plants_chirp", "Single plants: chirp [°]"), METRIC[CHIRP].key);
+    Ok([hover, chirp, all])
+}
+
+/// One figure of `all`, the plants beside each other.
+fn beside(all: &Sheet, (name, title): (&str, &str), key: &str) -> Sheet {
+    let of_first = all.rows.iter().filter(|row| row.settings == CASES[0].0);
+    let rows = of_first.map(|first| {
+        let own = all.rows.iter().filter(|row| row.controller == first.controller);
+        let cells = own.map(|row| finite(row.number(&all.columns, key))).collect();
+        SheetRow::new(Variant::Ours, first.controller.clone(), "", cells)
+    });
+    Sheet {
+        name: name.to_owned(),
+        title: title.to_owned(),
+        notes: vec![NOTE.to_owned()],
+        columns: CASES.map(|(case, _)| (case, case)).to_vec(),
+        rows: rows.collect(),
+        ..Sheet::default()
+    }
+}
+
+fn finite(figure: f64) -> SheetCell {
+    if figure.is_finite() { SheetCell::Number(figure) } else { SheetCell::None }
+}
+
+fn table(rivals: &[Rival], progress: &Progress) -> Result<Sheet, Failure> {
     let pairs: Vec<(&Case, &Rival)> =
         CASES.iter().flat_map(|case| rivals.iter().map(move |rival| (case, rival))).collect();
     let bar = progress.start("single plants", pairs.len());
@@ -51,11 +80,8 @@ pub fn table(rivals: &[Rival], progress: &Progress) -> Result<Sheet, Failure> {
         .map(|(case, rival)| {
             let figures = mean(case, rival)?;
             bar.inc();
-            let cells = figures.map(|figure| match figure.is_finite() {
-                true => SheetCell::Number(figure),
-                false => SheetCell::None,
-            });
-            Ok(SheetRow::new(Variant::Ours, rival.name.clone(), case.0, cells.to_vec()))
+            let cells = figures.map(finite).to_vec();
+            Ok(SheetRow::new(Variant::Ours, rival.name.clone(), case.0, cells))
         })
         .collect();
     Ok(Sheet {
@@ -64,6 +90,7 @@ pub fn table(rivals: &[Rival], progress: &Progress) -> Result<Sheet, Failure> {
         notes: vec![NOTE.to_owned()],
         columns: METRIC.map(|metric| -> Column { (metric.key, metric.title) }).to_vec(),
         rows: rows?,
+        is_detail: true,
         ..Sheet::default()
     })
 }

@@ -16,7 +16,7 @@ use super::probed;
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::figures::Figure;
-use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
+use crate::sheet::{Sheet, SheetCell, SheetRow, Variant};
 
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
 
@@ -70,7 +70,7 @@ pub fn chapter(loops: &[LoopPair]) -> Chapter {
     Chapter {
         title: "Margins of the attitude loop",
         intro: INTRO.map(str::to_owned).to_vec(),
-        sheets: vec![table(loops)],
+        sheets: vec![least(loops), table(loops)],
         figures: figures.map(|markup| Figure { number: 0, markup }).collect(),
     }
 }
@@ -85,9 +85,31 @@ const INTRO: [&str; 2] = [
      are those of the configured model, with the adaptation off.",
 ];
 
-fn columns() -> Vec<Column> {
-    Margins::COLUMNS.to_vec()
+/// Of each law the margins as flown about the axis that has least of each.
+fn least(loops: &[LoopPair]) -> Sheet {
+    let row = |law: &[LoopPair]| {
+        let flown = law.iter().map(|pair| pair.flown.margins().numbers());
+        let worst = |a: f64, b: f64, column| if column == PEAK { a.max(b) } else { a.min(b) };
+        let worse = |a: [f64; 5], b: [f64; 5]| std::array::from_fn(|k| worst(a[k], b[k], k));
+        let least = flown.reduce(worse).expect("a law has an axis");
+        let cells = least.map(finite).to_vec();
+        SheetRow::new(Variant::Ours, law[0].law.clone(), "", cells)
+    };
+    Sheet {
+        name: "least_margins".to_owned(),
+        title: "Least margins".to_owned(),
+        notes: vec![
+            "As flown, of roll, pitch and yaw the least of each.".to_owned(),
+            agreement(loops),
+        ],
+        columns: Margins::COLUMNS.to_vec(),
+        rows: loops.chunk_by(|a, b| a.law == b.law).map(row).collect(),
+        ..Sheet::default()
+    }
 }
+
+/// Place of the greatest sensitivity among [`Margins::COLUMNS`].
+const PEAK: usize = 4;
 
 fn table(loops: &[LoopPair]) -> Sheet {
     let row = |pair: &LoopPair, is: &str, response: &LoopResponse| {
@@ -99,10 +121,11 @@ fn table(loops: &[LoopPair]) -> Sheet {
         .flat_map(|pair| [row(pair, "model", &pair.linear), row(pair, "flown", &pair.flown)]);
     Sheet {
         name: "margins".to_owned(),
-        title: "Margins".to_owned(),
+        title: "Margins about each axis".to_owned(),
         notes: vec![agreement(loops)],
-        columns: columns(),
+        columns: Margins::COLUMNS.to_vec(),
         rows: rows.collect(),
+        is_detail: true,
         ..Sheet::default()
     }
 }

@@ -4,6 +4,7 @@ use super::against;
 use super::flown::{Draw, Judged};
 use super::spread::{PlantSpread, SpreadKey};
 use super::statistics::{Quantiles, dependence, worse_than_the_best_other};
+use super::summary;
 use crate::campaign::flights::Test;
 use crate::campaign::metric::{HOVER, METRIC};
 use crate::sheet::{Column, Sheet, SheetCell, SheetRow, Variant};
@@ -16,7 +17,13 @@ const MOST_FAILURES: usize = 5;
 /// What the laws reach on the draws, and where they do not.
 #[must_use]
 pub fn all(judged: &[Judged], draws: &[Draw]) -> Vec<Sheet> {
-    vec![landed(judged), against::table(judged), distributions(judged), broken(judged, draws)]
+    vec![
+        summary::table(judged),
+        against::table(judged),
+        landed(judged),
+        distributions(judged),
+        broken(judged, draws),
+    ]
 }
 
 const LANDED: [Column; 5] = [
@@ -46,6 +53,7 @@ fn landed(judged: &[Judged]) -> Sheet {
         title: "Share of the draws in which the flights landed as planned".to_owned(),
         columns: LANDED.to_vec(),
         rows: judged.iter().map(row).collect(),
+        is_detail: true,
         ..Sheet::default()
     }
 }
@@ -88,6 +96,7 @@ fn distributions(judged: &[Judged]) -> Sheet {
         notes: vec![DISTRIBUTIONS_NOTE.to_owned()],
         columns: DISTRIBUTION.to_vec(),
         rows,
+        is_detail: true,
         ..Sheet::default()
     }
 }
@@ -118,6 +127,7 @@ fn broken(judged: &[Judged], draws: &[Draw]) -> Sheet {
         notes: vec![BROKEN_NOTE.to_owned()],
         columns: BROKEN.to_vec(),
         rows: rows.collect(),
+        is_detail: true,
         ..Sheet::default()
     }
 }
@@ -162,6 +172,7 @@ pub fn dependences(judged: &[Judged], draws: &[Draw], spread: &PlantSpread) -> S
         notes: vec!["Spearman's rank correlation over all draws: 1 where the error always rises with the key.".to_owned()],
         columns: DEPENDENCE.to_vec(),
         rows: rows.collect(),
+        is_detail: true,
         ..Sheet::default()
     }
 }
