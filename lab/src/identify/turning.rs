@@ -51,13 +51,15 @@ pub fn turning(flights: &[FlightData], start: &RotationModel) -> Option<TurningF
 }
 
 impl TurningFit {
-    /// The passes through `flights`, were the delay longer by one standard deviation.
+    /// The passes through `flights`, were the delay longer by one standard deviation and the other parameters what they then are
+    /// most likely.
     #[must_use]
     pub fn delayed(&self, flights: &[FlightData]) -> Vec<RotationPass> {
-        let by_s = self.fit.covariance[(0, 0)].max(0.0).sqrt();
-        let longer =
-            |model: &RotationModel| RotationModel { delay_s: model.delay_s + by_s, ..*model };
-        passes(flights, &self.models.iter().map(longer).collect::<Vec<_>>(), &self.noise)
+        let covariance = self.fit.covariance.column(0);
+        let sd_s = covariance[0].max(f64::MIN_POSITIVE).sqrt();
+        let moved =
+            self.fit.values.iter().zip(&covariance).map(|(value, with)| value + with / sd_s);
+        passes(flights, &models(&moved.collect::<Vec<_>>()), &self.noise)
     }
 }
 
