@@ -179,6 +179,14 @@ mod tests {
         assert!(!watch.answers(at(501)) && watch.is_lost(at(501)));
     }
 
+    /// Commands in between were lost only if no message between the last one and this one was.
+    #[test]
+    fn a_message_follows_the_last_one_unless_one_was_missed() {
+        let mut watch = watch();
+        let follows = [1, 2, 4, 5, 5].map(|number| watch.follows(number));
+        assert_eq!(follows, [true, true, false, true, false]);
+    }
+
     #[test]
     fn a_broken_link_keeps_on_the_ground_at_once_and_ends_a_flight_later() {
         let mut watch = watch();

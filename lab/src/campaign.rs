@@ -7,19 +7,18 @@ pub mod metric;
 pub mod statistics;
 pub mod table;
 
-use std::fs;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::{ClockKind, Setting};
-use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::{print, say};
 
 use crate::csv_text::{self, CsvText};
 use crate::mission::Mission;
+use crate::output::{make, write};
 use crate::progress::Progress;
 use crate::sheet::{Sheet, Variant};
 use crate::study::{StudyArgs, parse_seeds};
@@ -83,6 +82,9 @@ impl CampaignArgs {
     /// # Errors
     /// The directory cannot be written, a setting is invalid, or a flight could not be flown.
     pub fn execute(&self, begin: &BeginSeries) -> Result<Exit, Failure> {
+        if let Some(directory) = &self.out {
+            make(directory)?;
+        }
         let flown = self.fly(begin)?;
         let sheet = self.sheet(&flown);
         let (json, text) = (format!("{:#}\n", sheet.to_json()), sheet.to_text());
@@ -182,12 +184,4 @@ fn runs_csv(flown: &[Flown], seeds: Range<u64>) -> Result<String, Failure> {
         }
     }
     rows.finish()
-}
-
-fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    let file = directory.join(name);
-    fs::create_dir_all(directory).and_then(|()| files::write(&file, text)).map_err(|error| {
-        let name = file.display();
-        Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
-    })
 }

@@ -16,6 +16,7 @@
 //! | `sheet.rs` | tables of the paper's figures and ours |
 //! | `text_table.rs` | tables for a terminal of 80 columns |
 //! | `csv_text.rs` | tables as CSV |
+//! | `output.rs` | the directory of `--out` |
 //! | `progress.rs` | progress bars |
 #![forbid(unsafe_code)]
 
@@ -24,6 +25,7 @@ pub mod campaign;
 pub mod csv_text;
 pub mod identify;
 pub mod mission;
+pub mod output;
 pub mod progress;
 pub mod replay;
 pub mod reproduce;

@@ -15,8 +15,7 @@ pub mod statistics;
 pub mod summary;
 pub mod tables;
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
@@ -28,6 +27,7 @@ use serde_json::{Map, Value, json};
 
 use crate::campaign::gains::GainSource;
 use crate::campaign::metric::METRIC;
+use crate::output::{make, write};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
 use crate::reproduce::page::{self, PageHead};
@@ -100,6 +100,7 @@ impl RobustnessArgs {
     /// # Errors
     /// A file or setting is invalid (exit code 78), or the directory cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
+        make(&self.out)?;
         let (mut document, chapters) = self.flown()?;
         let sheets: Vec<&Sheet> = chapters.iter().flat_map(|chapter| &chapter.sheets).collect();
         document["tables"] = sheets.iter().map(|sheet| sheet.to_json()).collect();
@@ -181,7 +182,7 @@ impl RobustnessArgs {
     fn command(&self) -> String {
         let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
         format!(
-            "oqtal robustness --laws {} --gains {} --spread {} --runs {} --seed {}{}",
+            "oqtal robustness --laws {} --gains {} --spread {} --runs {} --seed {}{}{}",
             self.laws.join(","),
             gains.join(","),
             self.spread,
@@ -195,12 +196,13 @@ impl RobustnessArgs {
                 (self.responses, " --responses"),
             ]
             .map(|(is_set, flag)| if is_set { flag } else { "" })
-            .concat()
+            .concat(),
+            self.study.words()
         )
     }
 
     fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
-        write(&self.out.join(name), text)
+        write(&self.out, name, text)
     }
 }
 
@@ -237,18 +239,10 @@ fn named(of: &str, sheets: Vec<Sheet>) -> Vec<Sheet> {
     sheets.into_iter().map(named).collect()
 }
 
-fn write(file: &Path, text: &str) -> Result<(), Failure> {
-    let directory = file.parent().unwrap_or(Path::new(""));
-    fs::create_dir_all(directory).and_then(|()| fs::write(file, text)).map_err(|error| {
-        let name = file.display();
-        Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
-    })
-}
-
 /// The laws with each source of gains.
 ///
 /// # Errors
-/// No source has a law.
+/// A source has none of the laws.
 pub fn rivals(
     laws: &[String],
     sources: &[GainSource],
@@ -257,7 +251,14 @@ pub fn rivals(
     let mut rivals = Vec::new();
     for source in sources {
         let chosen = space::LAW_NAMES.into_iter().filter(|law| laws.iter().any(|name| name == law));
-        for controller in chosen.filter(|law| source.has(law)) {
+        let own: Vec<&str> = chosen.filter(|law| source.has(law)).collect();
+        if own.is_empty() {
+            let reason = format!(
+                "{source} has gains of no law of --laws; make them with `oqtal tune LAW --out {source}/LAW.toml`"
+            );
+            return Err(Failure::new(Exit::Usage, reason));
+        }
+        for controller in own {
             let (settings, remark) = source.of(controller, common)?;
             // Beside others, the source is in the name.
             let (name, remark) = match sources.len() {
@@ -268,12 +269,6 @@ pub fn rivals(
             rival.is_predictive = rival.config()?.control.is_predictive();
             rivals.push(rival);
         }
-    }
-    if rivals.is_empty() {
-        return Err(Failure::new(
-            Exit::Usage,
-            "no law of --laws has gains in --gains; make them with `oqtal tune`",
-        ));
     }
     Ok(rivals)
 }

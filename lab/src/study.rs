@@ -49,6 +49,28 @@ impl StudyArgs {
     }
 }
 
+impl StudyArgs {
+    /// The arguments as words of a command line, each after a space.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let config = self.config.iter().map(|file| ("--config", file.display().to_string()));
+        let set = self.settings.iter().map(|text| ("--set", text.clone()));
+        let plant = self.plant.iter().map(|text| ("--plant", text.clone()));
+        let trajectory = self.trajectory.iter().map(|name| ("--trajectory", name.clone()));
+        let words = config.chain(set).chain(plant).chain(trajectory);
+        words.map(|(flag, value)| format!(" {flag} {}", quoted(&value))).collect()
+    }
+}
+
+/// `word` as a shell takes it for one.
+fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_./=,:+".contains(letter);
+    match word.chars().all(is_plain) {
+        true => word.to_owned(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    }
+}
+
 /// Parses seeds, `300-330` (both included) or `7`.
 ///
 /// # Errors

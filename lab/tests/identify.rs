@@ -65,6 +65,21 @@ fn hidden_vehicles_are_identified_within_their_bounds() {
     }
 }
 
+/// Residuals of cameras without noise are rounding, and a command without delay leaves none for a second lag.
+#[test]
+fn cameras_without_noise_and_commands_without_delay_are_identified() {
+    let ideal = [Setting::flag("test", "mocap.preset", "ideal")];
+    let prompt = [Setting::flag("test", "plant.command-delay-ms", 0.0)];
+    for (settings, delay_ms) in [(&ideal, 20.0), (&prompt, 0.0)] {
+        let config = Config::from_settings(settings).unwrap();
+        let found = identified(&excitation_flight::fly(&config).unwrap());
+        let of = |name| found.findings.iter().find(|finding| finding.name == name).unwrap();
+        let (delay, thrust) = (of(rules::DELAY.name), of(rules::THRUST_PER_MASS.name));
+        assert!(delay.is_shown() && (delay.value - delay_ms).abs() < 0.5, "{delay:?}");
+        assert!(thrust.is_shown() && (thrust.value - 40.0).abs() < 0.4, "{thrust:?}");
+    }
+}
+
 #[test]
 fn neither_truth_nor_plant_nor_instants_of_effect_reach_the_estimator() {
     let config = hidden_plants::config(&[], HiddenPlants::LABORATORIES[0], 2).unwrap();

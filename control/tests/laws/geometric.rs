@@ -48,3 +48,26 @@ proptest! {
         prop_assert!((pull(175.0) - pull(5.0)).abs() < 1e-9);
     }
 }
+
+/// A command is held for a period while the rate follows it: on a reference that accelerates, it must be ahead by so much that the
+/// rate grows as that of the reference does. The lag is the configured one, or one that was told in flight.
+#[test]
+fn its_feed_forward_knows_the_lag_of_the_rate() {
+    let (configured_s, told_s) = (0.05, 0.1);
+    let acceleration = Vector3::new(1.5, -1.0, 0.5);
+    let reference = AttitudeReference {
+        rate: BodyRate(Vector3::new(0.3, -0.2, 0.1)),
+        acceleration: AngularAcceleration(acceleration),
+        ..AttitudeReference::default()
+    };
+    let state = AttitudeState { rate: reference.rate, ..AttitudeState::default() };
+    let input = sticks().with_lag(configured_s, DT_S).unwrap();
+    let mut law = law(ControllerName::Geometric, &ControllerOptions::default(), input);
+    for lag_s in [configured_s, told_s] {
+        law.set_rate_lag(lag_s, DT_S);
+        law.reset();
+        let aim = law.update(&state, &reference, DT_S).numbers() * 2.0;
+        let grown = (aim - state.rate.0) * -(-DT_S / lag_s).exp_m1();
+        assert!((grown - acceleration * DT_S).amax() < 1e-9, "{lag_s} s: {grown}");
+    }
+}

@@ -121,6 +121,28 @@ fn a_prescribed_attitude_is_followed_through_the_delay() {
     assert!(worst < 0.003, "off by {worst} rad");
 }
 
+/// The next flight may have another battery, load or vehicle.
+#[test]
+fn a_flight_after_a_landing_begins_with_the_configured_model() {
+    let heavy = Bias { acceleration: Vector3::z() * -1.0, ..Bias::default() };
+    let mut bench = Bench::new(heavy);
+    let configured = bench.autopilot.adapted();
+    for _ in 0..600 {
+        bench.turn(&hover());
+    }
+    assert!(bench.autopilot.adapted().unwrap().thrust_gain < 0.95);
+    let resting = bench.estimate();
+    for _ in 0..60 {
+        bench.tick += 1;
+        bench.autopilot.observe(bench.now_s(), &resting);
+        bench.autopilot.sent(bench.tick, bench.now_s(), &PredictiveCommand::default());
+    }
+    bench.autopilot.reset();
+    bench.tick += 1;
+    bench.autopilot.observe(bench.now_s(), &resting);
+    assert_eq!(bench.autopilot.adapted(), configured);
+}
+
 /// A push is no thrust: what the adaptation makes of it must not speed up the return by more than a few hundredths.
 #[test]
 fn a_vehicle_that_was_pushed_away_comes_back_no_faster_than_it_may() {

@@ -1,6 +1,5 @@
 //! The command line of `oqtal identify`.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -14,6 +13,7 @@ use super::excitation_flight;
 use super::hidden_plants::{HiddenPlants, study};
 use super::identification::{Scale, identify};
 use super::{overview, page, vehicle_toml};
+use crate::output::{make, write};
 
 /// Reads the flight of a recording.
 pub type ReadFlight = dyn Fn(&Path) -> Result<Flight, Failure>;
@@ -67,6 +67,9 @@ impl IdentifyArgs {
     pub fn execute(&self, read: &ReadFlight) -> Result<Exit, Failure> {
         if let Some(count) = self.hidden_plants {
             return self.study(count);
+        }
+        if let Some(directory) = &self.out {
+            make(directory)?;
         }
         let flights = self.flights(read)?;
         let Some(first) = flights.first() else {
@@ -175,12 +178,4 @@ fn within(text: &str, (least, most): (f64, f64), unit: &str) -> Result<f64, Stri
     let value: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
     let is_within = (least..=most).contains(&value);
     is_within.then_some(value).ok_or_else(|| format!("not within {least} to {most} {unit}"))
-}
-
-fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    let file = directory.join(name);
-    fs::create_dir_all(directory).and_then(|()| fs::write(&file, text)).map_err(|error| {
-        let name = file.display();
-        Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
-    })
 }

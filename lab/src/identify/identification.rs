@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::camera_figures::{PoseLatency, RestFigures};
 use super::data::{FlightData, median};
 use super::estimate::{VehicleFit, estimate};
-use super::finding::{FindingRule, ParameterFinding, rules};
+use super::finding::{FindingRule, INTERVAL, ParameterFinding, rules};
 use super::fit::FitResult;
 use super::residuals::ResidualTest;
 use super::rotation::RotationPass;
@@ -83,10 +83,17 @@ pub fn identify(
         latency_at_rest: PoseLatency::of(flights, |data| &data.rest),
         latency_in_flight: PoseLatency::of(flights, |data| &data.air),
         gust_s: estimate.lifting.noise.gust_s,
-        has_prompt_thrust: estimate.lifting.fit.values[1] < PROMPT_S,
+        has_prompt_thrust: may_be_prompt(&estimate.lifting.fit),
         poses: flights.iter().map(|data| data.air.len()).sum(),
         estimate,
     })
+}
+
+/// Whether the lag of the thrust is as short as [`PROMPT_S`], or may be: its interval is narrow enough to tell.
+fn may_be_prompt(fit: &FitResult) -> bool {
+    let (lag_s, sd_s) = of(fit, 1, 1.0);
+    let is_shown = rules::THRUST_LAG.found(lag_s * 1e3, sd_s * 1e3, None).is_shown();
+    is_shown && lag_s - INTERVAL * sd_s < PROMPT_S
 }
 
 /// Median of the delays that the stamps of the flights tell \[s\].

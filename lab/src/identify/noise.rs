@@ -47,6 +47,9 @@ pub fn residuals<'a>(flights: impl Iterator<Item = &'a Innovations>, measured: f
     axes.flat_map(|(flight, axis)| flight.normalised(measured, axis)).map(huber).collect()
 }
 
+/// Smallest deviation of a measurement \[rad or m\]: cameras without noise miss by the rounding of the predictor alone.
+const SMALLEST: f64 = 1e-6;
+
 /// The likelihood of innovations, and the deviation of the measurements at which it is greatest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Likelihood {
@@ -65,7 +68,7 @@ impl Likelihood {
             (0..3).for_each(|axis| normalised.extend(flight.normalised(1.0, axis)));
             half_logs += flight.variances.iter().map(|variance| 1.5 * variance.ln()).sum::<f64>();
         }
-        let measured = deviation(&normalised).max(f64::MIN_POSITIVE);
+        let measured = deviation(&normalised).max(SMALLEST);
         Self { log: -(normalised.len() as f64) * measured.ln() - half_logs, measured }
     }
 }

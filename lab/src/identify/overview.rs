@@ -7,7 +7,7 @@ use oqtal_observe::plot::unit::{MISSING, rounded};
 
 use super::camera_figures::PoseLatency;
 use super::digits::with_interval;
-use super::finding::ParameterFinding;
+use super::finding::{ParameterFinding, rules};
 use super::identification::Identification;
 
 /// The headings of the findings.
@@ -49,10 +49,15 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     lines.push(match coloured.as_slice() {
         [] => "residuals: no correlation found on any axis".to_owned(),
         names => format!(
-            "residuals: not white ({}): the vehicle does more than the model; the intervals account for it",
+            "residuals: not white ({}): vehicle or cameras do more than the model; the intervals may be three times too narrow",
             names.join("; ")
         ),
     });
+    let hidden = identification.findings.iter().find(|f| f.name == rules::HIDDEN_DELAY.name);
+    if hidden.is_some_and(|hidden| hidden.value + hidden.half_width < 0.0) {
+        let effect = "delay and rate lag are taken for each other; their sum is right";
+        lines.push(format!("commands seem to act before their stamps say so: {effect}"));
+    }
     if identification.has_prompt_thrust {
         let reason = "the lag of the rotors is then inside the rate loop";
         let effect =

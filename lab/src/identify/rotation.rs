@@ -85,7 +85,7 @@ pub fn pass(data: &FlightData, model: &RotationModel, noise: &RotationNoise) -> 
     thrusts.pieces((began_s, first.captured_s), |h_s, command| {
         pass.before.push((h_s, command.map_or(0.0, |command| command.thrust)));
     });
-    let mut sticks = CommandTimeline::new(&data.commands, (model.delay_s - model.fast_s).max(0.0));
+    let mut sticks = CommandTimeline::new(&data.commands, model.delay_s - model.fast_s);
     let mut predictor = Predictor::new(model, *first.attitude.unit_quaternion(), noise);
     let mut last_s = first.captured_s;
     for pose in poses {

@@ -89,7 +89,8 @@ fn parameters(start: &RotationModel, flights: usize) -> Vec<FitParameter> {
 fn models(values: &[f64]) -> Vec<RotationModel> {
     let (delay_s, lag_s) = (values[0], values[1]);
     let authority = Vector3::from_column_slice(&values[2..FAST]);
-    let fast_s = values[FAST].max(0.0).sqrt();
+    // No more of the delay than there is.
+    let fast_s = values[FAST].max(0.0).sqrt().min(delay_s);
     let biases = values[SHARED..].chunks_exact(3).map(Vector3::from_column_slice);
     biases.map(|bias| RotationModel { delay_s, lag_s, fast_s, authority, bias }).collect()
 }

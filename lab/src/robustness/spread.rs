@@ -132,8 +132,20 @@ impl PlantSpread {
     /// The file cannot be read, or an entry has none of the forms (exit code 78), with its line.
     pub fn read(file: &Path) -> Result<Self, Failure> {
         let entries = Config::file_settings(file)?;
-        let keys: Result<Vec<SpreadKey>, Failure> = entries.iter().map(entry).collect();
-        Ok(Self { keys: keys? })
+        let mut keys: Vec<SpreadKey> = Vec::new();
+        for setting in &entries {
+            let key = entry(setting)?;
+            if keys.iter().any(|other| other.key == key.key) {
+                let reason = format!("{}: `{}` has two forms; give one", setting.origin, key.key);
+                return Err(Failure::new(Exit::Config, reason));
+            }
+            keys.push(key);
+        }
+        if keys.is_empty() {
+            let reason = format!("{}: the spread has no key; docs/robustness.md", file.display());
+            return Err(Failure::new(Exit::Config, reason));
+        }
+        Ok(Self { keys })
     }
 
     /// The same twice as wide, about the middle of each range; choices stay. Bounds below zero become zero.
@@ -171,13 +183,13 @@ impl PlantSpread {
     pub fn draw(&self, nominal: &Table, (seed, run): (u64, u64)) -> Result<Vec<Setting>, Failure> {
         let draw = |SpreadKey { key, form }: &SpreadKey| {
             let mut random = SplitMix64::new(stream(key, seed, run));
-            let value = value_at(nominal, key).and_then(|value| form.value(value, &mut random));
-            let value = value.ok_or_else(|| {
-                let reason = format!(
-                    "`{key}` of the spread has no value that it can scale; see `oqtal check`"
-                );
+            let wrong = |what: &str| {
+                let reason = format!("`{key}` of the spread {what}; see `oqtal check`");
                 Failure::new(Exit::Config, reason)
-            })?;
+            };
+            let nominal = value_at(nominal, key).ok_or_else(|| wrong("is no key"))?;
+            let value = form.value(nominal, &mut random);
+            let value = value.ok_or_else(|| wrong("has no value that it can scale"))?;
             Ok(Setting::flag("spread", key, value))
         };
         self.keys.iter().map(draw).collect()
@@ -203,6 +215,9 @@ pub fn value_at<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
     section.get(name)
 }
 
+/// Beginnings of the keys that laws are designed with.
+const LAWS_KNOW: [&str; 3] = ["vehicle.", "control.", "position."];
+
 fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
     let wrong = |reason: &str| {
         let forms = "`between`, `factor`, `each-factor`, `one-factor` = [LOW, HIGH], or `choose` = [VALUES]";
@@ -214,6 +229,9 @@ fn entry(setting: &Setting) -> Result<SpreadKey, Failure> {
     let (key, name) =
         setting.key.rsplit_once('.').ok_or_else(|| wrong("is no key of the configuration"))?;
     let values = setting.value.as_array().ok_or_else(|| wrong("is no list"))?;
+    if LAWS_KNOW.iter().any(|section| key.starts_with(section)) {
+        return Err(wrong("is known to the laws, a spread is of what they do not know"));
+    }
     let key = key.to_owned();
     if name == "choose" && !values.is_empty() {
         return Ok(SpreadKey { key, form: Form::Choose(values.clone()) });
@@ -258,11 +276,12 @@ impl Form {
     /// The form in words.
     #[must_use]
     pub fn words(&self) -> String {
+        let range = |low: &f64, high: &f64| format!("{} to {}", readable(*low), readable(*high));
         match self {
-            Self::Between(low, high) => format!("{low} to {high}"),
-            Self::Factor(low, high) => format!("times {low} to {high}"),
-            Self::EachFactor(low, high) => format!("each times {low} to {high}"),
-            Self::OneFactor(low, high) => format!("one of them times {low} to {high}"),
+            Self::Between(low, high) => range(low, high),
+            Self::Factor(low, high) => format!("times {}", range(low, high)),
+            Self::EachFactor(low, high) => format!("each times {}", range(low, high)),
+            Self::OneFactor(low, high) => format!("one of them times {}", range(low, high)),
             Self::Choose(values) => {
                 let values: Vec<String> = values.iter().map(ToString::to_string).collect();
                 format!("one of {}", values.join(", "))
@@ -356,6 +375,13 @@ mod tests {
         {
             let failure = read(&format!("[plant]\n{wrong}\n")).unwrap_err();
             assert!(failure.to_string().contains("spread.toml:2"), "{failure}");
+        }
+        for wrong in [
+            "",
+            "[plant]\nmass-kg = { factor = [1, 2], between = [1, 2] }\n",
+            "[vehicle]\nmass-kg = { factor = [1, 2] }\n",
+        ] {
+            assert!(read(wrong).unwrap_err().to_string().contains("spread.toml"), "{wrong}");
         }
         let unknown = read("[plant]\nmas-kg = { factor = [1, 2] }\n").unwrap();
         assert!(unknown.draw(&nominal(), (1, 1)).unwrap_err().to_string().contains("mas-kg"));

@@ -17,13 +17,9 @@ const MOST_FAILURES: usize = 5;
 /// What the laws reach on the draws, and where they do not.
 #[must_use]
 pub fn all(judged: &[Judged], draws: &[Draw]) -> Vec<Sheet> {
-    vec![
-        summary::table(judged),
-        against::table(judged),
-        landed(judged),
-        distributions(judged),
-        broken(judged, draws),
-    ]
+    let against = Some(against::table(judged)).filter(|sheet| !sheet.rows.is_empty());
+    let details = [landed(judged), distributions(judged), broken(judged, draws)];
+    [summary::table(judged)].into_iter().chain(against).chain(details).collect()
 }
 
 const LANDED: [Column; 5] = [

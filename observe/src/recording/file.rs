@@ -98,9 +98,13 @@ impl RecordingFile {
     /// # Errors
     /// The file cannot be read, or is no recording.
     pub fn read(path: &Path) -> Result<Self, RecordingFileError> {
-        let bytes = std::fs::read(path)
-            .map_err(|error| RecordingFileError::Io { path: path.to_path_buf(), error })?;
-        Self::parse(path, &bytes)
+        let failed = |error| RecordingFileError::Io { path: path.to_path_buf(), error };
+        // A device has no end, and a pipe may have no writer.
+        if !std::fs::metadata(path).map_err(failed)?.is_file() {
+            let reason = "it is no regular file".to_owned();
+            return Err(RecordingFileError::Foreign { path: path.to_path_buf(), reason });
+        }
+        Self::parse(path, &std::fs::read(path).map_err(failed)?)
     }
 
     /// Parses the content of the file at `path`.

@@ -1,0 +1,113 @@
+//! The metrics of flights whose errors are known: flown ones, in which the truth was replaced.
+
+use nalgebra::Vector3;
+use oqtal_bus::time::Span;
+use oqtal_config::{Config, Setting};
+use oqtal_control::quaternion::Attitude;
+use oqtal_lab::campaign::metric::{of_attitude, of_hover, of_path};
+use oqtal_lab::mission::Mission;
+use oqtal_lab::simulation;
+use oqtal_observe::flight::{Flight, FlightSample};
+
+/// Heading of the vehicle at the start \[rad\].
+const HEADING: f64 = 0.3;
+
+fn flown(controller: &str, trajectory: &str) -> (Flight, Mission) {
+    let settings = [
+        Setting::flag("test", "control.controller", controller),
+        Setting::flag("test", "trajectory.kind", trajectory),
+        Setting::flag("test", "trajectory.hover.duration-s", 14.0),
+    ];
+    let mission = Mission::new(Config::from_settings(&settings).unwrap()).unwrap();
+    let flight = simulation::fly(&mission).unwrap();
+    assert!(flight.scored().count() > 100, "{:?}", flight.shortfall());
+    (flight, mission)
+}
+
+fn is_scored(sample: &FlightSample) -> bool {
+    sample.is_armed() && sample.telemetry.scored != 0
+}
+
+/// A flight of a prescribed attitude by a vehicle that is turned from it by `off` \[rad, body\], which may depend on the time since
+/// the last step \[s\].
+fn turned(trajectory: &str, off: impl Fn(f64) -> Vector3<f64>) -> [f64; 2] {
+    let (mut flight, mission) = flown("pid", trajectory);
+    let options = &flight.config.trajectory;
+    let start_s = options.take_off_s + options.settle_s;
+    let heading = Attitude::from_rotation_vector(Vector3::z() * HEADING);
+    let mut last: Option<(Attitude, f64)> = None;
+    for sample in flight.samples.iter_mut().filter(|sample| is_scored(sample)) {
+        let t_s = sample.telemetry.mission_s - start_s;
+        let Some(prescribed) = mission.trajectory.sample(t_s).attitude else { continue };
+        let wanted = heading.unit_quaternion() * prescribed.attitude.unit_quaternion();
+        let wanted = Attitude::from_unit_quaternion(wanted);
+        let steps = last.is_none_or(|(last, _)| last.angle_to(&wanted).to_degrees() > 5.0);
+        let since_s = last.filter(|_| !steps).map_or(t_s, |(_, since_s)| since_s);
+        last = Some((wanted, since_s));
+        sample.telemetry.attitude_command = wanted.xyzw();
+        let truth = sample.truth.as_mut().unwrap();
+        truth.attitude = wanted.turned_by(off(t_s - since_s)).xyzw();
+    }
+    of_attitude(&flight, &mission.trajectory)
+}
+
+/// About every axis alike: the heading counts, and it is that of the start.
+#[test]
+fn the_chirp_is_scored_by_the_angle_about_every_axis() {
+    for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+        let [rms_deg, _] = turned("attitude-chirp", |_| axis * 1_f64.to_radians());
+        assert!((rms_deg - 1.0).abs() < 1e-3, "{axis}: {rms_deg} deg");
+    }
+}
+
+#[test]
+fn a_doublet_is_settled_after_the_last_pose_that_is_off() {
+    let three_deg = Vector3::y() * 3_f64.to_radians();
+    let [_, settle_s] = turned("attitude-doublet", |since_s| match since_s < 0.5 {
+        true => three_deg,
+        false => Vector3::zeros(),
+    });
+    assert!((settle_s - 0.5).abs() <= 1.0 / 60.0, "{settle_s} s");
+}
+
+#[test]
+fn a_hover_is_scored_by_the_distance_in_millimetres() {
+    let (mut flight, _) = flown("pid", "hover");
+    for FlightSample { telemetry, truth } in &mut flight.samples {
+        let wanted = Vector3::from(telemetry.reference_position);
+        let Some(truth) = truth else { continue };
+        truth.position = (wanted + Vector3::new(3e-3, 0.0, -4e-3)).into();
+    }
+    let [rms_mm, _] = of_hover(&flight);
+    assert!((rms_mm - 5.0).abs() < 1e-6, "{rms_mm} mm");
+}
+
+/// The set-points swing along, and the vehicle is where the newest decision would have it: `oqtal-dt` has decided for the instant at
+/// which its command acts, another law for now.
+#[test]
+fn every_law_is_judged_by_the_newest_decision() {
+    let (ahead_s, speed, turn) = (35e-3, 0.3, 0.2);
+    for (controller, decided_ahead_s) in [("oqtal-dt", ahead_s), ("pid", 0.0)] {
+        let (mut flight, _) = flown(controller, "hover");
+        flight.applied.truncate(1);
+        let stamps = &mut flight.applied[0].stamps;
+        stamps.applied_at = stamps.command_published_at + Span::from_seconds(ahead_s);
+        let start = flight.samples[0].telemetry.time;
+        let velocity = |t_s: f64| [speed * t_s, 0.0, 0.0];
+        let attitude =
+            |t_s: f64| Attitude::from_rotation_vector(Vector3::x() * (turn * t_s)).xyzw();
+        for FlightSample { telemetry, truth } in &mut flight.samples {
+            let t_s = telemetry.time.since(start).seconds();
+            let Some(truth) = truth else { continue };
+            telemetry.velocity_command = velocity(t_s);
+            telemetry.attitude_command = attitude(t_s);
+            truth.velocity = velocity(t_s + ahead_s);
+            truth.attitude = attitude(t_s + ahead_s);
+        }
+        let [_, velocity_m_s, attitude_deg, ..] = of_path(&flight);
+        let behind_s = ahead_s - decided_ahead_s;
+        let expected = [speed * behind_s, (turn * behind_s).to_degrees()];
+        assert!((velocity_m_s - expected[0]).abs() < 1e-6, "{controller}: {velocity_m_s} m/s");
+        assert!((attitude_deg - expected[1]).abs() < 1e-4, "{controller}: {attitude_deg} deg");
+    }
+}
