@@ -8,10 +8,12 @@ use oqtal_lab::identify::rotation::{self, RotationModel, RotationNoise};
 use oqtal_lab::identify::turning::turning;
 
 const PERIOD_S: f64 = 1.0 / 60.0;
+/// Rate at full stick \[rad/s\].
+const AUTHORITY: f64 = 2.0;
 
 /// A vehicle under swinging sticks, whose rate follows the demand behind two lags after a dead time, with attitudes off by up to a
 /// milliradian.
-fn swinging(dead_s: f64, lag_s: f64, fast_s: f64, authority: f64, ticks: u32) -> FlightData {
+fn swinging([dead_s, lag_s, fast_s]: [f64; 3], ticks: u32) -> FlightData {
     let mut data = FlightData::default();
     let mut attitude = Attitude::LEVEL;
     let [mut rate, mut target] = [Vector3::zeros(); 2];
@@ -37,7 +39,7 @@ fn swinging(dead_s: f64, lag_s: f64, fast_s: f64, authority: f64, ticks: u32) ->
             let acting = (t_s + (f64::from(step) + 0.5) * h_s - dead_s) / PERIOD_S;
             let demand = match acting < 0.0 {
                 true => Vector3::zeros(),
-                false => sticks(acting.floor()) * authority,
+                false => sticks(acting.floor()) * AUTHORITY,
             };
             target += (demand - target) * (h_s / fast_s);
             rate += (target - rate) * (h_s / lag_s);
@@ -51,8 +53,8 @@ fn swinging(dead_s: f64, lag_s: f64, fast_s: f64, authority: f64, ticks: u32) ->
 #[test]
 fn a_second_lag_is_found_and_is_a_part_of_the_delay() {
     let (dead_s, lag_s, fast_s) = (20e-3, 50e-3, 12e-3);
-    let data = swinging(dead_s, lag_s, fast_s, 2.0, 1200);
-    let (authority, bias) = (Vector3::repeat(2.0), Vector3::zeros());
+    let data = swinging([dead_s, lag_s, fast_s], 1200);
+    let (authority, bias) = (Vector3::repeat(AUTHORITY), Vector3::zeros());
     let start = RotationModel { delay_s: 25e-3, lag_s: 55e-3, fast_s: 0.0, authority, bias };
     let found = turning(&[data], &start).unwrap();
     let RotationModel { delay_s, lag_s: found_s, fast_s: second_s, .. } = found.models[0];
@@ -64,9 +66,9 @@ fn a_second_lag_is_found_and_is_a_part_of_the_delay() {
 /// The second lag is one of the rate loop: a thrust acts after the whole delay.
 #[test]
 fn a_thrust_is_not_commanded_earlier_by_the_second_lag() {
-    let mut data = swinging(20e-3, 50e-3, 10e-3, 2.0, 30);
+    let mut data = swinging([20e-3, 50e-3, 10e-3], 30);
     data.commands.iter_mut().skip(12).for_each(|command| command.thrust = 0.7);
-    let (authority, bias) = (Vector3::repeat(2.0), Vector3::zeros());
+    let (authority, bias) = (Vector3::repeat(AUTHORITY), Vector3::zeros());
     let model = RotationModel { delay_s: 30e-3, lag_s: 50e-3, fast_s: 10e-3, authority, bias };
     let noise = RotationNoise { measured_rad: 1e-3, walk_ratio: 1.0 };
     let pass = rotation::pass(&data, &model, &noise);
@@ -80,7 +82,7 @@ fn a_thrust_is_not_commanded_earlier_by_the_second_lag() {
 fn at_a_bound_the_interval_is_as_wide_as_inside() {
     let width = |aim: f64| {
         let residuals = |values: &[f64]| {
-            let of = |k: u32| if k % 2 == 0 { 1.0 } else { -1.0 };
+            let of = |k: u32| if k.is_multiple_of(2) { 1.0 } else { -1.0 };
             (0..100).map(|k| values[0].max(0.0) - aim + of(k)).collect::<Vec<_>>()
         };
         let bounds = [0.0, 10.0];

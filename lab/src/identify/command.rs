@@ -84,7 +84,7 @@ impl IdentifyArgs {
             let toml = vehicle_toml::toml(&identification, &vehicle.preset);
             write(directory, "vehicle.toml", &toml)?;
             write(directory, "identification.json", &json)?;
-            write(directory, "identification.html", &page::html(&identification, &data))?;
+            write(directory, "identification.html", page::html(&identification, &data))?;
         }
         let written = self.out.as_ref().map_or(String::new(), |directory| {
             format!("\nwritten: {}", directory.join("vehicle.toml").display())
