@@ -49,7 +49,7 @@ pub fn remarks(identification: &Identification) -> Vec<String> {
     lines.push(match coloured.as_slice() {
         [] => "residuals: no correlation found on any axis".to_owned(),
         names => format!(
-            "residuals: not white ({}): vehicle or cameras do more than the model; the intervals may be three times too narrow",
+            "residuals: not white ({}): vehicle or cameras do more than the model; the intervals may be several times too narrow",
             names.join("; ")
         ),
     });

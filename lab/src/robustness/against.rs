@@ -16,7 +16,7 @@ const COLUMNS: [Column; 7] = [
     ("chirp_ratio", "chirp of the best other over its own, median"),
     ("chirp_worse_percent", "worse at the chirp [% of draws]"),
     ("doublet_ratio", "doublet of the best other over its own, median"),
-    ("only_loser", "draws with a flight that it alone did not land"),
+    ("only_loser", "draws with a flight that it did not land and another law did"),
 ];
 
 /// The table; without rows if only one law flies.

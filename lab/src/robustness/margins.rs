@@ -82,7 +82,8 @@ const INTRO: [&str; 2] = [
      loop gain.",
     "Gain, phase and delay margin are the least change of one of them that makes the loop oscillate; the disk margin allows gain \
      and phase to change at once. Where a margin is missing, the loop has no such limit below the highest frequency. They \
-     are those of the configured model, with the adaptation off.",
+     are those of the configured model, with the adaptation off, and say nothing of the position loop, nor of an adaptation at its \
+     bound.",
 ];
 
 /// Of each law the margins as flown about the axis that has least of each.
