@@ -260,12 +260,11 @@ impl Sheet {
         self.rows.iter().map(|row| row.to_json(&self.columns)).collect()
     }
 
-    /// Whether the rows differ in their variant, and in their settings.
+    /// Whether variant and settings are to be shown: a variant unless all rows are ours, settings if they differ.
     fn differing(&self) -> (bool, bool) {
-        let differ = |name: fn(&SheetRow) -> &str| {
-            self.rows.windows(2).any(|pair| name(&pair[0]) != name(&pair[1]))
-        };
-        (differ(|row| row.variant.key()), differ(|row| &row.settings))
+        let are_ours = self.rows.iter().all(|row| row.variant == Variant::Ours);
+        let differ = self.rows.windows(2).any(|pair| pair[0].settings != pair[1].settings);
+        (!are_ours, differ)
     }
 
     /// The sheet as tables for the terminal. What all rows have in common is said once above them; columns without a value are left
@@ -312,7 +311,8 @@ impl Sheet {
         (above, own)
     }
 
-    /// The sheet as Markdown, one block of rows for each variant; variant and settings that all rows have in common are left out.
+    /// The sheet as Markdown, one block of rows for each variant. Where all rows are ours the variant is left out, and settings that
+    /// all rows have in common are too.
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let (variants, settings) = self.differing();
