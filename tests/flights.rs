@@ -153,6 +153,18 @@ fn oqtal_dt_learns_the_delay_of_the_loop() {
     assert!(adapted < 1.2 * configured, "{adapted} deg, {configured} deg");
 }
 
+/// A rate loop with slow rotors has a second lag, which the adaptation takes for a delay. Given to the thrust too, it made the
+/// height swing.
+#[test]
+fn slow_rotors_make_no_height_swing() {
+    let hover = ["--controller", "oqtal-dt", "--trajectory", "hover"];
+    let rotors = ["--vehicle", "sim:hummingbird,fidelity=rotors", "--plant", "rotors.lag-ms=15"];
+    let summary = fly(&[hover, rotors].concat());
+    assert_eq!(summary["outcome"], "landed");
+    let error_m = number(&summary, "/position_error_m/rms");
+    assert!(error_m < 3e-3, "{error_m} m");
+}
+
 #[test]
 fn a_model_adapted_in_flight_makes_up_for_a_lag_that_is_not_known() {
     let chirp = |controller: &str, words: &[&str]| {

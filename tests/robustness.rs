@@ -69,8 +69,12 @@ fn a_spread_of_a_file_is_drawn_from_and_identified_and_a_wrong_one_is_refused_wi
     let document: Value = serde_json::from_slice(&study(&testbed, "2", &words)).unwrap();
     let lag = document["draws"][0]["drawn"]["plant.rate-lag-ms"].as_f64().unwrap();
     assert!((60.0..61.0).contains(&lag));
-    let words = [&words[..], &["--identified", "--wide"]].concat();
+    let other = ["--identified", "--wide", "--other-spreads", "drag.toml"];
+    testbed.write("drag.toml", "[plant]\ndrag-per-s = { between = [0.5, 0.6] }\n");
+    let words = [&words[..], &other].concat();
     let document: Value = serde_json::from_slice(&study(&testbed, "2", &words)).unwrap();
+    let drag = document["other_draws"]["drag.toml"][0]["drawn"]["plant.drag-per-s"].as_f64();
+    assert!(drag.is_some_and(|drag| (0.5..0.6).contains(&drag)), "{drag:?}");
     let found = document["identified_draws"][0]["drawn"]["vehicle.rate-lag-ms"].as_f64().unwrap();
     assert!((found - lag).abs() < 3.0, "{found} ms identified, {lag} ms true");
     let wide = document["wide_draws"][0]["drawn"]["plant.rate-lag-ms"].as_f64().unwrap();

@@ -49,7 +49,10 @@ pub struct RobustnessArgs {
     /// file in TOML with a form of drawing for each key (docs/robustness.md)
     #[arg(long, value_name = "SPREAD", default_value = "vehicle")]
     spread: String,
-    /// As many draws as well of a spread with every range twice as wide
+    /// As many draws as well of other spreads
+    #[arg(long, value_name = "SPREADS", value_delimiter = ',')]
+    other_spreads: Vec<String>,
+    /// As many draws as well of the spread with every range twice as wide
     #[arg(long)]
     wide: bool,
     /// Number of draws; every law flies all of them
@@ -140,11 +143,15 @@ impl RobustnessArgs {
         common: &[Setting],
         progress: &Progress,
     ) -> Result<(Value, Vec<Chapter>), Failure> {
-        let spread = PlantSpread::from_str(&self.spread)
-            .map_err(|reason| Failure::new(Exit::Config, reason))?;
         let several =
             |spread: &PlantSpread| Draw::several(spread, common, (self.seed, 0..self.runs));
+        let spread = spread_of(&self.spread)?;
         let draws = several(&spread)?;
+        let other = |name: &String| {
+            let spread = spread_of(name)?;
+            Ok(OtherSpread { name: name.clone(), draws: several(&spread)?, spread })
+        };
+        let others = self.other_spreads.iter().map(other).collect::<Result<Vec<_>, Failure>>()?;
         let wide = self.wide.then(|| several(&spread.twice_as_wide())).transpose()?;
         let judged = flown::fly(rivals, &draws, progress)?;
         let mut document = json!({ "draws": flown_draws(&judged, &draws) });
@@ -168,6 +175,7 @@ impl RobustnessArgs {
             document["wide_draws"] = flown_draws(&judged, &draws);
             chapters.push(wide_chapter(&judged, &draws));
         }
+        chapters.extend(others_chapter(&others, rivals, progress, &mut document)?);
         Ok((document, chapters))
     }
 
@@ -182,10 +190,14 @@ impl RobustnessArgs {
     fn command(&self) -> String {
         let gains: Vec<String> = self.gains.iter().map(ToString::to_string).collect();
         format!(
-            "oqtal robustness --laws {} --gains {} --spread {} --runs {} --seed {}{}{}",
+            "oqtal robustness --laws {} --gains {} --spread {}{} --runs {} --seed {}{}{}",
             self.laws.join(","),
             gains.join(","),
             self.spread,
+            match &self.other_spreads[..] {
+                [] => String::new(),
+                others => format!(" --other-spreads {}", others.join(",")),
+            },
             self.runs,
             self.seed,
             [
@@ -231,6 +243,38 @@ fn wide_chapter(judged: &[Judged], draws: &[Draw]) -> Chapter {
         sheets: named("wide", tables::all(judged, draws)),
         figures: Vec::new(),
     }
+}
+
+/// The draws of the other spreads, which `document` gets too; `None` if there are none.
+fn others_chapter(
+    others: &[OtherSpread],
+    rivals: &[Rival],
+    progress: &Progress,
+    document: &mut Value,
+) -> Result<Option<Chapter>, Failure> {
+    let mut sheets = Vec::new();
+    for OtherSpread { name, spread, draws } in others {
+        let judged = flown::fly(rivals, draws, progress)?;
+        document["other_draws"][name] = flown_draws(&judged, draws);
+        let flown = tables::all(&judged, draws);
+        let own = flown.into_iter().chain([tables::spread_table(spread)]);
+        let titled = |sheet: Sheet| Sheet { title: format!("{}: {name}", sheet.title), ..sheet };
+        sheets.extend(named(name, own.map(titled).collect()));
+    }
+    let intro = vec!["As many draws of other spreads. Gains are those from above.".to_owned()];
+    let chapter = Chapter { title: "Other spreads", intro, sheets, figures: Vec::new() };
+    Ok((!others.is_empty()).then_some(chapter))
+}
+
+/// A spread beside the first one.
+struct OtherSpread {
+    name: String,
+    spread: PlantSpread,
+    draws: Vec<Draw>,
+}
+
+fn spread_of(name: &str) -> Result<PlantSpread, Failure> {
+    PlantSpread::from_str(name).map_err(|reason| Failure::new(Exit::Config, reason))
 }
 
 /// The sheets with `of` before their names.

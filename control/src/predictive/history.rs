@@ -50,10 +50,12 @@ pub struct CommandReport {
     pub follows: bool,
 }
 
-/// Difference between the effect of a command and the one that the model and the reports have of it.
+/// Difference between the effect of a command on the rotation and the one that the model and the reports have of it. The thrust
+/// acts as reported: a rate loop that is slower than its one lag, as that of a vehicle with slow rotors, looks like a delay, which
+/// the thrust does not have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommandEffect {
-    /// From the reported to the real effect \[s\].
+    /// From the reported to the real effect of the demand and the attitude \[s\].
     pub delay_s: f64,
     /// Factor of the demand about each axis \[-, body axes\].
     pub gain: Vector3<f64>,
@@ -99,7 +101,7 @@ impl CommandHistory {
         self.delay_s
     }
 
-    /// Delay from sending a command to its effect, with what reports do not show \[s\].
+    /// Delay from sending a command to its effect on the rotation, with what reports do not show \[s\].
     #[must_use]
     pub fn effect_delay_s(&self) -> f64 {
         self.delay_s + self.effect.delay_s
@@ -111,13 +113,13 @@ impl CommandHistory {
         self.losses
     }
 
-    /// How the effect of commands differs from the reported one.
+    /// How the effect of commands on the rotation differs from the reported one.
     #[must_use]
     pub fn effect(&self) -> &CommandEffect {
         &self.effect
     }
 
-    /// Sets how the effect of commands differs from the reported one.
+    /// Sets how the effect of commands on the rotation differs from the reported one.
     pub fn set_effect(&mut self, effect: CommandEffect) {
         self.effect = effect;
     }
@@ -208,16 +210,25 @@ impl CommandHistory {
         (motion, bias): (&Motion, &Bias),
         (from_s, to_s): (f64, f64),
     ) -> Motion {
-        let CommandEffect { delay_s, gain } = self.effect;
         let (mut motion, mut t_s) = (*motion, from_s);
         while t_s < to_s {
-            let (mut input, until_s) = self.reported(t_s, delay_s);
-            input.demand.component_mul_assign(&gain);
+            let (input, until_s) = self.acting(t_s);
             let end_s = until_s.min(to_s);
             motion = model.advance(&motion, &input, bias, end_s - t_s);
             t_s = end_s;
         }
         motion
+    }
+
+    /// The input that is expected to act at `t_s` \[s\] with the effect of commands that is set, and the time until which it does
+    /// \[s\]; zero before the first command.
+    fn acting(&self, t_s: f64) -> (ModelInput, f64) {
+        let CommandEffect { delay_s, gain } = self.effect;
+        let (turning, turning_until_s) = self.reported(t_s, delay_s);
+        let (lifting, lifting_until_s) = self.reported(t_s, 0.0);
+        let demand = turning.demand.component_mul(&gain);
+        let input = ModelInput { demand, thrust_n: lifting.thrust_n, ..turning };
+        (input, turning_until_s.min(lifting_until_s))
     }
 
     /// The input that is expected to act at `t_s` \[s\], if commands act `delay_s` \[s\] after their reported effect, and the time

@@ -5,7 +5,7 @@
 //! a = a_r + F{k_v (v_r + k_p (p_r - p) - v) - b}
 //! ```
 //!
-//! `F` is the command filter. The vertical axis does not affect the attitude: it has no filter, and its own `k_p`.
+//! `F` is the command filter. The vertical axis does not affect the attitude: it has no filter, and its own gains.
 
 use nalgebra::{Vector2, Vector3};
 
@@ -88,13 +88,16 @@ impl PositionLaw {
         (dt_s, delay_s): (f64, f64),
     ) -> Setpoint {
         let course = self.follow(motion, reference, (dt_s, delay_s));
-        let PredictiveOptions { position_gain_per_s: k, vertical_position_gain_per_s: k_z, .. } =
-            self.options;
-        let correction =
-            (course.position - motion.position).component_mul(&Vector3::new(k, k, k_z));
+        let gains = &self.options;
+        let [position_gain, velocity_gain] = [
+            (gains.position_gain_per_s, gains.vertical_position_gain_per_s),
+            (gains.velocity_gain_per_s, gains.vertical_velocity_gain_per_s),
+        ]
+        .map(|(horizontal, vertical)| Vector3::new(horizontal, horizontal, vertical));
+        let correction = (course.position - motion.position).component_mul(&position_gain);
         let velocity = course.velocity + correction;
         let missing = velocity - motion.velocity;
-        let corrective = missing * self.options.velocity_gain_per_s - bias.acceleration;
+        let corrective = missing.component_mul(&velocity_gain) - bias.acceleration;
 
         let limit = self.vertical_acceleration;
         let lift = self.gravity_m_s2 + (course.acceleration.z + corrective.z).clamp(-limit, limit);

@@ -1,6 +1,8 @@
 //! The history of commands.
 
-use oqtal_control::predictive::{Bias, CommandHistory, CommandReport, ModelInput, Motion};
+use oqtal_control::predictive::{
+    Bias, CommandEffect, CommandHistory, CommandReport, ModelInput, Motion,
+};
 
 use super::*;
 
@@ -44,6 +46,27 @@ fn the_delay_is_learnt_from_what_the_vehicle_says() {
     history.applied(report(199, 1e3));
     history.applied(report(199, f64::NAN));
     assert!((history.delay_s() - 0.03).abs() < 1e-6);
+}
+
+#[test]
+fn a_delay_found_in_the_rotation_delays_the_demand_and_not_the_thrust() {
+    for hidden_s in [-0.01, 0.0, 0.02] {
+        let mut history = CommandHistory::new(DELAY_S);
+        history.push(1, 0.1, ModelInput { demand: Vector3::x(), ..thrust(1.0) });
+        history.set_effect(CommandEffect { delay_s: hidden_s, gain: Vector3::repeat(0.5) });
+        let acts_s = 0.1 + DELAY_S;
+        for (early_s, thrust_n) in [(1e-3, 0.0), (-1e-3, 1.0)] {
+            assert!((thrust_at(&history, acts_s - early_s) - thrust_n).abs() < 1e-5, "{hidden_s}");
+        }
+        let model = quadrotor();
+        let rate = |t_s| {
+            let state = (&Motion::default(), &Bias::default());
+            history.propagate(&model, state, (0.0, t_s)).rate.x
+        };
+        assert_eq!(rate(acts_s + hidden_s - 1e-3), 0.0, "{hidden_s}");
+        assert!(rate(acts_s + hidden_s + 1e-3) > 0.0, "{hidden_s}");
+        assert!((rate(9.0) - 0.5).abs() < 1e-6, "{hidden_s}");
+    }
 }
 
 #[test]

@@ -64,10 +64,11 @@ pub const NAMES: [&str; LAWS.len() + 2] = {
 };
 
 /// Estimation, prediction and the position law of `oqtal-dt`.
-pub const PREDICTOR: [SearchRange; 8] = [
+pub const PREDICTOR: [SearchRange; 9] = [
     SearchRange::new("control.predictive.position-gain-per-s", 0.3, 4.0),
     SearchRange::new("control.predictive.vertical-position-gain-per-s", 0.3, 6.0),
     SearchRange::new("control.predictive.velocity-gain-per-s", 2.0, 20.0),
+    SearchRange::new("control.predictive.vertical-velocity-gain-per-s", 2.0, 20.0),
     SearchRange::new("control.predictive.command-bandwidth-rad-s", 4.0, 40.0),
     SearchRange::new("control.predictive.filter.rate-walk-rad-s", 0.05, 5.0),
     SearchRange::new("control.predictive.filter.demand-bias-walk", 1e-3, 0.1),
