@@ -87,4 +87,13 @@ fn a_spread_of_a_file_is_drawn_from_and_identified_and_a_wrong_one_is_refused_wi
         .unwrap();
     assert_eq!(output.status.code(), Some(78));
     assert!(common::stderr(&output).contains("wrong.toml:3"), "{}", common::stderr(&output));
+    for (others, said) in [("", "--other-spreads"), ("vehicle", "flown already")] {
+        let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
+            .args(["robustness", "--other-spreads", others])
+            .current_dir(testbed.path(""))
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(64), "{others}");
+        assert!(common::stderr(&output).contains(said), "{}", common::stderr(&output));
+    }
 }

@@ -15,11 +15,12 @@ pub mod statistics;
 pub mod summary;
 pub mod tables;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::Args;
-use clap::builder::PossibleValuesParser;
+use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
 use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
@@ -47,10 +48,10 @@ pub struct RobustnessArgs {
     laws: Vec<String>,
     /// Spread of the plants: `vehicle` (mass, thrust, authority, lags, delays, drag), `everything` (its surroundings too), or a
     /// file in TOML with a form of drawing for each key (docs/robustness.md)
-    #[arg(long, value_name = "SPREAD", default_value = "vehicle")]
+    #[arg(long, value_name = "SPREAD", default_value = "vehicle", value_parser = NonEmptyStringValueParser::new())]
     spread: String,
     /// As many draws as well of other spreads
-    #[arg(long, value_name = "SPREADS", value_delimiter = ',')]
+    #[arg(long, value_name = "SPREADS", value_delimiter = ',', value_parser = NonEmptyStringValueParser::new())]
     other_spreads: Vec<String>,
     /// As many draws as well of the spread with every range twice as wide
     #[arg(long)]
@@ -103,6 +104,7 @@ impl RobustnessArgs {
     /// # Errors
     /// A file or setting is invalid (exit code 78), or the directory cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
+        self.check_spreads()?;
         make(&self.out)?;
         let (mut document, chapters) = self.flown()?;
         let sheets: Vec<&Sheet> = chapters.iter().flat_map(|chapter| &chapter.sheets).collect();
@@ -177,6 +179,18 @@ impl RobustnessArgs {
         }
         chapters.extend(others_chapter(&others, rivals, progress, &mut document)?);
         Ok((document, chapters))
+    }
+
+    /// Refuses another spread that is flown already.
+    fn check_spreads(&self) -> Result<(), Failure> {
+        let mut flown = BTreeSet::from([&self.spread]);
+        match self.other_spreads.iter().find(|name| !flown.insert(*name)) {
+            Some(name) => {
+                let reason = format!("--other-spreads: `{name}` is flown already; leave it out");
+                Err(Failure::new(Exit::Usage, reason))
+            }
+            None => Ok(()),
+        }
     }
 
     fn intro(&self) -> String {
