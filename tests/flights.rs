@@ -153,8 +153,8 @@ fn oqtal_dt_learns_the_delay_of_the_loop() {
     assert!(adapted < 1.2 * configured, "{adapted} deg, {configured} deg");
 }
 
-/// A rate loop with slow rotors has a second lag, which the adaptation takes for a delay. Given to the thrust too, it made the
-/// height swing.
+/// A rate loop with slow rotors has a second lag, which the adaptation takes for a delay. If that delay were applied to the thrust
+/// too, the height would oscillate.
 #[test]
 fn slow_rotors_make_no_height_swing() {
     let hover = ["--controller", "oqtal-dt", "--trajectory", "hover"];

@@ -87,7 +87,14 @@ fn a_spread_of_a_file_is_drawn_from_and_identified_and_a_wrong_one_is_refused_wi
         .unwrap();
     assert_eq!(output.status.code(), Some(78));
     assert!(common::stderr(&output).contains("wrong.toml:3"), "{}", common::stderr(&output));
-    for (others, said) in [("", "--other-spreads"), ("vehicle", "flown already")] {
+}
+
+#[test]
+fn a_spread_given_twice_or_without_a_name_is_refused() {
+    let testbed = Testbed::new("spreads");
+    for (others, said) in
+        [("", "--other-spreads"), ("vehicle", "twice"), ("a.toml,a.toml", "twice")]
+    {
         let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
             .args(["robustness", "--other-spreads", others])
             .current_dir(testbed.path(""))

@@ -8,6 +8,7 @@ pub mod identified;
 pub mod impulse;
 pub mod linear;
 pub mod margins;
+pub mod others;
 pub mod probed;
 pub mod responses;
 pub mod spread;
@@ -17,7 +18,6 @@ pub mod tables;
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
@@ -38,6 +38,7 @@ use crate::tune::space;
 
 use flown::{Draw, Judged, MOST_DRAWS, Rival};
 use identified::IdentifiedDraws;
+use others::OtherSpread;
 use spread::PlantSpread;
 
 /// Arguments of `oqtal robustness`.
@@ -50,7 +51,7 @@ pub struct RobustnessArgs {
     /// file in TOML with a form of drawing for each key (docs/robustness.md)
     #[arg(long, value_name = "SPREAD", default_value = "vehicle", value_parser = NonEmptyStringValueParser::new())]
     spread: String,
-    /// As many draws as well of other spreads
+    /// Further spreads, each as for --spread, with as many draws and tables of their own
     #[arg(long, value_name = "SPREADS", value_delimiter = ',', value_parser = NonEmptyStringValueParser::new())]
     other_spreads: Vec<String>,
     /// As many draws as well of the spread with every range twice as wide
@@ -102,7 +103,7 @@ impl RobustnessArgs {
     /// Flies all draws, writes the page and prints the tables.
     ///
     /// # Errors
-    /// A file or setting is invalid (exit code 78), or the directory cannot be written (71).
+    /// A spread is given twice (exit code 64), a file or setting is invalid (78), or the directory cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
         self.check_spreads()?;
         make(&self.out)?;
@@ -147,13 +148,9 @@ impl RobustnessArgs {
     ) -> Result<(Value, Vec<Chapter>), Failure> {
         let several =
             |spread: &PlantSpread| Draw::several(spread, common, (self.seed, 0..self.runs));
-        let spread = spread_of(&self.spread)?;
+        let spread = PlantSpread::named(&self.spread)?;
         let draws = several(&spread)?;
-        let other = |name: &String| {
-            let spread = spread_of(name)?;
-            Ok(OtherSpread { name: name.clone(), draws: several(&spread)?, spread })
-        };
-        let others = self.other_spreads.iter().map(other).collect::<Result<Vec<_>, Failure>>()?;
+        let others = self.others(common)?;
         let wide = self.wide.then(|| several(&spread.twice_as_wide())).transpose()?;
         let judged = flown::fly(rivals, &draws, progress)?;
         let mut document = json!({ "draws": flown_draws(&judged, &draws) });
@@ -177,20 +174,29 @@ impl RobustnessArgs {
             document["wide_draws"] = flown_draws(&judged, &draws);
             chapters.push(wide_chapter(&judged, &draws));
         }
-        chapters.extend(others_chapter(&others, rivals, progress, &mut document)?);
+        if !others.is_empty() {
+            let (flown, chapter) = others::chapter(&others, rivals, flown_draws, progress)?;
+            document["other_draws"] = flown;
+            chapters.push(chapter);
+        }
         Ok((document, chapters))
     }
 
-    /// Refuses another spread that is flown already.
+    /// Refuses a spread that `--spread` and `--other-spreads` name twice.
     fn check_spreads(&self) -> Result<(), Failure> {
-        let mut flown = BTreeSet::from([&self.spread]);
-        match self.other_spreads.iter().find(|name| !flown.insert(*name)) {
+        let mut named = BTreeSet::from([&self.spread]);
+        match self.other_spreads.iter().find(|name| !named.insert(*name)) {
             Some(name) => {
-                let reason = format!("--other-spreads: `{name}` is flown already; leave it out");
+                let reason = format!("--other-spreads: `{name}` is given twice; leave it out");
                 Err(Failure::new(Exit::Usage, reason))
             }
             None => Ok(()),
         }
+    }
+
+    fn others(&self, common: &[Setting]) -> Result<Vec<OtherSpread>, Failure> {
+        let other = |name: &String| OtherSpread::new(name, common, (self.seed, 0..self.runs));
+        self.other_spreads.iter().map(other).collect()
     }
 
     fn intro(&self) -> String {
@@ -257,38 +263,6 @@ fn wide_chapter(judged: &[Judged], draws: &[Draw]) -> Chapter {
         sheets: named("wide", tables::all(judged, draws)),
         figures: Vec::new(),
     }
-}
-
-/// The draws of the other spreads, which `document` gets too; `None` if there are none.
-fn others_chapter(
-    others: &[OtherSpread],
-    rivals: &[Rival],
-    progress: &Progress,
-    document: &mut Value,
-) -> Result<Option<Chapter>, Failure> {
-    let mut sheets = Vec::new();
-    for OtherSpread { name, spread, draws } in others {
-        let judged = flown::fly(rivals, draws, progress)?;
-        document["other_draws"][name] = flown_draws(&judged, draws);
-        let flown = tables::all(&judged, draws);
-        let own = flown.into_iter().chain([tables::spread_table(spread)]);
-        let titled = |sheet: Sheet| Sheet { title: format!("{}: {name}", sheet.title), ..sheet };
-        sheets.extend(named(name, own.map(titled).collect()));
-    }
-    let intro = vec!["As many draws of other spreads. Gains are those from above.".to_owned()];
-    let chapter = Chapter { title: "Other spreads", intro, sheets, figures: Vec::new() };
-    Ok((!others.is_empty()).then_some(chapter))
-}
-
-/// A spread beside the first one.
-struct OtherSpread {
-    name: String,
-    spread: PlantSpread,
-    draws: Vec<Draw>,
-}
-
-fn spread_of(name: &str) -> Result<PlantSpread, Failure> {
-    PlantSpread::from_str(name).map_err(|reason| Failure::new(Exit::Config, reason))
 }
 
 /// The sheets with `of` before their names.

@@ -12,7 +12,6 @@ pub mod value;
 use std::fs;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
@@ -83,8 +82,7 @@ impl TuneArgs {
         let draws = match self.spread.as_deref() {
             None => Vec::new(),
             Some(spread) => {
-                let spread = PlantSpread::from_str(spread)
-                    .map_err(|reason| Failure::new(Exit::Config, reason))?;
+                let spread = PlantSpread::named(spread)?;
                 Draw::several(&spread, &settings, (TUNING_SEED, seeds.clone()))?
             }
         };

@@ -46,7 +46,7 @@ pub struct AdaptedModel {
     pub rate_gain: f64,
     /// Lag of the rate \[s\].
     pub rate_lag_s: f64,
-    /// Delay that no report shows \[s\].
+    /// Delay of the rotation that no report shows \[s\].
     pub delay_s: f64,
     /// Thrust over the mass, relative to the configured one \[-\].
     pub thrust_gain: f64,
@@ -55,7 +55,7 @@ pub struct AdaptedModel {
 }
 
 impl AdaptedModel {
-    /// How commands take effect.
+    /// The correction of the reported effect of commands.
     #[must_use]
     pub fn effect(&self) -> CommandEffect {
         CommandEffect { delay_s: self.delay_s, gain: Vector3::repeat(self.rate_gain) }

@@ -50,9 +50,8 @@ pub struct CommandReport {
     pub follows: bool,
 }
 
-/// Difference between the effect of a command on the rotation and the one that the model and the reports have of it. The thrust
-/// acts as reported: a rate loop that is slower than its one lag, as that of a vehicle with slow rotors, looks like a delay, which
-/// the thrust does not have.
+/// Correction of the reported effect of commands on the rotation. The thrust is not corrected: a rate loop around slow rotors has
+/// a second lag, which the estimator takes for a delay and the thrust does not have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommandEffect {
     /// From the reported to the real effect of the demand and the attitude \[s\].
@@ -113,13 +112,13 @@ impl CommandHistory {
         self.losses
     }
 
-    /// How the effect of commands on the rotation differs from the reported one.
+    /// The correction of the reported effect of commands.
     #[must_use]
     pub fn effect(&self) -> &CommandEffect {
         &self.effect
     }
 
-    /// Sets how the effect of commands on the rotation differs from the reported one.
+    /// Sets the correction of the reported effect of commands.
     pub fn set_effect(&mut self, effect: CommandEffect) {
         self.effect = effect;
     }
@@ -220,14 +219,14 @@ impl CommandHistory {
         motion
     }
 
-    /// The input that is expected to act at `t_s` \[s\] with the effect of commands that is set, and the time until which it does
-    /// \[s\]; zero before the first command.
+    /// The input that is expected to act at `t_s` \[s\], demand and attitude corrected by [`Self::effect`] and thrust as reported, and
+    /// the time until which it does \[s\]; zero before the first command.
     fn acting(&self, t_s: f64) -> (ModelInput, f64) {
         let CommandEffect { delay_s, gain } = self.effect;
         let (turning, turning_until_s) = self.reported(t_s, delay_s);
         let (lifting, lifting_until_s) = self.reported(t_s, 0.0);
         let demand = turning.demand.component_mul(&gain);
-        let input = ModelInput { demand, thrust_n: lifting.thrust_n, ..turning };
+        let input = ModelInput { demand, attitude: turning.attitude, thrust_n: lifting.thrust_n };
         (input, turning_until_s.min(lifting_until_s))
     }
 

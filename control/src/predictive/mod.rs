@@ -254,6 +254,8 @@ impl<I: InputForm + Copy> Autopilot<I> {
     pub fn decide(&mut self, now_s: f64, reference: &Reference) -> Option<PredictiveOutput> {
         let since_s = self.last_s.map_or(self.design.period_s, |last| now_s - last);
         self.history.expect_reports();
+        // One prediction serves rotation and height. The thrust acts earlier by the correction of the delay; its lag and the lower
+        // gain of the vertical axis bear that.
         let (dt_s, delay_s) = (since_s.min(LONGEST_STEP_S), self.history.effect_delay_s());
         let motion = self.observer.predict(now_s + delay_s, &self.history)?;
         let sound = motion.is_finite() && reference.is_finite() && now_s.is_finite();

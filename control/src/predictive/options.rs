@@ -65,7 +65,7 @@ pub struct AdaptationOptions {
     pub rate_gain_deviation: f64,
     /// Greatest deviation of the lag of the rate \[ms\].
     pub rate_lag_deviation_ms: f64,
-    /// Greatest deviation of the delay from the reported one \[ms\].
+    /// Greatest deviation of the rotation's delay from the reported one \[ms\].
     pub delay_deviation_ms: f64,
     /// Greatest relative deviation of the thrust over the mass \[-\].
     pub thrust_deviation: f64,
@@ -108,8 +108,8 @@ pub struct PredictiveOptions {
     pub vertical_position_gain_per_s: f64,
     /// Corrective acceleration per velocity error, horizontally \[1/s\].
     pub velocity_gain_per_s: f64,
-    /// Corrective acceleration per velocity error, vertically \[1/s\]: lower, since a lag of the thrust other than configured is not
-    /// adapted.
+    /// Corrective acceleration per velocity error, vertically \[1/s\]. Shipped lower than the horizontal one: neither an unknown lag of
+    /// the thrust nor a delay of it that no report shows is adapted.
     pub vertical_velocity_gain_per_s: f64,
     /// Bandwidth of the filter on the corrective acceleration \[rad/s\].
     pub command_bandwidth_rad_s: f64,
@@ -123,11 +123,11 @@ pub struct PredictiveOptions {
 
 impl Default for PredictiveOptions {
     fn default() -> Self {
-        // These gains and the filters: found by an evolution strategy over squares, hovers, chirps and doublets of
-        // the nominal vehicle, of one with a fifth less rate authority and of one with a lag of 80 ms, which are
-        // among the mismatched plants of Table V; then by hand, the walk of the acceleration for the hover. The
-        // search used a reference model that has been replaced since. The gains of the velocity: by hand, over draws of
-        // `oqtal robustness --seed 2` (docs/oqtal-dt.md).
+        // Position gains, command bandwidth and filters: found by an evolution strategy over squares, hovers, chirps and
+        // doublets of the nominal vehicle, of one with a fifth less rate authority and of one with a lag of 80 ms, which are
+        // among the mismatched plants of Table V, with a reference model that has been replaced since; then by hand, the
+        // walk of the acceleration for the hover. Velocity gains: by hand, over the draws of `oqtal robustness --laws
+        // oqtal-dt --seed 2` (docs/oqtal-dt.md, "Hover against robustness").
         Self {
             position_gain_per_s: 1.45,
             vertical_position_gain_per_s: 2.5,

@@ -3,7 +3,7 @@
 use oqtal_control::controller::AttitudeReference;
 use oqtal_control::estimator::Estimate;
 use oqtal_control::predictive::{
-    Bias, CommandHistory, CommandReport, ModelInput, Motion, PredictiveCommand,
+    Bias, CommandHistory, CommandReport, ModelInput, Motion, PositionLaw, PredictiveCommand,
 };
 use oqtal_control::quaternion::Attitude;
 use oqtal_control::trajectory::{Phase, Reference};
@@ -63,6 +63,33 @@ impl Bench {
 
 fn hover() -> Reference {
     Reference::rest(Vector3::zeros(), Phase::Settle)
+}
+
+#[test]
+fn each_gain_of_the_velocity_acts_on_its_own_axes() {
+    let force = |gains: [f64; 2], velocity: Vector3<f64>| {
+        let [velocity_gain_per_s, vertical_velocity_gain_per_s] = gains;
+        let options = PredictiveOptions {
+            velocity_gain_per_s,
+            vertical_velocity_gain_per_s,
+            ..PredictiveOptions::default()
+        };
+        let mut law = PositionLaw::new(&options, &PositionOptions::default(), 9.81);
+        let off = Motion { velocity, ..Motion::default() };
+        // The first step begins at the vehicle.
+        law.update((&Motion::default(), &Bias::default()), &hover(), (PERIOD_S, DELAY_S));
+        law.update((&off, &Bias::default()), &hover(), (PERIOD_S, DELAY_S)).force.value
+    };
+    let [north, up] = [Vector3::x() * 0.01, Vector3::z() * 0.01];
+    let base = [4.0, 5.0];
+    for (gains, ratio) in [([8.0, 5.0], [2.0, 1.0]), ([4.0, 10.0], [1.0, 2.0])] {
+        let of = |axis: Vector3<f64>| force(gains, axis).dot(&axis) - 9.81 * axis.z;
+        let before = |axis: Vector3<f64>| force(base, axis).dot(&axis) - 9.81 * axis.z;
+        for (axis, ratio) in [north, up].into_iter().zip(ratio) {
+            assert!(before(axis) < 0.0, "{axis}");
+            assert!((of(axis) / before(axis) - ratio).abs() < 1e-6, "{gains:?} {axis}");
+        }
+    }
 }
 
 #[test]

@@ -55,8 +55,9 @@ fn a_delay_found_in_the_rotation_delays_the_demand_and_not_the_thrust() {
         history.push(1, 0.1, ModelInput { demand: Vector3::x(), ..thrust(1.0) });
         history.set_effect(CommandEffect { delay_s: hidden_s, gain: Vector3::repeat(0.5) });
         let acts_s = 0.1 + DELAY_S;
-        for (early_s, thrust_n) in [(1e-3, 0.0), (-15e-3, 1.0)] {
-            let found = thrust_at(&history, acts_s - early_s);
+        // Longer than the thrust's shortest lag, shorter than the longest hidden delay.
+        for (after_s, thrust_n) in [(-1e-3, 0.0), (15e-3, 1.0)] {
+            let found = thrust_at(&history, acts_s + after_s);
             assert!((found - thrust_n).abs() < 1e-5, "{hidden_s}: {found} N");
         }
         let model = quadrotor();

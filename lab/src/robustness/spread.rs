@@ -12,7 +12,6 @@
 //! ```
 
 use std::path::Path;
-use std::str::FromStr;
 
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
@@ -91,20 +90,19 @@ const CHOSEN: [(&str, [&str; 2]); 3] = [
     ("plant.rotors.ground-effect", ["false", "true"]),
 ];
 
-impl FromStr for PlantSpread {
-    type Err = String;
-
+impl PlantSpread {
     /// The built-in spread `vehicle` or `everything`, or that of a file.
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn named(name: &str) -> Result<Self, Failure> {
+        match name {
             "vehicle" => Ok(Self::vehicle()),
             "everything" => Ok(Self::everything()),
-            file => Self::read(Path::new(file)).map_err(|failure| failure.to_string()),
+            file => Self::read(Path::new(file)),
         }
     }
-}
 
-impl PlantSpread {
     /// Vehicles that differ from their model.
     #[must_use]
     pub fn vehicle() -> Self {

@@ -277,7 +277,7 @@ const ADAPTED: ColumnGroup = numbers(
         "adapted_fell_back",
     ],
     ("-; ms; ms; -; 0 or 1", Tick),
-    "the model that is flown: rate over the commanded one, its lag, delay that no report shows, thrust over the configured one; 1 while the configured model predicts better and is flown; empty without adaptation",
+    "the model that is flown: rate over the commanded one, its lag, its delay that no report shows, thrust over the configured one; 1 while the configured model predicts better and is flown; empty without adaptation",
     |r| {
         let t = telemetry(r);
         let fell_back = if t.adapted_rate_gain.is_nan() { f64::NAN } else { t.fell_back.into() };
