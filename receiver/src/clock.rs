@@ -27,7 +27,9 @@ const LEARNING_FRAMES: u32 = 12;
 const IMPOSSIBLE: Span = Span::from_millis(25);
 /// A line that is lowered by so much within so short a time makes all pairs from before worthless.
 const SMALL_STEP: Span = Span::from_millis(1);
-const LOWERING_TIME: Span = Span::from_millis(500);
+const LOWERING_TIME: Span = Span::from_millis(1000);
+/// A lowering by less is none that the first of several could be: the fastest frames of the last seconds differ by less.
+const FIRST_LOWERING: Span = Span::from_nanos(100_000);
 /// Suspects in a row, and the time that they span, after which the server's clock counts as set anew.
 const SUSPECTS: u32 = 5;
 const SUSPECT_TIME: Span = Span::from_millis(100);
@@ -206,13 +208,12 @@ impl ServerClock {
         if ahead_ns <= 0.0 {
             return;
         }
-        let (since, stamp_ns, by_ns) = self.lowered;
-        let recent = arrival.since(since) <= LOWERING_TIME;
-        self.lowered = if recent {
-            (since, stamp_ns, by_ns + ahead_ns)
-        } else {
-            (arrival, before_ns, ahead_ns)
-        };
+        let (since, _, by_ns) = self.lowered;
+        if arrival.since(since) <= LOWERING_TIME {
+            self.lowered.2 = by_ns + ahead_ns;
+        } else if ahead_ns > FIRST_LOWERING.nanos() as f64 {
+            self.lowered = (arrival, before_ns, ahead_ns);
+        }
         if self.known && self.lowered.2 > SMALL_STEP.nanos() as f64 {
             self.forget_through(self.lowered.1);
             self.lowered = (Time::UNSET, 0, 0.0);

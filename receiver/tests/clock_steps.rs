@@ -9,9 +9,12 @@ use proptest::prelude::*;
 use server::{Jitter, LEAST_DELAY, Server};
 
 /// Frames that are dated around a change: errors \[ns\] of those in the first two seconds behind it, and of those later.
+#[derive(Default)]
 struct Dated {
     soon: Vec<i64>,
     later: Vec<i64>,
+    /// Those later, from a clock that was unknown at the change.
+    later_anew: Vec<i64>,
     /// How often the clock was learned anew behind the change.
     relearned: u64,
 }
@@ -19,8 +22,10 @@ struct Dated {
 /// Eight seconds of frames, a change, and eight seconds more, whose stamps are set by `step_ns` and whose delays grow by `slower`.
 fn around(mut server: Server, (step_ns, slower): (i64, Span)) -> Dated {
     let mut clock = ServerClock::new(Span::ZERO);
+    let mut anew = ServerClock::new(Span::ZERO);
     let frames = (8.0 * server.rate_hz) as u64;
-    let mut dated = Dated { soon: Vec::new(), later: Vec::new(), relearned: 0 };
+    let soon = frames..frames + (2.0 * server.rate_hz) as u64;
+    let mut dated = Dated::default();
     for frame in 0..2 * frames {
         if frame == frames {
             dated.relearned = clock.state().relearned;
@@ -29,20 +34,28 @@ fn around(mut server: Server, (step_ns, slower): (i64, Span)) -> Dated {
         let (captured, stamp_ns, arrival) = server.next();
         let behind = frame >= frames;
         let arrival = arrival + if behind { slower } else { Span::ZERO };
-        if let StampVerdict::Known(known) = clock.observe(stamp_ns, arrival) {
-            assert!(known.captured_at <= arrival, "captured after it arrived");
-            let error = known.captured_at.since(captured) - LEAST_DELAY;
-            let soon = frame < frames + (2.0 * server.rate_hz) as u64;
-            match (behind, soon) {
-                (false, _) => {}
-                (true, true) => dated.soon.push(error.nanos().abs()),
-                (true, false) => dated.later.push(error.nanos().abs()),
+        let error = |verdict| match verdict {
+            StampVerdict::Known(known) => {
+                assert!(known.captured_at <= arrival, "captured after it arrived");
+                Some((known.captured_at.since(captured) - LEAST_DELAY).nanos().abs())
             }
+            _ => None,
+        };
+        let of_clock = error(clock.observe(stamp_ns, arrival));
+        if soon.contains(&frame) {
+            dated.soon.extend(of_clock);
+        } else if behind {
+            dated.later.extend(of_clock);
+        }
+        if behind {
+            let of_anew = error(anew.observe(stamp_ns, arrival));
+            dated.later_anew.extend(of_anew.filter(|_| !soon.contains(&frame)));
         }
     }
     dated.relearned = clock.state().relearned - dated.relearned;
     dated.soon.sort_unstable();
     dated.later.sort_unstable();
+    dated.later_anew.sort_unstable();
     dated
 }
 
@@ -75,8 +88,9 @@ proptest! {
         let frames = (6.0 * rate_hz) as usize;
         prop_assert!(dated.later.len() >= frames * 9 / 10, "{step_ns}: {} known", dated.later.len());
         let late = p99(&dated.later);
-        // 0.6 ms in all but one of some thousands of seeds, which had 0.63.
-        prop_assert!(late <= 800_000, "{step_ns} ns at {rate_hz} Hz: {late} ns");
+        // Six seconds of frames do not always show the clock to 0.6 ms: then one that knew nothing before the step is no better.
+        let anew = p99(&dated.later_anew);
+        prop_assert!(late <= anew.max(600_000), "{step_ns} ns at {rate_hz} Hz: {late} ns, learned anew {anew} ns");
         // Until a small step is known its frames are dated wrong by it, and never by more than that.
         let greatest = dated.soon.last().copied().unwrap_or(0);
         // Frames that queue in a stall do not arrive before they were captured, however their clock was set.
