@@ -165,6 +165,18 @@ fn slow_rotors_make_no_height_swing() {
     assert!(error_m < 3e-3, "{error_m} m");
 }
 
+/// A lag that is learnt late was once taken for a command that acts before it is sent, and the vehicle swung by 0.3 m.
+#[test]
+fn a_lag_and_a_hidden_delay_at_the_bounds_of_the_adaptation_make_it_swing_nowhere() {
+    let hover = ["--controller", "oqtal-dt", "--trajectory", "hover", "--seed", "302"];
+    let plant = ["--plant", "rate-lag-ms=120", "--plant", "hidden-delay-ms=40"];
+    let summary = Testbed::new("both bounds")
+        .summary(&[&["--clock", "in-process"], &hover[..], &plant].concat());
+    assert_eq!(summary["outcome"], "landed");
+    let error_m = number(&summary, "/position_error_m/rms");
+    assert!(error_m < 4e-3, "{error_m} m");
+}
+
 #[test]
 fn a_model_adapted_in_flight_makes_up_for_a_lag_that_is_not_known() {
     let chirp = |controller: &str, words: &[&str]| {

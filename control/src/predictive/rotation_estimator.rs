@@ -161,6 +161,8 @@ impl RotationEstimator {
             // Part of it is explained by what the other axes taught.
             let explained = slope.dot(&(self.parameters - before).transpose());
             self.learn((*off - explained, variance), &slope);
+            // A command does not act before it is sent.
+            self.parameters.z = self.parameters.z.max(-history.delay_s());
         }
         self.shift(&(self.parameters - before));
         (innovation, variance)

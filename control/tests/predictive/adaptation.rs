@@ -84,6 +84,20 @@ fn gain_lag_and_hidden_delay_are_found() {
     assert!((found.delay_s - hidden.delay_s).abs() < 3e-3, "{found:?}");
 }
 
+/// Noise and a lag that is not yet known may say so.
+#[test]
+fn no_command_acts_before_it_is_sent() {
+    let hidden = RateResponse { gain: 1.0, lag_s: 0.02, delay_s: -DELAY_S };
+    let mut least_s = f64::INFINITY;
+    for seed in 0..20 {
+        for ticks in 1..60 {
+            let found = estimated(BOUNDS, &mut Vehicle::new(hidden, seed), ticks).response();
+            least_s = least_s.min(found.delay_s);
+        }
+    }
+    assert!((least_s + DELAY_S).abs() < 1e-12, "{least_s} s");
+}
+
 /// The squares of the errors over the variances that the estimator states are 1 in the mean, over many vehicles.
 #[test]
 fn the_estimator_knows_how_well_it_knows() {
