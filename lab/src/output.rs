@@ -1,7 +1,7 @@
-//! What a study writes: the directory of `--out`, and the files in it.
+//! What a study writes: the directory of `--out` and the files in it, or one file.
 
-use std::fs;
 use std::path::Path;
+use std::{fs, io};
 
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
@@ -19,11 +19,33 @@ pub fn make(directory: &Path) -> Result<(), Failure> {
 /// # Errors
 /// It cannot be written (exit code 71).
 pub fn write(directory: &Path, name: &str, text: impl AsRef<[u8]>) -> Result<(), Failure> {
-    make(directory)?;
-    let file = directory.join(name);
-    files::write(&file, text).map_err(|error| unwritable(&file, &error))
+    write_file(&directory.join(name), text)
 }
 
-fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
+/// Writes a file; its directory is made where it is missing.
+///
+/// # Errors
+/// It cannot be written (exit code 71).
+pub fn write_file(file: &Path, text: impl AsRef<[u8]>) -> Result<(), Failure> {
+    make_parent(file)
+        .and_then(|()| files::write(file, text))
+        .map_err(|error| unwritable(file, &error))
+}
+
+/// Makes sure that `file` can be written, before what it is for has taken its time; what stands in it is kept.
+///
+/// # Errors
+/// It cannot be written (exit code 71).
+pub fn check_file(file: &Path) -> Result<(), Failure> {
+    make_parent(file)
+        .and_then(|()| files::check_writable(file))
+        .map_err(|error| unwritable(file, &error))
+}
+
+fn make_parent(file: &Path) -> io::Result<()> {
+    fs::create_dir_all(file.parent().unwrap_or(Path::new("")))
+}
+
+fn unwritable(path: &Path, error: &io::Error) -> Failure {
     Failure::new(Exit::System, format!("{}: {error}; give another --out", path.display()))
 }

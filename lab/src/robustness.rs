@@ -24,10 +24,9 @@ use clap::builder::{NonEmptyStringValueParser, PossibleValuesParser};
 use oqtal_config::Setting;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::campaign::gains::GainSource;
-use crate::campaign::metric::METRIC;
 use crate::output::{make, write};
 use crate::progress::Progress;
 use crate::reproduce::chapter::Chapter;
@@ -153,7 +152,7 @@ impl RobustnessArgs {
         let others = self.others(common)?;
         let wide = self.wide.then(|| several(&spread.twice_as_wide())).transpose()?;
         let judged = flown::fly(rivals, &draws, progress)?;
-        let mut document = json!({ "draws": flown_draws(&judged, &draws) });
+        let mut document = json!({ "draws": flown::document(&judged, &draws) });
         let mut sheets = tables::all(&judged, &draws);
         sheets.push(tables::dependences(&judged, &draws, &spread));
         sheets.push(tables::spread_table(&spread));
@@ -166,16 +165,16 @@ impl RobustnessArgs {
         if self.identified {
             let known = identified::identified(&draws, common, progress)?;
             let judged = flown::fly(rivals, &known.draws, progress)?;
-            document["identified_draws"] = flown_draws(&judged, &known.draws);
+            document["identified_draws"] = flown::document(&judged, &known.draws);
             chapters.push(identified_chapter(&known, &judged));
         }
         if let Some(draws) = wide {
             let judged = flown::fly(rivals, &draws, progress)?;
-            document["wide_draws"] = flown_draws(&judged, &draws);
+            document["wide_draws"] = flown::document(&judged, &draws);
             chapters.push(wide_chapter(&judged, &draws));
         }
         if !others.is_empty() {
-            let (flown, chapter) = others::chapter(&others, rivals, flown_draws, progress)?;
+            let (flown, chapter) = others::chapter(&others, rivals, progress)?;
             document["other_draws"] = flown;
             chapters.push(chapter);
         }
@@ -249,7 +248,7 @@ fn identified_chapter(known: &IdentifiedDraws, judged: &[Judged]) -> Chapter {
              {}, which are flown with the [vehicle] from above. Gains are those from above too.",
             draws.len()
         )],
-        sheets: named("identified", tables::all(judged, draws)),
+        sheets: tables::named("identified", tables::all(judged, draws)),
         figures: Vec::new(),
     }
 }
@@ -260,15 +259,9 @@ fn wide_chapter(judged: &[Judged], draws: &[Draw]) -> Chapter {
     Chapter {
         title: "A spread twice as wide",
         intro: vec![intro.to_owned()],
-        sheets: named("wide", tables::all(judged, draws)),
+        sheets: tables::named("wide", tables::all(judged, draws)),
         figures: Vec::new(),
     }
-}
-
-/// The sheets with `of` before their names.
-fn named(of: &str, sheets: Vec<Sheet>) -> Vec<Sheet> {
-    let named = |sheet: Sheet| Sheet { name: format!("{of}_{}", sheet.name), ..sheet };
-    sheets.into_iter().map(named).collect()
 }
 
 /// The laws with each source of gains.
@@ -303,29 +296,4 @@ pub fn rivals(
         }
     }
     Ok(rivals)
-}
-
-/// Each draw with the figures of every law, as JSON.
-fn flown_draws(judged: &[Judged], draws: &[Draw]) -> Value {
-    let figures = |draw: usize| {
-        let of = |law: &Judged| {
-            let values = METRIC.iter().zip(law.figures[draw]);
-            let values = values.map(|(metric, value)| {
-                (metric.key.to_owned(), json!(value.is_finite().then_some(value)))
-            });
-            (law.rival.name.clone(), Value::Object(values.collect()))
-        };
-        Value::Object(judged.iter().map(of).collect::<Map<String, Value>>())
-    };
-    let draw = |(index, draw): (usize, &Draw)| {
-        let drawn = draw.settings.iter().map(|setting| (setting.key.clone(), json!(setting.value)));
-        json!({
-            "draw": draw.run,
-            "seed": draw.seed,
-            "arguments": draw.arguments(),
-            "drawn": Value::Object(drawn.collect()),
-            "laws": figures(index),
-        })
-    };
-    draws.iter().enumerate().map(draw).collect()
 }

@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::Setting;
-use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use rayon::prelude::*;
@@ -16,6 +15,7 @@ use crate::campaign::flights::{Contender, NOMINAL, Trial};
 use crate::campaign::gains::GainSource;
 use crate::campaign::metric::{Figures, METRIC};
 use crate::csv_text::{self, CsvText};
+use crate::output::{check_file, write_file};
 use crate::progress::Progress;
 use crate::study::{StudyArgs, parse_seeds};
 use crate::text_table;
@@ -102,12 +102,12 @@ impl SweepArgs {
     /// # Errors
     /// A key or value is invalid (exit code 78), there are too many combinations (64), the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
+        if let Some(file) = &self.out {
+            check_file(file)?;
+        }
         let rows = self.fly()?;
         if let Some(file) = &self.out {
-            files::write(file, self.csv(&rows)?).map_err(|error| {
-                let name = file.display();
-                Failure::new(Exit::System, format!("{name}: {error}; give another --out"))
-            })?;
+            write_file(file, self.csv(&rows)?)?;
         }
         match self.json {
             true => rows.iter().try_for_each(|row| print(&self.document(row).to_string()))?,

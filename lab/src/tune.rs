@@ -9,17 +9,16 @@ pub mod search;
 pub mod space;
 pub mod value;
 
-use std::fs;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use oqtal_config::Setting;
-use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 
+use crate::output::{check_file, write_file};
 use crate::progress::Progress;
 use crate::robustness::flown::{Draw, TUNING_SEED};
 use crate::robustness::spread::PlantSpread;
@@ -68,10 +67,9 @@ impl TuneArgs {
         let ground = self.ground()?;
         for name in &names {
             let file = self.file(name, names.len());
-            prepare(&file)?;
+            check_file(&file)?;
             let tuned = tune(name, &self.budget(), &ground, &Progress::default())?;
-            files::write(&file, tuned.to_toml(&self.own(&ground)))
-                .map_err(|error| unwritable(&file, &error))?;
+            write_file(&file, tuned.to_toml(&self.own(&ground)))?;
             print(&format!("{tuned}configuration: {}", file.display()))?;
         }
         Ok(Exit::Ok)
@@ -118,18 +116,6 @@ impl TuneArgs {
 fn parse_points(text: &str) -> Result<usize, String> {
     let points: usize = text.parse().map_err(|_| "not a number".to_owned())?;
     if (1..=1_000_000).contains(&points) { Ok(points) } else { Err("not from 1 to 1000000".into()) }
-}
-
-/// Makes sure, before the work of minutes, that `file` can be written; what stands in it is kept.
-fn prepare(file: &Path) -> Result<(), Failure> {
-    let directory = file.parent().unwrap_or(Path::new(""));
-    fs::create_dir_all(directory)
-        .and_then(|()| files::check_writable(file))
-        .map_err(|error| unwritable(file, &error))
-}
-
-fn unwritable(file: &Path, error: &std::io::Error) -> Failure {
-    Failure::new(Exit::System, format!("{}: {error}; give another path with --out", file.display()))
 }
 
 /// Tunes a law of [`space::LAWS`], or the outer loops, by flights on `ground`.

@@ -1,12 +1,11 @@
 //! A chapter of the reproduction: the result of one experiment, and what all experiments share.
 
-use std::fs;
 use std::path::PathBuf;
 
 use oqtal_control::options::OptionError;
-use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
+use crate::output::write;
 use crate::progress::Progress;
 use crate::sheet::Sheet;
 
@@ -45,13 +44,7 @@ impl ExperimentContext {
     /// # Errors
     /// The file cannot be written.
     pub fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
-        let file = self.directory.join(name);
-        let parent = file.parent().unwrap_or(&self.directory);
-        fs::create_dir_all(parent).and_then(|()| files::write(&file, text)).map_err(|error| {
-            let name = file.display();
-            let message = format!("{name}: {error}; give another directory with --out");
-            Failure::new(Exit::System, message)
-        })
+        write(&self.directory, name, text)
     }
 }
 

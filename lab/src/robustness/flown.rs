@@ -5,11 +5,12 @@ use std::ops::Range;
 use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
+use serde_json::{Map, Value as Json, json};
 use toml::Value;
 
 use super::spread::{PlantSpread, value_at};
 use crate::campaign::flights::{Contender, NOMINAL, Test, Trial};
-use crate::campaign::metric::{CHIRP, DOUBLET, Figures, HOVER, POSITION};
+use crate::campaign::metric::{CHIRP, DOUBLET, Figures, HOVER, METRIC, POSITION};
 use crate::progress::Progress;
 
 /// One draw: a plant and the seed of its flights.
@@ -169,4 +170,30 @@ pub fn fly(rivals: &[Rival], draws: &[Draw], progress: &Progress) -> Result<Vec<
     let of_each = flown.chunks(draws.len().max(1)).map(<[_]>::to_vec);
     let judged = |(rival, figures): (&Rival, _)| Judged { rival: rival.clone(), figures };
     Ok(rivals.iter().zip(of_each).map(judged).collect())
+}
+
+/// Each draw with the figures of every law, as JSON.
+#[must_use]
+pub fn document(judged: &[Judged], draws: &[Draw]) -> Json {
+    let figures = |draw: usize| {
+        let of = |law: &Judged| {
+            let values = METRIC.iter().zip(law.figures[draw]);
+            let values = values.map(|(metric, value)| {
+                (metric.key.to_owned(), json!(value.is_finite().then_some(value)))
+            });
+            (law.rival.name.clone(), Json::Object(values.collect()))
+        };
+        Json::Object(judged.iter().map(of).collect::<Map<String, Json>>())
+    };
+    let draw = |(index, draw): (usize, &Draw)| {
+        let drawn = draw.settings.iter().map(|setting| (setting.key.clone(), json!(setting.value)));
+        json!({
+            "draw": draw.run,
+            "seed": draw.seed,
+            "arguments": draw.arguments(),
+            "drawn": Json::Object(drawn.collect()),
+            "laws": figures(index),
+        })
+    };
+    draws.iter().enumerate().map(draw).collect()
 }

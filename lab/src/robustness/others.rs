@@ -6,7 +6,7 @@ use oqtal_config::Setting;
 use oqtal_runtime::process::Failure;
 use serde_json::{Map, Value};
 
-use super::flown::{self, Draw, Judged, Rival};
+use super::flown::{self, Draw, Rival};
 use super::spread::PlantSpread;
 use super::tables;
 use crate::progress::Progress;
@@ -33,26 +33,22 @@ impl OtherSpread {
     }
 }
 
-/// Flies all draws. Returns those of each spread with the figures of every law, as JSON by `document`, and their chapter.
+/// Flies all draws. Returns those of each spread with the figures of every law, as JSON, and their chapter.
 ///
 /// # Errors
 /// A setting is invalid (exit code 78).
 pub fn chapter(
     others: &[OtherSpread],
     rivals: &[Rival],
-    document: impl Fn(&[Judged], &[Draw]) -> Value,
     progress: &Progress,
 ) -> Result<(Value, Chapter), Failure> {
     let (mut documents, mut sheets) = (Map::new(), Vec::new());
     for OtherSpread { name, spread, draws } in others {
         let judged = flown::fly(rivals, draws, progress)?;
-        documents.insert(name.clone(), document(&judged, draws));
+        documents.insert(name.clone(), flown::document(&judged, draws));
         let own = tables::all(&judged, draws).into_iter().chain([tables::spread_table(spread)]);
-        sheets.extend(own.map(|sheet| Sheet {
-            name: format!("{name}_{}", sheet.name),
-            title: format!("{}: {name}", sheet.title),
-            ..sheet
-        }));
+        let titled = |sheet: Sheet| Sheet { title: format!("{}: {name}", sheet.title), ..sheet };
+        sheets.extend(tables::named(name, own.collect()).into_iter().map(titled));
     }
     let intro = vec!["As many draws of other spreads. Gains are those from above.".to_owned()];
     let chapter = Chapter { title: "Other spreads", intro, sheets, figures: Vec::new() };

@@ -22,6 +22,13 @@ pub fn all(judged: &[Judged], draws: &[Draw]) -> Vec<Sheet> {
     [summary::table(judged)].into_iter().chain(against).chain(details).collect()
 }
 
+/// The sheets with `of` before their names.
+#[must_use]
+pub fn named(of: &str, sheets: Vec<Sheet>) -> Vec<Sheet> {
+    let named = |sheet: Sheet| Sheet { name: format!("{of}_{}", sheet.name), ..sheet };
+    sheets.into_iter().map(named).collect()
+}
+
 const LANDED: [Column; 5] = [
     ("landed", "all four landed [%]"),
     ("landed_path", "path [%]"),
