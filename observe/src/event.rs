@@ -5,20 +5,21 @@ use std::fmt;
 use oqtal_bus::code::{Answer, Cause, InputKind, Mode, OperatorCommand, SafetyState};
 use oqtal_bus::message::{InputV1, TelemetryV1};
 
-/// Mode, safety state and cause of the daemon in a tick.
+/// Mode, safety state and cause of the daemon in a tick, and whether it flies the configured model in place of the adapted one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DaemonCondition {
     mode: u8,
     state: u8,
     cause: u8,
+    fell_back: u8,
 }
 
 impl DaemonCondition {
     /// The condition in a tick.
     #[must_use]
     pub fn of(telemetry: &TelemetryV1) -> Self {
-        let TelemetryV1 { mode, state, cause, .. } = *telemetry;
-        Self { mode, state, cause }
+        let TelemetryV1 { mode, state, cause, fell_back, .. } = *telemetry;
+        Self { mode, state, cause, fell_back }
     }
 
     /// The safety state; `None` for a code that this version does not know.
@@ -42,11 +43,24 @@ impl DaemonCondition {
             cause => format!("{state}: {}", word(cause)),
         }
     }
+
+    /// Which model is flown, in words.
+    #[must_use]
+    pub fn model_text(self) -> &'static str {
+        match self.fell_back {
+            0 => "adapted model",
+            _ => "configured model, since the adapted one predicts worse",
+        }
+    }
 }
 
 impl fmt::Display for DaemonCondition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}, {}", self.mode_text(), self.state_text())
+        write!(f, "{}, {}", self.mode_text(), self.state_text())?;
+        if self.fell_back != 0 {
+            write!(f, "; {}", self.model_text())?;
+        }
+        Ok(())
     }
 }
 
@@ -54,7 +68,7 @@ fn word(code: Option<impl ToString>) -> String {
     code.map_or_else(|| "?".to_owned(), |code| code.to_string())
 }
 
-/// Changes of state and cause, losses, refusals and missed deadlines between two ticks.
+/// Changes of state and cause, of the model that is flown, losses, refusals and missed deadlines between two ticks.
 #[must_use]
 pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
     let counted = [
@@ -63,9 +77,13 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
         ("deadlines missed", before.deadline_misses, now.deadline_misses),
     ];
     let state = (before.state, before.cause) != (now.state, now.cause);
+    let model = before.fell_back != now.fell_back;
+    let condition = DaemonCondition::of(now);
+    let states = state.then(|| condition.state_text());
+    let models = model.then(|| condition.model_text().to_owned());
     let more = counted.into_iter().filter(|(_, before, now)| now > before);
     let counts = more.map(|(name, before, now)| format!("{name}: {}", now - before));
-    state.then(|| DaemonCondition::of(now).state_text()).into_iter().chain(counts).collect()
+    states.into_iter().chain(models).chain(counts).collect()
 }
 
 /// Beginning and, if it has one, end of something that is named by `what`, from a time after arming to another \[s\]: instant and
@@ -138,5 +156,15 @@ mod tests {
         let nominal = TelemetryV1 { state: 0, cause: 0, ..tick };
         assert_eq!(DaemonCondition::of(&nominal).to_string(), "flying, Nominal");
         assert_eq!(DaemonCondition::of(&TelemetryV1 { state: 99, ..nominal }).state_text(), "?");
+    }
+
+    #[test]
+    fn a_model_that_predicts_worse_is_an_event_and_so_is_its_return() {
+        let adapted = TelemetryV1 { mode: Mode::Flying.code(), ..TelemetryV1::default() };
+        let fallen = TelemetryV1 { fell_back: 1, ..adapted };
+        let said = "configured model, since the adapted one predicts worse";
+        assert_eq!(changes(&adapted, &fallen), [said]);
+        assert_eq!(changes(&fallen, &adapted), ["adapted model"]);
+        assert_eq!(DaemonCondition::of(&fallen).to_string(), format!("flying, Nominal; {said}"));
     }
 }

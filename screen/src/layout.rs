@@ -5,7 +5,7 @@ use ratatui::layout::Rect;
 /// Size at which everything is shown: columns and rows \[cells\].
 pub const COMPLETE: (u16, u16) = (80, 24);
 /// Lines of the status at most \[cells\].
-const STATUS_LINES: u16 = 8;
+const STATUS_LINES: u16 = 9;
 /// Height of a chart, and number of charts \[cells\].
 pub const CHART_LINES: u16 = 2;
 const CHARTS: u16 = 3;

@@ -38,6 +38,7 @@ pub fn status(model: &MonitorModel) -> Vec<StatusLine> {
         vehicle(model),
         poses(model),
         tracking(model),
+        adaptation(model),
         loop_figures(model),
         processes(model),
     ]
@@ -137,6 +138,24 @@ fn tracking(model: &MonitorModel) -> StatusLine {
         |error| format!("error {error:.3} m, max {:.3} m", model.greatest_error_m),
     );
     line(label, format!("{x:.2} {y:.2} {z:.2} m; {error}"), Weight::Plain)
+}
+
+/// What the model that is flown says of the vehicle.
+fn adaptation(model: &MonitorModel) -> StatusLine {
+    let label = "model";
+    let flown = present(model).filter(|tick| tick.adapted_rate_gain.is_finite());
+    let Some(tick) = flown else { return line(label, "as configured", Weight::Plain) };
+    if tick.fell_back != 0 {
+        return line(label, DaemonCondition::of(&tick).model_text(), Weight::Warning);
+    }
+    let text = format!(
+        "rate x {:.2}, lag {:.0} ms, hidden delay {:.0} ms, thrust x {:.2}",
+        tick.adapted_rate_gain,
+        tick.adapted_rate_lag_s * 1e3,
+        tick.adapted_delay_s * 1e3,
+        tick.adapted_thrust_gain
+    );
+    line(label, text, Weight::Plain)
 }
 
 fn loop_figures(model: &MonitorModel) -> StatusLine {

@@ -36,6 +36,10 @@ fn flying(now: Time) -> TelemetryV1 {
         reference_position: [0.0, 0.0, 1.0],
         thrust: 0.45,
         pose_age_s: 0.0152,
+        adapted_rate_gain: 0.93,
+        adapted_rate_lag_s: 0.0614,
+        adapted_delay_s: 0.0071,
+        adapted_thrust_gain: 1.04,
         mode: Mode::Flying.code(),
         fresh: 1,
         ..TelemetryV1::default()
@@ -119,6 +123,7 @@ fn a_flight_is_seen_whole_in_80_by_24() {
         "simulated, motors running, answers, link 98 %, battery 11.43 V",
         "age 15.2 ms; lost 0, refused 0",
         "0.50 0.00 1.00 m; error 0.500 m, max 0.500 m",
+        "model     rate x 0.93, lag 61 ms, hidden delay 7 ms, thrust x 1.04",
         "180 ticks, deadlines missed 0",
         "daemon 4711, plant-sim 4711, mocap-emu 4711",
         "error [m]",
