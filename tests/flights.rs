@@ -170,11 +170,25 @@ fn slow_rotors_make_no_height_swing() {
 fn a_lag_and_a_hidden_delay_at_the_bounds_of_the_adaptation_make_it_swing_nowhere() {
     let hover = ["--controller", "oqtal-dt", "--trajectory", "hover", "--seed", "302"];
     let plant = ["--plant", "rate-lag-ms=120", "--plant", "hidden-delay-ms=40"];
-    let summary = Testbed::new("both bounds")
+    let summary = Testbed::new("both-bounds")
         .summary(&[&["--clock", "in-process"], &hover[..], &plant].concat());
     assert_eq!(summary["outcome"], "landed");
     let error_m = number(&summary, "/position_error_m/rms");
     assert!(error_m < 4e-3, "{error_m} m");
+}
+
+/// A model of a lag that is shorter than the interval of the poses was once flown, and every hover was stopped.
+#[test]
+fn a_prompt_vehicle_that_loses_commands_is_not_stopped() {
+    let hover = ["--controller", "oqtal-dt", "--trajectory", "hover"];
+    let plant = ["rate-lag-ms=5", "command-delay-ms=0"];
+    let losses = ["command-loss-probability=0.05", "command-loss-burst=3"];
+    let words = plant.iter().chain(&losses).flat_map(|key| ["--plant", *key]);
+    let words: Vec<&str> = hover.into_iter().chain(words).collect();
+    let summary = fly(&words);
+    assert_eq!(summary["outcome"], "landed");
+    let error_m = number(&summary, "/position_error_m/rms");
+    assert!(error_m < 5e-3, "{error_m} m");
 }
 
 #[test]

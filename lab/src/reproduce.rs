@@ -32,6 +32,7 @@ use oqtal_runtime::process::{Exit, Failure};
 use oqtal_runtime::program::print;
 use serde_json::{Value, json};
 
+use crate::output::make;
 use crate::progress::Progress;
 use crate::sheet::Sheet;
 
@@ -128,6 +129,7 @@ impl ReproduceArgs {
     /// # Errors
     /// The directory cannot be written, or a setting in the environment is invalid.
     pub fn execute(&self) -> Result<Exit, Failure> {
+        make(&self.out)?;
         let context = ExperimentContext {
             lander: Lander::new()?,
             retune: self.retune,

@@ -96,16 +96,20 @@ struct SweepRow {
     figures: Figures,
 }
 
+/// Values of the keys, the law, and its flights.
+type Prepared = (Vec<toml::Value>, &'static str, Trial);
+
 impl SweepArgs {
     /// Flies every combination with every law and prints the figures.
     ///
     /// # Errors
     /// A key or value is invalid (exit code 78), there are too many combinations (64), the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
+        let prepared = self.prepared()?;
         if let Some(file) = &self.out {
             check_file(file)?;
         }
-        let rows = self.fly()?;
+        let rows = self.fly(prepared)?;
         if let Some(file) = &self.out {
             write_file(file, self.csv(&rows)?)?;
         }
@@ -120,7 +124,8 @@ impl SweepArgs {
         space::LAW_NAMES.into_iter().filter(|law| self.laws.iter().any(|name| name == law))
     }
 
-    fn fly(&self) -> Result<Vec<SweepRow>, Failure> {
+    /// Every combination with every law, checked before the first flight.
+    fn prepared(&self) -> Result<Vec<Prepared>, Failure> {
         let combinations = combinations(&self.axes)?;
         let common = self.study.settings()?;
         let mut prepared = Vec::new();
@@ -132,13 +137,16 @@ impl SweepArgs {
                 };
                 settings.extend(self.axes.iter().zip(&values).map(set));
                 let contender = Contender { controller: law, settings };
-                // Every combination is checked before the first flight.
                 prepared.push((values.clone(), law, Trial::new(&contender, &NOMINAL)?));
             }
         }
+        Ok(prepared)
+    }
+
+    fn fly(&self, prepared: Vec<Prepared>) -> Result<Vec<SweepRow>, Failure> {
         let progress = Progress::default();
         let bar = progress.start("flights", prepared.len() * 4 * self.seeds.clone().count());
-        let fly = |(values, law, trial): (Vec<toml::Value>, &'static str, Trial)| {
+        let fly = |(values, law, trial): Prepared| {
             let flown: Result<Vec<Figures>, Failure> =
                 self.seeds.clone().map(|seed| Ok(trial.fly(seed)?.0)).collect();
             bar.add(4 * self.seeds.clone().count());

@@ -8,14 +8,16 @@
 //! A frame whose stamp contradicts the line is *suspect*: it arrived before it was captured, or its stamp is not after the last
 //! one. Suspects are held back. If they persist the server's clock was set, and it is learned anew. A delay that grew is no
 //! contradiction, however long it stays: such frames are old. A step back looks alike but for the stamps themselves, by which
-//! [`StepWatch`] tells it. Behind a small step, forward or back, only the pairs from before it are forgotten, so that poses go on.
+//! [`StepWatch`] tells it. [`LoweringWatch`] sees a small step forward. Behind a small step, forward or back, only the pairs from before it are forgotten, so that poses go on.
 
 mod envelope;
+mod lowering;
 mod step;
 
 use oqtal_bus::time::{Span, Time};
 
 pub use envelope::{EnvelopeLine, LowerEnvelope, MAX_DRIFT, StampPair};
+pub use lowering::LoweringWatch;
 pub use step::{StepWatch, SuspectedStep};
 
 /// Shortest time over which a clock is learned.
@@ -25,11 +27,10 @@ const LEARNING_FRAMES: u32 = 12;
 /// A frame that arrives so much before the line, or a contraction of stamps by so much, says that the server's clock was set; less
 /// only corrects the line.
 const IMPOSSIBLE: Span = Span::from_millis(25);
-/// A line that is lowered by so much within so short a time makes all pairs from before worthless.
+/// A line that is lowered by so much within a second makes all pairs from before worthless.
 const SMALL_STEP: Span = Span::from_millis(1);
-const LOWERING_TIME: Span = Span::from_millis(1000);
-/// A lowering by less is none that the first of several could be: the fastest frames of the last seconds differ by less.
-const FIRST_LOWERING: Span = Span::from_nanos(100_000);
+/// Before so long a time has passed since learning began, the line falls since few fast frames were seen yet.
+const SETTLING_TIME: Span = Span::from_millis(2000);
 /// Suspects in a row, and the time that they span, after which the server's clock counts as set anew.
 const SUSPECTS: u32 = 5;
 const SUSPECT_TIME: Span = Span::from_millis(100);
@@ -90,8 +91,7 @@ pub struct ServerClock {
     /// The last suspect's stamp \[ns\].
     suspect_ns: u64,
     steps: StepWatch,
-    /// A lowering of the line: its first arrival, the stamp before it \[ns\], by how much \[ns\].
-    lowered: (Time, u64, f64),
+    lowerings: LoweringWatch,
     /// Mean delay of the pairs that were forgotten behind a step \[ns\]: few pairs do not tell how they scatter.
     scatter_ns: f64,
     known: bool,
@@ -111,7 +111,7 @@ impl ServerClock {
             suspect_since: Time::UNSET,
             suspect_ns: 0,
             steps: StepWatch::default(),
-            lowered: (Time::UNSET, 0, 0.0),
+            lowerings: LoweringWatch::default(),
             scatter_ns: 0.0,
             known: false,
             relearned: 0,
@@ -124,7 +124,7 @@ impl ServerClock {
         self.envelope.clear();
         self.origin = None;
         self.steps = StepWatch::default();
-        self.lowered = (Time::UNSET, 0, 0.0);
+        self.lowerings = LoweringWatch::default();
         self.scatter_ns = 0.0;
         self.known = false;
         self.suspects = 0;
@@ -205,18 +205,14 @@ impl ServerClock {
     /// Forgets what is from before a quick lowering of the line: nothing can be faster than the fastest, so that the clock was set
     /// forward, or the way has become shorter.
     fn watch_for_lowering(&mut self, before_ns: u64, arrival: Time, ahead_ns: f64) {
-        if ahead_ns <= 0.0 {
+        let settled = |origin: &(u64, Time)| arrival.since(origin.1) >= SETTLING_TIME;
+        if ahead_ns <= 0.0 || !self.origin.as_ref().is_some_and(settled) {
             return;
         }
-        let (since, _, by_ns) = self.lowered;
-        if arrival.since(since) <= LOWERING_TIME {
-            self.lowered.2 = by_ns + ahead_ns;
-        } else if ahead_ns > FIRST_LOWERING.nanos() as f64 {
-            self.lowered = (arrival, before_ns, ahead_ns);
-        }
-        if self.known && self.lowered.2 > SMALL_STEP.nanos() as f64 {
-            self.forget_through(self.lowered.1);
-            self.lowered = (Time::UNSET, 0, 0.0);
+        self.lowerings.add(ahead_ns, arrival, before_ns);
+        if let Some(stamp_ns) = self.lowerings.exceeding(SMALL_STEP) {
+            self.forget_through(stamp_ns);
+            self.lowerings = LoweringWatch::default();
         }
     }
 

@@ -3,7 +3,7 @@
 #[path = "clock/server.rs"]
 mod server;
 
-use oqtal_bus::time::Span;
+use oqtal_bus::time::{Span, Time};
 use oqtal_receiver::clock::{ServerClock, StampVerdict};
 use proptest::prelude::*;
 use server::{Jitter, LEAST_DELAY, Server};
@@ -88,9 +88,10 @@ proptest! {
         let frames = (6.0 * rate_hz) as usize;
         prop_assert!(dated.later.len() >= frames * 9 / 10, "{step_ns}: {} known", dated.later.len());
         let late = p99(&dated.later);
-        // Six seconds of frames do not always show the clock to 0.6 ms: then one that knew nothing before the step is no better.
-        let anew = p99(&dated.later_anew);
-        prop_assert!(late <= anew.max(600_000), "{step_ns} ns at {rate_hz} Hz: {late} ns, learned anew {anew} ns");
+        // Six seconds of frames do not always show the clock to 0.6 ms: then one that knew nothing before the step is hardly better,
+        // which has seen the frames that were held back besides.
+        let bound = p99(&dated.later_anew).max(600_000) + 100_000;
+        prop_assert!(late <= bound, "{step_ns} ns at {rate_hz} Hz: {late} ns, bound {bound} ns");
         // Until a small step is known its frames are dated wrong by it, and never by more than that.
         let greatest = dated.soon.last().copied().unwrap_or(0);
         // Frames that queue in a stall do not arrive before they were captured, however their clock was set.
@@ -109,5 +110,46 @@ proptest! {
         // A line of the greatest slope follows a delay by 2 ms in 10 s.
         let greatest = p99(&dated.later);
         prop_assert!(greatest <= 2_500_000, "{slower_ms} ms: {greatest} ns");
+    }
+}
+
+/// Lowerings of the line as it is learned are no step, nor do they hide one.
+#[test]
+fn a_start_is_hardly_ever_taken_for_a_step() {
+    for (rate_hz, jitter) in [60.0, 240.0].into_iter().flat_map(|hz| (0..2).map(move |j| (hz, j))) {
+        let relearned = |seed| {
+            let (mut server, mut clock) =
+                (server(seed, rate_hz, jitter), ServerClock::new(Span::ZERO));
+            for _ in 0..(20.0 * rate_hz) as u64 {
+                let (_, stamp_ns, arrival) = server.next();
+                clock.observe(stamp_ns, arrival);
+            }
+            clock.state().relearned
+        };
+        let relearned: u64 = (0..100).map(relearned).sum();
+        assert!(relearned <= 6, "{rate_hz} Hz, jitter {jitter}: {relearned} of 100");
+    }
+}
+
+/// A clock that is slewed, in a network whose delays differ by some 10 us.
+#[test]
+fn a_clock_that_is_slewed_forward_within_a_second_is_followed() {
+    for slew_ns in [2e6, 3e6, 5e6, 15e6] {
+        let (mut random, mut clock) = (server::Random(7), ServerClock::new(Span::ZERO));
+        let mut late = Vec::new();
+        for frame in 0..50 * 240_u64 {
+            let t_s = frame as f64 / 240.0;
+            let captured = Time::VIRTUAL_START + Span::from_seconds(t_s);
+            let arrival = captured + Span::from_seconds(1e-4 + 2e-5 * random.uniform());
+            let stamp_ns =
+                1_000_000_000 + (t_s * 1e9 + (t_s - 30.0).clamp(0.0, 1.0) * slew_ns) as u64;
+            if let StampVerdict::Known(known) = clock.observe(stamp_ns, arrival)
+                && t_s > 33.0
+            {
+                late.push((known.captured_at.since(captured) - LEAST_DELAY).nanos().abs());
+            }
+        }
+        late.sort_unstable();
+        assert!(p99(&late) <= 300_000, "{slew_ns} ns: {} ns", p99(&late));
     }
 }

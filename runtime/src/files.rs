@@ -3,7 +3,7 @@
 
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{self, Read};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 use rustix::fs::OFlags;
@@ -56,11 +56,15 @@ fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     })
 }
 
-/// Makes sure that [`create`] will be able to write a file; what is in it is kept.
+/// Makes sure that [`create`] will be able to write a file; what is in it is kept. A pipe is left alone: whoever reads it would take
+/// the end of the check for the end of the file.
 ///
 /// # Errors
 /// As [`create`].
 pub fn check_writable(path: &Path) -> io::Result<()> {
+    if path.metadata().is_ok_and(|found| found.file_type().is_fifo()) {
+        return Ok(());
+    }
     open_unlinked(OpenOptions::new().append(true), path).map(drop)
 }
 
