@@ -167,7 +167,7 @@ fn slow_rotors_make_no_height_swing() {
 
 /// A lag that is learnt late was once taken for a command that acts before it is sent, and the vehicle swung by 0.3 m.
 #[test]
-fn a_lag_and_a_hidden_delay_at_the_bounds_of_the_adaptation_make_it_swing_nowhere() {
+fn a_lag_and_a_hidden_delay_near_the_bounds_of_the_adaptation_cause_no_swing() {
     let hover = ["--controller", "oqtal-dt", "--trajectory", "hover", "--seed", "302"];
     let plant = ["--plant", "rate-lag-ms=120", "--plant", "hidden-delay-ms=40"];
     let summary = Testbed::new("both-bounds")

@@ -6,7 +6,7 @@ use std::{fs, io};
 use oqtal_runtime::files;
 use oqtal_runtime::process::{Exit, Failure};
 
-/// Makes the directory, before what it is for has taken its time.
+/// Makes the directory; called before a study, which should not end without a place for its result.
 ///
 /// # Errors
 /// It cannot be made (exit code 71).
@@ -32,7 +32,8 @@ pub fn write_file(file: &Path, text: impl AsRef<[u8]>) -> Result<(), Failure> {
         .map_err(|error| unwritable(file, &error))
 }
 
-/// Makes sure that `file` can be written, before what it is for has taken its time; what stands in it is kept.
+/// Makes sure that `file` can be written; called before a study, which should not end without a place for its result. What stands
+/// in the file is kept.
 ///
 /// # Errors
 /// It cannot be written (exit code 71).

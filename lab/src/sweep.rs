@@ -96,8 +96,12 @@ struct SweepRow {
     figures: Figures,
 }
 
-/// Values of the keys, the law, and its flights.
-type Prepared = (Vec<toml::Value>, &'static str, Trial);
+/// A law with one combination of values.
+struct Combination {
+    values: Vec<toml::Value>,
+    law: &'static str,
+    trial: Trial,
+}
 
 impl SweepArgs {
     /// Flies every combination with every law and prints the figures.
@@ -105,11 +109,11 @@ impl SweepArgs {
     /// # Errors
     /// A key or value is invalid (exit code 78), there are too many combinations (64), the file cannot be written (71).
     pub fn execute(&self) -> Result<Exit, Failure> {
-        let prepared = self.prepared()?;
+        let combined = self.combined()?;
         if let Some(file) = &self.out {
             check_file(file)?;
         }
-        let rows = self.fly(prepared)?;
+        let rows = self.fly(combined)?;
         if let Some(file) = &self.out {
             write_file(file, self.csv(&rows)?)?;
         }
@@ -125,10 +129,10 @@ impl SweepArgs {
     }
 
     /// Every combination with every law, checked before the first flight.
-    fn prepared(&self) -> Result<Vec<Prepared>, Failure> {
+    fn combined(&self) -> Result<Vec<Combination>, Failure> {
         let combinations = combinations(&self.axes)?;
         let common = self.study.settings()?;
-        let mut prepared = Vec::new();
+        let mut combined = Vec::new();
         for values in combinations {
             for law in self.laws() {
                 let (mut settings, _) = self.gains.of(law, &common)?;
@@ -137,22 +141,23 @@ impl SweepArgs {
                 };
                 settings.extend(self.axes.iter().zip(&values).map(set));
                 let contender = Contender { controller: law, settings };
-                prepared.push((values.clone(), law, Trial::new(&contender, &NOMINAL)?));
+                let trial = Trial::new(&contender, &NOMINAL)?;
+                combined.push(Combination { values: values.clone(), law, trial });
             }
         }
-        Ok(prepared)
+        Ok(combined)
     }
 
-    fn fly(&self, prepared: Vec<Prepared>) -> Result<Vec<SweepRow>, Failure> {
+    fn fly(&self, combined: Vec<Combination>) -> Result<Vec<SweepRow>, Failure> {
         let progress = Progress::default();
-        let bar = progress.start("flights", prepared.len() * 4 * self.seeds.clone().count());
-        let fly = |(values, law, trial): Prepared| {
+        let bar = progress.start("flights", combined.len() * 4 * self.seeds.clone().count());
+        let fly = |Combination { values, law, trial }: Combination| {
             let flown: Result<Vec<Figures>, Failure> =
                 self.seeds.clone().map(|seed| Ok(trial.fly(seed)?.0)).collect();
             bar.add(4 * self.seeds.clone().count());
             Ok(row(values, law, &flown?))
         };
-        prepared.into_par_iter().map(fly).collect()
+        combined.into_par_iter().map(fly).collect()
     }
 
     fn csv(&self, rows: &[SweepRow]) -> Result<String, Failure> {

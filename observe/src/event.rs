@@ -44,12 +44,18 @@ impl DaemonCondition {
         }
     }
 
+    /// Whether the configured model is flown, since the adapted one predicts worse.
+    #[must_use]
+    pub fn fell_back(self) -> bool {
+        self.fell_back != 0
+    }
+
     /// Which model is flown, in words.
     #[must_use]
     pub fn model_text(self) -> &'static str {
-        match self.fell_back {
-            0 => "adapted model",
-            _ => "configured model, since the adapted one predicts worse",
+        match self.fell_back() {
+            false => "adapted model",
+            true => "configured model, since the adapted one predicts worse",
         }
     }
 }
@@ -57,7 +63,7 @@ impl DaemonCondition {
 impl fmt::Display for DaemonCondition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}, {}", self.mode_text(), self.state_text())?;
-        if self.fell_back != 0 {
+        if self.fell_back() {
             write!(f, "; {}", self.model_text())?;
         }
         Ok(())
@@ -77,7 +83,8 @@ pub fn changes(before: &TelemetryV1, now: &TelemetryV1) -> Vec<String> {
         ("deadlines missed", before.deadline_misses, now.deadline_misses),
     ];
     let state = (before.state, before.cause) != (now.state, now.cause);
-    let model = before.fell_back != now.fell_back;
+    // On the floor what was learnt is forgotten, which is no event.
+    let model = before.fell_back != now.fell_back && now.mode == Mode::Flying.code();
     let condition = DaemonCondition::of(now);
     let states = state.then(|| condition.state_text());
     let models = model.then(|| condition.model_text().to_owned());
@@ -161,10 +168,12 @@ mod tests {
     #[test]
     fn a_model_that_predicts_worse_is_an_event_and_so_is_its_return() {
         let adapted = TelemetryV1 { mode: Mode::Flying.code(), ..TelemetryV1::default() };
+        let landed = TelemetryV1::default();
         let fallen = TelemetryV1 { fell_back: 1, ..adapted };
         let said = "configured model, since the adapted one predicts worse";
         assert_eq!(changes(&adapted, &fallen), [said]);
         assert_eq!(changes(&fallen, &adapted), ["adapted model"]);
+        assert!(changes(&fallen, &landed).is_empty());
         assert_eq!(DaemonCondition::of(&fallen).to_string(), format!("flying, Nominal; {said}"));
     }
 }

@@ -8,7 +8,8 @@
 //! A frame whose stamp contradicts the line is *suspect*: it arrived before it was captured, or its stamp is not after the last
 //! one. Suspects are held back. If they persist the server's clock was set, and it is learned anew. A delay that grew is no
 //! contradiction, however long it stays: such frames are old. A step back looks alike but for the stamps themselves, by which
-//! [`StepWatch`] tells it. [`LoweringWatch`] sees a small step forward. Behind a small step, forward or back, only the pairs from before it are forgotten, so that poses go on.
+//! [`StepWatch`] tells it. [`LoweringWatch`] sees a small step forward. Behind a small step, forward or back, only the pairs from
+//! before it are forgotten, so that poses go on.
 
 mod envelope;
 mod lowering;
@@ -29,7 +30,7 @@ const LEARNING_FRAMES: u32 = 12;
 const IMPOSSIBLE: Span = Span::from_millis(25);
 /// A line that is lowered by so much within a second makes all pairs from before worthless.
 const SMALL_STEP: Span = Span::from_millis(1);
-/// Before so long a time has passed since learning began, the line falls since few fast frames were seen yet.
+/// Time after learning began, or a step, in which lowerings of the line are not counted: few fast frames were seen yet.
 const SETTLING_TIME: Span = Span::from_millis(2000);
 /// Suspects in a row, and the time that they span, after which the server's clock counts as set anew.
 const SUSPECTS: u32 = 5;
@@ -92,6 +93,8 @@ pub struct ServerClock {
     suspect_ns: u64,
     steps: StepWatch,
     lowerings: LoweringWatch,
+    /// When learning began, or the last small step was noticed.
+    settling_since: Time,
     /// Mean delay of the pairs that were forgotten behind a step \[ns\]: few pairs do not tell how they scatter.
     scatter_ns: f64,
     known: bool,
@@ -112,6 +115,7 @@ impl ServerClock {
             suspect_ns: 0,
             steps: StepWatch::default(),
             lowerings: LoweringWatch::default(),
+            settling_since: Time::UNSET,
             scatter_ns: 0.0,
             known: false,
             relearned: 0,
@@ -144,6 +148,9 @@ impl ServerClock {
         }
         self.suspects = 0;
         let before_ns = std::mem::replace(&mut self.last, (stamp_ns, arrival)).0;
+        if self.origin.is_none() {
+            self.settling_since = arrival;
+        }
         let origin = *self.origin.get_or_insert((stamp_ns, arrival));
         let pair = relative(origin, (stamp_ns, arrival));
         let ahead_ns = self.envelope.line().offset_ns(pair.stamp_ns) - pair.offset_ns;
@@ -205,14 +212,12 @@ impl ServerClock {
     /// Forgets what is from before a quick lowering of the line: nothing can be faster than the fastest, so that the clock was set
     /// forward, or the way has become shorter.
     fn watch_for_lowering(&mut self, before_ns: u64, arrival: Time, ahead_ns: f64) {
-        let settled = |origin: &(u64, Time)| arrival.since(origin.1) >= SETTLING_TIME;
-        if ahead_ns <= 0.0 || !self.origin.as_ref().is_some_and(settled) {
+        let is_settled = arrival.since(self.settling_since) >= SETTLING_TIME;
+        if !self.known || !is_settled || ahead_ns <= 0.0 {
             return;
         }
-        self.lowerings.add(ahead_ns, arrival, before_ns);
-        if let Some(stamp_ns) = self.lowerings.exceeding(SMALL_STEP) {
+        if let Some(stamp_ns) = self.lowerings.add(ahead_ns, (before_ns, arrival), SMALL_STEP) {
             self.forget_through(stamp_ns);
-            self.lowerings = LoweringWatch::default();
         }
     }
 
@@ -223,6 +228,8 @@ impl ServerClock {
         self.scatter_ns = self.envelope.mean_delay_ns();
         self.envelope.forget_through(stamp_ns as f64);
         self.steps.settle();
+        self.lowerings = LoweringWatch::default();
+        self.settling_since = self.last.1;
         self.relearned += 1;
     }
 

@@ -62,7 +62,7 @@ fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
 /// # Errors
 /// As [`create`].
 pub fn check_writable(path: &Path) -> io::Result<()> {
-    if path.metadata().is_ok_and(|found| found.file_type().is_fifo()) {
+    if path.symlink_metadata().is_ok_and(|found| found.file_type().is_fifo()) {
         return Ok(());
     }
     open_unlinked(OpenOptions::new().append(true), path).map(drop)

@@ -24,7 +24,7 @@ const BIAS_WALK: f64 = 0.002;
 /// Time in which the estimator forgets what it knows of a parameter \[s\].
 const MEMORY_S: f64 = 120.0;
 
-/// Lag below which none is estimated \[s\]: between two poses it is over, and not to be told from none. With a bound of
+/// Least lag that is estimated \[s\]: a shorter one is over between two poses, and not to be told from none. With a bound of
 /// 5 ms a vehicle of that lag and without delay swung until it was stopped when commands were lost in bursts.
 const LEAST_LAG_S: f64 = 10e-3;
 

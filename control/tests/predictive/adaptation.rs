@@ -84,7 +84,7 @@ fn gain_lag_and_hidden_delay_are_found() {
     assert!((found.delay_s - hidden.delay_s).abs() < 3e-3, "{found:?}");
 }
 
-/// Noise and a lag that is not yet known may say so.
+/// A short lag that is not yet known looks like a command that acts too early.
 #[test]
 fn no_command_acts_before_it_is_sent() {
     let hidden = RateResponse { gain: 1.0, lag_s: 0.02, delay_s: -DELAY_S };

@@ -222,7 +222,8 @@ impl McapRecorder {
         if self.condition.replace(condition) == Some(condition) {
             return;
         }
-        let severity = match condition.state() == Some(SafetyState::Nominal) {
+        let is_well = condition.state() == Some(SafetyState::Nominal) && !condition.fell_back();
+        let severity = match is_well {
             true => LogSeverity::Info,
             false => LogSeverity::Warning,
         };

@@ -5,8 +5,9 @@
 
 use oqtal_bus::time::{Span, Time};
 
-/// Time over which lowerings add up: [`BINS`] times [`BIN`].
+/// Part of the time over which lowerings add up.
 const BIN: Span = Span::from_millis(100);
+/// Number of these parts \[-\]: one second.
 const BINS: usize = 10;
 
 /// The lowerings of a tenth of a second.
@@ -27,28 +28,54 @@ pub struct LoweringWatch {
 }
 
 impl LoweringWatch {
-    /// Takes a lowering by `by_ns` \[ns\] with the frame that arrived at `arrival`, the frame before which had the stamp `before_ns`
-    /// \[ns, server clock\].
-    pub fn add(&mut self, by_ns: f64, arrival: Time, before_ns: u64) {
+    /// Takes a lowering by `by_ns` \[ns\] with the frame that arrived at `arrival`; the frame before had the stamp `before_ns`
+    /// \[ns, server clock\]. If the lowerings of the last second add up to more than `least`, the stamp before the first of them is
+    /// returned. A slight lowering long before a step makes that stamp too early by a second at most: the pairs kept from before the
+    /// step lie above the line and turn it by no more than its greatest drift.
+    pub fn add(
+        &mut self,
+        by_ns: f64,
+        (before_ns, arrival): (u64, Time),
+        least: Span,
+    ) -> Option<u64> {
         let tenth = arrival.nanos() / BIN.nanos().unsigned_abs();
+        for old in self.bins.iter_mut().filter(|bin| bin.tenth + BINS as u64 <= tenth) {
+            *old = Lowerings::default();
+        }
         let bin = &mut self.bins[(tenth % BINS as u64) as usize];
-        if bin.tenth != tenth {
+        if bin.tenth != tenth || bin.by_ns == 0.0 {
             *bin = Lowerings { tenth, before_ns, by_ns: 0.0 };
         }
         bin.by_ns += by_ns;
-        for old in &mut self.bins {
-            if old.tenth + BINS as u64 <= tenth {
-                *old = Lowerings::default();
-            }
-        }
+        let lowered = self.bins.iter().filter(|bin| bin.by_ns > 0.0);
+        let sum_ns: f64 = lowered.clone().map(|bin| bin.by_ns).sum();
+        let first = lowered.min_by_key(|bin| bin.tenth)?;
+        (sum_ns > least.nanos() as f64).then_some(first.before_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LEAST: Span = Span::from_millis(1);
+
+    /// Lowerings by 0.4 ms at these instants \[ms\]; the frame before has the instant as its stamp \[ns\].
+    fn after(instants_ms: &[i64]) -> Option<u64> {
+        let mut watch = LoweringWatch::default();
+        let mut add = |at_ms: &i64| {
+            let arrival = Time::UNSET + Span::from_millis(*at_ms);
+            watch.add(0.4e6, (arrival.nanos(), arrival), LEAST)
+        };
+        instants_ms.iter().map(&mut add).last().flatten()
     }
 
-    /// Stamp before the first lowering of the last second \[ns, server clock\], if they add up to more than `least`.
-    #[must_use]
-    pub fn exceeding(&self, least: Span) -> Option<u64> {
-        let lowered = self.bins.iter().filter(|bin| bin.by_ns > 0.0);
-        let first = lowered.clone().min_by_key(|bin| bin.tenth)?;
-        let sum_ns: f64 = lowered.map(|bin| bin.by_ns).sum();
-        (sum_ns > least.nanos() as f64).then_some(first.before_ns)
+    #[test]
+    fn lowerings_of_a_second_add_up() {
+        assert_eq!(after(&[5_000, 5_050]), None);
+        assert_eq!(after(&[5_020, 5_450, 5_990]), Some(5_020_000_000));
+        assert_eq!(after(&[20, 450, 990]), Some(20_000_000));
+        assert_eq!(after(&[5_000, 5_100, 6_000]), None, "the first is over");
+        assert_eq!(after(&[5_000, 6_000, 6_100, 6_200]), Some(6_000_000_000));
     }
 }
