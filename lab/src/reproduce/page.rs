@@ -45,7 +45,7 @@ pub fn html(head: &PageHead, chapters: &[Chapter]) -> String {
         header {
             p.eyebrow { "oqtal" }
             h1 { (head.title) }
-            p.note { (head.lead) }
+            p.note { (prose(head.lead)) }
         }
         main {
             @if !claims.is_empty() { (verdicts(&claims)) }
@@ -108,7 +108,7 @@ fn section(chapter: &Chapter) -> Markup {
     html! {
         section id=(anchor(chapter.title)) {
             h2 { (chapter.title) }
-            @for paragraph in &chapter.intro { p.note { (paragraph) } }
+            @for paragraph in &chapter.intro { p.note { (prose(paragraph)) } }
             @for sheet in &chapter.sheets {
                 (table(sheet))
                 @for other in &sheet.mismatched { (table(other)) }
@@ -129,7 +129,7 @@ fn table(sheet: &Sheet) -> Markup {
             } @else {
                 (rows(sheet))
             }
-            @for note in &sheet.notes { p.note { (note) } }
+            @for note in &sheet.notes { p.note { (prose(note)) } }
         }
     }
 }
@@ -164,6 +164,15 @@ fn line(sheet: &Sheet, row: &SheetRow) -> Markup {
                 @let mark = sheet.mark(row, column).map(|near| if near { "near" } else { "far" });
                 td class=[mark] data-name=(title) { (sheet.show(row, column)) }
             }
+        }
+    }
+}
+
+/// Text in which Markdown marks code.
+fn prose(text: &str) -> Markup {
+    html! {
+        @for (number, part) in text.split('`').enumerate() {
+            @if number % 2 == 1 { code { (part) } } @else { (part) }
         }
     }
 }
