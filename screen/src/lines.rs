@@ -145,8 +145,9 @@ fn adaptation(model: &MonitorModel) -> StatusLine {
     let label = "model";
     let flown = present(model).filter(|tick| tick.adapted_rate_gain.is_finite());
     let Some(tick) = flown else { return line(label, "as configured", Weight::Plain) };
-    if tick.fell_back != 0 {
-        return line(label, DaemonCondition::of(&tick).model_text(), Weight::Warning);
+    let condition = DaemonCondition::of(&tick);
+    if condition.fell_back() {
+        return line(label, condition.model_text(), Weight::Warning);
     }
     let text = format!(
         "rate x {:.2}, lag {:.0} ms, hidden delay {:.0} ms, thrust x {:.2}",

@@ -43,7 +43,7 @@ impl LoweringWatch {
             *old = Lowerings::default();
         }
         let bin = &mut self.bins[(tenth % BINS as u64) as usize];
-        if bin.tenth != tenth || bin.by_ns == 0.0 {
+        if bin.by_ns == 0.0 {
             *bin = Lowerings { tenth, before_ns, by_ns: 0.0 };
         }
         bin.by_ns += by_ns;
