@@ -79,6 +79,10 @@ fn a_spread_of_a_file_is_drawn_from_and_identified_and_a_wrong_one_is_refused_wi
     assert!((found - lag).abs() < 3.0, "{found} ms identified, {lag} ms true");
     let wide = document["wide_draws"][0]["drawn"]["plant.rate-lag-ms"].as_f64().unwrap();
     assert!((59.5..61.5).contains(&wide) && wide != lag, "{wide} ms, {lag} ms");
+    let known = &document["wide_identified_draws"][0]["drawn"];
+    assert_eq!(known["plant.rate-lag-ms"].as_f64(), Some(wide));
+    let found = known["vehicle.rate-lag-ms"].as_f64().unwrap();
+    assert!((found - wide).abs() < 3.0, "{found} ms identified, {wide} ms true");
     testbed.write("wrong.toml", "[plant]\n\nrate-lag-ms = { betwen = [60, 61] }\n");
     let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
         .args(["robustness", "--spread", "wrong.toml"])

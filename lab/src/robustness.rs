@@ -8,6 +8,7 @@ pub mod identified;
 pub mod impulse;
 pub mod linear;
 pub mod margins;
+pub mod monte_carlo;
 pub mod others;
 pub mod probed;
 pub mod responses;
@@ -35,8 +36,8 @@ use crate::sheet::Sheet;
 use crate::study::StudyArgs;
 use crate::tune::space;
 
-use flown::{Draw, Judged, MOST_DRAWS, Rival};
-use identified::IdentifiedDraws;
+use flown::{Draw, MOST_DRAWS, Rival};
+use monte_carlo::{ChapterNames, MonteCarlo};
 use others::OtherSpread;
 use spread::PlantSpread;
 
@@ -66,7 +67,7 @@ pub struct RobustnessArgs {
     /// that a directory lacks is left out
     #[arg(long, value_name = "SOURCES", value_delimiter = ',', default_value = "tuned")]
     gains: Vec<GainSource>,
-    /// Every draw as well with what `oqtal identify` finds of its plant from one flight in place of [vehicle]
+    /// Every draw of --spread, and of --wide, as well with what `oqtal identify` finds of its plant from one flight in place of [vehicle]
     #[arg(long)]
     identified: bool,
     /// Some single plants as well: the nominal one, lags and delays at and beyond the edge of the spread
@@ -96,6 +97,27 @@ const PAGE: PageHead = PageHead {
      `oqtal-dt` and the laws within its prediction adapt the model in flight, but for the gains of deploy/tuned/fixed. \
      Gains of one directory were found alike; those found over such a spread are no yardstick for those found near the model.",
     file: "robustness",
+};
+
+/// The first draws, identified.
+const IDENTIFIED: ChapterNames = ChapterNames {
+    title: "The same plants, identified",
+    draws: "The draws from above.",
+    tables: "identified",
+};
+
+/// The draws of the wider spread.
+const WIDE: ChapterNames = ChapterNames {
+    title: "A spread twice as wide",
+    draws: "As many draws of a spread whose ranges are each twice as wide, about the same middles.",
+    tables: "wide",
+};
+
+/// The draws of the wider spread, identified.
+const WIDE_IDENTIFIED: ChapterNames = ChapterNames {
+    title: "The plants of the wider spread, identified",
+    draws: "The draws of the wider spread.",
+    tables: "wide_identified",
 };
 
 impl RobustnessArgs {
@@ -151,8 +173,9 @@ impl RobustnessArgs {
         let draws = several(&spread)?;
         let others = self.others(common)?;
         let wide = self.wide.then(|| several(&spread.twice_as_wide())).transpose()?;
-        let judged = flown::fly(rivals, &draws, progress)?;
-        let mut document = json!({ "draws": flown::document(&judged, &draws) });
+        let study = MonteCarlo { rivals, common, progress };
+        let (flown, judged) = study.flown(&draws)?;
+        let mut document = json!({ "draws": flown });
         let mut sheets = tables::all(&judged, &draws);
         sheets.push(tables::dependences(&judged, &draws, &spread));
         sheets.push(tables::spread_table(&spread));
@@ -162,21 +185,21 @@ impl RobustnessArgs {
         let intro = vec![self.intro()];
         let mut chapters =
             vec![Chapter { title: "Monte-Carlo", intro, sheets, figures: Vec::new() }];
+        let mut keep = |key: &str, (flown, chapter): (Value, Chapter)| {
+            document[key] = flown;
+            chapters.push(chapter);
+        };
         if self.identified {
-            let known = identified::identified(&draws, common, progress)?;
-            let judged = flown::fly(rivals, &known.draws, progress)?;
-            document["identified_draws"] = flown::document(&judged, &known.draws);
-            chapters.push(identified_chapter(&known, &judged));
+            keep("identified_draws", study.identified(&draws, &IDENTIFIED)?);
         }
         if let Some(draws) = wide {
-            let judged = flown::fly(rivals, &draws, progress)?;
-            document["wide_draws"] = flown::document(&judged, &draws);
-            chapters.push(wide_chapter(&judged, &draws));
+            keep("wide_draws", study.chapter(&draws, &WIDE)?);
+            if self.identified {
+                keep("wide_identified_draws", study.identified(&draws, &WIDE_IDENTIFIED)?);
+            }
         }
         if !others.is_empty() {
-            let (flown, chapter) = others::chapter(&others, rivals, progress)?;
-            document["other_draws"] = flown;
-            chapters.push(chapter);
+            keep("other_draws", others::chapter(&others, rivals, progress)?);
         }
         Ok((document, chapters))
     }
@@ -234,33 +257,6 @@ impl RobustnessArgs {
 
     fn keep(&self, name: &str, text: &str) -> Result<(), Failure> {
         write(&self.out, name, text)
-    }
-}
-
-/// The same draws flown by laws that know each plant as it was identified.
-fn identified_chapter(known: &IdentifiedDraws, judged: &[Judged]) -> Chapter {
-    let IdentifiedDraws { draws, unidentified } = known;
-    Chapter {
-        title: "The same plants, identified",
-        intro: vec![format!(
-            "The draws from above. Each plant was first flown and identified as by `oqtal identify --fly --mass`, with its own mass \
-             and the law of the configuration; [vehicle] of all laws is what that flight showed. Not identified: {unidentified} of \
-             {}, which are flown with the [vehicle] from above. Gains are those from above too.",
-            draws.len()
-        )],
-        sheets: tables::named("identified", tables::all(judged, draws)),
-        figures: Vec::new(),
-    }
-}
-
-/// The draws of the wider spread.
-fn wide_chapter(judged: &[Judged], draws: &[Draw]) -> Chapter {
-    let intro = "As many draws of a spread whose ranges are each twice as wide, about the same middles. Gains are those from above.";
-    Chapter {
-        title: "A spread twice as wide",
-        intro: vec![intro.to_owned()],
-        sheets: tables::named("wide", tables::all(judged, draws)),
-        figures: Vec::new(),
     }
 }
 
