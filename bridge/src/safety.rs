@@ -63,6 +63,8 @@ pub struct CommandGate {
     newest: Option<Newest>,
     status: Option<MotorStatus>,
     control: ControlHolder,
+    /// Whether a flight request would be obeyed: none had been made for a command timeout since the port was opened.
+    is_ready: bool,
     /// Instant of the last flight request.
     last_request: Time,
     /// Instant since which "disarmed" has been commanded.
@@ -82,6 +84,7 @@ impl CommandGate {
             newest: None,
             status: None,
             control: ControlHolder::Nobody,
+            is_ready: false,
             last_request: now,
             disarmed_since: None,
             stopped_since: None,
@@ -93,7 +96,7 @@ impl CommandGate {
     pub fn reset(&mut self, now: Time) {
         self.motors.inhibit(now);
         (self.status, self.control) = (None, ControlHolder::Nobody);
-        self.last_request = now;
+        (self.is_ready, self.last_request) = (false, now);
     }
 
     /// Takes a command that arrived at `now`; returns whether it is accepted: within its timeout and newer than the last.
@@ -153,6 +156,13 @@ impl CommandGate {
         self.control
     }
 
+    /// Whether a flight could have begun since the port was opened. A request that was there before is not obeyed, however long it
+    /// lasts, so that nobody may be told that the vehicle waits for one.
+    #[must_use]
+    pub fn is_ready(&self) -> bool {
+        self.is_ready
+    }
+
     /// Whether another has control: nothing is sent as a set-point.
     #[must_use]
     pub fn is_released(&self) -> bool {
@@ -174,6 +184,7 @@ impl CommandGate {
         }
         let conditions = self.conditions(now, flight.is_some());
         let event = self.motors.step(now, conditions);
+        self.is_ready |= self.motors.state() != MotorState::Inhibited;
         let setpoint = match (self.motors.state(), flight) {
             (MotorState::Running, Some(command)) => VehicleSetpoint::Fly(command),
             // Start and stop are one toggle: sent only while a status shows that it is needed.

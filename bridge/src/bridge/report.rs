@@ -28,7 +28,7 @@ impl Bridge {
             armed: u8::from(answers && self.gate.last_status_running()),
             starting: u8::from(self.gate.is_starting()),
             stopped: u8::from(self.stopped_since.is_some()),
-            link: u8::from(answers),
+            link: u8::from(answers && (self.gate.is_ready() || self.gate.is_released())),
             control: self.gate.control().code(),
             ..self.monitor.state(now)
         };
