@@ -1,88 +1,18 @@
 //! Whole turns of the bridge before a line of finite speed, and before ports that take bytes in any pieces.
 
-use oqtal_bridge::{
-    Asctec, Bridge, FrameSizes, LineOccupancy, MAX_FRAME, Note, VehicleFrame, VehicleProtocol,
-    VehicleReport, VehicleTransport, transport,
+mod common;
+
+use common::{
+    FRAME, PERIOD, START, bridge, flight, header, over, serial, sizes, status, through_radio, turn,
 };
-use oqtal_bus::code::Actuation;
-use oqtal_bus::message::{CommandV1, Header, Stamps};
+use oqtal_bridge::{Bridge, LineOccupancy, MAX_FRAME, Note, VehicleFrame, VehicleTransport};
+use oqtal_bus::message::CommandV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Config;
 use oqtal_wire::asctec::{
-    ControlInput, Descriptor, HostCommand, LlStatus, VehicleDecoder, acknowledgement_frame,
-    write_telemetry,
+    ControlInput, Descriptor, HostCommand, VehicleDecoder, acknowledgement_frame,
 };
-use oqtal_wire::xbee::{Address, Framing};
+use oqtal_wire::xbee::Framing;
 use proptest::prelude::*;
-
-const BAUD: u32 = 57_600;
-const START: Time = Time::VIRTUAL_START;
-const PERIOD: Span = Span::from_nanos(16_666_667);
-/// Duration of a set-point on the line: 17 bytes of ten bits at 57600 baud.
-const FRAME: Span = Span::from_nanos(2_951_389);
-
-fn bridge() -> Bridge {
-    through_radio(Framing::Transparent)
-}
-
-fn serial(framing: Framing) -> Box<dyn VehicleTransport> {
-    let spec = format!("asctec:/dev/ttyS0,baud={BAUD},xbee={framing}").parse().unwrap();
-    transport(&spec, Address::BROADCAST)
-}
-
-/// Frame lengths on the port \[bytes\].
-fn sizes(framing: Framing) -> FrameSizes {
-    Asctec::new(&Config::default()).unwrap().sizes().with_overhead(serial(framing).overhead())
-}
-
-fn through_radio(framing: Framing) -> Bridge {
-    over(serial(framing))
-}
-
-fn over(transport: Box<dyn VehicleTransport>) -> Bridge {
-    let config = Config::default();
-    let mut bridge =
-        Bridge::new(&config, Box::new(Asctec::new(&config).unwrap()), transport, START);
-    bridge.open(START);
-    bridge
-}
-
-fn header(sequence: u64, at: Time) -> Header {
-    let stamps = Stamps { command_published_at: at, ..Stamps::default() };
-    Header { sequence, pose_sequence: sequence, stamps, ..Header::default() }
-}
-
-fn flight() -> CommandV1 {
-    let actuation = Actuation::Sticks.code();
-    CommandV1 { actuation, sticks: [0.1; 3], thrust: 0.3, ..CommandV1::default() }
-}
-
-/// One turn with a port that takes everything; returns the bytes written and the last report.
-fn turn(bridge: &mut Bridge, now: Time) -> (Vec<u8>, Option<VehicleReport>) {
-    let (mut bytes, mut reported) = (Vec::new(), None);
-    let mut all = |bridge: &mut Bridge| {
-        let count = bridge.outbox().len();
-        bytes.extend_from_slice(bridge.outbox());
-        if count > 0 {
-            reported = bridge.handed_over(now, count).or(reported);
-        }
-    };
-    all(bridge);
-    bridge.turn(now, &mut |_: Note| {});
-    if !bridge.outbox().is_empty() {
-        all(bridge);
-        bridge.follow_up(now);
-        all(bridge);
-    }
-    (bytes, reported)
-}
-
-fn status(motors_on: i8) -> Vec<u8> {
-    let mut frame = [0; 103];
-    let payload = LlStatus { battery_1_mv: 11_100, motors_on, ..LlStatus::default() }.payload();
-    let length = write_telemetry(Descriptor::LlStatus, &payload, &mut frame).unwrap();
-    frame[..length].to_vec()
-}
 
 /// Datagrams: frames as they are, each leaving at once.
 #[derive(Debug)]
@@ -257,43 +187,6 @@ fn motors_count_as_running_without_a_status_while_the_vehicle_answers() {
     assert_eq!((armed(31_000, false), armed(31_001, false)), (1, 0), "silent for a second");
     bridge.receive_bytes(START + Span::from_millis(32_000), &status(0), &mut |_| {});
     assert_eq!(bridge.report(START + Span::from_millis(32_000), None, Span::ZERO).2.armed, 0);
-}
-
-/// A daemon that hears of the vehicle may ask for a flight at once: it hears of it no sooner than the request would be obeyed.
-#[test]
-fn whoever_asks_for_a_flight_when_the_vehicle_is_heard_of_gets_it() {
-    for pause_ms in [1, 5, 16, 17, 40, 60] {
-        let mut bridge = bridge();
-        let (mut is_heard_of, mut is_starting) = (false, false);
-        for frame in 0..100 {
-            let now = START + Span::from_millis(pause_ms * frame);
-            bridge.receive_bytes(now, &status(0), &mut |_| {});
-            if is_heard_of {
-                bridge.receive_command(now, &header(1, now), flight(), 0);
-            }
-            let report = turn(&mut bridge, now).1;
-            is_heard_of |= report.is_some_and(|(_, _, vehicle)| vehicle.link == 1);
-            is_starting |= report.is_some_and(|(_, _, vehicle)| vehicle.starting == 1);
-        }
-        assert!(is_heard_of && is_starting, "{pause_ms} ms: {is_heard_of}");
-    }
-}
-
-/// One that asked before is not obeyed, and is told so.
-#[test]
-fn a_flight_that_was_asked_for_before_the_port_opened_does_not_hear_of_the_vehicle() {
-    let mut bridge = bridge();
-    let heard_of = |bridge: &mut Bridge, millis: i64| {
-        let now = START + Span::from_millis(millis);
-        bridge.receive_bytes(now, &status(0), &mut |_| {});
-        turn(bridge, now).1.is_some_and(|(_, _, vehicle)| vehicle.link == 1)
-    };
-    for frame in 0..200 {
-        let now = START + Span::from_millis(16 * frame);
-        bridge.receive_command(now, &header(1, now), flight(), 0);
-        assert!(!heard_of(&mut bridge, 16 * frame));
-    }
-    assert!((200..210).any(|frame| heard_of(&mut bridge, 16 * frame)), "no longer asked for");
 }
 
 #[test]

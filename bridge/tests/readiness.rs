@@ -1,0 +1,44 @@
+//! From when on a flight may be asked for.
+
+mod common;
+
+use common::{START, bridge, flight, header, status, turn};
+use oqtal_bridge::Bridge;
+use oqtal_bus::time::Span;
+
+/// A daemon that hears of the vehicle may ask for a flight at once: it hears of it no sooner than the request would be obeyed.
+#[test]
+fn whoever_asks_for_a_flight_when_the_vehicle_is_heard_of_gets_it() {
+    for pause_ms in [1, 5, 16, 17, 40, 60] {
+        let mut bridge = bridge();
+        let (mut is_heard_of, mut is_starting) = (false, false);
+        for frame in 0..100 {
+            let now = START + Span::from_millis(pause_ms * frame);
+            bridge.receive_bytes(now, &status(0), &mut |_| {});
+            if is_heard_of {
+                bridge.receive_command(now, &header(1, now), flight(), 0);
+            }
+            let report = turn(&mut bridge, now).1;
+            is_heard_of |= report.is_some_and(|(_, _, vehicle)| vehicle.link == 1);
+            is_starting |= report.is_some_and(|(_, _, vehicle)| vehicle.starting == 1);
+        }
+        assert!(is_heard_of && is_starting, "{pause_ms} ms: {is_heard_of}");
+    }
+}
+
+/// One that asked before is not obeyed, and is told so.
+#[test]
+fn a_flight_that_was_asked_for_before_the_port_opened_does_not_hear_of_the_vehicle() {
+    let mut bridge = bridge();
+    let heard_of = |bridge: &mut Bridge, millis: i64| {
+        let now = START + Span::from_millis(millis);
+        bridge.receive_bytes(now, &status(0), &mut |_| {});
+        turn(bridge, now).1.is_some_and(|(_, _, vehicle)| vehicle.link == 1)
+    };
+    for frame in 0..200 {
+        let now = START + Span::from_millis(16 * frame);
+        bridge.receive_command(now, &header(1, now), flight(), 0);
+        assert!(!heard_of(&mut bridge, 16 * frame));
+    }
+    assert!((200..210).any(|frame| heard_of(&mut bridge, 16 * frame)), "no longer asked for");
+}
