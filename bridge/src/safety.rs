@@ -63,7 +63,7 @@ pub struct CommandGate {
     newest: Option<Newest>,
     status: Option<MotorStatus>,
     control: ControlHolder,
-    /// Whether a flight request would be obeyed: none had been made for a command timeout since the port was opened.
+    /// Whether no flight had been requested for a command timeout since the port was opened, and so a request could be obeyed.
     is_ready: bool,
     /// Instant of the last flight request.
     last_request: Time,

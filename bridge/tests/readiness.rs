@@ -26,7 +26,7 @@ fn whoever_asks_for_a_flight_when_the_vehicle_is_heard_of_gets_it() {
     }
 }
 
-/// One that asked before is not obeyed, and is told so.
+/// One that asked before is not obeyed, and hears of no vehicle until it asks no more.
 #[test]
 fn a_flight_that_was_asked_for_before_the_port_opened_does_not_hear_of_the_vehicle() {
     let mut bridge = bridge();

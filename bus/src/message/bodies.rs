@@ -89,7 +89,7 @@ message! {
         armed: u8 ["flag"],
         /// 1 while the motors are being started: a flight begins when they run.
         starting: u8 ["flag"],
-        /// 1 if the vehicle answers, and a flight that is asked for now would begin.
+        /// 1 if the vehicle answers, and its bridge has been ready for a flight since the port was opened.
         link: u8 ["flag"],
         /// 1 while an operator's stop keeps the motors off, whatever is commanded.
         stopped: u8 ["flag"],

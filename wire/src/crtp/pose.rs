@@ -34,7 +34,7 @@ impl CrtpPose {
     }
 }
 
-/// Pose of one of several vehicles: to a millimetre and a fifth of a degree.
+/// Pose of one of several vehicles: to a millimetre and 0.28 degrees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PackedPose {
     /// Last byte of the vehicle's radio address \[-\].
