@@ -2,6 +2,10 @@
 
 use std::marker::PhantomData;
 
+mod observed;
+
+pub use observed::{ObservedTopic, Sample, SampleVisitor, TopicVisitor};
+
 use crate::message::{
     CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TimeAdvanceV1, TruthV1, TurnDoneV1,
     VehicleV1,

@@ -1,0 +1,159 @@
+//! Topics that observers can receive, derived from one list: an identifier and a sample for each, and generic code over all.
+
+use std::fmt;
+
+use super::{
+    COMMAND, INPUT, POSE, POSE_READ, Role, TELEMETRY, TRUTH, Topic, VEHICLE, VEHICLE_READ,
+};
+use crate::message::{
+    CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
+};
+
+/// Work that is the same for every topic, as opening a reader, or decoding a body.
+pub trait TopicVisitor {
+    /// Result of the work.
+    type Output;
+
+    /// Works on `topic`; `wrap` makes a [`Sample`] of one of its bodies.
+    fn visit<M: Message>(
+        self,
+        topic: &Topic<M>,
+        wrap: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
+    ) -> Self::Output;
+}
+
+/// Work that is the same for the samples of every topic, as encoding a body.
+pub trait SampleVisitor {
+    /// Result of the work.
+    type Output;
+
+    /// Works on a body of `topic`.
+    fn visit<M: Message>(self, topic: &Topic<M>, body: &M) -> Self::Output;
+}
+
+/// Defines [`ObservedTopic`] and [`Sample`] from lines `variant(message) = topic`. Topics of one process are added by hand.
+macro_rules! observed_topics {
+    ($($(#[doc = $doc:literal])* $variant:ident($message:ty) = $topic:ident,)*) => {
+        /// Identifier of a topic that can be observed.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum ObservedTopic {
+            $($(#[doc = $doc])* $variant,)*
+            /// Topic `health/NAME` of one process.
+            Health(Role),
+        }
+
+        /// Body of one message of an observed topic.
+        #[derive(Clone, Copy, Debug)]
+        pub enum Sample<'a> {
+            $($(#[doc = $doc])* $variant(&'a $message),)*
+            /// Topic `health/NAME` of one process.
+            Health(Role, &'a HealthV1),
+        }
+
+        impl ObservedTopic {
+            /// Topics of the loop, without the health of processes.
+            pub const LOOP: &'static [Self] = &[$(Self::$variant),*];
+
+            /// Name of the topic.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $topic.name,)*
+                    Self::Health(role) => role.health().name,
+                }
+            }
+
+            /// Calls `visitor` with the typed topic.
+            pub fn visit<V: TopicVisitor>(self, visitor: V) -> V::Output {
+                match self {
+                    $(Self::$variant => visitor.visit(&$topic, |body| Sample::$variant(body)),)*
+                    Self::Health(role) => {
+                        visitor.visit(&role.health(), move |body| Sample::Health(role, body))
+                    }
+                }
+            }
+        }
+
+        impl Sample<'_> {
+            /// Topic of the sample.
+            #[must_use]
+            pub const fn topic(&self) -> ObservedTopic {
+                match self {
+                    $(Self::$variant(_) => ObservedTopic::$variant,)*
+                    Self::Health(role, _) => ObservedTopic::Health(*role),
+                }
+            }
+
+            /// Calls `visitor` with the typed topic and body.
+            pub fn visit<V: SampleVisitor>(&self, visitor: V) -> V::Output {
+                match self {
+                    $(Self::$variant(body) => visitor.visit(&$topic, *body),)*
+                    Self::Health(role, body) => visitor.visit(&role.health(), *body),
+                }
+            }
+        }
+    };
+}
+
+observed_topics! {
+    /// Topic `telemetry`.
+    Telemetry(TelemetryV1) = TELEMETRY,
+    /// Topic `truth`.
+    Truth(TruthV1) = TRUTH,
+    /// Topic `pose`.
+    Pose(PoseV1) = POSE,
+    /// Topic `command`.
+    Command(CommandV1) = COMMAND,
+    /// Topic `vehicle`.
+    Vehicle(VehicleV1) = VEHICLE,
+    /// Topic `input`.
+    Input(InputV1) = INPUT,
+    /// Topic `read/pose`.
+    PoseRead(PoseV1) = POSE_READ,
+    /// Topic `read/vehicle`.
+    VehicleRead(VehicleV1) = VEHICLE_READ,
+}
+
+impl fmt::Display for ObservedTopic {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Name;
+
+    impl TopicVisitor for Name {
+        type Output = (&'static str, ObservedTopic, &'static str);
+
+        fn visit<M: Message>(
+            self,
+            topic: &Topic<M>,
+            wrap: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
+        ) -> Self::Output {
+            let body = M::default();
+            let sample = wrap(&body);
+            (topic.name, sample.topic(), sample.visit(Self))
+        }
+    }
+
+    impl SampleVisitor for Name {
+        type Output = &'static str;
+
+        fn visit<M: Message>(self, topic: &Topic<M>, _: &M) -> &'static str {
+            topic.name
+        }
+    }
+
+    #[test]
+    fn a_topic_and_its_samples_name_each_other() {
+        let health = [Role::Plant, Role::Bridge].map(ObservedTopic::Health);
+        for &topic in ObservedTopic::LOOP.iter().chain(&health) {
+            let name = topic.to_string();
+            assert_eq!(topic.visit(Name), (name.as_str(), topic, name.as_str()));
+        }
+    }
+}
