@@ -307,7 +307,7 @@ fn exit_codes_are_listed_for_users_and_for_operators() {
         Exit::Permission,
         Exit::Config,
     ];
-    for document in ["README.md", "docs/operations.md"] {
+    for document in ["docs/commands.md", "docs/operations.md"] {
         // operations.md also lists signals.
         let mut listed = column(document, "exit code");
         listed.retain(|code| code.parse::<u8>().is_ok());
@@ -335,11 +335,12 @@ fn every_alarm_is_explained_to_operators() {
 }
 
 #[test]
-fn every_flight_in_the_readme_flies() {
+fn every_flight_in_readme_and_commands_flies() {
     let testbed = common::Testbed::new("readme");
-    let blocks = code_blocks(&read("README.md"));
+    let blocks = ["README.md", "docs/commands.md"].map(|document| code_blocks(&read(document)));
     let commands: Vec<&str> = blocks
         .iter()
+        .flatten()
         .flat_map(|block| block.lines())
         .map(|line| line.split(" # ").next().unwrap_or_default().trim())
         .filter(|line| line.starts_with("oqtal fly") || line.starts_with("oqtal check"))
