@@ -18,6 +18,7 @@
 //! | `csv_text.rs` | tables as CSV |
 //! | `output.rs` | the directory of `--out` |
 //! | `progress.rs` | progress bars |
+//! | `random.rs` | random numbers of studies |
 #![forbid(unsafe_code)]
 
 pub mod cameras;
@@ -27,6 +28,7 @@ pub mod identify;
 pub mod mission;
 pub mod output;
 pub mod progress;
+mod random;
 pub mod replay;
 pub mod reproduce;
 pub mod robustness;

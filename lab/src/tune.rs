@@ -1,6 +1,7 @@
 //! `oqtal tune`: optimisation of gains on simulated flights.
 
 pub mod bee_colony;
+mod cma_es;
 pub mod gains;
 pub mod online;
 pub mod optimiser;

@@ -34,7 +34,6 @@ const NOT_IN_THE_DAEMON: &[&str] = &[
     "indicatif",
     "hdrhistogram",
     "csv",
-    "fcmaes-core",
     "rayon",
     "serialport",
 ];

@@ -17,7 +17,7 @@ use oqtal_config::{Config, Setting};
 use oqtal_runtime::process::{Exit, Failure};
 use toml::{Table, Value};
 
-use crate::tune::bee_colony::random::SplitMix64;
+use crate::random::SplitMix64;
 
 /// How the value of a key is drawn; numbers evenly within their bounds.
 #[derive(Clone, Debug, PartialEq)]

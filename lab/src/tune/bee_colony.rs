@@ -1,28 +1,25 @@
-//! Tuning by search: the artificial bee colony, which needs nothing of an objective but its values.
+//! The artificial bee colony, an optimiser that uses nothing of an objective but its values.
 //!
-//! D. Karaboga and B. Basturk, *J. Global Optimization* 39 (2007) 459; it is the optimiser that the paper tunes its rivals
-//! with. A *source* is a point of the search space. In every cycle each source sends out one *employed* bee and, the
-//! better it is the more often, *onlookers*: each bee looks at a point that differs from its source in one coordinate and
-//! moves the source there if that is better. A source that was not improved for long is given up and a *scout* finds
-//! another anywhere.
+//! D. Karaboga and B. Basturk, *J. Global Optimization* 39 (2007) 459; the paper tunes the other laws with it. A *source* is a
+//! point of the search space. In every cycle each source sends out one *employed* bee and, more often the better it is,
+//! *onlookers*: each bee evaluates a point that differs from its source in one coordinate, and the source moves there if
+//! that is better. A source without improvement for too long is replaced by a *scout*: a point drawn anywhere.
 //!
-//! The bees of one kind fly at once: all points of a batch are chosen before any of them is evaluated. So a caller may
-//! evaluate a batch in parallel, and the result does not depend on how.
+//! All points of a batch are chosen before any of them is evaluated, so that a caller may evaluate a batch in parallel
+//! without an effect on the result.
 
 use std::ops::RangeInclusive;
 
-use random::SplitMix64;
+use crate::random::SplitMix64;
 
-pub(crate) mod random;
-
-/// An artificial bee colony: how far it searches, and from which seed.
+/// An artificial bee colony: extent of its search, and seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeeColony {
     /// Sources, employed bees and onlookers; at least 2.
     pub sources: usize,
-    /// Cycles after the first look at every source.
+    /// Cycles after the first evaluation of every source.
     pub cycles: usize,
-    /// A source that so many bees left without improving it is given up.
+    /// Number of bees without improvement after which a source is given up.
     pub limit: usize,
     /// Attraction of every bee to the best point so far \[-\]: 0 is Karaboga's colony; 1.5 is the guided one of G.
     /// Zhu and S. Kwong, *Appl. Math. Comput.* 217 (2010) 3166, which needs fewer evaluations.
@@ -38,7 +35,7 @@ pub struct Best {
     pub point: Vec<f64>,
     /// Objective \[-\]; infinite if no point had a value.
     pub value: f64,
-    /// How many points were evaluated.
+    /// Number of points that were evaluated.
     pub evaluations: usize,
 }
 
@@ -51,9 +48,22 @@ struct FoodSource {
     trials: usize,
 }
 
+impl Best {
+    /// Takes a batch of points and their values into account.
+    pub(super) fn note(&mut self, points: &[Vec<f64>], values: &[f64]) {
+        for (point, value) in points.iter().zip(values) {
+            if *value < self.value {
+                self.point.clone_from(point);
+                self.value = *value;
+            }
+        }
+        self.evaluations += points.len();
+    }
+}
+
 impl BeeColony {
-    /// A guided colony that evaluates about `budget` points in all, with Karaboga's limit: as many bees as would have tried
-    /// every coordinate of every source.
+    /// Guided colony that evaluates about `budget` points in all, with Karaboga's limit: the number of bees that try every
+    /// coordinate of every source.
     #[must_use]
     pub fn within(budget: usize, dimensions: usize, seed: u64) -> Self {
         let sources = 10;
@@ -61,20 +71,20 @@ impl BeeColony {
         Self { sources, cycles, limit: sources * dimensions, pull: 1.5, seed }
     }
 
-    /// How many points are evaluated at most.
+    /// Greatest number of points that are evaluated.
     #[must_use]
     pub fn most_evaluations(&self) -> usize {
         // At most one scout per cycle.
         self.sources + self.cycles * (2 * self.sources + 1)
     }
 
-    /// The point within `bounds` at which the objective is least, of those the colony looks at.
+    /// Returns the point within `bounds` with the least objective of those evaluated.
     ///
-    /// `starts` are sources to begin with; the others are drawn. `evaluate` gives the objective at each point of a batch,
-    /// in order; a value that is not a number counts as infinite.
+    /// `starts` are the first sources; the others are drawn. `evaluate` returns the objective at each point of a batch, in
+    /// order; a value that is not a number counts as infinite.
     ///
     /// # Panics
-    /// If there are no `bounds`: a point needs a coordinate to move along.
+    /// `bounds` is empty.
     pub fn minimise(
         &self,
         bounds: &[RangeInclusive<f64>],
@@ -119,33 +129,25 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
         let best = Best { point: points[0].clone(), value: f64::INFINITY, evaluations: 0 };
         let pull = colony.pull;
         let mut search = Self { pull, bounds, evaluate, random, sources: Vec::new(), best };
-        let values = search.look(&points);
+        let values = search.values_at(&points);
         let source = |(point, value)| FoodSource { point, value, trials: 0 };
         search.sources = points.into_iter().zip(values).map(source).collect();
         search
     }
 
-    /// The objective at `points`; remembers the best.
-    fn look(&mut self, points: &[Vec<f64>]) -> Vec<f64> {
+    /// The objective at `points`.
+    fn values_at(&mut self, points: &[Vec<f64>]) -> Vec<f64> {
         let mut values = (self.evaluate)(points);
         values.resize(points.len(), f64::INFINITY);
-        for (point, value) in points.iter().zip(&mut values) {
-            if value.is_nan() {
-                *value = f64::INFINITY;
-            }
-            if *value < self.best.value {
-                self.best.point.clone_from(point);
-                self.best.value = *value;
-            }
-        }
-        self.best.evaluations += points.len();
+        values.iter_mut().filter(|value| value.is_nan()).for_each(|value| *value = f64::INFINITY);
+        self.best.note(points, &values);
         values
     }
 
     /// Sends one bee from each of these sources; a source may send several.
     fn send(&mut self, from: Vec<usize>) {
         let points: Vec<_> = from.iter().map(|index| self.near(*index)).collect();
-        let values = self.look(&points);
+        let values = self.values_at(&points);
         for ((index, point), value) in from.into_iter().zip(points).zip(values) {
             let source = &mut self.sources[index];
             if value < source.value {
@@ -172,7 +174,7 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
         point
     }
 
-    /// The sources that the onlookers fly to: each with a probability in proportion to its fitness.
+    /// Sources of the onlookers, each drawn with a probability in proportion to its fitness.
     fn choose(&mut self) -> Vec<usize> {
         let fitness: Vec<f64> = self.sources.iter().map(|source| fitness(source.value)).collect();
         let total: f64 = fitness.iter().sum();
@@ -189,12 +191,14 @@ impl<'a, F: FnMut(&[Vec<f64>]) -> Vec<f64>> ColonySearch<'a, F> {
         chosen
     }
 
-    /// Replaces the source that was tried most often in vain, if that is more than `limit` bees.
+    /// Replaces the source with the most bees without improvement, if these are more than `limit`.
     fn scout(&mut self, limit: usize) {
-        let tired = (0..self.sources.len()).max_by_key(|index| self.sources[*index].trials);
-        let Some(index) = tired.filter(|index| self.sources[*index].trials > limit) else { return };
+        let exhausted = (0..self.sources.len()).max_by_key(|index| self.sources[*index].trials);
+        let Some(index) = exhausted.filter(|index| self.sources[*index].trials > limit) else {
+            return;
+        };
         let point = anywhere(self.bounds, &mut self.random);
-        let value = self.look(std::slice::from_ref(&point))[0];
+        let value = self.values_at(std::slice::from_ref(&point))[0];
         self.sources[index] = FoodSource { point, value, trials: 0 };
     }
 }
@@ -204,7 +208,7 @@ fn anywhere(bounds: &[RangeInclusive<f64>], random: &mut SplitMix64) -> Vec<f64>
     bounds.iter().map(|axis| random.between(*axis.start(), *axis.end())).collect()
 }
 
-/// What onlookers go by: above 0, and the greater the lower the value.
+/// Attraction of a source to onlookers \[-\]: positive, and greater for a lower value.
 fn fitness(value: f64) -> f64 {
     if value >= 0.0 { 1.0 / (1.0 + value) } else { 1.0 - value }
 }

@@ -3,17 +3,18 @@
 
 use std::ops::RangeInclusive;
 
-use super::bee_colony::{BeeColony, Best};
 use clap::ValueEnum;
-use fcmaes_core::{Cmaes, CmaesParams, Fitness};
 
-/// Initial standard deviation of CMA-ES, over half the range of a parameter \[-\].
-const SPREAD: f64 = 0.3;
+use super::bee_colony::{BeeColony, Best};
+use super::cma_es::CmaEs;
+
+/// Initial standard deviation of CMA-ES, over the range of a parameter \[-\].
+const SPREAD: f64 = 0.15;
 
 /// An optimiser.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Optimiser {
-    /// Active covariance matrix adaptation (fcmaes)
+    /// Evolution strategy with active covariance matrix adaptation
     #[default]
     CmaEs,
     /// The artificial bee colony, guided, which the paper tunes the PID of Table III with
@@ -50,38 +51,36 @@ impl Optimiser {
     }
 }
 
+/// Searches within the unit cube, onto which `bounds` are mapped; points beyond it are moved to its faces.
 fn cma_es(
     bounds: &[RangeInclusive<f64>],
     start: Vec<f64>,
     (points, seed): (usize, u64),
     mut evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
 ) -> Best {
-    let low: Vec<f64> = bounds.iter().map(|axis| *axis.start()).collect();
-    let high: Vec<f64> = bounds.iter().map(|axis| *axis.end()).collect();
-    let mut space = Fitness::bounded(bounds.len(), 1, &low, &high);
-    space.set_normalize(true);
-    // No population given: that which goes with the dimensions.
-    let parameters =
-        CmaesParams { popsize: 0, max_evaluations: points as u64, seed, ..CmaesParams::default() };
-    let mut search = Cmaes::new(space, &start, &[SPREAD], &parameters);
+    let from_cube = |point: &Vec<f64>| -> Vec<f64> {
+        let axis = |(x, axis): (&f64, &RangeInclusive<f64>)| {
+            (axis.start() + x * (axis.end() - axis.start())).clamp(*axis.start(), *axis.end())
+        };
+        point.iter().zip(bounds).map(axis).collect()
+    };
+    let into_cube = start.iter().zip(bounds).map(|(x, axis)| match axis.end() - axis.start() {
+        0.0 => 0.0,
+        width => (x - axis.start()) / width,
+    });
+    let mut search = CmaEs::new(&into_cube.collect::<Vec<_>>(), SPREAD, seed);
     let mut best = Best { point: start.clone(), value: f64::INFINITY, evaluations: 0 };
-    let mut batch = vec![start];
-    loop {
+    // The start belongs to no generation.
+    best.note(std::slice::from_ref(&start), &evaluate(std::slice::from_ref(&start)));
+    while best.evaluations + search.points() <= points && !search.has_converged() {
+        let mut asked = search.ask();
+        asked.iter_mut().flatten().for_each(|x| *x = x.clamp(0.0, 1.0));
+        let batch: Vec<Vec<f64>> = asked.iter().map(from_cube).collect();
         let values = evaluate(&batch);
-        for (point, value) in batch.iter().zip(&values) {
-            if *value < best.value {
-                best.point.clone_from(point);
-                best.value = *value;
-            }
-        }
-        // The start belongs to no generation.
-        let converged = best.evaluations > 0 && search.tell(&values) != 0;
-        best.evaluations += batch.len();
-        if converged || best.evaluations + search.popsize() > points {
-            return best;
-        }
-        batch = search.ask();
+        best.note(&batch, &values);
+        search.tell(&asked, &values);
     }
+    best
 }
 
 #[cfg(test)]

@@ -69,7 +69,7 @@ fn a_good_start_is_never_lost() {
 }
 
 #[test]
-fn an_objective_without_values_is_survived() {
+fn an_objective_without_values_leaves_no_best_value() {
     let colony = BeeColony::within(100, 2, 1);
     let bounds = [0.0..=1.0, 0.0..=1.0];
     let best = colony.minimise(&bounds, &[], |points| vec![f64::NAN; points.len()]);

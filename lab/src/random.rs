@@ -1,4 +1,6 @@
-//! A generator whose stream is the same on every platform and in every version.
+//! Random numbers of studies: a generator whose stream is the same on every platform and in every version.
+
+use std::f64::consts::TAU;
 
 /// SplitMix64 (Steele, Lea and Flood, *OOPSLA* 2014): a counter and a mixing function.
 #[derive(Clone, Copy, Debug)]
@@ -7,6 +9,8 @@ pub struct SplitMix64 {
 }
 
 impl SplitMix64 {
+    /// Generator with this seed.
+    #[must_use]
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }
@@ -19,16 +23,22 @@ impl SplitMix64 {
         z ^ (z >> 31)
     }
 
-    /// From `low` up to, not including, `high`.
+    /// Number from `low` up to, not including, `high`, evenly distributed.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         // The upper 53 bits: every multiple of 2^-53 in [0, 1).
         let share = (self.next() >> 11) as f64 / (1_u64 << 53) as f64;
         low + share * (high - low)
     }
 
-    /// One of `0..count`; 0 if `count` is.
+    /// Integer of `0..count`; 0 if `count` is 0.
     pub fn below(&mut self, count: usize) -> usize {
         ((u128::from(self.next()) * count as u128) >> 64) as usize
+    }
+
+    /// Number of the standard normal distribution, by Box and Muller's transform.
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.between(0.0, 1.0)).ln()).sqrt();
+        radius * self.between(0.0, TAU).cos()
     }
 }
 
@@ -48,12 +58,21 @@ mod tests {
     }
 
     #[test]
-    fn numbers_stay_where_they_were_asked_for() {
+    fn numbers_stay_within_their_bounds() {
         let mut random = SplitMix64::new(7);
         for _ in 0..1000 {
             assert!((-2.0..3.0).contains(&random.between(-2.0, 3.0)));
             assert!(random.below(5) < 5);
         }
         assert_eq!(random.below(0), 0);
+    }
+
+    #[test]
+    fn normal_numbers_have_zero_mean_and_unit_variance() {
+        let mut random = SplitMix64::new(1);
+        let numbers: Vec<f64> = (0..10_000).map(|_| random.normal()).collect();
+        let mean = numbers.iter().sum::<f64>() / 1e4;
+        let variance = numbers.iter().map(|number| number * number).sum::<f64>() / 1e4;
+        assert!(mean.abs() < 0.03 && (variance - 1.0).abs() < 0.05, "{mean} {variance}");
     }
 }
