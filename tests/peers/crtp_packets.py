@@ -1,6 +1,6 @@
 """Packets encoded by cflib, one JSON object per line: kind, fields in SI units and axes x forward, y left, z up, bytes.
 
-Run by wire/tests/crtp_peers.rs, with a Python interpreter that has requirements.txt installed.
+Run by wire/tests/peers.rs, with a Python interpreter that has requirements.txt installed.
 """
 
 import json

@@ -1,31 +1,32 @@
-//! MAVLink 2, for either end of a link: what messages mean, in SI units and our axes. Their bytes and checksums are the crate
-//! `mavlink`'s.
+//! MAVLink 2, for either end of a link: packets, and the meaning of the messages that are used, in SI units and our axes.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `packet.rs` | packets: encoder, grammar of the stream |
+//! | `crc_extra.rs` | checksum seeds of the messages (generated) |
+//! | `payload.rs` | payloads: ids of the messages, fields |
 //! | `signature.rs` | signatures of packets, and their check |
 //! | `address.rs` | systems and their components |
-//! | `content.rs` | the messages that are understood, and their meaning |
-//! | `read.rs`, `write.rs` | from messages of the crate to meanings, and back |
+//! | `content.rs` | meaning of the messages that are understood |
+//! | `read.rs`, `write.rs` | from payloads to meanings, and back |
 //! | `axes.rs` | our axes and those of MAVLink: the only place where they meet |
-//! | `origin.rs` | the place on earth of the world |
 //! | `command.rs` | commands that are acknowledged |
 //! | `autopilot.rs` | modes of PX4 and of ArduCopter |
 //! | `parameter.rs` | parameters of autopilots |
 //! | `thrust.rs` | from the share of greatest thrust to MAVLink's thrust |
 //!
 //! Set-points are SET_ATTITUDE_TARGET alone: body rates and thrust (type mask 128), or attitude, yaw rate and thrust (type mask 3).
-//! ArduCopter answers any other mask, and a quaternion that is not of unit length, by leaving rate control without a word.
+//! ArduCopter answers any other mask, and a quaternion that is not of unit length, by leaving rate control without a message.
 
 mod address;
 mod autopilot;
 mod axes;
 mod command;
 mod content;
-mod origin;
+mod crc_extra;
 mod packet;
 mod parameter;
+mod payload;
 mod read;
 mod signature;
 mod thrust;

@@ -1,9 +1,8 @@
 //! MAVLink: what is encoded is decoded, whatever stands around it, with the masks, frames and signs that autopilots need.
 
-#[allow(dead_code)]
-#[path = "common/any_bytes.rs"]
-mod any_bytes;
+mod common;
 
+use common::{any_bytes, hex};
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
     AckResult, AttitudeTarget, AutopilotFirmware, CommandKind, MAX_PACKET, MavlinkAddress,
@@ -98,7 +97,25 @@ fn every_message_is_read_back() {
     }
 }
 
-/// A packet by its payload, up to the zeros that are not sent.
+#[test]
+fn packets_are_those_of_the_crate_mavlink() {
+    let lines = include_str!("golden/mavlink.txt").lines().filter(|line| !line.starts_with('#'));
+    let mut count = 0;
+    for line in lines {
+        let [received, expected, meaning] = line.splitn(3, ' ').collect::<Vec<_>>()[..] else {
+            panic!("{line}")
+        };
+        let [packet] = decoded(&hex(received))[..] else { panic!("{line}") };
+        assert_eq!(format!("{:?}", packet.content), meaning);
+        if expected != "-" {
+            assert_eq!(sent(packet.content), hex(expected), "{meaning}");
+        }
+        count += 1;
+    }
+    assert_eq!(count, 63);
+}
+
+/// Payload of the message, filled up with the zeros that are not sent.
 fn payload(content: MavlinkContent) -> Vec<u8> {
     let bytes = sent(content);
     let mut payload = bytes[10..10 + usize::from(bytes[1])].to_vec();

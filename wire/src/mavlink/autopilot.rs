@@ -1,10 +1,10 @@
-//! Autopilots, and those of their modes that matter: the one in which they follow set-points, and what the others are called.
+//! Autopilots and their modes: the mode in which they follow set-points, and the names of the others.
 
 use std::fmt;
 
 use crate::link::AutopilotKind;
 
-/// Family of an autopilot, as its heartbeat says.
+/// Family of an autopilot, from its heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AutopilotFirmware {
     /// PX4 or ArduPilot.
@@ -13,6 +13,28 @@ pub enum AutopilotFirmware {
     Unknown,
     /// No autopilot: a ground station, a camera, this computer.
     None,
+}
+
+impl AutopilotFirmware {
+    /// Numbers of the families, MAV_AUTOPILOT; that of [`AutopilotFirmware::Unknown`] is MAV_AUTOPILOT_GENERIC.
+    const CODES: [(u8, Self); 4] = [
+        (0, Self::Unknown),
+        (3, Self::Known(AutopilotKind::ArduPilot)),
+        (8, Self::None),
+        (12, Self::Known(AutopilotKind::Px4)),
+    ];
+
+    /// MAV_AUTOPILOT of this family \[-\].
+    pub(super) fn code(self) -> u8 {
+        let known = Self::CODES.into_iter().find(|(_, firmware)| *firmware == self);
+        known.map_or(0, |(code, _)| code)
+    }
+
+    /// Family of a MAV_AUTOPILOT.
+    pub(super) fn from_code(code: u8) -> Self {
+        let known = Self::CODES.into_iter().find(|(number, _)| *number == code);
+        known.map_or(Self::Unknown, |(_, firmware)| firmware)
+    }
 }
 
 impl fmt::Display for AutopilotFirmware {
@@ -31,14 +53,14 @@ impl fmt::Display for AutopilotFirmware {
 pub struct ArduPilotMode(pub u32);
 
 impl ArduPilotMode {
-    /// Attitude or rates by set-point, without any need of a position.
+    /// Attitude or body rates by set-point; needs no position.
     pub const GUIDED_NO_GPS: Self = Self(20);
     /// Angles by the pilot's sticks: the mode after the start.
     pub const STABILIZE: Self = Self(0);
-    /// Landing by itself.
+    /// Automatic landing.
     pub const LAND: Self = Self(9);
 
-    /// Name as ground stations show it; empty for a number without one here.
+    /// Name in ground stations; empty for an unknown mode.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self.0 {
@@ -84,7 +106,7 @@ impl Px4Mode {
         (self.0 >> 16) as u8
     }
 
-    /// Name of the main mode as ground stations show it; empty for a number without one here.
+    /// Name of the main mode in ground stations; empty for an unknown mode.
     #[must_use]
     pub fn name(self) -> &'static str {
         match (self.main_number(), self.0 >> 24) {
@@ -113,7 +135,7 @@ impl AutopilotKind {
         }
     }
 
-    /// The number by which this autopilot is told to enter that mode \[-\].
+    /// Mode number in the command that selects this mode \[-\].
     #[must_use]
     pub fn setpoint_mode_command(self) -> u32 {
         match self {
@@ -131,7 +153,7 @@ impl AutopilotKind {
         }
     }
 
-    /// Name of the mode `custom_mode`; empty for one without a name here.
+    /// Name of the mode `custom_mode`; empty for an unknown mode.
     #[must_use]
     pub fn mode_name(self, custom_mode: u32) -> &'static str {
         match self {
@@ -140,7 +162,7 @@ impl AutopilotKind {
         }
     }
 
-    /// Whether the autopilot's parameters of integer type travel as the integer's bits in the place of the number.
+    /// Whether integer parameters are sent as the integer's bits in the field of the real number.
     #[must_use]
     pub fn sends_integers_as_bits(self) -> bool {
         self == Self::Px4
@@ -152,7 +174,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_modes_for_set_points_are_those_measured() {
+    fn set_point_modes_have_the_measured_numbers() {
         assert_eq!(AutopilotKind::Px4.setpoint_mode(), 0x60000);
         assert_eq!(AutopilotKind::ArduPilot.setpoint_mode(), 20);
         assert!(!AutopilotKind::Px4.follows_setpoints(0x30000));

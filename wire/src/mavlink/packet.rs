@@ -1,41 +1,75 @@
 //! Packets of MAVLink 2: the encoder of one sender, and the grammar of a stream or of datagrams.
 //!
-//! Messages of the common dialect are decoded by the crate; of ArduPilot's own dialect one is read here, EKF_STATUS_REPORT, so that
-//! the dialect need not be built. A packet with a message that is unknown here is skipped as a whole.
+//! Checksums are checked for every message of the common dialect and for ArduPilot's EKF_STATUS_REPORT; a packet with any other
+//! message is skipped as a whole.
 
-use mavlink::dialects::common::MavMessage;
-use mavlink::{MAV_STX_V2, MAVLinkV2MessageRaw, MavHeader, MavlinkVersion, Message, calculate_crc};
+use std::fmt;
+
+use crc::{CRC_16_MCRF4XX, Crc};
 
 use super::address::MavlinkAddress;
 use super::content::MavlinkContent;
+use super::crc_extra::crc_extra;
+use super::payload::Payload;
 use super::signature::{SIGNATURE, SignatureCheck, SignedBytes, Signer, SigningKey};
 use super::{read, write};
 use crate::stream::{Decoder, Grammar, Verdict};
 
 /// Longest packet, signed \[bytes\].
 pub const MAX_PACKET: usize = 280;
+/// First byte of a packet.
+const START: u8 = 0xFD;
 /// Length of the header with its start byte \[bytes\].
 const HEADER: usize = 10;
 const CHECKSUM: usize = 2;
 /// Flag of a signed packet.
 const SIGNED: u8 = 1;
-/// Number of EKF_STATUS_REPORT, the byte that its checksum includes, and where its flags are.
-const EKF_STATUS_REPORT: u32 = 193;
-const EKF_STATUS_CRC: u8 = 71;
-const EKF_STATUS_FLAGS: usize = 20;
-/// Numbers of messages above which a packet of an unknown message is taken for noise \[-\].
-const GREATEST_MESSAGE: u32 = 0xffff;
+/// Greatest plausible message id \[-\]: above it, a packet of an unknown message is treated as noise.
+const MAX_MESSAGE_ID: u32 = 0xffff;
 
 /// Bytes of a packet.
-#[derive(Clone, Copy)]
-pub struct MavlinkWire(MAVLinkV2MessageRaw);
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct MavlinkWire {
+    bytes: [u8; MAX_PACKET],
+    length: usize,
+}
 
 impl MavlinkWire {
+    /// Copy of `frame`; `None` if it is longer than any packet.
+    pub(super) fn copy_of(frame: &[u8]) -> Option<Self> {
+        let mut wire = Self { bytes: [0; MAX_PACKET], length: 0 };
+        (frame.len() <= MAX_PACKET).then(|| {
+            wire.append(frame);
+            wire
+        })
+    }
+
+    /// Appends bytes that fit.
+    pub(super) fn append(&mut self, bytes: &[u8]) {
+        self.bytes[self.length..][..bytes.len()].copy_from_slice(bytes);
+        self.length += bytes.len();
+    }
+
     /// The bytes.
     #[must_use]
     pub fn as_bytes(&self) -> &[u8] {
-        self.0.raw_bytes()
+        &self.bytes[..self.length]
     }
+}
+
+impl fmt::Debug for MavlinkWire {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("MavlinkWire(…)")
+    }
+}
+
+/// Checksum of a packet: of the bytes behind the start byte, and of the message's seed.
+fn checksum(bytes: &[u8], extra: u8) -> u16 {
+    const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_MCRF4XX);
+    let mut digest = CRC.digest();
+    digest.update(bytes);
+    digest.update(&[extra]);
+    digest.finalize()
 }
 
 /// Encoder of the packets of one sender.
@@ -70,7 +104,7 @@ impl MavlinkEncoder {
         self.signer = Some(Signer::new(key, unix_us));
     }
 
-    /// Stamps the packets from now on later than those that `check` has accepted; nothing if packets are not signed.
+    /// Makes the stamps of further packets later than those that `check` has accepted; no effect if packets are not signed.
     pub fn follow(&mut self, check: &SignatureCheck) {
         if let Some(signer) = &mut self.signer {
             signer.follow(check);
@@ -79,36 +113,50 @@ impl MavlinkEncoder {
 
     /// The packet of a message; `None` for one that cannot be sent.
     pub fn encode(&mut self, content: &MavlinkContent) -> Option<MavlinkWire> {
-        let message = write::message(content)?;
-        let MavlinkAddress { system, component } = self.own;
-        let header = MavHeader {
-            sequence: self.sequence,
-            system_id: system.into(),
-            component_id: component,
-        };
+        let (id, payload) = write::message(content)?;
+        let wire = self.packet(id, &payload);
         self.sequence = self.sequence.wrapping_add(1);
-        let mut raw = MAVLinkV2MessageRaw::new();
-        match &mut self.signer {
-            None => raw.serialize_message(header, &message),
-            Some(signer) => {
-                raw.serialize_message_for_signing(header, &message);
-                signer.sign(&mut raw);
-            }
+        wire
+    }
+
+    fn packet(&mut self, id: u32, payload: &Payload) -> Option<MavlinkWire> {
+        let payload = payload.sent();
+        let [low, middle, high, _] = id.to_le_bytes();
+        let flags = if self.signs() { SIGNED } else { 0 };
+        let length = payload.len() as u8;
+        let MavlinkAddress { system, component } = self.own;
+        let mut wire = MavlinkWire::copy_of(&[
+            START,
+            length,
+            flags,
+            0,
+            self.sequence,
+            system,
+            component,
+            low,
+            middle,
+            high,
+        ])?;
+        wire.append(payload);
+        let checksum = checksum(&wire.as_bytes()[1..], crc_extra(id)?);
+        wire.append(&checksum.to_le_bytes());
+        if let Some(signer) = &mut self.signer {
+            signer.sign(&mut wire);
         }
-        Some(MavlinkWire(raw))
+        Some(wire)
     }
 }
 
-/// Message, and who sent it.
+/// Received message and its sender.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MavlinkPacket {
     /// The sender.
     pub from: MavlinkAddress,
     /// Number of the packet among those of its sender, modulo 256 \[-\].
     pub sequence: u8,
-    /// What it says.
+    /// Meaning of the message.
     pub content: MavlinkContent,
-    /// The packet with its signature, if it has one: [`SignatureCheck`] says whether it is believed.
+    /// The packet with its signature, if it has one: checked by [`SignatureCheck`].
     pub signed: Option<SignedBytes>,
 }
 
@@ -122,7 +170,7 @@ pub type MavlinkDecoder = Decoder<MavlinkGrammar>;
 impl Grammar for MavlinkGrammar {
     type Event = MavlinkPacket;
 
-    const START: u8 = MAV_STX_V2;
+    const START: u8 = START;
 
     fn inspect(bytes: &[u8]) -> Verdict<MavlinkPacket> {
         let Some(&[_, length, flags, _, sequence, system, component, id @ ..]) =
@@ -132,50 +180,31 @@ impl Grammar for MavlinkGrammar {
         };
         let [low, middle, high] = id;
         let id = u32::from_le_bytes([low, middle, high, 0]);
-        if flags & !SIGNED != 0 || id > GREATEST_MESSAGE {
+        if flags & !SIGNED != 0 || id > MAX_MESSAGE_ID {
             return Verdict::Noise;
         }
         let behind = HEADER + usize::from(length);
         let whole = behind + CHECKSUM + SIGNATURE * usize::from(flags & SIGNED);
         let Some(frame) = bytes.get(..whole) else { return Verdict::Wait(whole) };
-        let Some(extra) = extra_of(id) else { return unknown(bytes, whole) };
-        let checksum = u16::from_le_bytes([frame[behind], frame[behind + 1]]);
-        if calculate_crc(&frame[1..behind], extra) != checksum {
+        let Some(extra) = crc_extra(id) else { return unknown(bytes, whole) };
+        let received = u16::from_le_bytes([frame[behind], frame[behind + 1]]);
+        if checksum(&frame[1..behind], extra) != received {
             return Verdict::Damaged;
         }
         let from = MavlinkAddress { system, component };
-        let content = content_of(id, &frame[HEADER..behind]);
+        let content = read::content(id, &frame[HEADER..behind]);
         let signed = if flags & SIGNED != 0 { SignedBytes::of(frame) } else { None };
         Verdict::Accept(whole, Some(MavlinkPacket { from, sequence, content, signed }))
     }
 }
 
-/// Verdict on a packet of `whole` bytes whose message is unknown, so that its checksum cannot be computed: it is one if another
-/// packet follows it. Noise that looks like its beginning would cost the packets behind it otherwise.
+/// Verdict on a packet of `whole` bytes with an unknown message, whose checksum cannot be computed: accepted if another packet
+/// follows it. Otherwise, noise that looks like its beginning would cost the packets behind it.
 fn unknown(bytes: &[u8], whole: usize) -> Verdict<MavlinkPacket> {
     match bytes.get(whole) {
-        Some(&MAV_STX_V2) => Verdict::Accept(whole, None),
+        Some(&START) => Verdict::Accept(whole, None),
         Some(_) => Verdict::Noise,
         None if whole < MAX_PACKET => Verdict::Wait(whole + 1),
         None => Verdict::Accept(whole, None),
     }
-}
-
-/// The byte that the checksum of the message `id` includes; `None` for an unknown message.
-fn extra_of(id: u32) -> Option<u8> {
-    if id == EKF_STATUS_REPORT {
-        return Some(EKF_STATUS_CRC);
-    }
-    MavMessage::default_message_from_id(id).map(|_| MavMessage::extra_crc(id))
-}
-
-fn content_of(id: u32, payload: &[u8]) -> MavlinkContent {
-    if id == EKF_STATUS_REPORT {
-        // Zeros at the end are not sent.
-        let byte = |at: usize| payload.get(at).copied().unwrap_or_default();
-        let flags = [byte(EKF_STATUS_FLAGS), byte(EKF_STATUS_FLAGS + 1)];
-        return MavlinkContent::Estimator(u16::from_le_bytes(flags));
-    }
-    let message = MavMessage::parse(MavlinkVersion::V2, id, payload);
-    message.map_or(MavlinkContent::Other, |message| read::content(&message))
 }

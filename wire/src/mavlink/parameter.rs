@@ -22,7 +22,7 @@ impl ParameterName {
         is_name.then_some(Self(name))
     }
 
-    /// The text; empty for bytes that are none.
+    /// The text; empty if the bytes are not UTF-8.
     #[must_use]
     pub fn as_str(&self) -> &str {
         let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(LENGTH);
@@ -36,7 +36,7 @@ impl fmt::Display for ParameterName {
     }
 }
 
-/// Value of a parameter as it travels: a number of 32 bits and its type. What the bits of an integer mean depends on the autopilot.
+/// Value of a parameter on the wire: a number of 32 bits and its type. The encoding of integers depends on the autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterValue {
     /// The number as sent \[-\].
@@ -48,10 +48,15 @@ pub struct ParameterValue {
 }
 
 impl ParameterValue {
-    /// MAV_PARAM_TYPE_INT32 and MAV_PARAM_TYPE_REAL32.
+    /// MAV_PARAM_TYPE_INT32.
     pub const INT32: u8 = 6;
-    /// Number of a type.
+    /// MAV_PARAM_TYPE_REAL32.
     pub const REAL32: u8 = 9;
+
+    /// Value received as `raw` with the type `code`.
+    pub(super) fn new(raw: f32, code: u8) -> Self {
+        Self { raw, is_real: code >= Self::REAL32, code }
+    }
 
     /// The value, where integers are sent `as_bits`, or else as numbers \[-\].
     #[must_use]
@@ -80,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn integers_travel_as_bits_or_as_numbers() {
+    fn integers_are_sent_as_bits_or_as_numbers() {
         let value = ParameterValue { raw: 0.0, is_real: false, code: ParameterValue::INT32 };
         for number in [-1.0, 0.0, 15.0, 2_147_483_647.0] {
             let sent = value.with(number, true);

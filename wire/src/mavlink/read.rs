@@ -1,6 +1,5 @@
-//! Meaning of messages of the crate. Numbers that are not finite are kept: whoever uses them checks them.
-
-use mavlink::dialects::common::*;
+//! Meaning of messages, from their payloads: fields in the order of the wire. Numbers that are not finite are kept: the callers check
+//! them.
 
 use super::address::MavlinkAddress;
 use super::autopilot::AutopilotFirmware;
@@ -10,211 +9,215 @@ use super::content::{
     AttitudeTarget, MavlinkAttitude, MavlinkContent, MavlinkHeartbeat, MavlinkPose,
     MavlinkPosition, MavlinkText, MavlinkTruth, SetpointKind, TextSeverity, Timesync,
 };
-use super::origin;
 use super::parameter::{ParameterName, ParameterValue};
-use crate::link::AutopilotKind;
+use super::payload::{Payload, id};
+use super::write::{ATTITUDE_MASK, HIL_ENABLED, POSE_FRAMES, RATES_MASK, SAFETY_ARMED, VISION};
+use crate::bytes::ByteReader;
 
-/// The meaning of `message`.
-pub(super) fn content(message: &MavMessage) -> MavlinkContent {
+/// MAV_SEVERITY_WARNING: the least severe of the texts that report trouble.
+const WARNING: u8 = 4;
+
+/// Meaning of the message `id` with this payload.
+pub(super) fn content(id: u32, payload: &[u8]) -> MavlinkContent {
+    let payload = Payload::received(payload);
+    understood(id, &mut payload.reader()).unwrap_or(MavlinkContent::Other)
+}
+
+/// Meaning of a message; `None` for one that is of no interest.
+fn understood(id: u32, from: &mut ByteReader<'_>) -> Option<MavlinkContent> {
     use MavlinkContent as C;
-    match message {
-        MavMessage::HEARTBEAT(heartbeat) => C::Heartbeat(heartbeat_of(heartbeat)),
-        MavMessage::SYS_STATUS(status) => C::Battery(battery_v(status)),
-        MavMessage::TIMESYNC(sync) => C::Timesync(Timesync { answered: sync.tc1, asked: sync.ts1 }),
-        MavMessage::SET_ATTITUDE_TARGET(target) => {
-            attitude_target(target).map_or(C::Other, C::AttitudeTarget)
+    Some(match id {
+        id::HEARTBEAT => C::Heartbeat(heartbeat(from)?),
+        id::SYS_STATUS => C::Battery(battery_v(from)?),
+        id::TIMESYNC => C::Timesync(Timesync {
+            answered: from.u64()?.cast_signed(),
+            asked: from.u64()?.cast_signed(),
+        }),
+        id::SET_ATTITUDE_TARGET => C::AttitudeTarget(attitude_target(from)?),
+        id::ODOMETRY => C::Odometry(odometry(from)?),
+        id::VISION_POSITION_ESTIMATE => C::VisionPosition(vision_position(from)?),
+        id::SET_GPS_GLOBAL_ORIGIN => {
+            let [_latitude, _longitude, _altitude] = [from.u32()?, from.u32()?, from.u32()?];
+            C::GlobalOrigin { system: from.u8()? }
         }
-        MavMessage::ODOMETRY(pose) => odometry(pose).map_or(C::Other, C::Odometry),
-        MavMessage::VISION_POSITION_ESTIMATE(pose) => C::VisionPosition(vision(pose)),
-        MavMessage::COMMAND_LONG(command) => command_long(command).map_or(C::Other, C::Command),
-        MavMessage::COMMAND_ACK(ack) => {
-            C::Acknowledged { command: ack.command as u16, result: result_of(ack.result) }
+        id::COMMAND_LONG => C::Command(command_long(from)?),
+        id::COMMAND_ACK => {
+            let command = from.u16()?;
+            C::Acknowledged { command, result: AckResult::from_code(from.u8()?) }
         }
-        MavMessage::STATUSTEXT(text) => C::Text(text_of(text)),
-        MavMessage::PARAM_REQUEST_READ(request) => C::ParameterRequest {
-            target: address(request.target_system, request.target_component),
-            name: ParameterName(*request.param_id),
-        },
-        MavMessage::PARAM_SET(set) => C::ParameterSet {
-            target: address(set.target_system, set.target_component),
-            name: ParameterName(*set.param_id),
-            value: value_of(set.param_value, set.param_type),
-        },
-        MavMessage::PARAM_VALUE(value) => C::Parameter {
-            name: ParameterName(*value.param_id),
-            value: value_of(value.param_value, value.param_type),
-        },
-        MavMessage::LOCAL_POSITION_NED(position) => C::Position(local_position(position)),
-        MavMessage::ATTITUDE_QUATERNION(attitude) => C::Attitude(attitude_of(attitude)),
-        MavMessage::ESTIMATOR_STATUS(status) => C::Estimator(status.flags.bits()),
-        MavMessage::SIM_STATE(state) => C::Truth(sim_state(state)),
-        MavMessage::HIL_STATE_QUATERNION(state) => C::Truth(hil_state(state)),
-        other => origin::system(other).map_or(C::Other, |system| C::GlobalOrigin { system }),
-    }
+        id::STATUSTEXT => C::Text(text(from)?),
+        id::PARAM_REQUEST_READ => {
+            let _index = from.u16()?;
+            C::ParameterRequest { target: address(from)?, name: ParameterName(from.take()?) }
+        }
+        id::PARAM_SET => {
+            let (raw, target) = (from.f32()?, address(from)?);
+            let name = ParameterName(from.take()?);
+            C::ParameterSet { target, name, value: ParameterValue::new(raw, from.u8()?) }
+        }
+        id::PARAM_VALUE => {
+            let (raw, [_count, _index]) = (from.f32()?, [from.u16()?, from.u16()?]);
+            let name = ParameterName(from.take()?);
+            C::Parameter { name, value: ParameterValue::new(raw, from.u8()?) }
+        }
+        _ => return motion(id, from),
+    })
 }
 
-fn address(system: u8, component: u8) -> MavlinkAddress {
-    MavlinkAddress { system, component }
-}
-
-fn heartbeat_of(heartbeat: &HEARTBEAT_DATA) -> MavlinkHeartbeat {
-    let autopilot = match heartbeat.autopilot {
-        MavAutopilot::MAV_AUTOPILOT_PX4 => AutopilotFirmware::Known(AutopilotKind::Px4),
-        MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => {
-            AutopilotFirmware::Known(AutopilotKind::ArduPilot)
+/// Meaning of a message about the motion of a vehicle, or its estimator; `None` for any other.
+fn motion(id: u32, from: &mut ByteReader<'_>) -> Option<MavlinkContent> {
+    use MavlinkContent as C;
+    Some(match id {
+        id::LOCAL_POSITION_NED => C::Position(MavlinkPosition {
+            time_ms: from.u32()?,
+            position: vector(from)?,
+            velocity: vector(from)?,
+        }),
+        id::ATTITUDE_QUATERNION => C::Attitude(MavlinkAttitude {
+            time_ms: from.u32()?,
+            attitude: quaternion(from)?,
+            rate: vector(from)?,
+        }),
+        id::ESTIMATOR_STATUS => {
+            let (_time, _quality) = (from.u64()?, from.f32s::<8>()?);
+            C::Estimator(from.u16()?)
         }
-        MavAutopilot::MAV_AUTOPILOT_INVALID => AutopilotFirmware::None,
-        _ => AutopilotFirmware::Unknown,
-    };
-    MavlinkHeartbeat {
-        autopilot,
-        custom_mode: heartbeat.custom_mode,
-        is_armed: heartbeat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED),
-        is_simulated: heartbeat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_HIL_ENABLED),
-    }
+        id::EKF_STATUS_REPORT => {
+            let _variances = from.f32s::<5>()?;
+            C::Estimator(from.u16()?)
+        }
+        id::SIM_STATE => C::Truth(sim_state(from)?),
+        id::HIL_STATE_QUATERNION => C::Truth(hil_state(from)?),
+        _ => return None,
+    })
 }
 
-fn battery_v(status: &SYS_STATUS_DATA) -> f64 {
-    match status.voltage_battery {
+fn address(from: &mut ByteReader<'_>) -> Option<MavlinkAddress> {
+    Some(MavlinkAddress { system: from.u8()?, component: from.u8()? })
+}
+
+/// Vector in our axes.
+fn vector(from: &mut ByteReader<'_>) -> Option<[f64; 3]> {
+    from.f32s().map(|numbers| vector_axes(numbers.map(f64::from)))
+}
+
+/// Attitude in our axes, scalar last.
+fn quaternion(from: &mut ByteReader<'_>) -> Option<[f64; 4]> {
+    from.f32s().map(from_wire_quaternion)
+}
+
+fn heartbeat(from: &mut ByteReader<'_>) -> Option<MavlinkHeartbeat> {
+    let (custom_mode, [_type, autopilot, base_mode]) = (from.u32()?, from.take()?);
+    Some(MavlinkHeartbeat {
+        autopilot: AutopilotFirmware::from_code(autopilot),
+        custom_mode,
+        is_armed: base_mode & SAFETY_ARMED != 0,
+        is_simulated: base_mode & HIL_ENABLED != 0,
+    })
+}
+
+fn battery_v(from: &mut ByteReader<'_>) -> Option<f64> {
+    let (_sensors, _load) = (from.bytes(12)?, from.u16()?);
+    Some(match from.u16()? {
         // Some autopilots without a sensor send 0.
         0 | u16::MAX => f64::NAN,
         millivolts => f64::from(millivolts) / 1000.0,
-    }
+    })
 }
 
-/// The set-point; `None` for a type mask other than the two that are sent.
-fn attitude_target(target: &SET_ATTITUDE_TARGET_DATA) -> Option<AttitudeTarget> {
-    let mask = target.type_mask.bits();
-    let rates = [target.body_roll_rate, target.body_pitch_rate, target.body_yaw_rate];
-    let rates = vector_axes(rates.map(f64::from));
-    let kind = match mask {
-        0b1000_0000 => SetpointKind::Rates(rates),
-        0b0000_0011 => {
-            SetpointKind::Attitude { attitude: from_wire_quaternion(target.q), yaw_rate: rates[2] }
-        }
+/// Set-point; `None` for a type mask other than the two that are sent.
+fn attitude_target(from: &mut ByteReader<'_>) -> Option<AttitudeTarget> {
+    let (time_ms, attitude) = (from.u32()?, quaternion(from)?);
+    let (rates, thrust) = (vector(from)?, f64::from(from.f32()?));
+    let target = address(from)?;
+    let kind = match from.u8()? {
+        RATES_MASK => SetpointKind::Rates(rates),
+        ATTITUDE_MASK => SetpointKind::Attitude { attitude, yaw_rate: rates[2] },
         _ => return None,
     };
-    Some(AttitudeTarget {
-        target: address(target.target_system, target.target_component),
-        time_ms: target.time_boot_ms,
-        kind,
-        thrust: f64::from(target.thrust),
-    })
+    Some(AttitudeTarget { target, time_ms, kind, thrust })
 }
 
-/// The pose; `None` for one in other frames, or of an estimator that vehicles do not use.
-fn odometry(pose: &ODOMETRY_DATA) -> Option<MavlinkPose> {
-    let is_ours = pose.frame_id == MavFrame::MAV_FRAME_LOCAL_FRD
-        && pose.child_frame_id == MavFrame::MAV_FRAME_BODY_FRD
-        && pose.estimator_type == MavEstimatorType::MAV_ESTIMATOR_TYPE_VISION;
-    is_ours.then(|| MavlinkPose {
-        time_us: pose.time_usec,
-        position: vector_axes([pose.x, pose.y, pose.z].map(f64::from)),
-        attitude: from_wire_quaternion(pose.q),
-        position_sd_m: f64::from(pose.pose_covariance[0]).sqrt(),
-        attitude_sd_rad: f64::from(pose.pose_covariance[15]).sqrt(),
-    })
+/// Standard deviations of position \[m\] and attitude \[rad\], from the upper right triangle of the covariance.
+fn deviations(from: &mut ByteReader<'_>) -> Option<[f64; 2]> {
+    let triangle = from.f32s::<21>()?;
+    Some([triangle[0], triangle[15]].map(|variance| f64::from(variance).sqrt()))
 }
 
-fn vision(pose: &VISION_POSITION_ESTIMATE_DATA) -> MavlinkPose {
-    MavlinkPose {
-        time_us: pose.usec,
-        position: vector_axes([pose.x, pose.y, pose.z].map(f64::from)),
-        attitude: from_wire_angles([pose.roll, pose.pitch, pose.yaw]),
-        position_sd_m: f64::from(pose.covariance[0]).sqrt(),
-        attitude_sd_rad: f64::from(pose.covariance[15]).sqrt(),
-    }
+/// Pose; `None` for one in other frames, or of an estimator that vehicles do not use.
+fn odometry(from: &mut ByteReader<'_>) -> Option<MavlinkPose> {
+    let (time_us, position, attitude) = (from.u64()?, vector(from)?, quaternion(from)?);
+    let _velocity_and_rates = from.f32s::<6>()?;
+    let [position_sd_m, attitude_sd_rad] = deviations(from)?;
+    let _velocity_covariance = from.f32s::<21>()?;
+    let (frames, [_reset, estimator]) = (from.take()?, from.take()?);
+    let is_ours = frames == POSE_FRAMES && estimator == VISION;
+    is_ours.then_some(MavlinkPose { time_us, position, attitude, position_sd_m, attitude_sd_rad })
 }
 
-fn command_long(command: &COMMAND_LONG_DATA) -> Option<VehicleCommandLong> {
-    let (first, second, third) = (command.param1, command.param2, command.param3);
-    let kind = match command.command {
-        MavCmd::MAV_CMD_DO_SET_MODE => {
+fn vision_position(from: &mut ByteReader<'_>) -> Option<MavlinkPose> {
+    let (time_us, position) = (from.u64()?, vector(from)?);
+    let attitude = from_wire_angles(from.f32s()?);
+    let [position_sd_m, attitude_sd_rad] = deviations(from)?;
+    Some(MavlinkPose { time_us, position, attitude, position_sd_m, attitude_sd_rad })
+}
+
+/// Command; `None` for one that is not understood.
+fn command_long(from: &mut ByteReader<'_>) -> Option<VehicleCommandLong> {
+    let [first, second, third, ..] = from.f32s::<7>()?;
+    let kind = match from.u16()? {
+        CommandKind::SET_MODE => {
             CommandKind::SetMode { mode: second as u32, sub_mode: third as u32 }
         }
-        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
-            CommandKind::Arm { run: first > 0.5, is_forced: second == FORCE }
-        }
-        MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
+        CommandKind::ARM => CommandKind::Arm { run: first > 0.5, is_forced: second == FORCE },
+        CommandKind::MESSAGE_INTERVAL => {
             CommandKind::MessageInterval { message: first as u32, interval_us: second as u32 }
         }
-        MavCmd::MAV_CMD_REQUEST_MESSAGE => CommandKind::RequestMessage { message: first as u32 },
-        MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN => CommandKind::Reboot,
+        CommandKind::REQUEST_MESSAGE => CommandKind::RequestMessage { message: first as u32 },
+        CommandKind::REBOOT => CommandKind::Reboot,
         _ => return None,
     };
-    let target = address(command.target_system, command.target_component);
-    Some(VehicleCommandLong { target, kind, confirmation: command.confirmation })
+    Some(VehicleCommandLong { target: address(from)?, kind, confirmation: from.u8()? })
 }
 
-fn result_of(result: MavResult) -> AckResult {
-    match result {
-        MavResult::MAV_RESULT_ACCEPTED => AckResult::Accepted,
-        MavResult::MAV_RESULT_TEMPORARILY_REJECTED => AckResult::TemporarilyRejected,
-        MavResult::MAV_RESULT_DENIED => AckResult::Denied,
-        MavResult::MAV_RESULT_UNSUPPORTED => AckResult::Unsupported,
-        MavResult::MAV_RESULT_FAILED => AckResult::Failed,
-        MavResult::MAV_RESULT_IN_PROGRESS => AckResult::InProgress,
-        _ => AckResult::OtherResult,
-    }
+fn text(from: &mut ByteReader<'_>) -> Option<MavlinkText> {
+    let severity =
+        if from.u8()? <= WARNING { TextSeverity::Trouble } else { TextSeverity::Information };
+    let (text, _id) = (from.take()?, from.u16()?);
+    Some(MavlinkText { severity, text, piece: from.u8()? })
 }
 
-fn text_of(text: &STATUSTEXT_DATA) -> MavlinkText {
-    let is_trouble = (text.severity as u8) <= MavSeverity::MAV_SEVERITY_WARNING as u8;
-    MavlinkText {
-        severity: if is_trouble { TextSeverity::Trouble } else { TextSeverity::Information },
-        text: *text.text,
-        piece: text.chunk_seq,
-    }
-}
-
-fn value_of(raw: f32, kind: MavParamType) -> ParameterValue {
-    let code = kind as u8;
-    ParameterValue { raw, is_real: code >= ParameterValue::REAL32, code }
-}
-
-fn local_position(position: &LOCAL_POSITION_NED_DATA) -> MavlinkPosition {
-    let vector = |vector: [f32; 3]| vector_axes(vector.map(f64::from));
-    MavlinkPosition {
-        time_ms: position.time_boot_ms,
-        position: vector([position.x, position.y, position.z]),
-        velocity: vector([position.vx, position.vy, position.vz]),
-    }
-}
-
-fn attitude_of(attitude: &ATTITUDE_QUATERNION_DATA) -> MavlinkAttitude {
-    let ATTITUDE_QUATERNION_DATA { q1, q2, q3, q4, .. } = *attitude;
-    let rate = [attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed];
-    MavlinkAttitude {
-        time_ms: attitude.time_boot_ms,
-        attitude: from_wire_quaternion([q1, q2, q3, q4]),
-        rate: vector_axes(rate.map(f64::from)),
-    }
-}
-
-fn sim_state(state: &SIM_STATE_DATA) -> MavlinkTruth {
-    MavlinkTruth {
+fn sim_state(from: &mut ByteReader<'_>) -> Option<MavlinkTruth> {
+    let attitude = quaternion(from)?;
+    let [_euler_angles, _acceleration] = [from.f32s::<3>()?, from.f32s::<3>()?];
+    let rate = vector(from)?;
+    let [_latitude, _longitude, altitude] = from.f32s()?;
+    let _deviations = from.f32s::<2>()?;
+    Some(MavlinkTruth {
         time_us: None,
-        latitude_e7: state.lat_int,
-        longitude_e7: state.lon_int,
-        altitude_m: f64::from(state.alt),
+        velocity: vector(from)?,
+        latitude_e7: from.i32()?,
+        longitude_e7: from.i32()?,
+        altitude_m: f64::from(altitude),
         // A real number on the wire, which ArduPilot computes from centimetres.
         altitude_step_m: 0.01,
-        velocity: vector_axes([state.vn, state.ve, state.vd].map(f64::from)),
-        attitude: from_wire_quaternion([state.q1, state.q2, state.q3, state.q4]),
-        rate: vector_axes([state.xgyro, state.ygyro, state.zgyro].map(f64::from)),
-    }
+        attitude,
+        rate,
+    })
 }
 
-fn hil_state(state: &HIL_STATE_QUATERNION_DATA) -> MavlinkTruth {
-    let centimetres = [state.vx, state.vy, state.vz].map(f64::from);
-    MavlinkTruth {
-        time_us: Some(state.time_usec),
-        latitude_e7: state.lat,
-        longitude_e7: state.lon,
-        altitude_m: f64::from(state.alt) / 1000.0,
+fn hil_state(from: &mut ByteReader<'_>) -> Option<MavlinkTruth> {
+    let (time_us, attitude, rate) = (from.u64()?, quaternion(from)?, vector(from)?);
+    let [latitude_e7, longitude_e7, altitude_mm] = [from.i32()?, from.i32()?, from.i32()?];
+    let speed_cm_s = [from.i16()?, from.i16()?, from.i16()?];
+    Some(MavlinkTruth {
+        time_us: Some(time_us),
+        latitude_e7,
+        longitude_e7,
+        altitude_m: f64::from(altitude_mm) / 1000.0,
         altitude_step_m: 0.001,
-        velocity: vector_axes(centimetres.map(|speed| speed / 100.0)),
-        attitude: from_wire_quaternion(state.attitude_quaternion),
-        rate: vector_axes([state.rollspeed, state.pitchspeed, state.yawspeed].map(f64::from)),
-    }
+        velocity: vector_axes(speed_cm_s.map(|speed| f64::from(speed) / 100.0)),
+        attitude,
+        rate,
+    })
 }

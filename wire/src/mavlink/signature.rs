@@ -1,23 +1,28 @@
-//! Signatures of MAVLink 2: how packets are signed, and which of those that are received are believed.
+//! Signatures of MAVLink 2: signing of packets, and the check of received ones.
 //!
-//! A signature is the beginning of SHA-256 over a secret key, the packet and a stamp that rises with every packet, so that a packet that
-//! was recorded and is sent again is told from a new one.
+//! A signature is the beginning of SHA-256 over a secret key, the packet and a stamp that rises with every packet, so that replayed
+//! packets are rejected.
 
 use std::fmt;
 
-use mavlink::MAVLinkV2MessageRaw;
+use sha2::{Digest, Sha256};
 
 use super::address::MavlinkAddress;
+use super::packet::MavlinkWire;
 
 /// Length of a signature, with the number of its link and its stamp \[bytes\].
 pub(super) const SIGNATURE: usize = 13;
+/// Length of the part of the hash that is sent \[bytes\].
+const SIGNATURE_HASH: usize = 6;
+/// Number of the link in a signature \[-\].
+const LINK: u8 = 0;
 /// Seconds between the beginnings of Unix time and of MAVLink's signatures, 1 January 2015.
 const SIGNATURE_EPOCH_S: u64 = 1_420_070_400;
-/// Age, by the newest stamp that is known, above which the first packet of a sender is not believed \[10 us\]: a minute.
-const FIRST_WITHIN: u64 = 6_000_000;
-/// Greatest stamp that a packet can carry \[10 us\].
-const GREATEST_STAMP: u64 = (1 << 48) - 1;
-/// Most senders that are believed \[-\]; each has a key.
+/// Greatest age of a sender's first packet, relative to the newest known stamp \[10 us\]: a minute.
+const MAX_FIRST_AGE: u64 = 6_000_000;
+/// Greatest stamp of a packet \[10 us\].
+const MAX_STAMP: u64 = (1 << 48) - 1;
+/// Most accepted senders \[-\]; each has a key.
 const MAX_SENDERS: usize = 16;
 
 /// Secret key of signed packets.
@@ -38,10 +43,10 @@ impl SigningKey {
         Some(Self(key))
     }
 
-    fn signature_of(&self, raw: &MAVLinkV2MessageRaw) -> [u8; 6] {
-        let mut signature = [0; 6];
-        raw.calculate_signature(&self.0, &mut signature);
-        signature
+    /// Signature of `bytes`: a packet up to the stamp of its signature.
+    fn signature_of(&self, bytes: &[u8]) -> [u8; SIGNATURE_HASH] {
+        let hash = Sha256::new().chain_update(self.0).chain_update(bytes).finalize();
+        std::array::from_fn(|index| hash[index])
     }
 }
 
@@ -70,41 +75,38 @@ impl Signer {
         Self { key, stamp: stamp_of(unix_us) }
     }
 
-    /// Signs the packet `raw`, which has room for it.
-    pub(super) fn sign(&mut self, raw: &mut MAVLinkV2MessageRaw) {
-        let stamp = self.stamp.to_le_bytes();
-        let place = raw.signature_timestamp_bytes_mut();
-        let length = place.len();
-        place.copy_from_slice(&stamp[..length]);
-        *raw.signature_link_id_mut() = 0;
-        let signature = self.key.signature_of(raw);
-        raw.signature_value_mut().copy_from_slice(&signature);
+    /// Appends the signature to a packet.
+    pub(super) fn sign(&mut self, wire: &mut MavlinkWire) {
+        let [stamp @ .., _, _] = self.stamp.to_le_bytes();
+        wire.append(&[LINK]);
+        wire.append(&stamp);
+        let signature = self.key.signature_of(wire.as_bytes());
+        wire.append(&signature);
         self.stamp += 1;
     }
 
-    /// Makes the next stamp later than every one that `check` has accepted: a receiver that knows those believes no sender whose
-    /// first stamp is a minute behind them, as of a machine whose clock was not set.
+    /// Makes the next stamp later than every stamp that `check` has accepted. Receivers reject a sender whose first stamp is more than
+    /// a minute older, for instance because the clock of its machine was not set.
     pub(super) fn follow(&mut self, check: &SignatureCheck) {
-        self.stamp = self.stamp.max(check.newest.saturating_add(1)).min(GREATEST_STAMP);
+        self.stamp = self.stamp.max(check.newest.saturating_add(1)).min(MAX_STAMP);
     }
 }
 
-/// Packet with its signature, as it was received.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub struct SignedBytes(MAVLinkV2MessageRaw);
+/// Received packet with its signature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SignedBytes(MavlinkWire);
 
 impl SignedBytes {
     /// Copy of a whole signed packet; `None` if it is longer than any.
     pub(super) fn of(frame: &[u8]) -> Option<Self> {
-        let mut raw = MAVLinkV2MessageRaw::new();
-        raw.as_mut_slice().get_mut(..frame.len())?.copy_from_slice(frame);
-        Some(Self(raw))
+        MavlinkWire::copy_of(frame).map(Self)
     }
-}
 
-impl fmt::Debug for SignedBytes {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("SignedBytes(…)")
+    /// Signed bytes, link, stamp \[10 us since 1 January 2015\] and signature.
+    fn parts(&self) -> Option<(&[u8], u8, u64, [u8; SIGNATURE_HASH])> {
+        let (signed, signature) = self.0.as_bytes().split_last_chunk()?;
+        let [.., link, a, b, c, d, e, f] = *signed else { return None };
+        Some((signed, link, u64::from_le_bytes([a, b, c, d, e, f, 0, 0]), *signature))
     }
 }
 
@@ -118,12 +120,12 @@ struct SignedStream {
 }
 
 /// Check of the signatures of received packets, by the rules of MAVLink: a packet must be signed with the key, and its stamp must be
-/// greater than that of the packet before it from the same sender; that of a sender's first packet at most a minute behind the newest
-/// stamp that is known.
+/// greater than that of the previous packet of the same sender. The stamp of a sender's first packet may be at most a minute older
+/// than the newest known stamp.
 #[derive(Clone, Debug)]
 pub struct SignatureCheck {
     key: SigningKey,
-    /// Newest stamp that is known \[10 us since 1 January 2015\].
+    /// Newest known stamp \[10 us since 1 January 2015\].
     newest: u64,
     streams: [Option<SignedStream>; MAX_SENDERS],
 }
@@ -135,19 +137,20 @@ impl SignatureCheck {
         Self { key, newest: stamp_of(unix_us), streams: [None; MAX_SENDERS] }
     }
 
-    /// Whether a packet of `from` is believed; `signed` is the packet if it has a signature. Remembers its stamp if so.
+    /// Checks a packet of `from`, `signed` if it has a signature, and remembers its stamp if it is accepted.
     pub fn accepts(&mut self, from: MavlinkAddress, signed: Option<&SignedBytes>) -> bool {
-        let Some(SignedBytes(raw)) = signed else { return false };
-        if self.key.signature_of(raw) != raw.signature_value() {
+        let Some((bytes, link, stamp, signature)) = signed.and_then(SignedBytes::parts) else {
+            return false;
+        };
+        if self.key.signature_of(bytes) != signature {
             return false;
         }
-        let (link, stamp) = (raw.signature_link_id(), raw.signature_timestamp());
         let is_same = |stream: &SignedStream| (stream.from, stream.link) == (from, link);
         let known = self.streams.iter_mut().flatten().find(|stream| is_same(stream));
         match known {
             Some(stream) if stamp > stream.stamp => stream.stamp = stamp,
             Some(_) => return false,
-            None if stamp.saturating_add(FIRST_WITHIN) < self.newest => return false,
+            None if stamp.saturating_add(MAX_FIRST_AGE) < self.newest => return false,
             None => {
                 let Some(place) = self.streams.iter_mut().find(|stream| stream.is_none()) else {
                     return false;

@@ -1,213 +1,200 @@
-//! Messages of the crate, from their meaning.
-
-use mavlink::dialects::common::*;
-use mavlink::types::CharArray;
+//! Payloads of messages, from their meaning: fields in the order of the wire.
 
 use super::autopilot::AutopilotFirmware;
 use super::axes::{vector_axes, wire_angles, wire_quaternion};
-use super::command::{AckResult, CommandKind, FORCE, VehicleCommandLong};
+use super::command::{CommandKind, FORCE, VehicleCommandLong};
 use super::content::{
     AttitudeTarget, MavlinkAttitude, MavlinkContent, MavlinkHeartbeat, MavlinkPose,
-    MavlinkPosition, MavlinkText, SetpointKind, TextSeverity, Timesync,
+    MavlinkPosition, MavlinkText, SetpointKind, TextSeverity,
 };
-use super::origin;
-use super::parameter::{ParameterName, ParameterValue};
-use crate::link::AutopilotKind;
+use super::parameter::ParameterValue;
+use super::payload::{Payload, id};
 
-/// The message with this meaning; `None` for [`MavlinkContent::Other`], and for what is only received.
-pub(super) fn message(content: &MavlinkContent) -> Option<MavMessage> {
+/// MAV_TYPE_QUADROTOR.
+const QUADROTOR: u8 = 2;
+/// MAV_TYPE_ONBOARD_CONTROLLER.
+const ONBOARD_CONTROLLER: u8 = 18;
+/// MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.
+const CUSTOM_MODE_ENABLED: u8 = 1;
+/// MAV_MODE_FLAG_HIL_ENABLED.
+pub(super) const HIL_ENABLED: u8 = 32;
+/// MAV_MODE_FLAG_SAFETY_ARMED.
+pub(super) const SAFETY_ARMED: u8 = 128;
+/// MAV_STATE_ACTIVE.
+const ACTIVE: u8 = 4;
+/// Version of the protocol in a heartbeat.
+const MAVLINK_VERSION: u8 = 3;
+/// ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE: body rates and thrust.
+pub(super) const RATES_MASK: u8 = 128;
+/// ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE and …_BODY_PITCH_RATE_IGNORE: attitude, yaw rate and thrust.
+pub(super) const ATTITUDE_MASK: u8 = 1 | 2;
+/// MAV_FRAME_LOCAL_FRD, MAV_FRAME_BODY_FRD: frames of a pose.
+pub(super) const POSE_FRAMES: [u8; 2] = [20, 12];
+/// MAV_ESTIMATOR_TYPE_VISION. PX4 passes poses of a motion-capture system to a topic that its estimator does not read.
+pub(super) const VISION: u8 = 2;
+/// Quality of a pose \[%\].
+const QUALITY: u8 = 100;
+/// MAV_SEVERITY_CRITICAL.
+const CRITICAL: u8 = 2;
+/// MAV_SEVERITY_INFO.
+const INFO: u8 = 6;
+/// MAV_SYS_STATUS_SENSOR_3D_GYRO.
+const GYROSCOPE: u32 = 1;
+/// Place on earth of the world's origin: arbitrary, off the poles, where autopilots have a model of the magnetic field
+/// \[1e-7 deg, 1e-7 deg, mm\].
+const ORIGIN: [i32; 3] = [473_977_419, 85_455_938, 488_000];
+
+/// Id and payload of the message with this meaning; `None` for [`MavlinkContent::Other`], and for messages that are only received.
+pub(super) fn message(content: &MavlinkContent) -> Option<(u32, Payload)> {
     use MavlinkContent as C;
-    Some(match content {
-        C::Heartbeat(heartbeat) => MavMessage::HEARTBEAT(heartbeat_of(heartbeat)),
-        C::Battery(volts) => MavMessage::SYS_STATUS(system_status(*volts)),
-        C::Timesync(Timesync { answered, asked }) => MavMessage::TIMESYNC(TIMESYNC_DATA {
-            tc1: *answered,
-            ts1: *asked,
-            ..TIMESYNC_DATA::DEFAULT
-        }),
-        C::AttitudeTarget(target) => MavMessage::SET_ATTITUDE_TARGET(attitude_target(target)),
-        C::Odometry(pose) => MavMessage::ODOMETRY(odometry(pose)),
-        C::VisionPosition(pose) => MavMessage::VISION_POSITION_ESTIMATE(vision(pose)),
-        C::GlobalOrigin { system } => origin::message(*system),
-        C::Command(command) => MavMessage::COMMAND_LONG(command_long(command)?),
-        C::Acknowledged { command, result } => {
-            MavMessage::COMMAND_ACK(acknowledgement(*command, *result)?)
+    let mut payload = Payload::new();
+    let to = &mut payload;
+    let id = match content {
+        C::Heartbeat(heartbeat) => put_heartbeat(to, heartbeat),
+        C::Battery(volts) => put_system_status(to, *volts),
+        C::Timesync(sync) => {
+            to.u64(sync.answered.cast_unsigned()).u64(sync.asked.cast_unsigned());
+            id::TIMESYNC
         }
-        C::Text(text) => MavMessage::STATUSTEXT(status_text(text)),
+        C::AttitudeTarget(target) => put_attitude_target(to, target),
+        C::Odometry(pose) => put_odometry(to, pose),
+        C::VisionPosition(pose) => put_vision_position(to, pose),
+        C::GlobalOrigin { system } => put_global_origin(to, *system),
+        C::Command(command) => put_command(to, command),
+        C::Acknowledged { command, result } => {
+            to.u16(*command).u8(result.code());
+            id::COMMAND_ACK
+        }
+        C::Text(text) => put_text(to, text),
         C::ParameterRequest { .. } | C::ParameterSet { .. } | C::Parameter { .. } => {
             return parameter(content);
         }
-        C::Position(position) => MavMessage::LOCAL_POSITION_NED(local_position(position)),
-        C::Attitude(attitude) => MavMessage::ATTITUDE_QUATERNION(attitude_quaternion(attitude)),
-        C::Estimator(flags) => MavMessage::ESTIMATOR_STATUS(ESTIMATOR_STATUS_DATA {
-            flags: EstimatorStatusFlags::from_bits_truncate(*flags),
-            ..ESTIMATOR_STATUS_DATA::DEFAULT
-        }),
+        C::Position(position) => put_position(to, position),
+        C::Attitude(attitude) => put_attitude(to, attitude),
+        C::Estimator(flags) => {
+            // Time and quality of the estimate are not stated.
+            to.u64(0).f32s(&[0.0; 8]).u16(*flags);
+            id::ESTIMATOR_STATUS
+        }
         C::Truth(_) | C::Other => return None,
-    })
+    };
+    Some((id, payload))
 }
 
-/// The message about a parameter; `None` for any other content.
-fn parameter(content: &MavlinkContent) -> Option<MavMessage> {
-    Some(match content {
+/// Message about a parameter; `None` for any other content.
+fn parameter(content: &MavlinkContent) -> Option<(u32, Payload)> {
+    let mut payload = Payload::new();
+    let to = &mut payload;
+    let id = match content {
         MavlinkContent::ParameterRequest { target, name } => {
-            MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
-                param_index: -1,
-                target_system: target.system,
-                target_component: target.component,
-                param_id: name_of(name),
-            })
+            // By name, not by index.
+            to.u16(u16::MAX).u8(target.system).u8(target.component).put(&name.0);
+            id::PARAM_REQUEST_READ
         }
         MavlinkContent::ParameterSet { target, name, value } => {
-            MavMessage::PARAM_SET(PARAM_SET_DATA {
-                param_value: value.raw,
-                target_system: target.system,
-                target_component: target.component,
-                param_id: name_of(name),
-                param_type: type_of(value),
-            })
+            to.f32s(&[value.raw]).u8(target.system).u8(target.component);
+            to.put(&name.0).u8(type_code(value));
+            id::PARAM_SET
         }
-        MavlinkContent::Parameter { name, value } => MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
-            param_value: value.raw,
-            param_count: 1,
-            param_index: u16::MAX,
-            param_id: name_of(name),
-            param_type: type_of(value),
-        }),
+        MavlinkContent::Parameter { name, value } => {
+            // One parameter, whose index is not stated.
+            to.f32s(&[value.raw]).u16(1).u16(u16::MAX).put(&name.0).u8(type_code(value));
+            id::PARAM_VALUE
+        }
         _ => return None,
-    })
+    };
+    Some((id, payload))
 }
 
-fn heartbeat_of(heartbeat: &MavlinkHeartbeat) -> HEARTBEAT_DATA {
-    let flag = |is_set: bool, flag| if is_set { flag } else { MavModeFlag::empty() };
-    let (mavtype, autopilot) = match heartbeat.autopilot {
-        AutopilotFirmware::Known(AutopilotKind::Px4) => {
-            (MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_PX4)
-        }
-        AutopilotFirmware::Known(AutopilotKind::ArduPilot) => {
-            (MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA)
-        }
-        AutopilotFirmware::Unknown => {
-            (MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_GENERIC)
-        }
-        AutopilotFirmware::None => {
-            (MavType::MAV_TYPE_ONBOARD_CONTROLLER, MavAutopilot::MAV_AUTOPILOT_INVALID)
+/// MAV_PARAM_TYPE of a value: an integer of at most 32 bits, or a real number.
+fn type_code(value: &ParameterValue) -> u8 {
+    match value.code {
+        code @ 1..=ParameterValue::INT32 => code,
+        _ => ParameterValue::REAL32,
+    }
+}
+
+fn put_heartbeat(to: &mut Payload, heartbeat: &MavlinkHeartbeat) -> u32 {
+    let flag = |is_set: bool, flag: u8| if is_set { flag } else { 0 };
+    let is_autopilot = heartbeat.autopilot != AutopilotFirmware::None;
+    to.u32(heartbeat.custom_mode)
+        .u8(if is_autopilot { QUADROTOR } else { ONBOARD_CONTROLLER })
+        .u8(heartbeat.autopilot.code())
+        .u8(CUSTOM_MODE_ENABLED
+            | flag(heartbeat.is_armed, SAFETY_ARMED)
+            | flag(heartbeat.is_simulated, HIL_ENABLED))
+        .u8(ACTIVE)
+        .u8(MAVLINK_VERSION);
+    id::HEARTBEAT
+}
+
+fn put_system_status(to: &mut Payload, volts: f64) -> u32 {
+    // `as` saturates; u16::MAX means "not measured".
+    let millivolts = if volts.is_nan() { u16::MAX } else { (volts * 1000.0).round() as u16 };
+    // A gyroscope that is present, enabled and healthy; the load is not stated.
+    to.u32(GYROSCOPE).u32(GYROSCOPE).u32(GYROSCOPE).u16(0);
+    // Current and remaining charge are not measured; no errors.
+    to.u16(millivolts).u16(u16::MAX).put(&[0; 12]).u8(u8::MAX);
+    id::SYS_STATUS
+}
+
+fn put_attitude_target(to: &mut Payload, target: &AttitudeTarget) -> u32 {
+    let (mask, quaternion, rates) = match target.kind {
+        SetpointKind::Rates(rates) => (RATES_MASK, [1.0, 0.0, 0.0, 0.0], rates),
+        SetpointKind::Attitude { attitude, yaw_rate } => {
+            (ATTITUDE_MASK, wire_quaternion(attitude), [0.0, 0.0, yaw_rate])
         }
     };
-    HEARTBEAT_DATA {
-        custom_mode: heartbeat.custom_mode,
-        mavtype,
-        autopilot,
-        base_mode: MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-            | flag(heartbeat.is_armed, MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED)
-            | flag(heartbeat.is_simulated, MavModeFlag::MAV_MODE_FLAG_HIL_ENABLED),
-        system_status: MavState::MAV_STATE_ACTIVE,
-        mavlink_version: 3,
-    }
+    to.u32(target.time_ms).f32s(&quaternion).f32s(&single(vector_axes(rates)));
+    to.f32s(&[target.thrust as f32]).u8(target.target.system).u8(target.target.component).u8(mask);
+    id::SET_ATTITUDE_TARGET
 }
 
-fn system_status(volts: f64) -> SYS_STATUS_DATA {
-    let millivolts = (volts * 1000.0).round();
-    // `as` keeps a number within its range; one that is none means "not measured".
-    let voltage_battery = if volts.is_nan() { u16::MAX } else { millivolts as u16 };
-    SYS_STATUS_DATA {
-        voltage_battery,
-        current_battery: -1,
-        battery_remaining: -1,
-        ..SYS_STATUS_DATA::DEFAULT
-    }
-}
-
-fn attitude_target(target: &AttitudeTarget) -> SET_ATTITUDE_TARGET_DATA {
-    // Built explicitly: the default of the crate ignores the roll rate.
-    let (type_mask, q, rates) = match target.kind {
-        SetpointKind::Rates(rates) => (
-            AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE,
-            [1.0, 0.0, 0.0, 0.0],
-            vector_axes(rates),
-        ),
-        SetpointKind::Attitude { attitude, yaw_rate } => (
-            AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE
-                | AttitudeTargetTypemask::ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE,
-            wire_quaternion(attitude),
-            vector_axes([0.0, 0.0, yaw_rate]),
-        ),
-    };
-    let [roll, pitch, yaw] = rates.map(|rate| rate as f32);
-    SET_ATTITUDE_TARGET_DATA {
-        time_boot_ms: target.time_ms,
-        q,
-        body_roll_rate: roll,
-        body_pitch_rate: pitch,
-        body_yaw_rate: yaw,
-        thrust: target.thrust as f32,
-        target_system: target.target.system,
-        target_component: target.target.component,
-        type_mask,
-        thrust_body: [0.0; 3],
-    }
+fn single(vector: [f64; 3]) -> [f32; 3] {
+    vector.map(|number| number as f32)
 }
 
 /// Upper right triangle of the covariance of a pose: diagonal.
 fn covariance(pose: &MavlinkPose) -> [f32; 21] {
     let mut triangle = [0.0; 21];
-    let (position, attitude) = (pose.position_sd_m.powi(2), pose.attitude_sd_rad.powi(2));
-    for (place, variance) in [0, 6, 11].into_iter().zip([position; 3]) {
-        triangle[place] = variance as f32;
+    for place in [0, 6, 11] {
+        triangle[place] = pose.position_sd_m.powi(2) as f32;
     }
-    for (place, variance) in [15, 18, 20].into_iter().zip([attitude; 3]) {
-        triangle[place] = variance as f32;
+    for place in [15, 18, 20] {
+        triangle[place] = pose.attitude_sd_rad.powi(2) as f32;
     }
     triangle
 }
 
-fn odometry(pose: &MavlinkPose) -> ODOMETRY_DATA {
-    let [x, y, z] = vector_axes(pose.position).map(|number| number as f32);
+fn put_odometry(to: &mut Payload, pose: &MavlinkPose) -> u32 {
+    // NaN: velocity, rates and their covariance are not measured.
     let mut unknown = [0.0; 21];
     unknown[0] = f32::NAN;
-    ODOMETRY_DATA {
-        time_usec: pose.time_us,
-        x,
-        y,
-        z,
-        q: wire_quaternion(pose.attitude),
-        // Not measured.
-        vx: f32::NAN,
-        vy: f32::NAN,
-        vz: f32::NAN,
-        rollspeed: f32::NAN,
-        pitchspeed: f32::NAN,
-        yawspeed: f32::NAN,
-        pose_covariance: covariance(pose),
-        velocity_covariance: unknown,
-        frame_id: MavFrame::MAV_FRAME_LOCAL_FRD,
-        child_frame_id: MavFrame::MAV_FRAME_BODY_FRD,
-        reset_counter: 0,
-        // PX4 takes one of a motion-capture system to a topic that its estimator does not read.
-        estimator_type: MavEstimatorType::MAV_ESTIMATOR_TYPE_VISION,
-        quality: 100,
-    }
+    to.u64(pose.time_us).f32s(&single(vector_axes(pose.position)));
+    to.f32s(&wire_quaternion(pose.attitude)).f32s(&[f32::NAN; 6]);
+    to.f32s(&covariance(pose)).f32s(&unknown).put(&POSE_FRAMES);
+    // The reset counter is 0.
+    to.u8(0).u8(VISION).u8(QUALITY);
+    id::ODOMETRY
 }
 
-fn vision(pose: &MavlinkPose) -> VISION_POSITION_ESTIMATE_DATA {
-    let [x, y, z] = vector_axes(pose.position).map(|number| number as f32);
-    let [roll, pitch, yaw] = wire_angles(pose.attitude);
-    VISION_POSITION_ESTIMATE_DATA {
-        usec: pose.time_us,
-        x,
-        y,
-        z,
-        roll,
-        pitch,
-        yaw,
-        covariance: covariance(pose),
-        reset_counter: 0,
-    }
+fn put_vision_position(to: &mut Payload, pose: &MavlinkPose) -> u32 {
+    to.u64(pose.time_us).f32s(&single(vector_axes(pose.position)));
+    to.f32s(&wire_angles(pose.attitude)).f32s(&covariance(pose));
+    id::VISION_POSITION_ESTIMATE
 }
 
-fn command_long(command: &VehicleCommandLong) -> Option<COMMAND_LONG_DATA> {
+fn put_global_origin(to: &mut Payload, system: u8) -> u32 {
+    for number in ORIGIN {
+        to.u32(number.cast_unsigned());
+    }
+    to.u8(system);
+    id::SET_GPS_GLOBAL_ORIGIN
+}
+
+fn put_command(to: &mut Payload, command: &VehicleCommandLong) -> u32 {
     let number = |is: bool| f32::from(u8::from(is));
-    let [param1, param2, param3] = match command.kind {
+    let parameters = match command.kind {
         CommandKind::SetMode { mode, sub_mode } => [1.0, mode as f32, sub_mode as f32],
         CommandKind::Arm { run, is_forced } => [number(run), FORCE * number(is_forced), 0.0],
         CommandKind::MessageInterval { message, interval_us } => {
@@ -216,85 +203,31 @@ fn command_long(command: &VehicleCommandLong) -> Option<COMMAND_LONG_DATA> {
         CommandKind::RequestMessage { message } => [message as f32, 0.0, 0.0],
         CommandKind::Reboot => [1.0, 0.0, 0.0],
     };
-    Some(COMMAND_LONG_DATA {
-        param1,
-        param2,
-        param3,
-        command: number_of_command(command.kind.number())?,
-        target_system: command.target.system,
-        target_component: command.target.component,
-        confirmation: command.confirmation,
-        ..COMMAND_LONG_DATA::DEFAULT
-    })
+    // Four further parameters.
+    to.f32s(&parameters).f32s(&[0.0; 4]).u16(command.kind.number());
+    to.u8(command.target.system).u8(command.target.component).u8(command.confirmation);
+    id::COMMAND_LONG
 }
 
-fn number_of_command(number: u16) -> Option<MavCmd> {
-    [
-        MavCmd::MAV_CMD_DO_SET_MODE,
-        MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
-        MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
-        MavCmd::MAV_CMD_REQUEST_MESSAGE,
-        MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
-    ]
-    .into_iter()
-    .find(|command| *command as u16 == number)
-}
-
-fn acknowledgement(command: u16, result: AckResult) -> Option<COMMAND_ACK_DATA> {
-    let result = match result {
-        AckResult::Accepted => MavResult::MAV_RESULT_ACCEPTED,
-        AckResult::TemporarilyRejected => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
-        AckResult::Denied => MavResult::MAV_RESULT_DENIED,
-        AckResult::Unsupported => MavResult::MAV_RESULT_UNSUPPORTED,
-        AckResult::Failed | AckResult::OtherResult => MavResult::MAV_RESULT_FAILED,
-        AckResult::InProgress => MavResult::MAV_RESULT_IN_PROGRESS,
-    };
-    let command = number_of_command(command)?;
-    Some(COMMAND_ACK_DATA { command, result, ..COMMAND_ACK_DATA::DEFAULT })
-}
-
-fn status_text(text: &MavlinkText) -> STATUSTEXT_DATA {
+fn put_text(to: &mut Payload, text: &MavlinkText) -> u32 {
     let severity = match text.severity {
-        TextSeverity::Trouble => MavSeverity::MAV_SEVERITY_CRITICAL,
-        TextSeverity::Information => MavSeverity::MAV_SEVERITY_INFO,
+        TextSeverity::Trouble => CRITICAL,
+        TextSeverity::Information => INFO,
     };
-    STATUSTEXT_DATA { severity, text: CharArray::new(text.text), id: 0, chunk_seq: text.piece }
+    // The id of a text in pieces is 0.
+    to.u8(severity).put(&text.text).u16(0).u8(text.piece);
+    id::STATUSTEXT
 }
 
-fn name_of(name: &ParameterName) -> CharArray<16> {
-    CharArray::new(name.0)
+fn put_position(to: &mut Payload, position: &MavlinkPosition) -> u32 {
+    to.u32(position.time_ms);
+    to.f32s(&single(vector_axes(position.position)));
+    to.f32s(&single(vector_axes(position.velocity)));
+    id::LOCAL_POSITION_NED
 }
 
-fn type_of(value: &ParameterValue) -> MavParamType {
-    match value.code {
-        1 => MavParamType::MAV_PARAM_TYPE_UINT8,
-        2 => MavParamType::MAV_PARAM_TYPE_INT8,
-        3 => MavParamType::MAV_PARAM_TYPE_UINT16,
-        4 => MavParamType::MAV_PARAM_TYPE_INT16,
-        5 => MavParamType::MAV_PARAM_TYPE_UINT32,
-        ParameterValue::INT32 => MavParamType::MAV_PARAM_TYPE_INT32,
-        _ => MavParamType::MAV_PARAM_TYPE_REAL32,
-    }
-}
-
-fn local_position(position: &MavlinkPosition) -> LOCAL_POSITION_NED_DATA {
-    let [x, y, z] = vector_axes(position.position).map(|number| number as f32);
-    let [vx, vy, vz] = vector_axes(position.velocity).map(|number| number as f32);
-    LOCAL_POSITION_NED_DATA { time_boot_ms: position.time_ms, x, y, z, vx, vy, vz }
-}
-
-fn attitude_quaternion(attitude: &MavlinkAttitude) -> ATTITUDE_QUATERNION_DATA {
-    let [q1, q2, q3, q4] = wire_quaternion(attitude.attitude);
-    let [rollspeed, pitchspeed, yawspeed] = vector_axes(attitude.rate).map(|number| number as f32);
-    ATTITUDE_QUATERNION_DATA {
-        time_boot_ms: attitude.time_ms,
-        q1,
-        q2,
-        q3,
-        q4,
-        rollspeed,
-        pitchspeed,
-        yawspeed,
-        ..ATTITUDE_QUATERNION_DATA::DEFAULT
-    }
+fn put_attitude(to: &mut Payload, attitude: &MavlinkAttitude) -> u32 {
+    to.u32(attitude.time_ms).f32s(&wire_quaternion(attitude.attitude));
+    to.f32s(&single(vector_axes(attitude.rate)));
+    id::ATTITUDE_QUATERNION
 }

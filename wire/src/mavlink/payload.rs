@@ -1,0 +1,101 @@
+//! Payloads of MAVLink 2: little endian, the widest fields first, fields of an extension last; zeros at the end are not sent.
+//!
+//! Field orders are those of the message definitions, `common.xml` and `ardupilotmega.xml` of <https://github.com/mavlink/mavlink>.
+
+use crate::bytes::{ByteOrder, ByteReader};
+
+/// Greatest length of a payload \[bytes\].
+pub(super) const MAX_PAYLOAD: usize = 255;
+
+/// Message ids.
+pub(super) mod id {
+    pub(in crate::mavlink) const HEARTBEAT: u32 = 0;
+    pub(in crate::mavlink) const SYS_STATUS: u32 = 1;
+    pub(in crate::mavlink) const PARAM_REQUEST_READ: u32 = 20;
+    pub(in crate::mavlink) const PARAM_VALUE: u32 = 22;
+    pub(in crate::mavlink) const PARAM_SET: u32 = 23;
+    pub(in crate::mavlink) const ATTITUDE_QUATERNION: u32 = 31;
+    pub(in crate::mavlink) const LOCAL_POSITION_NED: u32 = 32;
+    pub(in crate::mavlink) const SET_GPS_GLOBAL_ORIGIN: u32 = 48;
+    pub(in crate::mavlink) const COMMAND_LONG: u32 = 76;
+    pub(in crate::mavlink) const COMMAND_ACK: u32 = 77;
+    pub(in crate::mavlink) const SET_ATTITUDE_TARGET: u32 = 82;
+    pub(in crate::mavlink) const VISION_POSITION_ESTIMATE: u32 = 102;
+    pub(in crate::mavlink) const SIM_STATE: u32 = 108;
+    pub(in crate::mavlink) const TIMESYNC: u32 = 111;
+    pub(in crate::mavlink) const HIL_STATE_QUATERNION: u32 = 115;
+    pub(in crate::mavlink) const EKF_STATUS_REPORT: u32 = 193;
+    pub(in crate::mavlink) const ESTIMATOR_STATUS: u32 = 230;
+    pub(in crate::mavlink) const STATUSTEXT: u32 = 253;
+    pub(in crate::mavlink) const ODOMETRY: u32 = 331;
+}
+
+/// Payload with the zeros at its end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Payload {
+    bytes: [u8; MAX_PAYLOAD],
+    /// Number of bytes written \[bytes\].
+    length: usize,
+}
+
+impl Payload {
+    /// Payload without fields.
+    pub(super) fn new() -> Self {
+        Self { bytes: [0; MAX_PAYLOAD], length: 0 }
+    }
+
+    /// Payload of received bytes; those that were not sent are zeros.
+    pub(super) fn received(sent: &[u8]) -> Self {
+        let mut payload = Self::new();
+        payload.put(sent);
+        payload
+    }
+
+    /// Appends a field. What exceeds the greatest length is cut off.
+    pub(super) fn put(&mut self, field: &[u8]) -> &mut Self {
+        for (place, byte) in self.bytes[self.length..].iter_mut().zip(field) {
+            *place = *byte;
+        }
+        self.length = (self.length + field.len()).min(MAX_PAYLOAD);
+        self
+    }
+
+    /// Appends a number of 8 bits.
+    pub(super) fn u8(&mut self, number: u8) -> &mut Self {
+        self.put(&[number])
+    }
+
+    /// Appends a number of 16 bits.
+    pub(super) fn u16(&mut self, number: u16) -> &mut Self {
+        self.put(&number.to_le_bytes())
+    }
+
+    /// Appends a number of 32 bits.
+    pub(super) fn u32(&mut self, number: u32) -> &mut Self {
+        self.put(&number.to_le_bytes())
+    }
+
+    /// Appends a number of 64 bits.
+    pub(super) fn u64(&mut self, number: u64) -> &mut Self {
+        self.put(&number.to_le_bytes())
+    }
+
+    /// Appends real numbers.
+    pub(super) fn f32s(&mut self, numbers: &[f32]) -> &mut Self {
+        for number in numbers {
+            self.put(&number.to_le_bytes());
+        }
+        self
+    }
+
+    /// Bytes to be sent: at least one, without the zeros behind it.
+    pub(super) fn sent(&self) -> &[u8] {
+        let last = self.bytes[..self.length].iter().rposition(|byte| *byte != 0);
+        &self.bytes[..last.unwrap_or(0) + 1]
+    }
+
+    /// Reader of the fields; no message is longer than the payload.
+    pub(super) fn reader(&self) -> ByteReader<'_> {
+        ByteReader::new(&self.bytes, ByteOrder::Little)
+    }
+}
