@@ -22,6 +22,7 @@
 //! | change between quaternions and Euler angles | [`quaternion::Attitude`], [`euler::EulerAngles`] | |
 //! | land on a gravity turn, Eqs. (58) to (60) | [`gravity_turn::GravityTurn`] | |
 //! | score a flight | [`metrics::Statistics`], [`metrics::TableTwo`] | |
+//! | evaluate a sample: quantiles, correlation, intervals | [`statistics`] | |
 //! | read options from a file and refuse bad ones | [`ControlOptions`], [`options::OptionError`] | |
 //!
 //! The examples are in the folder `examples`: `cargo run --example attitude_loop`.
@@ -67,6 +68,7 @@ pub mod riccati;
 pub mod rigid_body;
 pub mod scalar_pid;
 pub mod schedule;
+pub mod statistics;
 pub mod tracking_error;
 pub mod trajectory;
 

@@ -2,7 +2,6 @@
 
 pub mod flights;
 pub mod gains;
-pub mod interval;
 pub mod metric;
 pub mod statistics;
 pub mod table;

@@ -1,12 +1,12 @@
 //! Statistics of a recording by which an emulated room is held against real ones: arrivals, captures, gaps, noise at rest.
 
 mod grid;
-mod moments;
 mod rest;
+
+use oqtal_control::statistics::standard_deviation;
 
 use crate::recording::Recording;
 pub use grid::GridStatistics;
-use moments::deviation;
 pub use rest::{RestStatistics, allan_deviation};
 
 /// Upper ends of the classes of intervals between arrivals \[ms\].
@@ -52,7 +52,7 @@ impl RoomStatistics {
         let usual: Vec<f64> = intervals.iter().copied().filter(|ms| *ms <= GAPS_MS[0]).collect();
         Self {
             rate_hz: timing.mean_rate_hz,
-            interval_ms: deviation(&usual),
+            interval_ms: standard_deviation(&usual),
             shares_percent,
             gaps: GAPS_MS.map(|least| {
                 intervals.iter().filter(|ms| **ms > least).count() as f64 * per_1000_s

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use oqtal_control::statistics::{median, quantile};
 use oqtal_observe::latency::{DistributionSummary, RECEIVER};
 use serde::Serialize;
 
@@ -139,14 +140,10 @@ impl LatencyFigures {
     /// Adds what was measured against cyclictest.
     #[must_use]
     pub fn with_pairs(mut self, pairs: Vec<Pair>) -> Self {
-        let mut ratios: Vec<f64> = pairs.iter().map(|pair| pair.ratio).collect();
-        ratios.sort_by(f64::total_cmp);
-        let middle = ratios.len() / 2;
-        self.wakeup.median_ratio = match ratios.len() {
-            0 => None,
-            odd if odd % 2 == 1 => Some(ratios[middle]),
-            _ => Some(0.5 * (ratios[middle - 1] + ratios[middle])),
-        };
+        // The mean of the lower and the upper middle value.
+        let ratios = || pairs.iter().map(|pair| pair.ratio);
+        let middle = quantile(ratios(), 0.5).zip(median(ratios()));
+        self.wakeup.median_ratio = middle.map(|(lower, upper)| 0.5 * (lower + upper));
         self.wakeup.pairs = pairs;
         self
     }

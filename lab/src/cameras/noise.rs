@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
 use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
+use oqtal_control::statistics::standard_deviation;
 use oqtal_mocap_emu::markers::{MarkerCameras, MarkerFrame};
 use serde_json::{Value, json};
 
@@ -75,10 +76,9 @@ fn at(config: &Config, frames: u64, (name, place): (&'static str, [f64; 3])) -> 
 
 /// Standard deviation of each component.
 fn deviation(values: &[Vector3<f64>]) -> Vector3<f64> {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<Vector3<f64>>() / count;
-    let squares = values.iter().map(|v| (v - mean).component_mul(&(v - mean)));
-    (squares.sum::<Vector3<f64>>() / count).map(f64::sqrt)
+    Vector3::from_fn(|axis, _| {
+        standard_deviation(&values.iter().map(|value| value[axis]).collect::<Vec<_>>())
+    })
 }
 
 /// The map as a table in Markdown.

@@ -1,5 +1,6 @@
 //! Runs of one law, and their statistics.
 
+use oqtal_control::statistics::{mean, standard_deviation};
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
@@ -64,7 +65,7 @@ impl Runs {
     pub fn spread(&self, runs: &[usize]) -> [(f64, f64); METRICS] {
         std::array::from_fn(|metric| {
             let values: Vec<f64> = runs.iter().map(|run| self.figures[*run][metric]).collect();
-            mean_and_sd(&values)
+            (mean(&values), standard_deviation(&values))
         })
     }
 
@@ -87,15 +88,6 @@ impl FromIterator<(Figures, u64)> for Runs {
         let (figures, solves): (Vec<Figures>, Vec<u64>) = flown.into_iter().unzip();
         Self { figures, solves: solves.into_iter().max().unwrap_or(0) }
     }
-}
-
-/// Mean and standard deviation of a sample.
-#[must_use]
-pub fn mean_and_sd(values: &[f64]) -> (f64, f64) {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / count;
-    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (mean, (squares / (count - 1.0).max(1.0)).sqrt())
 }
 
 /// The objective of tuning \[-\]: the weighted mean of the metrics, each over that of a reference.

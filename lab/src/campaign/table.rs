@@ -1,6 +1,7 @@
 //! Table V: runs of every law, as rows.
 
 use oqtal_config::Setting;
+use oqtal_control::statistics::Interval;
 use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 
@@ -9,7 +10,6 @@ use crate::sheet::{Column, SheetCell, SheetRow, Variant};
 use crate::tune::{gains, space, value};
 
 use super::flights::{Contender, NOMINAL, PlantVariant, Prepared, Test};
-use super::interval::Interval;
 use super::metric::{ATTITUDE, METRIC, METRICS, of_path};
 use super::statistics::{EVALUATION_SEEDS, Runs};
 

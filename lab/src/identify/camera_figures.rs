@@ -1,9 +1,10 @@
 //! Noise and latency of the cameras, at rest and in flight.
 
 use nalgebra::Vector3;
+use oqtal_control::statistics::{median, quantile};
 use serde::Serialize;
 
-use super::data::{FlightData, PoseRecord, median, quantile};
+use super::data::{FlightData, PoseRecord};
 use super::robust::deviation;
 
 /// Fewest poses at rest whose noise is told.

@@ -4,6 +4,7 @@
 use nalgebra::Vector3;
 use oqtal_bus::time::Time;
 use oqtal_control::quaternion::Attitude;
+use oqtal_control::statistics::median;
 use oqtal_observe::flight::{Flight, FlightSample};
 
 /// Height above the floor from which on a flight is used \[m\]: below, the floor pushes.
@@ -117,20 +118,7 @@ fn commands(flight: &Flight) -> (Vec<CommandRecord>, Option<f64>) {
     let acknowledged = told.iter().filter(|(_, is_told)| *is_told).count() as f64;
     let knows_losses = acknowledged > ACKNOWLEDGED_SHARE * told.len() as f64;
     let kept = told.into_iter().filter(|(_, is_told)| *is_told || !knows_losses);
-    (kept.map(|(command, _)| command).collect(), median(delays_s.into_iter()))
-}
-
-/// The median of `values` \[their unit\]; `None` of none.
-pub fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    quantile(values, 0.5)
-}
-
-/// The value below which this share \[0..1\] of `values` is \[their unit\]; `None` of none.
-pub fn quantile(values: impl Iterator<Item = f64>, share: f64) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
-    sorted.sort_by(f64::total_cmp);
-    let index = (share * sorted.len().saturating_sub(1) as f64).round() as usize;
-    sorted.get(index).copied()
+    (kept.map(|(command, _)| command).collect(), median(delays_s))
 }
 
 fn seconds(time: Time) -> f64 {

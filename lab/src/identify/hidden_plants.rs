@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use oqtal_config::{Config, Fidelity, PlantOptions, Setting, VehicleOptions};
 use oqtal_control::controller::ControllerName;
+use oqtal_control::statistics::{median, quantile};
 use oqtal_control::trajectory::TrajectoryKind;
 use oqtal_observe::plot::unit::rounded;
 use oqtal_plant_sim::drawn;
@@ -12,7 +13,7 @@ use oqtal_runtime::process::Failure;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::data::{FlightData, median, quantile};
+use super::data::FlightData;
 use super::excitation_flight;
 use super::finding::{ParameterFinding, rules};
 use super::identification::{Identification, Scale, identify};

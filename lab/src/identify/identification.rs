@@ -1,11 +1,12 @@
 //! An identification: from flights to findings, tests of the residuals, and settings.
 
 use oqtal_config::{Setting, VehicleOptions};
+use oqtal_control::statistics::median;
 use oqtal_runtime::process::{Exit, Failure};
 use serde::Serialize;
 
 use super::camera_figures::{PoseLatency, RestFigures};
-use super::data::{FlightData, median};
+use super::data::FlightData;
 use super::estimate::{VehicleFit, estimate};
 use super::finding::{FindingRule, INTERVAL, ParameterFinding, rules};
 use super::fit::FitResult;

@@ -1,6 +1,7 @@
 //! Statistical comparison of the laws of Table V: differences, ratios and their confidence intervals.
 
-use crate::campaign::interval::Interval;
+use oqtal_control::statistics::Interval;
+
 use crate::campaign::metric::{
     ATTITUDE, CHIRP, DOUBLET, HOVER, METRIC, METRICS, POSITION, SETTLE, VELOCITY,
 };

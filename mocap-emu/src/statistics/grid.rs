@@ -2,7 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use super::moments::{correlation, deviation};
+use oqtal_control::statistics::{correlation, median, standard_deviation};
+
 use crate::capture::Captures;
 use crate::recording::Recording;
 
@@ -40,7 +41,7 @@ impl GridStatistics {
         let arrivals: Vec<f64> =
             recording.poses().iter().map(|pose| pose.time_ns as f64 * 1e-9).collect();
         let latencies: Vec<f64> = arrivals.iter().zip(&captured_s).map(|(a, c)| a - c).collect();
-        let usual_s = median(&latencies);
+        let usual_s = median(latencies.iter().copied())?;
         let counts = |k: &usize| {
             speed_m_s[*k].min(speed_m_s[k - 1]) > MOVING_M_S
                 && (arrivals[*k] - arrivals[k - 1]).max(captured_s[*k] - captured_s[k - 1])
@@ -62,17 +63,14 @@ impl GridStatistics {
         Some(Self {
             rate_hz,
             coherence_ratio,
-            interval_ms: deviation(&captures) * 1e3,
-            correlation_ratio: correlation(&captures, &follow),
-            latency_ms: deviation(&latencies) * 1e3,
+            interval_ms: standard_deviation(&captures) * 1e3,
+            // 0 for cameras whose intervals are constant.
+            correlation_ratio: Some(correlation(&captures, &follow))
+                .filter(|r| r.is_finite())
+                .unwrap_or(0.0),
+            latency_ms: standard_deviation(&latencies) * 1e3,
         })
     }
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    sorted[sorted.len() / 2]
 }
 
 /// How well `intervals` \[s\] are multiples of a period \[-\]: the length of the mean of their phases as unit vectors.

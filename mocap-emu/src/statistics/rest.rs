@@ -1,8 +1,8 @@
 //! Noise of the poses of a body at rest.
 
 use nalgebra::Vector3;
+use oqtal_control::statistics::{correlation, mean, standard_deviation};
 
-use super::moments::{correlation, deviation};
 use crate::recording::{RecordedPose, Recording};
 
 /// Greatest distance from where a rest began of a body that still rests \[m\].
@@ -42,16 +42,16 @@ impl RestStatistics {
         let positions = [0, 1, 2].map(|k| axis(&|pose| pose.position[k]));
         let attitudes =
             [0, 1, 2].map(|k| axis(&|pose| first.attitude.rotation_to(&pose.attitude)[k]));
-        let mean = |axes: &[Vec<f64>; 3], of: &dyn Fn(&[f64]) -> f64| {
+        let average = |axes: &[Vec<f64>; 3], of: fn(&[f64]) -> f64| {
             axes.iter().map(|axis| of(axis)).sum::<f64>() / 3.0
         };
         let pairs = positions.iter().flat_map(|p| attitudes.iter().map(move |a| (p, a)));
         let all = positions.iter().chain(&attitudes);
         Some(Self {
-            position_mm: mean(&positions, &deviation) * 1e3,
-            attitude_deg: mean(&attitudes, &deviation).to_degrees(),
-            position_slope_ratio: mean(&positions, &slope),
-            attitude_slope_ratio: mean(&attitudes, &slope),
+            position_mm: average(&positions, standard_deviation) * 1e3,
+            attitude_deg: average(&attitudes, standard_deviation).to_degrees(),
+            position_slope_ratio: average(&positions, slope),
+            attitude_slope_ratio: average(&attitudes, slope),
             coupling_ratio: pairs.map(|(p, a)| correlation(p, a).abs()).fold(0.0, f64::max),
             kurtosis_ratio: all.map(|axis| kurtosis(axis)).fold(0.0, f64::max),
         })
@@ -77,10 +77,7 @@ fn longest_rest(poses: &[RecordedPose]) -> &[RecordedPose] {
 /// Allan deviation of `values` averaged over `averaged` of them at a time; `None` with fewer than three averages.
 #[must_use]
 pub fn allan_deviation(values: &[f64], averaged: usize) -> Option<f64> {
-    let means: Vec<f64> = values
-        .chunks_exact(averaged.max(1))
-        .map(|chunk| chunk.iter().sum::<f64>() / chunk.len() as f64)
-        .collect();
+    let means: Vec<f64> = values.chunks_exact(averaged.max(1)).map(mean).collect();
     if means.len() < 3 {
         return None;
     }
@@ -97,15 +94,15 @@ fn slope(values: &[f64]) -> f64 {
         .map(|(averaged, deviation)| (averaged.ln(), deviation.ln()))
         .collect();
     let (x, y): (Vec<f64>, Vec<f64>) = points.into_iter().unzip();
-    let spread = deviation(&x);
-    if spread > 0.0 { correlation(&x, &y) * deviation(&y) / spread } else { 0.0 }
+    let spread = standard_deviation(&x);
+    let slope = correlation(&x, &y) * standard_deviation(&y) / spread;
+    if slope.is_finite() { slope } else { 0.0 }
 }
 
 /// The fourth moment over the square of the second.
 fn kurtosis(values: &[f64]) -> f64 {
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    let fourth =
-        values.iter().map(|value| (value - mean).powi(4)).sum::<f64>() / values.len() as f64;
-    let scale = deviation(values).powi(4);
-    if scale > 0.0 { fourth / scale } else { 0.0 }
+    let centre = mean(values);
+    let fourths: Vec<f64> = values.iter().map(|value| (value - centre).powi(4)).collect();
+    let kurtosis = mean(&fourths) / standard_deviation(values).powi(4);
+    if kurtosis.is_finite() { kurtosis } else { 0.0 }
 }

@@ -2,6 +2,7 @@
 
 use maud::{Markup, html};
 use oqtal_bus::time::Time;
+use oqtal_control::statistics::{median, quantile, standard_deviation};
 
 use crate::flight::Flight;
 
@@ -52,15 +53,13 @@ impl ArrivalIntervals {
 
     /// Median interval \[ms\]; NaN without intervals.
     pub fn median_ms(&self) -> f64 {
-        self.quantile_ms(0.5)
+        median(self.lengths_ms()).unwrap_or(f64::NAN)
     }
 
     /// Standard deviation of the intervals that are no gaps \[ms\]; NaN without intervals.
     pub fn jitter_ms(&self) -> f64 {
         let regular: Vec<f64> = self.lengths_ms().filter(|length| *length <= GAP_MS).collect();
-        let count = regular.len() as f64;
-        let mean = regular.iter().sum::<f64>() / count;
-        (regular.iter().map(|length| (length - mean).powi(2)).sum::<f64>() / count).sqrt()
+        if regular.is_empty() { f64::NAN } else { standard_deviation(&regular) }
     }
 
     /// Maximum interval \[ms\]; NaN without intervals.
@@ -75,10 +74,7 @@ impl ArrivalIntervals {
 
     /// Interval that a part `share` of the intervals does not exceed \[ms\]; NaN without intervals.
     fn quantile_ms(&self, share: f64) -> f64 {
-        let mut lengths: Vec<f64> = self.lengths_ms().collect();
-        lengths.sort_by(f64::total_cmp);
-        let index = (lengths.len() as f64 * share) as usize;
-        lengths.get(index.min(lengths.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+        quantile(self.lengths_ms(), share).unwrap_or(f64::NAN)
     }
 
     /// Number of gaps and time in them \[s\].

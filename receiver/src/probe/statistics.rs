@@ -1,13 +1,13 @@
-//! Statistics of what a probe hears.
+//! Statistics of the poses that a probe receives.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use oqtal_control::statistics::{self, standard_deviation};
 use oqtal_wire::motion::RigidPose;
 
-/// The value that `percent` of all do not exceed, by nearest rank; 0 without values. Sorts the values.
-pub fn percentile(values: &mut [i64], percent: usize) -> i64 {
-    values.sort_unstable();
-    let rank = (values.len() * percent).div_ceil(100);
-    values.get(rank.saturating_sub(1)).copied().unwrap_or(0)
+/// The value that `percent` of 100 values do not exceed, by nearest rank \[unit of the values\]; 0 without values.
+pub fn percentile(values: &[i64], percent: f64) -> i64 {
+    let values = values.iter().map(|value| *value as f64);
+    statistics::quantile(values, percent / 100.0).unwrap_or(0.0) as i64
 }
 
 /// Poses of one window of a second at most.
@@ -42,8 +42,8 @@ impl NoiseWindow {
         let turns = poses.iter().map(|pose| (first.inverse() * attitude(pose)).scaled_axis());
         let turns = turns.map(|turn| turn.map(f64::to_degrees));
         Some(WindowNoise {
-            position_mm: deviation(positions.collect()),
-            attitude_deg: deviation(turns.collect()),
+            position_mm: deviation(&positions.collect::<Vec<_>>()),
+            attitude_deg: deviation(&turns.collect::<Vec<_>>()),
         })
     }
 }
@@ -54,27 +54,15 @@ fn attitude(pose: &RigidPose) -> UnitQuaternion<f64> {
 }
 
 /// Standard deviation of each component.
-fn deviation(values: Vec<Vector3<f64>>) -> [f64; 3] {
-    let count = values.len() as f64;
-    let mean = values.iter().sum::<Vector3<f64>>() / count;
-    let squares = values.iter().map(|value| (value - mean).map(|x| x * x));
-    (squares.sum::<Vector3<f64>>() / (count - 1.0)).map(f64::sqrt).into()
+fn deviation(values: &[Vector3<f64>]) -> [f64; 3] {
+    [0, 1, 2]
+        .map(|axis| standard_deviation(&values.iter().map(|value| value[axis]).collect::<Vec<_>>()))
 }
 
 /// The median of each component over the windows; `None` without windows.
-pub fn median(
-    mut of: impl FnMut(&WindowNoise) -> [f64; 3],
-    windows: &[WindowNoise],
-) -> Option<[f64; 3]> {
-    if windows.is_empty() {
-        return None;
-    }
-    let all: Vec<[f64; 3]> = windows.iter().map(&mut of).collect();
-    Some(std::array::from_fn(|axis| {
-        let mut values: Vec<f64> = all.iter().map(|value| value[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    }))
+pub fn median(of: fn(&WindowNoise) -> [f64; 3], windows: &[WindowNoise]) -> Option<[f64; 3]> {
+    let axis = |axis: usize| statistics::median(windows.iter().map(|window| of(window)[axis]));
+    Some([axis(0)?, axis(1)?, axis(2)?])
 }
 
 #[cfg(test)]
@@ -83,9 +71,9 @@ mod tests {
 
     #[test]
     fn percentiles_are_those_of_the_nearest_rank() {
-        let mut values: Vec<i64> = (1..=100).rev().collect();
-        assert_eq!((percentile(&mut values, 50), percentile(&mut values, 99)), (50, 99));
-        assert_eq!(percentile(&mut [], 50), 0);
+        let values: Vec<i64> = (1..=100).rev().collect();
+        assert_eq!((percentile(&values, 50.0), percentile(&values, 99.0)), (50, 99));
+        assert_eq!(percentile(&[], 50.0), 0);
     }
 
     #[test]
