@@ -66,7 +66,7 @@
     const paths = [...svg.querySelectorAll("path.line")];
     const lines = paths.map((path, i) => ({
       points: decode(path, data),
-      color: path.getAttribute("stroke"),
+      color: path.style.stroke,
       name: data.names[i] ?? "",
     }));
     return { ...data, whole: data.x, height: data.y, svg, lines, over: add(svg, "g", { class: "over" }) };
@@ -107,7 +107,7 @@
   function tell(event, rows) {
     tip.replaceChildren(...rows.map(([color, text]) => {
       const row = document.createElement("p");
-      if (color) row.appendChild(document.createElement("i")).style.background = `var(--${color})`;
+      if (color) row.appendChild(document.createElement("i")).style.background = color;
       row.append(text);
       return row;
     }));
@@ -118,16 +118,6 @@
     tip.style.top = `${Math.max(4, Math.min(innerHeight - height - 4, event.clientY + 14))}px`;
   }
 
-  // The name of a colour of a plot in the style sheet.
-  const names = new Map();
-  for (const sheet of document.styleSheets) {
-    for (const rule of sheet.cssRules) {
-      const found = /stroke="(#\w+)"/.exec(rule.selectorText ?? "");
-      const name = found && /var\(--(\w+)\)/.exec(rule.cssText);
-      if (name) names.set(found[1], name[1]);
-    }
-  }
-
   function overTime(plot, event) {
     const t = time(plot, event);
     mark(t);
@@ -135,8 +125,8 @@
     for (const { points, color, name } of plot.lines) {
       const point = nearest(points, t);
       if (!point || Math.abs(point[0] - t) > 0.05 * (plot.whole[1] - plot.whole[0])) continue;
-      rows.push([names.get(color), `${name} ${number(point[1])}`.trim()]);
-      add(plot.over, "circle", { cx: toX(plot, point[0]), cy: toY(plot, point[1]), r: 7, fill: color });
+      rows.push([color, `${name} ${number(point[1])}`.trim()]);
+      add(plot.over, "circle", { cx: toX(plot, point[0]), cy: toY(plot, point[1]), r: 7, style: `fill:${color}` });
     }
     tell(event, rows);
   }
@@ -154,8 +144,8 @@
     plot.over.replaceChildren();
     if (!best || best.distance > 80) return leave(plot);
     const [x, y] = best.point;
-    add(plot.over, "circle", { cx: toX(plot, x), cy: toY(plot, y), r: 9, fill: best.color });
-    tell(event, [[names.get(best.color), `${best.name} ${number(x)}, ${number(y)} m`]]);
+    add(plot.over, "circle", { cx: toX(plot, x), cy: toY(plot, y), r: 9, style: `fill:${best.color}` });
+    tell(event, [[best.color, `${best.name} ${number(x)}, ${number(y)} m`]]);
   }
 
   function leave(plot) {
@@ -212,7 +202,7 @@
         d += `${pen}${toX(plot, point[0]).toFixed(1)} ${toY(plot, point[1]).toFixed(1)}`;
         pen = "L";
       });
-      add(inside, "path", { d, stroke: color, "stroke-width": 3, fill: "none" });
+      add(inside, "path", { d, style: `stroke:${color}`, "stroke-width": 3, fill: "none" });
     }
   }
 

@@ -1,5 +1,4 @@
-//! Plots as SVG, their axes, colours and figures, and numbers as text: shared by the flight report and the studies. Knows
-//! nothing of flights.
+//! Plots as SVG, their axes, colours and figures, and numbers as text; independent of flights.
 
 pub mod axis;
 pub mod chart;

@@ -27,7 +27,6 @@ const ORDER: &[(&str, &[&str])] = &[
 
 /// Plotting, tables, tuning, parallel sweeps and serial ports: nothing that a real-time controller needs.
 const NOT_IN_THE_DAEMON: &[&str] = &[
-    "plotters",
     "maud",
     "comfy-table",
     "ratatui",

@@ -1,20 +1,17 @@
-//! One plot as SVG: axes and marks. The only module that uses plotters.
+//! One plot as SVG: axes, grid and marks.
 //!
-//! The backend rounds to whole pixels; plots are therefore drawn at twice the size at which the page shows them. Lines are written
-//! here, to a tenth of a pixel and in steps from point to point: shorter, and exact enough for a script to read values from them.
+//! A plot is drawn at twice the size at which the page shows it. The points of a line are integers in tenths of a pixel, each
+//! relative to the point before: short, and exact enough for a script to read values from them. Colours are variables of the
+//! style sheet.
 
 use std::ops::Range;
 
-use plotters::chart::ChartContext;
-use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
-use plotters::prelude::*;
+use maud::{Markup, html};
 
 use super::axis::Axis;
 use super::palette::Ink;
 use super::trace::{Point, is_drawable_point};
 
-/// Size of text \[pixels\]; the backend divides by 1.24.
-const FONT_SIZE: f64 = 24.0 * 1.24;
 /// Height of the labels of the horizontal axis \[pixels\].
 const LABEL_HEIGHT: u32 = 44;
 /// Space above the axes \[pixels\].
@@ -23,10 +20,6 @@ const TOP: u32 = 22;
 const RIGHT: u32 = 44;
 /// Approximate distance of the ticks of axes in equal scale \[pixels\].
 const DIVISION: f64 = 120.0;
-
-const NEVER_FAILS: &str = "drawing into a string cannot fail";
-
-type Plane = Cartesian2d<Axis, Axis>;
 
 /// A graphical element between the axes.
 #[derive(Clone, Debug)]
@@ -59,15 +52,10 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// Size of the area between the axes.
-    fn area(&self) -> (f64, f64) {
-        let (width, height) = self.size;
-        (f64::from(width - self.label_width - RIGHT), f64::from(height - LABEL_HEIGHT - TOP))
-    }
-
     /// Widens one axis so that both have the same scale.
     pub fn with_equal_scale(mut self) -> Self {
-        let (width, height) = self.area();
+        let [left, top, right, bottom] = self.borders();
+        let (width, height) = (right - left, bottom - top);
         let span = |axis: &Axis| axis.range.end - axis.range.start;
         let per_pixel = (span(&self.x) / width).max(span(&self.y) / height);
         let widened = |axis: &Axis, pixels: f64, unit: &str| {
@@ -82,69 +70,89 @@ impl Plot {
 
     /// The area between the axes: left, top, right and bottom border \[pixels\].
     pub fn borders(&self) -> [f64; 4] {
-        let (width, height) = self.area();
-        let (left, top) = (f64::from(self.label_width), f64::from(TOP));
-        [left, top, left + width, top + height]
+        let (width, height) = self.size;
+        [self.label_width, TOP, width - RIGHT, height - LABEL_HEIGHT].map(f64::from)
     }
 
     /// Draws the plot as SVG.
-    pub fn to_svg(&self) -> String {
-        let mut svg = String::new();
-        {
-            let root = SVGBackend::with_string(&mut svg, self.size).into_drawing_area();
-            let mut chart = ChartBuilder::on(&root)
-                .margin_top(TOP)
-                .margin_right(RIGHT)
-                .x_label_area_size(LABEL_HEIGHT)
-                .y_label_area_size(self.label_width)
-                .build_cartesian_2d(self.x.clone(), self.y.clone())
-                .expect(NEVER_FAILS);
-            let is_behind = |shape: &&Mark| matches!(shape, Mark::Band(_));
-            for shape in self.shapes.iter().filter(is_behind) {
-                draw(chart.plotting_area(), shape);
+    pub fn to_svg(&self) -> Markup {
+        let (width, height) = self.size;
+        let is_band = |mark: &&Mark| matches!(mark, Mark::Band(_));
+        html! {
+            svg xmlns="http://www.w3.org/2000/svg" viewBox=(format!("0 0 {width} {height}")) font-size="24" {
+                @for band in self.shapes.iter().filter(is_band) { (self.mark(band)) }
+                (self.axes())
+                @for mark in self.shapes.iter().filter(|mark| !is_band(mark)) { (self.mark(mark)) }
             }
-            draw_axes(&mut chart);
-            for shape in self.shapes.iter().filter(|shape| !is_behind(shape)) {
-                draw(chart.plotting_area(), shape);
-            }
-            root.present().expect(NEVER_FAILS);
         }
-        let lines: String = self.shapes.iter().map(|shape| self.written(shape)).collect();
-        svg.replacen("</svg>", &format!("{lines}</svg>"), 1)
     }
 
-    /// The shapes that the backend does not draw, as SVG in tenths of a pixel.
-    fn written(&self, shape: &Mark) -> String {
+    /// Grid and labels at the ticks, and the lines of the axes.
+    fn axes(&self) -> Markup {
         let [left, top, right, bottom] = self.borders();
-        let part = |value: f64, axis: &Axis| {
-            (value - axis.range.start) / (axis.range.end - axis.range.start)
+        let lines = |ink: Ink, path: String| {
+            html! { path d=(path) stroke-width="2" fill="none" style={ "stroke:" (ink.css()) } {} }
         };
-        let x = |value| 10.0 * (left + part(value, &self.x) * (right - left));
-        let y = |value| 10.0 * (bottom - part(value, &self.y) * (bottom - top));
-        match shape {
-            Mark::Line(ink, width, points) => {
-                let steps = steps(points, |(a, b)| [x(a).round() as i64, y(b).round() as i64]);
-                format!(
-                    "<path class=\"line\" transform=\"scale(.1)\" fill=\"none\" stroke=\"{}\" stroke-width=\"{width}0\" \
-                     d=\"{steps}\"/>",
-                    ink.hex()
-                )
+        let x = |at: f64| self.pixel((at, self.y.range.start)).0;
+        let y = |at: f64| self.pixel((self.x.range.start, at)).1;
+        let grid = self.x.ticks.iter().map(|tick| format!("M{:.1} {bottom}V{top}", x(tick.at)));
+        let rows = self.y.ticks.iter().map(|tick| format!("M{left} {:.1}H{right}", y(tick.at)));
+        html! {
+            (lines(Ink::Grid, grid.chain(rows).collect()))
+            (lines(Ink::Axis, format!("M{left} {top}V{bottom}H{right}")))
+            @for tick in &self.x.ticks {
+                text x=(format!("{:.1}", x(tick.at))) y=(bottom + 32.0) text-anchor="middle" { (tick.label) }
             }
-            Mark::Instant(at) if self.x.range.contains(at) => format!(
-                "<path class=\"instant\" transform=\"scale(.1)\" stroke=\"{}\" stroke-width=\"20\" d=\"M{:.0} {:.0}V{:.0}\"/>",
-                Ink::Warning.hex(),
-                x(*at),
-                10.0 * top,
-                10.0 * bottom
-            ),
-            Mark::Disc(ink, (a, b)) if is_drawable_point(&(*a, *b)) => format!(
-                "<circle cx=\"{:.0}\" cy=\"{:.0}\" r=\"10\" fill=\"{}\"/>",
-                0.1 * x(*a),
-                0.1 * y(*b),
-                ink.hex()
-            ),
-            _ => String::new(),
+            @for tick in &self.y.ticks {
+                text x=(left - 10.0) y=(format!("{:.1}", y(tick.at) + 8.0)) text-anchor="end" { (tick.label) }
+            }
         }
+    }
+
+    /// Position of a point in the drawing \[pixels\].
+    fn pixel(&self, (a, b): Point) -> Point {
+        let [left, top, right, bottom] = self.borders();
+        let share = |value: f64, Range { start, end }: &Range<f64>| (value - start) / (end - start);
+        let (x, y) = (share(a, &self.x.range), share(b, &self.y.range));
+        (left + x * (right - left), bottom - y * (bottom - top))
+    }
+
+    fn mark(&self, mark: &Mark) -> Markup {
+        let [_, top, _, bottom] = self.borders();
+        match mark {
+            Mark::Line(ink, width, points) => {
+                let tenths = |point| {
+                    let (x, y) = self.pixel(point);
+                    [x, y].map(|pixels| (10.0 * pixels).round() as i64)
+                };
+                html! {
+                    path.line transform="scale(.1)" fill="none" style={ "stroke:" (ink.css()) }
+                        stroke-width=(10 * width) d=(steps(points, tenths)) {}
+                }
+            }
+            Mark::Band(Range { start, end }) => {
+                let ends = [(*start, self.y.range.start), (*end, self.y.range.end)];
+                self.block(Ink::Shade, ends)
+            }
+            Mark::Block(ink, from, to) => self.block(*ink, [*from, *to]),
+            Mark::Disc(ink, centre) if is_drawable_point(centre) => {
+                let (x, y) = self.pixel(*centre);
+                html! { circle cx=(x.round()) cy=(y.round()) r="10" style={ "fill:" (ink.css()) } {} }
+            }
+            Mark::Instant(at) if self.x.range.contains(at) => {
+                let x = self.pixel((*at, self.y.range.start)).0;
+                let path = format!("M{x:.1} {top}V{bottom}");
+                html! { path.instant d=(path) stroke-width="2" style={ "stroke:" (Ink::Warning.css()) } {} }
+            }
+            Mark::Disc(..) | Mark::Instant(_) => html! {},
+        }
+    }
+
+    /// A filled rectangle between two corners.
+    fn block(&self, ink: Ink, corners: [Point; 2]) -> Markup {
+        let [(a, b), (c, d)] = corners.map(|corner| self.pixel(corner));
+        let path = format!("M{a:.1} {b:.1}H{c:.1}V{d:.1}H{a:.1}Z");
+        html! { path d=(path) style={ "fill:" (ink.css()) } {} }
     }
 }
 
@@ -170,58 +178,6 @@ fn steps(points: &[Point], pixel: impl Fn(Point) -> [i64; 2]) -> String {
     text
 }
 
-impl Ranged for Axis {
-    type FormatOption = NoDefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, (low, high): (i32, i32)) -> i32 {
-        let share = (value - self.range.start) / (self.range.end - self.range.start);
-        // A value far outside the plot, or NaN, must not overflow.
-        low.saturating_add((share * f64::from(high - low)).round() as i32)
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        let ticks = if hint.weight().allow_light_points() { &[] } else { self.ticks.as_slice() };
-        ticks.iter().map(|tick| tick.at).collect()
-    }
-
-    fn range(&self) -> Range<f64> {
-        self.range.clone()
-    }
-}
-
-impl ValueFormatter<f64> for Axis {
-    fn format_ext(&self, at: &f64) -> String {
-        let tick = self.ticks.iter().find(|tick| tick.at == *at);
-        tick.map_or_else(String::new, |tick| tick.label.clone())
-    }
-}
-
-fn draw_axes(chart: &mut ChartContext<'_, SVGBackend<'_>, Plane>) {
-    chart
-        .configure_mesh()
-        .bold_line_style(Ink::Grid.color().stroke_width(2))
-        .axis_style(Ink::Axis.color().stroke_width(2))
-        .label_style(("sans-serif", FONT_SIZE))
-        .draw()
-        .expect(NEVER_FAILS);
-}
-
-fn draw(plane: &DrawingArea<SVGBackend<'_>, Plane>, shape: &Mark) {
-    match shape {
-        Mark::Band(stretch) => {
-            let y = plane.get_y_range();
-            let corners = [(stretch.start, y.start), (stretch.end, y.end)];
-            let band = Rectangle::new(corners, Ink::Shade.color().filled());
-            plane.draw(&band).expect(NEVER_FAILS);
-        }
-        Mark::Block(ink, from, to) => {
-            plane.draw(&Rectangle::new([*from, *to], ink.color().filled())).expect(NEVER_FAILS);
-        }
-        Mark::Line(..) | Mark::Disc(..) | Mark::Instant(_) => {}
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -244,6 +200,8 @@ mod tests {
         };
         let [left, top, right, bottom] = plot.borders().map(|pixels| (10.0 * pixels) as i64);
         let path = format!("M{left} {bottom}l{} {}", right - left, top - bottom).replace(" -", "-");
-        assert!(plot.to_svg().contains(&path), "{path} in {}", plot.to_svg());
+        let svg = plot.to_svg().into_string();
+        assert!(svg.contains(&path), "{path} in {svg}");
+        assert_eq!(svg.matches("<text").count(), plot.x.ticks.len() + plot.y.ticks.len());
     }
 }

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use maud::{Markup, PreEscaped, html};
+use maud::{Markup, html};
 use serde::Serialize;
 
 use super::axis::Axis;
@@ -35,7 +35,7 @@ struct LinePlot<'a> {
 
 /// A figure of `plot`, with a legend if it has more than one entry.
 pub fn figure(title: &str, legend: &[(&str, Ink)], plot: &Plot) -> Markup {
-    framed(title, legend, (plot, None))
+    framed(title, legend, (plot.to_svg(), None))
 }
 
 /// A figure whose values a script can read, on an axis of time if `is_time`.
@@ -53,10 +53,15 @@ fn readable(title: &str, legend: &[(&str, Ink)], (plot, is_time): (&Plot, bool))
         instants: plot.shapes.iter().filter_map(instant).collect(),
     };
     let data = serde_json::to_string(&lines).expect("numbers and names are plain JSON");
-    framed(title, legend, (plot, Some(data)))
+    framed(title, legend, (plot.to_svg(), Some(data)))
 }
 
-fn framed(title: &str, legend: &[(&str, Ink)], (plot, data): (&Plot, Option<String>)) -> Markup {
+/// A drawing with title and, if it has more than one entry, legend; `data` is read by the script of the page.
+pub fn framed(
+    title: &str,
+    legend: &[(&str, Ink)],
+    (svg, data): (Markup, Option<String>),
+) -> Markup {
     html! {
         figure.plot {
             figcaption {
@@ -69,7 +74,7 @@ fn framed(title: &str, legend: &[(&str, Ink)], (plot, data): (&Plot, Option<Stri
                     }
                 }
             }
-            div.scroll role="img" aria-label=(title) data-plot=[data] { (PreEscaped(plot.to_svg())) }
+            div.scroll role="img" aria-label=(title) data-plot=[data] { (svg) }
         }
     }
 }

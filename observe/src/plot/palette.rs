@@ -1,9 +1,4 @@
-//! The colours of plots and pages, for light and dark colour schemes.
-//!
-//! Plots are drawn in the light colours. The style sheet selects each shape by its light colour and replaces that colour
-//! in the dark scheme.
-
-use plotters::style::RGBColor;
+//! The colours of plots and pages, for light and dark colour schemes, as variables of the style sheet.
 
 /// A colour by its purpose; the numbered ones distinguish lines without a purpose of their own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,68 +19,35 @@ pub enum Ink {
     Shade,
 }
 
-use Ink::{
-    Actual, Axis, Bad, Fifth, Fourth, Good, Grid, Reference, Second, Shade, Sixth, Third, Warning,
-};
-
-/// Colour, name in the style sheet, and RGB values for light and dark pages. The light values are distinct, because the style
-/// sheet selects shapes by them.
-const INKS: [(Ink, &str, [u8; 3], [u8; 3]); 13] = [
-    (Reference, "reference", [0x6B, 0x74, 0x83], [0x9A, 0xA5, 0xB5]),
-    (Actual, "actual", [0x1F, 0x6F, 0xEB], [0x5C, 0xA2, 0xFF]),
-    (Second, "second", [0xD9, 0x66, 0x0B], [0xFF, 0xA0, 0x57]),
-    (Third, "third", [0x0E, 0x8F, 0x74], [0x3F, 0xCF, 0xAE]),
-    (Fourth, "fourth", [0x8A, 0x4F, 0xD0], [0xBD, 0x93, 0xF9]),
-    (Fifth, "fifth", [0xC7, 0x3E, 0x86], [0xF4, 0x84, 0xBE]),
-    (Sixth, "sixth", [0x6E, 0x7D, 0x14], [0xB9, 0xCB, 0x4E]),
-    (Good, "good", [0x1E, 0x9E, 0x5A], [0x3F, 0xC3, 0x7D]),
-    (Warning, "warning", [0xE0, 0x9A, 0x0C], [0xF0, 0xBC, 0x45]),
-    (Bad, "bad", [0xD4, 0x35, 0x4B], [0xFF, 0x74, 0x85]),
-    (Axis, "axis", [0xB9, 0xC1, 0xCC], [0x47, 0x52, 0x62]),
-    (Grid, "grid", [0xE7, 0xEA, 0xEF], [0x27, 0x2E, 0x38]),
-    (Shade, "shade", [0xEE, 0xF4, 0xFE], [0x19, 0x25, 0x3A]),
+/// Name in the style sheet, and RGB value on light and on dark pages, in the order of [`Ink`].
+const INKS: [(&str, u32, u32); 13] = [
+    ("reference", 0x6B_7483, 0x9A_A5B5),
+    ("actual", 0x1F_6FEB, 0x5C_A2FF),
+    ("second", 0xD9_660B, 0xFF_A057),
+    ("third", 0x0E_8F74, 0x3F_CFAE),
+    ("fourth", 0x8A_4FD0, 0xBD_93F9),
+    ("fifth", 0xC7_3E86, 0xF4_84BE),
+    ("sixth", 0x6E_7D14, 0xB9_CB4E),
+    ("good", 0x1E_9E5A, 0x3F_C37D),
+    ("warning", 0xE0_9A0C, 0xF0_BC45),
+    ("bad", 0xD4_354B, 0xFF_7485),
+    ("axis", 0xB9_C1CC, 0x47_5262),
+    ("grid", 0xE7_EAEF, 0x27_2E38),
+    ("shade", 0xEE_F4FE, 0x19_253A),
 ];
 
 impl Ink {
-    /// The RGB value in a plot.
-    pub fn color(self) -> RGBColor {
-        let [r, g, b] = self.entry().2;
-        RGBColor(r, g, b)
-    }
-
-    /// The colour in a plot, by which the style sheet selects.
-    pub fn hex(self) -> String {
-        hex(self.entry().2)
-    }
-
-    /// The value in a style sheet.
+    /// The colour as a value of the style sheet, as in `var(--actual)`.
     pub fn css(self) -> String {
-        format!("var(--{})", self.entry().1)
+        format!("var(--{})", INKS[self as usize].0)
     }
-
-    fn entry(self) -> &'static (Self, &'static str, [u8; 3], [u8; 3]) {
-        let known = INKS.iter().find(|(ink, ..)| *ink == self);
-        known.expect("every ink is in the table: a test holds it")
-    }
-}
-
-fn hex([r, g, b]: [u8; 3]) -> String {
-    format!("#{r:02X}{g:02X}{b:02X}")
 }
 
 /// The style sheet of the palette.
 pub fn css() -> String {
-    let light = INKS.map(|(_, name, light, _)| format!("--{name}:{};", hex(light))).concat();
-    let dark = INKS.map(|(_, name, _, dark)| format!("--{name}:{};", hex(dark))).concat();
-    let shape = |name: &str, key: &str, property: &str| {
-        format!(".plot [{property}=\"{key}\"]{{{property}:var(--{name})}}")
-    };
-    let shapes = INKS
-        .map(|(_, name, light, _)| ["stroke", "fill"].map(|p| shape(name, &hex(light), p)).concat())
-        .concat();
-    format!(
-        ":root{{{light}}}@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}{shapes}"
-    )
+    let light = INKS.map(|(name, light, _)| format!("--{name}:#{light:06X};")).concat();
+    let dark = INKS.map(|(name, _, dark)| format!("--{name}:#{dark:06X};")).concat();
+    format!(":root{{{light}}}@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}")
 }
 
 #[cfg(test)]
@@ -93,14 +55,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_ink_has_one_entry_and_a_light_colour_of_its_own() {
-        let all = [
-            Reference, Actual, Second, Third, Fourth, Fifth, Sixth, Good, Warning, Bad, Axis, Grid,
-            Shade,
-        ];
-        for ink in all {
-            assert_eq!(INKS.iter().filter(|(other, ..)| *other == ink).count(), 1);
-            assert_eq!(INKS.iter().filter(|entry| entry.2 == ink.entry().2).count(), 1);
-        }
+    fn every_ink_is_a_variable_of_the_style_sheet() {
+        assert_eq!(
+            (Ink::Reference.css(), Ink::Shade.css()),
+            ("var(--reference)".into(), "var(--shade)".into())
+        );
+        assert_eq!(css().matches("--actual:").count(), 2, "light and dark");
     }
 }

@@ -27,15 +27,16 @@ fn a_flight_has_every_section_and_needs_nothing_else() {
 }
 
 #[test]
-fn every_colour_of_a_plot_has_a_dark_counterpart() {
+fn every_colour_of_a_plot_is_a_variable_of_the_style_sheet() {
     let page = page(&fixture::square());
     for property in ["stroke", "fill"] {
-        for rest in page.split(&format!(" {property}=\"#")).skip(1) {
-            let color = &rest[..6];
-            // Text has its colour from the page.
-            let known = color == "000000"
-                || crate::plot::palette::css().contains(&format!("{property}=\"#{color}\""));
-            assert!(known, "{property} {color}");
+        assert!(!page.contains(&format!(" {property}=\"#")), "a colour without a dark counterpart");
+        for rest in page.split(&format!("=\"{property}:")).skip(1) {
+            let name = rest.strip_prefix("var(").and_then(|rest| rest.split(')').next()).unwrap();
+            assert!(
+                crate::plot::palette::css().contains(&format!("{name}:#")),
+                "{property} {name}"
+            );
         }
     }
 }
