@@ -12,7 +12,7 @@ use common::{Testbed, stderr, wait_for};
 use laboratory::{Laboratory, configuration};
 use oqtal_bridge::Note;
 use oqtal_bus::code::VehicleRefusal;
-use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
+use oqtal_plant_sim::wire::CrtpVehicle;
 use oqtal_wire::crtp::{CrtpRequest, Supervision, SupervisorCommand};
 use rustix::process::Signal;
 

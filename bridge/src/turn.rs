@@ -89,7 +89,7 @@ impl<T: Transport> Turn for BridgeTurn<T> {
         if stop.is_in_force(clock.now())
             && let Some((header, command)) = &arrival
         {
-            stop.hear(header, command);
+            stop.receive_command(header, command);
         }
         self.bridge.keep_stopped(stop.since());
         if let Some((header, command)) = arrival {

@@ -182,7 +182,7 @@ impl VehicleStop {
 
     /// Takes a command of the daemon: "disarmed", published since the stop in force was seen, lifts it once the motors are known
     /// to be off, or 3 s later. The last command of a daemon that ends has no stamps and counts as published since.
-    pub fn hear(&mut self, header: &Header, command: &CommandV1) {
+    pub fn receive_command(&mut self, header: &Header, command: &CommandV1) {
         let Some(stop) = self.in_force.filter(|stop| stop.is_confirmed) else { return };
         let published_at = header.stamps.command_published_at;
         let is_disarmed = command.actuation == Actuation::Disarmed.code();
@@ -249,17 +249,17 @@ mod tests {
         let number = switch.raise();
         assert!(vehicle.is_in_force(NOW));
         let (header, body) = command(Actuation::Disarmed, 5);
-        vehicle.hear(&header, &body);
+        vehicle.receive_command(&header, &body);
         assert!(vehicle.is_in_force(NOW), "lifted before it was obeyed");
         assert_eq!(switch.report(number), StopReport::default());
         vehicle.confirm(true);
         for (actuation, millis) in [(Actuation::Sticks, 5), (Actuation::Disarmed, -1)] {
             let (header, body) = command(actuation, millis);
-            vehicle.hear(&header, &body);
+            vehicle.receive_command(&header, &body);
             assert!(vehicle.is_in_force(NOW), "{actuation} at {millis} ms");
         }
         let (header, body) = command(Actuation::Disarmed, 0);
-        vehicle.hear(&header, &body);
+        vehicle.receive_command(&header, &body);
         assert!(!vehicle.is_in_force(NOW));
         let report = switch.report(number);
         assert!(report.vehicle_obeys && report.motors_off && !report.daemon_obeys);
@@ -274,13 +274,13 @@ mod tests {
         vehicle.confirm(false);
         for millis in [17, 400, 2999] {
             let (header, body) = command(Actuation::Disarmed, millis);
-            vehicle.hear(&header, &body);
+            vehicle.receive_command(&header, &body);
             assert!(vehicle.is_in_force(NOW), "lifted after {millis} ms with motors running");
         }
         vehicle.confirm(true);
         assert!(switch.report(number).motors_off);
         let (header, body) = command(Actuation::Disarmed, 420);
-        vehicle.hear(&header, &body);
+        vehicle.receive_command(&header, &body);
         assert!(!vehicle.is_in_force(NOW));
 
         // A vehicle that never reports does not keep the instance stopped for good.
@@ -288,7 +288,7 @@ mod tests {
         assert!(vehicle.is_in_force(NOW));
         vehicle.confirm(false);
         let (header, body) = command(Actuation::Disarmed, 3000);
-        vehicle.hear(&header, &body);
+        vehicle.receive_command(&header, &body);
         assert!(!vehicle.is_in_force(NOW));
     }
 
@@ -304,7 +304,7 @@ mod tests {
         vehicle.confirm(false);
         // Published before the second was seen.
         let (header, body) = command(Actuation::Disarmed, 2);
-        vehicle.hear(&header, &body);
+        vehicle.receive_command(&header, &body);
         assert!(vehicle.is_in_force(later));
         assert!(switch.report(first).vehicle_obeys && switch.report(second).vehicle_obeys);
         assert!(!switch.report(second).motors_off);
@@ -323,7 +323,7 @@ mod tests {
         assert!(vehicle.is_in_force(NOW));
         vehicle.confirm(true);
         let (header, body) = command(Actuation::Disarmed, 1);
-        vehicle.hear(&header, &body);
+        vehicle.receive_command(&header, &body);
         assert!(!ControllerStop::new(switch.clone()).is_newly_raised());
         assert!(!VehicleStop::new(switch).is_in_force(NOW));
     }

@@ -1,23 +1,24 @@
 //! The plant process: a simulated vehicle and its radio, in place of a real one.
 //!
-//! [`Plant`] is pure; [`run`] wires it to the bus, puts it at the other end of a radio's wire ([`wire`]), makes it the body of a
-//! firmware that runs as a program ([`firmware`]), or tells the truth of an autopilot's own simulator ([`autopilot`]).
+//! [`Plant`] is pure; [`run`] connects it to the bus, puts it at the other end of a radio's wire ([`wire`]), or makes it the body of
+//! a firmware that runs as a program ([`firmware`]); it can also publish the truth of an autopilot's own simulator ([`autopilot`]).
 //!
 //! | file | subject |
 //! |---|---|
 //! | `plant.rs` | the simulated vehicle, integrated from event to event |
 //! | `dynamics.rs` | equations of motion |
-//! | `state.rs` | the state, and its integration |
+//! | `state.rs` | state of motion and its integration |
 //! | `world.rs` | gusts, drift, battery, floor |
 //! | `disturbance.rs` | disturbances in time, `plant.disturb` |
 //! | `spread.rs` | a vehicle that differs from its nominal values |
-//! | `turn.rs` | one turn over its ports |
+//! | `turn.rs` | one turn over the plant's ports |
 //! | `rotors.rs` | the forces of the air on the rotors |
-//! | `command_radio.rs` | which commands reach the vehicle, and when |
+//! | `command_radio.rs` | delay, jitter and losses of commands |
 //! | `wire.rs` | the vehicle at the other end of a wire |
 //! | `firmware.rs` | the body of a Crazyflie's firmware that runs as a program |
 //! | `autopilot.rs` | the truth of an autopilot's own simulator |
-//! | `socket.rs` | UDP sockets of programs beside the plant |
+//! | `socket.rs` | ports of programs beside the plant, UDP sockets |
+//! | `truth.rs` | ports of a vehicle that is not commanded over the bus |
 #![forbid(unsafe_code)]
 
 pub mod autopilot;
@@ -30,6 +31,7 @@ mod rotors;
 mod socket;
 mod spread;
 mod state;
+mod truth;
 mod turn;
 pub mod wire;
 mod world;
@@ -80,7 +82,7 @@ pub struct PlantArgs {
 }
 
 impl PlantCommand {
-    /// Does it, and says how it ended.
+    /// Executes the command and returns its exit code.
     #[must_use]
     pub fn execute(self) -> std::process::ExitCode {
         let command = match self {
@@ -92,7 +94,7 @@ impl PlantCommand {
 }
 
 impl PlantArgs {
-    /// The same for any process: the wire is a setting.
+    /// The arguments of any process; wire and truth become settings.
     fn common(self) -> CommonArgs {
         let Self { wire, truth, mut common } = self;
         common.settings.extend(wire.map(|link| format!("plant.wire.link={link}")));
@@ -101,17 +103,17 @@ impl PlantArgs {
     }
 }
 
-/// Whether the plant could fly with `config`.
+/// Checks that the plant could fly with `config`.
 ///
 /// # Errors
 /// The link of the wire, or the source of the truth, has no meaning.
 pub fn check(config: &Config) -> Result<(), Failure> {
     link(config)?;
-    truth(config).map(drop)
+    truth_source(config).map(drop)
 }
 
 /// The source of the truth that `plant.truth` names; `None` if the key is empty and the vehicle is simulated.
-fn truth(config: &Config) -> Result<Option<TruthSource>, Failure> {
+fn truth_source(config: &Config) -> Result<Option<TruthSource>, Failure> {
     let source = TruthSource::from_setting(&config.plant.truth).map_err(|error| {
         let text = format!("`{}`", config.plant.truth);
         config.locate(&OptionError::new("plant.truth", text, format!("a source: {error}")))
@@ -129,7 +131,7 @@ fn link(config: &Config) -> Result<Option<LinkSpec>, Failure> {
 /// # Errors
 /// The bus refuses or breaks.
 pub fn run(context: &ProcessContext) -> Result<(), Failure> {
-    if let Some(source) = truth(&context.config)? {
+    if let Some(source) = truth_source(&context.config)? {
         return follow(context, source);
     }
     match link(&context.config)? {

@@ -1,6 +1,8 @@
-//! UDP sockets of programs that run beside the plant: a firmware under test, its client, the simulator within an autopilot.
+//! Ports of programs that run beside the plant: the host of an emulated vehicle, a firmware under test, its client, the simulator
+//! within an autopilot.
 
-use std::io::ErrorKind;
+use std::fmt::Display;
+use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
 
 use oqtal_bus::time::{Span, Time};
@@ -8,27 +10,49 @@ use oqtal_runtime::process::{Exit, Failure};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-/// Longest wait for datagrams.
+/// Longest wait for datagrams or bytes.
 const LONGEST_WAIT: Span = Span::from_millis(20);
 
-/// Socket that answers the last program that was accepted.
+/// Port at which a host finds an emulated vehicle.
+pub trait VehiclePort {
+    /// Waits until bytes arrive, if `listen` is set, or until this instant. May return early.
+    ///
+    /// # Errors
+    /// The port broke.
+    fn wait(&self, until: Time, listen: bool) -> Result<(), Failure>;
+
+    /// Reads the bytes that have arrived, or one packet, into `buffer`; returns their number, 0 for none.
+    ///
+    /// # Errors
+    /// The port broke.
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Failure>;
+
+    /// Writes bytes, or one packet; those that the port does not take are lost.
+    ///
+    /// # Errors
+    /// The port broke.
+    fn write(&mut self, bytes: &[u8]) -> Result<(), Failure>;
+
+    /// Maintains the port; to be called in every turn.
+    fn maintain(&mut self) {}
+}
+
+/// Socket that sends to one address, or to the last program that was accepted.
 #[derive(Debug)]
 pub struct PeerSocket {
     socket: UdpSocket,
+    /// The last program that was accepted.
     peer: Option<SocketAddr>,
+    is_connected: bool,
 }
 
 impl PeerSocket {
-    /// Opens a socket at `address`; `user` says for whom, for the message.
+    /// Opens a socket at `address` of this machine; `user` is named in the message of an error.
     ///
     /// # Errors
     /// The address is in use (exit code 75), may not be used (77), or does not exist (71).
-    pub fn open(address: SocketAddr, user: &str) -> Result<Self, Failure> {
-        let opened = UdpSocket::bind(address).and_then(|socket| {
-            socket.set_nonblocking(true)?;
-            Ok(Self { socket, peer: None })
-        });
-        opened.map_err(|error| {
+    pub fn open(address: &impl Display, user: &str) -> Result<Self, Failure> {
+        Self::with_socket(UdpSocket::bind(address.to_string()), false).map_err(|error| {
             let (exit, remedy) = match error.kind() {
                 ErrorKind::AddrInUse => {
                     (Exit::Peer, "stop the program that uses it, or name another port")
@@ -40,21 +64,57 @@ impl PeerSocket {
         })
     }
 
-    /// Reads the next datagram into `buffer`; returns its length and sender, or `None` if there is none. What is longer than `buffer`
-    /// is cut off.
-    pub fn read(&self, buffer: &mut [u8]) -> Option<(usize, SocketAddr)> {
-        self.socket.recv_from(buffer).ok()
+    /// Opens a socket that exchanges datagrams with `address` alone, and sends first.
+    ///
+    /// # Errors
+    /// There is no such host, or the operating system refuses.
+    pub fn connect(address: &impl Display, user: &str) -> Result<Self, Failure> {
+        let socket = UdpSocket::bind("0.0.0.0:0").and_then(|socket| {
+            socket.connect(address.to_string())?;
+            Ok(socket)
+        });
+        Self::with_socket(socket, true).map_err(|error| {
+            Failure::new(Exit::System, format!("udp:{address}, for {user}: {error}"))
+        })
     }
 
-    /// Answers `sender` from now on; returns whether this is a change.
+    fn with_socket(socket: io::Result<UdpSocket>, is_connected: bool) -> io::Result<Self> {
+        let socket = socket?;
+        socket.set_nonblocking(true)?;
+        Ok(Self { socket, peer: None, is_connected })
+    }
+
+    /// Reads the next datagram into `buffer`; returns its length and sender, or `None` if there is none. A datagram longer than
+    /// `buffer` is cut off.
+    ///
+    /// # Errors
+    /// The socket broke.
+    pub fn receive(&self, buffer: &mut [u8]) -> Result<Option<(usize, SocketAddr)>, Failure> {
+        match self.socket.recv_from(buffer) {
+            Ok(received) => Ok(Some(received)),
+            Err(error) if is_absence(error.kind()) => Ok(None),
+            Err(error) => Err(failed("reading", &error)),
+        }
+    }
+
+    /// Sends to `sender` from now on; returns whether this is a change.
     pub fn accept(&mut self, sender: SocketAddr) -> bool {
         self.peer.replace(sender) != Some(sender)
     }
 
-    /// Sends `bytes` to the program that was accepted last; without one, or if the kernel has no room, they are lost as on a radio.
-    pub fn send(&self, bytes: &[u8]) {
-        if let Some(peer) = self.peer {
-            let _ = self.socket.send_to(bytes, peer);
+    /// Sends `bytes`; without a program that was accepted, or if the kernel has no room, they are lost as on a radio.
+    ///
+    /// # Errors
+    /// The socket broke.
+    pub fn send(&self, bytes: &[u8]) -> Result<(), Failure> {
+        let sent = match self.peer {
+            _ if self.is_connected => self.socket.send(bytes),
+            Some(peer) => self.socket.send_to(bytes, peer),
+            None => return Ok(()),
+        };
+        match sent {
+            Err(error) if !is_absence(error.kind()) => Err(failed("writing", &error)),
+            _ => Ok(()),
         }
     }
 
@@ -65,18 +125,53 @@ impl PeerSocket {
     }
 }
 
+impl VehiclePort for PeerSocket {
+    fn wait(&self, until: Time, listen: bool) -> Result<(), Failure> {
+        let fds: &[&Self] = if listen { &[self] } else { &[] };
+        wait(fds, until)
+    }
+
+    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Failure> {
+        let received = self.receive(buffer)?;
+        Ok(received.map_or(0, |(length, sender)| {
+            self.accept(sender);
+            length
+        }))
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {
+        self.send(bytes)
+    }
+}
+
 /// Sleeps until `until` or until a datagram arrives at one of the sockets, at most `LONGEST_WAIT`.
 ///
 /// # Errors
 /// The operating system refuses.
-pub fn wait<const N: usize>(sockets: [&PeerSocket; N], until: Time) -> Result<(), Failure> {
+pub fn wait(sockets: &[&PeerSocket], until: Time) -> Result<(), Failure> {
+    let fds = sockets.iter().map(|peer| PollFd::new(&peer.socket, PollFlags::IN));
+    wait_until(until, &mut fds.collect::<Vec<_>>())
+}
+
+/// Sleeps until `until` or until one of `fds` is ready, at most `LONGEST_WAIT`.
+///
+/// # Errors
+/// The operating system refuses.
+pub fn wait_until(until: Time, fds: &mut [PollFd<'_>]) -> Result<(), Failure> {
     let left = until.since(Time::now()).clamp(Span::ZERO, LONGEST_WAIT).to_duration();
     let timeout = Timespec::try_from(left).unwrap_or_default();
-    let mut fds = sockets.map(|peer| PollFd::new(&peer.socket, PollFlags::IN));
-    match poll(&mut fds, Some(&timeout)) {
+    match poll(fds, Some(&timeout)) {
         Ok(_) | Err(Errno::INTR) => Ok(()),
-        Err(error) => {
-            Err(Failure::new(Exit::System, format!("waiting for datagrams failed: {error}")))
-        }
+        Err(error) => Err(failed("waiting", &error)),
     }
+}
+
+/// Whether an error of this kind means that no program receives, or that nothing has arrived or finds room.
+fn is_absence(kind: ErrorKind) -> bool {
+    use ErrorKind::{ConnectionRefused, ConnectionReset, Interrupted, WouldBlock};
+    matches!(kind, ConnectionRefused | ConnectionReset | Interrupted | WouldBlock)
+}
+
+fn failed(action: &str, error: &impl Display) -> Failure {
+    Failure::new(Exit::System, format!("{action} at the vehicle's port failed: {error}"))
 }

@@ -1,4 +1,5 @@
-//! One turn of the plant over its ports: integrate to the present instant, obey a stop, take the command, publish truth and vehicle.
+//! One turn of the plant over its ports: integrates to the present instant, obeys a stop, takes the command, and publishes truth
+//! and vehicle.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{CommandV1, Header, Stamps, TruthV1, VehicleV1};
@@ -56,8 +57,8 @@ impl<T: Transport> Outputs<T> {
     }
 }
 
-/// Logs a pause of the process that was skipped in part.
-pub(crate) fn tell_skipped(skipped: Span) {
+/// Logs the part of a pause of the process that was skipped.
+pub(crate) fn log_skipped(skipped: Span) {
     if skipped > Span::ZERO {
         tracing::warn!("the simulation paused: {:.1} s are not simulated", skipped.seconds());
     }
@@ -69,7 +70,7 @@ pub struct PlantTurn<T: Transport> {
     commands: T::Reader<CommandV1>,
     outputs: Outputs<T>,
     stop: VehicleStop,
-    /// When the state of the vehicle was last published because of a stop.
+    /// Instant at which the state of the vehicle was last published because of a stop.
     stop_published_at: Time,
     plant: Plant,
     stepping: Stepping,
@@ -111,15 +112,15 @@ impl<T: Transport> PlantTurn<T> {
         Self { health, ..self }
     }
 
-    /// In real time a pause of the process is made up for only so far: the loop must not integrate for longer than it sleeps.
+    /// Skips the excess of a long pause in real time: the loop must not integrate for longer than it sleeps.
     fn skip_pause(&mut self, now: Time) {
         if self.stepping == Stepping::Sampled {
-            tell_skipped(self.plant.skip_pause(now));
+            log_skipped(self.plant.skip_pause(now));
         }
     }
 
-    /// Obeys an operator's stop, and lifts it with the "disarmed" of the daemon that `arrival` may be. A shadow keeps its motors off
-    /// as well, but the vehicle behind the bridge is not in its hands: it confirms and lifts nothing.
+    /// Obeys an operator's stop, and lifts it if `arrival` is a "disarmed" of the daemon. A shadow keeps its motors off as well, but
+    /// does not control the vehicle behind the bridge: it neither confirms nor lifts a stop.
     fn obey_stop<C: TurnClock>(
         &mut self,
         arrival: Option<&(Header, CommandV1)>,
@@ -131,11 +132,11 @@ impl<T: Transport> PlantTurn<T> {
         if outputs.vehicles.is_some() {
             stop.confirm(true);
             if let Some((header, command)) = arrival {
-                stop.hear(header, command);
+                stop.receive_command(header, command);
             }
             changed |= plant.keep_stopped(stop.since().is_some());
         }
-        // Without commands nothing else tells a late observer that the vehicle is stopped.
+        // A late observer would not learn of the stop otherwise if no commands arrive.
         let is_due =
             stop.since().is_some() && now.since(self.stop_published_at) >= STOP_PUBLICATION;
         if changed || is_due {

@@ -2,66 +2,72 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `pty.rs` | the pseudo-terminal, and the symbolic link to it |
-//! | `radio.rs` | model of the radio: rate, latency, losses, wrong bits |
-//! | `on_board.rs` | the on-board computer: commands to motors, answers |
-//! | `options.rs` | `[plant.wire]` in the terms of `oqtal-wire` |
-//! | `motors.rs` | the switch that starts and stops the motors |
-//! | `crazyflie.rs` | an emulated Crazyflie, over UDP |
-//! | `vehicle.rs` | AscTec's emulated vehicle without its pseudo-terminal, pure |
-//! | `udp.rs` | the UDP port |
-//! | `datagrams.rs` | model of the network: latency, jitter, losses |
-//! | `autopilot.rs` | the emulated autopilot |
-//! | `mavlink.rs` | the emulated autopilot with its network, without its port, pure |
-//! | `end.rs` | what every port and every emulated vehicle does |
+//! | `vehicle.rs` | an emulated vehicle: plant, link, on-board computer, pure |
+//! | `link.rs` | interface of the models of links |
+//! | `radio.rs` | model of a radio behind a serial port: rate, latency, losses, wrong bits |
+//! | `datagrams.rs` | model of a network: latency, jitter, losses |
+//! | `asctec.rs` | on-board computer of an AscTec vehicle, and its pseudo-terminal |
+//! | `autopilot.rs` | autopilot that is flown through MAVLink |
+//! | `crazyflie.rs` | Crazyflie that is flown through CRTP |
+//! | `command.rs` | commands that on-board loops make |
+//! | `schedule.rs` | schedule of periodic messages |
 
+mod asctec;
 mod autopilot;
+mod command;
 mod crazyflie;
 mod datagrams;
-mod end;
-mod mavlink;
-mod motors;
-mod on_board;
-mod options;
-mod pty;
+mod link;
 mod radio;
-mod udp;
+mod schedule;
 mod vehicle;
 
 use std::path::Path;
 
 use oqtal_bus::bus::Bus;
-use oqtal_bus::error::BusError;
-use oqtal_bus::message::{HealthV1, TruthV1};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::TRUTH;
-use oqtal_bus::transport::{Publish, Transport};
+use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_runtime::health::Heartbeat;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
-use oqtal_wire::link::{CrtpLink, LinkSpec, PortSpec};
+use oqtal_wire::link::{CrtpLink, InvalidLink, LinkSpec, PortSpec};
 
 use crate::PlantOutput;
 use crate::disturbance::DisturbanceClock;
-use crate::turn::tell_skipped;
+use crate::socket::{PeerSocket, VehiclePort};
+use crate::truth::TruthPorts;
+use crate::turn::log_skipped;
 
-pub use autopilot::EmulatedAutopilot;
-pub use crazyflie::{CrazyflieBoard, CrtpVehicle, SupervisorModel};
+pub use asctec::{AsctecComputer, AsctecVehicle};
+pub use autopilot::{EmulatedAutopilot, MavlinkVehicle};
+pub use crazyflie::{CrazyflieBoard, CrtpVehicle};
 pub use datagrams::DatagramModel;
-pub use end::{EmulatedVehicle, VehiclePort, WireCounters};
-pub use mavlink::MavlinkVehicle;
-pub use motors::MotorSwitch;
-pub use on_board::{Measured, OnBoard};
-pub use options::link;
-pub use pty::PseudoTerminal;
-pub use radio::{LinkDirection, RadioModel, Traffic};
-pub use udp::UdpPort;
-pub use vehicle::WiredVehicle;
+pub use link::{LinkDirection, LinkModel, Traffic};
+pub use radio::RadioModel;
+pub use vehicle::{EmulatedVehicle, FrameCounters, LinkCounters, Measured, OnBoardComputer};
 
-/// Size of the read buffer \[bytes\]: more than a longest packet.
+/// Size of the read buffer \[bytes\]; the longest packet is shorter.
 const CHUNK: usize = 2048;
-/// Most reads of one turn \[-\].
+/// Reads in one turn, at most \[-\].
 const MAX_READS: usize = 16;
+
+/// Name of the vehicle in messages about its port.
+const USER: &str = "the emulated vehicle";
+
+/// The link at which the emulated vehicle is found; `None` if its commands come over the bus.
+///
+/// # Errors
+/// `[plant.wire]` cannot be used.
+pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
+    asctec::check(config)?;
+    let text = &config.plant.wire.link;
+    if text.is_empty() {
+        return Ok(None);
+    }
+    let refused = |error: InvalidLink| {
+        OptionError::new("plant.wire.link", format!("`{text}`"), format!("a link: {error}"))
+    };
+    text.parse().map(Some).map_err(refused)
+}
 
 /// Flies the emulated vehicle at `link` until asked to stop. Its state goes over the wire alone; the truth is published for the
 /// cameras.
@@ -76,13 +82,9 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
     let shown = link.to_string();
     match link {
         LinkSpec::Asctec(link) => {
-            let port = PseudoTerminal::open(Path::new(&link.serial.path))?;
-            fly(
-                context,
-                &bus,
-                port,
-                (WiredVehicle::new(config, link, now).map_err(located)?, shown),
-            )
+            let port = asctec::PseudoTerminal::open(Path::new(&link.serial.path))?;
+            let vehicle = AsctecVehicle::new(config, link, now).map_err(located)?;
+            fly(context, &bus, port, (vehicle, shown))
         }
         LinkSpec::Mavlink(link) => {
             let port = udp_port(&link.port)?;
@@ -90,7 +92,7 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
             fly(context, &bus, port, (vehicle, shown))
         }
         LinkSpec::Crtp(CrtpLink::Udp(address)) => {
-            let port = UdpPort::at(address)?;
+            let port = PeerSocket::open(address, USER)?;
             let vehicle = CrtpVehicle::new(config, now).map_err(located)?;
             fly(context, &bus, port, (vehicle, shown))
         }
@@ -102,26 +104,25 @@ pub fn run(context: &ProcessContext, link: &LinkSpec) -> Result<(), Failure> {
 }
 
 /// The UDP port of an emulated vehicle.
-fn udp_port(port: &PortSpec) -> Result<UdpPort, Failure> {
+fn udp_port(port: &PortSpec) -> Result<PeerSocket, Failure> {
     match port {
-        PortSpec::UdpOut(address) => UdpPort::to(address),
-        PortSpec::UdpIn(address) => UdpPort::at(address),
+        PortSpec::UdpOut(address) => PeerSocket::connect(address, USER),
+        PortSpec::UdpIn(address) => PeerSocket::open(address, USER),
         PortSpec::Serial(_) | PortSpec::Tcp(_) | PortSpec::Radio(_) => {
-            let reason = "an emulated vehicle speaks MAVLink over UDP; name `mavlink:udpout:HOST:PORT` or `udpin` in `plant.wire.link`";
+            let reason = "an emulated vehicle has MAVLink over UDP only; name `mavlink:udpout:HOST:PORT` or `udpin` in `plant.wire.link`";
             Err(Failure::new(Exit::Config, reason))
         }
     }
 }
 
 /// Flies `vehicle` at `port`, which is `shown` in the log.
-fn fly(
+fn fly<L: LinkModel, B: OnBoardComputer>(
     context: &ProcessContext,
     bus: &Bus,
     mut port: impl VehiclePort,
-    (mut vehicle, shown): (impl EmulatedVehicle, String),
+    (mut vehicle, shown): (EmulatedVehicle<L, B>, String),
 ) -> Result<(), Failure> {
-    let mut truths = bus.writer(&TRUTH)?;
-    let mut heartbeat = heartbeat(context, bus)?;
+    let mut ports = TruthPorts::open(context, bus)?;
     let mut disturbances = DisturbanceClock::open(bus, &context.config)?;
     let mut outputs = Vec::with_capacity(64);
     let mut chunk = [0; CHUNK];
@@ -130,73 +131,50 @@ fn fly(
     while !context.stop.is_set() {
         context.health.count_turn();
         port.wait(vehicle.next_event(), vehicle.has_room(Time::now()))?;
-        heartbeat.beat(HealthV1::default())?;
+        ports.beat()?;
         let now = Time::now();
         vehicle.disturb(disturbances.at(now)?);
-        tell_skipped(vehicle.skip_pause(now));
-        if !read_host(&mut port, &mut vehicle, (now, &mut chunk))? {
+        log_skipped(vehicle.skip_pause(now));
+        if read_host(&mut port, &mut vehicle, (now, &mut chunk))? {
             context.health.count_input();
         }
-        vehicle.advance(now, &mut |output| outputs.push(output));
+        vehicle.advance(now, |output| outputs.push(output));
         if !outputs.is_empty() {
             context.health.count_output();
         }
-        publish_truth(&mut truths, outputs.drain(..))?;
-        let mut written = Ok(());
-        vehicle.host_reads(now, &mut |packet| {
-            if written.is_ok() {
-                written = port.write(packet);
+        for output in outputs.drain(..) {
+            if let PlantOutput::Truth(truth) = output {
+                ports.publish(truth)?;
             }
-        });
-        written?;
+        }
+        while let Some(written) = vehicle.host_reads_next(now, |packet| port.write(packet)) {
+            written?;
+        }
         port.maintain();
     }
-    report(&vehicle.counters());
+    log_traffic(&vehicle.counters());
     Ok(())
 }
 
-/// Passes what the host wrote to the vehicle; returns whether that was nothing.
-fn read_host(
+/// Passes bytes from the host to the vehicle; returns whether there were any.
+fn read_host<L: LinkModel, B: OnBoardComputer>(
     port: &mut impl VehiclePort,
-    vehicle: &mut impl EmulatedVehicle,
+    vehicle: &mut EmulatedVehicle<L, B>,
     (now, chunk): (Time, &mut [u8; CHUNK]),
 ) -> Result<bool, Failure> {
-    let mut nothing = true;
-    for _ in 0..MAX_READS {
-        let read = if vehicle.has_room(now) { port.read(chunk)? } else { 0 };
-        if read == 0 {
-            break;
+    for reads in 0..MAX_READS {
+        let length = if vehicle.has_room(now) { port.read(chunk)? } else { 0 };
+        if length == 0 {
+            return Ok(reads > 0);
         }
-        nothing = false;
-        vehicle.host_writes(now, &chunk[..read]);
+        vehicle.host_writes(now, &chunk[..length]);
     }
-    Ok(nothing)
-}
-
-/// The heartbeat of a process that stands for a vehicle.
-fn heartbeat(context: &ProcessContext, bus: &Bus) -> Result<Heartbeat, BusError> {
-    Heartbeat::new(bus, context.role, HealthV1::OWN_CONFIG, context.health.clone())
-}
-
-/// Publishes every truth sample, and wakes the cameras at those that they capture.
-fn publish_truth(
-    truths: &mut impl Publish<TruthV1>,
-    outputs: impl Iterator<Item = PlantOutput>,
-) -> Result<(), BusError> {
-    for output in outputs {
-        if let PlantOutput::Truth(truth) = output {
-            truths.send(truth.capture, Default::default(), truth)?;
-            if truth.capture > 0 {
-                truths.notify()?;
-            }
-        }
-    }
-    Ok(())
+    Ok(true)
 }
 
 /// Logs the traffic on the wire.
-fn report(counters: &WireCounters) {
-    let WireCounters { read, damaged, up, down } = counters;
+fn log_traffic(counters: &LinkCounters) {
+    let LinkCounters { frames: FrameCounters { read, damaged }, up, down } = counters;
     tracing::info!(
         read,
         damaged,

@@ -7,7 +7,7 @@ use std::rc::Rc;
 use oqtal_bridge::{RadioAck, RadioDongle};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
+use oqtal_plant_sim::wire::CrtpVehicle;
 use oqtal_wire::crtp::{CrtpPacket, CrtpRequest};
 use oqtal_wire::link::RadioSpec;
 
@@ -47,7 +47,7 @@ impl Air {
     pub fn pass(&mut self, span: Span) {
         self.now = self.now + span;
         let now = self.now;
-        self.vehicles.iter_mut().for_each(|vehicle| vehicle.advance(now, &mut |_| ()));
+        self.vehicles.iter_mut().for_each(|vehicle| vehicle.advance(now, |_| ()));
     }
 
     fn is_lost(&mut self) -> bool {

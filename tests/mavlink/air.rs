@@ -5,7 +5,7 @@ use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, PoseV1, Stamps, VehicleV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Setting};
-use oqtal_plant_sim::wire::{EmulatedVehicle, MavlinkVehicle};
+use oqtal_plant_sim::wire::MavlinkVehicle;
 use oqtal_wire::link::{AutopilotKind, LinkSpec, MavlinkLink};
 use oqtal_wire::mavlink::{MavlinkContent, MavlinkDecoder};
 
@@ -108,8 +108,8 @@ impl Air {
         self.now = self.now + Span::from_millis(1);
         self.ticks += 1;
         let Self { bridge, vehicle, notes, now, is_silent, .. } = self;
-        vehicle.advance(*now, &mut |_| {});
-        vehicle.host_reads(*now, &mut |datagram| {
+        vehicle.advance(*now, |_| {});
+        vehicle.host_reads(*now, |datagram| {
             if *is_silent {
                 return;
             }

@@ -13,7 +13,7 @@ use oqtal_wire::mavlink::MavlinkTruth;
 const SAMPLE_TIMEOUT: Span = Span::from_millis(250);
 /// Longest time over which the motion is predicted from a sample.
 const LONGEST_PREDICTION: Span = Span::from_millis(50);
-/// Distance by which the reported position differs from the integrated one where the simulator has placed the vehicle anew \[m\].
+/// Distance by which the reported position differs from the integrated one if the simulator has moved the vehicle to another place \[m\].
 const JUMP_M: f64 = 0.5;
 /// Radius of the earth at the equator, by which simulators place vehicles on a plane \[m\].
 const EARTH_M: f64 = 6_378_137.0;
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_is_told_in_the_axes_of_the_start_and_goes_on_between_samples() {
+    fn a_turn_is_reported_in_the_axes_of_the_start_and_continues_between_samples() {
         let mut observer = SimulatorObserver::default();
         observer.take(START, &sample());
         observer.take(START, &MavlinkTruth { rate: [0.0, 0.0, 2.0], ..sample() });
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulator_that_stops_has_no_motion_and_one_that_starts_anew_jumps() {
+    fn a_simulator_that_stops_has_no_motion_and_one_that_restarts_jumps() {
         let mut observer = SimulatorObserver::default();
         observer.take(START, &at(0, 0, [1.0, 0.0, 0.0]));
         assert!(observer.truth(START + Span::from_millis(250)).is_some());

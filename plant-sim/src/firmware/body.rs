@@ -40,7 +40,7 @@ impl FirmwareBody {
     #[must_use]
     pub fn new(config: &Config, start: Time) -> Self {
         let mut config = config.clone();
-        // The firmware holds the vehicle's loops: what is left of the plant is its rotors.
+        // The firmware executes the vehicle's loops: of the plant only the rotors remain.
         config.plant.fidelity = Fidelity::Rotors;
         Self {
             gravity: config.plant.gravity_m_s2,
@@ -88,7 +88,7 @@ impl FirmwareBody {
         self.plant.advance(until, |output| truth(output, &mut out));
     }
 
-    /// Skips what a pause of the process that ends at `now` has too much: see [`Plant::skip_pause`].
+    /// Skips the excess of a pause of the process that ends at `now`: see [`Plant::skip_pause`].
     pub fn skip_pause(&mut self, now: Time) -> Span {
         let skipped = self.plant.skip_pause(now);
         if skipped > Span::ZERO {

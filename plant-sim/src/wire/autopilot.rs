@@ -1,5 +1,5 @@
 //! Emulated autopilot, PX4 or ArduCopter: modes, arming and its refusals, set-points and their time-out, telemetry, parameters.
-//! Behaves as the firmware was measured, as far as a bridge can tell. Pure.
+//! Behaves as measurements of the firmware show, in all that a bridge can observe. Pure.
 //!
 //! | | ArduCopter | PX4 |
 //! |---|---|---|
@@ -18,30 +18,61 @@ use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
 use oqtal_control::options::OptionError;
-use oqtal_wire::link::AutopilotKind;
+use oqtal_wire::link::{AutopilotKind, MavlinkLink};
 use oqtal_wire::mavlink::{
     AckResult, ArduPilotMode, AutopilotFirmware, CommandKind, MavlinkAddress, MavlinkAttitude,
-    MavlinkContent, MavlinkHeartbeat, MavlinkPosition, MavlinkText, Px4Mode, TextSeverity,
-    Timesync,
+    MavlinkContent, MavlinkDecoder, MavlinkEncoder, MavlinkHeartbeat, MavlinkPosition, MavlinkText,
+    Px4Mode, TextSeverity, Timesync,
 };
 
-use super::on_board::Measured;
+use super::datagrams::DatagramModel;
+use super::vehicle::{EmulatedVehicle, FrameCounters, Measured, OnBoardComputer};
+use crate::plant::Plant;
 use motion::{OFFBOARD_TIMEOUT, SetpointFollower};
 use parameters::ParameterTable;
 use streams::{Stream, TelemetryStreams};
 
 /// Time from the first pose to a position.
 const ALIGNMENT: Span = Span::from_millis(1500);
-/// Time without a pose after which the position is not known any more.
+/// Time without a pose after which the position is no longer known.
 const POSES_LOST: Span = Span::from_millis(1000);
 /// Age of a set-point up to which set-points flow.
 const FLOWING: Span = Span::from_millis(500);
+
+/// System id of an emulated vehicle whose link names none.
+const DEFAULT_SYSTEM: u8 = 1;
+
+/// Emulated vehicle that is flown through MAVLink.
+pub type MavlinkVehicle = EmulatedVehicle<DatagramModel, EmulatedAutopilot>;
+
+impl MavlinkVehicle {
+    /// The vehicle of `config` on the floor at `start`, at the other end of `link`.
+    ///
+    /// # Errors
+    /// An option of `[plant.wire.mavlink]` cannot be used.
+    pub fn new(config: &Config, link: &MavlinkLink, start: Time) -> Result<Self, OptionError> {
+        let network = DatagramModel::new(&config.plant.wire, config.clock.seed);
+        let autopilot = EmulatedAutopilot::new(config, link, start)?;
+        Ok(Self::with_parts(Plant::new(config, start), network, autopilot))
+    }
+
+    /// The emulated autopilot.
+    pub fn autopilot(&mut self) -> &mut EmulatedAutopilot {
+        &mut self.board
+    }
+}
 
 /// Emulated autopilot.
 #[derive(Debug)]
 pub struct EmulatedAutopilot {
     kind: AutopilotKind,
     own: MavlinkAddress,
+    decoder: MavlinkDecoder,
+    encoder: MavlinkEncoder,
+    /// Received messages to be executed.
+    received: Vec<MavlinkContent>,
+    /// Messages to be sent.
+    replies: Vec<MavlinkContent>,
     started: Time,
     refuses_arming: Span,
     custom_mode: u32,
@@ -56,20 +87,18 @@ pub struct EmulatedAutopilot {
 }
 
 impl EmulatedAutopilot {
-    /// AutopilotFirmware of this kind and system, switched on at `started`.
-    ///
-    /// # Errors
-    /// `plant.wire.mavlink.thrust-table` is no thrust curve.
-    pub fn new(
-        config: &Config,
-        kind: AutopilotKind,
-        system: u8,
-        started: Time,
-    ) -> Result<Self, OptionError> {
+    fn new(config: &Config, link: &MavlinkLink, started: Time) -> Result<Self, OptionError> {
+        let kind = link.autopilot.unwrap_or(AutopilotKind::ArduPilot);
+        let system = link.system.unwrap_or(DEFAULT_SYSTEM);
+        let own = MavlinkAddress { system, component: MavlinkAddress::AUTOPILOT };
         let refuses_arming = config.plant.wire.mavlink.refuses_arming_ms;
         Ok(Self {
             kind,
-            own: MavlinkAddress { system, component: MavlinkAddress::AUTOPILOT },
+            own,
+            decoder: MavlinkDecoder::new(),
+            encoder: MavlinkEncoder::new(own),
+            received: Vec::with_capacity(16),
+            replies: Vec::with_capacity(16),
             started,
             refuses_arming: Span::from_seconds(refuses_arming * 1e-3),
             custom_mode: Self::first_mode(kind),
@@ -91,38 +120,21 @@ impl EmulatedAutopilot {
         }
     }
 
-    /// The autopilot's address.
-    #[must_use]
-    pub fn own(&self) -> MavlinkAddress {
-        self.own
-    }
-
     /// Whether the motors run.
     #[must_use]
     pub fn motors_run(&self) -> bool {
         self.is_armed
     }
 
-    /// Instant at which telemetry is due. Time-outs are looked at with every message and every sample of the plant.
-    #[must_use]
-    pub fn next_event(&self) -> Time {
-        self.streams.next_event()
-    }
-
-    /// Executes a message that arrives at `now`, and appends what it answers.
-    pub fn execute(
-        &mut self,
-        now: Time,
-        content: &MavlinkContent,
-        answers: &mut Vec<MavlinkContent>,
-    ) {
+    /// Executes a message that arrived at `now`, and queues the replies.
+    fn execute(&mut self, now: Time, content: &MavlinkContent) {
         match content {
             MavlinkContent::AttitudeTarget(target) if self.own.is_meant_by(target.target) => {
                 self.follower.take(now, target);
             }
             MavlinkContent::Timesync(sync) if sync.answered == 0 => {
                 let answered = self.clock(now).nanos();
-                answers.push(MavlinkContent::Timesync(Timesync { answered, ..*sync }));
+                self.replies.push(MavlinkContent::Timesync(Timesync { answered, ..*sync }));
             }
             MavlinkContent::Odometry(_) => self.pose(now),
             MavlinkContent::VisionPosition(_) if self.kind == AutopilotKind::ArduPilot => {
@@ -132,48 +144,23 @@ impl EmulatedAutopilot {
                 self.has_origin = true;
             }
             MavlinkContent::Command(command) if self.own.is_meant_by(command.target) => {
-                let result = self.obey(now, &command.kind, answers);
+                let result = self.execute_command(now, &command.kind);
                 let command = command.kind.number();
-                answers.push(MavlinkContent::Acknowledged { command, result });
+                self.replies.push(MavlinkContent::Acknowledged { command, result });
             }
             MavlinkContent::ParameterRequest { target, name } if self.own.is_meant_by(*target) => {
-                answers.extend(self.parameters.get(name));
+                self.replies.extend(self.parameters.get(name));
             }
             MavlinkContent::ParameterSet { target, name, value }
                 if self.own.is_meant_by(*target) =>
             {
-                answers.extend(self.parameters.set(name, *value));
+                self.replies.extend(self.parameters.set(name, *value));
             }
             _ => {}
         }
     }
 
-    /// Takes what has passed by `now`: time-outs; appends the telemetry that is due.
-    pub fn tick(&mut self, now: Time, measured: &Measured, out: &mut Vec<MavlinkContent>) {
-        self.follower.watch_height(now, measured.truth.position[2]);
-        let leaves = self.kind == AutopilotKind::Px4
-            && self.follows()
-            && !self.follower.flows(now, OFFBOARD_TIMEOUT);
-        if leaves {
-            self.custom_mode = Px4Mode::POSITION.0;
-            if self.is_armed {
-                out.push(text(TextSeverity::Trouble, "Failsafe: offboard signal lost"));
-            }
-        }
-        let due = self.streams.due(now);
-        out.extend(due.into_iter().flatten().map(|stream| self.telemetry(now, stream, measured)));
-    }
-
-    /// Command that the vehicle follows in the state `truth`; "disarmed" while the motors are stopped.
-    #[must_use]
-    pub fn command(&self, now: Time, truth: &TruthV1) -> CommandV1 {
-        if !self.is_armed || now.since(self.armed_at) < self.spool_up() {
-            return CommandV1::default();
-        }
-        self.follower.command(now, truth, self.follows())
-    }
-
-    /// A pilot changes the mode by R/C.
+    /// Changes the mode, as a pilot does by R/C.
     pub fn pilot_takes_over(&mut self) {
         self.custom_mode = Self::first_mode(self.kind);
     }
@@ -211,15 +198,10 @@ impl EmulatedAutopilot {
     }
 
     /// Executes a command that is acknowledged.
-    fn obey(
-        &mut self,
-        now: Time,
-        kind: &CommandKind,
-        answers: &mut Vec<MavlinkContent>,
-    ) -> AckResult {
+    fn execute_command(&mut self, now: Time, kind: &CommandKind) -> AckResult {
         match *kind {
             CommandKind::SetMode { mode, .. } => self.set_mode(now, mode),
-            CommandKind::Arm { run: true, .. } => self.arm(now, answers),
+            CommandKind::Arm { run: true, .. } => self.arm(now),
             CommandKind::Arm { run: false, is_forced } => {
                 if self.is_armed && !is_forced && !self.follower.has_landed(now) {
                     return AckResult::Failed;
@@ -257,9 +239,9 @@ impl EmulatedAutopilot {
         AckResult::Accepted
     }
 
-    fn arm(&mut self, now: Time, answers: &mut Vec<MavlinkContent>) -> AckResult {
+    fn arm(&mut self, now: Time) -> AckResult {
         if self.clock(now) < self.refuses_arming {
-            answers.push(text(TextSeverity::Trouble, "Arm: Gyros inconsistent"));
+            self.replies.push(text(TextSeverity::Trouble, "Arm: Gyros inconsistent"));
             return AckResult::Failed;
         }
         if !self.is_armed {
@@ -293,6 +275,58 @@ impl EmulatedAutopilot {
             }
             Stream::Estimator => MavlinkContent::Estimator(1 | 32),
         }
+    }
+}
+
+impl OnBoardComputer for EmulatedAutopilot {
+    /// Instant at which telemetry is due. Time-outs are checked with every message and every sample of the plant.
+    fn next_event(&self) -> Option<Time> {
+        self.streams.next_event()
+    }
+
+    fn receive(&mut self, now: Time, bytes: &[u8], _: &Measured) {
+        let mut received = std::mem::take(&mut self.received);
+        received.extend(self.decoder.push(bytes).map(|packet| packet.content));
+        received.drain(..).for_each(|content| self.execute(now, &content));
+        self.received = received;
+    }
+
+    fn tick(&mut self, now: Time, measured: &Measured) {
+        self.follower.watch_height(now, measured.truth.position[2]);
+        let leaves = self.kind == AutopilotKind::Px4
+            && self.follows()
+            && !self.follower.flows(now, OFFBOARD_TIMEOUT);
+        if leaves {
+            self.custom_mode = Px4Mode::POSITION.0;
+            if self.is_armed {
+                let words = "Failsafe: offboard signal lost";
+                self.replies.push(text(TextSeverity::Trouble, words));
+            }
+        }
+        for stream in self.streams.due(now) {
+            let message = self.telemetry(now, stream, measured);
+            self.replies.push(message);
+        }
+    }
+
+    fn reply(&mut self, send: &mut dyn FnMut(&[u8])) {
+        for content in self.replies.drain(..) {
+            if let Some(packet) = self.encoder.encode(&content) {
+                send(packet.as_bytes());
+            }
+        }
+    }
+
+    fn command(&self, now: Time, truth: &TruthV1) -> CommandV1 {
+        if !self.is_armed || now.since(self.armed_at) < self.spool_up() {
+            return CommandV1::default();
+        }
+        self.follower.command(now, truth, self.follows())
+    }
+
+    fn counters(&self) -> FrameCounters {
+        let decoded = self.decoder.counters();
+        FrameCounters { read: decoded.frames, damaged: decoded.damaged }
     }
 }
 

@@ -15,5 +15,4 @@ mod tables;
 mod vehicle;
 
 pub use board::CrazyflieBoard;
-pub use supervisor::SupervisorModel;
 pub use vehicle::CrtpVehicle;

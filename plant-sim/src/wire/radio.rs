@@ -18,6 +18,8 @@ use oqtal_runtime::random::{Generator, RandomSource, stream};
 use rand::RngExt;
 use rand_distr::{Distribution, Geometric};
 
+use super::link::{LinkDirection, LinkModel, Traffic};
+
 /// Bits of one byte on the wire: start bit, eight data bits, stop bit.
 const BITS_PER_BYTE: u64 = 10;
 /// Longest frame over the air \[bytes\], as 802.15.4 limits it.
@@ -25,24 +27,15 @@ const LONGEST_FRAME: usize = 100;
 /// High-water mark of the send queue; above it the sender is paused.
 const BACKLOG: Span = Span::from_millis(50);
 
-/// Direction of bytes through the radio.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LinkDirection {
-    /// From the host to the vehicle.
-    Up,
-    /// From the vehicle to the host.
-    Down,
-}
-
 /// Model of the radio.
 #[derive(Clone, Debug)]
 pub struct RadioModel {
     byte: Span,
     latency: Span,
     half_duplex: bool,
-    up: Lane,
-    down: Lane,
-    /// What faults add to `latency`.
+    /// By [`LinkDirection`].
+    lanes: [Lane; 2],
+    /// Addition to `latency` by faults.
     delay: Span,
 }
 
@@ -57,87 +50,54 @@ impl RadioModel {
             byte: Span::from_nanos(nanos.cast_signed()),
             latency: Span::from_seconds(options.latency_ms * 1e-3),
             half_duplex: options.half_duplex,
-            up: lane(RandomSource::UplinkLoss, RandomSource::UplinkErrors),
-            down: lane(RandomSource::DownlinkLoss, RandomSource::DownlinkErrors),
+            lanes: [
+                lane(RandomSource::UplinkLoss, RandomSource::UplinkErrors),
+                lane(RandomSource::DownlinkLoss, RandomSource::DownlinkErrors),
+            ],
             delay: Span::ZERO,
         }
     }
 
-    /// Disturbs both directions from now on: a longer latency, further losses.
-    pub fn disturb(&mut self, disturbance: RadioDisturbance) {
+    /// Instant at which the queue is empty; in half duplex, of both directions.
+    fn free_at(&self, direction: LinkDirection) -> Time {
+        let [up, down] = [&self.lanes[0], &self.lanes[1]].map(|lane| lane.free_at);
+        if self.half_duplex { up.max(down) } else { self.lanes[direction as usize].free_at }
+    }
+}
+
+impl LinkModel for RadioModel {
+    fn disturb(&mut self, disturbance: RadioDisturbance) {
         self.delay = disturbance.delay;
-        for lane in [&mut self.up, &mut self.down] {
+        for lane in &mut self.lanes {
             lane.disturbed_loss_probability = disturbance.loss_probability;
         }
     }
 
-    /// Takes bytes that are handed over together.
-    pub fn send(&mut self, direction: LinkDirection, now: Time, bytes: &[u8]) {
+    fn send(&mut self, direction: LinkDirection, now: Time, bytes: &[u8]) {
         for frame in bytes.chunks(LONGEST_FRAME) {
             let start = now.max(self.free_at(direction));
-            let byte = self.byte;
-            self.lane_mut(direction).send(start, byte, frame);
+            self.lanes[direction as usize].send(start, self.byte, frame);
         }
     }
 
-    /// Appends to `out` the bytes that have arrived by `now`.
-    pub fn receive(&mut self, direction: LinkDirection, now: Time, out: &mut Vec<u8>) {
-        let (byte, sent_by) = (self.byte, now - self.latency - self.delay);
-        self.lane_mut(direction).receive(sent_by, byte, out);
+    fn receive(&mut self, direction: LinkDirection, now: Time, out: &mut Vec<u8>) -> bool {
+        let (sent_by, before) = (now - self.latency - self.delay, out.len());
+        self.lanes[direction as usize].receive(sent_by, self.byte, out);
+        out.len() > before
     }
 
-    /// Instant at which the next frame in this direction has arrived completely.
-    #[must_use]
-    pub fn next_arrival(&self, direction: LinkDirection) -> Option<Time> {
-        self.lane(direction).frames.front().map(|frame| frame.end + self.latency + self.delay)
+    fn next_arrival(&self, direction: LinkDirection) -> Option<Time> {
+        let frame = self.lanes[direction as usize].frames.front();
+        frame.map(|frame| frame.end + self.latency + self.delay)
     }
 
-    /// Whether the send queue is below its high-water mark; otherwise the sender should wait.
-    #[must_use]
-    pub fn has_room(&self, direction: LinkDirection, now: Time) -> bool {
+    fn has_room(&self, direction: LinkDirection, now: Time) -> bool {
         self.free_at(direction) <= now + BACKLOG
     }
 
-    /// Traffic in this direction since the start.
-    #[must_use]
-    pub fn traffic(&self, direction: LinkDirection) -> Traffic {
-        self.lane(direction).traffic
+    fn traffic(&self, direction: LinkDirection) -> Traffic {
+        self.lanes[direction as usize].traffic
     }
-
-    /// Instant at which the queue is empty; in half duplex, of both directions.
-    fn free_at(&self, direction: LinkDirection) -> Time {
-        match self.half_duplex {
-            true => self.up.free_at.max(self.down.free_at),
-            false => self.lane(direction).free_at,
-        }
-    }
-
-    fn lane(&self, direction: LinkDirection) -> &Lane {
-        match direction {
-            LinkDirection::Up => &self.up,
-            LinkDirection::Down => &self.down,
-        }
-    }
-
-    fn lane_mut(&mut self, direction: LinkDirection) -> &mut Lane {
-        match direction {
-            LinkDirection::Up => &mut self.up,
-            LinkDirection::Down => &mut self.down,
-        }
-    }
-}
-
-/// Traffic in one direction.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Traffic {
-    /// Frames handed over \[-\].
-    pub frames: u64,
-    /// Frames lost \[-\].
-    pub lost: u64,
-    /// Bytes handed over \[bytes\].
-    pub bytes: u64,
-    /// Wrong bits, those of lost frames included \[bits\].
-    pub wrong_bits: u64,
 }
 
 /// Frame on its way.
@@ -154,7 +114,7 @@ struct QueuedFrame {
 #[derive(Clone, Debug)]
 struct Lane {
     loss_probability: f64,
-    /// As `loss_probability`, by faults.
+    /// Probability of a loss by faults \[0..1\].
     disturbed_loss_probability: f64,
     losses: Generator,
     errors: BitErrors,
@@ -217,7 +177,7 @@ impl Lane {
 struct BitErrors {
     distance: Geometric,
     generator: Generator,
-    /// Number of right bits before the next wrong one.
+    /// Right bits before the next wrong one \[bits\].
     right: u64,
 }
 

@@ -1,130 +1,82 @@
-//! Emulated vehicle behind its radio, bytes in and bytes out. Pure: time is an argument.
+//! Emulated vehicle behind its link: plant, model of the link, on-board computer. Pure: time is an argument.
 
+use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::Config;
-use oqtal_control::options::OptionError;
 use oqtal_runtime::faults::RadioDisturbance;
-use oqtal_wire::asctec::{HostCommand, VehicleDecoder};
-use oqtal_wire::link::AsctecLink;
-use oqtal_wire::stream::DecoderCounters;
-use oqtal_wire::xbee::{Carrier, MAX_PAYLOAD, RadioEvent, Side};
 
-use super::end::{EmulatedVehicle, WireCounters};
-use super::on_board::{Measured, OnBoard};
-use super::options::{address, scales};
-use super::radio::{LinkDirection, RadioModel};
+use super::link::{LinkDirection, LinkModel, Traffic};
 use crate::disturbance::SceneDisturbance;
 use crate::plant::{Plant, PlantOutput};
 
-/// Emulated vehicle that is flown through its radio.
+/// Measurements of the on-board computer.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured {
+    /// Motion of the vehicle; its own sensors are perfect.
+    pub truth: TruthV1,
+    /// Battery voltage \[V\].
+    pub battery_v: f64,
+}
+
+/// Frames that an on-board computer received.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameCounters {
+    /// Frames that it read \[-\].
+    pub read: u64,
+    /// Damaged frames \[-\].
+    pub damaged: u64,
+}
+
+/// On-board computer: protocol of the host, rules of the firmware, and the resulting command to the vehicle.
+pub trait OnBoardComputer {
+    /// Instant at which it acts without an arrival; `None` for never.
+    fn next_event(&self) -> Option<Time>;
+
+    /// Executes bytes, or one packet, that arrived at `now`, and queues the replies.
+    fn receive(&mut self, now: Time, bytes: &[u8], measured: &Measured);
+
+    /// Applies time-outs at `now`, and queues the telemetry that is due.
+    fn tick(&mut self, now: Time, measured: &Measured);
+
+    /// Passes the queued replies to `send`, frame by frame.
+    fn reply(&mut self, send: &mut dyn FnMut(&[u8]));
+
+    /// Command that the vehicle follows in the state `truth`; "disarmed" while the motors are stopped.
+    fn command(&self, now: Time, truth: &TruthV1) -> CommandV1;
+
+    /// Frames received so far.
+    fn counters(&self) -> FrameCounters;
+}
+
+/// Traffic of a link.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LinkCounters {
+    /// Frames that the vehicle received.
+    pub frames: FrameCounters,
+    /// From the host.
+    pub up: Traffic,
+    /// To the host.
+    pub down: Traffic,
+}
+
+/// Emulated vehicle with the on-board computer `B` that is flown through the link `L`.
 #[derive(Debug)]
-pub struct WiredVehicle {
+pub struct EmulatedVehicle<L, B> {
     plant: Plant,
-    radio: RadioModel,
-    /// The host's XBee, which is emulated with the vehicle.
-    carrier: Carrier,
-    decoder: VehicleDecoder,
-    on_board: OnBoard,
-    received: Vec<u8>,
-    /// Frame ids for which the host requested a delivery report \[-\].
-    requests: Vec<u8>,
-    commands: Vec<HostCommand>,
-    answer: Vec<u8>,
-    /// Bytes that have arrived at the host.
+    link: L,
+    pub(super) board: B,
+    /// Scratch memory for bytes that have arrived at an end of the link.
     arrived: Vec<u8>,
 }
 
-impl WiredVehicle {
-    /// The vehicle of `config` on the floor at `start`, at the other end of `link`.
-    ///
-    /// # Errors
-    /// An option of `[plant.wire]` cannot be used.
-    pub fn new(config: &Config, link: &AsctecLink, start: Time) -> Result<Self, OptionError> {
-        // The frames of answers are of the kind that the host's requests are.
-        let peer = address(config)?;
-        Ok(Self {
-            plant: Plant::new(config, start),
-            radio: RadioModel::new(&config.plant.wire, config.clock.seed, link.serial.baud),
-            carrier: Carrier::new(link.xbee, Side::Radio, peer),
-            decoder: VehicleDecoder::new(),
-            on_board: OnBoard::new(&config.plant, scales(config)?),
-            received: Vec::with_capacity(1024),
-            requests: Vec::with_capacity(64),
-            commands: Vec::with_capacity(64),
-            answer: Vec::with_capacity(1024),
-            arrived: Vec::with_capacity(1024),
-        })
+impl<L: LinkModel, B: OnBoardComputer> EmulatedVehicle<L, B> {
+    pub(super) fn with_parts(plant: Plant, link: L, board: B) -> Self {
+        Self { plant, link, board, arrived: Vec::with_capacity(1024) }
     }
 
-    /// Instant of the next event.
+    /// The on-board computer.
     #[must_use]
-    pub fn next_event(&self) -> Time {
-        let arrivals =
-            [LinkDirection::Up, LinkDirection::Down].map(|way| self.radio.next_arrival(way));
-        let events = arrivals.into_iter().chain([self.on_board.next_event()]);
-        events.flatten().fold(self.plant.next_sample(), Time::min)
-    }
-
-    /// Whether the radio has room for what the host writes; otherwise the host has to wait.
-    #[must_use]
-    pub fn has_room(&self, now: Time) -> bool {
-        self.radio.has_room(LinkDirection::Up, now)
-    }
-
-    /// Disturbs vehicle and radio from now on.
-    pub fn disturb(&mut self, disturbance: SceneDisturbance) {
-        self.radio.disturb(disturbance.radio);
-        // Commands come over the wire, not over the plant's own radio.
-        self.plant.disturb(SceneDisturbance { radio: RadioDisturbance::default(), ..disturbance });
-    }
-
-    /// Takes bytes that the host wrote together.
-    pub fn host_writes(&mut self, now: Time, bytes: &[u8]) {
-        self.radio.send(LinkDirection::Up, now, bytes);
-    }
-
-    /// Appends to `bytes` the bytes that have arrived at the host by `now`.
-    pub fn host_reads(&mut self, now: Time, bytes: &mut Vec<u8>) {
-        self.radio.receive(LinkDirection::Down, now, bytes);
-    }
-
-    /// Skips what a pause of the process that ends at `now` has too much: see [`Plant::skip_pause`].
-    pub fn skip_pause(&mut self, now: Time) -> Span {
-        self.plant.skip_pause(now)
-    }
-
-    /// Flies on to `until`, and tells `out` what happens. Commands act at the very instant at which their last byte arrives.
-    pub fn advance(&mut self, until: Time, mut out: impl FnMut(PlantOutput)) {
-        loop {
-            let up = self.radio.next_arrival(LinkDirection::Up);
-            let events = [up, self.on_board.next_event()].into_iter().flatten();
-            let next = events.fold(self.plant.next_sample(), Time::min).min(until);
-            self.plant.advance(next, &mut out);
-            self.receive(next);
-            self.on_board.tick(next);
-            self.plant.apply_command(&self.on_board.command(&self.plant.truth()));
-            if next >= until {
-                return;
-            }
-        }
-    }
-
-    /// Counters of the frames received.
-    #[must_use]
-    pub fn counters(&self) -> DecoderCounters {
-        self.decoder.counters()
-    }
-
-    /// Model of the radio.
-    #[must_use]
-    pub fn radio(&self) -> &RadioModel {
-        &self.radio
-    }
-
-    /// Whether the motors run.
-    #[must_use]
-    pub fn motors_run(&self) -> bool {
-        self.on_board.motors_run()
+    pub fn board(&self) -> &B {
+        &self.board
     }
 
     /// The simulated vehicle.
@@ -133,72 +85,90 @@ impl WiredVehicle {
         &self.plant
     }
 
-    /// Executes the messages that have arrived, and answers.
-    fn receive(&mut self, now: Time) {
-        let Self { radio, carrier, decoder, commands, answer, received, .. } = self;
-        radio.receive(LinkDirection::Up, now, received);
-        for arrival in carrier.push(received) {
-            if let RadioEvent::Payload { id, payload } = arrival {
-                commands.extend(decoder.push(&payload));
-                self.requests.push(id);
+    /// Instant of the next event.
+    #[must_use]
+    pub fn next_event(&self) -> Time {
+        let down = self.link.next_arrival(LinkDirection::Down);
+        down.into_iter().fold(self.next_instant(), Time::min)
+    }
+
+    /// The next instant at which the vehicle acts.
+    fn next_instant(&self) -> Time {
+        let events = [self.link.next_arrival(LinkDirection::Up), self.board.next_event()];
+        events.into_iter().flatten().fold(self.plant.next_sample(), Time::min)
+    }
+
+    /// Whether the link has room for bytes of the host; otherwise the host has to wait.
+    #[must_use]
+    pub fn has_room(&self, now: Time) -> bool {
+        self.link.has_room(LinkDirection::Up, now)
+    }
+
+    /// Disturbs vehicle and link from now on.
+    pub fn disturb(&mut self, disturbance: SceneDisturbance) {
+        self.link.disturb(disturbance.radio);
+        // Commands come over the link, not over the plant's own radio.
+        self.plant.disturb(SceneDisturbance { radio: RadioDisturbance::default(), ..disturbance });
+    }
+
+    /// Skips the excess of a pause of the process that ends at `now`: see [`Plant::skip_pause`].
+    pub fn skip_pause(&mut self, now: Time) -> Span {
+        self.plant.skip_pause(now)
+    }
+
+    /// Takes bytes, or a packet, that the host wrote together.
+    pub fn host_writes(&mut self, now: Time, bytes: &[u8]) {
+        self.link.send(LinkDirection::Up, now, bytes);
+    }
+
+    /// Passes the bytes, or each packet, that have arrived at the host by `now` to `use_bytes`.
+    pub fn host_reads(&mut self, now: Time, mut use_bytes: impl FnMut(&[u8])) {
+        while self.host_reads_next(now, &mut use_bytes).is_some() {}
+    }
+
+    /// Passes the bytes, or the next packet, that have arrived at the host by `now` to `use_bytes`, and returns its result; `None`
+    /// if nothing has.
+    pub fn host_reads_next<T>(
+        &mut self,
+        now: Time,
+        use_bytes: impl FnOnce(&[u8]) -> T,
+    ) -> Option<T> {
+        self.arrived.clear();
+        let has_arrived = self.link.receive(LinkDirection::Down, now, &mut self.arrived);
+        has_arrived.then(|| use_bytes(&self.arrived))
+    }
+
+    /// Flies on to `until` and passes the outputs to `out`. Commands act at the very instant at which their last byte arrives.
+    pub fn advance(&mut self, until: Time, mut out: impl FnMut(PlantOutput)) {
+        loop {
+            let next = self.next_instant().min(until);
+            self.plant.advance(next, &mut out);
+            self.act(next);
+            if next >= until {
+                return;
             }
         }
-        received.clear();
-        for id in self.requests.drain(..) {
-            radio.send(LinkDirection::Down, now, carrier.report(id, true).as_bytes());
+    }
+
+    /// Executes the bytes that have arrived, lets time pass on board, replies, and commands the vehicle.
+    fn act(&mut self, now: Time) {
+        let Self { plant, link, board, arrived } = self;
+        let measured = Measured { truth: plant.truth(), battery_v: plant.battery_v() };
+        arrived.clear();
+        while link.receive(LinkDirection::Up, now, arrived) {
+            board.receive(now, arrived, &measured);
+            arrived.clear();
         }
-        let measured = Measured { truth: self.plant.truth(), battery_v: self.plant.battery_v() };
-        for command in commands.drain(..) {
-            self.on_board.execute(now, &command, &measured, answer);
-            for piece in answer.chunks(MAX_PAYLOAD) {
-                if let Ok(frame) = carrier.wrap(0, piece) {
-                    radio.send(LinkDirection::Down, now, frame.as_bytes());
-                }
-            }
-            answer.clear();
-        }
-    }
-}
-
-impl EmulatedVehicle for WiredVehicle {
-    fn next_event(&self) -> Time {
-        WiredVehicle::next_event(self)
+        board.tick(now, &measured);
+        board.reply(&mut |bytes| link.send(LinkDirection::Down, now, bytes));
+        plant.apply_command(&board.command(now, &measured.truth));
     }
 
-    fn has_room(&self, now: Time) -> bool {
-        WiredVehicle::has_room(self, now)
-    }
-
-    fn disturb(&mut self, disturbance: SceneDisturbance) {
-        WiredVehicle::disturb(self, disturbance);
-    }
-
-    fn skip_pause(&mut self, now: Time) -> Span {
-        WiredVehicle::skip_pause(self, now)
-    }
-
-    fn host_writes(&mut self, now: Time, bytes: &[u8]) {
-        WiredVehicle::host_writes(self, now, bytes);
-    }
-
-    fn advance(&mut self, until: Time, out: &mut dyn FnMut(PlantOutput)) {
-        WiredVehicle::advance(self, until, out);
-    }
-
-    fn host_reads(&mut self, now: Time, packet: &mut dyn FnMut(&[u8])) {
-        let mut bytes = std::mem::take(&mut self.arrived);
-        WiredVehicle::host_reads(self, now, &mut bytes);
-        if !bytes.is_empty() {
-            packet(&bytes);
-        }
-        bytes.clear();
-        self.arrived = bytes;
-    }
-
-    fn counters(&self) -> WireCounters {
-        let DecoderCounters { frames, damaged, .. } = WiredVehicle::counters(self);
-        let traffic = |direction| self.radio.traffic(direction);
+    /// Traffic since the start.
+    #[must_use]
+    pub fn counters(&self) -> LinkCounters {
+        let traffic = |direction| self.link.traffic(direction);
         let (up, down) = (traffic(LinkDirection::Up), traffic(LinkDirection::Down));
-        WireCounters { read: frames, damaged, up, down }
+        LinkCounters { frames: self.board.counters(), up, down }
     }
 }

@@ -1,6 +1,5 @@
-//! Set-points of the emulated autopilot, and what it does without them.
+//! Set-points of the emulated autopilot, and its rules without them.
 
-use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
@@ -9,12 +8,17 @@ use oqtal_control::quaternion::Attitude;
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{AttitudeTarget, SetpointKind, ThrustCurve};
 
+use crate::wire::command::{attitude_command, rate_command};
+
+const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+
 /// Time without a set-point after which ArduCopter levels, GUID_TIMEOUT.
 const GUIDED_TIMEOUT: Span = Span::from_millis(3000);
 /// Time without a set-point after which PX4 leaves Offboard, COM_OF_LOSS_T.
 pub(super) const OFFBOARD_TIMEOUT: Span = Span::from_millis(1000);
-/// Height below which the vehicle may have landed \[m\], and for how long.
+/// Height below which the vehicle may have landed \[m\].
 const FLOOR_M: f64 = 0.05;
+/// Time below that height after which it has.
 const LANDED_AFTER: Span = Span::from_millis(1000);
 /// Gain from tilt to rate of a vehicle that levels by itself \[1/s\].
 const LEVELLING: f64 = 4.0;
@@ -28,7 +32,7 @@ pub(super) struct SetpointFollower {
     thrust: ThrustCurve,
     holds_attitude: bool,
     authority: [f64; 3],
-    /// Share of greatest thrust that carries the vehicle \[-\].
+    /// Hover thrust as a share of the greatest \[-\].
     hover: f64,
     newest: Option<(Time, AttitudeTarget)>,
     low_since: Option<Time>,
@@ -52,13 +56,13 @@ impl SetpointFollower {
         })
     }
 
-    /// Takes a set-point; ignores one that is no number.
+    /// Takes a set-point; ignores one that is not finite.
     pub(super) fn take(&mut self, now: Time, target: &AttitudeTarget) {
-        let numbers = match target.kind {
+        let is_finite = match target.kind {
             SetpointKind::Rates(rates) => rates.iter().all(|rate| rate.is_finite()),
             SetpointKind::Attitude { attitude, .. } => Attitude::from_xyzw(attitude).is_some(),
         };
-        if numbers && target.thrust.is_finite() {
+        if is_finite && target.thrust.is_finite() {
             self.newest = Some((now, *target));
         }
     }
@@ -68,22 +72,22 @@ impl SetpointFollower {
         self.newest.is_some_and(|(at, _)| now.since(at) <= age)
     }
 
-    /// Begins a flight at `now`: the vehicle does not know yet that it stands.
+    /// Begins a flight at `now`: the vehicle has not detected yet that it stands.
     pub(super) fn begin(&mut self, now: Time) {
         self.low_since = self.low_since.map(|_| now);
     }
 
-    /// Watches the height, by which the vehicle knows that it has landed \[m, world z\].
+    /// Takes the height \[m, world z\], by which the vehicle detects that it has landed.
     pub(super) fn watch_height(&mut self, now: Time, height_m: f64) {
         self.low_since = if height_m < FLOOR_M { self.low_since.or(Some(now)) } else { None };
     }
 
-    /// Whether the vehicle knows that it stands.
+    /// Whether the vehicle has detected that it stands.
     pub(super) fn has_landed(&self, now: Time) -> bool {
         self.low_since.is_some_and(|since| now.since(since) >= LANDED_AFTER)
     }
 
-    /// The command that running motors follow; `follows` set-points, or a mode of the autopilot's own.
+    /// The command for running motors, by set-points if the mode `follows` them, else by the autopilot itself.
     pub(super) fn command(&self, now: Time, truth: &TruthV1, follows: bool) -> CommandV1 {
         let age = match self.kind {
             AutopilotKind::ArduPilot => GUIDED_TIMEOUT,
@@ -100,34 +104,23 @@ impl SetpointFollower {
     }
 
     fn flight(&self, target: &AttitudeTarget) -> CommandV1 {
-        let base = CommandV1 { thrust: self.thrust.delta(target.thrust), ..CommandV1::default() };
+        let thrust = self.thrust.delta(target.thrust);
         match target.kind {
-            SetpointKind::Rates(rates) if !self.holds_attitude => self.rates(rates, base),
-            // A vehicle whose interface is the attitude takes rates as a wish to be level.
-            SetpointKind::Rates(_) => attitude([0.0, 0.0, 0.0, 1.0], base),
-            SetpointKind::Attitude { attitude: wanted, .. } => attitude(wanted, base),
+            SetpointKind::Rates(rates) if !self.holds_attitude => {
+                rate_command(rates, self.authority, thrust)
+            }
+            // A vehicle whose interface is the attitude stays level if it receives rates.
+            SetpointKind::Rates(_) => attitude_command(LEVEL, thrust),
+            SetpointKind::Attitude { attitude, .. } => attitude_command(attitude, thrust),
         }
     }
 
     /// Level at this thrust.
     fn level(&self, truth: &TruthV1, thrust: f64) -> CommandV1 {
-        let base = CommandV1 { thrust, ..CommandV1::default() };
+        if self.holds_attitude {
+            return attitude_command(LEVEL, thrust);
+        }
         let [x, y, ..] = truth.attitude;
-        match self.holds_attitude {
-            true => attitude([0.0, 0.0, 0.0, 1.0], base),
-            false => self.rates([-2.0 * LEVELLING * x, -2.0 * LEVELLING * y, 0.0], base),
-        }
+        rate_command([-2.0 * LEVELLING * x, -2.0 * LEVELLING * y, 0.0], self.authority, thrust)
     }
-
-    fn rates(&self, rates: [f64; 3], base: CommandV1) -> CommandV1 {
-        let mut sticks = rates;
-        for (stick, authority) in sticks.iter_mut().zip(self.authority) {
-            *stick /= authority;
-        }
-        CommandV1 { actuation: Actuation::Sticks.code(), sticks, ..base }
-    }
-}
-
-fn attitude(attitude: [f64; 4], base: CommandV1) -> CommandV1 {
-    CommandV1 { actuation: Actuation::Attitude.code(), attitude, ..base }
 }

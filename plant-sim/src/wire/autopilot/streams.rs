@@ -2,10 +2,12 @@
 
 use oqtal_bus::time::{Span, Time};
 
-/// Rates that are sent without being asked for.
-const SELDOM: Span = Span::from_millis(1000);
-/// Shortest time between two messages of a kind.
-const SHORTEST: Span = Span::from_millis(2);
+use crate::wire::schedule::MessageSchedule;
+
+/// Period of messages that are sent without a request.
+const DEFAULT_PERIOD: Span = Span::from_millis(1000);
+/// Shortest period of a message.
+const SHORTEST_PERIOD: Span = Span::from_millis(2);
 
 /// Message of telemetry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,61 +39,47 @@ impl Stream {
     }
 }
 
-/// Rate of a stream, and when it is due.
-#[derive(Clone, Copy, Debug)]
-struct Cadence {
-    interval: Span,
-    next: Time,
-}
-
-/// The streams, `None` for one that is not sent; and those of which one more message was asked for.
+/// Schedules of the streams, and those of which one further message was requested.
 #[derive(Clone, Debug)]
-pub(super) struct TelemetryStreams([Option<Cadence>; COUNT], [bool; COUNT]);
+pub(super) struct TelemetryStreams {
+    /// `None` for a stream that is not sent.
+    schedules: [Option<MessageSchedule>; COUNT],
+    requested: [bool; COUNT],
+}
 
 impl TelemetryStreams {
     /// Heartbeat and battery, once a second from `started`.
     pub(super) fn new(started: Time) -> Self {
-        let seldom = Some(Cadence { interval: SELDOM, next: started });
-        Self([seldom, seldom, None, None, None], [false; COUNT])
+        let default = Some(MessageSchedule::new(started, DEFAULT_PERIOD));
+        Self { schedules: [default, default, None, None, None], requested: [false; COUNT] }
     }
 
     /// Sends the message `number` every `interval_us` from `now`; returns whether it is known.
     pub(super) fn set(&mut self, now: Time, number: u32, interval_us: u32) -> bool {
         let Some(stream) = Stream::of(number) else { return false };
-        let interval = Span::from_nanos(i64::from(interval_us) * 1000).max(SHORTEST);
-        self.0[stream as usize] = Some(Cadence { interval, next: now });
+        let period = Span::from_nanos(i64::from(interval_us) * 1000).max(SHORTEST_PERIOD);
+        self.schedules[stream as usize] = Some(MessageSchedule::new(now, period));
         true
     }
 
     /// Sends the message `number` once more, at once; returns whether it is known.
     pub(super) fn request(&mut self, number: u32) -> bool {
         let Some(stream) = Stream::of(number) else { return false };
-        self.1[stream as usize] = true;
+        self.requested[stream as usize] = true;
         true
     }
 
     /// Instant at which the next message is due.
-    pub(super) fn next_event(&self) -> Time {
-        let due = self.0.iter().flatten().map(|cadence| cadence.next);
-        due.reduce(Time::min).unwrap_or(Time::UNSET)
+    pub(super) fn next_event(&self) -> Option<Time> {
+        self.schedules.iter().flatten().map(MessageSchedule::next).min()
     }
 
-    /// The messages that are due at `now`.
-    pub(super) fn due(&mut self, now: Time) -> [Option<Stream>; COUNT] {
-        let mut due = [None; COUNT];
-        for (index, stream) in Stream::ALL.iter().enumerate() {
-            if std::mem::take(&mut self.1[index]) {
-                due[index] = Some(*stream);
-            }
-        }
-        for ((stream, cadence), place) in Stream::ALL.iter().zip(&mut self.0).zip(&mut due) {
-            let Some(cadence) = cadence.as_mut().filter(|cadence| cadence.next <= now) else {
-                continue;
-            };
-            *place = Some(*stream);
-            // Messages that were missed are not made up for.
-            cadence.next = (cadence.next + cadence.interval).max(now);
-        }
-        due
+    /// The messages that are due at `now`, in the order of [`Stream::ALL`].
+    pub(super) fn due(&mut self, now: Time) -> impl Iterator<Item = Stream> + use<> {
+        let is_due: [bool; COUNT] = std::array::from_fn(|index| {
+            let is_scheduled = self.schedules[index].as_mut().is_some_and(|s| s.is_due(now));
+            std::mem::take(&mut self.requested[index]) || is_scheduled
+        });
+        Stream::ALL.into_iter().zip(is_due).filter(|(_, is_due)| *is_due).map(|(stream, _)| stream)
     }
 }

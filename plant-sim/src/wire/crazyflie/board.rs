@@ -5,22 +5,21 @@
 
 use std::collections::VecDeque;
 
-use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, TruthV1};
 use oqtal_bus::time::Time;
 use oqtal_config::PlantOptions;
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
-use oqtal_control::quaternion::Attitude;
 use oqtal_wire::crtp::{
     CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, CrtpThrustCurve, CrtpValue, LegacySetpoint,
     SUPERVISOR_PROTOCOL, Supervision, SupervisorAnswer, SupervisorCommand,
 };
 
-use super::super::on_board::Measured;
 use super::logs::LogBlocks;
 use super::supervisor::SupervisorModel;
 use super::tables::{Logged, PARAMETERS, STABILISATION, element, info};
+use crate::wire::command::{angles, rate_command, turning_command};
+use crate::wire::vehicle::{FrameCounters, Measured, OnBoardComputer};
 
 /// Last byte of the vehicle's radio address, as it is delivered \[-\].
 const ADDRESS_END: u8 = 0xE7;
@@ -40,8 +39,11 @@ pub struct CrazyflieBoard {
     logs: LogBlocks,
     setpoint: LegacySetpoint,
     is_thrust_locked: bool,
-    /// Pose that a host sent last.
+    /// Newest pose that a host sent.
     pose: Option<CrtpPose>,
+    /// Replies and log data to be sent.
+    replies: VecDeque<CrtpPacket>,
+    counters: FrameCounters,
 }
 
 impl CrazyflieBoard {
@@ -69,38 +71,37 @@ impl CrazyflieBoard {
             setpoint: LegacySetpoint::ZERO,
             is_thrust_locked: true,
             pose: None,
+            replies: VecDeque::with_capacity(64),
+            counters: FrameCounters::default(),
         })
     }
 
-    /// Instant at which log data are due next.
-    #[must_use]
-    pub fn next_event(&self) -> Option<Time> {
-        self.logs.next_event()
+    fn queue(&mut self, reply: &CrtpReply<'_>) {
+        self.replies.push_back(reply.packet());
     }
 
-    /// Executes a packet, and appends the replies to `answers`.
-    pub fn execute(&mut self, now: Time, packet: &CrtpPacket, answers: &mut VecDeque<CrtpPacket>) {
+    /// Executes a packet and queues the replies.
+    fn execute(&mut self, now: Time, packet: &CrtpPacket) {
         let Some(request) = CrtpRequest::read(packet) else { return };
-        let mut reply = |reply: CrtpReply| answers.push_back(reply.packet());
         match request {
-            CrtpRequest::Null => reply(CrtpReply::Null),
-            CrtpRequest::Echo(stamp) => reply(CrtpReply::Echo(stamp)),
-            CrtpRequest::Source => reply(CrtpReply::Source),
-            CrtpRequest::ProtocolVersion => reply(CrtpReply::ProtocolVersion(self.protocol)),
+            CrtpRequest::Null => self.queue(&CrtpReply::Null),
+            CrtpRequest::Echo(stamp) => self.queue(&CrtpReply::Echo(stamp)),
+            CrtpRequest::Source => self.queue(&CrtpReply::Source),
+            CrtpRequest::ProtocolVersion => self.queue(&CrtpReply::ProtocolVersion(self.protocol)),
             CrtpRequest::Supervision if self.has_supervisor_port() => {
-                reply(CrtpReply::Supervision(self.supervisor.bits()));
+                self.queue(&CrtpReply::Supervision(self.supervisor.bits()));
             }
             CrtpRequest::Supervision => {}
             CrtpRequest::Supervisor(command) => {
                 if self.has_supervisor_port() {
                     let answer = self.supervise(now, command);
-                    answers.push_back(answer.packet(command, self.supervisor.bits()));
+                    self.replies.push_back(answer.packet(command, self.supervisor.bits()));
                 }
             }
             CrtpRequest::LegacySupervisor(command) => {
                 let answer = self.supervise(now, command);
                 if matches!(command, SupervisorCommand::Arm(_) | SupervisorCommand::Recover) {
-                    reply(CrtpReply::Granted(answer));
+                    self.queue(&CrtpReply::Granted(answer));
                 }
             }
             CrtpRequest::Setpoint(setpoint) => self.take_setpoint(now, setpoint),
@@ -114,8 +115,8 @@ impl CrazyflieBoard {
                 let own = poses.poses().iter().find(|pose| pose.vehicle == ADDRESS_END);
                 self.pose = own.map(|pose| pose.pose()).or(self.pose);
             }
-            CrtpRequest::MemoryCount => reply(CrtpReply::MemoryCount(0)),
-            other => self.look_up(now, other, &mut reply),
+            CrtpRequest::MemoryCount => self.queue(&CrtpReply::MemoryCount(0)),
+            other => self.look_up(now, other),
         }
     }
 
@@ -130,24 +131,22 @@ impl CrazyflieBoard {
     }
 
     /// Answers requests about tables, parameters and log blocks.
-    fn look_up(&mut self, now: Time, request: CrtpRequest, reply: &mut impl FnMut(CrtpReply)) {
-        match request {
-            CrtpRequest::TableInfo(table) => reply(CrtpReply::TableInfo(table, info(table))),
-            CrtpRequest::TableElement(table, id) => reply(
-                element(table, id)
-                    .map_or(CrtpReply::NoElement(table), |e| CrtpReply::TableElement(table, e)),
-            ),
-            CrtpRequest::ReadParameter(id) => reply(self.read_parameter(id)),
+    fn look_up(&mut self, now: Time, request: CrtpRequest) {
+        let reply = match request {
+            CrtpRequest::TableInfo(table) => CrtpReply::TableInfo(table, info(table)),
+            CrtpRequest::TableElement(table, id) => element(table, id)
+                .map_or(CrtpReply::NoElement(table), |e| CrtpReply::TableElement(table, e)),
+            CrtpRequest::ReadParameter(id) => self.read_parameter(id),
             CrtpRequest::WriteParameter(id, value) => {
-                if let Some(written) = self.write_parameter(id, value) {
-                    reply(written);
-                }
+                let Some(written) = self.write_parameter(id, value) else { return };
+                written
             }
-            CrtpRequest::ResetLogging => reply(self.logs.reset()),
-            CrtpRequest::CreateBlock(block) => reply(self.logs.create(block)),
-            CrtpRequest::StartBlock { id, period } => reply(self.logs.start(now, id, period)),
-            _ => {}
-        }
+            CrtpRequest::ResetLogging => self.logs.reset(),
+            CrtpRequest::CreateBlock(block) => self.logs.create(block),
+            CrtpRequest::StartBlock { id, period } => self.logs.start(now, id, period),
+            _ => return,
+        };
+        self.queue(&reply);
     }
 
     fn read_parameter(&self, id: u16) -> CrtpReply<'static> {
@@ -180,23 +179,7 @@ impl CrazyflieBoard {
         self.supervisor.take_setpoint(now, thrust > 0);
     }
 
-    /// Applies the supervisor's rules at `now`, and appends the log data that are due to `answers`.
-    pub fn tick(&mut self, now: Time, measured: &Measured, answers: &mut VecDeque<CrtpPacket>) {
-        self.supervisor.tick(now, self.setpoint.thrust > 0);
-        if self.next_event().is_none_or(|at| at > now) {
-            return;
-        }
-        let logged = Logged {
-            battery_v: measured.battery_v,
-            supervision: self.supervisor.bits(),
-            estimate: self.estimate(&measured.truth),
-        };
-        let clock_ms = now.since(self.started).nanos() / 1_000_000;
-        let clock_ms = u32::try_from(clock_ms).unwrap_or_default();
-        self.logs.tick(now, clock_ms, &logged, |packet| answers.push_back(packet));
-    }
-
-    /// The vehicle's own estimate: roll and pitch of its sensors, position and heading as they were sent to it last.
+    /// The vehicle's own estimate: roll and pitch of its sensors, position and heading of the newest pose that it received.
     fn estimate(&self, truth: &TruthV1) -> CrtpPose {
         let sent =
             self.pose.unwrap_or(CrtpPose { position: [0.0; 3], attitude: [0.0, 0.0, 0.0, 1.0] });
@@ -217,47 +200,76 @@ impl CrazyflieBoard {
         self.supervisor.may_run()
     }
 
-    /// Command that the vehicle follows in the state `truth`; "disarmed" while its motors may not run.
-    #[must_use]
-    pub fn command(&self, truth: &TruthV1) -> CommandV1 {
-        if !self.supervisor.may_run() {
-            return CommandV1::default();
-        }
-        let thrust = self.curve.force(self.setpoint.thrust) / self.max_thrust;
-        let base = CommandV1 { thrust, ..CommandV1::default() };
-        let setpoint = if self.supervisor.levels_out() {
-            LegacySetpoint { thrust: self.setpoint.thrust, ..LegacySetpoint::ZERO }
-        } else {
-            self.setpoint
-        };
-        let [roll, pitch] = [0, 1].map(|axis| self.is_angle(axis) || self.supervisor.levels_out());
-        let LegacySetpoint { roll: wanted_roll, pitch: wanted_pitch, yaw_rate, .. } = setpoint;
-        let now = angles(truth.attitude);
-        if self.holds_attitude && roll && pitch {
-            // The heading ahead of the present one towards which the attitude loop turns at the commanded yaw rate.
-            let yaw = now.yaw + yaw_rate / self.attitude_gain;
-            let attitude = EulerAngles { roll: wanted_roll, pitch: wanted_pitch, yaw }.xyzw();
-            return CommandV1 { actuation: Actuation::Attitude.code(), attitude, ..base };
-        }
-        // On-board, angles become rates.
-        let towards = |is_angle: bool, wanted: f64, is: f64| {
-            if is_angle { self.attitude_gain * (wanted - is) } else { wanted }
-        };
-        let rates = [
-            towards(roll, wanted_roll, now.roll),
-            towards(pitch, wanted_pitch, now.pitch),
-            yaw_rate,
-        ];
-        let sticks = [0, 1, 2].map(|axis| rates[axis] / self.authority[axis]);
-        CommandV1 { actuation: Actuation::Sticks.code(), sticks, ..base }
-    }
-
     /// Whether the set-point of an axis, roll or pitch, is an angle.
     fn is_angle(&self, axis: usize) -> bool {
         self.parameters[STABILISATION[axis]] != 0.0
     }
 }
 
-fn angles(attitude: [f64; 4]) -> EulerAngles {
-    EulerAngles::from_attitude(&Attitude::from_xyzw(attitude).unwrap_or_default())
+impl OnBoardComputer for CrazyflieBoard {
+    /// Instant at which log data are due next.
+    fn next_event(&self) -> Option<Time> {
+        self.logs.next_event()
+    }
+
+    fn receive(&mut self, now: Time, bytes: &[u8], _: &Measured) {
+        match CrtpPacket::parse(bytes) {
+            Ok(packet) => {
+                self.counters.read += 1;
+                self.execute(now, &packet);
+            }
+            Err(_) => self.counters.damaged += 1,
+        }
+    }
+
+    /// Applies the supervisor's rules at `now`, and queues the log data that are due.
+    fn tick(&mut self, now: Time, measured: &Measured) {
+        self.supervisor.tick(now, self.setpoint.thrust > 0);
+        if self.next_event().is_none_or(|at| at > now) {
+            return;
+        }
+        let logged = Logged {
+            battery_v: measured.battery_v,
+            supervision: self.supervisor.bits(),
+            estimate: self.estimate(&measured.truth),
+        };
+        let clock_ms = now.since(self.started).nanos() / 1_000_000;
+        let clock_ms = u32::try_from(clock_ms).unwrap_or_default();
+        let Self { logs, replies, .. } = self;
+        logs.tick(now, clock_ms, &logged, |packet| replies.push_back(packet));
+    }
+
+    fn reply(&mut self, send: &mut dyn FnMut(&[u8])) {
+        self.replies.drain(..).for_each(|packet| send(packet.as_bytes()));
+    }
+
+    fn command(&self, _: Time, truth: &TruthV1) -> CommandV1 {
+        if !self.supervisor.may_run() {
+            return CommandV1::default();
+        }
+        let thrust = self.curve.force(self.setpoint.thrust) / self.max_thrust;
+        let is_level = self.supervisor.levels_out();
+        let setpoint = if is_level { LegacySetpoint::ZERO } else { self.setpoint };
+        let LegacySetpoint { roll, pitch, yaw_rate, .. } = setpoint;
+        let are_angles = [0, 1].map(|axis| self.is_angle(axis) || is_level);
+        let present = angles(truth.attitude);
+        let gain = self.attitude_gain;
+        if self.holds_attitude && are_angles == [true; 2] {
+            return turning_command([roll, pitch], (present.yaw, yaw_rate), gain, thrust);
+        }
+        // On-board, angles become rates.
+        let rate = |is_angle: bool, wanted: f64, present: f64| {
+            if is_angle { gain * (wanted - present) } else { wanted }
+        };
+        let rates = [
+            rate(are_angles[0], roll, present.roll),
+            rate(are_angles[1], pitch, present.pitch),
+            yaw_rate,
+        ];
+        rate_command(rates, self.authority, thrust)
+    }
+
+    fn counters(&self) -> FrameCounters {
+        self.counters
+    }
 }

@@ -1,9 +1,10 @@
-//! Log blocks that a host made, and when each is due.
+//! Log blocks of a host, with their schedules.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::crtp::{CrtpPacket, CrtpReply, LogBlock, LogCommand};
 
 use super::tables::Logged;
+use crate::wire::schedule::MessageSchedule;
 
 /// Most log blocks \[-\].
 const MAX_BLOCKS: usize = 16;
@@ -12,11 +13,11 @@ const NO_SUCH_BLOCK: u8 = 2;
 const NO_ROOM: u8 = 12;
 const EXISTS: u8 = 17;
 
-/// Log block, and when it is next due if it was started.
+/// Log block with its schedule, if it was started.
 #[derive(Clone, Copy, Debug)]
 struct RunningBlock {
     block: LogBlock,
-    due: Option<(Time, Span)>,
+    schedule: Option<MessageSchedule>,
 }
 
 /// The log blocks of one host.
@@ -39,7 +40,7 @@ impl LogBlocks {
         } else if self.blocks.len() >= MAX_BLOCKS {
             NO_ROOM
         } else {
-            self.blocks.push(RunningBlock { block, due: None });
+            self.blocks.push(RunningBlock { block, schedule: None });
             0
         };
         CrtpReply::Log(LogCommand::Create, block.id, reason)
@@ -51,7 +52,7 @@ impl LogBlocks {
         let found = self.blocks.iter_mut().find(|known| known.block.id == id);
         let reason = match found {
             Some(block) => {
-                block.due = Some((now + period, period));
+                block.schedule = Some(MessageSchedule::new(now + period, period));
                 0
             }
             None => NO_SUCH_BLOCK,
@@ -61,7 +62,10 @@ impl LogBlocks {
 
     /// Instant at which a block is due next.
     pub(super) fn next_event(&self) -> Option<Time> {
-        self.blocks.iter().filter_map(|block| block.due.map(|(at, _)| at)).min()
+        self.blocks
+            .iter()
+            .filter_map(|block| block.schedule.as_ref().map(MessageSchedule::next))
+            .min()
     }
 
     /// Passes the packets that are due at `now` to `send`; `clock_ms` is the vehicle's clock.
@@ -72,10 +76,10 @@ impl LogBlocks {
         logged: &Logged,
         mut send: impl FnMut(CrtpPacket),
     ) {
-        for RunningBlock { block, due } in &mut self.blocks {
-            let Some((at, period)) = due.filter(|(at, _)| *at <= now) else { continue };
-            // A pause is not made up for.
-            *due = Some(((at + period).max(now), period));
+        for RunningBlock { block, schedule } in &mut self.blocks {
+            if !schedule.as_mut().is_some_and(|schedule| schedule.is_due(now)) {
+                continue;
+            }
             let values = block.variables().iter().map(|(kind, id)| (*kind, logged.value(*id)));
             send(CrtpReply::log_data(block.id, clock_ms, values));
         }

@@ -11,10 +11,11 @@ use oqtal_config::Config;
 use oqtal_plant_sim::{Plant, PlantTurn, Stepping};
 use oqtal_runtime::turn::step;
 
-const START: Time = Time::VIRTUAL_START;
+use crate::START;
+
 const PERIOD: Span = Span::from_nanos(16_666_667);
 
-/// A plant, and a daemon that knows of no stop.
+/// A plant, and a daemon without a stop switch.
 struct Bench {
     plant: PlantTurn<MemoryBus>,
     commands: MemoryWriter<CommandV1>,

@@ -4,11 +4,13 @@ use nalgebra::{Vector3, Vector4};
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, PlantOptions, Setting};
+use oqtal_config::{Config, PlantOptions};
 use oqtal_plant_sim::{
     CommandLoss, Disturbance, Dynamics, Plant, PlantInput, PlantOutput, RotorAir, State,
 };
 use proptest::prelude::*;
+
+use crate::configured;
 
 /// Coefficients of the Hummingbird, RotorPy.
 const DRAG: f64 = 1.19e-4;
@@ -16,13 +18,8 @@ const INFLOW: f64 = 2.32e-4;
 
 const WEIGHT_N: f64 = 0.5 * 9.81;
 
-fn config(settings: &[(&str, toml::Value)]) -> Config {
-    let setting = |(key, value): &(&str, toml::Value)| Setting::flag("test", key, value.clone());
-    Config::from_settings(&settings.iter().map(setting).collect::<Vec<_>>()).unwrap()
-}
-
 fn plant(fidelity: &str, coefficients: (f64, f64)) -> PlantOptions {
-    config(&[
+    configured(&[
         ("plant.fidelity", fidelity.into()),
         ("plant.drag-per-s", 0.0.into()),
         ("plant.rotors.drag-coefficient", coefficients.0.into()),
@@ -63,7 +60,7 @@ fn accelerations(
 }
 
 #[test]
-fn rotors_drag_as_the_literature_says_and_only_through_the_air() {
+fn rotor_drag_agrees_with_the_literature_and_depends_on_airspeed_alone() {
     for fidelity in ["eq61", "rotors"] {
         let plant = plant(fidelity, (DRAG, INFLOW));
         let velocity = Vector3::new(0.8, -0.5, 0.3);
@@ -72,8 +69,8 @@ fn rotors_drag_as_the_literature_says_and_only_through_the_air() {
         let per_s = -acceleration.component_div(&velocity);
         assert!((per_s.xy() - nalgebra::Vector2::repeat(0.4466)).amax() < 2e-3, "{per_s}");
         assert!((per_s.z - 0.8707).abs() < 2e-3, "{per_s}");
-        let (carried, _) = accelerations(&plant, &moving, velocity);
-        assert!(carried.amax() < 1e-3, "{fidelity}: {carried}");
+        let (drifting, _) = accelerations(&plant, &moving, velocity);
+        assert!(drifting.amax() < 1e-3, "{fidelity}: {drifting}");
     }
 }
 
@@ -91,6 +88,8 @@ fn inflow_damps_roll_and_pitch_but_not_yaw() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
     /// Drag takes energy out of any motion, of the body and of its rotation.
     #[test]
     fn the_air_never_drives_the_rotors(
@@ -99,7 +98,7 @@ proptest! {
         speeds in prop::array::uniform4(0.0..900.0_f64),
         layout in prop::sample::select(vec!["plus", "cross"]),
     ) {
-        let config = config(&[
+        let config = configured(&[
             ("plant.rotors.layout", layout.into()),
             ("plant.rotors.drag-coefficient", DRAG.into()),
             ("plant.rotors.inflow-coefficient", INFLOW.into()),
@@ -113,7 +112,7 @@ proptest! {
     /// The closer the floor, the more thrust, by a third at most; a hundredth is left at two radii and a half.
     #[test]
     fn the_ground_effect_is_bounded_and_vanishes_with_height(height in 0.0..2.0_f64, more in 0.0..1.0_f64) {
-        let config = config(&[("plant.rotors.ground-effect", true.into())]);
+        let config = configured(&[("plant.rotors.ground-effect", true.into())]);
         let air = RotorAir::new(&config.plant.rotors).unwrap();
         let ratio = air.ground_ratio(height);
         prop_assert!((1.0..=4.0 / 3.0 + 1e-12).contains(&ratio));
@@ -129,7 +128,7 @@ proptest! {
         burst in 1.0..8.0_f64,
         seed in 0..1000_u64,
     ) {
-        let plant = config(&[
+        let plant = configured(&[
             ("plant.command-loss-probability", share.into()),
             ("plant.command-loss-burst", burst.into()),
         ])
@@ -147,7 +146,7 @@ proptest! {
 
 #[test]
 fn jitter_delays_each_command_by_up_to_its_bound_and_keeps_their_order() {
-    let config = config(&[("plant.command-jitter-ms", 30.0.into())]);
+    let config = configured(&[("plant.command-jitter-ms", 30.0.into())]);
     let mut plant = Plant::new(&config, Time::VIRTUAL_START);
     let command = CommandV1 { actuation: Actuation::Sticks.code(), ..CommandV1::default() };
     let mut applied = Vec::new();

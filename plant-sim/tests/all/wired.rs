@@ -2,7 +2,7 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, Interface};
-use oqtal_plant_sim::wire::{LinkDirection, RadioModel, WiredVehicle};
+use oqtal_plant_sim::wire::{AsctecVehicle, LinkDirection, LinkModel, RadioModel};
 use oqtal_runtime::random::{RandomSource, stream};
 use oqtal_wire::asctec::{
     ControlInput, EMERGENCY_STOP, HostCommand, HostDecoder, HostEvent, LlStatus, Poll, Scales,
@@ -13,6 +13,8 @@ use oqtal_wire::xbee::{Address, Carrier, RadioEvent, Side};
 use proptest::prelude::*;
 use rand::RngExt;
 
+use crate::START;
+
 fn link(text: &str) -> AsctecLink {
     match text.parse() {
         Ok(LinkSpec::Asctec(link)) => link,
@@ -20,7 +22,6 @@ fn link(text: &str) -> AsctecLink {
     }
 }
 
-const START: Time = Time::VIRTUAL_START;
 const PERIOD_US: i64 = 16_667;
 
 /// The scales of the vehicle's end, as its sticks mean rates or an attitude.
@@ -34,10 +35,10 @@ fn scales_of(config: &Config) -> Scales {
 
 /// A host that writes and reads at 60 Hz.
 struct Host {
-    vehicle: WiredVehicle,
+    vehicle: AsctecVehicle,
     scales: Scales,
     decoder: HostDecoder,
-    heard: Vec<HostEvent>,
+    events: Vec<HostEvent>,
     now: Time,
 }
 
@@ -45,10 +46,10 @@ impl Host {
     fn new(config: &Config) -> Self {
         let link = link("asctec:/dev/null");
         Self {
-            vehicle: WiredVehicle::new(config, &link, START).unwrap(),
+            vehicle: AsctecVehicle::new(config, &link, START).unwrap(),
             scales: scales_of(config),
             decoder: HostDecoder::new(),
-            heard: Vec::new(),
+            events: Vec::new(),
             now: START,
         }
     }
@@ -58,9 +59,8 @@ impl Host {
         self.vehicle.host_writes(self.now, bytes);
         self.now = self.now + Span::from_nanos(1000 * PERIOD_US);
         self.vehicle.advance(self.now, |_| {});
-        let mut bytes = Vec::new();
-        self.vehicle.host_reads(self.now, &mut bytes);
-        self.heard.extend(self.decoder.push(&bytes));
+        let Self { vehicle, decoder, events, now, .. } = self;
+        vehicle.host_reads(*now, |bytes| events.extend(decoder.push(bytes)));
     }
 
     fn command(&mut self, input: &ControlInput, periods: u32) {
@@ -70,7 +70,7 @@ impl Host {
     fn start_motors(&mut self) {
         let switch = self.scales.motor_switch();
         self.command(&switch, 40);
-        assert!(self.vehicle.motors_run());
+        assert!(self.vehicle.board().motors_run());
     }
 
     fn fly(&mut self, sticks: &Sticks, periods: u32) {
@@ -79,14 +79,14 @@ impl Host {
     }
 
     fn status(&mut self) -> LlStatus {
-        self.heard.clear();
+        self.events.clear();
         self.write(&poll_frame(Poll::LL_STATUS));
         (0..3).for_each(|_| self.write(&[]));
         let status = |event: &HostEvent| match event {
             HostEvent::LlStatus(status) => Some(*status),
             _ => None,
         };
-        self.heard.iter().find_map(status).expect("an answer")
+        self.events.iter().find_map(status).expect("an answer")
     }
 
     fn height(&self) -> f64 {
@@ -104,7 +104,7 @@ const LIFT: Sticks = Sticks { roll: 0.0, pitch: 0.0, yaw: 0.0, thrust: 0.3 };
 fn commands_are_ignored_until_the_motors_run() {
     let mut host = host();
     host.fly(&LIFT, 60);
-    assert_eq!((host.height(), host.vehicle.motors_run()), (0.0, false));
+    assert_eq!((host.height(), host.vehicle.board().motors_run()), (0.0, false));
     host.start_motors();
     host.fly(&LIFT, 60);
     assert!(host.height() > 0.5, "{}", host.height());
@@ -116,7 +116,7 @@ fn every_command_is_acknowledged_and_the_status_reports_the_motors() {
     host.command(&ControlInput::ZERO_SETPOINT, 30);
     host.command(&ControlInput::ZERO_SETPOINT, 30);
     let acknowledged =
-        host.heard.iter().filter(|event| matches!(event, HostEvent::Acknowledged(_))).count();
+        host.events.iter().filter(|event| matches!(event, HostEvent::Acknowledged(_))).count();
     assert!((57..=60).contains(&acknowledged), "{acknowledged}, the last ones are on their way");
     let before = host.status();
     assert_eq!((before.motors_on, before.flying, before.battery_1_mv), (0, 0, 12_600));
@@ -135,13 +135,16 @@ fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
     host.write(&EMERGENCY_STOP);
     host.write(&[]);
     host.write(&[]);
-    assert!(!host.vehicle.motors_run());
+    assert!(!host.vehicle.board().motors_run());
     let mut host = self::host();
     host.start_motors();
     (0..58).for_each(|_| host.write(&[]));
-    assert!(host.vehicle.motors_run());
+    assert!(host.vehicle.board().motors_run());
     (0..6).for_each(|_| host.write(&[]));
-    assert!(!host.vehicle.motors_run(), "a second has passed since the last command arrived");
+    assert!(
+        !host.vehicle.board().motors_run(),
+        "a second has passed since the last command arrived"
+    );
 }
 
 /// Flights with and without a wire are then comparable.
@@ -149,29 +152,29 @@ fn an_emergency_stop_stops_the_motors_and_a_silent_host_too() {
 fn a_command_acts_after_the_delay_of_the_direct_simulation() {
     let config = Config::default();
     let link = link("asctec:/dev/null");
-    let mut vehicle = WiredVehicle::new(&config, &link, START).unwrap();
+    let mut vehicle = AsctecVehicle::new(&config, &link, START).unwrap();
     vehicle.host_writes(START, &ControlInput::ZERO_SETPOINT.frame());
     let delay = |millis: f64| START + Span::from_seconds(1e-3 * millis);
     vehicle.advance(delay(config.plant.command_delay_ms - 0.01), |_| {});
-    assert_eq!(vehicle.counters().frames, 0);
+    assert_eq!(vehicle.counters().frames.read, 0);
     vehicle.advance(delay(config.plant.command_delay_ms + 0.01), |_| {});
-    assert_eq!(vehicle.counters().frames, 1);
+    assert_eq!(vehicle.counters().frames.read, 1);
 }
 
 /// API frames are unwrapped and wrapped; delivery is reported where requested.
 #[test]
-fn both_api_modes_carry_commands_and_answers() {
+fn both_api_modes_transport_commands_and_replies() {
     for framing in ["api1", "api2"] {
         let config = Config::default();
         let link = link(&format!("asctec:/dev/null,xbee={framing}"));
-        let mut vehicle = WiredVehicle::new(&config, &link, START).unwrap();
+        let mut vehicle = AsctecVehicle::new(&config, &link, START).unwrap();
         let mut host = Carrier::new(link.xbee, Side::Host, Address::BROADCAST);
         let request = host.wrap(1, &poll_frame(Poll::LL_STATUS)).unwrap();
         vehicle.host_writes(START, request.as_bytes());
         let later = START + Span::from_millis(200);
         vehicle.advance(later, |_| {});
         let (mut bytes, mut decoder) = (Vec::new(), HostDecoder::new());
-        vehicle.host_reads(later, &mut bytes);
+        vehicle.host_reads(later, |arrived| bytes.extend(arrived));
         let arrivals: Vec<RadioEvent> = host.push(&bytes).collect();
         assert_eq!(arrivals[0], RadioEvent::Delivery { id: 1, delivered: true }, "{framing}");
         let RadioEvent::Payload { payload, .. } = arrivals[1] else { panic!("{arrivals:?}") };
@@ -201,10 +204,10 @@ fn the_inertial_measurements_are_those_of_the_flight() {
     let mut host = host();
     host.start_motors();
     host.fly(&Sticks { roll: 0.1, ..LIFT }, 30);
-    host.heard.clear();
+    host.events.clear();
     host.write(&poll_frame(Poll::IMU_CALC | Poll::LL_STATUS));
     (0..3).for_each(|_| host.write(&[]));
-    let imu = host.heard.iter().find_map(|event| match event {
+    let imu = host.events.iter().find_map(|event| match event {
         HostEvent::ImuCalc(imu) => Some(host.scales.decode_imu(imu)),
         _ => None,
     });
@@ -250,6 +253,8 @@ fn six_commands_in_a_thousand_are_wrong_at_one_wrong_bit_in_a_hundred() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
     /// For arbitrary bytes of a host: no panic, only finite values, and no running motors without the switch.
     #[test]
     fn arbitrary_bytes_leave_the_vehicle_in_a_valid_state(
@@ -261,6 +266,6 @@ proptest! {
             let truth = host.vehicle.plant().truth();
             prop_assert!(truth.position.iter().chain(&truth.attitude).all(|x| x.is_finite()));
         }
-        prop_assert!(!host.vehicle.motors_run());
+        prop_assert!(!host.vehicle.board().motors_run());
     }
 }

@@ -1,10 +1,11 @@
-//! The plant as the body of a firmware: what its sensors measure, and what its motors do.
+//! The plant as the body of a firmware: its sensors and its motors.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, RotorLayout};
 use oqtal_plant_sim::firmware::{BodyOutput, FirmwareBody, ImuDatagram};
 
-const START: Time = Time::VIRTUAL_START;
+use crate::START;
+
 /// Counts of 1 g and of 1 rad/s.
 const G_COUNTS: f64 = 2048.0;
 const RATE_COUNTS: f64 = 65536.0 / 4000.0 * 180.0 / std::f64::consts::PI;
@@ -35,7 +36,7 @@ impl Bench {
         }
     }
 
-    /// Advances without a word of the firmware.
+    /// Advances without motor values.
     fn idle(&mut self, millis: u32) {
         for _ in 0..millis {
             self.now = self.now + Span::from_millis(1);
@@ -61,7 +62,7 @@ impl Bench {
     }
 }
 
-/// Power of all motors that carries the vehicle \[0..1\].
+/// Power of all motors at which the vehicle hovers \[0..1\].
 fn hover() -> f64 {
     let plant = Config::default().plant;
     (plant.mass_kg * plant.gravity_m_s2 / plant.max_thrust_n).sqrt()

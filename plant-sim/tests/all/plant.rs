@@ -4,26 +4,11 @@ use nalgebra::Vector3;
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, Setting};
+use oqtal_config::Config;
 use oqtal_control::quaternion::Attitude;
 use oqtal_plant_sim::{Plant, PlantOutput};
 
-const START: Time = Time::VIRTUAL_START;
-
-fn config(settings: &[(&str, toml::Value)]) -> Config {
-    let calm = [
-        ("plant.gust-sd-m-s2", toml::Value::from(0.0)),
-        ("plant.disturbance-spread", toml::Value::from(0.0)),
-        ("plant.rate-drift-deg-s", toml::Value::from(vec![0.0; 3])),
-        ("plant.force-n", toml::Value::from(vec![0.0; 3])),
-    ];
-    let settings: Vec<Setting> = calm
-        .iter()
-        .chain(settings)
-        .map(|(key, value)| Setting::flag("test", key, value.clone()))
-        .collect();
-    Config::from_settings(&settings).unwrap()
-}
+use crate::{HOVER, START, calm};
 
 fn sticks(roll: f64, thrust: f64) -> CommandV1 {
     let actuation = Actuation::Sticks.code();
@@ -42,7 +27,7 @@ fn a_vehicle_that_holds_attitudes_turns_to_the_commanded_one_and_ignores_sticks(
     for fidelity in ["eq61", "rotors"] {
         let settings =
             [("plant.interface", "attitude".into()), ("plant.fidelity", fidelity.into())];
-        let mut bench = Bench::new(&config(&settings));
+        let mut bench = Bench::new(&calm(&settings));
         bench.hold(command, 2000);
         let reached = Attitude::from_xyzw(bench.truth().attitude).unwrap();
         assert!(reached.angle_to(&wanted) < 1e-3, "{fidelity}: {}", reached.angle_to(&wanted));
@@ -58,15 +43,12 @@ fn a_vehicle_that_holds_attitudes_turns_to_the_commanded_one_and_ignores_sticks(
 
 #[test]
 fn a_vehicle_on_the_floor_stays_where_it_stands() {
-    let mut bench = Bench::new(&config(&[("plant.force-n", vec![0.1, -0.1, 0.0].into())]));
+    let mut bench = Bench::new(&calm(&[("plant.force-n", vec![0.1, -0.1, 0.0].into())]));
     let first = bench.plant.truth();
     bench.hold(sticks(0.5, 0.5 * HOVER), 2000);
     let last = bench.plant.truth();
     assert_eq!((last.position, last.attitude), (first.position, first.attitude));
 }
-
-/// Thrust at which the default Hummingbird hovers.
-const HOVER: f64 = 0.5 * 9.81 / 20.0;
 
 struct Bench {
     plant: Plant,
@@ -80,7 +62,7 @@ impl Bench {
         Self { plant: Plant::new(config, START), now: START, truths: vec![], applied: vec![] }
     }
 
-    /// Flies on while a daemon repeats the last command often enough to be heard.
+    /// Flies on while a daemon repeats the last command before it times out.
     fn hold(&mut self, command: CommandV1, millis: i64) {
         for _ in 0..millis / 50 {
             self.command(command);
@@ -107,8 +89,8 @@ impl Bench {
 }
 
 #[test]
-fn it_rests_on_the_floor_until_lifted() {
-    let mut bench = Bench::new(&config(&[]));
+fn a_vehicle_rests_on_the_floor_until_it_is_lifted() {
+    let mut bench = Bench::new(&calm(&[]));
     bench.fly(500);
     assert_eq!(bench.truth().position, [0.0; 3]);
     bench.hold(sticks(0.0, 0.5 * HOVER), 500);
@@ -119,7 +101,7 @@ fn it_rests_on_the_floor_until_lifted() {
 
 #[test]
 fn a_command_acts_exactly_after_the_radio_delay_and_is_answered_once() {
-    let mut bench = Bench::new(&config(&[]));
+    let mut bench = Bench::new(&calm(&[]));
     bench.fly(7);
     let sent = bench.now;
     bench.command(sticks(0.0, 2.0 * HOVER));
@@ -133,7 +115,7 @@ fn a_command_acts_exactly_after_the_radio_delay_and_is_answered_once() {
 #[test]
 fn the_rate_follows_the_sticks_with_the_lag_of_the_on_board_loop() {
     for fidelity in ["eq61", "rotors"] {
-        let mut bench = Bench::new(&config(&[("plant.fidelity", fidelity.into())]));
+        let mut bench = Bench::new(&calm(&[("plant.fidelity", fidelity.into())]));
         bench.hold(sticks(0.0, 1.5 * HOVER), 1000);
         bench.command(sticks(0.1, 1.5 * HOVER));
         bench.fly(20 + 50);
@@ -149,7 +131,7 @@ fn the_rate_follows_the_sticks_with_the_lag_of_the_on_board_loop() {
 #[test]
 fn hover_thrust_hovers() {
     for fidelity in ["eq61", "rotors"] {
-        let mut bench = Bench::new(&config(&[("plant.fidelity", fidelity.into())]));
+        let mut bench = Bench::new(&calm(&[("plant.fidelity", fidelity.into())]));
         bench.hold(sticks(0.0, 2.0 * HOVER), 500);
         bench.hold(sticks(0.0, HOVER), 3000);
         let before = bench.truth().velocity[2];
@@ -163,8 +145,8 @@ fn hover_thrust_hovers() {
 #[test]
 fn a_sagging_battery_takes_thrust_away() {
     let sag = [("plant.battery.sag", true.into()), ("plant.battery.capacity-ah", 0.02.into())];
-    let mut fresh = Bench::new(&config(&[]));
-    let mut sagging = Bench::new(&config(&sag));
+    let mut fresh = Bench::new(&calm(&[]));
+    let mut sagging = Bench::new(&calm(&sag));
     for bench in [&mut fresh, &mut sagging] {
         for _ in 0..40 {
             bench.command(sticks(0.0, 1.3 * HOVER));
@@ -181,7 +163,7 @@ fn a_sagging_battery_takes_thrust_away() {
 fn a_torque_turns_the_spacecraft_as_euler_says() {
     let settings =
         [("vehicle.preset", "spacecraft".into()), ("plant.command-delay-ms", 0.0.into())];
-    let mut bench = Bench::new(&config(&settings));
+    let mut bench = Bench::new(&calm(&settings));
     let lift =
         CommandV1 { actuation: Actuation::Torque.code(), thrust: 1.0, ..CommandV1::default() };
     bench.hold(lift, 500);
@@ -191,8 +173,8 @@ fn a_torque_turns_the_spacecraft_as_euler_says() {
 }
 
 #[test]
-fn nothing_absurd_on_the_radio_makes_an_absurd_state() {
-    let mut bench = Bench::new(&config(&[]));
+fn absurd_commands_never_make_an_absurd_state() {
+    let mut bench = Bench::new(&calm(&[]));
     for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, -5.0] {
         for actuation in 0..=u8::MAX {
             bench.command(CommandV1 {
@@ -213,7 +195,7 @@ fn nothing_absurd_on_the_radio_makes_an_absurd_state() {
 
 #[test]
 fn frames_are_numbered_and_fall_on_the_cameras_instants() {
-    let mut bench = Bench::new(&config(&[]));
+    let mut bench = Bench::new(&calm(&[]));
     bench.fly(1000);
     let frames: Vec<_> = bench.truths.iter().filter(|truth| truth.capture > 0).collect();
     assert_eq!(frames.len(), 61);
@@ -228,7 +210,7 @@ fn frames_are_numbered_and_fall_on_the_cameras_instants() {
 #[test]
 fn gusts_have_their_standard_deviation_and_repeat_with_the_seed() {
     let velocity = |seed: i64| {
-        let gusty = config(&[
+        let gusty = calm(&[
             ("plant.gust-sd-m-s2", 0.5.into()),
             ("plant.drag-per-s", 0.0.into()),
             ("clock.seed", seed.into()),
@@ -247,8 +229,8 @@ fn gusts_have_their_standard_deviation_and_repeat_with_the_seed() {
 }
 
 #[test]
-fn motors_stop_by_themselves_when_nothing_more_is_heard() {
-    let mut bench = Bench::new(&config(&[]));
+fn motors_stop_by_themselves_without_further_commands() {
+    let mut bench = Bench::new(&calm(&[]));
     bench.command(sticks(0.0, 2.0 * HOVER));
     bench.fly(20 + 240);
     let rising = bench.truth().velocity[2];
@@ -259,7 +241,7 @@ fn motors_stop_by_themselves_when_nothing_more_is_heard() {
 
 #[test]
 fn a_vehicle_ignores_commands_of_another_kind() {
-    let mut bench = Bench::new(&config(&[]));
+    let mut bench = Bench::new(&calm(&[]));
     let actuation = Actuation::Torque.code();
     bench.command(CommandV1 { actuation, thrust: 1.0, ..CommandV1::default() });
     bench.fly(200);
@@ -268,14 +250,14 @@ fn a_vehicle_ignores_commands_of_another_kind() {
 
 #[test]
 fn f12_a_long_pause_is_integrated_for_two_seconds_and_skipped_for_the_rest() {
-    let mut bench = Bench::new(&config(&[]));
+    let mut bench = Bench::new(&calm(&[]));
     bench.hold(sticks(0.0, 1.2 * HOVER), 1000);
     assert!(bench.truth().position[2] > 0.5);
     let frames = |bench: &Bench| bench.plant.next_event();
     let woken = bench.now + Span::from_seconds(3600.0);
     assert_eq!(bench.plant.skip_pause(woken), Span::from_seconds(3598.0));
     assert_eq!(bench.plant.truth().time, woken);
-    // Its motors stopped for want of commands, and it fell.
+    // Its motors stopped because no command arrived, and it fell.
     assert_eq!((bench.plant.vehicle().armed, bench.plant.truth().position[2]), (0, 0.0));
     assert!(frames(&bench) > woken && frames(&bench) <= woken + Span::from_millis(17));
     let mut outputs = 0;

@@ -1,20 +1,20 @@
-//! The emulated Crazyflie in virtual time: what a host sends it, what it does, what it says.
+//! The emulated Crazyflie in virtual time: packets of a host, motion, replies.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
-use oqtal_plant_sim::wire::{CrtpVehicle, EmulatedVehicle};
+use oqtal_plant_sim::wire::CrtpVehicle;
 use oqtal_wire::crtp::{
     CrtpReply, CrtpRequest, CrtpValue, LegacySetpoint, LogBlock, LogType, ParameterType,
     Supervision, SupervisorCommand, TableKind,
 };
 
-const START: Time = Time::VIRTUAL_START;
+use crate::START;
 
 /// Host of one vehicle without disturbances.
 struct Host {
     vehicle: CrtpVehicle,
     now: Time,
-    heard: Vec<String>,
+    replies: Vec<String>,
 }
 
 impl Host {
@@ -27,7 +27,7 @@ impl Host {
         plant.wire.crtp.thrust_curve_n = [10.9, 0.0];
         change(&mut config);
         let vehicle = CrtpVehicle::new(&config, START).unwrap();
-        Self { vehicle, now: START, heard: Vec::new() }
+        Self { vehicle, now: START, replies: Vec::new() }
     }
 
     fn send(&mut self, request: CrtpRequest) {
@@ -41,15 +41,15 @@ impl Host {
                 self.send(CrtpRequest::Setpoint(setpoint));
             }
             self.now = self.now + Span::from_millis(10);
-            self.vehicle.advance(self.now, &mut |_| ());
+            self.vehicle.advance(self.now, |_| ());
             while let Some(packet) = self.vehicle.host_receives(self.now) {
-                self.heard.extend(CrtpReply::read(&packet).map(|reply| format!("{reply:?}")));
+                self.replies.extend(CrtpReply::read(&packet).map(|reply| format!("{reply:?}")));
             }
         }
     }
 
-    fn has_heard(&self, what: &str) -> bool {
-        self.heard.iter().any(|reply| reply.contains(what))
+    fn has_reply(&self, text: &str) -> bool {
+        self.replies.iter().any(|reply| reply.contains(text))
     }
 
     /// Sets rates, arms, and flies up for half a second.
@@ -75,7 +75,7 @@ fn thrust_is_locked_until_the_vehicle_is_armed_and_has_had_a_set_point_without()
     host.pass(300, Some(thrusting(0.7)));
     host.send(CrtpRequest::Supervisor(SupervisorCommand::Arm(true)));
     host.pass(300, Some(thrusting(0.7)));
-    assert!(host.vehicle.board().motors_run() && host.has_heard("granted: true"));
+    assert!(host.vehicle.board().motors_run() && host.has_reply("granted: true"));
     assert_eq!(host.vehicle.plant().truth().position[2], 0.0);
     host.pass(50, Some(LegacySetpoint::ZERO));
     host.pass(500, Some(thrusting(0.7)));
@@ -115,7 +115,7 @@ fn f65_in_silence_the_vehicle_levels_out_after_half_a_second_and_is_locked_after
     assert!(!host.vehicle.board().motors_run());
     host.send(CrtpRequest::Supervisor(SupervisorCommand::Arm(true)));
     host.pass(200, Some(LegacySetpoint::ZERO));
-    assert!(host.has_heard("granted: false") && !host.vehicle.board().motors_run());
+    assert!(host.has_reply("granted: false") && !host.vehicle.board().motors_run());
 }
 
 #[test]
@@ -126,9 +126,9 @@ fn reports_show_battery_supervisor_and_the_pose_that_was_sent() {
     host.send(CrtpRequest::StartBlock { id: 1, period: 10 });
     host.send(CrtpRequest::TableInfo(TableKind::Logging));
     host.pass(1100, None);
-    let reports = host.heard.iter().filter(|reply| reply.starts_with("LogData")).count();
+    let reports = host.replies.iter().filter(|reply| reply.starts_with("LogData")).count();
     assert!((9..=11).contains(&reports), "{reports}");
-    assert!(host.has_heard("TableInfo(Logging"));
+    assert!(host.has_reply("TableInfo(Logging"));
 }
 
 #[test]
@@ -137,10 +137,10 @@ fn an_old_vehicle_has_no_supervisors_port() {
     host.send(CrtpRequest::Supervision);
     host.send(CrtpRequest::Supervisor(SupervisorCommand::Arm(true)));
     host.pass(200, None);
-    assert!(host.heard.is_empty() && !host.vehicle.board().motors_run());
+    assert!(host.replies.is_empty() && !host.vehicle.board().motors_run());
     host.send(CrtpRequest::LegacySupervisor(SupervisorCommand::Arm(true)));
     host.pass(200, None);
-    assert!(host.has_heard("granted: true") && host.vehicle.board().motors_run());
+    assert!(host.has_reply("granted: true") && host.vehicle.board().motors_run());
     host.send(CrtpRequest::LegacySupervisor(SupervisorCommand::EmergencyStop));
     host.pass(200, None);
     assert!(!host.vehicle.board().motors_run());
@@ -154,5 +154,5 @@ fn a_vehicle_that_arms_by_itself_says_so() {
     host.send(CrtpRequest::Supervision);
     host.pass(100, None);
     let state = Supervision::ARMED.with(Supervision::ARMS_ITSELF).with(Supervision::CAN_FLY);
-    assert!(host.has_heard(&format!("{:?}", CrtpReply::Supervision(state))), "{:?}", host.heard);
+    assert!(host.has_reply(&format!("{:?}", CrtpReply::Supervision(state))), "{:?}", host.replies);
 }

@@ -1,32 +1,20 @@
-//! Disturbances in time: what each of them does to a vehicle in the air.
+//! Disturbances in time: effect of each of them on a vehicle in the air.
 
 use oqtal_bus::code::Actuation;
 use oqtal_bus::message::{CommandV1, Header, TruthV1};
-use oqtal_bus::time::{Span, Time};
-use oqtal_config::{Config, Setting};
+use oqtal_bus::time::Span;
 use oqtal_plant_sim::{Plant, SceneDisturbance};
 
-const START: Time = Time::VIRTUAL_START;
-/// The fraction of the maximum thrust that holds the default vehicle.
-const HOVER: f64 = 0.5 * 9.81 / 20.0;
+use crate::{HOVER, START, calm};
 
 /// The default vehicle without wind, drift and drag, under `disturb`.
 fn plant(disturb: &str, more: &[(&str, toml::Value)]) -> Plant {
-    let zeros = || toml::Value::from(vec![0.0; 3]);
-    let calm = [
-        ("plant.gust-sd-m-s2", toml::Value::from(0.0)),
-        ("plant.rate-drift-deg-s", zeros()),
-        ("plant.force-n", zeros()),
+    let base = [
         ("plant.drag-per-s", 0.0.into()),
         ("plant.thrust-lag-ms", 0.0.into()),
-        ("plant.disturb", toml::Value::from(vec![disturb.to_owned()])),
+        ("plant.disturb", vec![disturb.to_owned()].into()),
     ];
-    let settings: Vec<Setting> = calm
-        .iter()
-        .chain(more)
-        .map(|(key, value)| Setting::flag("test", key, value.clone()))
-        .collect();
-    Plant::new(&Config::from_settings(&settings).unwrap(), START)
+    Plant::new(&calm(&[&base, more].concat()), START)
 }
 
 /// The truth after `millis` in which a command to hover is repeated, armed at the start.

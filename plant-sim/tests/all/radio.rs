@@ -2,7 +2,7 @@
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{Config, PlantWireOptions};
-use oqtal_plant_sim::wire::{LinkDirection, RadioModel};
+use oqtal_plant_sim::wire::{LinkDirection, LinkModel, RadioModel};
 use proptest::prelude::*;
 
 const BAUD: u32 = 57_600;
@@ -67,6 +67,8 @@ fn frames_are_lost_and_bits_are_wrong_as_often_as_configured() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
     /// In any interval no more bytes arrive than the wire carries in it.
     #[test]
     fn occupancy_never_exceeds_the_baud_rate(

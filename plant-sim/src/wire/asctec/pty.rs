@@ -8,21 +8,19 @@ use std::path::{Path, PathBuf};
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::event::{PollFd, PollFlags};
 use rustix::fs::{FlockOperation, Mode, OFlags, fcntl_getfl, fcntl_lock, fcntl_setfl, open};
 use rustix::io::Errno;
 use rustix::process::{Flock, FlockType, fcntl_getlk};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, ioctl_tiocnxcl, tcgetattr, tcsetattr};
 
-use super::end::VehiclePort;
+use crate::socket::{VehiclePort, wait_until};
 
 /// Directory of the kernel's pseudo-terminals.
 const TERMINALS: &str = "/dev/pts/";
 /// Time between two releases of exclusive access to the terminal.
 const RELEASE_PERIOD: Span = Span::from_millis(100);
-/// Longest wait for bytes.
-const LONGEST_WAIT: Span = Span::from_millis(20);
 
 /// Vehicle's end of a serial line. The symbolic link is removed on drop.
 #[derive(Debug)]
@@ -55,16 +53,9 @@ impl PseudoTerminal {
 }
 
 impl VehiclePort for PseudoTerminal {
-    /// Sleeps until `until`, or, if `listen`, until bytes arrive, at most `LONGEST_WAIT`.
     fn wait(&self, until: Time, listen: bool) -> Result<(), Failure> {
-        let left = until.since(Time::now()).clamp(Span::ZERO, LONGEST_WAIT).to_duration();
-        let timeout = Timespec::try_from(left).unwrap_or_default();
         let mut fds = [PollFd::new(&self.near, PollFlags::IN)];
-        let fds = if listen { &mut fds[..] } else { &mut [] };
-        match poll(fds, Some(&timeout)) {
-            Ok(_) | Err(Errno::INTR) => Ok(()),
-            Err(error) => Err(system("waiting for the line", &error)),
-        }
+        wait_until(until, if listen { &mut fds } else { &mut [] })
     }
 
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Failure> {
@@ -138,7 +129,7 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     let old = fs::read_link(link).ok().filter(|target| target.starts_with(TERMINALS));
     let Some(old) = old else {
         let message = format!(
-            "{shown} exists and is no link to a pseudo-terminal; remove it, or name another path in `plant.wire.link`"
+            "{shown} exists and is not a link to a pseudo-terminal; remove it, or name another path in `plant.wire.link`"
         );
         return Err(Failure::new(Exit::Config, message));
     };
@@ -152,7 +143,7 @@ fn make_link(link: &Path, terminal: &Path) -> Result<(), Failure> {
     })
 }
 
-/// Whether `terminal` was made after `link` to it: the kernel gave the number of a dead process's terminal to a stranger's.
+/// Whether `terminal` was made after `link` to it: the kernel gave the number of a dead process's terminal to an unrelated one.
 fn is_number_reused(link: &Path, terminal: &Path) -> bool {
     let Ok((link, terminal)) =
         fs::symlink_metadata(link).and_then(|link| Ok((link, fs::metadata(terminal)?)))
@@ -162,7 +153,8 @@ fn is_number_reused(link: &Path, terminal: &Path) -> bool {
     (link.ctime(), link.ctime_nsec()) < (terminal.ctime(), terminal.ctime_nsec())
 }
 
-/// Fails if a process holds the lock on `terminal` that [`set_up`] takes. A terminal that is gone or unlocked was a dead process's.
+/// Fails if a process holds the lock on `terminal` that [`set_up`] takes. A terminal that is gone or unlocked belonged to a dead
+/// process.
 fn refuse_if_in_use(link: &Path, terminal: &Path) -> Result<(), Failure> {
     let shown = link.display();
     let far = match open(terminal, terminal_flags(), Mode::empty()) {

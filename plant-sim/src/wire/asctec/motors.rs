@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn an_emergency_stop_wins_over_a_switch_that_is_held() {
+    fn an_emergency_stop_overrides_a_switch_that_is_held() {
         let mut motors = MotorSwitch::new(Span::from_millis(400));
         commands(&mut motors, 0..600, true);
         motors.stop();

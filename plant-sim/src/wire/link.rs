@@ -1,0 +1,49 @@
+//! Link between host and vehicle: the interface of its models.
+
+use oqtal_bus::time::Time;
+use oqtal_runtime::faults::RadioDisturbance;
+
+/// Direction of bytes through a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LinkDirection {
+    /// From the host to the vehicle.
+    Up,
+    /// From the vehicle to the host.
+    Down,
+}
+
+/// Traffic in one direction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Frames handed over \[-\].
+    pub frames: u64,
+    /// Frames lost \[-\].
+    pub lost: u64,
+    /// Bytes handed over \[bytes\].
+    pub bytes: u64,
+    /// Wrong bits, those of lost frames included \[bits\].
+    pub wrong_bits: u64,
+}
+
+/// Model of a link.
+pub trait LinkModel {
+    /// Disturbs both directions from now on: a longer latency, further losses.
+    fn disturb(&mut self, disturbance: RadioDisturbance);
+
+    /// Takes bytes that are handed over together at `now`.
+    fn send(&mut self, direction: LinkDirection, now: Time, bytes: &[u8]);
+
+    /// Appends the bytes that have arrived by `now`, or the next packet, to `out`; returns whether anything has.
+    fn receive(&mut self, direction: LinkDirection, now: Time, out: &mut Vec<u8>) -> bool;
+
+    /// Instant at which the next frame in this direction has arrived completely.
+    fn next_arrival(&self, direction: LinkDirection) -> Option<Time>;
+
+    /// Whether the send queue is below its high-water mark; otherwise the sender should wait.
+    fn has_room(&self, _direction: LinkDirection, _now: Time) -> bool {
+        true
+    }
+
+    /// Traffic in this direction since the start.
+    fn traffic(&self, direction: LinkDirection) -> Traffic;
+}

@@ -1,0 +1,31 @@
+//! MessageSchedule of messages that are sent periodically.
+
+use oqtal_bus::time::{Span, Time};
+
+/// Period of a message, and the instant at which it is due. Messages that were missed are not made up for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MessageSchedule {
+    period: Span,
+    next: Time,
+}
+
+impl MessageSchedule {
+    /// Every `period` from `first` on.
+    pub(super) fn new(first: Time, period: Span) -> Self {
+        Self { period, next: first }
+    }
+
+    /// Instant at which the message is due next.
+    pub(super) fn next(&self) -> Time {
+        self.next
+    }
+
+    /// Whether the message is due at `now`; it is then due next a period later.
+    pub(super) fn is_due(&mut self, now: Time) -> bool {
+        let is_due = self.next <= now;
+        if is_due {
+            self.next = (self.next + self.period).max(now);
+        }
+        is_due
+    }
+}
