@@ -199,7 +199,7 @@ impl LatencyArgs {
 
 /// The observer of the measured instance, and the monitor that it feeds.
 struct Observation {
-    observer: BusObserver<Bus>,
+    observer: BusObserver,
     monitor: LoopMonitor,
 }
 

@@ -6,14 +6,13 @@ use std::time::Duration;
 
 use clap::Args;
 use oqtal_bus::bus::Bus;
-use oqtal_bus::message::{HealthV1, TelemetryV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use oqtal_config::Config;
 use oqtal_observe::kernel::ThreadScheduling;
 use oqtal_observe::observer::BusObserver;
 use oqtal_observe::recording::{Facts, McapRecorder, RecordingPlan, RecordingResult};
-use oqtal_observe::sink::{ObservedTopic, Reception, Sink, Tee};
+use oqtal_observe::sink::{Reception, Sink, Tee};
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
 use oqtal_runtime::program::{print, say};
 use oqtal_runtime::stop::StopFlag;
@@ -88,7 +87,7 @@ impl RecordArgs {
     fn record(
         &self,
         config: &Config,
-        parts: (BusObserver<Bus>, McapRecorder),
+        parts: (BusObserver, McapRecorder),
         stop: &StopFlag,
     ) -> Result<(RecordingResult, u64), Failure> {
         let (mut observer, mut recorder) = parts;
@@ -140,13 +139,13 @@ impl DaemonFacts {
 }
 
 impl Sink for DaemonFacts {
-    fn telemetry(&mut self, reception: &Reception, _: &TelemetryV1) {
-        self.pid = Some(u64::from(reception.header.origin().process()));
-    }
-
-    fn health(&mut self, _: &Reception, role: Role, health: &HealthV1) {
-        if role == Role::Daemon {
-            self.config_hash = Some(health.config_hash);
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Telemetry(_) => {
+                self.pid = Some(u64::from(reception.header.origin().process()));
+            }
+            Sample::Health(Role::Daemon, health) => self.config_hash = Some(health.config_hash),
+            _ => {}
         }
     }
 

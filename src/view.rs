@@ -149,7 +149,7 @@ impl ViewArgs {
 
 /// Feeds the pages until the command is interrupted.
 fn feed(
-    mut observer: BusObserver<Bus>,
+    mut observer: BusObserver,
     config: &Config,
     (hub, stop): (&Hub, &StopFlag),
 ) -> Result<(), Failure> {

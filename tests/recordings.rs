@@ -299,7 +299,7 @@ fn what_is_no_recording_is_refused_with_the_reason() {
         assert!(message.contains("nowhere.mcap: No such file"), "{message}");
         for name in ["text.mcap", "empty.mcap"] {
             let message = fails(&testbed, &[command, name], 65);
-            assert!(message.contains(name) && message.contains("no recording"), "{message}");
+            assert!(message.contains(name) && message.contains("not a recording"), "{message}");
             assert!(message.contains("expected a file that `oqtal fly`"), "{message}");
         }
     }

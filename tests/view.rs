@@ -154,7 +154,7 @@ fn fails(testbed: &Testbed, words: &[&str], code: i32) -> String {
 fn bad_use_has_its_message_and_exit_code() {
     let testbed = Testbed::new("view-bad");
     testbed.write("a.mcap", "no recording");
-    assert!(fails(&testbed, &["a.mcap"], 65).contains("a.mcap is no recording"));
+    assert!(fails(&testbed, &["a.mcap"], 65).contains("a.mcap is not a recording"));
     assert!(fails(&testbed, &["none.mcap"], 65).contains("none.mcap"));
     assert!(fails(&testbed, &["a.mcap", "--control"], 64).contains("--control"));
     let outside = fails(&testbed, &["--listen", "0.0.0.0:0"], 64);

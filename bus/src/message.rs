@@ -20,4 +20,4 @@ pub use bodies::{
 pub use control::{ControlRequestV1, ControlResponseV1};
 pub use field::{Field, FieldType};
 pub use header::{Header, Stamps};
-pub use schema::{FNV_OFFSET, Message, fnv1a};
+pub use schema::{AnyMessage, FNV_OFFSET, Message, fnv1a};

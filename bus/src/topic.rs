@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 
 mod observed;
 
-pub use observed::{ObservedTopic, Sample, SampleVisitor, TopicVisitor};
+pub use observed::{ObservedTopic, Sample, TopicVisitor};
 
 use crate::message::{
     CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TimeAdvanceV1, TruthV1, TurnDoneV1,
@@ -17,7 +17,7 @@ pub const OBSERVER_BUFFER: usize = 1024;
 /// Quality of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quality {
-    /// Samples that a late reader gets: 1, or 0 where an old sample must never act \[-\].
+    /// Samples that a late reader gets: 1, or 0 where an old sample must not act \[-\].
     pub history: usize,
     /// Longest buffer that a reader may ask for \[samples\].
     pub buffer: usize,
@@ -27,7 +27,7 @@ pub struct Quality {
 
 /// Samples of a loop: readers of the loop keep the newest, observers miss none.
 const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 8 };
-/// As [`STREAM`], but a command from before the reader came never acts.
+/// As [`STREAM`] without history: a late reader gets no old command.
 const COMMANDS: Quality = Quality { history: 0, ..STREAM };
 /// Samples for observers alone.
 const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER / 4, readers: 8 };
@@ -78,10 +78,10 @@ pub const VEHICLE: Topic<VehicleV1> = Topic::new("vehicle", STREAM);
 /// Daemon to observers, once per tick.
 pub const TELEMETRY: Topic<TelemetryV1> = Topic::new("telemetry", STREAM);
 
-/// Daemon to recorders, once per turn that took something in.
+/// Daemon to recorders, once per turn that received a message or a request.
 pub const INPUT: Topic<InputV1> = Topic::new("input", RECORDED);
 
-/// Daemon to observers: poses as the daemon read them, where faults by hand alter them at its reading end.
+/// Daemon to observers: poses as the daemon read them, published where an injected fault (`[fault]`) alters them.
 pub const POSE_READ: Topic<PoseV1> = Topic::new("read/pose", RECORDED);
 /// The same for messages of the vehicle.
 pub const VEHICLE_READ: Topic<VehicleV1> = Topic::new("read/vehicle", RECORDED);
@@ -107,6 +107,10 @@ pub enum Role {
 }
 
 impl Role {
+    /// Processes that publish their health, in the order in which they are listed.
+    pub const PROCESSES: [Self; 5] =
+        [Self::Plant, Self::Mocap, Self::Daemon, Self::Bridge, Self::Receiver];
+
     /// Roles that take part in virtual time, in order.
     pub const ALL: [Self; 4] = [Self::Plant, Self::Mocap, Self::Daemon, Self::Recorder];
 

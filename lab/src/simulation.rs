@@ -33,7 +33,7 @@ struct Simulation<'a> {
     faults: TurnFaults<MemoryBus>,
     /// The kills after which a process is to be opened anew.
     kills: Vec<Outage>,
-    observer: BusObserver<MemoryBus>,
+    observer: BusObserver,
     recorder: Recorder,
     recording: Option<McapRecorder>,
     /// The present instant.

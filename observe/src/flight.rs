@@ -120,6 +120,29 @@ pub struct Flight {
 }
 
 impl Flight {
+    /// The record of a flight under `config` that has not begun.
+    #[must_use]
+    pub fn new(config: &Config) -> Self {
+        Self {
+            config: config.clone(),
+            command_path: CommandPath::Bus,
+            outcome: Outcome::Unfinished,
+            crash: None,
+            samples: Vec::with_capacity(4096),
+            arrivals: Vec::with_capacity(4096),
+            hops: HopDistributions::default(),
+            wire: WireRecord::default(),
+            wakeup_lateness: Distribution::default(),
+            period_jitter: Distribution::default(),
+            commands_lost: 0,
+            poses_repeated: 0,
+            commands_repeated: 0,
+            applied: Vec::with_capacity(4096),
+            speed_factor: 0.0,
+            daemon: None,
+        }
+    }
+
     /// The ticks from arming to disarming.
     pub fn armed(&self) -> impl Iterator<Item = &FlightSample> {
         self.samples.iter().filter(|sample| sample.is_armed())

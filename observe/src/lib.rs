@@ -12,7 +12,7 @@
 //! | `event.rs` | events in words |
 //! | `flight.rs` | a recorded flight |
 //! | `flight_sample.rs` | one tick of a flight |
-//! | `nearest.rs` | the sample nearest to an instant |
+//! | `nearest.rs` | join of ticks with the samples nearest in time |
 //! | `summary.rs` | figures of a flight, `summary.json` |
 //! | `latency.rs` | latency by hops, from capture to effect |
 //! | `command_path.rs` | the path of commands to the vehicle |

@@ -1,11 +1,12 @@
 //! The loop monitor: a sink that collects the latencies and counters of a running instance.
 
-use oqtal_bus::message::{CommandV1, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{ObservedTopic, Sample};
 use serde::Serialize;
 
 use crate::latency::{Distribution, HopDistributions, OnwardTime};
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::sink::{Reception, Sink};
 
 /// Counters of the control loop over the time observed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -25,7 +26,8 @@ pub struct LoopCounters {
     /// Commands that the vehicle missed, by the gaps in their sequence.
     pub commands_lost: u64,
     /// Samples that the observer lost; they are not included in the figures.
-    pub unheard: u64,
+    #[serde(rename = "unheard")]
+    pub unobserved: u64,
 }
 
 /// Collects latencies and counters of one instance.
@@ -43,7 +45,7 @@ pub struct LoopMonitor {
 }
 
 impl LoopMonitor {
-    /// The topics that carry latencies and counters.
+    /// The topics with latencies and counters.
     pub const TOPICS: [ObservedTopic; 3] =
         [ObservedTopic::Telemetry, ObservedTopic::Vehicle, ObservedTopic::Command];
 
@@ -105,7 +107,7 @@ impl LoopMonitor {
     }
 }
 
-impl Sink for LoopMonitor {
+impl LoopMonitor {
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         // A late joiner receives the last sample of the topic, however old.
         if telemetry.time < self.from {
@@ -134,13 +136,23 @@ impl Sink for LoopMonitor {
         let before = *self.commands_lost_before.get_or_insert(vehicle.lost);
         self.counters.commands_lost = vehicle.lost.saturating_sub(before);
     }
+}
 
-    fn command(&mut self, reception: &Reception, _: &CommandV1) {
-        self.counters.commands += u64::from(reception.header.stamps.woken_at >= self.from);
+impl Sink for LoopMonitor {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
+            Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
+            Sample::Command(_) => {
+                let is_counted = reception.header.stamps.woken_at >= self.from;
+                self.counters.commands += u64::from(is_counted);
+            }
+            _ => {}
+        }
     }
 
     fn lost(&mut self, _: ObservedTopic, count: u64) {
-        self.counters.unheard += count;
+        self.counters.unobserved += count;
     }
 }
 
@@ -155,12 +167,12 @@ mod tests {
         for (nanos, deadline_misses) in [(9, 3), (10, 4), (20, 6)] {
             let time = Time::from_nanos(nanos);
             let tick = TelemetryV1 { time, deadline_misses, fresh: 1, ..TelemetryV1::default() };
-            monitor.telemetry(&reception, &tick);
+            monitor.sample(&reception, Sample::Telemetry(&tick));
         }
         monitor.lost(ObservedTopic::Telemetry, 5);
         let counted = monitor.counters();
         assert_eq!((counted.ticks, counted.fresh_ticks, counted.deadline_misses), (2, 2, 2));
-        assert_eq!(counted.unheard, 5);
+        assert_eq!(counted.unobserved, 5);
         monitor.restart(Time::from_nanos(30));
         assert_eq!((monitor.counters(), monitor.latest()), (LoopCounters::default(), None));
         assert!(monitor.daemon_pid().is_some());

@@ -1,8 +1,11 @@
-//! The sample nearest to an instant, among samples in the order of time.
+//! The sample nearest in time, among samples in the order of time.
 
 use std::collections::VecDeque;
 
 use oqtal_bus::time::Time;
+
+/// Samples kept, among which a late tick finds the nearest \[-\].
+const KEPT: usize = 64;
 
 /// Index in `samples` of the one whose time is nearest to `at`, the earlier of two; `None` if there are none.
 pub fn nearest<T>(samples: &VecDeque<T>, at: Time, time: impl Fn(&T) -> Time) -> Option<usize> {
@@ -10,6 +13,66 @@ pub fn nearest<T>(samples: &VecDeque<T>, at: Time, time: impl Fn(&T) -> Time) ->
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
     let distance = |index: &usize| time(&samples[*index]).since(at).nanos().abs();
     around.filter(|index| *index < samples.len()).min_by_key(distance)
+}
+
+/// Join of the daemon's ticks with the samples of the truth nearest to them; each arrives in the order of time.
+#[derive(Debug)]
+pub struct NearestJoin<T, S> {
+    ticks: VecDeque<(Time, T)>,
+    /// The newest samples, oldest first.
+    samples: VecDeque<(Time, S)>,
+}
+
+impl<T, S> Default for NearestJoin<T, S> {
+    fn default() -> Self {
+        Self { ticks: VecDeque::new(), samples: VecDeque::with_capacity(KEPT) }
+    }
+}
+
+impl<T, S> NearestJoin<T, S> {
+    /// Adds a tick.
+    pub fn add_tick(&mut self, at: Time, tick: T) {
+        self.ticks.push_back((at, tick));
+    }
+
+    /// Adds a sample of the truth.
+    pub fn add_sample(&mut self, at: Time, sample: S) {
+        if self.samples.len() == KEPT {
+            self.samples.pop_front();
+        }
+        self.samples.push_back((at, sample));
+    }
+
+    /// Removes and returns the first tick that is not later than the newest sample, with the sample nearest to it.
+    pub fn next_pair(&mut self) -> Option<(T, &mut S)> {
+        let newest = self.samples.back()?.0;
+        let at = self.ticks.front().map(|(at, _)| *at).filter(|at| *at <= newest)?;
+        let index = nearest(&self.samples, at, |(at, _)| *at)?;
+        let tick = self.next_tick()?;
+        Some((tick, &mut self.samples[index].1))
+    }
+
+    /// Removes and returns the first tick, without a sample.
+    pub fn next_tick(&mut self) -> Option<T> {
+        self.ticks.pop_front().map(|(_, tick)| tick)
+    }
+
+    /// Times of the first and the last tick that wait for a sample; `None` if none waits.
+    #[must_use]
+    pub fn waiting(&self) -> Option<(Time, Time)> {
+        Some((self.ticks.front()?.0, self.ticks.back()?.0))
+    }
+
+    /// Number of ticks that wait for a sample \[-\].
+    #[must_use]
+    pub fn ticks(&self) -> usize {
+        self.ticks.len()
+    }
+
+    /// The newest sample.
+    pub fn newest(&mut self) -> Option<&mut S> {
+        self.samples.back_mut().map(|(_, sample)| sample)
+    }
 }
 
 #[cfg(test)]

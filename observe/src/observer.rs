@@ -1,142 +1,76 @@
-//! The one observer of the bus: receives every sample of the chosen topics and hands it to a [`Sink`]. It publishes nothing.
+//! The observer of the bus: receives every sample of the chosen topics and passes it to a [`Sink`]. It publishes nothing.
+
+use std::fmt;
 
 use oqtal_bus::error::BusError;
-use oqtal_bus::message::{
-    CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
-};
+use oqtal_bus::message::Message;
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::{
-    COMMAND, INPUT, POSE, POSE_READ, Role, TELEMETRY, TRUTH, Topic, VEHICLE, VEHICLE_READ,
-};
+use oqtal_bus::topic::{ObservedTopic, Sample, Topic, TopicVisitor};
 use oqtal_bus::transport::{Subscribe, Transport};
 
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::sink::{Reception, Sink};
 
-/// Observes one instance over any transport: the processes' bus, or the in-memory bus of a flight in one process.
-#[derive(Debug)]
-pub struct BusObserver<T: Transport> {
-    telemetry: Option<Port<T, TelemetryV1>>,
-    truth: Option<Port<T, TruthV1>>,
-    pose: Option<Port<T, PoseV1>>,
-    command: Option<Port<T, CommandV1>>,
-    vehicle: Option<Port<T, VehicleV1>>,
-    input: Option<Port<T, InputV1>>,
-    pose_read: Option<Port<T, PoseV1>>,
-    vehicle_read: Option<Port<T, VehicleV1>>,
-    health: Vec<(Role, Port<T, HealthV1>)>,
-}
+/// Passes the new samples of one topic, received at an instant, to a sink.
+type Port = Box<dyn FnMut(Time, &mut dyn Sink) -> Result<(), BusError>>;
 
-impl<T: Transport> BusObserver<T> {
+/// Observer of one instance over any transport: the processes' bus, or the in-memory bus of a flight in one process.
+pub struct BusObserver(Vec<Port>);
+
+impl BusObserver {
     /// Opens a reader for each of `topics`, with the longest buffer that the topic allows.
     ///
     /// # Errors
     /// A topic has a different message schema, or the transport failed.
-    pub fn open(bus: &T, topics: &[ObservedTopic]) -> Result<Self, BusError> {
-        let mut observer = Self {
-            telemetry: None,
-            truth: None,
-            pose: None,
-            command: None,
-            vehicle: None,
-            input: None,
-            pose_read: None,
-            vehicle_read: None,
-            health: Vec::new(),
-        };
-        for &topic in topics {
-            observer.open_topic(bus, topic)?;
-        }
-        Ok(observer)
+    pub fn open<T: Transport + 'static>(
+        bus: &T,
+        topics: &[ObservedTopic],
+    ) -> Result<Self, BusError> {
+        let chosen = ObservedTopic::all().filter(|topic| topics.contains(topic));
+        let ports = chosen.map(|observed| observed.visit(OpenPort { bus, observed }));
+        ports.collect::<Result<_, _>>().map(Self)
     }
 
-    fn open_topic(&mut self, bus: &T, topic: ObservedTopic) -> Result<(), BusError> {
-        use ObservedTopic as Of;
-        match topic {
-            Of::Truth => self.truth = Some(Port::open(bus, &TRUTH, topic)?),
-            Of::Pose => self.pose = Some(Port::open(bus, &POSE, topic)?),
-            Of::Command => self.command = Some(Port::open(bus, &COMMAND, topic)?),
-            Of::Vehicle => self.vehicle = Some(Port::open(bus, &VEHICLE, topic)?),
-            Of::Telemetry => self.telemetry = Some(Port::open(bus, &TELEMETRY, topic)?),
-            Of::Input => self.input = Some(Port::open(bus, &INPUT, topic)?),
-            Of::PoseRead => self.pose_read = Some(Port::open(bus, &POSE_READ, topic)?),
-            Of::VehicleRead => self.vehicle_read = Some(Port::open(bus, &VEHICLE_READ, topic)?),
-            Of::Health(role) => {
-                self.health.push((role, Port::open(bus, &role.health(), topic)?));
-            }
-        }
-        Ok(())
-    }
-
-    /// Hands every sample that arrived since the last call to `sink`, topic by topic and oldest first; `now` is the time of
+    /// Passes every sample that arrived since the last call to `sink`, topic by topic and oldest first; `now` is the time of
     /// their reception.
     ///
     /// # Errors
     /// A topic has a different message schema, or the transport failed.
-    pub fn poll(&mut self, now: Time, sink: &mut impl Sink) -> Result<(), BusError> {
-        let Self {
-            telemetry,
-            truth,
-            pose,
-            command,
-            vehicle,
-            input,
-            pose_read,
-            vehicle_read,
-            health,
-        } = self;
-        drain(telemetry, now, sink, Sink::telemetry)?;
-        drain(truth, now, sink, Sink::truth)?;
-        drain(pose, now, sink, Sink::pose)?;
-        drain(command, now, sink, Sink::command)?;
-        drain(vehicle, now, sink, Sink::vehicle)?;
-        drain(pose_read, now, sink, Sink::pose_read)?;
-        drain(vehicle_read, now, sink, Sink::vehicle_read)?;
-        drain(input, now, sink, Sink::input)?;
-        for (role, port) in health {
-            port.drain(now, sink, |sink, reception, health| sink.health(reception, *role, health))?;
-        }
-        Ok(())
+    pub fn poll(&mut self, now: Time, sink: &mut dyn Sink) -> Result<(), BusError> {
+        self.0.iter_mut().try_for_each(|port| port(now, sink))
     }
 }
 
-/// Drains a port if it is open.
-fn drain<T: Transport, M: Message, S: Sink>(
-    port: &mut Option<Port<T, M>>,
-    now: Time,
-    sink: &mut S,
-    callback: impl Fn(&mut S, &Reception, &M),
-) -> Result<(), BusError> {
-    port.as_mut().map_or(Ok(()), |port| port.drain(now, sink, callback))
-}
-
-/// The reader of one topic.
-#[derive(Debug)]
-struct Port<T: Transport, M: Message> {
-    reader: T::Reader<M>,
-    topic: ObservedTopic,
-    /// Losses that the sink knows of.
-    reported_lost: u64,
-}
-
-impl<T: Transport, M: Message> Port<T, M> {
-    fn open(bus: &T, topic: &Topic<M>, observed: ObservedTopic) -> Result<Self, BusError> {
-        Ok(Self { reader: bus.observer(topic)?, topic: observed, reported_lost: 0 })
+impl fmt::Debug for BusObserver {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("BusObserver").field("topics", &self.0.len()).finish()
     }
+}
 
-    fn drain<S: Sink>(
-        &mut self,
-        received_at: Time,
-        sink: &mut S,
-        callback: impl Fn(&mut S, &Reception, &M),
-    ) -> Result<(), BusError> {
-        let Self { reader, topic, reported_lost } = self;
-        reader.drain(|lost, header, body| {
-            if lost > *reported_lost {
-                sink.lost(*topic, lost - *reported_lost);
-                *reported_lost = lost;
-            }
-            callback(sink, &Reception { header: *header, received_at }, body);
-        })
+/// Opens the reader of a topic.
+struct OpenPort<'a, T> {
+    bus: &'a T,
+    observed: ObservedTopic,
+}
+
+impl<T: Transport + 'static> TopicVisitor for OpenPort<'_, T> {
+    type Output = Result<Port, BusError>;
+
+    fn visit<M: Message>(
+        self,
+        topic: &Topic<M>,
+        sample: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
+    ) -> Self::Output {
+        let mut reader = self.bus.observer(topic)?;
+        let (observed, mut reported_lost) = (self.observed, 0);
+        Ok(Box::new(move |received_at, sink| {
+            reader.drain(|lost, header, body| {
+                if lost > reported_lost {
+                    sink.lost(observed, lost - reported_lost);
+                    reported_lost = lost;
+                }
+                sink.sample(&Reception { header: *header, received_at }, sample(body));
+            })
+        }))
     }
 }
 
@@ -144,22 +78,24 @@ impl<T: Transport, M: Message> Port<T, M> {
 mod tests {
     use super::*;
     use oqtal_bus::memory::MemoryBus;
-    use oqtal_bus::message::Stamps;
+    use oqtal_bus::message::{CommandV1, HealthV1, PoseV1, Stamps};
+    use oqtal_bus::topic::{COMMAND, POSE, Role};
     use oqtal_bus::transport::Publish;
 
-    /// Lists what it receives.
+    /// List of the samples received.
     #[derive(Default)]
     struct Listing(Vec<String>);
 
     impl Sink for Listing {
-        fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
             let Reception { header, received_at } = reception;
             let (sequence, at) = (header.sequence, received_at.nanos());
-            self.0.push(format!("pose {sequence} at {at}: z {}", pose.position[2]));
-        }
-
-        fn health(&mut self, _: &Reception, role: Role, _: &HealthV1) {
-            self.0.push(format!("health of {}", role.name()));
+            self.0.push(match sample {
+                Sample::Pose(pose) => {
+                    format!("pose {sequence} at {at}: z {}", pose.position[2])
+                }
+                other => other.topic().to_string(),
+            });
         }
 
         fn lost(&mut self, topic: ObservedTopic, count: u64) {
@@ -181,7 +117,7 @@ mod tests {
         poses.send(0, Stamps::default(), pose).unwrap();
         let mut listing = Listing::default();
         observer.poll(Time::from_nanos(7), &mut listing).unwrap();
-        assert_eq!(listing.0, ["pose 1 at 7: z 1.5", "health of daemon"]);
+        assert_eq!(listing.0, ["pose 1 at 7: z 1.5", "health/daemon"]);
     }
 
     #[test]

@@ -1,19 +1,17 @@
-//! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and makes a
-//! [`Flight`] of it.
+//! The flight recorder: a sink that joins every tick of the daemon with the truth, detects the end of the flight, and returns the
+//! recorded [`Flight`].
 
-use std::collections::VecDeque;
-
-use crate::latency::{Distribution, HopDistributions, OnwardTime};
 use oqtal_bus::code::{Mode, SafetyState};
 use oqtal_bus::message::{PoseV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::Config;
 
-use crate::command_path::CommandPath;
 use crate::crash::Crash;
 use crate::flight::{AppliedCommand, Flight, FlightSample, Outcome, PoseArrival};
-use crate::nearest::nearest;
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::latency::OnwardTime;
+use crate::nearest::NearestJoin;
+use crate::sink::{Reception, Sink};
 use crate::wire::WireRecord;
 
 /// Height below which a vehicle at rest has landed \[m\].
@@ -22,44 +20,29 @@ const ON_FLOOR_M: f64 = 0.05;
 const AT_REST_M_S: f64 = 0.1;
 /// Time at rest after which the flight is over.
 const REST: Span = Span::from_millis(500);
-/// Ticks that wait so long for the first sample of the truth have none: a real vehicle, seen by real cameras.
+/// Time for which ticks wait for the first sample of the truth; without one, a real vehicle is seen by real cameras.
 const TRUTH_TIMEOUT: Span = Span::from_millis(1000);
-/// Number of truth samples kept, among which a late tick finds the nearest.
-const TRUTHS_KEPT: usize = 64;
 
-/// Records one flight.
+/// Recorder of one flight.
 #[derive(Debug)]
 pub struct Recorder {
-    config: Config,
+    /// The flight so far, under a provisional outcome.
+    flight: Flight,
+    outcome: Option<Outcome>,
     /// Process id of the daemon; `None` before its first tick.
     daemon_pid: Option<u64>,
     /// Source of the daemon's messages; `None` before its first tick.
     daemon_source: Option<u64>,
     /// Samples that were lost before the recorder received them, by topic.
     lost: Vec<(ObservedTopic, u64)>,
-    samples: Vec<FlightSample>,
-    arrivals: Vec<PoseArrival>,
-    hops: HopDistributions,
-    wire: WireRecord,
-    wakeup_lateness: Distribution,
-    period_jitter: Distribution,
-    commands_lost: u64,
-    poses_repeated: u64,
-    commands_repeated: u64,
     last_tick: Option<Time>,
-    last_command: u64,
-    applied: Vec<AppliedCommand>,
-    waiting: VecDeque<TelemetryV1>,
-    /// The newest samples of the truth, oldest first.
-    truths: VecDeque<TruthV1>,
+    join: NearestJoin<TelemetryV1, TruthV1>,
     flown: bool,
     resting_since: Option<Time>,
-    outcome: Option<Outcome>,
-    crash: Option<Crash>,
 }
 
 impl Recorder {
-    /// The topics that a flight is judged by.
+    /// The topics from which a flight is evaluated.
     pub const TOPICS: [ObservedTopic; 4] = [
         ObservedTopic::Telemetry,
         ObservedTopic::Truth,
@@ -71,46 +54,33 @@ impl Recorder {
     #[must_use]
     pub fn new(config: &Config) -> Self {
         Self {
-            config: config.clone(),
+            flight: Flight::new(config),
+            outcome: None,
             daemon_pid: None,
             daemon_source: None,
             lost: Vec::new(),
-            samples: Vec::with_capacity(4096),
-            arrivals: Vec::with_capacity(4096),
-            hops: HopDistributions::default(),
-            wire: WireRecord::default(),
-            wakeup_lateness: Distribution::default(),
-            period_jitter: Distribution::default(),
-            commands_lost: 0,
-            poses_repeated: 0,
-            commands_repeated: 0,
             last_tick: None,
-            last_command: 0,
-            applied: Vec::with_capacity(4096),
-            waiting: VecDeque::new(),
-            truths: VecDeque::with_capacity(TRUTHS_KEPT),
+            join: NearestJoin::default(),
             flown: false,
             resting_since: None,
-            outcome: None,
-            crash: None,
         }
     }
 
     /// The newest vehicle message and the figures of the wire.
     #[must_use]
     pub fn wire(&self) -> &WireRecord {
-        &self.wire
+        &self.flight.wire
     }
 
     /// Whether topic `truth` does not describe the vehicle: in a replay, and when the simulator is the shadow of another vehicle.
     fn has_no_truth(&self) -> bool {
-        self.config.is_replay() || self.config.plant.shadow
+        self.flight.is_replay() || self.flight.config.plant.shadow
     }
 
     /// Whether a pose was received.
     #[must_use]
     pub fn has_poses(&self) -> bool {
-        !self.arrivals.is_empty()
+        !self.flight.arrivals.is_empty()
     }
 
     /// Process id of the daemon; `None` before its first tick was received.
@@ -134,88 +104,74 @@ impl Recorder {
     /// The ticks so far, in the order of time.
     #[must_use]
     pub fn samples(&self) -> &[FlightSample] {
-        &self.samples
+        &self.flight.samples
     }
 
     /// The newest tick.
     #[must_use]
     pub fn latest(&self) -> Option<&FlightSample> {
-        self.samples.last()
+        self.flight.samples.last()
     }
 
     /// Closes the record. The outcome is `otherwise` if the flight has not ended by itself.
     #[must_use]
     pub fn finish(self, otherwise: Outcome, speed_factor: f64) -> Flight {
-        Flight {
-            outcome: self.outcome.unwrap_or(otherwise),
-            crash: self.crash,
-            config: self.config,
-            command_path: CommandPath::Bus,
-            samples: self.samples,
-            arrivals: self.arrivals,
-            hops: self.hops,
-            wire: self.wire,
-            wakeup_lateness: self.wakeup_lateness,
-            period_jitter: self.period_jitter,
-            commands_lost: self.commands_lost,
-            poses_repeated: self.poses_repeated,
-            commands_repeated: self.commands_repeated,
-            applied: self.applied,
-            speed_factor,
-            daemon: None,
-        }
+        Flight { outcome: self.outcome.unwrap_or(otherwise), speed_factor, ..self.flight }
     }
 
     /// Joins every waiting tick up to the newest truth sample with the sample nearest in time; in virtual time both have the
     /// same instant.
     fn join(&mut self) {
-        let Some(newest) = self.truths.back().map(|truth| truth.time) else { return };
-        while self.waiting.front().is_some_and(|first| first.time <= newest) {
-            let Some(telemetry) = self.waiting.pop_front() else { return };
-            let index = nearest(&self.truths, telemetry.time, |truth| truth.time);
-            let truth = index.map(|index| self.truths[index]);
+        while let Some((telemetry, truth)) = self.join.next_pair() {
+            let truth = Some(*truth);
             self.push(FlightSample { telemetry, truth });
         }
     }
 
-    /// Goes on without the truth where none comes.
+    /// Records the waiting ticks without the truth if none is published.
     fn give_up_truth(&mut self) {
-        let Some((first, last)) = self.waiting.front().zip(self.waiting.back()) else { return };
-        let may_come = self.samples.is_empty() && last.time.since(first.time) < TRUTH_TIMEOUT;
-        if !self.truths.is_empty() || may_come {
+        let Some((first, last)) = self.join.waiting() else { return };
+        let may_come = self.flight.samples.is_empty() && last.since(first) < TRUTH_TIMEOUT;
+        if self.join.newest().is_some() || may_come {
             return;
         }
-        while let Some(telemetry) = self.waiting.pop_front() {
+        while let Some(telemetry) = self.join.next_tick() {
             self.push(FlightSample { telemetry, truth: None });
         }
     }
 
     fn push(&mut self, sample: FlightSample) {
-        let before = self.samples.last().copied();
-        self.samples.push(sample);
-        if self.outcome.is_some() || self.config.is_replay() {
+        let before = self.flight.samples.last().copied();
+        self.flight.samples.push(sample);
+        if self.outcome.is_some() || self.flight.is_replay() {
             return;
         }
-        self.judge(&sample);
+        self.detect_end(&sample);
         let touchdown = before.filter(|_| self.outcome.is_none() && self.flown);
         if let Some(crash) = touchdown.and_then(|before| Crash::at_touchdown(&before, &sample)) {
-            (self.outcome, self.crash) = (Some(Outcome::Crashed), Some(crash));
+            self.crashed(crash);
         }
     }
 
-    /// The daemon that flew has died: another one starts disarmed, and the vehicle has fallen.
+    fn crashed(&mut self, crash: Crash) {
+        (self.outcome, self.flight.crash) = (Some(Outcome::Crashed), Some(crash));
+    }
+
+    /// Ends a flight whose daemon died: the next daemon starts disarmed, and the vehicle has fallen.
     fn daemon_replaced(&mut self) {
-        let in_flight = self.samples.last().is_some_and(FlightSample::is_armed);
+        let in_flight = self.latest().is_some_and(FlightSample::is_armed);
         if in_flight && self.outcome.is_none() {
-            (self.outcome, self.crash) = (Some(Outcome::Crashed), Some(Crash::DaemonDied));
+            self.crashed(Crash::DaemonDied);
         }
     }
 
-    fn judge(&mut self, sample: &FlightSample) {
+    /// Ends the flight if it ends with this tick.
+    fn detect_end(&mut self, sample: &FlightSample) {
         if sample.is_armed() {
             self.flown = true;
-            self.crash = Crash::of(sample, &self.config.fence);
-            self.outcome = self.crash.map(|_| Outcome::Crashed);
+            if let Some(crash) = Crash::of(sample, &self.flight.config.fence) {
+                self.crashed(crash);
+            }
             return;
         }
         if sample.telemetry.state == SafetyState::Stop.code() {
@@ -232,17 +188,6 @@ impl Recorder {
             self.outcome = Some(Outcome::Landed);
         }
     }
-}
-
-impl Sink for Recorder {
-    /// Joins the waiting ticks up to this sample with the truth.
-    fn truth(&mut self, _: &Reception, truth: &TruthV1) {
-        if self.truths.len() == TRUTHS_KEPT {
-            self.truths.pop_front();
-        }
-        self.truths.push_back(*truth);
-        self.join();
-    }
 
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         let source = reception.header.source;
@@ -250,26 +195,26 @@ impl Sink for Recorder {
             self.daemon_replaced();
         }
         self.daemon_pid = Some(u64::from(reception.header.origin().process()));
-        self.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
+        self.flight.wakeup_lateness.add(Span::from_nanos(telemetry.wakeup_lateness_ns));
         if let Some(last) = self.last_tick.replace(telemetry.time) {
-            let period = Span::period_of(self.config.control.rate_hz);
+            let period = Span::period_of(self.flight.config.control.rate_hz);
             let deviation = telemetry.time.since(last) - period;
-            self.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
+            self.flight.period_jitter.add(Span::from_nanos(deviation.nanos().abs()));
         }
         if self.has_no_truth() {
             self.push(FlightSample { telemetry: *telemetry, truth: None });
             return;
         }
-        self.waiting.push_back(*telemetry);
+        self.join.add_tick(telemetry.time, *telemetry);
         self.join();
         self.give_up_truth();
     }
 
     fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
-        let header = &reception.header;
-        let last = self.arrivals.last().map_or(0, |arrival| arrival.frame);
-        self.poses_repeated += u64::from(header.pose_sequence == last);
-        self.arrivals.push(PoseArrival {
+        let (header, flight) = (&reception.header, &mut self.flight);
+        let last = flight.arrivals.last().map_or(0, |arrival| arrival.frame);
+        flight.poses_repeated += u64::from(header.pose_sequence == last);
+        flight.arrivals.push(PoseArrival {
             at: header.stamps.pose_published_at,
             frame: header.pose_sequence,
             position: pose.position,
@@ -277,19 +222,34 @@ impl Sink for Recorder {
     }
 
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        let header = &reception.header;
-        self.commands_lost = vehicle.lost;
-        self.wire.vehicle(header, vehicle);
+        let (header, flight) = (&reception.header, &mut self.flight);
+        flight.commands_lost = vehicle.lost;
+        flight.wire.vehicle(header, vehicle);
         if !header.stamps.applied_at.is_set() {
             // A bridge publishes in every period; in this one it had no new command.
             return;
         }
         let (stamps, onward) = (header.stamps, OnwardTime::of(vehicle));
-        self.hops.add(&stamps, onward);
-        self.commands_repeated += u64::from(vehicle.command_sequence == self.last_command);
-        self.last_command = vehicle.command_sequence;
+        flight.hops.add(&stamps, onward);
         let (sequence, battery_v) = (vehicle.command_sequence, vehicle.battery_v);
-        self.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
+        let last = flight.applied.last().map_or(0, |command| command.sequence);
+        flight.commands_repeated += u64::from(sequence == last);
+        flight.applied.push(AppliedCommand { sequence, stamps, onward, battery_v });
+    }
+}
+
+impl Sink for Recorder {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Truth(truth) => {
+                self.join.add_sample(truth.time, *truth);
+                self.join();
+            }
+            Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
+            Sample::Pose(pose) => self.pose(reception, pose),
+            Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
+            _ => {}
+        }
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {

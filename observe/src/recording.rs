@@ -1,8 +1,8 @@
-//! Recordings of flights: MCAP files with every topic as it was published and when it was received, together with what is needed
-//! to understand them later: configuration, version, machine, events.
+//! Recordings of flights: MCAP files with every message, its times of publication and reception, configuration, version, machine
+//! and events.
 //!
 //! Messages are encoded as ROS 2 does (CDR), their schemas are written from the field tables of the message definitions, with
-//! units in names and comments. Poses come a second time in Foxglove's well-known schemas, for viewers that draw.
+//! units in names and comments. Poses are recorded a second time in Foxglove's well-known schemas, for viewers that draw.
 //!
 //! | file | subject |
 //! |---|---|
@@ -10,26 +10,30 @@
 //! | `schema.rs` | schemas of messages, from their field tables |
 //! | `channel.rs` | the table of recorded channels |
 //! | `scene.rs` | poses, transforms and log entries in well-known schemas |
-//! | `facts.rs`, `closing.rs` | what is recorded beside the messages |
-//! | `fault_schedule.rs` | when faults by hand begin and end |
+//! | `facts.rs`, `closing.rs` | facts that are recorded beside the messages |
+//! | `fault_schedule.rs` | beginnings and ends of injected faults and disturbances |
 //! | `truth.rs` | the samples of the truth that are recorded |
 //! | `sink.rs` | the sink that records |
+//! | `chunk.rs` | messages on their way into a file |
 //! | `thread.rs` | the thread that writes, and its queue |
+//! | `mcap.rs` | the container format |
 //! | `writer.rs` | one MCAP file |
-//! | `file.rs` | a recording that is read |
+//! | `file.rs` | reading of a recording |
 //! | `playback.rs` | a recording as samples for a sink, and as a flight |
-//! | `history.rs` | what the daemon took in, turn by turn, from a recording |
+//! | `history.rs` | inputs of the daemon, turn by turn |
 //! | `export.rs` | a recording as text |
-//! | `overview.rs` | what a recording holds, for people |
+//! | `overview.rs` | contents of a recording: `oqtal info` |
 
 mod cdr;
 mod channel;
+mod chunk;
 mod closing;
 mod export;
 mod facts;
 mod fault_schedule;
 mod file;
 mod history;
+mod mcap;
 mod overview;
 mod playback;
 mod scene;

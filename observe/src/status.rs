@@ -6,13 +6,13 @@ use std::fmt;
 use oqtal_bus::code::{Cause, ControlHolder, EstimatorState, Mode, SafetyState, VehicleRefusal};
 use oqtal_bus::message::{Header, HealthV1, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{ObservedTopic, Role, Sample};
 use serde::Serialize;
 
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::sink::{Reception, Sink};
 
 /// The processes of an instance. Either the plant or the bridge runs, or both; either emulated cameras or a receiver.
-const PROCESSES: [Role; 5] = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge, Role::Receiver];
+const PROCESSES: [Role; 5] = Role::PROCESSES;
 
 /// Collects what the processes of one instance publish about themselves.
 #[derive(Debug)]
@@ -80,15 +80,7 @@ impl StatusMonitor {
     }
 }
 
-impl Sink for StatusMonitor {
-    fn telemetry(&mut self, _: &Reception, telemetry: &TelemetryV1) {
-        self.tick = Some(*telemetry);
-    }
-
-    fn vehicle(&mut self, _: &Reception, vehicle: &VehicleV1) {
-        self.vehicle = Some(*vehicle);
-    }
-
+impl StatusMonitor {
     fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
         let slots = PROCESSES.into_iter().zip(&mut self.health);
         let slot = slots.filter(|(other, _)| *other == role).map(|(_, slot)| slot).next();
@@ -96,6 +88,17 @@ impl Sink for StatusMonitor {
             && let Some(slot) = slot
         {
             *slot = Some((reception.header, *health));
+        }
+    }
+}
+
+impl Sink for StatusMonitor {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Telemetry(telemetry) => self.tick = Some(*telemetry),
+            Sample::Vehicle(vehicle) => self.vehicle = Some(*vehicle),
+            Sample::Health(role, health) => self.health(reception, role, health),
+            _ => {}
         }
     }
 
@@ -337,7 +340,7 @@ mod tests {
         let roles = [Role::Mocap, Role::Daemon, Role::Bridge];
         let mut fresh = monitor(&roles, Span::from_millis(20));
         assert!(!fresh.is_complete());
-        fresh.vehicle(&Reception::default(), &VehicleV1::default());
+        fresh.sample(&Reception::default(), Sample::Vehicle(&VehicleV1::default()));
         assert!(fresh.is_complete());
         let lines = fresh.status(Time::VIRTUAL_START).lines();
         assert_eq!(lines[0], "plant-sim  not started");

@@ -71,7 +71,7 @@ fn require_terminal() -> Result<(), Failure> {
 
 /// The observation of an instance.
 struct Watch {
-    observer: BusObserver<Bus>,
+    observer: BusObserver,
     model: MonitorModel,
     look: ScreenLook,
     stop: StopFlag,

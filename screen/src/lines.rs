@@ -203,8 +203,8 @@ fn faults(model: &MonitorModel) -> StatusLine {
         found.extend(wrong.into_iter().filter(|(is, _)| *is).map(|(_, text)| text.to_owned()));
     }
     let counters = model.figures.counters();
-    if counters.unheard > 0 {
-        found.push(format!("{} samples not observed", counters.unheard));
+    if counters.unobserved > 0 {
+        found.push(format!("{} samples not observed", counters.unobserved));
     }
     let weight = if found.is_empty() { Weight::Good } else { Weight::Alarm };
     let text = if found.is_empty() { "none".to_owned() } else { found.join(", ") };

@@ -1,12 +1,12 @@
 //! What is known of an instance: a sink that keeps what the picture shows.
 
-use oqtal_bus::message::{CommandV1, Header, HealthV1, InputV1, Stamps, TelemetryV1, VehicleV1};
+use oqtal_bus::message::{Header, Stamps, TelemetryV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_observe::event::{self, DaemonCondition};
 use oqtal_observe::latency::{OnwardTime, hops, sensor_to_actuator};
 use oqtal_observe::loop_monitor::LoopMonitor;
-use oqtal_observe::sink::{ObservedTopic, Reception, Sink};
+use oqtal_observe::sink::{Reception, Sink};
 
 use crate::journal::Journal;
 use crate::processes::{OBSERVED, ProcessChange, ProcessTable};
@@ -163,10 +163,10 @@ pub fn tracking_error_m(tick: &TelemetryV1) -> Option<f64> {
     (distance.is_finite() && tick.mission_s.is_finite()).then_some(distance)
 }
 
-impl Sink for MonitorModel {
+impl MonitorModel {
     fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
         self.notice_daemon(&reception.header);
-        self.figures.telemetry(reception, telemetry);
+        self.figures.sample(reception, Sample::Telemetry(telemetry));
         self.tick = Some(Newest { received_at: reception.received_at, body: *telemetry });
         self.trends.thrust.add(telemetry.thrust * 100.0);
         if let Some(error) = tracking_error_m(telemetry) {
@@ -180,28 +180,31 @@ impl Sink for MonitorModel {
     }
 
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        self.figures.vehicle(reception, vehicle);
+        self.figures.sample(reception, Sample::Vehicle(vehicle));
         self.add_latency(&reception.header.stamps, vehicle);
         let newest = Newest { received_at: reception.received_at, body: *vehicle };
         if let Some(before) = self.vehicle.replace(newest) {
             self.note_vehicle(&before.body, vehicle);
         }
     }
+}
 
-    fn command(&mut self, reception: &Reception, command: &CommandV1) {
-        self.figures.command(reception, command);
-    }
-
-    fn input(&mut self, _: &Reception, input: &InputV1) {
-        if let Some(text) = event::of_input(input) {
-            self.journal.add(self.now, text);
-        }
-    }
-
-    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
-        let change = self.processes.hear(self.now, role, (&reception.header, health));
-        if let Some(change) = change {
-            self.note(change);
+impl Sink for MonitorModel {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
+            Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
+            Sample::Command(_) => self.figures.sample(reception, sample),
+            Sample::Input(input) => {
+                if let Some(text) = event::of_input(input) {
+                    self.journal.add(self.now, text);
+                }
+            }
+            Sample::Health(role, health) => {
+                let change = self.processes.hear(self.now, role, (&reception.header, health));
+                change.into_iter().for_each(|change| self.note(change));
+            }
+            _ => {}
         }
     }
 

@@ -4,8 +4,8 @@ use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::{Header, HealthV1, Stamps, TelemetryV1, VehicleV1};
 use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::{POSE, Role};
-use oqtal_observe::sink::{ObservedTopic, Reception, Sink};
+use oqtal_bus::topic::{ObservedTopic, POSE, Role, Sample};
+use oqtal_observe::sink::{Reception, Sink};
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
@@ -74,7 +74,7 @@ fn stamps(now: Time) -> Stamps {
 
 fn hear(model: &mut MonitorModel, role: Role, now: Time) {
     let health = HealthV1 { time: now, config_hash: 7, ..HealthV1::default() };
-    model.health(&reception(now, Stamps::default()), role, &health);
+    model.sample(&reception(now, Stamps::default()), Sample::Health(role, &health));
 }
 
 /// A model after three seconds of flight.
@@ -86,8 +86,8 @@ fn in_flight() -> MonitorModel {
         for role in [Role::Daemon, Role::Plant, Role::Mocap] {
             hear(&mut model, role, now);
         }
-        model.telemetry(&reception(now, Stamps::default()), &flying(now));
-        model.vehicle(&reception(now, stamps(now)), &vehicle());
+        model.sample(&reception(now, Stamps::default()), Sample::Telemetry(&flying(now)));
+        model.sample(&reception(now, stamps(now)), Sample::Vehicle(&vehicle()));
     }
     model
 }
@@ -169,7 +169,7 @@ fn states_are_told_in_words_and_without_colour_no_cell_has_one() {
         fresh: 0,
         ..flying(now)
     };
-    model.telemetry(&reception(now, Stamps::default()), &lost);
+    model.sample(&reception(now, Stamps::default()), Sample::Telemetry(&lost));
     let seen = seen(&model, (80, 24));
     assert!(seen.contains("state     Coast: no pose"), "{seen}");
     assert!(seen.contains("3.0 flying, Coast: no pose"), "the event is missing\n{seen}");
@@ -186,7 +186,7 @@ fn what_keeps_a_flight_from_beginning_is_told() {
     let obstacles = ArmingObstacles::default().with(ArmingObstacle::Tilted, true).bits();
     let (mode, mission_s) = (Mode::Disarmed.code(), f64::NAN);
     let tick = TelemetryV1 { obstacles, mode, mission_s, ..flying(model.now) };
-    model.telemetry(&reception(model.now, Stamps::default()), &tick);
+    model.sample(&reception(model.now, Stamps::default()), Sample::Telemetry(&tick));
     let seen = seen(&model, (80, 24));
     assert!(seen.contains("disarmed; no take-off: the vehicle is tilted"), "{seen}");
     assert!(seen.contains("no reference"), "{seen}");
@@ -211,7 +211,7 @@ fn an_instance_that_ends_is_told_and_one_that_comes_back_begins_anew() {
     hear(&mut model, Role::Daemon, back);
     let other =
         Reception { header: Header { source: 4712, ..Header::default() }, received_at: back };
-    model.telemetry(&other, &flying(back));
+    model.sample(&other, Sample::Telemetry(&flying(back)));
     let picture = seen(&model, (100, 30));
     assert!(picture.contains("state     Nominal") && picture.contains("1 ticks"), "{picture}");
     assert!(picture.contains("daemon came, pid 4711"), "{picture}");
@@ -224,5 +224,5 @@ fn an_observer_that_was_too_slow_says_so() {
     let seen = seen(&model, (80, 24));
     assert!(seen.contains("1024 samples not observed"), "{seen}");
     model.restart_figures();
-    assert!(model.figures.counters().unheard == 0 && model.greatest_error_m == 0.0);
+    assert!(model.figures.counters().unobserved == 0 && model.greatest_error_m == 0.0);
 }

@@ -75,7 +75,7 @@ impl FlightRecording<'_> {
     /// The daemon refuses or never answers, the vehicle never answers, or the bus failed.
     pub fn run(
         &self,
-        mut observer: BusObserver<Bus>,
+        mut observer: BusObserver,
         recording: Option<McapRecorder>,
     ) -> Result<RecordedFlight, Failure> {
         if self.mission.recording.is_none() {
@@ -196,7 +196,7 @@ impl FlightRecording<'_> {
 
 impl Progressing {
     /// Records what was published since the last call.
-    fn poll(&mut self, observer: &mut BusObserver<Bus>) -> Result<(), BusError> {
+    fn poll(&mut self, observer: &mut BusObserver) -> Result<(), BusError> {
         let Some(recording) = &mut self.recording else {
             return observer.poll(self.now, &mut self.recorder);
         };

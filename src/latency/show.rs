@@ -105,12 +105,12 @@ fn pairs(figures: &LatencyFigures) -> Option<String> {
 
 fn counts(figures: &LatencyFigures) -> String {
     let counters = &figures.counters;
-    let unheard = match counters.unheard {
+    let unobserved = match counters.unobserved {
         0 => String::new(),
-        unheard => format!("; {unheard} samples were not heard: this machine is overloaded"),
+        lost => format!("; {lost} samples were not observed: this machine is overloaded"),
     };
     format!(
-        "ticks {}, on a pose {}, deadlines missed {}, poses lost {}, refused {}, commands {}, lost {}{unheard}",
+        "ticks {}, on a pose {}, deadlines missed {}, poses lost {}, refused {}, commands {}, lost {}{unobserved}",
         counters.ticks,
         counters.fresh_ticks,
         counters.deadline_misses,

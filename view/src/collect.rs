@@ -3,13 +3,14 @@
 use std::collections::VecDeque;
 
 use oqtal_bus::code::SafetyState;
-use oqtal_bus::message::{InputV1, TelemetryV1, TruthV1, VehicleV1};
+use oqtal_bus::message::{TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::{Config, Interface};
 use oqtal_observe::event::{self, DaemonCondition};
 use oqtal_observe::flight::FlightSample;
 use oqtal_observe::nearest::nearest;
-use oqtal_observe::sink::{ObservedTopic, Reception, Sink};
+use oqtal_observe::sink::{Reception, Sink};
 use serde::Serialize;
 
 use crate::row::{self, TickRow, VehicleRow};
@@ -187,8 +188,8 @@ fn mood(state: u8) -> EventMood {
     }
 }
 
-impl Sink for Collector {
-    fn truth(&mut self, _: &Reception, truth: &TruthV1) {
+impl Collector {
+    fn truth(&mut self, truth: &TruthV1) {
         if !self.has_truth {
             return;
         }
@@ -202,21 +203,29 @@ impl Sink for Collector {
         self.truths.push_back(*truth);
     }
 
-    fn telemetry(&mut self, _: &Reception, telemetry: &TelemetryV1) {
-        self.origin.get_or_insert(telemetry.time);
-        self.waiting.push(*telemetry);
-    }
-
     fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
         let Some(origin) = self.origin else { return };
         let since = |at: Time| at.since(origin).seconds();
         let row = row::vehicle(reception.received_at, (&reception.header, vehicle), since);
         self.collected.vehicles.push(row);
     }
+}
 
-    fn input(&mut self, _: &Reception, input: &InputV1) {
-        if let Some(text) = event::of_input(input) {
-            self.note(input.time, (EventMood::Neutral, text));
+impl Sink for Collector {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Truth(truth) => self.truth(truth),
+            Sample::Telemetry(telemetry) => {
+                self.origin.get_or_insert(telemetry.time);
+                self.waiting.push(*telemetry);
+            }
+            Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
+            Sample::Input(input) => {
+                if let Some(text) = event::of_input(input) {
+                    self.note(input.time, (EventMood::Neutral, text));
+                }
+            }
+            _ => {}
         }
     }
 
@@ -252,11 +261,13 @@ mod tests {
     fn a_tick_is_compared_with_the_truth_nearest_to_it() {
         let mut collector = Collector::new(&Config::default());
         let reception = Reception::default();
-        collector.telemetry(&reception, &tick(20, SafetyState::Nominal, Mode::Flying));
+        collector
+            .sample(&reception, Sample::Telemetry(&tick(20, SafetyState::Nominal, Mode::Flying)));
         for millis in [0, 18, 21, 40] {
             let time = Time::VIRTUAL_START + Span::from_millis(millis);
             let position = [millis as f64, 2.0, 2.0];
-            collector.truth(&reception, &TruthV1 { time, position, ..TruthV1::default() });
+            let truth = TruthV1 { time, position, ..TruthV1::default() };
+            collector.sample(&reception, Sample::Truth(&truth));
         }
         let Collected { ticks, .. } = collector.take();
         assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (21.0, 20.0));
@@ -265,7 +276,10 @@ mod tests {
     #[test]
     fn without_a_truth_nearby_the_estimate_is_shown() {
         let mut collector = Collector::new(&Config::default());
-        collector.telemetry(&Reception::default(), &tick(0, SafetyState::Nominal, Mode::Flying));
+        collector.sample(
+            &Reception::default(),
+            Sample::Telemetry(&tick(0, SafetyState::Nominal, Mode::Flying)),
+        );
         let ticks = collector.take().ticks;
         assert_eq!((ticks[0][column("x")], ticks[0][column("position")]), (1.0, 1.0));
     }
@@ -276,9 +290,12 @@ mod tests {
         config.fault.inject = vec!["pose:off@1+1".parse().unwrap()];
         let mut collector = Collector::new(&config);
         let reception = Reception::default();
-        collector.telemetry(&reception, &tick(0, SafetyState::Nominal, Mode::Disarmed));
-        collector.telemetry(&reception, &tick(100, SafetyState::Nominal, Mode::Flying));
-        collector.telemetry(&reception, &tick(1110, SafetyState::Coast, Mode::Flying));
+        collector
+            .sample(&reception, Sample::Telemetry(&tick(0, SafetyState::Nominal, Mode::Disarmed)));
+        collector
+            .sample(&reception, Sample::Telemetry(&tick(100, SafetyState::Nominal, Mode::Flying)));
+        collector
+            .sample(&reception, Sample::Telemetry(&tick(1110, SafetyState::Coast, Mode::Flying)));
         collector.lost(ObservedTopic::Pose, 3);
         let events = collector.take().events;
         let texts: Vec<&str> = events.iter().map(|event| event.text.as_str()).collect();

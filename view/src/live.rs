@@ -1,11 +1,10 @@
 //! Updates for the pages of a running instance: rows, events, and from time to time the status of its processes.
 
-use oqtal_bus::message::{HealthV1, InputV1, TelemetryV1, TruthV1, VehicleV1};
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::Config;
-use oqtal_observe::sink::{ObservedTopic, Reception, Sink, Tee};
+use oqtal_observe::sink::{Reception, Sink, Tee};
 use oqtal_observe::status::{ProcessHealth, StatusMonitor, VehicleStatus};
 use serde::Serialize;
 
@@ -105,10 +104,6 @@ impl LiveView {
             silence_s: self.last_tick.is_set().then(|| now.since(self.last_tick).seconds()),
         }
     }
-
-    fn sinks(&mut self) -> Tee<'_, Collector, StatusMonitor> {
-        Tee(&mut self.collector, &mut self.status)
-    }
 }
 
 /// Leaves at most `MOST_ROWS`, evenly spread, the last one included.
@@ -120,35 +115,22 @@ fn thin<T: Copy>(rows: &mut Vec<T>) {
 }
 
 impl Sink for LiveView {
-    fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
-        self.sinks().truth(reception, truth);
-    }
-
-    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
-        self.last_tick = reception.received_at;
-        self.sinks().telemetry(reception, telemetry);
-    }
-
-    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        self.sinks().vehicle(reception, vehicle);
-    }
-
-    fn input(&mut self, reception: &Reception, input: &InputV1) {
-        self.sinks().input(reception, input);
-    }
-
-    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
-        self.sinks().health(reception, role, health);
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        if let Sample::Telemetry(_) = sample {
+            self.last_tick = reception.received_at;
+        }
+        Tee(&mut self.collector, &mut self.status).sample(reception, sample);
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {
-        self.sinks().lost(topic, count);
+        Tee(&mut self.collector, &mut self.status).lost(topic, count);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use oqtal_bus::message::TelemetryV1;
 
     #[test]
     fn an_update_is_one_line_of_json_and_the_status_comes_when_it_is_due() {
@@ -156,7 +138,7 @@ mod tests {
         let now = Time::VIRTUAL_START;
         let tick = TelemetryV1 { time: now, obstacles: 1 << 5, ..TelemetryV1::default() };
         let reception = Reception { received_at: now, ..Reception::default() };
-        view.telemetry(&reception, &tick);
+        view.sample(&reception, Sample::Telemetry(&tick));
         let (collected, status) = view.take(now);
         let text = line(&collected, status.as_ref());
         assert_eq!(text.matches('\n').count(), 1);

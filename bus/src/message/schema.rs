@@ -24,6 +24,27 @@ pub trait Message: Copy + std::fmt::Debug + Default + 'static {
     fn decode(bytes: &[u8]) -> Self;
 }
 
+/// Body of a message whose type is not known at compile time.
+pub trait AnyMessage {
+    /// [`Message::FIELDS`].
+    fn fields(&self) -> &'static [Field];
+
+    /// The fields as [`Message::encode`] writes them.
+    fn packed(&self) -> Vec<u8>;
+}
+
+impl<M: Message> AnyMessage for M {
+    fn fields(&self) -> &'static [Field] {
+        M::FIELDS
+    }
+
+    fn packed(&self) -> Vec<u8> {
+        let mut bytes = vec![0; M::SIZE];
+        self.encode(&mut bytes);
+        bytes
+    }
+}
+
 /// FNV-1a, 64 bits: the hash of schemas, configurations and trajectories.
 #[must_use]
 pub const fn fnv1a(mut hash: u64, bytes: &[u8]) -> u64 {

@@ -6,7 +6,7 @@ use super::{
     COMMAND, INPUT, POSE, POSE_READ, Role, TELEMETRY, TRUTH, Topic, VEHICLE, VEHICLE_READ,
 };
 use crate::message::{
-    CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
+    AnyMessage, CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
 };
 
 /// Work that is the same for every topic, as opening a reader, or decoding a body.
@@ -20,15 +20,6 @@ pub trait TopicVisitor {
         topic: &Topic<M>,
         wrap: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
     ) -> Self::Output;
-}
-
-/// Work that is the same for the samples of every topic, as encoding a body.
-pub trait SampleVisitor {
-    /// Result of the work.
-    type Output;
-
-    /// Works on a body of `topic`.
-    fn visit<M: Message>(self, topic: &Topic<M>, body: &M) -> Self::Output;
 }
 
 /// Defines [`ObservedTopic`] and [`Sample`] from lines `variant(message) = topic`. Topics of one process are added by hand.
@@ -51,8 +42,10 @@ macro_rules! observed_topics {
         }
 
         impl ObservedTopic {
-            /// Topics of the loop, without the health of processes.
-            pub const LOOP: &'static [Self] = &[$(Self::$variant),*];
+            /// All topics, in the order in which an observer reads them.
+            pub fn all() -> impl Iterator<Item = Self> {
+                [$(Self::$variant),*].into_iter().chain(Role::PROCESSES.map(Self::Health))
+            }
 
             /// Name of the topic.
             #[must_use]
@@ -84,11 +77,12 @@ macro_rules! observed_topics {
                 }
             }
 
-            /// Calls `visitor` with the typed topic and body.
-            pub fn visit<V: SampleVisitor>(&self, visitor: V) -> V::Output {
+            /// Body of the sample, without its type.
+            #[must_use]
+            pub fn body(&self) -> &dyn AnyMessage {
                 match self {
-                    $(Self::$variant(body) => visitor.visit(&$topic, *body),)*
-                    Self::Health(role, body) => visitor.visit(&role.health(), *body),
+                    $(Self::$variant(body) => *body,)*
+                    Self::Health(_, body) => *body,
                 }
             }
         }
@@ -106,12 +100,12 @@ observed_topics! {
     Command(CommandV1) = COMMAND,
     /// Topic `vehicle`.
     Vehicle(VehicleV1) = VEHICLE,
-    /// Topic `input`.
-    Input(InputV1) = INPUT,
     /// Topic `read/pose`.
     PoseRead(PoseV1) = POSE_READ,
     /// Topic `read/vehicle`.
     VehicleRead(VehicleV1) = VEHICLE_READ,
+    /// Topic `input`, after the topics whose messages it names.
+    Input(InputV1) = INPUT,
 }
 
 impl fmt::Display for ObservedTopic {
@@ -127,7 +121,7 @@ mod tests {
     struct Name;
 
     impl TopicVisitor for Name {
-        type Output = (&'static str, ObservedTopic, &'static str);
+        type Output = (&'static str, ObservedTopic);
 
         fn visit<M: Message>(
             self,
@@ -136,24 +130,16 @@ mod tests {
         ) -> Self::Output {
             let body = M::default();
             let sample = wrap(&body);
-            (topic.name, sample.topic(), sample.visit(Self))
-        }
-    }
-
-    impl SampleVisitor for Name {
-        type Output = &'static str;
-
-        fn visit<M: Message>(self, topic: &Topic<M>, _: &M) -> &'static str {
-            topic.name
+            assert_eq!(sample.body().fields(), M::FIELDS);
+            (topic.name, sample.topic())
         }
     }
 
     #[test]
     fn a_topic_and_its_samples_name_each_other() {
-        let health = [Role::Plant, Role::Bridge].map(ObservedTopic::Health);
-        for &topic in ObservedTopic::LOOP.iter().chain(&health) {
+        for topic in ObservedTopic::all() {
             let name = topic.to_string();
-            assert_eq!(topic.visit(Name), (name.as_str(), topic, name.as_str()));
+            assert_eq!(topic.visit(Name), (name.as_str(), topic));
         }
     }
 }

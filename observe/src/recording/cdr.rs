@@ -1,7 +1,7 @@
 //! The common data representation (CDR) of ROS 2, little-endian: four bytes of encapsulation, then the fields, each aligned to
 //! its size.
 
-use oqtal_bus::message::{Field, FieldType, Header, Message, Stamps};
+use oqtal_bus::message::{AnyMessage, Field, FieldType, Header, Message, Stamps};
 
 /// The encapsulation of plain little-endian CDR.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
@@ -9,7 +9,7 @@ const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// Words of a header and its stamps \[-\].
 const HEADER_WORDS: usize = Header::FIELDS.len() + Stamps::FIELDS.len();
 
-/// Appends values to an encoded message.
+/// Writer of an encoded message.
 #[derive(Debug)]
 pub struct CdrWriter<'a>(&'a mut Vec<u8>);
 
@@ -70,23 +70,22 @@ impl<'a> CdrWriter<'a> {
 }
 
 /// Encodes a message with its header into `bytes`, which is cleared.
-pub fn encode<M: Message>(header: &Header, body: &M, bytes: &mut Vec<u8>) {
+pub fn encode(header: &Header, body: &dyn AnyMessage, bytes: &mut Vec<u8>) {
     let mut writer = CdrWriter::begin(bytes);
     let Header { sequence, pose_sequence, schema, source, stamps } = header;
     for word in [*sequence, *pose_sequence, *schema, *source].into_iter().chain(stamps.to_words()) {
         writer.u64(word);
     }
-    let mut packed = vec![0; M::SIZE];
-    body.encode(&mut packed);
+    let packed = body.packed();
     let mut rest = packed.as_slice();
-    for size in elements(M::FIELDS) {
+    for size in elements(body.fields()) {
         let (element, behind) = rest.split_at(size);
         writer.element(element);
         rest = behind;
     }
 }
 
-/// Decodes a message that [`encode`] encoded; `None` if `bytes` are no such message.
+/// Decodes a message that [`encode`] encoded; `None` if `bytes` have another length or encapsulation.
 #[must_use]
 pub fn decode<M: Message>(bytes: &[u8]) -> Option<(Header, M)> {
     let bytes = bytes.strip_prefix(&ENCAPSULATION)?;
@@ -162,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn other_bytes_are_no_message() {
+    fn other_bytes_are_not_a_message() {
         let mut bytes = Vec::new();
         encode(&header(), &PoseV1::default(), &mut bytes);
         assert!(decode::<InputV1>(&bytes).is_none());

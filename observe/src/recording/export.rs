@@ -3,15 +3,12 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use oqtal_bus::message::{
-    CommandV1, Field, FieldType, Header, HealthV1, InputV1, Message, PoseV1, Stamps, TelemetryV1,
-    TruthV1, VehicleV1,
-};
+use oqtal_bus::message::{Field, FieldType, Header, Stamps, TelemetryV1};
 use oqtal_bus::time::Time;
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{ObservedTopic, Sample};
 
 use super::schema::member_name;
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::sink::{Reception, Sink};
 
 /// Names of vector components in columns.
 const COMPONENTS: [&str; 4] = ["x", "y", "z", "w"];
@@ -21,45 +18,43 @@ const TEXT: &str = "text";
 /// Texts by name.
 pub type Tables = BTreeMap<String, String>;
 
-/// Writes every topic as CSV: header and body of each message, units in the names of the columns.
+/// Export of every topic as CSV: header and body of each message, units in the names of the columns.
 #[derive(Debug, Default)]
 pub struct CsvExport {
     /// Tables by topic.
     pub tables: Tables,
 }
 
-impl CsvExport {
-    fn row<M: Message>(&mut self, topic: ObservedTopic, reception: &Reception, body: &M) {
+impl Sink for CsvExport {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        let (topic, message) = (sample.topic(), sample.body());
         let table = self.tables.entry(topic.to_string()).or_insert_with(|| {
-            let fields = [Header::FIELDS, Stamps::FIELDS, M::FIELDS].concat();
-            format!(
-                "received_at_ns,{}\n",
-                fields.iter().flat_map(columns).collect::<Vec<_>>().join(",")
-            )
+            let fields = [Header::FIELDS, Stamps::FIELDS, message.fields()].concat();
+            let names: Vec<_> = fields.iter().flat_map(columns).collect();
+            format!("received_at_ns,{}\n", names.join(","))
         });
         let Header { sequence, pose_sequence, schema, source, stamps } = &reception.header;
         let words = [reception.received_at.nanos(), *sequence, *pose_sequence, *schema, *source];
         let words = words.into_iter().chain(stamps.to_words());
         let mut cells: Vec<String> = words.map(|word| word.to_string()).collect();
-        let mut packed = vec![0; M::SIZE];
-        body.encode(&mut packed);
+        let packed = message.packed();
         let mut rest = packed.as_slice();
-        for field in M::FIELDS {
-            if field.unit == TEXT {
-                let (text, behind) = rest.split_at(field.size());
-                cells.push(quoted(text));
-                rest = behind;
-                continue;
-            }
-            for _ in 0..field.length {
-                let (element, behind) = rest.split_at(field.element.size());
-                cells.push(text_of(field.element, element));
-                rest = behind;
+        for field in message.fields() {
+            let (bytes, behind) = rest.split_at(field.size());
+            rest = behind;
+            match field.unit {
+                TEXT => cells.push(quoted(bytes)),
+                _ => cells.extend(
+                    bytes.chunks(field.element.size()).map(|bytes| text_of(field.element, bytes)),
+                ),
             }
         }
         table.push_str(&cells.join(","));
         table.push('\n');
     }
+
+    /// Ignores losses, which a recording has among its events.
+    fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }
 
 /// Columns of a field: one for each element.
@@ -93,41 +88,8 @@ fn text_of(element: FieldType, bytes: &[u8]) -> String {
     }
 }
 
-impl Sink for CsvExport {
-    fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
-        self.row(ObservedTopic::Truth, reception, truth);
-    }
-
-    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
-        self.row(ObservedTopic::Pose, reception, pose);
-    }
-
-    fn command(&mut self, reception: &Reception, command: &CommandV1) {
-        self.row(ObservedTopic::Command, reception, command);
-    }
-
-    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        self.row(ObservedTopic::Vehicle, reception, vehicle);
-    }
-
-    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
-        self.row(ObservedTopic::Telemetry, reception, telemetry);
-    }
-
-    fn input(&mut self, reception: &Reception, input: &InputV1) {
-        self.row(ObservedTopic::Input, reception, input);
-    }
-
-    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
-        self.row(ObservedTopic::Health(role), reception, health);
-    }
-
-    /// A recording tells losses among its events.
-    fn lost(&mut self, _: ObservedTopic, _: u64) {}
-}
-
-/// Writes trajectories as lines `time x y z qx qy qz qw` \[s; m, world; body to world\], as trajectory evaluation tools read
-/// them: `pose` at its capture, `truth`, `estimate` and `reference`.
+/// Export of trajectories as lines `time x y z qx qy qz qw` \[s; m, world; body to world\], for trajectory evaluation
+/// tools: `pose` at its capture, `truth`, `estimate` and `reference`.
 #[derive(Debug, Default)]
 pub struct TumExport {
     /// Trajectories by name.
@@ -148,24 +110,25 @@ impl TumExport {
 }
 
 impl Sink for TumExport {
-    fn truth(&mut self, _: &Reception, truth: &TruthV1) {
-        self.line("truth", truth.time, (truth.position, truth.attitude));
-    }
-
-    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
-        if pose.tracked == 1 {
-            let at = reception.header.stamps.captured_at;
-            self.line("pose", at, (pose.position, pose.attitude));
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Truth(truth) => {
+                self.line("truth", truth.time, (truth.position, truth.attitude))
+            }
+            Sample::Pose(pose) if pose.tracked == 1 => {
+                let at = reception.header.stamps.captured_at;
+                self.line("pose", at, (pose.position, pose.attitude));
+            }
+            Sample::Telemetry(telemetry) => {
+                let TelemetryV1 { time, position, attitude, .. } = *telemetry;
+                self.line("estimate", time, (position, attitude));
+                let TelemetryV1 { reference_position, attitude_command, .. } = *telemetry;
+                self.line("reference", time, (reference_position, attitude_command));
+            }
+            _ => {}
         }
     }
 
-    fn telemetry(&mut self, _: &Reception, telemetry: &TelemetryV1) {
-        let TelemetryV1 { time, position, attitude, reference_position, attitude_command, .. } =
-            *telemetry;
-        self.line("estimate", time, (position, attitude));
-        self.line("reference", time, (reference_position, attitude_command));
-    }
-
-    /// A recording tells losses among its events.
+    /// Ignores losses, which a recording has among its events.
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }

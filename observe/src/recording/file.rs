@@ -1,14 +1,12 @@
-//! A recording that is read: its facts, files, channels and messages. A file that ends in the middle is read up to its last chunk.
+//! Reading of a recording: its facts, files, channels and messages. A file that was cut off is read up to its last chunk.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use mcap::McapError;
-use mcap::read::{ChunkFlattener, Options};
-use mcap::records::Record;
-
 use super::channel::SCHEMA_KEY;
 use super::facts::{CONFIG_FILE, LAYOUT, RECORDING};
+use super::mcap::decode::{Cursor, attachment, chunk};
+use super::mcap::{MAGIC, Opcode};
 
 /// Error of a recording; the message names the file and what is wrong.
 #[derive(Debug, thiserror::Error)]
@@ -23,9 +21,9 @@ pub enum RecordingFileError {
         /// The error of the operating system.
         error: std::io::Error,
     },
-    /// The file is no recording.
+    /// The file is not a recording.
     #[error(
-        "{path} is no recording of oqtal: {reason}; expected a file that `oqtal fly` or `oqtal record` wrote"
+        "{path} is not a recording of oqtal: {reason}; expected a file that `oqtal fly` or `oqtal record` wrote"
     )]
     Foreign {
         /// The file.
@@ -56,7 +54,7 @@ pub struct RecordedChannel {
     pub topic: String,
     /// Name of its schema.
     pub schema: String,
-    /// Hash of the message definition, in hexadecimal; empty for channels that are no topic of the bus.
+    /// Hash of the message definition, in hexadecimal; empty for channels that are not a topic of the bus.
     pub definition: String,
 }
 
@@ -65,9 +63,9 @@ pub struct RecordedChannel {
 pub struct RecordedMessage {
     /// Number of its channel \[-\].
     pub channel: u16,
-    /// When it was received \[ns since the epoch\].
+    /// Time of reception \[ns since the epoch\].
     pub log_time: u64,
-    /// When it was published \[ns since the epoch\].
+    /// Time of publication \[ns since the epoch\].
     pub publish_time: u64,
     /// The message, encoded.
     pub data: Vec<u8>,
@@ -88,20 +86,22 @@ pub struct RecordingFile {
     pub channels: BTreeMap<u16, RecordedChannel>,
     /// Messages in the order of the file.
     pub messages: Vec<RecordedMessage>,
-    /// Why the file ends before its end; `None` if it is complete.
+    /// Reason why the file ends before its index; `None` if it is complete.
     pub cut_off: Option<String>,
+    /// Names of schemas by number.
+    schemas: BTreeMap<u16, String>,
 }
 
 impl RecordingFile {
     /// Reads the recording at `path`.
     ///
     /// # Errors
-    /// The file cannot be read, or is no recording.
+    /// The file cannot be read, or is not a recording.
     pub fn read(path: &Path) -> Result<Self, RecordingFileError> {
         let failed = |error| RecordingFileError::Io { path: path.to_path_buf(), error };
         // A device has no end, and a pipe may have no writer.
         if !std::fs::metadata(path).map_err(failed)?.is_file() {
-            let reason = "it is no regular file".to_owned();
+            let reason = "it is not a regular file".to_owned();
             return Err(RecordingFileError::Foreign { path: path.to_path_buf(), reason });
         }
         Self::parse(path, &std::fs::read(path).map_err(failed)?)
@@ -110,7 +110,7 @@ impl RecordingFile {
     /// Parses the content of the file at `path`.
     ///
     /// # Errors
-    /// The content is no recording.
+    /// The content is not a recording.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, RecordingFileError> {
         let foreign = |reason: &str| RecordingFileError::Foreign {
             path: path.to_path_buf(),
@@ -119,9 +119,9 @@ impl RecordingFile {
         if bytes.is_empty() {
             return Err(foreign("it is empty"));
         }
-        if !bytes.starts_with(mcap::MAGIC) {
+        let Some(records) = bytes.strip_prefix(&MAGIC) else {
             return Err(foreign("it does not begin as an MCAP file does"));
-        }
+        };
         let mut file = Self {
             path: path.to_path_buf(),
             size: bytes.len() as u64,
@@ -130,10 +130,14 @@ impl RecordingFile {
             channels: BTreeMap::new(),
             messages: Vec::new(),
             cut_off: None,
+            schemas: BTreeMap::new(),
         };
-        file.take_records(bytes).map_err(|error| foreign(&error.to_string()))?;
+        file.cut_off = file.read_records(records).err();
         match file.fact(RECORDING, "layout") {
-            None => Err(foreign("it has no metadata `oqtal.recording`")),
+            None => {
+                let missing = "it has no metadata `oqtal.recording`";
+                Err(foreign(file.cut_off.as_deref().unwrap_or(missing)))
+            }
             Some(LAYOUT) => Ok(file),
             Some(layout) => {
                 let what = format!("layout of recordings, {layout} instead of {LAYOUT},");
@@ -142,52 +146,64 @@ impl RecordingFile {
         }
     }
 
-    /// Takes in the records up to the end of the data; an error after the first facts ends the file there.
-    fn take_records(&mut self, bytes: &[u8]) -> Result<(), McapError> {
-        let options = Options::IgnoreEndMagic | Options::ValidateChunkCrcs;
-        let mut schemas = BTreeMap::new();
-        // The reader ends a cut-off file without an error where a record ends.
-        let mut is_complete = false;
-        for record in ChunkFlattener::new_with_options(sound_prefix(bytes), options)? {
-            match record {
-                Ok(Record::Schema { header, .. }) => drop(schemas.insert(header.id, header.name)),
-                Ok(Record::Footer(_)) => is_complete = true,
-                Ok(record) => self.take(record, &schemas),
-                Err(error) if self.facts.is_empty() => return Err(error),
-                Err(error) => {
-                    self.cut_off = Some(error.to_string());
-                    return Ok(());
-                }
+    /// Adds the records up to the footer, or up to the first one that is damaged or cut off; fails with the reason.
+    fn read_records(&mut self, bytes: &[u8]) -> Result<(), String> {
+        let mut rest = Cursor(bytes);
+        while !rest.0.is_empty() {
+            let (opcode, body) =
+                rest.record().ok_or("MCAP file ended in the middle of a record")?;
+            if opcode == Opcode::Footer as u8 {
+                return Ok(());
             }
+            self.add(opcode, body).ok_or_else(|| format!("record {opcode:#04x} is damaged"))?;
         }
-        if !is_complete {
-            self.cut_off = Some("MCAP file ended before its index".to_owned());
-        }
-        Ok(())
+        Err("MCAP file ended before its index".to_owned())
     }
 
-    fn take(&mut self, record: Record<'_>, schemas: &BTreeMap<u16, String>) {
-        match record {
-            Record::Channel(channel) => {
-                let schema = schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                let definition = channel.metadata.get(SCHEMA_KEY).cloned().unwrap_or_default();
-                let topic = channel.topic;
-                self.channels.insert(channel.id, RecordedChannel { topic, schema, definition });
+    /// Adds a record of the data section; `None` if it is damaged.
+    fn add(&mut self, opcode: u8, body: &[u8]) -> Option<()> {
+        let mut fields = Cursor(body);
+        match opcode {
+            op if op == Opcode::Chunk as u8 => self.add_chunk(chunk(body)?)?,
+            op if op == Opcode::Schema as u8 => {
+                self.schemas.insert(fields.u16()?, fields.text()?);
             }
-            Record::Message { header, data } => self.messages.push(RecordedMessage {
-                channel: header.channel_id,
-                log_time: header.log_time,
-                publish_time: header.publish_time,
-                data: data.into_owned(),
-            }),
-            Record::Metadata(metadata) => {
-                self.facts.insert(metadata.name, metadata.metadata);
+            op if op == Opcode::Channel as u8 => {
+                let (number, schema) = (fields.u16()?, fields.u16()?);
+                let schema = self.schemas.get(&schema).cloned().unwrap_or_default();
+                let (topic, _encoding, metadata) = (fields.text()?, fields.text()?, fields.map()?);
+                let definition = metadata.get(SCHEMA_KEY).cloned().unwrap_or_default();
+                self.channels.insert(number, RecordedChannel { topic, schema, definition });
             }
-            Record::Attachment { header, data, .. } => {
-                self.attachments.insert(header.name, data.into_owned());
+            op if op == Opcode::Message as u8 => {
+                let (channel, _sequence) = (fields.u16()?, fields.u32()?);
+                let (log_time, publish_time) = (fields.u64()?, fields.u64()?);
+                let data = fields.0.to_vec();
+                self.messages.push(RecordedMessage { channel, log_time, publish_time, data });
+            }
+            op if op == Opcode::Metadata as u8 => {
+                self.facts.insert(fields.text()?, fields.map()?);
+            }
+            op if op == Opcode::Attachment as u8 => {
+                let (name, content) = attachment(body)?;
+                self.attachments.insert(name, content.to_vec());
             }
             _ => {}
         }
+        Some(())
+    }
+
+    /// Adds the records of a chunk; `None`, and nothing is added, if they do not end where the chunk ends.
+    fn add_chunk(&mut self, records: &[u8]) -> Option<()> {
+        let mut rest = Cursor(records);
+        while !rest.0.is_empty() {
+            rest.record()?;
+        }
+        let mut rest = Cursor(records);
+        while let Some((opcode, body)) = rest.record() {
+            self.add(opcode, body)?;
+        }
+        Some(())
     }
 
     /// A fact of a table.
@@ -226,45 +242,4 @@ impl RecordingFile {
             what: what.to_owned(),
         }
     }
-}
-
-/// The file up to the first chunk whose records do not end where the chunk ends: the reader takes for granted that they do.
-fn sound_prefix(bytes: &[u8]) -> &[u8] {
-    let mut rest = bytes.get(mcap::MAGIC.len()..).unwrap_or_default();
-    while let Some((opcode, body, next)) = first_record(rest) {
-        if opcode == mcap::records::op::CHUNK && chunk_records(body).is_none_or(|r| !is_filled(r)) {
-            return &bytes[..bytes.len() - rest.len()];
-        }
-        rest = next;
-    }
-    bytes
-}
-
-/// Whether `records` is records and nothing else.
-fn is_filled(mut records: &[u8]) -> bool {
-    while let Some((_, _, next)) = first_record(records) {
-        records = next;
-    }
-    records.is_empty()
-}
-
-/// Opcode and body of the first record, and what follows it.
-fn first_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
-    let (opcode, rest) = bytes.split_first()?;
-    let (body, next) = prefixed(rest)?;
-    Some((*opcode, body, next))
-}
-
-/// The records in the body of a chunk, after times, size and checksum, and the name of a compression, which we do not use.
-fn chunk_records(body: &[u8]) -> Option<&[u8]> {
-    let after_checksum = body.get(8 + 8 + 8 + 4..)?;
-    let (name_length, rest) = after_checksum.split_first_chunk::<4>()?;
-    let rest = rest.get(usize::try_from(u32::from_le_bytes(*name_length)).ok()?..)?;
-    prefixed(rest).map(|(records, _)| records)
-}
-
-/// Bytes behind their length, and what follows them.
-fn prefixed(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    let (length, rest) = bytes.split_first_chunk::<8>()?;
-    rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)
 }

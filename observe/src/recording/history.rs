@@ -1,16 +1,17 @@
-//! What the daemon took in, turn by turn, from a recording.
+//! Inputs of the daemon, turn by turn, from a recording.
 
 use std::collections::HashMap;
 
 use oqtal_bus::code::InputKind;
 use oqtal_bus::message::{CommandV1, Header, InputV1, PoseV1, TelemetryV1, VehicleV1};
+use oqtal_bus::topic::{ObservedTopic, Sample};
 
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::sink::{Reception, Sink};
 
 /// Writer of a message, and its number among those of the writer.
 type Identity = (u64, u64);
 
-/// A record of the daemon's inputs, with the messages that it names.
+/// One record of the daemon's inputs, with the messages that it names.
 #[derive(Clone, Debug)]
 pub struct RecordedTurn {
     /// The record.
@@ -45,7 +46,7 @@ impl DaemonHistory {
     }
 }
 
-/// Collects the histories of all daemons of a recording.
+/// Collector of the histories of all daemons of a recording.
 #[derive(Debug, Default)]
 pub struct InputHistory {
     histories: Vec<DaemonHistory>,
@@ -77,26 +78,25 @@ impl InputHistory {
 
     /// Whether a turn names a message after the last one recorded: the recording ended between the two.
     fn is_beyond_end(&self, source: u64, turn: &RecordedTurn) -> bool {
-        fn is_last<M>(messages: &HashMap<Identity, M>, (source, number): Identity) -> bool {
-            !messages.keys().any(|(other, later)| *other == source && *later >= number)
+        fn is_missing<M, T>(
+            found: Option<T>,
+            messages: &HashMap<Identity, M>,
+            (source, number): Identity,
+        ) -> bool {
+            let is_last =
+                || !messages.keys().any(|(other, later)| *other == source && *later >= number);
+            number > 0 && found.is_none() && is_last()
         }
-        let InputV1 { pose_source, pose_number, vehicle_source, vehicle_number, .. } = turn.input;
-        let command = (source, turn.input.command_sequence);
-        (pose_number > 0 && turn.pose.is_none() && is_last(&self.poses, (pose_source, pose_number)))
-            || (vehicle_number > 0
-                && turn.vehicle.is_none()
-                && is_last(&self.vehicles, (vehicle_source, vehicle_number)))
-            || (command.1 > 0 && turn.command.is_none() && is_last(&self.commands, command))
-            || (turn.input.pose_read > 0
-                && turn.pose.is_none()
-                && is_last(&self.poses_read, (source, turn.input.pose_read)))
-            || (turn.input.vehicle_read > 0
-                && turn.vehicle.is_none()
-                && is_last(&self.vehicles_read, (source, turn.input.vehicle_read)))
+        let RecordedTurn { input, pose, vehicle, command, .. } = turn;
+        is_missing(*pose, &self.poses, (input.pose_source, input.pose_number))
+            || is_missing(*vehicle, &self.vehicles, (input.vehicle_source, input.vehicle_number))
+            || is_missing(*command, &self.commands, (source, input.command_sequence))
+            || is_missing(*pose, &self.poses_read, (source, input.pose_read))
+            || is_missing(*vehicle, &self.vehicles_read, (source, input.vehicle_read))
     }
 
-    /// Finds what a turn names and was recorded after it: a message may be published, taken and recorded as taken while an
-    /// observer is between two topics.
+    /// Adds the messages that a turn names and that were recorded after it: a message may be published, read and recorded as read
+    /// while an observer is between two topics.
     fn complete(&self, source: u64, turn: &mut RecordedTurn) {
         let named = self.named(source, turn.input);
         turn.pose = turn.pose.or(named.pose);
@@ -105,7 +105,7 @@ impl InputHistory {
         turn.telemetry = self.telemetry.get(&(source, turn.input.time.nanos())).copied();
     }
 
-    /// A record with the messages that it names, as far as they are known.
+    /// The turn of `input` with the messages that it names, as far as they are known.
     fn named(&self, source: u64, input: InputV1) -> RecordedTurn {
         RecordedTurn {
             input,
@@ -134,39 +134,9 @@ fn as_read<M: Copy>(
     Some((header, read))
 }
 
-impl Sink for InputHistory {
-    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
-        let header = reception.header;
-        self.poses.insert((header.source, header.sequence), (header, *pose));
-    }
-
-    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        let header = reception.header;
-        self.vehicles.insert((header.source, header.sequence), (header, *vehicle));
-    }
-
-    fn command(&mut self, reception: &Reception, command: &CommandV1) {
-        let header = reception.header;
-        self.commands.insert((header.source, header.sequence), (header, *command));
-    }
-
-    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
-        self.telemetry.insert((reception.header.source, telemetry.time.nanos()), *telemetry);
-    }
-
-    fn pose_read(&mut self, reception: &Reception, pose: &PoseV1) {
-        let Header { source, sequence, .. } = reception.header;
-        self.poses_read.insert((source, sequence), *pose);
-    }
-
-    fn vehicle_read(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        let Header { source, sequence, .. } = reception.header;
-        self.vehicles_read.insert((source, sequence), *vehicle);
-    }
-
-    fn input(&mut self, reception: &Reception, input: &InputV1) {
-        let Header { source, sequence, .. } = reception.header;
-        // Now, not at the end: in a flight in one process numbers begin anew when a process does.
+impl InputHistory {
+    fn input(&mut self, Header { source, sequence, .. }: Header, input: &InputV1) {
+        // Resolved now and not at the end: in a flight in one process, numbers restart when a process does.
         let turn = self.named(source, *input);
         let starts = input.kind == InputKind::Start.code();
         let is_other = self.histories.last().is_none_or(|history| history.source != source);
@@ -179,7 +149,26 @@ impl Sink for InputHistory {
         history.number = sequence;
         history.turns.push(turn);
     }
+}
 
-    /// Losses show as gaps in the numbers.
+impl Sink for InputHistory {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        let header = reception.header;
+        let identity = (header.source, header.sequence);
+        match sample {
+            Sample::Pose(pose) => drop(self.poses.insert(identity, (header, *pose))),
+            Sample::Vehicle(vehicle) => drop(self.vehicles.insert(identity, (header, *vehicle))),
+            Sample::Command(command) => drop(self.commands.insert(identity, (header, *command))),
+            Sample::Telemetry(telemetry) => {
+                self.telemetry.insert((header.source, telemetry.time.nanos()), *telemetry);
+            }
+            Sample::PoseRead(pose) => drop(self.poses_read.insert(identity, *pose)),
+            Sample::VehicleRead(vehicle) => drop(self.vehicles_read.insert(identity, *vehicle)),
+            Sample::Input(input) => self.input(header, input),
+            Sample::Truth(_) | Sample::Health(..) => {}
+        }
+    }
+
+    /// Ignores losses, which show as gaps in the numbers.
     fn lost(&mut self, _: ObservedTopic, _: u64) {}
 }

@@ -1,16 +1,19 @@
 //! A recording as samples for a sink, and as a flight.
 
-use oqtal_bus::message::{Header, Message};
+use std::collections::BTreeMap;
+
+use oqtal_bus::message::Message;
 use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{ObservedTopic, Sample, Topic, TopicVisitor};
 use oqtal_config::Config;
 
 use super::cdr;
-use super::channel::{Channel, schema_id};
+use super::channel::schema_id;
 use super::closing::ClosingFacts;
-use super::file::{RecordedMessage, RecordingFile, RecordingFileError};
+use super::file::{RecordedChannel, RecordedMessage, RecordingFile, RecordingFileError};
 use crate::flight::{Flight, Outcome};
 use crate::recorder::Recorder;
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::sink::{Reception, Sink};
 
 /// The flight of a recording, as the flight recorder made it when it was flown.
 ///
@@ -39,55 +42,45 @@ pub fn config(file: &RecordingFile) -> Result<Config, RecordingFileError> {
 ///
 /// # Errors
 /// A topic was recorded with another message definition.
-pub fn play(file: &RecordingFile, sink: &mut impl Sink) -> Result<(), RecordingFileError> {
-    let topics: Vec<(String, ObservedTopic)> = Channel::all()
-        .filter_map(|channel| match channel {
-            Channel::Topic(topic) => Some((topic.to_string(), topic)),
-            _ => None,
-        })
-        .collect();
-    let find = |name: &str| topics.iter().find(|(known, _)| known == name).map(|(_, topic)| *topic);
+pub fn play(file: &RecordingFile, sink: &mut dyn Sink) -> Result<(), RecordingFileError> {
+    let topics: BTreeMap<String, ObservedTopic> =
+        ObservedTopic::all().map(|topic| (topic.to_string(), topic)).collect();
     let offset = Span::from_nanos(file.wall_offset_ns());
     for message in &file.messages {
-        let topic = file.channels.get(&message.channel).and_then(|channel| find(&channel.topic));
-        let Some(topic) = topic else { continue };
+        let Some(channel) = file.channels.get(&message.channel) else { continue };
+        let Some(topic) = topics.get(&channel.topic) else { continue };
         let received_at = Time::from_nanos(message.log_time) - offset;
-        Played { file, message, received_at }.pass(topic, sink)?;
+        let is_known = topic.visit(Playback { channel, message, received_at, sink });
+        if !is_known {
+            let what = format!("definition of the messages of `{topic}`");
+            return Err(file.other_version(&what));
+        }
     }
     Ok(())
 }
 
-/// A message on its way to a sink.
-struct Played<'a> {
-    file: &'a RecordingFile,
+/// Passes a message to a sink; returns `false` if it has another definition.
+struct Playback<'a> {
+    channel: &'a RecordedChannel,
     message: &'a RecordedMessage,
     received_at: Time,
+    sink: &'a mut dyn Sink,
 }
 
-impl Played<'_> {
-    fn pass(&self, topic: ObservedTopic, sink: &mut impl Sink) -> Result<(), RecordingFileError> {
-        match topic {
-            ObservedTopic::Truth => self.decoded().map(|(r, m)| sink.truth(&r, &m)),
-            ObservedTopic::Pose => self.decoded().map(|(r, m)| sink.pose(&r, &m)),
-            ObservedTopic::Command => self.decoded().map(|(r, m)| sink.command(&r, &m)),
-            ObservedTopic::Vehicle => self.decoded().map(|(r, m)| sink.vehicle(&r, &m)),
-            ObservedTopic::Telemetry => self.decoded().map(|(r, m)| sink.telemetry(&r, &m)),
-            ObservedTopic::Input => self.decoded().map(|(r, m)| sink.input(&r, &m)),
-            ObservedTopic::PoseRead => self.decoded().map(|(r, m)| sink.pose_read(&r, &m)),
-            ObservedTopic::VehicleRead => self.decoded().map(|(r, m)| sink.vehicle_read(&r, &m)),
-            ObservedTopic::Health(role) => self.decoded().map(|(r, m)| sink.health(&r, role, &m)),
-        }
-    }
+impl TopicVisitor for Playback<'_> {
+    type Output = bool;
 
-    fn decoded<M: Message>(&self) -> Result<(Reception, M), RecordingFileError> {
-        let channel = &self.file.channels[&self.message.channel];
+    fn visit<M: Message>(
+        self,
+        _: &Topic<M>,
+        sample: impl for<'a> Fn(&'a M) -> Sample<'a> + 'static,
+    ) -> bool {
+        let Self { channel, message, received_at, sink } = self;
         let agrees = channel.definition == schema_id::<M>();
-        let decoded: Option<(Header, M)> =
-            if agrees { cdr::decode(&self.message.data) } else { None };
-        let Some((header, body)) = decoded else {
-            let what = format!("definition of the messages of `{}`", channel.topic);
-            return Err(self.file.other_version(&what));
-        };
-        Ok((Reception { header, received_at: self.received_at }, body))
+        let decoded = if agrees { cdr::decode::<M>(&message.data) } else { None };
+        if let Some((header, body)) = &decoded {
+            sink.sample(&Reception { header: *header, received_at }, sample(body));
+        }
+        decoded.is_some()
     }
 }

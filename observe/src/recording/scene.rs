@@ -3,50 +3,19 @@
 use super::cdr::CdrWriter;
 
 /// Schema of poses.
-pub const POSE: (&str, &str) = (
-    "foxglove_msgs/msg/PoseInFrame",
-    "# Timestamp of pose\nbuiltin_interfaces/Time timestamp\n# Frame of reference for pose position and orientation\n\
-     string frame_id\n# Pose in 3D space\ngeometry_msgs/Pose pose\n\
-     ================================================================================\nMSG: geometry_msgs/Pose\n\
-     geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n\
-     ================================================================================\nMSG: geometry_msgs/Point\n\
-     float64 x\nfloat64 y\nfloat64 z\n\
-     ================================================================================\nMSG: geometry_msgs/Quaternion\n\
-     float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n\
-     ================================================================================\nMSG: builtin_interfaces/Time\n\
-     int32 sec\nuint32 nanosec\n",
-);
+pub const POSE: (&str, &str) =
+    ("foxglove_msgs/msg/PoseInFrame", include_str!("scene/PoseInFrame.msg"));
 
 /// Schema of transforms.
-pub const TRANSFORM: (&str, &str) = (
-    "foxglove_msgs/msg/FrameTransform",
-    "# Timestamp of transform\nbuiltin_interfaces/Time timestamp\n# Name of the parent frame\nstring parent_frame_id\n\
-     # Name of the child frame\nstring child_frame_id\n# Translation component of the transform\n\
-     geometry_msgs/Vector3 translation\n# Rotation component of the transform\ngeometry_msgs/Quaternion rotation\n\
-     ================================================================================\nMSG: geometry_msgs/Vector3\n\
-     float64 x\nfloat64 y\nfloat64 z\n\
-     ================================================================================\nMSG: geometry_msgs/Quaternion\n\
-     float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n\
-     ================================================================================\nMSG: builtin_interfaces/Time\n\
-     int32 sec\nuint32 nanosec\n",
-);
+pub const TRANSFORM: (&str, &str) =
+    ("foxglove_msgs/msg/FrameTransform", include_str!("scene/FrameTransform.msg"));
 
 /// Schema of log entries.
-pub const LOG: (&str, &str) = (
-    "foxglove_msgs/msg/Log",
-    "uint8 UNKNOWN=0\nuint8 DEBUG=1\nuint8 INFO=2\nuint8 WARNING=3\nuint8 ERROR=4\nuint8 FATAL=5\n\
-     # Timestamp of log message\nbuiltin_interfaces/Time timestamp\n# Log level\nuint8 level\n# Log message\n\
-     string message\n# Process or node name\nstring name\n# Filename\nstring file\n# Line number in the file\nuint32 line\n\
-     ================================================================================\nMSG: builtin_interfaces/Time\n\
-     int32 sec\nuint32 nanosec\n",
-);
+pub const LOG: (&str, &str) = ("foxglove_msgs/msg/Log", include_str!("scene/Log.msg"));
 
 /// Schema of clock offsets.
-pub const CLOCK: (&str, &str) = (
-    "oqtal_msgs/msg/ClockOffset",
-    "# Instant by the monotonic clock, the clock of all other messages [ns]\nuint64 monotonic_ns\n\
-     # Wall clock minus monotonic clock at this instant [ns]\nint64 wall_minus_monotonic_ns\n",
-);
+pub const CLOCK: (&str, &str) =
+    ("oqtal_msgs/msg/ClockOffset", include_str!("scene/ClockOffset.msg"));
 
 /// Severity of a log entry, as the schema numbers it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

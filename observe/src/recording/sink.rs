@@ -4,31 +4,30 @@ use std::io;
 use std::path::PathBuf;
 
 use oqtal_bus::code::SafetyState;
-use oqtal_bus::message::{
-    CommandV1, HealthV1, InputV1, Message, PoseV1, TelemetryV1, TruthV1, VehicleV1,
-};
+use oqtal_bus::message::{InputV1, PoseV1, TelemetryV1, TruthV1};
 use oqtal_bus::time::{Span, Time};
-use oqtal_bus::topic::Role;
+use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::{ClockKind, Config};
 
 use super::cdr;
-use super::channel::{Channel, HEALTH};
+use super::channel::Channel;
+use super::chunk::McapMessage;
 use super::closing::ClosingFacts;
 use super::facts::{CONFIG_FILE, Facts, WAYPOINTS_FILE};
 use super::fault_schedule::FaultSchedule;
 use super::scene::{self, LogSeverity, ScenePose};
 use super::thread::{FilePlan, RecordingResult, RecordingThread};
 use super::truth::TruthSelection;
-use super::writer::{McapMessage, Preamble};
+use super::writer::Preamble;
 use crate::event::{self, DaemonCondition};
 use crate::flight::Flight;
 use crate::provenance::Provenance;
-use crate::sink::{ObservedTopic, Reception, Sink};
+use crate::sink::{Reception, Sink};
 
 /// Time between two recorded clock offsets.
 const CLOCK_PERIOD: Span = Span::from_millis(1000);
 
-/// What is recorded, by which build, into which files.
+/// Contents, build and files of a recording.
 #[derive(Debug)]
 pub struct RecordingPlan<'a> {
     /// The first file.
@@ -39,11 +38,11 @@ pub struct RecordingPlan<'a> {
     pub provenance: Provenance,
     /// Whether other files follow, after the size and duration of `[record]`.
     pub rotates: bool,
-    /// Tells people, once, that nothing more can be written.
+    /// Reports, once, that nothing more can be written.
     pub complain: fn(&str),
 }
 
-/// Records every sample into MCAP files.
+/// Recorder of every sample into MCAP files.
 #[derive(Debug)]
 pub struct McapRecorder {
     thread: RecordingThread,
@@ -66,17 +65,12 @@ impl McapRecorder {
     /// The topics that are recorded in a flight under `config`.
     #[must_use]
     pub fn topics(config: &Config) -> Vec<ObservedTopic> {
-        let topics = Channel::all().filter_map(|channel| match channel {
-            // Published where faults by hand alter what the daemon reads.
-            Channel::Topic(ObservedTopic::PoseRead | ObservedTopic::VehicleRead)
-                if config.fault.inject.is_empty() =>
-            {
-                None
-            }
-            Channel::Topic(topic) => Some(topic),
-            _ => None,
-        });
-        topics.collect()
+        use ObservedTopic::{PoseRead, VehicleRead};
+        // Published only where injected faults alter what the daemon reads.
+        let is_published = |topic: &ObservedTopic| {
+            !config.fault.inject.is_empty() || ![PoseRead, VehicleRead].contains(topic)
+        };
+        ObservedTopic::all().filter(is_published).collect()
     }
 
     /// Creates the first file and starts the thread that writes.
@@ -121,8 +115,8 @@ impl McapRecorder {
         self.thread.has_failed()
     }
 
-    /// Records the offset of the wall clock, once a second in real time; `now` is an instant of the monotonic clock. To be called
-    /// with every poll: messages that have waited for others are written.
+    /// Records the offset of the wall clock, once a second in real time, and writes messages that are old at `now`, an instant of
+    /// the monotonic clock. To be called with every poll.
     pub fn note_clock(&mut self, now: Time) {
         if !self.is_real {
             return;
@@ -136,24 +130,24 @@ impl McapRecorder {
         self.put(Channel::Clock, now, now);
     }
 
-    /// Records what is known of `flight` now that it is over, and finishes.
+    /// Records the closing facts of `flight`, and finishes.
     #[must_use]
     pub fn close(mut self, flight: &Flight) -> RecordingResult {
         self.facts(ClosingFacts::of(flight).to_facts());
         self.finish()
     }
 
-    /// Records what waits, closes the file, and ends the thread.
+    /// Records the messages that wait, closes the file, and ends the thread.
     #[must_use]
     pub fn finish(mut self) -> RecordingResult {
-        self.choose_truth(|truth, choose| truth.finish(choose));
+        self.choose_truth(TruthSelection::choose_newest);
         self.thread.finish()
     }
 
     /// Queues the encoded message in `scratch`.
     fn put(&mut self, channel: Channel, received_at: Time, published_at: Time) {
         let Some(number) = Channel::all().position(|other| other == channel) else { return };
-        // A chosen sample of the truth may have waited for its tick: times of a file never go back.
+        // A chosen sample of the truth may have waited for its tick; times of a file do not decrease.
         self.latest = self.latest.max((received_at + self.wall_offset).nanos());
         self.sequences[number] = self.sequences[number].wrapping_add(1);
         let message = McapMessage {
@@ -165,12 +159,11 @@ impl McapRecorder {
         self.thread.message(message, &self.scratch);
     }
 
-    /// Records a message of a topic, published at an instant.
-    fn record<M: Message>(&mut self, topic: ObservedTopic, sample: (&Reception, &M), at: Time) {
-        let (reception, body) = sample;
-        cdr::encode(&reception.header, body, &mut self.scratch);
+    /// Records a sample that was published at an instant.
+    fn record(&mut self, reception: &Reception, sample: Sample<'_>, at: Time) {
+        cdr::encode(&reception.header, sample.body(), &mut self.scratch);
         let published_at = if at.is_set() { at } else { reception.received_at };
-        self.put(Channel::Topic(topic), reception.received_at, published_at);
+        self.put(Channel::Topic(sample.topic()), reception.received_at, published_at);
     }
 
     /// Records a pose for viewers.
@@ -203,13 +196,13 @@ impl McapRecorder {
         let mut chosen = Vec::new();
         work(&mut self.truth, &mut |sample| chosen.push(*sample));
         for (reception, truth) in &chosen {
-            self.record(ObservedTopic::Truth, (reception, truth), truth.time);
+            self.record(reception, Sample::Truth(truth), truth.time);
             let pose = (truth.time, truth.position, truth.attitude);
             self.show(Channel::True, reception.received_at, pose);
         }
     }
 
-    /// Records the faults by hand and disturbances that have begun or ended at `now`.
+    /// Records the injected faults and disturbances that have begun or ended at `now`.
     fn note_faults(&mut self, received_at: Time, now: Time) {
         while let Some((at, source, text)) = self.faults.due(now) {
             self.event((received_at, at), LogSeverity::Warning, (source, &text));
@@ -230,9 +223,40 @@ impl McapRecorder {
         let text = condition.to_string();
         self.event((received_at, telemetry.time), severity, ("daemon", &text));
     }
+
+    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+        let stamps = &reception.header.stamps;
+        self.record(reception, Sample::Pose(pose), stamps.pose_published_at);
+        if pose.tracked == 1 {
+            let pose = (stamps.captured_at, pose.position, pose.attitude);
+            self.show(Channel::Measured, reception.received_at, pose);
+        }
+    }
+
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        let (at, received_at) = (telemetry.time, reception.received_at);
+        self.note_faults(received_at, at);
+        // The truth first: a reader of the file needs it when the tick comes.
+        self.choose_truth(|selection, choose| selection.tick(at, choose));
+        self.record(reception, Sample::Telemetry(telemetry), at);
+        let TelemetryV1 { position, attitude, reference_position, attitude_command, .. } =
+            *telemetry;
+        self.show(Channel::Estimate, received_at, (at, position, attitude));
+        self.show(Channel::Transform, received_at, (at, position, attitude));
+        self.show(Channel::Reference, received_at, (at, reference_position, attitude_command));
+        self.note_condition(received_at, telemetry);
+    }
+
+    fn input(&mut self, reception: &Reception, input: &InputV1) {
+        self.record(reception, Sample::Input(input), input.time);
+        if let Some(text) = event::of_input(input) {
+            let at = (reception.received_at, input.time);
+            self.event(at, LogSeverity::Info, ("daemon", &text));
+        }
+    }
 }
 
-/// What every file begins with.
+/// First records of every file.
 fn preamble(config: &Config, provenance: Provenance, wall_offset: Span) -> io::Result<Preamble> {
     let mut files =
         vec![(CONFIG_FILE.to_owned(), "application/toml", config.to_toml().into_bytes())];
@@ -247,69 +271,32 @@ fn preamble(config: &Config, provenance: Provenance, wall_offset: Span) -> io::R
 }
 
 impl Sink for McapRecorder {
-    fn truth(&mut self, reception: &Reception, truth: &TruthV1) {
-        self.note_faults(reception.received_at, truth.time);
-        let sample = (*reception, *truth);
-        self.choose_truth(|selection, choose| selection.sample(sample, choose));
-    }
-
-    fn pose(&mut self, reception: &Reception, pose: &PoseV1) {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
         let stamps = &reception.header.stamps;
-        self.record(ObservedTopic::Pose, (reception, pose), stamps.pose_published_at);
-        if pose.tracked == 1 {
-            let pose = (stamps.captured_at, pose.position, pose.attitude);
-            self.show(Channel::Measured, reception.received_at, pose);
-        }
-    }
-
-    fn pose_read(&mut self, reception: &Reception, pose: &PoseV1) {
-        self.record(ObservedTopic::PoseRead, (reception, pose), Time::UNSET);
-    }
-
-    fn vehicle_read(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        self.record(ObservedTopic::VehicleRead, (reception, vehicle), Time::UNSET);
-    }
-
-    fn command(&mut self, reception: &Reception, command: &CommandV1) {
-        self.faults.command(&reception.header, command);
-        let at = reception.header.stamps.command_published_at;
-        self.record(ObservedTopic::Command, (reception, command), at);
-    }
-
-    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
-        self.faults.vehicle(vehicle);
-        let at = reception.header.stamps.applied_at;
-        self.record(ObservedTopic::Vehicle, (reception, vehicle), at);
-    }
-
-    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
-        let at = telemetry.time;
-        self.note_faults(reception.received_at, at);
-        // The truth first: whoever reads the file knows it when the tick comes.
-        self.choose_truth(|selection, choose| selection.tick(at, choose));
-        self.record(ObservedTopic::Telemetry, (reception, telemetry), at);
-        let received_at = reception.received_at;
-        let TelemetryV1 { position, attitude, reference_position, attitude_command, .. } =
-            *telemetry;
-        self.show(Channel::Estimate, received_at, (at, position, attitude));
-        self.show(Channel::Transform, received_at, (at, position, attitude));
-        self.show(Channel::Reference, received_at, (at, reference_position, attitude_command));
-        self.note_condition(received_at, telemetry);
-    }
-
-    fn input(&mut self, reception: &Reception, input: &InputV1) {
-        self.record(ObservedTopic::Input, (reception, input), input.time);
-        if let Some(text) = event::of_input(input) {
-            let at = (reception.received_at, input.time);
-            self.event(at, LogSeverity::Info, ("daemon", &text));
-        }
-    }
-
-    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
-        if HEALTH.contains(&role) {
-            // Health keeps the machine's time, which is not that of a flight in virtual time.
-            let at = if self.is_real { health.time } else { Time::UNSET };
-            self.record(ObservedTopic::Health(role), (reception, health), at);
+        match sample {
+            Sample::Truth(truth) => {
+                self.note_faults(reception.received_at, truth.time);
+                let sample = (*reception, *truth);
+                self.choose_truth(|selection, choose| selection.sample(sample, choose));
+            }
+            Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
+            Sample::Pose(pose) => self.pose(reception, pose),
+            Sample::Command(command) => {
+                self.faults.command(&reception.header, command);
+                self.record(reception, sample, stamps.command_published_at);
+            }
+            Sample::Vehicle(vehicle) => {
+                self.faults.vehicle(vehicle);
+                self.record(reception, sample, stamps.applied_at);
+            }
+            Sample::Input(input) => self.input(reception, input),
+            // Health has the machine's time, also in a flight in virtual time.
+            Sample::Health(_, health) if self.is_real => {
+                self.record(reception, sample, health.time);
+            }
+            Sample::PoseRead(_) | Sample::VehicleRead(_) | Sample::Health(..) => {
+                self.record(reception, sample, Time::UNSET);
+            }
         }
     }
 

@@ -1,28 +1,20 @@
-//! The thread that writes a recording, behind a bounded queue: a disk that stalls costs the observer nothing.
+//! The thread that writes a recording, behind a bounded queue: a disk that stalls does not delay the observer.
 
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
-use mcap::{McapError, McapResult};
-
+use super::chunk::{Chunk, McapMessage};
 use super::facts::Facts;
-use super::writer::{McapFile, McapMessage, MessageBatch, Preamble};
+use super::writer::{McapFile, Preamble};
 
-/// Batches that wait at most \[-\]: eight seconds of a flight at 60 Hz.
-const QUEUE: usize = 32;
-/// Age and size at which a batch goes to the thread \[ns\], \[-\]. With the age of a chunk, less than a second is lost if the process
-/// is killed.
-const BATCH_NS: u64 = 200_000_000;
-const BATCH: usize = 256;
-/// Time without messages after which the present chunk is written.
-const IDLE: Duration = Duration::from_millis(500);
+/// Chunks that wait at most \[-\]: eight seconds of a flight.
+const QUEUE: usize = 16;
 
-/// Where a recording is written, and when another file begins.
+/// Files of a recording.
 #[derive(Clone, Debug)]
 pub struct FilePlan {
     /// The first file; the following ones have a number before the extension.
@@ -31,13 +23,13 @@ pub struct FilePlan {
     pub max_bytes: Option<u64>,
     /// Duration of a file after which another begins \[ns\]; `None` for one file.
     pub max_ns: Option<u64>,
-    /// Whether the sink waits for a full queue instead of dropping messages: in virtual time nothing is lost by waiting.
+    /// Whether the sink waits for a full queue instead of dropping messages, as in virtual time.
     pub waits: bool,
-    /// Tells people, once, that nothing more can be written.
+    /// Reports, once, that nothing more can be written.
     pub complain: fn(&str),
 }
 
-/// What became of a recording.
+/// Result of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct RecordingResult {
     /// Its files, in order.
@@ -48,13 +40,13 @@ pub struct RecordingResult {
     pub bytes: u64,
     /// Messages that found the queue full \[-\].
     pub dropped: u64,
-    /// Why it ended early; `None` if it did not.
+    /// Reason why it ended early; `None` if it did not.
     pub failure: Option<String>,
 }
 
 /// An item of the queue.
 enum QueuedRecord {
-    Batch(MessageBatch),
+    Chunk(Chunk),
     Facts(Facts),
 }
 
@@ -63,7 +55,7 @@ enum QueuedRecord {
 pub struct RecordingThread {
     queue: Option<SyncSender<QueuedRecord>>,
     /// Messages that are not queued yet.
-    batch: MessageBatch,
+    chunk: Chunk,
     thread: Option<JoinHandle<RecordingResult>>,
     waits: bool,
     dropped: u64,
@@ -77,7 +69,7 @@ impl RecordingThread {
     /// The file cannot be created.
     pub fn start(plan: FilePlan, preamble: Preamble) -> io::Result<Self> {
         let waits = plan.waits;
-        let file = McapFile::create(&plan.path, &preamble).map_err(to_io)?;
+        let file = McapFile::create(&plan.path, &preamble)?;
         let (queue, records) = sync_channel(QUEUE);
         let (failed, result) = (Arc::new(AtomicBool::new(false)), RecordingResult::default());
         let has_failed = Arc::clone(&failed);
@@ -86,30 +78,27 @@ impl RecordingThread {
             .name("recording".to_owned())
             .spawn(move || files.run(&records))?;
         let (queue, thread) = (Some(queue), Some(thread));
-        let batch = MessageBatch::default();
-        Ok(Self { queue, batch, thread, waits, dropped: 0, failed: has_failed })
+        Ok(Self { queue, chunk: Chunk::default(), thread, waits, dropped: 0, failed: has_failed })
     }
 
-    /// Takes a message, encoded in `data`.
+    /// Adds a message, encoded in `data`.
     pub fn message(&mut self, message: McapMessage, data: &[u8]) {
-        self.batch.push(message, data);
         self.hand_over_at(message.log_time);
+        self.chunk.push(message, data);
     }
 
-    /// Queues the messages taken so far if they are many, or old at `now` \[ns since the epoch\].
+    /// Queues the messages so far if they are many, or old at `now` \[ns since the epoch\].
     pub fn hand_over_at(&mut self, now: u64) {
-        let is_old = self.batch.began().is_some_and(|began| now.saturating_sub(began) >= BATCH_NS);
-        if is_old || self.batch.len() >= BATCH {
+        if self.chunk.is_due(now) {
             self.hand_over();
         }
     }
 
     fn hand_over(&mut self) {
-        let count = self.batch.len() as u64;
-        let next = self.batch.replacement();
-        let batch = std::mem::replace(&mut self.batch, next);
-        if count > 0 && !self.send(QueuedRecord::Batch(batch)) {
-            self.dropped += count;
+        let chunk = std::mem::take(&mut self.chunk);
+        let messages = chunk.messages;
+        if messages > 0 && !self.send(QueuedRecord::Chunk(chunk)) {
+            self.dropped += messages;
         }
     }
 
@@ -127,7 +116,7 @@ impl RecordingThread {
         self.failed.load(Ordering::Acquire)
     }
 
-    /// Queues a record; `false` if there is no room.
+    /// Queues a record; returns `false` if there is no room.
     fn send(&self, record: QueuedRecord) -> bool {
         let Some(queue) = &self.queue else { return true };
         if self.waits {
@@ -137,7 +126,7 @@ impl RecordingThread {
         }
     }
 
-    /// Writes what waits, closes the file, and ends the thread.
+    /// Writes the queued messages, closes the file, and ends the thread.
     #[must_use]
     pub fn finish(mut self) -> RecordingResult {
         let result = self.join();
@@ -154,7 +143,7 @@ impl RecordingThread {
 }
 
 impl Drop for RecordingThread {
-    /// A recording that is dropped, by a failure around it, is complete up to there.
+    /// Completes a recording that is dropped because of another failure.
     fn drop(&mut self) {
         if self.thread.is_some() {
             self.join();
@@ -175,57 +164,45 @@ struct Files {
 impl Files {
     fn run(mut self, records: &Receiver<QueuedRecord>) -> RecordingResult {
         self.result.files.push(self.plan.path.clone());
-        loop {
-            let done = match records.recv_timeout(IDLE) {
-                Ok(QueuedRecord::Batch(batch)) => {
-                    batch.iter().try_for_each(|(message, data)| self.message(message, data))
+        for record in records {
+            let done = match &record {
+                QueuedRecord::Chunk(chunk) => self.chunk(chunk),
+                QueuedRecord::Facts(facts) => {
+                    self.file.as_mut().map_or(Ok(()), |file| file.facts(facts))
                 }
-                Ok(QueuedRecord::Facts(facts)) => self.with_file(|file| file.facts(&facts)),
-                Err(RecvTimeoutError::Timeout) => self.with_file(McapFile::flush),
-                Err(RecvTimeoutError::Disconnected) => break,
             };
-            if let Err(error) = done {
-                self.fail(&error);
-            }
+            done.unwrap_or_else(|error| self.fail(&error));
         }
-        if let Some(Err(error)) = self.file.take().map(McapFile::finish) {
-            self.fail(&error);
-        }
+        let finished = self.file.take().map_or(Ok(()), McapFile::finish);
+        finished.unwrap_or_else(|error| self.fail(&error));
         self.result
     }
 
-    /// Does something with the file, if nothing failed so far.
-    fn with_file(&mut self, work: impl FnOnce(&mut McapFile) -> McapResult<()>) -> McapResult<()> {
-        self.file.as_mut().map_or(Ok(()), work)
-    }
-
-    fn message(&mut self, message: &McapMessage, data: &[u8]) -> McapResult<()> {
+    fn chunk(&mut self, chunk: &Chunk) -> io::Result<()> {
         let FilePlan { max_bytes, max_ns, .. } = self.plan;
         let Some(file) = &self.file else { return Ok(()) };
-        let full = max_bytes.is_some_and(|most| file.bytes() >= most)
-            || max_ns.is_some_and(|most| file.age(message.log_time) >= most);
-        if full {
+        let begin = chunk.extent.map_or(0, |(first, _)| first);
+        let is_full = max_bytes.is_some_and(|most| file.size() >= most)
+            || max_ns.is_some_and(|most| file.age(begin) >= most);
+        if is_full {
             self.begin_another()?;
         }
-        self.with_file(|file| file.message(message, data))?;
-        self.result.messages += 1;
-        self.result.bytes += data.len() as u64;
+        self.file.as_mut().map_or(Ok(()), |file| file.chunk(chunk))?;
+        self.result.messages += chunk.messages;
+        self.result.bytes += chunk.bytes;
         Ok(())
     }
 
-    fn begin_another(&mut self) -> McapResult<()> {
+    fn begin_another(&mut self) -> io::Result<()> {
         self.file.take().map_or(Ok(()), McapFile::finish)?;
         let mut number = self.result.files.len() + 1;
         loop {
             let path = numbered(&self.plan.path, number);
             match McapFile::create(&path, &self.preamble) {
-                // Of another recording: it is kept, and this one goes on beside it.
-                Err(McapError::Io(error)) if error.kind() == io::ErrorKind::AlreadyExists => {
-                    number += 1;
-                }
-                Err(error) => return Err(error),
-                Ok(file) => {
-                    self.file = Some(file);
+                // A file of another recording is kept; this recording takes the next number.
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
+                created => {
+                    self.file = Some(created?);
                     self.result.files.push(path);
                     return Ok(());
                 }
@@ -233,16 +210,11 @@ impl Files {
         }
     }
 
-    fn fail(&mut self, error: &McapError) {
-        if let Some(file) = self.file.take() {
-            file.abandon();
-        }
+    /// Ends the recording after an error: the chunks written so far remain readable.
+    fn fail(&mut self, error: &io::Error) {
+        self.file = None;
         let path = self.result.files.last().unwrap_or(&self.plan.path).display();
-        let reason = match error {
-            McapError::Io(error) => error.to_string(),
-            other => other.to_string(),
-        };
-        let message = format!("{path}: {reason}; the recording ends here");
+        let message = format!("{path}: {error}; the recording ends here");
         self.failed.store(true, Ordering::Release);
         (self.plan.complain)(&message);
         self.result.failure = Some(message);
@@ -252,12 +224,4 @@ impl Files {
 /// The path of the file with this number: `flight.mcap`, `flight.2.mcap`, …
 fn numbered(path: &Path, number: usize) -> PathBuf {
     path.with_extension(format!("{number}.mcap"))
-}
-
-/// An error of the format's library as one of the operating system, whose text says most.
-fn to_io(error: McapError) -> io::Error {
-    match error {
-        McapError::Io(error) => error,
-        other => io::Error::other(other.to_string()),
-    }
 }

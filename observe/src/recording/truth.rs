@@ -1,89 +1,75 @@
-//! The samples of the truth that are recorded: those nearest to the daemon's ticks, from which errors are computed, and others at
-//! a chosen rate.
-
-use std::collections::VecDeque;
+//! Samples of the truth that are recorded: the nearest to each tick of the daemon, from which errors are computed, and others at a
+//! chosen rate.
 
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
 
-use crate::nearest::nearest;
+use crate::nearest::NearestJoin;
 use crate::sink::Reception;
 
-/// Samples among which the nearest to a tick is found, as many as the flight recorder keeps.
-const KEPT: usize = 64;
+/// Ticks that wait for a sample at most \[-\]; more of them mean that there is no truth.
+const MAX_TICKS: usize = 64;
 
 /// A sample of the truth, as it was received.
 pub type TrueSample = (Reception, TruthV1);
 
-/// Chooses the samples that are recorded.
+/// Selection of the samples that are recorded.
 #[derive(Debug)]
 pub struct TruthSelection {
     /// Time between two samples that belong to no tick; `None` for none.
     spacing: Option<Span>,
     due: Time,
-    /// The newest samples, oldest first, and whether each was chosen.
-    newest: VecDeque<(TrueSample, bool)>,
-    /// Ticks later than the newest sample.
-    ticks: VecDeque<Time>,
+    /// Ticks, and samples with whether each was chosen.
+    join: NearestJoin<(), (TrueSample, bool)>,
 }
 
 impl TruthSelection {
-    /// A selection at `rate_hz` beside the samples of ticks; 0 for those alone.
+    /// A selection at `rate_hz` beside the samples of ticks; 0 for the samples of ticks alone.
     #[must_use]
     pub fn new(rate_hz: f64) -> Self {
-        Self {
-            spacing: (rate_hz > 0.0).then(|| Span::period_of(rate_hz)),
-            due: Time::UNSET,
-            newest: VecDeque::with_capacity(KEPT),
-            ticks: VecDeque::new(),
-        }
+        let spacing = (rate_hz > 0.0).then(|| Span::period_of(rate_hz));
+        Self { spacing, due: Time::UNSET, join: NearestJoin::default() }
     }
 
-    /// Takes a tick of the daemon; passes the sample nearest to it to `choose` if that is known already.
+    /// Adds a tick of the daemon; passes the sample nearest to it to `choose` if that is known already.
     pub fn tick(&mut self, at: Time, choose: &mut dyn FnMut(&TrueSample)) {
-        self.ticks.push_back(at);
-        if self.ticks.len() > KEPT {
-            // There is no truth.
-            self.ticks.pop_front();
+        self.join.add_tick(at, ());
+        if self.join.ticks() > MAX_TICKS {
+            self.join.next_tick();
         }
-        self.join(choose);
+        self.choose_joined(choose);
     }
 
-    /// Takes a sample; passes chosen samples to `choose`, those of earlier ticks first.
+    /// Adds a sample; passes chosen samples to `choose`, those of earlier ticks first.
     pub fn sample(&mut self, sample: TrueSample, choose: &mut dyn FnMut(&TrueSample)) {
-        if self.newest.len() == KEPT {
-            self.newest.pop_front();
-        }
-        self.newest.push_back((sample, false));
-        self.join(choose);
         let time = sample.1.time;
+        self.join.add_sample(time, (sample, false));
+        self.choose_joined(choose);
         let Some(spacing) = self.spacing.filter(|_| time >= self.due) else { return };
         let next = self.due + spacing;
         self.due = if next > time { next } else { time + spacing };
-        if let Some((newest, chosen @ false)) = self.newest.back_mut() {
-            *chosen = true;
-            choose(newest);
-        }
+        self.choose_newest(choose);
     }
 
-    /// Passes the newest sample to `choose`, so that the last ticks are known to lie before it.
-    pub fn finish(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
-        if let Some((sample, false)) = self.newest.back() {
-            choose(sample);
+    /// Passes the newest sample to `choose`, so that a reader can join the last ticks as well.
+    pub fn choose_newest(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
+        if let Some(newest) = self.join.newest() {
+            choose_once(newest, choose);
         }
     }
 
     /// Chooses the nearest sample for every tick that is not later than the newest one.
-    fn join(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
-        let Some(newest) = self.newest.back().map(|((_, truth), _)| truth.time) else { return };
-        while let Some(tick) = self.ticks.front().copied().filter(|tick| *tick <= newest) {
-            self.ticks.pop_front();
-            let index = nearest(&self.newest, tick, |((_, truth), _)| truth.time);
-            if let Some((sample, chosen @ false)) = index.map(|index| &mut self.newest[index]) {
-                *chosen = true;
-                choose(sample);
-            }
+    fn choose_joined(&mut self, choose: &mut dyn FnMut(&TrueSample)) {
+        while let Some(((), nearest)) = self.join.next_pair() {
+            choose_once(nearest, choose);
         }
+    }
+}
+
+fn choose_once(sample: &mut (TrueSample, bool), choose: &mut dyn FnMut(&TrueSample)) {
+    let (sample, was_chosen) = sample;
+    if !std::mem::replace(was_chosen, true) {
+        choose(sample);
     }
 }
 
@@ -110,7 +96,7 @@ mod tests {
             }
             selection.sample(sample(millis), &mut choose);
         }
-        selection.finish(&mut choose);
+        selection.choose_newest(&mut choose);
         assert_eq!(chosen, [0, 10, 17, 20, 30, 34, 39].map(at));
     }
 
@@ -126,7 +112,7 @@ mod tests {
             assert_eq!(truth.time, at(99));
             count += 1;
         });
-        selection.finish(&mut |_| count += 1);
+        selection.choose_newest(&mut |_| count += 1);
         assert_eq!(count, 1);
     }
 }

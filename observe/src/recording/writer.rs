@@ -1,78 +1,23 @@
-//! One MCAP file: chunked, indexed, uncompressed. A chunk is written whole and handed to the operating system, so that a file whose
-//! writer was killed is readable up to its last chunk.
+//! One MCAP file: chunked, indexed, uncompressed. Every chunk is handed to the operating system as soon as it is complete, so that a
+//! file whose writer was killed is readable up to its last chunk.
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, Write};
 use std::path::Path;
 
-use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, McapResult, WriteOptions, Writer};
+use crc::{Digest, Table};
 
 use super::channel::Channel;
+use super::chunk::Chunk;
 use super::facts::Facts;
+use super::mcap::encode::Fields;
+use super::mcap::{CHECKSUM, MAGIC, Opcode};
 
-/// Longest time from the first message of a chunk to its writing \[ns of the messages' times\].
-const CHUNK_NS: u64 = 500_000_000;
-/// Bytes that the format adds to a message \[bytes\].
-const MESSAGE_OVERHEAD: u64 = 31;
+/// Length of the body of a footer \[bytes\].
+const FOOTER_BYTES: u64 = 8 + 8 + 4;
 
-/// What is known of a message on its way into a file.
-#[derive(Clone, Copy, Debug)]
-pub struct McapMessage {
-    /// Number of its channel, in the order of [`Channel::all`] \[-\].
-    pub channel: u16,
-    /// Number of the message among those of its channel \[-\].
-    pub sequence: u32,
-    /// When it was received \[ns since the epoch\].
-    pub log_time: u64,
-    /// When it was published \[ns since the epoch\].
-    pub publish_time: u64,
-}
-
-/// Messages that go to the writing thread together: one wake-up and one allocation for many.
-#[derive(Debug, Default)]
-pub struct MessageBatch {
-    /// Each with the end of its data in `data`.
-    messages: Vec<(McapMessage, usize)>,
-    data: Vec<u8>,
-}
-
-impl MessageBatch {
-    /// Adds a message, encoded in `data`.
-    pub fn push(&mut self, message: McapMessage, data: &[u8]) {
-        self.data.extend_from_slice(data);
-        self.messages.push((message, self.data.len()));
-    }
-
-    /// Number of messages \[-\].
-    #[must_use]
-    pub fn len(&self) -> usize {
-        self.messages.len()
-    }
-
-    /// Time of the first message; `None` if there is none \[ns since the epoch\].
-    #[must_use]
-    pub fn began(&self) -> Option<u64> {
-        self.messages.first().map(|(message, _)| message.log_time)
-    }
-
-    /// The messages with their data, in the order in which they were added.
-    pub fn iter(&self) -> impl Iterator<Item = (&McapMessage, &[u8])> {
-        let begins = std::iter::once(0).chain(self.messages.iter().map(|(_, end)| *end));
-        let parts = self.messages.iter().zip(begins);
-        parts.map(|((message, end), begin)| (message, &self.data[begin..*end]))
-    }
-
-    /// An empty batch with room for as much as this one has.
-    #[must_use]
-    pub fn replacement(&self) -> Self {
-        let messages = Vec::with_capacity(self.messages.len());
-        Self { messages, data: Vec::with_capacity(self.data.len()) }
-    }
-}
-
-/// What every file of a recording begins with: tables of facts, and files by name with media type and content.
+/// First records of every file of a recording: tables of facts, and files by name with media type and content.
 #[derive(Clone, Debug, Default)]
 pub struct Preamble {
     /// Tables of facts.
@@ -83,15 +28,21 @@ pub struct Preamble {
     pub library: String,
 }
 
-/// A file under way.
+/// A file that is being written.
 pub struct McapFile {
-    writer: Writer<BufWriter<File>>,
-    /// Number in the file by number of the channel.
-    channels: Vec<u16>,
-    /// Time of the first message of the present chunk, and of the file.
-    chunk_began: Option<u64>,
-    began: Option<u64>,
-    bytes: u64,
+    file: File,
+    /// Size so far \[bytes\].
+    size: u64,
+    checksum: Digest<'static, u32, Table<16>>,
+    /// Records of the summary section by their kind, in the order of the section.
+    summary: Vec<(Opcode, Vec<u8>)>,
+    chunks: u32,
+    attachments: u32,
+    tables: u32,
+    /// Messages by channel \[-\].
+    messages: BTreeMap<u16, u64>,
+    /// Times of the first and the last message \[ns since the epoch\].
+    extent: Option<(u64, u64)>,
 }
 
 impl McapFile {
@@ -99,104 +50,221 @@ impl McapFile {
     ///
     /// # Errors
     /// The file exists, or cannot be written.
-    pub fn create(path: &Path, preamble: &Preamble) -> McapResult<Self> {
-        let file = BufWriter::new(File::create_new(path)?);
-        let options = WriteOptions::new()
-            .compression(None)
-            // A chunk is collected in memory: none is ever half written with a length that is not yet known.
-            .disable_seeking(true)
-            .chunk_size(Some(4 << 20))
-            .library(preamble.library.clone());
-        let mut writer = options.create(file)?;
-        for Facts { name, entries } in &preamble.facts {
-            writer.write_metadata(&Metadata { name: name.clone(), metadata: entries.clone() })?;
-        }
-        for (name, media_type, data) in &preamble.files {
-            let (name, media_type) = (name.clone(), (*media_type).to_owned());
-            let data = data.as_slice().into();
-            writer.attach(&Attachment { log_time: 0, create_time: 0, name, media_type, data })?;
-        }
-        let channels = add_channels(&mut writer)?;
-        writer.flush()?;
-        Ok(Self { writer, channels, chunk_began: None, began: None, bytes: 0 })
-    }
-
-    /// Adds a message; writes the chunk before it if that is old enough.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn message(&mut self, message: &McapMessage, data: &[u8]) -> McapResult<()> {
-        let McapMessage { channel, sequence, log_time, publish_time } = message;
-        if self.chunk_began.is_some_and(|began| log_time.saturating_sub(began) >= CHUNK_NS) {
-            self.flush()?;
-        }
-        self.chunk_began.get_or_insert(*log_time);
-        self.began.get_or_insert(*log_time);
-        self.bytes += data.len() as u64 + MESSAGE_OVERHEAD;
-        let channel_id = self.channels[usize::from(*channel)];
-        let header = MessageHeader {
-            channel_id,
-            sequence: *sequence,
-            log_time: *log_time,
-            publish_time: *publish_time,
+    pub fn create(path: &Path, preamble: &Preamble) -> io::Result<Self> {
+        use Opcode::{AttachmentIndex, ChunkIndex, MetadataIndex, Schema};
+        let kinds = [Schema, Opcode::Channel, AttachmentIndex, MetadataIndex, ChunkIndex];
+        let mut created = Self {
+            file: File::create_new(path)?,
+            size: 0,
+            checksum: CHECKSUM.digest(),
+            summary: kinds.map(|kind| (kind, Vec::new())).to_vec(),
+            chunks: 0,
+            attachments: 0,
+            tables: 0,
+            messages: BTreeMap::new(),
+            extent: None,
         };
-        self.writer.write_to_known_channel(&header, data)
+        let mut bytes = MAGIC.to_vec();
+        bytes.record(Opcode::Header, |bytes| {
+            bytes.text("");
+            bytes.text(&preamble.library);
+        });
+        created.write(&bytes)?;
+        preamble.facts.iter().try_for_each(|facts| created.facts(facts))?;
+        preamble.files.iter().try_for_each(|file| created.attachment(file))?;
+        created.channels()?;
+        Ok(created)
     }
 
-    /// Adds a table of facts.
+    /// Appends bytes of the data section.
+    fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.checksum.update(bytes);
+        self.size += bytes.len() as u64;
+        self.file.write_all(bytes)
+    }
+
+    /// The records of a kind in the summary section.
+    fn summary(&mut self, kind: Opcode) -> &mut Vec<u8> {
+        let found = self.summary.iter().position(|(other, _)| *other == kind);
+        &mut self.summary[found.expect("every kind is created with the file")].1
+    }
+
+    /// Writes schemas and channels; both have the numbers of the channels, schemas from 1 on.
+    fn channels(&mut self) -> io::Result<()> {
+        for (number, channel) in (0_u16..).zip(Channel::all()) {
+            let schema = channel.schema();
+            let id = number + 1;
+            self.summary(Opcode::Schema).record(Opcode::Schema, |bytes| {
+                bytes.extend(id.to_le_bytes());
+                bytes.text(&schema.name);
+                bytes.text("ros2msg");
+                bytes.text(&schema.text);
+            });
+            self.summary(Opcode::Channel).record(Opcode::Channel, |bytes| {
+                bytes.extend(number.to_le_bytes());
+                bytes.extend(id.to_le_bytes());
+                bytes.text(&channel.name());
+                bytes.text("cdr");
+                bytes.map(&schema.metadata);
+            });
+        }
+        let [schemas, channels] =
+            [Opcode::Schema, Opcode::Channel].map(|kind| self.summary(kind).clone());
+        self.write(&schemas)?;
+        self.write(&channels)
+    }
+
+    /// Writes a chunk.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn facts(&mut self, facts: &Facts) -> McapResult<()> {
-        let Facts { name, entries } = facts.clone();
-        self.chunk_began = None;
-        self.writer.write_metadata(&Metadata { name, metadata: entries })?;
-        self.writer.flush()
+    pub fn chunk(&mut self, chunk: &Chunk) -> io::Result<()> {
+        let Chunk { records, index, extent: Some((first, last)), .. } = chunk else {
+            return Ok(());
+        };
+        let (begin, size) = (self.size, records.len() as u64);
+        let mut bytes = Vec::with_capacity(records.len() + 4096);
+        bytes.record(Opcode::Chunk, |bytes| {
+            bytes.u64s(&[*first, *last, size]);
+            bytes.extend(CHECKSUM.checksum(records).to_le_bytes());
+            bytes.text("");
+            bytes.u64s(&[size]);
+            bytes.extend_from_slice(records);
+        });
+        let length = bytes.len() as u64;
+        let mut positions = Vec::new();
+        for (channel, entries) in index {
+            positions.push((*channel, begin + bytes.len() as u64));
+            bytes.record(Opcode::MessageIndex, |bytes| {
+                bytes.extend(channel.to_le_bytes());
+                bytes.sized(|bytes| bytes.u64s(entries.as_flattened()));
+            });
+            *self.messages.entry(*channel).or_default() += entries.len() as u64;
+        }
+        let index_length = bytes.len() as u64 - length;
+        self.summary(Opcode::ChunkIndex).record(Opcode::ChunkIndex, |bytes| {
+            bytes.u64s(&[*first, *last, begin, length]);
+            bytes.sized(|bytes| positions.iter().for_each(|entry| counted(bytes, *entry)));
+            bytes.u64s(&[index_length]);
+            bytes.text("");
+            bytes.u64s(&[size, size]);
+        });
+        self.chunks += 1;
+        self.extent = Some((self.extent.map_or(*first, |(first, _)| first), *last));
+        self.write(&bytes)
     }
 
-    /// Writes the present chunk.
+    /// Writes a table of facts.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn flush(&mut self) -> McapResult<()> {
-        self.chunk_began = None;
-        self.writer.flush()
+    pub fn facts(&mut self, facts: &Facts) -> io::Result<()> {
+        let mut bytes = Vec::new();
+        bytes.record(Opcode::Metadata, |bytes| {
+            bytes.text(&facts.name);
+            bytes.map(&facts.entries);
+        });
+        let place = [self.size, bytes.len() as u64];
+        self.summary(Opcode::MetadataIndex).record(Opcode::MetadataIndex, |bytes| {
+            bytes.u64s(&place);
+            bytes.text(&facts.name);
+        });
+        self.tables += 1;
+        self.write(&bytes)
     }
 
-    /// Size of the messages so far \[bytes\].
-    #[must_use]
-    pub fn bytes(&self) -> u64 {
-        self.bytes
+    fn attachment(&mut self, file: &(String, &'static str, Vec<u8>)) -> io::Result<()> {
+        let (name, media_type, content) = file;
+        let length = content.len() as u64;
+        let mut bytes = Vec::new();
+        bytes.record(Opcode::Attachment, |bytes| {
+            let begin = bytes.len();
+            bytes.u64s(&[0, 0]);
+            bytes.text(name);
+            bytes.text(media_type);
+            bytes.u64s(&[length]);
+            bytes.extend_from_slice(content);
+            let checksum = CHECKSUM.checksum(&bytes[begin..]);
+            bytes.extend(checksum.to_le_bytes());
+        });
+        let place = [self.size, bytes.len() as u64, 0, 0, length];
+        self.summary(Opcode::AttachmentIndex).record(Opcode::AttachmentIndex, |bytes| {
+            bytes.u64s(&place);
+            bytes.text(name);
+            bytes.text(media_type);
+        });
+        self.attachments += 1;
+        self.write(&bytes)
     }
 
     /// Time from the first message to `log_time` \[ns\].
     #[must_use]
     pub fn age(&self, log_time: u64) -> u64 {
-        self.began.map_or(0, |began| log_time.saturating_sub(began))
+        self.extent.map_or(0, |(first, _)| log_time.saturating_sub(first))
     }
 
-    /// Writes the index and closes the file.
+    /// Size so far \[bytes\].
+    #[must_use]
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+
+    /// Writes the summary section and closes the file.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn finish(mut self) -> McapResult<()> {
-        self.writer.finish().map(drop)
+    pub fn finish(mut self) -> io::Result<()> {
+        let statistics = self.statistics();
+        self.summary.push((Opcode::Statistics, statistics));
+        let mut bytes = Vec::new();
+        let checksum = self.checksum.finalize();
+        bytes.record(Opcode::DataEnd, |bytes| bytes.extend(checksum.to_le_bytes()));
+        let data_end = bytes.len();
+        let begin = self.size + data_end as u64;
+        let mut groups = Vec::new();
+        for (kind, records) in self.summary.iter().filter(|(_, records)| !records.is_empty()) {
+            groups.push((*kind as u8, [self.size + bytes.len() as u64, records.len() as u64]));
+            bytes.extend_from_slice(records);
+        }
+        let offsets = self.size + bytes.len() as u64;
+        for (kind, place) in groups {
+            bytes.record(Opcode::SummaryOffset, |bytes| {
+                bytes.push(kind);
+                bytes.u64s(&place);
+            });
+        }
+        // The checksum covers the footer up to the checksum itself, opcode and length included.
+        bytes.push(Opcode::Footer as u8);
+        bytes.u64s(&[FOOTER_BYTES, begin, offsets]);
+        let checksum = CHECKSUM.checksum(&bytes[data_end..]);
+        bytes.extend(checksum.to_le_bytes());
+        bytes.extend(MAGIC);
+        self.file.write_all(&bytes)
     }
 
-    /// Closes the file as it is, after an error: its chunks remain readable.
-    pub fn abandon(self) {
-        drop(self.writer.into_inner());
+    fn statistics(&self) -> Vec<u8> {
+        let channels = Channel::all().count() as u32;
+        let (first, last) = self.extent.unwrap_or_default();
+        let mut bytes = Vec::new();
+        bytes.record(Opcode::Statistics, |bytes| {
+            bytes.u64s(&[self.messages.values().sum()]);
+            bytes.extend((channels as u16).to_le_bytes());
+            for count in [channels, self.attachments, self.tables, self.chunks] {
+                bytes.extend(count.to_le_bytes());
+            }
+            bytes.u64s(&[first, last]);
+            bytes.sized(|bytes| {
+                self.messages
+                    .iter()
+                    .for_each(|(channel, count)| counted(bytes, (*channel, *count)));
+            });
+        });
+        bytes
     }
 }
 
-/// Adds every channel; returns their numbers in the file.
-fn add_channels(writer: &mut Writer<BufWriter<File>>) -> McapResult<Vec<u16>> {
-    let mut numbers = Vec::new();
-    for channel in Channel::all() {
-        let schema = channel.schema();
-        let id = writer.add_schema(&schema.name, "ros2msg", schema.text.as_bytes())?;
-        let metadata: &BTreeMap<String, String> = &schema.metadata;
-        numbers.push(writer.add_channel(id, &channel.name(), "cdr", metadata)?);
-    }
-    Ok(numbers)
+/// Appends an entry of a table of numbers by channel.
+fn counted(bytes: &mut Vec<u8>, (channel, number): (u16, u64)) {
+    bytes.extend(channel.to_le_bytes());
+    bytes.u64s(&[number]);
 }
