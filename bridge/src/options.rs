@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use oqtal_config::Config;
+use oqtal_config::{Config, parse_option};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::files;
 use oqtal_wire::asctec::{InvalidScale, Scales, StickMeaning};
-use oqtal_wire::link::{InvalidLink, LinkSpec};
+use oqtal_wire::link::LinkSpec;
 use oqtal_wire::mavlink::{SigningKey, ThrustCurve};
 use oqtal_wire::xbee::Address;
 
@@ -24,16 +24,9 @@ pub fn check(config: &Config) -> Result<(), OptionError> {
 /// The link to the vehicle; `None` if none is configured.
 ///
 /// # Errors
-/// `bridge.link` is no link.
+/// `bridge.link` is not a link.
 pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
-    let text = &config.bridge.link;
-    if text.is_empty() {
-        return Ok(None);
-    }
-    let refused = |error: InvalidLink| {
-        OptionError::new("bridge.link", format!("`{text}`"), format!("a link: {error}"))
-    };
-    text.parse().map(Some).map_err(refused)
+    parse_option("bridge.link", &config.bridge.link, "a link")
 }
 
 /// The vehicle's XBee.

@@ -69,6 +69,6 @@ pub use realtime::{RealtimeOptions, Scheduling};
 pub use receiver::{ReceiverOptions, StampSource, UpAxis};
 pub use record::{RecordOptions, RecordedFlights};
 pub use safety::SafetyOptions;
-pub use setting::Setting;
+pub use setting::{Setting, parse_option};
 pub use text::read_text;
 pub use vehicle::VehicleOptions;

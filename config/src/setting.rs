@@ -1,5 +1,9 @@
 //! One value on its way into the configuration, with its origin.
 
+use std::fmt::Display;
+use std::str::FromStr;
+
+use oqtal_control::options::OptionError;
 use toml::{Table, Value};
 
 use crate::error::ConfigError;
@@ -71,6 +75,21 @@ impl Setting {
     pub(crate) fn refused(&self, reason: &str) -> ConfigError {
         ConfigError { origin: self.origin.clone(), reason: format!("`{}`: {reason}", self.key) }
     }
+}
+
+/// Parses the text of the option `key`, which describes `object`; `None` for an empty text.
+///
+/// # Errors
+/// The text cannot be parsed.
+pub fn parse_option<T>(key: &str, text: &str, object: &str) -> Result<Option<T>, OptionError>
+where
+    T: FromStr<Err: Display>,
+{
+    if text.is_empty() {
+        return Ok(None);
+    }
+    let parsed = text.parse().map(Some);
+    parsed.map_err(|error| OptionError::new(key, format!("`{text}`"), format!("{object}: {error}")))
 }
 
 /// The TOML value that `text` is, or `text` itself as a string if it is none.

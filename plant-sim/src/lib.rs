@@ -40,13 +40,11 @@ use std::rc::Rc;
 
 use clap::{Args, Subcommand};
 use oqtal_bus::topic::{COMMAND, Role};
-use oqtal_config::{Config, FaultTarget};
-use oqtal_control::options::OptionError;
+use oqtal_config::{Config, FaultTarget, parse_option};
 use oqtal_runtime::faults::FaultyTransport;
 use oqtal_runtime::process::{CommonArgs, Failure, ProcessCommand, ProcessContext, execute};
 use oqtal_runtime::process_loop;
-use oqtal_wire::link::LinkSpec;
-use oqtal_wire::truth::TruthSource;
+use oqtal_wire::link::{LinkSpec, TruthSource};
 
 pub use command_radio::CommandLoss;
 pub use disturbance::{AppliedLoad, DisturbanceClock, LoadSchedule, SceneDisturbance};
@@ -114,11 +112,8 @@ pub fn check(config: &Config) -> Result<(), Failure> {
 
 /// The source of the truth that `plant.truth` names; `None` if the key is empty and the vehicle is simulated.
 fn truth_source(config: &Config) -> Result<Option<TruthSource>, Failure> {
-    let source = TruthSource::from_setting(&config.plant.truth).map_err(|error| {
-        let text = format!("`{}`", config.plant.truth);
-        config.locate(&OptionError::new("plant.truth", text, format!("a source: {error}")))
-    });
-    Ok(source?)
+    let source = parse_option("plant.truth", &config.plant.truth, "a source");
+    source.map_err(|error| config.locate(&error).into())
 }
 
 /// The link that `plant.wire.link` names; `None` if the key is empty and commands come over the bus.

@@ -26,10 +26,10 @@ use std::path::Path;
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::time::Time;
-use oqtal_config::Config;
+use oqtal_config::{Config, parse_option};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::process::{Exit, Failure, ProcessContext};
-use oqtal_wire::link::{CrtpLink, InvalidLink, LinkSpec, PortSpec};
+use oqtal_wire::link::{CrtpLink, LinkSpec, PortSpec};
 
 use crate::PlantOutput;
 use crate::disturbance::DisturbanceClock;
@@ -59,14 +59,7 @@ const USER: &str = "the emulated vehicle";
 /// `[plant.wire]` cannot be used.
 pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
     asctec::check(config)?;
-    let text = &config.plant.wire.link;
-    if text.is_empty() {
-        return Ok(None);
-    }
-    let refused = |error: InvalidLink| {
-        OptionError::new("plant.wire.link", format!("`{text}`"), format!("a link: {error}"))
-    };
-    text.parse().map(Some).map_err(refused)
+    parse_option("plant.wire.link", &config.plant.wire.link, "a link")
 }
 
 /// Flies the emulated vehicle at `link` until asked to stop. Its state goes over the wire alone; the truth is published for the

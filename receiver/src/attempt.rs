@@ -6,9 +6,9 @@ use std::net::{SocketAddr, TcpStream};
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::process::{Exit, Failure};
 
-use crate::link::CameraLink;
 use crate::routes::{CameraBody, RouteTable};
 use crate::stream::CameraStream;
+use oqtal_wire::link::CameraLink;
 
 /// Time within which a server must have answered all that is asked of it.
 pub const CONNECT_TIMEOUT: Span = Span::from_millis(2500);

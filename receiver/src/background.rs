@@ -8,9 +8,9 @@ use oqtal_runtime::health::Health;
 use crate::attempt::{CameraConnection, ConnectError};
 use crate::connect::connect;
 use crate::definitions::BodyDefinitions;
-use crate::link::CameraLink;
 use crate::note::ReceiverNote;
 use crate::stream::CameraStream;
+use oqtal_wire::link::CameraLink;
 
 /// Pause before a lost server is first tried again.
 const SHORTEST_PAUSE: Span = Span::from_millis(100);

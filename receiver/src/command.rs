@@ -11,9 +11,9 @@ use oqtal_runtime::program::{conclude, print};
 use serde::Serialize;
 
 use crate::discover::discover;
-use crate::link::CameraLink;
 use crate::probe::{FitnessVerdict, probe};
 use crate::process::{check, run};
+use oqtal_wire::link::{CameraLink, InvalidLink};
 
 /// Commands of the receiver's command line.
 #[derive(Subcommand, Clone, Debug)]
@@ -116,10 +116,8 @@ impl DiscoverArgs {
 impl ProbeArgs {
     fn execute(&self) -> Result<Exit, Failure> {
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
-        let link: CameraLink =
-            self.link.parse().map_err(|error: crate::link::InvalidCameraLink| {
-                Failure::new(Exit::Usage, error.to_string())
-            })?;
+        let link: Result<CameraLink, InvalidLink> = self.link.parse();
+        let link = link.map_err(|error| Failure::new(Exit::Usage, error.to_string()))?;
         let duration = Span::from_millis(i64::from(self.seconds) * 1000);
         let figures = probe(&link, &config.receiver, duration)?;
         print(&if self.json { json(&figures) } else { figures.to_string() })?;

@@ -6,9 +6,9 @@ use std::sync::mpsc::channel;
 use oqtal_bus::time::Time;
 
 use crate::attempt::{Attempt, CONNECT_TIMEOUT, CameraConnection, ConnectError};
-use crate::link::{CameraLink, CameraProtocol};
 use crate::routes::CameraBody;
 use crate::{natnet, qtm, vrpn};
+use oqtal_wire::link::{CameraLink, CameraProtocol};
 
 /// Most bodies that a message lists \[-\].
 const MAX_LISTED: usize = 32;

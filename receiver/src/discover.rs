@@ -12,7 +12,7 @@ use oqtal_wire::qtm::{DISCOVERY_PORT, DiscoveryReply, DiscoveryRequest};
 use serde::Serialize;
 
 use crate::connect::connect;
-use crate::link::CameraLink;
+use oqtal_wire::link::CameraLink;
 
 /// Port of NatNet's commands \[-\].
 const NATNET_PORT: u16 = 1510;

@@ -10,7 +10,6 @@
 //! | `clock.rs` | the clock of a camera server against this machine's |
 //! | `transform.rs` | axes of cameras to those of world and body |
 //! | `routes.rs` | which body goes where |
-//! | `link.rs` | text form of a link to a camera system |
 //! | `stream.rs` | interface of a connection that carries frames |
 //! | `qtm.rs` | Qualisys Track Manager |
 //! | `natnet.rs` | OptiTrack Motive |
@@ -34,7 +33,6 @@ mod connect;
 mod definitions;
 mod discover;
 pub mod gate;
-pub mod link;
 mod natnet;
 mod note;
 mod probe;

@@ -14,10 +14,10 @@ use oqtal_wire::text::printable;
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::definitions::{BodyDefinitions, DefinitionFormat, DefinitionSlot, read};
 use crate::gate::FrameStamp;
-use crate::link::{CameraProtocol, NatnetDelivery};
 use crate::routes::{RefusedBody, RouteTable};
 use crate::socket::{bind_group, lost, receive_some};
 use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
+use oqtal_wire::link::{CameraProtocol, NatnetDelivery};
 
 /// Size of the read buffer \[bytes\]: the longest datagram.
 const BUFFER: usize = 65_536;

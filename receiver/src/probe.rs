@@ -14,9 +14,9 @@ use rustix::io::Errno;
 
 use crate::attempt::CameraConnection;
 use crate::connect::connect;
-use crate::link::CameraLink;
 use crate::routes::CameraBody;
 use listener::ProbeListener;
+use oqtal_wire::link::CameraLink;
 
 pub use figures::{BodyFigures, ClockFigures, IntervalFigures, NoiseFigures, ProbeFigures};
 pub use finding::{FitnessVerdict, ProbeFinding, Severity};

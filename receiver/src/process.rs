@@ -4,7 +4,7 @@ use oqtal_bus::bus::Bus;
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::HealthV1;
 use oqtal_bus::time::{Span, Time};
-use oqtal_config::{ClockKind, Config};
+use oqtal_config::{ClockKind, Config, parse_option};
 use oqtal_control::options::OptionError;
 use oqtal_runtime::background::with_background;
 use oqtal_runtime::handoff::handoff;
@@ -17,23 +17,17 @@ use oqtal_runtime::turn::{Turn, TurnClock};
 use crate::attempt::CameraConnection;
 use crate::background::Connector;
 use crate::connect::connect_to_all;
-use crate::link::CameraLink;
 use crate::note::ReceiverNote;
 use crate::receiver::PoseReceiver;
 use crate::turn::{ReceiverParts, ReceiverTurn, SocketSet};
+use oqtal_wire::link::CameraLink;
 
 /// The link that a configuration names; `None` if it names none.
 ///
 /// # Errors
-/// `receiver.link` is no link.
+/// `receiver.link` is not a link.
 pub fn link(config: &Config) -> Result<Option<CameraLink>, OptionError> {
-    let text = &config.receiver.link;
-    if text.is_empty() {
-        return Ok(None);
-    }
-    text.parse().map(Some).map_err(|error| {
-        OptionError::new("receiver.link", format!("`{text}`"), format!("a link: {error}"))
-    })
+    parse_option("receiver.link", &config.receiver.link, "a link")
 }
 
 /// The link, with a body at least.

@@ -15,10 +15,10 @@ use oqtal_wire::text::printable;
 use crate::attempt::{Attempt, CameraConnection, ConnectError};
 use crate::definitions::{BodyDefinitions, DefinitionFormat, DefinitionSlot, read};
 use crate::gate::FrameStamp;
-use crate::link::{CameraProtocol, QTM_VERSIONS};
 use crate::routes::{CameraBody, RefusedBody, RouteTable};
 use crate::socket::{lost, read_some, receive_some, write_all};
 use crate::stream::{CameraStream, FrameSink, MeasuredBody, StreamSockets};
+use oqtal_wire::link::{CameraProtocol, QTM_VERSIONS};
 
 /// Port of the server whose packets are big endian.
 const BIG_ENDIAN_PORT: u16 = 22224;

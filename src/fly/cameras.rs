@@ -4,8 +4,8 @@ use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 
 use oqtal_bus::topic::Role;
 use oqtal_config::{ClockKind, Config, Setting};
-use oqtal_receiver::link::CameraLink;
 use oqtal_runtime::process::{Exit, Failure};
+use oqtal_wire::link::CameraLink;
 
 use super::vehicle::CommandLink;
 

@@ -10,7 +10,7 @@ use oqtal_runtime::process::{Exit, Failure};
 
 use oqtal_lab::mission::Mission;
 use oqtal_receiver::connect_to_all;
-use oqtal_receiver::link::CameraLink;
+use oqtal_wire::link::CameraLink;
 use rustix::process::Signal;
 
 use super::directory::FlightDirectory;

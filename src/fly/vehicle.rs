@@ -11,7 +11,8 @@ use oqtal_control::options::OptionError;
 use oqtal_observe::command_path::CommandPath;
 use oqtal_runtime::process::{Exit, Failure, instance_paths, roles};
 use oqtal_wire::link::{
-    AsctecLink, CrtpLink, HostPort, LinkSpec, MavlinkLink, PortSpec, SerialSpec,
+    AsctecLink, CrtpLink, HostPort, InvalidLink, LinkSpec, LinkText, MavlinkLink, PortSpec,
+    SerialSpec,
 };
 
 /// Forms of the flag, for messages.
@@ -21,9 +22,6 @@ const FORMS: &str = "expected one of
   bridge:mavlink[,autopilot=px4|ardupilot][,system=N]
   bridge:crtp
   link:LINK, where LINK is one of";
-/// Port of an emulated vehicle until the flight names one; a link without a port is none.
-const NO_PORT: [(&str, &str); 3] =
-    [("asctec", "/"), ("mavlink", "udpin:127.0.0.1:14550"), ("crtp", "udp:127.0.0.1:19850")];
 /// Time within which a running simulator publishes the truth, which it does every millisecond.
 const TRUTH_TIMEOUT: Span = Span::from_millis(500);
 /// Time within which a vehicle has reported for long enough that its motors have stopped.
@@ -52,17 +50,14 @@ pub enum VehicleChoice {
 /// # Errors
 /// The text has none of the forms; the message lists them.
 pub fn parse(text: &str) -> Result<VehicleChoice, String> {
-    let link = |text: &str| text.parse::<LinkSpec>().map_err(|error| error.to_string());
     match text.split_once(':') {
-        Some(("bridge", rest)) => {
-            let (kind, options) =
-                rest.split_once(',').map_or((rest, ""), |(kind, _)| (kind, &rest[kind.len()..]));
-            let port = NO_PORT.iter().find(|(known, _)| *known == kind).map(|(_, port)| port);
-            let port = port.ok_or_else(forms)?;
-            let usage = |_| forms();
-            link(&format!("{kind}:{port}{options}")).map(VehicleChoice::Bridged).map_err(usage)
+        Some(("bridge", kind)) => {
+            LinkSpec::without_port(kind).map(VehicleChoice::Bridged).map_err(|_| forms())
         }
-        Some(("link", rest)) => link(rest).map(VehicleChoice::Linked),
+        Some(("link", link)) => {
+            let link = link.parse().map_err(|error: InvalidLink| error.to_string());
+            link.map(VehicleChoice::Linked)
+        }
         _ => parse_simulated(text).ok_or_else(forms),
     }
 }
@@ -74,21 +69,11 @@ fn forms() -> String {
 }
 
 fn parse_simulated(text: &str) -> Option<VehicleChoice> {
-    let (vehicle, option) = match text.split_once(',') {
-        Some((vehicle, option)) => (vehicle, Some(option)),
-        None => (text, None),
-    };
-    let preset = match vehicle.split_once(':') {
-        None if vehicle == "sim" => None,
-        Some(("sim", preset)) => Some(preset.to_owned()),
-        _ => return None,
-    };
-    let fidelity = match option.map(|option| option.split_once('=')) {
-        None => None,
-        Some(Some(("fidelity", fidelity))) => Some(fidelity.to_owned()),
-        Some(_) => return None,
-    };
-    Some(VehicleChoice::Simulated { preset, fidelity })
+    let mut text = LinkText::split(text);
+    let (kind, preset) = (text.kind, text.address.map(str::to_owned));
+    let fidelity = text.take("fidelity").ok()?.map(str::to_owned);
+    text.finish().ok()?;
+    (kind == "sim").then_some(VehicleChoice::Simulated { preset, fidelity })
 }
 
 impl VehicleChoice {

@@ -15,11 +15,10 @@
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
 //! | [`crazyflie_sitl`] | the Crazyflie's firmware as a program, and the simulator of its body |
-//! | [`truth`] | text form of a source of the truth: `mavlink:udpin:127.0.0.1:14550` |
 //! | [`crtp`] | CRTP, the protocol of the Crazyflie |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
 //! | [`mavlink`] | MAVLink 2, as PX4 and ArduPilot speak it |
-//! | [`link`] | text form of a link to a vehicle: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
+//! | [`link`] | text forms of links: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
 //! | [`text`] | text of another machine, made fit for a log |
 //! | `interpolation` | straight lines between the points of a table |
@@ -42,7 +41,6 @@ pub mod natnet;
 pub mod qtm;
 pub mod stream;
 pub mod text;
-pub mod truth;
 pub mod vrpn;
 pub mod xbee;
 

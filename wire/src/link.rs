@@ -1,17 +1,21 @@
-//! Text form of a link to a vehicle: the language that is spoken there, the port, and options: `LANGUAGE:PORT[,KEY=VALUE]…`.
+//! Text forms of links: the kind, the address and options: `KIND:ADDRESS[,KEY=VALUE]…`.
 //!
 //! | file | subject |
 //! |---|---|
+//! | `text.rs` | the grammar, and its errors |
 //! | `port.rs`, `radio.rs` | ports: serial, UDP, TCP, Crazyradio |
-//! | `options.rs` | the options behind a port |
-//! | `asctec.rs`, `mavlink.rs`, `crtp.rs` | the link of one language; a further language is a file like these, and a variant of [`LinkSpec`] |
+//! | `asctec.rs`, `mavlink.rs`, `crtp.rs` | links to vehicles; a further protocol is a file like these, and a variant of [`LinkSpec`] |
+//! | `camera.rs` | links to camera systems |
+//! | `truth.rs` | links to the true motion of a firmware that runs as a program |
 
 mod asctec;
+mod camera;
 mod crtp;
 mod mavlink;
-mod options;
 mod port;
 mod radio;
+mod text;
+mod truth;
 
 use std::fmt;
 use std::str::FromStr;
@@ -19,12 +23,17 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 pub use asctec::AsctecLink;
+pub use camera::{BodyRoute, CameraLink, CameraProtocol, MAX_BODIES, NatnetDelivery, QTM_VERSIONS};
 pub use crtp::CrtpLink;
 pub use mavlink::{AutopilotKind, MavlinkLink};
 pub use port::{HostPort, PortSpec, SerialSpec};
 pub use radio::{RadioRate, RadioSpec};
+pub use text::{InvalidLink, LinkText};
+pub use truth::TruthSource;
 
-/// Link to a vehicle: language, port, options.
+use text::LinkKind;
+
+/// Link to a vehicle: protocol, port, options.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum LinkSpec {
@@ -36,50 +45,60 @@ pub enum LinkSpec {
     Crtp(CrtpLink),
 }
 
-/// Form of the links of one language, and their parser.
-type LinkParser = fn(&str) -> Result<LinkSpec, String>;
-
-/// The languages: name, form, parser of what stands behind the name.
-const LANGUAGES: [(&str, &str, LinkParser); 3] = [
-    ("asctec", AsctecLink::FORM, |rest| AsctecLink::parse(rest).map(LinkSpec::Asctec)),
-    ("mavlink", MavlinkLink::FORM, |rest| MavlinkLink::parse(rest).map(LinkSpec::Mavlink)),
-    ("crtp", CrtpLink::FORM, |rest| CrtpLink::parse(rest).map(LinkSpec::Crtp)),
+/// Kinds of links to vehicles.
+const KINDS: [LinkKind<LinkSpec>; 3] = [
+    LinkKind {
+        name: "asctec",
+        form: AsctecLink::FORM,
+        parse: |path, link| AsctecLink::parse(path, link).map(LinkSpec::Asctec),
+    },
+    LinkKind {
+        name: "mavlink",
+        form: MavlinkLink::FORM,
+        parse: |port, link| MavlinkLink::parse(port, link).map(LinkSpec::Mavlink),
+    },
+    LinkKind {
+        name: "crtp",
+        form: CrtpLink::FORM,
+        parse: |port, link| CrtpLink::parse(port, link).map(LinkSpec::Crtp),
+    },
 ];
 
 impl LinkSpec {
-    /// Parses a configuration value; `None` if it is empty.
+    /// Parses a link without a port, `KIND[,KEY=VALUE]…`; the port of the link is a placeholder.
     ///
     /// # Errors
-    /// The text is no link.
-    pub fn from_setting(text: &str) -> Result<Option<Self>, InvalidLink> {
-        if text.is_empty() { Ok(None) } else { text.parse().map(Some) }
+    /// The kind is unknown, or an option is wrong.
+    pub fn without_port(text: &str) -> Result<Self, InvalidLink> {
+        let (kind, options) = text.split_at(text.find(',').unwrap_or(text.len()));
+        let port = match kind {
+            "asctec" => "/",
+            "crtp" => "udp:127.0.0.1:19850",
+            _ => "udpin:127.0.0.1:14550",
+        };
+        format!("{kind}:{port}{options}").parse()
     }
 
-    /// The forms of all links, one for each language.
+    /// Forms of all links, one for each kind.
     #[must_use]
     pub fn forms() -> Vec<&'static str> {
-        LANGUAGES.iter().map(|(_, form, _)| *form).collect()
+        KINDS.iter().map(|kind| kind.form).collect()
     }
 
-    /// Name of the language.
-    #[must_use]
-    pub fn language(&self) -> &'static str {
+    /// Name of the kind, address and text of the options.
+    fn parts(&self) -> (&'static str, String, String) {
         match self {
-            Self::Asctec(_) => "asctec",
-            Self::Mavlink(_) => "mavlink",
-            Self::Crtp(_) => "crtp",
+            Self::Asctec(link) => ("asctec", link.serial.path.clone(), link.options()),
+            Self::Mavlink(link) => ("mavlink", link.port.to_string(), link.options()),
+            Self::Crtp(link) => ("crtp", link.to_string(), String::new()),
         }
     }
 
-    /// The link without its port: language and options.
+    /// The link without its port: kind and options.
     #[must_use]
     pub fn kind(&self) -> String {
-        let port = match self {
-            Self::Asctec(link) => link.serial.path.clone(),
-            Self::Mavlink(link) => link.port.to_string(),
-            Self::Crtp(link) => link.to_string(),
-        };
-        self.to_string().replacen(&format!(":{port}"), "", 1)
+        let (kind, _, options) = self.parts();
+        kind.to_owned() + &options
     }
 
     /// The port.
@@ -93,44 +112,18 @@ impl LinkSpec {
     }
 }
 
-/// Error in the text of a link.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("link `{text}`: {problem}; write {form}")]
-pub struct InvalidLink {
-    /// Text that is no link.
-    pub text: String,
-    /// Part of it that is wrong.
-    pub problem: String,
-    /// Form of a link in this language, or the forms of all languages.
-    pub form: String,
-}
-
 impl FromStr for LinkSpec {
     type Err = InvalidLink;
 
     fn from_str(text: &str) -> Result<Self, InvalidLink> {
-        let refused = |problem: String, form: String| {
-            let text = text.to_owned();
-            InvalidLink { text, problem, form }
-        };
-        let all = || Self::forms().join(" or ");
-        let (name, rest) = text
-            .split_once(':')
-            .ok_or_else(|| refused("no kind before a colon".to_owned(), all()))?;
-        let language = LANGUAGES.iter().find(|(known, ..)| *known == name);
-        let (_, form, parse) =
-            language.ok_or_else(|| refused(format!("unknown kind `{name}`"), all()))?;
-        parse(rest).map_err(|problem| refused(problem, (*form).to_owned()))
+        text::parse("link", text, &KINDS)
     }
 }
 
 impl fmt::Display for LinkSpec {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Asctec(link) => write!(f, "asctec:{link}"),
-            Self::Mavlink(link) => write!(f, "mavlink:{link}"),
-            Self::Crtp(link) => write!(f, "crtp:{link}"),
-        }
+        let (kind, address, options) = self.parts();
+        write!(f, "{kind}:{address}{options}")
     }
 }
 

@@ -1,9 +1,7 @@
-//! Links of AscTec's serial interface: `PATH[,baud=57600][,xbee=transparent|api1|api2]`.
+//! Links of AscTec's serial interface: `asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]`.
 
-use std::fmt;
-
-use super::options::LinkOptions;
 use super::port::SerialSpec;
+use super::text::{LinkText, option};
 use crate::xbee::Framing;
 
 /// Default speed, AscTec's \[baud\].
@@ -22,26 +20,17 @@ impl AsctecLink {
     /// Text form, for messages.
     pub const FORM: &str = "asctec:PATH[,baud=57600][,xbee=transparent|api1|api2]";
 
-    /// Parses what stands behind `asctec:`.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
-        let (path, mut options) = LinkOptions::split(text)?;
-        let serial = SerialSpec::parse(path, &mut options, DEFAULT_BAUD)?;
-        let xbee = options.take("xbee").map(str::parse::<Framing>).transpose();
+    /// Parses the path, and takes the options.
+    pub(super) fn parse(path: &str, link: &mut LinkText<'_>) -> Result<Self, String> {
+        let serial = SerialSpec::parse(path, link, DEFAULT_BAUD)?;
+        let xbee = link.take("xbee")?.map(str::parse::<Framing>).transpose();
         let xbee = xbee.map_err(|error| error.to_string())?.unwrap_or_default();
-        options.finish()?;
         Ok(Self { serial, xbee })
     }
-}
 
-impl fmt::Display for AsctecLink {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.serial.path)?;
-        if self.serial.baud != DEFAULT_BAUD {
-            write!(f, ",baud={}", self.serial.baud)?;
-        }
-        if self.xbee != Framing::default() {
-            write!(f, ",xbee={}", self.xbee)?;
-        }
-        Ok(())
+    /// Text of the options.
+    pub(super) fn options(&self) -> String {
+        let framing = Some(self.xbee).filter(|framing| *framing != Framing::default());
+        self.serial.option(DEFAULT_BAUD) + &option("xbee", framing)
     }
 }

@@ -1,18 +1,17 @@
-//! Links of CRTP: `radio:CHANNEL/RATE/ADDRESS` or `udp:HOST:PORT`.
+//! Links of CRTP: `crtp:radio:CHANNEL/RATE/ADDRESS` or `crtp:udp:HOST:PORT`.
 
 use std::fmt;
 
-use super::options::LinkOptions;
 use super::port::{HostPort, PortSpec};
 use super::radio::RadioSpec;
+use super::text::LinkText;
 
-/// Way to a Crazyflie.
+/// Path to a Crazyflie.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CrtpLink {
     /// Through a Crazyradio.
     Radio(RadioSpec),
-    /// One packet a datagram: firmware in the loop, an emulated vehicle, or a radio that another program shares. The vehicle's
-    /// address.
+    /// One packet per datagram, to this address: firmware in the loop, an emulated vehicle, or a radio that another program shares.
     Udp(HostPort),
 }
 
@@ -20,14 +19,12 @@ impl CrtpLink {
     /// Text form, for messages.
     pub const FORM: &str = "crtp:radio:CHANNEL/RATE/ADDRESS | crtp:udp:HOST:PORT";
 
-    /// Parses what stands behind `crtp:`.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
-        let (port, options) = LinkOptions::split(text)?;
-        options.finish()?;
+    /// Parses the port; there are no options.
+    pub(super) fn parse(port: &str, _: &mut LinkText<'_>) -> Result<Self, String> {
         let (kind, rest) = port.split_once(':').ok_or_else(|| format!("no port in `{port}`"))?;
         match kind {
             "radio" => rest.parse().map(Self::Radio),
-            "udp" => HostPort::parse(rest).map(Self::Udp),
+            "udp" => HostPort::parse(rest, None).map(Self::Udp),
             _ => Err(format!("unknown kind of port `{kind}`")),
         }
     }

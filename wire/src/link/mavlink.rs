@@ -1,10 +1,8 @@
-//! Links of MAVLink: `serial:PATH[,baud=921600]`, `udpin:HOST:PORT`, `udpout:HOST:PORT` or `tcp:HOST:PORT`, and behind each
-//! `[,autopilot=px4|ardupilot][,system=N]`.
+//! Links of MAVLink: `mavlink:PORT[,autopilot=px4|ardupilot][,system=N]`, where PORT is `serial:PATH[,baud=921600]`,
+//! `udpin:HOST:PORT`, `udpout:HOST:PORT` or `tcp:HOST:PORT`.
 
-use std::fmt;
-
-use super::options::LinkOptions;
 use super::port::PortSpec;
+use super::text::{LinkText, option};
 
 /// Default speed of a serial port, that of an autopilot's second telemetry port \[baud\].
 const DEFAULT_BAUD: u32 = 921_600;
@@ -18,14 +16,14 @@ pub enum AutopilotKind {
     ArduPilot,
 }
 
-/// Port of a MAVLink vehicle, and which vehicle it is.
+/// Port of a MAVLink vehicle, its firmware and its system id.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MavlinkLink {
     /// The port.
     pub port: PortSpec,
-    /// The firmware; `None` to be found out from heartbeats.
+    /// The firmware; `None` if it is determined from heartbeats.
     pub autopilot: Option<AutopilotKind>,
-    /// System id of the vehicle, 1..255 \[-\]; `None` for the first autopilot that is heard.
+    /// System id of the vehicle, 1..255 \[-\]; `None` for the first autopilot that sends a heartbeat.
     pub system: Option<u8>,
 }
 
@@ -47,14 +45,22 @@ impl MavlinkLink {
     pub const FORM: &str = "mavlink:serial:PATH[,baud=921600] | mavlink:udpin:HOST:PORT | mavlink:udpout:HOST:PORT | \
                             mavlink:tcp:HOST:PORT, each with [,autopilot=px4|ardupilot][,system=N]";
 
-    /// Parses what stands behind `mavlink:`.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
-        let (port, mut options) = LinkOptions::split(text)?;
-        let port = PortSpec::parse(port, &mut options, DEFAULT_BAUD)?;
-        let autopilot = options.take("autopilot").map(parse_autopilot).transpose()?;
-        let system = options.take("system").map(parse_system).transpose()?;
-        options.finish()?;
+    /// Parses the port, and takes the options.
+    pub(super) fn parse(port: &str, link: &mut LinkText<'_>) -> Result<Self, String> {
+        let port = PortSpec::parse(port, link, DEFAULT_BAUD)?;
+        let autopilot = link.take("autopilot")?.map(parse_autopilot).transpose()?;
+        let system = link.take("system")?.map(parse_system).transpose()?;
         Ok(Self { port, autopilot, system })
+    }
+
+    /// Text of the options.
+    pub(super) fn options(&self) -> String {
+        let baud = match &self.port {
+            PortSpec::Serial(serial) => serial.option(DEFAULT_BAUD),
+            _ => String::new(),
+        };
+        let autopilot = option("autopilot", self.autopilot.map(AutopilotKind::name));
+        baud + &autopilot + &option("system", self.system)
     }
 }
 
@@ -66,17 +72,4 @@ fn parse_autopilot(name: &str) -> Result<AutopilotKind, String> {
 fn parse_system(text: &str) -> Result<u8, String> {
     let system = text.parse().ok().filter(|system: &u8| *system != 0);
     system.ok_or_else(|| format!("system `{text}` is not between 1 and 255"))
-}
-
-impl fmt::Display for MavlinkLink {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.port)?;
-        if let Some(baud) = self.port.baud().filter(|baud| *baud != DEFAULT_BAUD) {
-            write!(f, ",baud={baud}")?;
-        }
-        if let Some(autopilot) = self.autopilot {
-            write!(f, ",autopilot={}", autopilot.name())?;
-        }
-        self.system.map_or(Ok(()), |system| write!(f, ",system={system}"))
-    }
 }

@@ -3,8 +3,8 @@
 use std::fmt;
 use std::ops::RangeInclusive;
 
-use super::options::LinkOptions;
 use super::radio::RadioSpec;
+use super::text::{LinkText, option};
 
 /// Allowed speeds of a serial port \[baud\].
 pub(super) const BAUD: RangeInclusive<u32> = 1200..=3_000_000;
@@ -27,7 +27,7 @@ pub struct HostPort {
     pub port: u16,
 }
 
-/// Port of this machine, or what it leads to.
+/// Port to a vehicle.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PortSpec {
     /// Serial port.
@@ -46,14 +46,19 @@ impl SerialSpec {
     /// Parses a path, and takes the option `baud`.
     pub(super) fn parse(
         path: &str,
-        options: &mut LinkOptions<'_>,
+        link: &mut LinkText<'_>,
         default_baud: u32,
     ) -> Result<Self, String> {
         if path.is_empty() {
             return Err("no path of a serial port".to_owned());
         }
-        let baud = options.take("baud").map_or(Ok(default_baud), parse_baud)?;
+        let baud = link.take("baud")?.map_or(Ok(default_baud), parse_baud)?;
         Ok(Self { path: path.to_owned(), baud })
+    }
+
+    /// Text of the option `baud`.
+    pub(super) fn option(&self, default_baud: u32) -> String {
+        option("baud", Some(self.baud).filter(|baud| *baud != default_baud))
     }
 }
 
@@ -63,20 +68,30 @@ fn parse_baud(value: &str) -> Result<u32, String> {
 }
 
 impl HostPort {
-    /// Parses `HOST:PORT`.
-    pub(super) fn parse(text: &str) -> Result<Self, String> {
-        let (host, port) = text.rsplit_once(':').ok_or_else(|| format!("no port in `{text}`"))?;
-        if host.is_empty() {
-            return Err("no host before the port".to_owned());
+    /// Parses `HOST:PORT`, or `HOST` alone where there is a default port.
+    pub(super) fn parse(text: &str, default: Option<u16>) -> Result<Self, String> {
+        let bracket = if text.starts_with('[') { text.find(']') } else { None };
+        let end = bracket.map_or_else(|| text.find(':'), |bracket| Some(bracket + 1));
+        let (host, rest) = text.split_at(end.unwrap_or(text.len()));
+        let port = match (rest.strip_prefix(':'), default) {
+            (Some(port), _) if bracket.is_none() && port.contains(':') => {
+                return Err(format!("host `{text}`: write an IPv6 address in brackets"));
+            }
+            (Some(port), _) => parse_port(port)?,
+            (None, _) if !rest.is_empty() => return Err("text after the address".to_owned()),
+            (None, Some(default)) => default,
+            (None, None) => return Err(format!("no port in `{text}`")),
+        };
+        match host {
+            "" | "[]" => Err("no host before the port".to_owned()),
+            host => Ok(Self { host: host.to_owned(), port }),
         }
-        let is_bracketed = host.starts_with('[') && host.ends_with(']');
-        if host.contains(':') && !is_bracketed {
-            return Err(format!("host `{host}`: write an IPv6 address in brackets"));
-        }
-        let number = port.parse().ok().filter(|port: &u16| *port != 0);
-        let port = number.ok_or_else(|| format!("port `{port}` is not between 1 and 65535"))?;
-        Ok(Self { host: host.to_owned(), port })
     }
+}
+
+fn parse_port(text: &str) -> Result<u16, String> {
+    let port = text.parse().ok().filter(|port: &u16| *port != 0);
+    port.ok_or_else(|| format!("port `{text}` is not between 1 and 65535"))
 }
 
 impl fmt::Display for HostPort {
@@ -89,15 +104,15 @@ impl PortSpec {
     /// Parses `KIND:…`; takes the option `baud` of a serial port.
     pub(super) fn parse(
         text: &str,
-        options: &mut LinkOptions<'_>,
+        link: &mut LinkText<'_>,
         default_baud: u32,
     ) -> Result<Self, String> {
         let (kind, rest) = text.split_once(':').ok_or_else(|| format!("no port in `{text}`"))?;
         match kind {
-            "serial" => SerialSpec::parse(rest, options, default_baud).map(Self::Serial),
-            "udpin" => HostPort::parse(rest).map(Self::UdpIn),
-            "udpout" => HostPort::parse(rest).map(Self::UdpOut),
-            "tcp" => HostPort::parse(rest).map(Self::Tcp),
+            "serial" => SerialSpec::parse(rest, link, default_baud).map(Self::Serial),
+            "udpin" => HostPort::parse(rest, None).map(Self::UdpIn),
+            "udpout" => HostPort::parse(rest, None).map(Self::UdpOut),
+            "tcp" => HostPort::parse(rest, None).map(Self::Tcp),
             _ => Err(format!("unknown kind of port `{kind}`")),
         }
     }

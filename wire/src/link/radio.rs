@@ -1,4 +1,4 @@
-//! Radio of a Crazyflie as it is written in a link: `CHANNEL/RATE/ADDRESS`, as `80/2M/E7E7E7E7E7`.
+//! Radio of a Crazyflie in a link: `CHANNEL/RATE/ADDRESS`, for example `80/2M/E7E7E7E7E7`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -25,7 +25,7 @@ impl RadioRate {
 /// Channel, rate and address of a vehicle's radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RadioSpec {
-    /// Channel: 2400 MHz and so many more \[MHz, 0..125\].
+    /// Channel: frequency above 2400 MHz \[MHz, 0..125\].
     pub channel: u8,
     /// Rate.
     pub rate: RadioRate,
@@ -34,7 +34,7 @@ pub struct RadioSpec {
 }
 
 impl RadioSpec {
-    /// Number by which packets for several vehicles name this one: the last byte of its address.
+    /// Number of this vehicle in packets for several vehicles: the last byte of its address.
     #[must_use]
     pub fn vehicle_id(&self) -> u8 {
         self.address[4]

@@ -1,4 +1,4 @@
-//! Links as they are written, read back and refused.
+//! Links to vehicles: written, read back and refused.
 
 use proptest::prelude::*;
 
@@ -58,7 +58,7 @@ fn every_port_of_mavlink_is_read() {
 }
 
 #[test]
-fn a_refusal_says_what_is_wrong_and_shows_the_form() {
+fn errors_name_the_problem_and_the_form() {
     for (text, problem) in [
         ("asctec:", "no path"),
         ("asctec:,baud=57600", "no path"),
@@ -103,15 +103,15 @@ fn a_refusal_says_what_is_wrong_and_shows_the_form() {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read_back(path in "[^,]+", baud in BAUD, xbee in 0..3_usize) {
+    fn written_links_are_read_back(path in "[^,]+", baud in BAUD, xbee in 0..3_usize) {
         let xbee = [Framing::Transparent, Framing::Api1, Framing::Api2][xbee];
         let link = LinkSpec::Asctec(AsctecLink { serial: SerialSpec { path, baud }, xbee });
         prop_assert_eq!(link.to_string().parse::<LinkSpec>(), Ok(link));
     }
 
     #[test]
-    fn what_is_written_of_mavlink_is_read_back(
-        name in "[^,:]+", number in 1..=u16::MAX, kind in 0..4_usize, system in 0..=u8::MAX,
+    fn written_mavlink_links_are_read_back(
+        name in r"[^,:\[\]]+", number in 1..=u16::MAX, kind in 0..4_usize, system in 0..=u8::MAX,
     ) {
         let address = HostPort { host: name.clone(), port: number };
         let serial = SerialSpec { path: name, baud: 1200 + u32::from(number) };
@@ -138,7 +138,7 @@ proptest! {
 }
 
 #[test]
-fn both_ports_of_a_crazyflie_are_read_and_wrong_ones_refused() {
+fn crazyflie_ports_are_read_and_wrong_ones_refused() {
     for text in
         ["crtp:radio:80/2M/E7E7E7E701", "crtp:radio:0/250K/0000000001", "crtp:udp:[::1]:19850"]
     {
