@@ -13,7 +13,7 @@ use std::process::Command;
 
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_config::Config;
-use oqtal_control::controller::ControllerOptions;
+use oqtal_control::controller::ControlOptions;
 use oqtal_control::estimator::EstimatorOptions;
 use oqtal_control::position::PositionOptions;
 use oqtal_control::predictive::PredictiveOptions;
@@ -268,7 +268,7 @@ fn keys(table: &toml::Table, prefix: &str) -> BTreeSet<String> {
 #[test]
 fn the_shipped_configuration_agrees_with_the_defaults_of_the_mathematics() {
     let config = Config::default();
-    assert_eq!(config.control.controller_options(), ControllerOptions::default());
+    assert_eq!(config.control, ControlOptions::default());
     assert_eq!(config.control.estimator, EstimatorOptions::default());
     assert_eq!(config.control.predictive, PredictiveOptions::default());
     assert_eq!(config.position, PositionOptions::default());

@@ -122,7 +122,7 @@ fn oqtal_dt_follows_a_prescribed_attitude_three_times_as_closely() {
         let given = ["--set", given.as_str()];
         let fed_forward = chirp(rival, &given);
         assert!(fed_forward > 3.0 * ours, "{rival}: {fed_forward} deg, {ours} deg");
-        let within = [&given[..], &["--set", "control.surroundings=predictive"]].concat();
+        let within = [&given[..], &["--set", "control.stack=predictive"]].concat();
         let within = chirp(rival, &within);
         assert!(within < fed_forward / 3.0, "{rival}: owed to its surroundings: {within} deg");
         assert!(within > ours, "{rival}: owed to the law: {within} deg, {ours} deg");
@@ -195,7 +195,7 @@ fn a_prompt_vehicle_that_loses_commands_is_not_stopped() {
 fn a_model_adapted_in_flight_makes_up_for_a_lag_that_is_not_known() {
     let chirp = |controller: &str, words: &[&str]| {
         let flight = ["--controller", controller, "--trajectory", "attitude-chirp"];
-        let lag = ["--plant", "rate-lag-ms=100", "--set", "control.surroundings=predictive"];
+        let lag = ["--plant", "rate-lag-ms=100", "--set", "control.stack=predictive"];
         let summary = fly(&[&flight[..], &lag, words].concat());
         assert_eq!(summary["outcome"], "landed", "{controller} {words:?}");
         number(&summary, "/attitude_error_deg/rms")

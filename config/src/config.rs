@@ -25,7 +25,7 @@ use crate::record::RecordOptions;
 use crate::safety::SafetyOptions;
 use crate::setting::Setting;
 use crate::vehicle::VehicleOptions;
-use crate::{follow, layer, preset};
+use crate::{follow, layer, preset, renamed};
 
 /// The shipped file: every key with its default.
 pub const DEFAULTS: &str = include_str!("../../deploy/oqtal.toml");
@@ -146,7 +146,9 @@ impl Config {
         // Otherwise the first setting would be blamed for a section that the shipped file lacks.
         deserialize(&table).map_err(|reason| ConfigError { origin: SHIPPED.to_owned(), reason })?;
         let mut origins = Origins::default();
-        for setting in preset::named_by(settings)?.iter().chain(settings) {
+        origins.rename_warnings = renamed::warnings(settings);
+        let settings = renamed::with_present_keys(settings);
+        for setting in preset::named_by(&settings)?.iter().chain(&settings) {
             setting.insert_into(&mut table)?;
             // Value by value, so that the error names the setting at fault.
             deserialize(&table).map_err(|reason| setting.refused(&reason))?;
@@ -240,6 +242,12 @@ impl Config {
         let rate = self.safety.pose_rate_hz / self.poses_per_tick();
         ((rate / self.control.rate_hz - 1.0).abs() > RATE_TOLERANCE)
             .then(|| format!("{}; set mocap.rate-hz to a multiple of control.rate-hz", self.pace()))
+    }
+
+    /// A warning for each setting whose key is one of an earlier version, with its origin.
+    #[must_use]
+    pub fn rename_warnings(&self) -> &[String] {
+        &self.origins.rename_warnings
     }
 
     /// The configuration as a file with every key, a key on a line.

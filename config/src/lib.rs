@@ -10,6 +10,7 @@
 //! | `setting.rs`, `layer.rs`, `preset.rs` | values with their origins, from flags, files, the environment, presets |
 //! | `place.rs` | the instance that is meant by a configuration with errors |
 //! | `follow.rs` | keys that follow those of another section |
+//! | `renamed.rs` | keys of earlier versions |
 //! | `origin.rs`, `error.rs` | where a value was set, and the error that says so |
 //! | `text.rs` | files read as text |
 //! | `airframe.rs` | what `[vehicle]` and `[plant]` have in common |
@@ -43,6 +44,7 @@ mod preset;
 mod realtime;
 mod receiver;
 mod record;
+mod renamed;
 mod safety;
 mod setting;
 mod text;

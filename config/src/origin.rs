@@ -11,7 +11,11 @@ const BUILT_IN: &str = "built-in";
 
 /// The settings of which a configuration was made, later ones last.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Origins(Vec<Setting>);
+pub(crate) struct Origins {
+    settings: Vec<Setting>,
+    /// A warning for each setting whose key is one of an earlier version.
+    pub(crate) rename_warnings: Vec<String>,
+}
 
 /// Configurations are compared by their values: any two origins are equal.
 impl PartialEq for Origins {
@@ -23,7 +27,7 @@ impl PartialEq for Origins {
 impl Origins {
     /// Records `setting`.
     pub(crate) fn record(&mut self, setting: &Setting) {
-        self.0.push(setting.clone());
+        self.settings.push(setting.clone());
     }
 
     /// As [`Origins::locate_rule`]. If no setting touches an option of the rule, the error is blamed on the first setting with which
@@ -37,8 +41,10 @@ impl Origins {
         if located.origin != BUILT_IN {
             return located;
         }
-        let changes = (1..=self.0.len()).find(|count| !is_kept(&self.0[..*count]));
-        let Some(setting) = changes.and_then(|count| self.0.get(count - 1)) else { return located };
+        let changes = (1..=self.settings.len()).find(|count| !is_kept(&self.settings[..*count]));
+        let Some(setting) = changes.and_then(|count| self.settings.get(count - 1)) else {
+            return located;
+        };
         let Setting { key, value, origin } = setting;
         let reason = format!("with `{key}` = {value}: {}", located.reason);
         ConfigError { origin: origin.clone(), reason }
@@ -53,8 +59,9 @@ impl Origins {
     pub(crate) fn locate_rule(&self, broken: &BrokenRule) -> ConfigError {
         let BrokenRule { error, others } = broken;
         let followed = followed_by(&error.key);
-        let last =
-            |concerned: &dyn Fn(&str) -> bool| self.0.iter().rev().find(|set| concerned(&set.key));
+        let last = |concerned: &dyn Fn(&str) -> bool| {
+            self.settings.iter().rev().find(|set| concerned(&set.key))
+        };
         let found = last(&|set| are_nested(set, &error.key) || others.contains(&set))
             .or_else(|| last(&|set| followed.as_deref().is_some_and(|key| are_nested(set, key))));
         let (set, origin) =

@@ -5,7 +5,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, ClassicLqr, ControllerOptions, Geometric,
+    AttitudeLaw, AttitudeReference, AttitudeState, ClassicLqr, ControlOptions, Geometric,
     InputForm, Oqtal, OqtalDt, QuaternionPid, RateInput, TorqueInput,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate};
@@ -35,7 +35,7 @@ fn step(criterion: &mut Criterion, name: &str, mut law: impl AttitudeLaw) {
 fn laws(
     criterion: &mut Criterion,
     form: &str,
-    options: &ControllerOptions,
+    options: &ControlOptions,
     input: impl InputForm + Copy,
 ) {
     step(criterion, &format!("{form}/pid"), QuaternionPid::new(options.pid, input).unwrap());
@@ -49,10 +49,10 @@ fn laws(
 
 fn attitude(criterion: &mut Criterion) {
     let rate = RateInput::new(Vector3::repeat(2.0)).unwrap();
-    laws(criterion, "rate", &ControllerOptions::default(), rate);
+    laws(criterion, "rate", &ControlOptions::default(), rate);
     let inertia = Inertia::new(Matrix3::from_diagonal_element(0.5)).unwrap();
     let torque = TorqueInput::new(inertia, 10.0).unwrap();
-    laws(criterion, "torque", &ControllerOptions::spacecraft(), torque);
+    laws(criterion, "torque", &ControlOptions::spacecraft(), torque);
 }
 
 criterion_group!(benches, attitude);

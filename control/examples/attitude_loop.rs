@@ -4,7 +4,7 @@ use std::error::Error;
 
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerName, ControllerOptions,
+    AttitudeLaw, AttitudeReference, AttitudeState, ControlOptions, Controller, ControllerName,
     TorqueInput,
 };
 use oqtal_control::quaternion::Attitude;
@@ -16,7 +16,7 @@ const STEPS: u32 = 100;
 fn main() -> Result<(), Box<dyn Error>> {
     let inertia = Inertia::new(Matrix3::from_diagonal_element(0.5))?;
     let options =
-        ControllerOptions { controller: ControllerName::Oqtal, ..ControllerOptions::spacecraft() };
+        ControlOptions { controller: ControllerName::Oqtal, ..ControlOptions::spacecraft() };
     let mut law = Controller::new(&options, TorqueInput::new(inertia, 20.0)?)?;
 
     let start = Attitude::from_rotation_vector(Vector3::new(0.6, -0.5, 0.7));

@@ -8,10 +8,10 @@
 //!
 //! | I want to … | type or function | example |
 //! |---|---|---|
-//! | hold or turn an attitude | [`controller::Controller`], one of five laws behind [`controller::AttitudeLaw`] | `attitude_loop` |
+//! | hold or turn an attitude | [`controller::Controller`], one of eight laws behind [`controller::AttitudeLaw`] | `attitude_loop` |
 //! | use the paper's law itself, Eq. (56) | [`controller::Oqtal`] | `attitude_loop` |
 //! | command torques, or body rates by sticks | [`controller::TorqueInput`], [`controller::RateInput`] | `attitude_loop` |
-//! | write a law of my own | [`controller::LawOptions`], [`controller::InputForm`], [`tracking_error::AttitudeError`] | |
+//! | write a law of my own | [`controller::AttitudeLaw`], [`controller::InputForm`], [`tracking_error::AttitudeError`] | |
 //! | compute the gain of a linear-quadratic regulator | [`riccati::care`], [`riccati::dare`] | `riccati` |
 //! | sample a continuous-time system | [`linear::discretise`] | `riccati` |
 //! | fly through a known delay, with noise and wind | [`predictive::Autopilot`] | `predictive` |
@@ -30,11 +30,11 @@
 //! ```
 //! use nalgebra::Vector3;
 //! use oqtal_control::controller::{
-//!     AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, RateInput,
+//!     AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControlOptions, RateInput,
 //! };
 //!
 //! // Full stick turns this vehicle at 2 rad/s about each axis.
-//! let mut law = Controller::new(&ControllerOptions::default(), RateInput::new(Vector3::repeat(2.0))?)?;
+//! let mut law = Controller::new(&ControlOptions::default(), RateInput::new(Vector3::repeat(2.0))?)?;
 //! let (state, reference) = (AttitudeState::default(), AttitudeReference::default());
 //! let sticks = law.update(&state, &reference, 1.0 / 60.0);
 //! assert_eq!(sticks.0, Vector3::zeros());
@@ -50,7 +50,6 @@
 //! equation is wrong, the line names its erratum in `docs/errata.md` of the repository. What is not in the paper says so.
 #![forbid(unsafe_code)]
 
-mod control_options;
 pub mod controller;
 pub mod error_model;
 pub mod estimator;
@@ -72,4 +71,4 @@ pub mod statistics;
 pub mod tracking_error;
 pub mod trajectory;
 
-pub use control_options::{ControlOptions, LawSurroundings};
+pub use controller::{ControlOptions, LawStack};

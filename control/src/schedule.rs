@@ -36,21 +36,21 @@ pub enum Resolve {
     EveryTick,
 }
 
-/// The cells of an operating space and when to compute a gain in it.
+/// The cells of an operating space of `D` dimensions and when to compute a gain in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CellGrid {
+pub struct CellGrid<const D: usize> {
     /// Rule that divides the space.
     pub cells: Cells,
-    /// `delta`, the width of a cell \[the unit of the vector\], positive.
-    pub delta: f64,
+    /// `delta`, the width of a cell in each dimension \[the unit of that dimension\], positive.
+    pub widths: SVector<f64, D>,
     /// When a gain is computed.
     pub resolve: Resolve,
 }
 
-impl CellGrid {
+impl<const D: usize> CellGrid<D> {
     /// The operating point for `x`, if it differs from `current`.
     #[inline]
-    fn next<const D: usize>(
+    fn next(
         &self,
         x: &SVector<f64, D>,
         current: Option<&SVector<f64, D>>,
@@ -58,14 +58,20 @@ impl CellGrid {
         if self.resolve == Resolve::EveryTick {
             return Some(*x);
         }
-        let delta = self.delta;
+        let widths = &self.widths;
         let point = match (self.cells, current) {
-            (Cells::Centred, _) => x.map(|xi| (xi / delta).round() * delta),
+            (Cells::Centred, _) => x.zip_map(widths, |xi, delta| (xi / delta).round() * delta),
             // The unnumbered rule of Section II.F.3: n delta <= xi < (n + 1) delta.
-            (Cells::Floor, _) => x.map(|xi| (xi / delta).floor() * delta),
+            (Cells::Floor, _) => x.zip_map(widths, |xi, delta| (xi / delta).floor() * delta),
             // A cast truncates as `trunc` does, without a function call.
-            (Cells::Truncated, _) => x.map(|xi| (xi / delta) as i64 as f64 * delta),
-            (Cells::Deadband, Some(centre)) if (x - centre).amax() <= delta => *centre,
+            (Cells::Truncated, _) => {
+                x.zip_map(widths, |xi, delta| (xi / delta) as i64 as f64 * delta)
+            }
+            (Cells::Deadband, Some(centre))
+                if (x - centre).iter().zip(widths).all(|(off, delta)| off.abs() <= *delta) =>
+            {
+                *centre
+            }
             (Cells::Deadband, _) => *x,
         };
         (current != Some(&point)).then_some(point)
@@ -76,7 +82,7 @@ impl CellGrid {
 /// dimensions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GainSchedule<const D: usize, G> {
-    grid: CellGrid,
+    grid: CellGrid<D>,
     operating_point: Option<SVector<f64, D>>,
     gain: G,
     solves: u32,
@@ -86,7 +92,7 @@ pub struct GainSchedule<const D: usize, G> {
 impl<const D: usize, G: Default> GainSchedule<D, G> {
     /// A schedule without a gain yet; until one is computed, the gain is the default of its type.
     #[must_use]
-    pub fn new(grid: CellGrid) -> Self {
+    pub fn new(grid: CellGrid<D>) -> Self {
         Self { grid, operating_point: None, gain: G::default(), solves: 0, failed_solves: 0 }
     }
 
@@ -136,7 +142,7 @@ mod tests {
 
     /// A schedule whose gain is the operating point it was computed at.
     fn schedule(cells: Cells, resolve: Resolve) -> GainSchedule<1, f64> {
-        GainSchedule::new(CellGrid { cells, delta: 0.5, resolve })
+        GainSchedule::new(CellGrid { cells, widths: Vector1::new(0.5), resolve })
     }
 
     fn gain(schedule: &mut GainSchedule<1, f64>, x: f64) -> f64 {

@@ -5,7 +5,7 @@ mod counter;
 
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerName, ControllerOptions,
+    AttitudeLaw, AttitudeReference, AttitudeState, ControlOptions, Controller, ControllerName,
     InputForm, OqtalDtOptions, RateInput, TorqueInput,
 };
 use oqtal_control::estimator::Estimate;
@@ -21,9 +21,9 @@ use counter::allocations;
 
 const DT_S: f64 = 1.0 / 60.0;
 
-fn check_laws<I: InputForm>(options: &ControllerOptions, input: impl Fn() -> I) {
+fn check_laws<I: InputForm>(options: &ControlOptions, input: impl Fn() -> I) {
     for controller in ControllerName::ALL {
-        let options = ControllerOptions { controller, ..*options };
+        let options = ControlOptions { controller, ..*options };
         let mut law = Controller::new(&options, input()).unwrap();
         let (count, ()) = allocations(|| {
             for tick in 0..60 {
@@ -46,9 +46,9 @@ fn the_count_counts() {
 
 #[test]
 fn no_law_allocates_in_a_step() {
-    check_laws(&ControllerOptions::default(), || RateInput::new(Vector3::repeat(2.0)).unwrap());
+    check_laws(&ControlOptions::default(), || RateInput::new(Vector3::repeat(2.0)).unwrap());
     let inertia = Inertia::new(Matrix3::from_diagonal_element(0.5)).unwrap();
-    check_laws(&ControllerOptions::spacecraft(), || TorqueInput::new(inertia, 20.0).unwrap());
+    check_laws(&ControlOptions::spacecraft(), || TorqueInput::new(inertia, 20.0).unwrap());
 }
 
 #[test]

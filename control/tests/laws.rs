@@ -19,8 +19,8 @@ mod solves;
 
 use nalgebra::{Matrix3, Vector3};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerName, ControllerOptions,
-    InputForm, LawOptions, RateFeedback, RateInput, TorqueInput,
+    AttitudeLaw, AttitudeReference, AttitudeState, ControlOptions, Controller, ControllerName,
+    InputForm, RateFeedback, RateInput, TorqueInput,
 };
 use oqtal_control::quantity::{AngularAcceleration, BodyRate, StickCommand, Torque};
 use oqtal_control::quaternion::Attitude;
@@ -76,19 +76,19 @@ fn uneven_inertia() -> Inertia {
     Inertia::new(Matrix3::new(0.6, 0.05, -0.02, 0.05, 0.5, 0.03, -0.02, 0.03, 0.7)).unwrap()
 }
 
-fn law<I: Form>(name: ControllerName, options: &ControllerOptions, input: I) -> Controller<I> {
-    Controller::new(&ControllerOptions { controller: name, ..*options }, input).unwrap()
+fn law<I: Form>(name: ControllerName, options: &ControlOptions, input: I) -> Controller<I> {
+    Controller::new(&ControlOptions { controller: name, ..*options }, input).unwrap()
 }
 
 /// Options with which every law feeds back the rate error and nothing is fed forward.
-fn with_rate_error(mut options: ControllerOptions) -> ControllerOptions {
+fn with_rate_error(mut options: ControlOptions) -> ControlOptions {
     options.pid.rate = RateFeedback::OmegaE;
     options.lqr.rate = RateFeedback::OmegaE;
     options.geometric.feed_forward = false;
     options
 }
 
-fn without_integral_action(mut options: ControllerOptions) -> ControllerOptions {
+fn without_integral_action(mut options: ControlOptions) -> ControlOptions {
     options.pid.integral_time_s = f64::INFINITY;
     options.lqr.integral_weight = 0.0;
     options.oqtal.integral_weight = 0.0;
@@ -96,9 +96,10 @@ fn without_integral_action(mut options: ControllerOptions) -> ControllerOptions 
     options
 }
 
-fn with_cells(mut options: ControllerOptions, cells: Cells, delta_rad: f64) -> ControllerOptions {
-    (options.lqr.cells, options.lqr.delta_rad) = (cells, delta_rad);
-    (options.oqtal.cells, options.oqtal.delta_rad) = (cells, delta_rad);
+fn with_cells(mut options: ControlOptions, cells: Cells, delta: f64) -> ControlOptions {
+    (options.lqr.cells, options.oqtal.cells) = (cells, cells);
+    options.lqr = options.lqr.with_cell_width(delta);
+    options.oqtal = options.oqtal.with_cell_width(delta);
     options
 }
 

@@ -17,10 +17,11 @@ const TOLD_JUMP_M: f64 = 0.5;
 /// What `config` asks for in a flight of `trajectory` and its other values do not allow, each with its remedy.
 #[must_use]
 pub fn warnings(config: &Config, trajectory: &Trajectory) -> Vec<String> {
+    let mut all = config.rename_warnings().to_vec();
     if config.safety.observe_only {
-        return Vec::new();
+        return all;
     }
-    let mut all: Vec<String> = config.rate_warning().into_iter().collect();
+    all.extend(config.rate_warning());
     all.extend(law_replaced(config));
     all.extend(unbounded_step(config));
     let plan = FlightPlan::new(&config.trajectory, trajectory.clone(), StartPoint::default());

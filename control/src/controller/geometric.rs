@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
@@ -51,16 +51,16 @@ impl Default for GeometricOptions {
     }
 }
 
-impl LawOptions for GeometricOptions {
-    type Law<I: InputForm> = Geometric<I>;
-
-    const TUNED: &'static [SearchRange] = &[
-        SearchRange::new("control.geometric.attitude-gain", 1.0, 40.0),
-        SearchRange::new("control.geometric.integral-gain-per-s", 0.01, 5.0),
+impl GeometricOptions {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("attitude-gain", 1.0, 40.0),
+        SearchRange::new("integral-gain-per-s", 0.01, 5.0),
     ];
 
     /// Gains for the paper's spacecraft in torque form.
-    fn spacecraft() -> Self {
+    #[must_use]
+    pub fn spacecraft() -> Self {
         Self {
             attitude_gain: 256.0,
             rate_gain_per_s: 32.0,
@@ -69,7 +69,11 @@ impl LawOptions for GeometricOptions {
         }
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-gain", self.attitude_gain, Rule::Positive),
             ("rate-gain-per-s", self.rate_gain_per_s, Rule::NotNegative),
@@ -77,10 +81,6 @@ impl LawOptions for GeometricOptions {
             ("integral-attitude-gain-per-s", self.integral_attitude_gain_per_s, Rule::NotNegative),
             ("integral-limit", self.integral_limit, Rule::NotNegative),
         ])
-    }
-
-    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Geometric<I>, OptionError> {
-        Self::Law::new(self, input)
     }
 }
 
@@ -90,6 +90,7 @@ pub struct Geometric<I> {
     options: GeometricOptions,
     input: I,
     e_i: Integral,
+    terms: LawTerms,
 }
 
 impl<I: InputForm> Geometric<I> {
@@ -99,7 +100,8 @@ impl<I: InputForm> Geometric<I> {
     /// The first option whose value is not allowed.
     pub fn new(options: GeometricOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
-        Ok(Self { options, input, e_i: Integral::new(options.integral_limit) })
+        let e_i = Integral::new(options.integral_limit);
+        Ok(Self { options, input, e_i, terms: LawTerms::default() })
     }
 }
 
@@ -125,10 +127,16 @@ impl<I: InputForm> AttitudeLaw for Geometric<I> {
         };
         let k_i = options.integral_gain_per_s * options.attitude_gain;
         let demand = options.attitude_gain * e_r + k_omega * e_omega + k_i * self.e_i.value();
-        let mut u = input.gyroscopic(state.rate) - input.input_for(&demand);
+        let gyroscopic = input.gyroscopic(state.rate);
+        let mut u = gyroscopic - input.input_for(&demand);
+        let mut feed_forward = gyroscopic;
         if options.feed_forward {
-            u += input.feed_forward(&error, &e_omega, reference);
+            let of_reference = input.feed_forward(&error, &e_omega, reference);
+            u += of_reference;
+            feed_forward += of_reference;
         }
+        let integral = -input.input_for(&(k_i * self.e_i.value()));
+        self.terms = LawTerms::of(&u, integral, feed_forward);
 
         let given = input.saturate(&u);
         let push: Vector3<f64> = -input.input_for(&(k_i * e_i_dot));
@@ -138,6 +146,10 @@ impl<I: InputForm> AttitudeLaw for Geometric<I> {
 
     fn reset(&mut self) {
         self.e_i.reset();
+    }
+
+    fn terms(&self) -> LawTerms {
+        self.terms
     }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {

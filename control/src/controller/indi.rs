@@ -16,8 +16,8 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::filtered_rate::FilteredRate;
-use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::input::{InputForm, RateModel};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use crate::options::{OptionError, Rule, check_options};
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
 
@@ -53,20 +53,25 @@ impl Default for IndiOptions {
     }
 }
 
-impl LawOptions for IndiOptions {
-    type Law<I: InputForm> = Indi<I>;
-
-    const TUNED: &'static [SearchRange] = &[
-        SearchRange::new("control.indi.attitude-gain-per-s", 0.5, 40.0),
-        SearchRange::new("control.indi.rate-gain-per-s", 2.0, 60.0),
-        SearchRange::new("control.indi.cutoff-hz", 0.02, 10.0),
+impl IndiOptions {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("attitude-gain-per-s", 0.5, 40.0),
+        SearchRange::new("rate-gain-per-s", 2.0, 60.0),
+        SearchRange::new("cutoff-hz", 0.02, 10.0),
     ];
 
-    fn spacecraft() -> Self {
+    /// Gains for the paper's spacecraft in torque form.
+    #[must_use]
+    pub fn spacecraft() -> Self {
         Self { input_delay_ticks: 0, ..Self::default() }
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-gain-per-s", self.attitude_gain_per_s, Rule::Positive),
             ("rate-gain-per-s", self.rate_gain_per_s, Rule::Positive),
@@ -78,14 +83,15 @@ impl LawOptions for IndiOptions {
             ),
         ])
     }
+}
 
-    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Indi<I>, OptionError> {
-        self.check()?;
-        let model = input.rate_model().and_then(|(a, b)| Some((a, b.try_inverse()?)));
-        let filter = FilteredRate::new(self.cutoff_hz);
-        let sent = [Vector3::zeros(); MOST_TICKS + 1];
-        Ok(Indi { options: self, input, model, filter, sent, input_f: Vector3::zeros() })
-    }
+/// `(A, B^-1)` of the rate model `omega_dot = A omega + B u + d`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct InverseModel {
+    /// `A` \[1/s\].
+    a: Matrix3<f64>,
+    /// `B^-1` \[unit of the input per rad/s^2\].
+    b_inverse: Matrix3<f64>,
 }
 
 /// The law for a vehicle commanded through `I`.
@@ -93,15 +99,36 @@ impl LawOptions for IndiOptions {
 pub struct Indi<I> {
     options: IndiOptions,
     input: I,
-    /// `A` and `B^-1`; `None` if the rate follows the input at once.
-    model: Option<(Matrix3<f64>, Matrix3<f64>)>,
+    /// `None` if the rate follows the input at once.
+    model: Option<InverseModel>,
     filter: FilteredRate,
     /// The last inputs, the newest first \[N m, body axes, in rate form -1..1\].
     sent: [Vector3<f64>; MOST_TICKS + 1],
+    /// Delayed input behind the filter \[N m, body axes, in rate form -1..1\].
     input_f: Vector3<f64>,
+    terms: LawTerms,
 }
 
 impl<I: InputForm> Indi<I> {
+    /// The law with these options.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn new(options: IndiOptions, input: I) -> Result<Self, OptionError> {
+        options.check()?;
+        let invert =
+            |RateModel { a, b }: RateModel| Some(InverseModel { a, b_inverse: b.try_inverse()? });
+        Ok(Self {
+            model: input.rate_model().and_then(invert),
+            filter: FilteredRate::new(options.cutoff_hz),
+            sent: [Vector3::zeros(); MOST_TICKS + 1],
+            input_f: Vector3::zeros(),
+            terms: LawTerms::default(),
+            options,
+            input,
+        })
+    }
+
     /// The input that corrects the filtered one.
     fn increment(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let IndiOptions { attitude_gain_per_s, rate_gain_per_s, feed_forward, .. } = self.options;
@@ -114,7 +141,7 @@ impl<I: InputForm> Indi<I> {
             acceleration = error.reference_acceleration(&omega_e, reference).0;
         }
         rate -= 2.0 * attitude_gain_per_s * error.eps();
-        let Some((a, b_inverse)) = &self.model else {
+        let Some(InverseModel { a, b_inverse }) = &self.model else {
             return self.input.input_for(&(rate - self.filter.rate()));
         };
         let nu = rate_gain_per_s * (rate - omega) + acceleration;
@@ -133,7 +160,9 @@ impl<I: InputForm> AttitudeLaw for Indi<I> {
     ) -> I::Command {
         let share = self.filter.step(&state.rate.0, dt_s);
         self.input_f += share * (self.sent[self.options.input_delay_ticks] - self.input_f);
-        let u = self.input.saturate(&(self.input_f + self.increment(state, reference)));
+        let u = self.input_f + self.increment(state, reference);
+        self.terms = LawTerms::of(&u, self.input_f, Vector3::zeros());
+        let u = self.input.saturate(&u);
         self.sent.rotate_right(1);
         self.sent[0] = u;
         I::command_from(u)
@@ -143,6 +172,10 @@ impl<I: InputForm> AttitudeLaw for Indi<I> {
         self.filter.reset();
         self.sent = [Vector3::zeros(); MOST_TICKS + 1];
         self.input_f = Vector3::zeros();
+    }
+
+    fn terms(&self) -> LawTerms {
+        self.terms
     }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
@@ -166,7 +199,7 @@ mod tests {
         let options = IndiOptions { input_delay_ticks: 0, ..IndiOptions::default() };
         let drift = Vector3::new(0.05, -0.03, 0.02);
         let left = |options: IndiOptions| {
-            let mut law = options.build(input, DT_S).unwrap();
+            let mut law = Indi::new(options, input).unwrap();
             let mut state = AttitudeState::default();
             for _ in 0..8000 {
                 let sticks = law.update(&state, &AttitudeReference::default(), DT_S).0;
@@ -186,7 +219,7 @@ mod tests {
     fn the_demanded_acceleration_is_made_at_once() {
         let input = RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, DT_S).unwrap();
         let options = IndiOptions::default();
-        let mut law = options.build(input, DT_S).unwrap();
+        let mut law = Indi::new(options, input).unwrap();
         let attitude = Attitude::from_rotation_vector(Vector3::new(1e-3, 0.0, 0.0));
         let state = AttitudeState { attitude, ..AttitudeState::default() };
         let sticks = law.update(&state, &AttitudeReference::default(), DT_S).0;

@@ -10,13 +10,22 @@ use crate::quantity::{BodyRate, StickCommand, Torque};
 use crate::rigid_body::Inertia;
 use crate::tracking_error::{AttitudeError, AttitudeReference};
 
+/// The linear model `omega_dot = A omega + B u`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RateModel {
+    /// `A` \[1/s, body axes\].
+    pub a: Matrix3<f64>,
+    /// `B` \[rad/s^2 per unit of the input, body axes\].
+    pub b: Matrix3<f64>,
+}
+
 /// Properties of the vehicle's input `u` that a law needs.
 pub trait InputForm {
     /// The command message type that carries `u`; the default is zero torque or centred sticks.
     type Command: Copy + fmt::Debug + Default + PartialEq;
 
     /// The inertia of the body if `u` is a torque. `None` if the vehicle follows a commanded rate
-    /// by itself: the rate is then no state of the law's model ("nullified", Section VII.C).
+    /// by itself: the rate is then not a state of the law's model ("nullified", Section VII.C).
     fn inertia(&self) -> Option<&Inertia>;
 
     /// The input matrix `B` for a model with the state `[rate; attitude]` and the state matrix `a`.
@@ -29,9 +38,8 @@ pub trait InputForm {
     /// The demand that `u` produces: the inverse of [`input_for`](Self::input_for).
     fn demand_of(&self, u: &Vector3<f64>) -> Vector3<f64>;
 
-    /// `(A, B)` of `omega_dot = A omega + B u` once the gyroscopic torque is cancelled. `None` if
-    /// the rate follows `u` at once.
-    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)>;
+    /// The model of the rate once the gyroscopic torque is cancelled; `None` if the rate follows `u` at once.
+    fn rate_model(&self) -> Option<RateModel>;
 
     /// Angular deceleration available about any axis \[rad/s^2\]; infinite if the vehicle's own loop stops the
     /// rotation.
@@ -105,8 +113,8 @@ impl InputForm for TorqueInput {
         self.inertia.inverse() * u
     }
 
-    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
-        Some((Matrix3::zeros(), *self.inertia.inverse()))
+    fn rate_model(&self) -> Option<RateModel> {
+        Some(RateModel { a: Matrix3::zeros(), b: *self.inertia.inverse() })
     }
 
     fn braking(&self) -> f64 {
@@ -212,11 +220,13 @@ impl InputForm for RateInput {
         u.component_mul(&self.rate_authority)
     }
 
-    fn rate_model(&self) -> Option<(Matrix3<f64>, Matrix3<f64>)> {
+    fn rate_model(&self) -> Option<RateModel> {
         let k_delta = Matrix3::from_diagonal(&self.rate_authority);
         // Eq. (61), erratum E-61, with the lag of the vehicle's own loop
-        (self.lag_s > 0.0)
-            .then(|| (Matrix3::from_diagonal_element(-1.0 / self.lag_s), k_delta / self.lag_s))
+        (self.lag_s > 0.0).then(|| RateModel {
+            a: Matrix3::from_diagonal_element(-1.0 / self.lag_s),
+            b: k_delta / self.lag_s,
+        })
     }
 
     fn feed_forward(

@@ -1,13 +1,15 @@
-//! The interface of an attitude law, and that of its options.
+//! Interface of an attitude law, its terms, and the ranges in which its gains are tuned.
 
-use crate::options::OptionError;
+use std::borrow::Cow;
+
+use nalgebra::Vector3;
+
 use crate::tracking_error::{AttitudeReference, AttitudeState};
-
-use super::input::InputForm;
 
 /// A law that turns the body to its reference.
 ///
-/// For any argument, a law commands something finite and within the vehicle's range, and no argument spoils a later command.
+/// For any argument, the command is finite and within the vehicle's range, and no argument spoils a later command. No step
+/// allocates. Implementations are `Copy`: the cache warm-up flies a copy of the law.
 pub trait AttitudeLaw {
     /// The vehicle's command: [`Torque`](crate::quantity::Torque) or [`StickCommand`](crate::quantity::StickCommand). The
     /// default is zero torque or centred sticks.
@@ -39,8 +41,13 @@ pub trait AttitudeLaw {
     /// Sets integral action to zero and discards the gain, which is computed again in the next step. Counters are kept.
     fn reset(&mut self);
 
-    /// Sets the lag of the rate that the feed-forward inverts \[s\], for a loop that runs every `period_s` \[s\]; gains stay. A law
-    /// without feed-forward has nothing to set.
+    /// Terms of the last command; zero before the first one, and of a law that does not show them.
+    fn terms(&self) -> LawTerms {
+        LawTerms::default()
+    }
+
+    /// Sets the lag of the rate that the feed-forward inverts \[s\], for a loop that runs every `period_s` \[s\]; gains stay.
+    /// Without effect on a law without feed-forward.
     fn set_rate_lag(&mut self, _lag_s: f64, _period_s: f64) {}
 
     /// Number of Riccati equations solved so far, the first and failed ones included \[-\].
@@ -54,42 +61,37 @@ pub trait AttitudeLaw {
     }
 }
 
-/// The options of an attitude law: gains for both vehicles, rules, and the law built from them.
-///
-/// With this trait and a line in the table of `controller/mod.rs` a law is registered: see `docs/your-own-law.md`. The default
-/// is for the Hummingbird in rate form.
-pub trait LawOptions: Copy + Default {
-    /// The law.
-    type Law<I: InputForm>: AttitudeLaw<Command = I::Command>;
+/// Terms of the input `u` that a law computed last, before the vehicle's limits \[N m, body axes, in rate form -1..1\]. Their sum
+/// is that input; a term that a law does not have is zero.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LawTerms {
+    /// Feedback of the errors of attitude and rate.
+    pub proportional: Vector3<f64>,
+    /// Integral action, or the past input to which an incremental law adds.
+    pub integral: Vector3<f64>,
+    /// Motion of the reference and gyroscopic torque.
+    pub feed_forward: Vector3<f64>,
+    /// Compensation of the estimated disturbance.
+    pub disturbance: Vector3<f64>,
+}
 
-    /// The gains that `oqtal tune` searches. The first one is raised by the study of the greatest gain.
-    const TUNED: &'static [SearchRange];
-
-    /// Whether the law flies within the estimation, prediction and position law of [`crate::predictive`] by itself.
-    const IS_PREDICTIVE: bool = false;
-
-    /// Gains for the paper's spacecraft in torque form.
+impl LawTerms {
+    /// The terms of `u`, of which all but feedback is integral action and feed-forward; zero if a number is not finite.
     #[must_use]
-    fn spacecraft() -> Self;
-
-    /// Checks every option.
-    ///
-    /// # Errors
-    /// The first option whose value is not allowed.
-    fn check(&self) -> Result<(), OptionError>;
-
-    /// The law for a vehicle commanded through `input`, in a loop with the period `period_s` \[s\].
-    ///
-    /// # Errors
-    /// The first option whose value is not allowed, or options for which there is no gain.
-    fn build<I: InputForm>(self, input: I, period_s: f64) -> Result<Self::Law<I>, OptionError>;
+    pub fn of(u: &Vector3<f64>, integral: Vector3<f64>, feed_forward: Vector3<f64>) -> Self {
+        let proportional = u - integral - feed_forward;
+        if !proportional.iter().all(|number| number.is_finite()) {
+            return Self::default();
+        }
+        Self { proportional, integral, feed_forward, disturbance: Vector3::zeros() }
+    }
 }
 
 /// A gain, by its key in the configuration, and the range in which it is tuned, evenly in its logarithm.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SearchRange {
-    /// Dotted key in the whole configuration: `control.pid.gain`.
-    pub key: &'static str,
+    /// Key of the gain in its section: `gain`, or `pid.gain` in the section `[control]`.
+    pub key: Cow<'static, str>,
     /// Lower bound, above 0 \[unit of the gain\].
     pub low: f64,
     /// Upper bound \[unit of the gain\].
@@ -100,6 +102,12 @@ impl SearchRange {
     /// The range from `low` to `high` of the gain `key`.
     #[must_use]
     pub const fn new(key: &'static str, low: f64, high: f64) -> Self {
-        Self { key, low, high }
+        Self { key: Cow::Borrowed(key), low, high }
+    }
+
+    /// The same range with the key relative to the parent of `section`: `section` and a dot are put before the key.
+    #[must_use]
+    pub fn within(&self, section: &str) -> Self {
+        Self { key: Cow::Owned(format!("{section}.{}", self.key)), ..*self }
     }
 }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::feedback::RateFeedback;
 use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
 use super::set_point::SetPointLoop;
 use crate::euler::EulerAngles;
@@ -37,8 +37,10 @@ pub struct LqrOptions {
     pub integral_limit_rad_s: f64,
     /// Rule that divides `[omega; Theta]` into cells, one gain for each.
     pub cells: Cells,
-    /// `delta`: width of a cell \[rad/s for `omega`, rad for `Theta`\].
-    pub delta_rad: f64,
+    /// Width of a cell in each component of `omega` \[rad/s\].
+    pub cell_rate_rad_s: f64,
+    /// Width of a cell in each angle of `Theta` \[rad\].
+    pub cell_angle_rad: f64,
     /// When the gain is computed again.
     pub resolve: Resolve,
     /// Greatest pitch of an operating point \[rad\]. The model grows without bound towards 90 degrees, and has the
@@ -66,8 +68,9 @@ impl Default for LqrOptions {
             // Not in the paper, which prints `floor` but reports a number of solutions that only a rule like this one
             // gives.
             cells: Cells::Truncated,
-            // In the paper: Section VIII, without a unit.
-            delta_rad: 0.5,
+            // In the paper: `delta` of Section VIII, one number without a unit.
+            cell_rate_rad_s: 0.5,
+            cell_angle_rad: 0.5,
             resolve: Resolve::OnCellChange,
             // Not in the paper.
             operating_pitch_limit_rad: 1.4,
@@ -77,43 +80,45 @@ impl Default for LqrOptions {
     }
 }
 
-impl LawOptions for LqrOptions {
-    type Law<I: InputForm> = ClassicLqr<I>;
-
-    const TUNED: &'static [SearchRange] = &[
-        SearchRange::new("control.lqr.attitude-weight", 1.0, 400.0),
-        SearchRange::new("control.lqr.integral-weight", 1e-4, 1.0),
+impl LqrOptions {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("attitude-weight", 1.0, 400.0),
+        SearchRange::new("integral-weight", 1e-4, 1.0),
     ];
 
     /// Gains for the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
-    fn spacecraft() -> Self {
-        Self {
-            attitude_weight: 128.0,
-            rate_weight: 128.0,
-            integral_weight: 0.0,
-            delta_rad: 0.2,
-            ..Self::default()
-        }
+    #[must_use]
+    pub fn spacecraft() -> Self {
+        Self { attitude_weight: 128.0, rate_weight: 128.0, integral_weight: 0.0, ..Self::default() }
+            .with_cell_width(0.2)
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-weight", self.attitude_weight, Rule::Positive),
             ("rate-weight", self.rate_weight, Rule::NotNegative),
             ("integral-weight", self.integral_weight, Rule::NotNegative),
             ("input-weight", self.input_weight, Rule::Positive),
             ("integral-limit-rad-s", self.integral_limit_rad_s, Rule::NotNegative),
-            ("delta-rad", self.delta_rad, Rule::Positive),
+            ("cell-rate-rad-s", self.cell_rate_rad_s, Rule::Positive),
+            ("cell-angle-rad", self.cell_angle_rad, Rule::Positive),
             ("operating-pitch-limit-rad", self.operating_pitch_limit_rad, Rule::Positive),
         ])
-    }
-
-    fn build<I: InputForm>(self, input: I, _: f64) -> Result<ClassicLqr<I>, OptionError> {
-        Self::Law::new(self, input)
     }
 }
 
 impl LqrOptions {
+    /// The same options with cells of the width `delta` in both units, as in the paper \[rad/s, rad\].
+    #[must_use]
+    pub fn with_cell_width(self, delta: f64) -> Self {
+        Self { cell_rate_rad_s: delta, cell_angle_rad: delta, ..self }
+    }
+
     fn weights(&self) -> Weights {
         Weights {
             rate: self.rate_weight,
@@ -131,6 +136,7 @@ pub struct ClassicLqr<I> {
     input: I,
     schedule: GainSchedule<6, Gain>,
     theta_i: Integral,
+    terms: LawTerms,
 }
 
 impl<I: InputForm> ClassicLqr<I> {
@@ -140,10 +146,12 @@ impl<I: InputForm> ClassicLqr<I> {
     /// The first option whose value is not allowed.
     pub fn new(options: LqrOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
-        let grid =
-            CellGrid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
-        let theta_i = Integral::new(options.integral_limit_rad_s);
-        Ok(Self { options, input, schedule: GainSchedule::new(grid), theta_i })
+        let widths = [options.cell_rate_rad_s, options.cell_angle_rad];
+        let widths = SVector::from_fn(|row, _| widths[row / 3]);
+        let grid = CellGrid { cells: options.cells, widths, resolve: options.resolve };
+        let (schedule, theta_i) =
+            (GainSchedule::new(grid), Integral::new(options.integral_limit_rad_s));
+        Ok(Self { options, input, schedule, theta_i, terms: LawTerms::default() })
     }
 
     /// `A` of Eq. (31) at the operating point `[omega; Theta]`.
@@ -217,9 +225,13 @@ impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
         // Eqs. (24), (25), erratum E-25: N_x = [0; I; 0] and N_u = 0, so the set-point is
         // subtracted from Theta
         let mut u = -(k * x);
+        let mut feed_forward = Vector3::zeros();
         if self.options.feed_forward {
-            u += self.input.feed_forward(&error, &omega_e, reference);
+            feed_forward = self.input.feed_forward(&error, &omega_e, reference);
+            u += feed_forward;
         }
+        let integral = -(k.fixed_columns::<3>(INTEGRAL) * self.theta_i.value());
+        self.terms = LawTerms::of(&u, integral, feed_forward);
 
         let given = self.input.saturate(&u);
         // Eq. (33), erratum E-28
@@ -232,6 +244,10 @@ impl<I: InputForm> AttitudeLaw for ClassicLqr<I> {
     fn reset(&mut self) {
         self.schedule.reset();
         self.theta_i.reset();
+    }
+
+    fn terms(&self) -> LawTerms {
+        self.terms
     }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {

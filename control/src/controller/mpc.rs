@@ -20,7 +20,7 @@ use nalgebra::{Matrix3, Matrix6, SVector, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use super::oqtal_dt::{DiscreteGain, OqtalDt, OqtalDtOptions};
 use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::dare;
@@ -60,51 +60,31 @@ impl MpcOptions {
     }
 }
 
-impl LawOptions for MpcOptions {
-    type Law<I: InputForm> = Mpc<I>;
-
-    const TUNED: &'static [SearchRange] = &[
-        SearchRange::new("control.mpc.attitude-weight", 100.0, 1e5),
-        SearchRange::new("control.mpc.rate-weight", 1e-3, 10.0),
+impl MpcOptions {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("attitude-weight", 100.0, 1e5),
+        SearchRange::new("rate-weight", 1e-3, 10.0),
     ];
 
-    const IS_PREDICTIVE: bool = true;
-
-    fn spacecraft() -> Self {
+    /// Gains for the paper's spacecraft in torque form.
+    #[must_use]
+    pub fn spacecraft() -> Self {
         let OqtalDtOptions { attitude_weight, rate_weight, input_weight } =
             OqtalDtOptions::spacecraft();
         Self { attitude_weight, rate_weight, input_weight, ..Self::default() }
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         self.weights().check()?;
         check_options([
             ("horizon", self.horizon as f64, Rule::Between(1.0, MOST_STEPS as f64)),
             ("max-rate-rad-s", self.max_rate_rad_s, Rule::Positive),
         ])
-    }
-
-    fn build<I: InputForm>(self, input: I, period_s: f64) -> Result<Mpc<I>, OptionError> {
-        self.check()?;
-        let (a, b) = OqtalDt::plant(&input, period_s);
-        let weights = [self.rate_weight, self.attitude_weight];
-        let q = Matrix6::from_diagonal(&SVector::from_fn(|i, _| weights[i / 3]));
-        let r = Matrix3::from_diagonal_element(self.input_weight);
-        // If the rate follows the input at once, each axis is an integrator, for which clipping solves the program.
-        let program = match input.rate_model() {
-            Some(_) => dare(&a, &b, &q, &r).ok().map(|terminal| QuadraticProgram {
-                a,
-                b,
-                q,
-                r,
-                p: terminal.p,
-                steps: self.horizon,
-            }),
-            None => None,
-        };
-        let law = OqtalDt::new(self.weights(), input, period_s)?;
-        let gain = *law.gain();
-        Ok(Mpc { options: self, gain, program, input: law.into_input() })
     }
 }
 
@@ -115,9 +95,37 @@ pub struct Mpc<I> {
     input: I,
     gain: DiscreteGain,
     program: Option<QuadraticProgram>,
+    terms: LawTerms,
 }
 
 impl<I: InputForm> Mpc<I> {
+    /// The law with these options for a loop that runs every `period_s` \[s\]. The one Riccati equation is solved here.
+    ///
+    /// # Errors
+    /// An option whose value is not allowed, or weights so far apart that there is no gain.
+    pub fn new(options: MpcOptions, input: I, period_s: f64) -> Result<Self, OptionError> {
+        options.check()?;
+        let (a, b) = OqtalDt::plant(&input, period_s);
+        let weights = [options.rate_weight, options.attitude_weight];
+        let q = Matrix6::from_diagonal(&SVector::from_fn(|i, _| weights[i / 3]));
+        let r = Matrix3::from_diagonal_element(options.input_weight);
+        // If the rate follows the input at once, each axis is an integrator, for which clipping solves the program.
+        let program = match input.rate_model() {
+            Some(_) => dare(&a, &b, &q, &r).ok().map(|terminal| QuadraticProgram {
+                a,
+                b,
+                q,
+                r,
+                p: terminal.p,
+                steps: options.horizon,
+            }),
+            None => None,
+        };
+        let law = OqtalDt::new(options.weights(), input, period_s)?;
+        let gain = *law.gain();
+        Ok(Self { options, gain, program, input: law.into_input(), terms: LawTerms::default() })
+    }
+
     /// The limits of the moves of a body with the reference input `u_ref` and the reference rate `omega_ref`.
     fn bounds(&self, u_ref: Vector3<f64>, omega_ref: Vector3<f64>) -> MoveBounds {
         let most = self.input.saturate(&Vector3::repeat(f64::MAX));
@@ -171,10 +179,15 @@ impl<I: InputForm> AttitudeLaw for Mpc<I> {
             let planned = program.first_moves(&x, &bounds, self.broken(program, x, &bounds));
             u.iter_mut().zip(planned).for_each(|(u, planned)| *u = planned.unwrap_or(*u));
         }
+        self.terms = LawTerms::of(&(u_ref + u), Vector3::zeros(), u_ref);
         I::command_from(self.input.saturate(&(u_ref + u)))
     }
 
     fn reset(&mut self) {}
+
+    fn terms(&self) -> LawTerms {
+        self.terms
+    }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
         self.input.set_rate_lag(lag_s, period_s);
@@ -207,7 +220,7 @@ mod tests {
 
     #[test]
     fn within_the_limits_the_move_is_that_of_the_riccati_equation() {
-        let mut law = MpcOptions::default().build(input(), PERIOD_S).unwrap();
+        let mut law = Mpc::new(MpcOptions::default(), input(), PERIOD_S).unwrap();
         let mut own = OqtalDt::new(OqtalDtOptions::default(), input(), PERIOD_S).unwrap();
         let rest = AttitudeReference::default();
         let state = state(0.02, -0.1);
@@ -228,7 +241,7 @@ mod tests {
     #[test]
     fn beyond_the_limits_no_other_moves_cost_less() {
         let options = MpcOptions { horizon: 2, max_rate_rad_s: 100.0, ..MpcOptions::default() };
-        let law = options.build(input(), PERIOD_S).unwrap();
+        let law = Mpc::new(options, input(), PERIOD_S).unwrap();
         let program = law.program.unwrap();
         let bounds = law.bounds(Vector3::zeros(), Vector3::zeros());
         let mut x = Vector6::zeros();
@@ -254,7 +267,7 @@ mod tests {
     /// The program of all axes at once, as for a body whose axes affect each other, has the solution of each by itself.
     #[test]
     fn axes_together_are_planned_as_each_by_itself() {
-        let law = MpcOptions::default().build(input(), PERIOD_S).unwrap();
+        let law = Mpc::new(MpcOptions::default(), input(), PERIOD_S).unwrap();
         let alone = law.program.unwrap();
         let bounds = law.bounds(Vector3::new(0.1, -0.2, 0.0), Vector3::new(0.3, 0.0, 0.0));
         let mut coupled = alone;
@@ -271,7 +284,7 @@ mod tests {
     /// From nearly half a turn, sampled as in flight: the limits are active most of the way.
     #[test]
     fn it_comes_to_its_reference_from_far_away() {
-        let mut law = MpcOptions::default().build(input(), PERIOD_S).unwrap();
+        let mut law = Mpc::new(MpcOptions::default(), input(), PERIOD_S).unwrap();
         let (mut attitude, mut rate) =
             (Attitude::from_rotation_vector(Vector3::new(2.0, -1.5, 1.0)), Vector3::zeros());
         for _ in 0..240 {
@@ -289,7 +302,7 @@ mod tests {
     #[test]
     fn the_rate_is_kept_where_it_can_be() {
         let options = MpcOptions { max_rate_rad_s: 0.5, ..MpcOptions::default() };
-        let mut law = options.build(input(), PERIOD_S).unwrap();
+        let mut law = Mpc::new(options, input(), PERIOD_S).unwrap();
         let sticks = law.update(&state(0.8, -0.5), &AttitudeReference::default(), PERIOD_S).0;
         assert!((2.0 * sticks.x + 0.5).abs() < 1e-3, "{sticks}");
         // Too fast already: it brakes, and does not fail.

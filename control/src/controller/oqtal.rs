@@ -12,7 +12,7 @@ use nalgebra::{SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use super::regulator::{AugmentedModel, Gain, INTEGRAL, Weights, law_state};
 use crate::error_model::{ErrorModel, Jacobian, OperatingPoint};
 use crate::integral::Integral;
@@ -59,8 +59,12 @@ pub struct OqtalOptions {
     pub eps_ddot_cutoff_hz: f64,
     /// Rule that divides `[omega_e; eps; eps_ddot]`, in rate form `eps`, into cells, one gain for each.
     pub cells: Cells,
-    /// `delta`: width of a cell \[rad/s for `omega_e`, - for `eps`, 1/s^2 for `eps_ddot`\].
-    pub delta_rad: f64,
+    /// Width of a cell in each component of `omega_e` \[rad/s\]; without effect in rate form.
+    pub cell_rate_rad_s: f64,
+    /// Width of a cell in each component of `eps` \[-\].
+    pub cell_eps: f64,
+    /// Width of a cell in each component of `eps_ddot` \[1/s^2\]; without effect in rate form.
+    pub cell_eps_ddot_per_s2: f64,
     /// When the gain is computed again.
     pub resolve: Resolve,
     /// Whether the motion of the reference is fed forward. Not in the paper.
@@ -88,34 +92,35 @@ impl Default for OqtalOptions {
             // Not in the paper, which prints `floor` but reports a number of solutions that only a rule like this one
             // gives.
             cells: Cells::Truncated,
-            // In the paper: Section VIII, without a unit.
-            delta_rad: 0.5,
+            // In the paper: `delta` of Section VIII, one number without a unit.
+            cell_rate_rad_s: 0.5,
+            cell_eps: 0.5,
+            cell_eps_ddot_per_s2: 0.5,
             resolve: Resolve::OnCellChange,
             feed_forward: false,
         }
     }
 }
 
-impl LawOptions for OqtalOptions {
-    type Law<I: InputForm> = Oqtal<I>;
-
-    const TUNED: &'static [SearchRange] = &[
-        SearchRange::new("control.oqtal.attitude-weight", 4.0, 1600.0),
-        SearchRange::new("control.oqtal.integral-weight", 1e-4, 1.0),
+impl OqtalOptions {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("attitude-weight", 4.0, 1600.0),
+        SearchRange::new("integral-weight", 1e-4, 1.0),
     ];
 
     /// Gains for the paper's spacecraft in torque form: Table IV, no integral action, `delta` of Section VI.B.2.
-    fn spacecraft() -> Self {
-        Self {
-            attitude_weight: 256.0,
-            rate_weight: 256.0,
-            integral_weight: 0.0,
-            delta_rad: 0.2,
-            ..Self::default()
-        }
+    #[must_use]
+    pub fn spacecraft() -> Self {
+        Self { attitude_weight: 256.0, rate_weight: 256.0, integral_weight: 0.0, ..Self::default() }
+            .with_cell_width(0.2)
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-weight", self.attitude_weight, Rule::Positive),
             ("rate-weight", self.rate_weight, Rule::NotNegative),
@@ -123,16 +128,20 @@ impl LawOptions for OqtalOptions {
             ("input-weight", self.input_weight, Rule::Positive),
             ("integral-limit-s", self.integral_limit_s, Rule::NotNegative),
             ("eps-ddot-cutoff-hz", self.eps_ddot_cutoff_hz, Rule::Positive),
-            ("delta-rad", self.delta_rad, Rule::Positive),
+            ("cell-rate-rad-s", self.cell_rate_rad_s, Rule::Positive),
+            ("cell-eps", self.cell_eps, Rule::Positive),
+            ("cell-eps-ddot-per-s2", self.cell_eps_ddot_per_s2, Rule::Positive),
         ])
-    }
-
-    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Oqtal<I>, OptionError> {
-        Self::Law::new(self, input)
     }
 }
 
 impl OqtalOptions {
+    /// The same options with cells of the width `delta` in every unit, as in the paper \[rad/s, -, 1/s^2\].
+    #[must_use]
+    pub fn with_cell_width(self, delta: f64) -> Self {
+        Self { cell_rate_rad_s: delta, cell_eps: delta, cell_eps_ddot_per_s2: delta, ..self }
+    }
+
     fn weights(&self) -> Weights {
         Weights {
             rate: self.rate_weight,
@@ -153,6 +162,7 @@ pub struct Oqtal<I> {
     /// `eps_dot` of the last step.
     eps_dot: Option<Vector3<f64>>,
     eps_ddot: Vector3<f64>,
+    terms: LawTerms,
 }
 
 impl<I: InputForm> Oqtal<I> {
@@ -162,11 +172,19 @@ impl<I: InputForm> Oqtal<I> {
     /// The first option whose value is not allowed.
     pub fn new(options: OqtalOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
-        let grid =
-            CellGrid { cells: options.cells, delta: options.delta_rad, resolve: options.resolve };
-        let eps_i = Integral::new(options.integral_limit_s);
-        let schedule = GainSchedule::new(grid);
-        Ok(Self { options, input, schedule, eps_i, eps_dot: None, eps_ddot: Vector3::zeros() })
+        let OqtalOptions { cell_rate_rad_s, cell_eps, cell_eps_ddot_per_s2, .. } = options;
+        let widths = [cell_rate_rad_s, cell_eps, cell_eps_ddot_per_s2];
+        let widths = SVector::from_fn(|row, _| widths[row / 3]);
+        let grid = CellGrid { cells: options.cells, widths, resolve: options.resolve };
+        Ok(Self {
+            schedule: GainSchedule::new(grid),
+            eps_i: Integral::new(options.integral_limit_s),
+            eps_dot: None,
+            eps_ddot: Vector3::zeros(),
+            terms: LawTerms::default(),
+            options,
+            input,
+        })
     }
 
     /// The gain at the operating point `[omega_e; eps]` without acceleration.
@@ -223,7 +241,7 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         let (eps, omega_e) = (error.eps(), error.rate_error(state.rate, reference.rate));
         let x = law_state(&omega_e, eps, self.eps_i.value());
 
-        // In rate form omega_e is no state of the model, so the operating point does not depend on it.
+        // In rate form omega_e is not a state of the model, so the operating point does not depend on it.
         let point = match self.input.inertia() {
             Some(_) => law_state(&omega_e, eps, &self.differentiate(error.eps_dot(&omega_e), dt_s)),
             None => law_state(&Vector3::zeros(), eps, &Vector3::zeros()),
@@ -234,9 +252,14 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
 
         // Eq. (56), erratum E-56
         let mut u = -(k * x) + self.input.gyroscopic(state.rate);
+        let mut feed_forward = self.input.gyroscopic(state.rate);
         if self.options.feed_forward {
-            u += self.input.feed_forward(&error, &omega_e, reference);
+            let of_reference = self.input.feed_forward(&error, &omega_e, reference);
+            u += of_reference;
+            feed_forward += of_reference;
         }
+        let integral = -(k.fixed_columns::<3>(INTEGRAL) * self.eps_i.value());
+        self.terms = LawTerms::of(&u, integral, feed_forward);
 
         let given = self.input.saturate(&u);
         // Eq. (57), erratum E-57
@@ -250,6 +273,10 @@ impl<I: InputForm> AttitudeLaw for Oqtal<I> {
         self.schedule.reset();
         self.eps_i.reset();
         (self.eps_dot, self.eps_ddot) = (None, Vector3::zeros());
+    }
+
+    fn terms(&self) -> LawTerms {
+        self.terms
     }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {

@@ -23,7 +23,7 @@ use nalgebra::{Matrix3, Matrix6, Matrix6x3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use crate::linear::discretise;
 use crate::options::{OptionError, Rule, check_options};
 use crate::riccati::{RiccatiError, dare};
@@ -51,32 +51,30 @@ impl Default for OqtalDtOptions {
     }
 }
 
-impl LawOptions for OqtalDtOptions {
-    type Law<I: InputForm> = OqtalDt<I>;
-
-    const TUNED: &'static [SearchRange] = &[
-        SearchRange::new("control.oqtal-dt.attitude-weight", 100.0, 1e5),
-        SearchRange::new("control.oqtal-dt.rate-weight", 1e-3, 10.0),
+impl OqtalDtOptions {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] = &[
+        SearchRange::new("attitude-weight", 100.0, 1e5),
+        SearchRange::new("rate-weight", 1e-3, 10.0),
     ];
 
-    const IS_PREDICTIVE: bool = true;
-
     /// Gains for the paper's spacecraft in torque form.
-    fn spacecraft() -> Self {
+    #[must_use]
+    pub fn spacecraft() -> Self {
         // 2^20 and 2^6 over 1
         Self { attitude_weight: 1_048_576.0, rate_weight: 64.0, input_weight: 1.0 }
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-weight", self.attitude_weight, Rule::Positive),
             ("rate-weight", self.rate_weight, Rule::NotNegative),
             ("input-weight", self.input_weight, Rule::Positive),
         ])
-    }
-
-    fn build<I: InputForm>(self, input: I, period_s: f64) -> Result<OqtalDt<I>, OptionError> {
-        Self::Law::new(self, input, period_s)
     }
 }
 
@@ -88,6 +86,7 @@ pub struct OqtalDt<I> {
     /// `K_omega^-1 K_eps`: the commanded rate per `eps` \[rad/s\]. Zero if the rate is no state.
     turn: Matrix3<f64>,
     braking: f64,
+    terms: LawTerms,
 }
 
 impl<I: InputForm> OqtalDt<I> {
@@ -107,7 +106,7 @@ impl<I: InputForm> OqtalDt<I> {
         let part = |column| gain.fixed_view::<3, 3>(0, column).into_owned();
         let turn = part(0).try_inverse().map_or_else(Matrix3::zeros, |inverse| inverse * part(3));
         let braking = input.braking();
-        Ok(Self { input, gain, turn, braking })
+        Ok(Self { input, gain, turn, braking, terms: LawTerms::default() })
     }
 
     /// The sampled plant `(A, B)` for the state `[omega_e; eps]` at zero error. If the rate follows the input at
@@ -117,21 +116,17 @@ impl<I: InputForm> OqtalDt<I> {
         let (mut a, mut b) = (Matrix6::zeros(), Matrix6x3::zeros());
         let half = Matrix3::from_diagonal_element(0.5);
         match input.rate_model() {
-            Some((rate, drive)) => {
-                a.fixed_view_mut::<3, 3>(0, 0).copy_from(&rate);
-                b.fixed_view_mut::<3, 3>(0, 0).copy_from(&drive);
+            Some(rate) => {
+                a.fixed_view_mut::<3, 3>(0, 0).copy_from(&rate.a);
+                b.fixed_view_mut::<3, 3>(0, 0).copy_from(&rate.b);
                 // Eq. (44) at the error zero
                 a.fixed_view_mut::<3, 3>(3, 0).copy_from(&half);
             }
-            None => b.fixed_view_mut::<3, 3>(3, 0).copy_from(
-                &input
-                    .input_matrix(&{
-                        let mut kinematics = Matrix6::zeros();
-                        kinematics.fixed_view_mut::<3, 3>(3, 0).copy_from(&half);
-                        kinematics
-                    })
-                    .fixed_view::<3, 3>(3, 0),
-            ),
+            None => {
+                let mut kinematics = Matrix6::zeros();
+                kinematics.fixed_view_mut::<3, 3>(3, 0).copy_from(&half);
+                b = input.input_matrix(&kinematics);
+            }
         }
         discretise(&a, &b, period_s)
     }
@@ -157,7 +152,6 @@ impl<I: InputForm> OqtalDt<I> {
     }
 
     /// The input form of the vehicle.
-    #[cfg(feature = "mpc")]
     pub(super) fn into_input(self) -> I {
         self.input
     }
@@ -178,14 +172,17 @@ impl<I: InputForm> OqtalDt<I> {
 
     /// `u` before the vehicle's limits are applied \[N m, body axes, in rate form -1..1\].
     #[must_use]
-    pub fn input(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
+    pub fn input(&mut self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let error = AttitudeError::between(&reference.attitude, &state.attitude);
         let omega_e = error.rate_error(state.rate, reference.rate);
         let mut x = SVector::<f64, 6>::zeros();
         x.fixed_rows_mut::<3>(0).copy_from(&omega_e);
         x.fixed_rows_mut::<3>(3).copy_from(&self.stoppable(error.eps()));
-        self.input.feed_forward(&error, &omega_e, reference) + self.input.gyroscopic(state.rate)
-            - self.gain * x
+        let feed_forward = self.input.feed_forward(&error, &omega_e, reference)
+            + self.input.gyroscopic(state.rate);
+        let u = feed_forward - self.gain * x;
+        self.terms = LawTerms::of(&u, Vector3::zeros(), feed_forward);
+        u
     }
 }
 
@@ -198,10 +195,15 @@ impl<I: InputForm> AttitudeLaw for OqtalDt<I> {
         reference: &AttitudeReference,
         _: f64,
     ) -> I::Command {
-        I::command_from(self.input.saturate(&self.input(state, reference)))
+        let u = self.input(state, reference);
+        I::command_from(self.input.saturate(&u))
     }
 
     fn reset(&mut self) {}
+
+    fn terms(&self) -> LawTerms {
+        self.terms
+    }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
         self.input.set_rate_lag(lag_s, period_s);

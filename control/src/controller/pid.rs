@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::feedback::RateFeedback;
 use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::tracking_error::{AttitudeError, AttitudeReference, AttitudeState};
@@ -56,20 +56,22 @@ impl Default for PidOptions {
     }
 }
 
-impl LawOptions for PidOptions {
-    type Law<I: InputForm> = QuaternionPid<I>;
-
-    const TUNED: &'static [SearchRange] = &[
-        SearchRange::new("control.pid.gain", 1.0, 40.0),
-        SearchRange::new("control.pid.integral-time-s", 0.2, 50.0),
-    ];
+impl PidOptions {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] =
+        &[SearchRange::new("gain", 1.0, 40.0), SearchRange::new("integral-time-s", 0.2, 50.0)];
 
     /// Gains for the paper's spacecraft in torque form: Table IV.
-    fn spacecraft() -> Self {
+    #[must_use]
+    pub fn spacecraft() -> Self {
         Self { gain: 5.95, integral_time_s: 1.15, rate_gain_per_s: 50.0, ..Self::default() }
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("gain", self.gain, Rule::Positive),
             ("integral-time-s", self.integral_time_s, Rule::PositiveOrInfinite),
@@ -79,10 +81,6 @@ impl LawOptions for PidOptions {
             ("integral-limit-s", self.integral_limit_s, Rule::NotNegative),
         ])
     }
-
-    fn build<I: InputForm>(self, input: I, _: f64) -> Result<QuaternionPid<I>, OptionError> {
-        Self::Law::new(self, input)
-    }
 }
 
 /// The PID for a vehicle commanded through `I`.
@@ -91,6 +89,7 @@ pub struct QuaternionPid<I> {
     options: PidOptions,
     input: I,
     eps_i: Integral,
+    terms: LawTerms,
 }
 
 impl<I: InputForm> QuaternionPid<I> {
@@ -100,7 +99,8 @@ impl<I: InputForm> QuaternionPid<I> {
     /// The first option whose value is not allowed.
     pub fn new(options: PidOptions, input: I) -> Result<Self, OptionError> {
         options.check()?;
-        Ok(Self { options, input, eps_i: Integral::new(options.integral_limit_s) })
+        let eps_i = Integral::new(options.integral_limit_s);
+        Ok(Self { options, input, eps_i, terms: LawTerms::default() })
     }
 
     /// `sat_L`: `pi` limited to the slew rate allowed at this `eps`.
@@ -142,8 +142,11 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
         let pi = eps + self.eps_i.value() / t;
         // Eq. (17), erratum E-17
         let u = |pi: Vector3<f64>| feed_forward - self.input.input_for(&(2.0 * k * pi + c * omega));
+        let limited = u(self.slew_limited(&pi, eps));
+        let integral = -self.input.input_for(&(2.0 * k / t * self.eps_i.value()));
+        self.terms = LawTerms::of(&limited, integral, feed_forward);
         // Eq. (19), erratum E-19
-        let given = self.input.saturate(&u(self.slew_limited(&pi, eps)));
+        let given = self.input.saturate(&limited);
 
         let push = -self.input.input_for(eps);
         self.eps_i.step(eps, &push, &(u(pi) - given), dt_s);
@@ -152,6 +155,10 @@ impl<I: InputForm> AttitudeLaw for QuaternionPid<I> {
 
     fn reset(&mut self) {
         self.eps_i.reset();
+    }
+
+    fn terms(&self) -> LawTerms {
+        self.terms
     }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {

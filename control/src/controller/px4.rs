@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::filtered_rate::FilteredRate;
 use super::input::InputForm;
-use super::law::{AttitudeLaw, LawOptions, SearchRange};
+use super::law::{AttitudeLaw, LawTerms, SearchRange};
 use crate::integral::Integral;
 use crate::options::{OptionError, Rule, check_options};
 use crate::quaternion::Attitude;
@@ -66,13 +66,14 @@ impl Default for Px4Options {
     }
 }
 
-impl LawOptions for Px4Options {
-    type Law<I: InputForm> = Px4Attitude<I>;
+impl Px4Options {
+    /// Gains that are tuned.
+    pub(super) const TUNED: &'static [SearchRange] =
+        &[SearchRange::new("attitude-gain-per-s", 1.0, 40.0)];
 
-    const TUNED: &'static [SearchRange] =
-        &[SearchRange::new("control.px4.attitude-gain-per-s", 1.0, 40.0)];
-
-    fn spacecraft() -> Self {
+    /// Gains for the paper's spacecraft in torque form.
+    #[must_use]
+    pub fn spacecraft() -> Self {
         Self {
             attitude_gain_per_s: 4.0,
             rate_gain_per_s: 16.0,
@@ -81,7 +82,11 @@ impl LawOptions for Px4Options {
         }
     }
 
-    fn check(&self) -> Result<(), OptionError> {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn check(&self) -> Result<(), OptionError> {
         check_options([
             ("attitude-gain-per-s", self.attitude_gain_per_s, Rule::Positive),
             ("yaw-weight", self.yaw_weight, Rule::Between(0.01, 1.0)),
@@ -93,17 +98,6 @@ impl LawOptions for Px4Options {
             ("integral-limit-rad", self.integral_limit_rad, Rule::NotNegative),
         ])
     }
-
-    fn build<I: InputForm>(self, input: I, _: f64) -> Result<Px4Attitude<I>, OptionError> {
-        self.check()?;
-        let filter = FilteredRate::new(self.derivative_cutoff_hz);
-        Ok(Px4Attitude {
-            options: self,
-            input,
-            filter,
-            integral: Integral::new(self.integral_limit_rad),
-        })
-    }
 }
 
 /// The law for a vehicle commanded through `I`.
@@ -113,6 +107,7 @@ pub struct Px4Attitude<I> {
     input: I,
     filter: FilteredRate,
     integral: Integral,
+    terms: LawTerms,
 }
 
 /// The attitude that is turned to: the direction of thrust of `desired`, and the share `weight` of the turn about it that is
@@ -134,6 +129,17 @@ fn weighted(desired: &Attitude, actual: &Attitude, weight: f64) -> Attitude {
 }
 
 impl<I: InputForm> Px4Attitude<I> {
+    /// The law with these options.
+    ///
+    /// # Errors
+    /// The first option whose value is not allowed.
+    pub fn new(options: Px4Options, input: I) -> Result<Self, OptionError> {
+        options.check()?;
+        let filter = FilteredRate::new(options.derivative_cutoff_hz);
+        let integral = Integral::new(options.integral_limit_rad);
+        Ok(Self { options, input, filter, integral, terms: LawTerms::default() })
+    }
+
     /// The correcting rate \[rad/s, body axes\].
     fn correction(&self, state: &AttitudeState, reference: &AttitudeReference) -> Vector3<f64> {
         let Px4Options { attitude_gain_per_s, yaw_weight, .. } = self.options;
@@ -155,9 +161,11 @@ impl<I: InputForm> Px4Attitude<I> {
         let error = omega_sp - omega;
         self.filter.step(&omega, dt_s);
         let by_integral = rate_integral_per_s * rate_gain_per_s;
-        let demand = rate_gain_per_s * error + by_integral * self.integral.value()
-            - rate_derivative * self.filter.acceleration();
+        let integral = by_integral * self.integral.value();
+        let demand =
+            rate_gain_per_s * error + integral - rate_derivative * self.filter.acceleration();
         let u = self.input.input_for(&demand);
+        self.terms.integral = self.input.input_for(&integral);
         let push = self.input.input_for(&(by_integral * error));
         self.integral.step(&error, &push, &(u - self.input.saturate(&u)), dt_s);
         u
@@ -179,22 +187,27 @@ impl<I: InputForm> AttitudeLaw for Px4Attitude<I> {
         let omega_e = error.rate_error(state.rate, reference.rate);
         let correction = self.correction(state, reference);
         let moves = self.options.feed_forward;
-        let u = if self.input.inertia().is_some() {
-            let forward =
-                if moves { error.rotation() * reference.rate.0 } else { Vector3::zeros() };
-            let u = self.rate_loop(state.rate.0, limited(correction + forward), dt_s);
-            let acceleration = error.reference_acceleration(&omega_e, reference).0;
-            if moves { u + self.input.input_for(&acceleration) } else { u }
-        } else {
-            let u = self.input.input_for(&limited(correction));
-            if moves { u + self.input.feed_forward(&error, &omega_e, reference) } else { u }
+        let (mut rate_d, mut feed_forward) = (Vector3::zeros(), Vector3::zeros());
+        if moves {
+            rate_d = error.rotation() * reference.rate.0;
+            feed_forward = self.input.feed_forward(&error, &omega_e, reference);
+        }
+        let mut u = match self.input.inertia() {
+            Some(_) => self.rate_loop(state.rate.0, limited(correction + rate_d), dt_s),
+            None => self.input.input_for(&limited(correction)),
         };
+        u += feed_forward;
+        self.terms = LawTerms::of(&u, self.terms.integral, feed_forward);
         I::command_from(self.input.saturate(&u))
     }
 
     fn reset(&mut self) {
         self.filter.reset();
         self.integral.reset();
+    }
+
+    fn terms(&self) -> LawTerms {
+        self.terms
     }
 
     fn set_rate_lag(&mut self, lag_s: f64, period_s: f64) {
@@ -210,7 +223,7 @@ mod tests {
 
     fn sticks(turn: Vector3<f64>, options: Px4Options) -> Vector3<f64> {
         let input = RateInput::new(Vector3::repeat(2.0)).unwrap();
-        let mut law = options.build(input, 1.0 / 60.0).unwrap();
+        let mut law = Px4Attitude::new(options, input).unwrap();
         let state = AttitudeState {
             attitude: Attitude::from_rotation_vector(turn),
             ..AttitudeState::default()

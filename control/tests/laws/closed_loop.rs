@@ -114,7 +114,7 @@ proptest! {
         target in attitude(),
         turn in far_turn(),
     ) {
-        let options = without_integral_action(ControllerOptions::default());
+        let options = without_integral_action(ControlOptions::default());
         let reference = resting(target);
         let state = at_rest(target.turned_by(turn));
         for name in [ControllerName::Pid, ControllerName::Oqtal] {
@@ -132,7 +132,7 @@ proptest! {
         from in prop::array::uniform3(-1.0..1.0),
         to in prop::array::uniform3(-1.0..1.0),
     ) {
-        let mut options = without_integral_action(ControllerOptions::default());
+        let mut options = without_integral_action(ControlOptions::default());
         options.lqr.resolve = Resolve::EveryTick;
         options.lqr.attitude_weight = 0.05;
         let [theta, theta_d] = [from, to].map(Vector3::from);
@@ -163,7 +163,7 @@ proptest! {
         for name in ALL {
             let (reference, attitude) = far_from(name, target, turn);
             let state = at_rest(attitude);
-            let law = law(name, &ControllerOptions::default(), sticks());
+            let law = law(name, &ControlOptions::default(), sticks());
             let measured = fly_sticks(law, state, &reference, |state| {
                 error(state, &reference).lyapunov()
             });
@@ -181,7 +181,7 @@ proptest! {
         turn in far_turn(),
     ) {
         let (reference, inertia) = (resting(target), uneven_inertia());
-        let options = with_cells(ControllerOptions::spacecraft(), Cells::Truncated, 100.0);
+        let options = with_cells(ControlOptions::spacecraft(), Cells::Truncated, 100.0);
         let mut law = law(
             ControllerName::Oqtal,
             &options,
@@ -215,7 +215,7 @@ proptest! {
         turn in far_turn(),
         spin in vector(0.5),
     ) {
-        let mut options = ControllerOptions::spacecraft();
+        let mut options = ControlOptions::spacecraft();
         (options.pid.gain, options.pid.rate_gain_per_s) = (4.0, 6.0);
         options.pid.integral_time_s = 4.0;
         let input = TorqueInput::new(uneven_inertia(), MAX_TORQUE).unwrap();
@@ -252,7 +252,7 @@ proptest! {
             let command = first_command(
                 law(
                     name,
-                    &with_rate_error(ControllerOptions::default()),
+                    &with_rate_error(ControlOptions::default()),
                     sticks(),
                 ),
                 &state,
@@ -263,7 +263,7 @@ proptest! {
             let command = first_command(
                 law(
                     name,
-                    &with_rate_error(ControllerOptions::spacecraft()),
+                    &with_rate_error(ControlOptions::spacecraft()),
                     input,
                 ),
                 &state,
@@ -282,7 +282,7 @@ proptest! {
     /// Fed forward, the reference's motion is followed without any error to correct.
     #[test]
     fn fed_forward_a_reference_is_followed_without_error(reference in reference()) {
-        let mut options = ControllerOptions::default();
+        let mut options = ControlOptions::default();
         options.oqtal.feed_forward = true;
         let state = AttitudeState {
             attitude: reference.attitude,
@@ -320,7 +320,7 @@ proptest! {
 fn integral_action_removes_a_steady_disturbance() {
     let drift = Vector3::new(0.035, -0.026, 0.017);
     for name in INTEGRATING {
-        let left = |options: &ControllerOptions| {
+        let left = |options: &ControlOptions| {
             let mut law = law(name, options, sticks());
             let mut state = AttitudeState::default();
             for _ in 0..60_000 {
@@ -329,8 +329,8 @@ fn integral_action_removes_a_steady_disturbance() {
             }
             error(&state, &AttitudeReference::default()).eps().norm()
         };
-        let with = left(&ControllerOptions::default());
-        let without = left(&without_integral_action(ControllerOptions::default()));
+        let with = left(&ControlOptions::default());
+        let without = left(&without_integral_action(ControlOptions::default()));
         assert!(
             without > 1e-3 && with < 1e-2 * without,
             "{name:?}: {with} with, {without} without"

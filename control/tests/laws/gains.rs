@@ -211,7 +211,7 @@ proptest! {
             attitude: state.attitude.turned_by(turn),
             ..AttitudeReference::default()
         };
-        let mut options = without_integral_action(with_rate_error(ControllerOptions::default()));
+        let mut options = without_integral_action(with_rate_error(ControlOptions::default()));
         // 2 k / K_delta = sqrt(q / r)
         options.pid.gain = options.oqtal.attitude_weight.sqrt();
         let state = AttitudeState {
@@ -222,7 +222,7 @@ proptest! {
             [ControllerName::Pid, ControllerName::Oqtal].map(|name| first_command(law(name, &options, sticks()), &state, &reference));
         assert!((pid - oqtal).amax() < 1e-9);
 
-        let mut options = without_integral_action(with_rate_error(ControllerOptions::spacecraft()));
+        let mut options = without_integral_action(with_rate_error(ControlOptions::spacecraft()));
         // 2 k J = K_eps, c J = K_omega; an isotropic body has no gyroscopic torque
         (options.pid.gain, options.pid.rate_gain_per_s) = (16.0, 264.0_f64.sqrt() / 0.5);
         let [pid, oqtal] =
@@ -238,7 +238,7 @@ fn as_printed_the_rivals_brake_a_body_that_turns_with_its_reference() {
     let omega = BodyRate(Vector3::new(0.1, 0.0, 0.0));
     let state = AttitudeState { rate: omega, ..AttitudeState::default() };
     let reference = AttitudeReference { rate: omega, ..AttitudeReference::default() };
-    let options = ControllerOptions::spacecraft();
+    let options = ControlOptions::spacecraft();
     let [pid, lqr, oqtal, _] = INTEGRATING
         .map(|name| first_command(law(name, &options, spacecraft()), &state, &reference).x);
     assert!((pid + 0.5 * options.pid.rate_gain_per_s * 0.1).abs() < 1e-12);

@@ -18,7 +18,7 @@ proptest! {
     fn it_is_the_law_of_its_source(state in state(), reference in reference()) {
         let inertia = uneven_inertia();
         let input = TorqueInput::new(inertia, 1e6).unwrap();
-        let options = ControllerOptions::spacecraft();
+        let options = ControlOptions::spacecraft();
         let command =
             first_command(law(ControllerName::Geometric, &options, input), &state, &reference);
 
@@ -41,7 +41,7 @@ proptest! {
         prop_assume!(axis.norm() > 1e-3);
         let pull = |degrees: f64| {
             let turn = axis.normalize() * degrees.to_radians();
-            let law = law(ControllerName::Geometric, &ControllerOptions::spacecraft(), spacecraft());
+            let law = law(ControllerName::Geometric, &ControlOptions::spacecraft(), spacecraft());
             let level = AttitudeReference::default();
             first_command(law, &at_rest(Attitude::from_rotation_vector(turn)), &level).norm()
         };
@@ -62,7 +62,7 @@ fn its_feed_forward_knows_the_lag_of_the_rate() {
     };
     let state = AttitudeState { rate: reference.rate, ..AttitudeState::default() };
     let input = sticks().with_lag(configured_s, DT_S).unwrap();
-    let mut law = law(ControllerName::Geometric, &ControllerOptions::default(), input);
+    let mut law = law(ControllerName::Geometric, &ControlOptions::default(), input);
     for lag_s in [configured_s, told_s] {
         law.set_rate_lag(lag_s, DT_S);
         law.reset();

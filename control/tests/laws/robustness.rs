@@ -14,7 +14,7 @@ fn negated(attitude: &Attitude) -> Attitude {
 /// F08: the sign of a measured quaternion has no effect.
 fn check_sign_of_quaternion<I: Form>(input: I, state: AttitudeState, reference: AttitudeReference) {
     for name in ALL {
-        let law = law(name, &ControllerOptions::default(), input);
+        let law = law(name, &ControlOptions::default(), input);
         let command = first_command(law, &state, &reference);
         let turned = AttitudeState { attitude: negated(&state.attitude), ..state };
         assert_eq!(command, first_command(law, &turned, &reference), "{name:?}");
@@ -76,7 +76,7 @@ fn garbage() -> impl Strategy<Value = Garbage> {
 }
 
 /// F06: for any input the command is finite and in range, and the next valid input gives its usual command.
-fn check_garbage<I: Form>(input: I, options: &ControllerOptions, range: f64, garbage: &[Garbage]) {
+fn check_garbage<I: Form>(input: I, options: &ControlOptions, range: f64, garbage: &[Garbage]) {
     let (state, reference) = (
         at_rest(Attitude::from_rotation_vector(Vector3::new(0.1, -0.2, 0.3))),
         AttitudeReference::default(),
@@ -113,7 +113,7 @@ proptest! {
         garbage in prop::collection::vec(garbage(), 1..5),
         feed_forward: bool,
     ) {
-        let mut options = ControllerOptions::default();
+        let mut options = ControlOptions::default();
         options.pid.feed_forward = feed_forward;
         options.lqr.feed_forward = feed_forward;
         options.oqtal.feed_forward = feed_forward;
@@ -138,7 +138,7 @@ proptest! {
 }
 
 /// A body is held far from its reference, then released at the reference: the integral has not wound up.
-fn check_windup<I: Form>(input: I, options: &ControllerOptions) {
+fn check_windup<I: Form>(input: I, options: &ControlOptions) {
     let far = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, 2.0)));
     // An incremental law takes a body that does not move under its input for one that is disturbed by as much.
     for name in ALL.into_iter().filter(|name| *name != ControllerName::Indi) {
@@ -154,16 +154,13 @@ fn check_windup<I: Form>(input: I, options: &ControllerOptions) {
 
 #[test]
 fn integral_action_does_not_wind_up_while_the_command_is_saturated() {
-    check_windup(sticks(), &ControllerOptions::default());
-    check_windup(
-        TorqueInput::new(isotropic_inertia(), 0.1).unwrap(),
-        &ControllerOptions::default(),
-    );
+    check_windup(sticks(), &ControlOptions::default());
+    check_windup(TorqueInput::new(isotropic_inertia(), 0.1).unwrap(), &ControlOptions::default());
 }
 
 #[test]
 fn the_slew_rate_limit_does_not_wind_up_the_pid() {
-    let mut options = ControllerOptions::default();
+    let mut options = ControlOptions::default();
     options.pid.max_rate_rad_s = 0.1;
     let far = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, 0.1)));
     let mut law = law(ControllerName::Pid, &options, sticks());
@@ -184,7 +181,7 @@ fn the_slew_rate_limit_does_not_wind_up_the_pid() {
 #[test]
 fn the_slew_rate_of_the_pid_is_one_it_can_stop_from() {
     let (acceleration, angle) = (0.5, 1e-3);
-    let mut options = ControllerOptions::default();
+    let mut options = ControlOptions::default();
     (options.pid.gain, options.pid.max_acceleration_rad_s2) = (1e3, acceleration);
     let state = at_rest(Attitude::from_rotation_vector(Vector3::new(0.0, angle, 0.0)));
     let command = first_command(
@@ -201,7 +198,7 @@ fn the_slew_rate_of_the_pid_is_one_it_can_stop_from() {
 fn the_classic_law_turns_the_short_way_round() {
     let yaw =
         |degrees: f64| Attitude::from_rotation_vector(Vector3::new(0.0, 0.0, degrees.to_radians()));
-    let law = || law(ControllerName::Lqr, &ControllerOptions::default(), sticks());
+    let law = || law(ControllerName::Lqr, &ControlOptions::default(), sticks());
     let across = first_command(law(), &at_rest(yaw(179.0)), &resting(yaw(-179.0)));
     let plain = first_command(law(), &at_rest(yaw(0.0)), &resting(yaw(2.0)));
     assert!(across.z > 0.0 && (across - plain).amax() < 1e-9, "{across} instead of {plain}");
@@ -210,7 +207,7 @@ fn the_classic_law_turns_the_short_way_round() {
 #[test]
 fn a_scheduled_law_solves_nothing_before_its_first_step_and_others_nothing_at_all() {
     for name in INTEGRATING {
-        let mut law = law(name, &ControllerOptions::default(), sticks());
+        let mut law = law(name, &ControlOptions::default(), sticks());
         assert_eq!(law.riccati_solves(), 0);
         law.update(&AttitudeState::default(), &AttitudeReference::default(), DT_S);
         assert_eq!(law.riccati_solves(), u32::from(SCHEDULED.contains(&name)));
@@ -219,14 +216,14 @@ fn a_scheduled_law_solves_nothing_before_its_first_step_and_others_nothing_at_al
 
 #[test]
 fn options_without_meaning_are_refused_by_name() {
-    type Set = fn(&mut ControllerOptions, f64);
+    type Set = fn(&mut ControlOptions, f64);
     let cases: [(&str, Set); 13] = [
         ("pid.gain", |o, v| o.pid.gain = v),
         ("pid.integral-time-s", |o, v| o.pid.integral_time_s = v),
         ("lqr.operating-pitch-limit-rad", |o, v| o.lqr.operating_pitch_limit_rad = v),
         ("lqr.rate-weight", |o, v| o.lqr.rate_weight = v),
         ("oqtal.attitude-weight", |o, v| o.oqtal.attitude_weight = v),
-        ("oqtal.delta-rad", |o, v| o.oqtal.delta_rad = v),
+        ("oqtal.cell-eps", |o, v| o.oqtal.cell_eps = v),
         ("oqtal.eps-ddot-cutoff-hz", |o, v| o.oqtal.eps_ddot_cutoff_hz = v),
         ("oqtal-dt.rate-weight", |o, v| o.oqtal_dt.rate_weight = v),
         ("oqtal-dt.input-weight", |o, v| o.oqtal_dt.input_weight = v),
@@ -237,14 +234,13 @@ fn options_without_meaning_are_refused_by_name() {
     ];
     for (key, set) in cases {
         for value in [-1.0, f64::NAN, f64::NEG_INFINITY] {
-            let mut options = ControllerOptions::default();
+            let mut options = ControlOptions::default();
             set(&mut options, value);
             assert_eq!(options.check().unwrap_err().key, key);
         }
     }
     assert!(
-        ControllerOptions::default().check().is_ok()
-            && ControllerOptions::spacecraft().check().is_ok()
+        ControlOptions::default().check().is_ok() && ControlOptions::spacecraft().check().is_ok()
     );
     assert!(RateInput::new(Vector3::new(2.0, 0.0, 2.0)).is_err());
     assert!(TorqueInput::new(isotropic_inertia(), f64::INFINITY).is_err());
@@ -254,12 +250,12 @@ fn options_without_meaning_are_refused_by_name() {
 fn options_are_written_in_kebab_case_and_unknown_ones_refused() {
     let text = r#"{"controller": "lqr", "oqtal": {"jacobian": "printed-45", "cells": "deadband", "resolve": "every-tick"},
                    "pid": {"rate": "omega-e", "max-rate-rad-s": 1.5}}"#;
-    let options: ControllerOptions = serde_json::from_str(text).unwrap();
+    let options: ControlOptions = serde_json::from_str(text).unwrap();
     assert_eq!((options.controller, options.oqtal.cells), (ControllerName::Lqr, Cells::Deadband));
     assert_eq!((options.pid.rate, options.pid.max_rate_rad_s), (RateFeedback::OmegaE, 1.5));
     for text in
         [r#"{"pid": {"gian": 8.0}}"#, r#"{"oqtal": {"delta": 0.5}}"#, r#"{"controller": "lee"}"#]
     {
-        assert!(serde_json::from_str::<ControllerOptions>(text).is_err(), "{text} was accepted");
+        assert!(serde_json::from_str::<ControlOptions>(text).is_err(), "{text} was accepted");
     }
 }

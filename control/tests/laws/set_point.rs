@@ -13,7 +13,7 @@ const COUNT: usize = 300;
 
 fn options(integral_weight: f64) -> LqrOptions {
     // One cell for all that the body does: one gain, as the linear loop has.
-    LqrOptions { integral_weight, delta_rad: 10.0, ..LqrOptions::spacecraft() }
+    LqrOptions { integral_weight, ..LqrOptions::spacecraft() }.with_cell_width(10.0)
 }
 
 fn linear(options: &LqrOptions) -> SetPointLoop {

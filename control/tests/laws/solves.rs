@@ -8,7 +8,7 @@ use super::*;
 
 /// A body that swings about level by 0.2 rad with noise on its measured attitude.
 fn solves_while_rocking(name: ControllerName, cells: Cells) -> u32 {
-    let mut law = law(name, &with_cells(ControllerOptions::default(), cells, 0.5), sticks());
+    let mut law = law(name, &with_cells(ControlOptions::default(), cells, 0.5), sticks());
     for tick in 0..600 {
         let t = f64::from(tick) * DT_S;
         let rocking = Vector3::new(t.sin(), (1.3 * t).sin(), (0.7 * t).sin()) * 0.2;
@@ -32,7 +32,7 @@ fn tracking_closely_oqtal_solves_once_unless_cells_have_a_border_at_zero() {
 #[test]
 fn the_classic_law_solves_more_often_the_further_the_body_turns() {
     let solves = |name, turn: f64| {
-        let mut law = law(name, &ControllerOptions::default(), sticks());
+        let mut law = law(name, &ControlOptions::default(), sticks());
         for tick in 0..100 {
             let attitude = Attitude::from_rotation_vector(Vector3::new(
                 turn * f64::from(tick) / 100.0,
@@ -51,7 +51,7 @@ fn the_classic_law_solves_more_often_the_further_the_body_turns() {
 /// The rate is no state of the model in rate form: neither error nor noise in it may select a gain.
 #[test]
 fn in_rate_form_the_rate_has_no_say_in_when_oqtal_solves() {
-    let mut law = law(ControllerName::Oqtal, &ControllerOptions::default(), sticks());
+    let mut law = law(ControllerName::Oqtal, &ControlOptions::default(), sticks());
     for tick in 0..10 {
         let rate = BodyRate(Vector3::repeat(f64::from(tick)));
         law.update(
@@ -66,7 +66,7 @@ fn in_rate_form_the_rate_has_no_say_in_when_oqtal_solves() {
 /// With this rule the number of solutions is near that of Table V.
 #[test]
 fn the_rate_has_a_say_in_when_the_classic_law_solves() {
-    let mut law = law(ControllerName::Lqr, &ControllerOptions::default(), sticks());
+    let mut law = law(ControllerName::Lqr, &ControlOptions::default(), sticks());
     for p in [0.0, 0.4, 0.6, 1.1] {
         let rate = BodyRate(Vector3::new(p, 0.0, 0.0));
         law.update(
@@ -80,7 +80,7 @@ fn the_rate_has_a_say_in_when_the_classic_law_solves() {
 
 #[test]
 fn every_tick_is_a_solution_in_every_step() {
-    let mut options = ControllerOptions::default();
+    let mut options = ControlOptions::default();
     options.lqr.resolve = Resolve::EveryTick;
     options.oqtal.resolve = Resolve::EveryTick;
     for name in SCHEDULED {
@@ -96,7 +96,7 @@ fn every_tick_is_a_solution_in_every_step() {
 #[test]
 fn the_second_derivative_of_eps_makes_noise_solve_and_a_filter_less() {
     let solves = |jacobian, eps_ddot| {
-        let mut options = ControllerOptions::spacecraft();
+        let mut options = ControlOptions::spacecraft();
         (options.oqtal.jacobian, options.oqtal.eps_ddot) = (jacobian, eps_ddot);
         let mut law = law(ControllerName::Oqtal, &options, spacecraft());
         for tick in 0..600 {
@@ -118,7 +118,7 @@ fn the_second_derivative_of_eps_makes_noise_solve_and_a_filter_less() {
 
 #[test]
 fn a_new_flight_knows_no_second_derivative_of_the_last() {
-    let mut options = ControllerOptions::spacecraft();
+    let mut options = ControlOptions::spacecraft();
     (options.oqtal.jacobian, options.oqtal.eps_ddot) = (Jacobian::Exact, EpsDdot::Differenced);
     let fresh = law(ControllerName::Oqtal, &options, spacecraft());
     let moving = AttitudeState { rate: BodyRate(Vector3::x()), ..AttitudeState::default() };

@@ -28,8 +28,8 @@ impl<I: InputForm> PaperStack<I> {
     /// An option of the law is not allowed.
     pub fn new(config: &Config, input: I, limit: f64) -> Result<Self, OptionError> {
         let vehicle = &config.vehicle;
-        let law = Controller::new(&config.control.controller_options(), input)
-            .map_err(|error| error.within("control"))?;
+        let law =
+            Controller::new(&config.control, input).map_err(|error| error.within("control"))?;
         let position = PositionLoops::new(&config.position, vehicle.mass_kg, vehicle.gravity_m_s2);
         Ok(Self { position, law, limit })
     }

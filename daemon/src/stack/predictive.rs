@@ -43,8 +43,7 @@ impl<I: InputForm + Copy> PredictiveStack<I> {
         let autopilot = match control.controller {
             ControllerName::OqtalDt => autopilot,
             _ => autopilot.with_law(
-                Controller::new(&control.controller_options(), input)
-                    .map_err(|error| error.within("control"))?,
+                Controller::new(&control, input).map_err(|error| error.within("control"))?,
             ),
         };
         Ok(Self { autopilot, limit, max_thrust_n: vehicle.max_thrust_n })

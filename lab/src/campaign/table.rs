@@ -243,8 +243,8 @@ impl Flown {
 fn greatest_weight(entrant: &Entrant) -> Result<MaxQ, Failure> {
     let controller = entrant.contender.controller;
     let law = space::LAWS.iter().find(|law| law.controller == controller);
-    let key = law.expect("every entrant is a law").gains[0].key;
-    let set = entrant.contender.settings.iter().find(|setting| setting.key == key);
+    let key = &law.expect("every entrant is a law").parameters()[0].key;
+    let set = entrant.contender.settings.iter().find(|setting| setting.key == *key);
     let start = set.and_then(|setting| setting.value.as_float());
     let start = start.unwrap_or_else(|| value::value_of(&oqtal_config::Config::default(), key));
     let weights: Vec<f64> = (0..MOST_RAISES).map(|k| start * RAISE.powi(k as i32)).collect();

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, Controller, ControllerName, ControllerOptions, RateInput,
+    AttitudeLaw, AttitudeReference, ControlOptions, Controller, ControllerName, RateInput,
 };
 use oqtal_control::options::OptionError;
 use oqtal_control::quaternion::Attitude;
@@ -79,7 +79,7 @@ impl RotatingBody {
     /// An option of the law is invalid.
     pub fn turn(
         &self,
-        options: &ControllerOptions,
+        options: &ControlOptions,
         manoeuvre: &Manoeuvre,
     ) -> Result<ManoeuvreRecord, OptionError> {
         match self {

@@ -3,7 +3,7 @@
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Setting, VehicleOptions};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, TorqueInput,
+    AttitudeLaw, AttitudeReference, AttitudeState, ControlOptions, Controller, TorqueInput,
 };
 use oqtal_control::gravity_turn::{GravityTurn, Guidance, GuidanceOptions};
 use oqtal_control::metrics::{MetricSample, TableTwo};
@@ -142,11 +142,11 @@ impl Lander {
     /// An option of the law is invalid.
     pub fn fly(
         &self,
-        options: &ControllerOptions,
+        options: &ControlOptions,
         descent: &Descent,
         watch: impl FnMut(&Moment),
     ) -> Result<Option<TableTwo>, OptionError> {
-        let options = ControllerOptions { rate_hz: descent.rate_hz, ..*options };
+        let options = ControlOptions { rate_hz: descent.rate_hz, ..*options };
         let law = Controller::new(&options, self.input(false))?;
         Ok(self.descend(law, descent, watch))
     }

@@ -115,7 +115,7 @@ fn cases() -> Vec<OptionCase> {
     let base = roster::oqtal_as_printed([256.0, 1.0], Cells::Centred).oqtal;
     let case = |settings: &str, options: OqtalOptions| OptionCase {
         settings: settings.to_owned(),
-        options: OqtalOptions { delta_rad: DELTA, ..options },
+        options: options.with_cell_width(DELTA),
     };
     let mut cases = Vec::new();
     for (jacobian, name) in JACOBIANS {

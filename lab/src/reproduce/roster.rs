@@ -1,8 +1,8 @@
 //! The attitude laws in the experiments of the spacecraft, as data.
 
 use oqtal_control::controller::{
-    ControllerName, ControllerOptions, LawOptions, LqrOptions, OqtalDtOptions, OqtalOptions,
-    PidOptions, RateFeedback,
+    ControlOptions, ControllerName, LqrOptions, OqtalDtOptions, OqtalOptions, PidOptions,
+    RateFeedback,
 };
 use oqtal_control::error_model::Jacobian;
 use oqtal_control::schedule::Cells;
@@ -27,7 +27,7 @@ pub struct Entry {
     /// Description of its settings.
     pub settings: String,
     /// Options.
-    pub options: ControllerOptions,
+    pub options: ControlOptions,
     /// Conditions of the gravity turn.
     pub descent: Descent,
     /// Weights `[q, r]` of its cost \[-\].
@@ -36,7 +36,7 @@ pub struct Entry {
 
 /// Wie's PID as printed, with these gains.
 #[must_use]
-pub fn pid([c, k, t]: [f64; 3], rate: RateFeedback) -> ControllerOptions {
+pub fn pid([c, k, t]: [f64; 3], rate: RateFeedback) -> ControlOptions {
     let pid = PidOptions {
         gain: k,
         integral_time_s: t,
@@ -45,12 +45,12 @@ pub fn pid([c, k, t]: [f64; 3], rate: RateFeedback) -> ControllerOptions {
         integral_limit_s: NO_INTEGRAL_LIMIT,
         ..PidOptions::spacecraft()
     };
-    ControllerOptions { controller: ControllerName::Pid, pid, ..ControllerOptions::spacecraft() }
+    ControlOptions { controller: ControllerName::Pid, pid, ..ControlOptions::spacecraft() }
 }
 
 /// The classic LQR with `Q = q I`, `R = r I`.
 #[must_use]
-pub fn lqr([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
+pub fn lqr([q, r]: [f64; 2], cells: Cells) -> ControlOptions {
     let lqr = LqrOptions {
         attitude_weight: q,
         rate_weight: q,
@@ -59,12 +59,12 @@ pub fn lqr([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
         operating_pitch_limit_rad: NO_LIMIT_RAD,
         ..LqrOptions::spacecraft()
     };
-    ControllerOptions { controller: ControllerName::Lqr, lqr, ..ControllerOptions::spacecraft() }
+    ControlOptions { controller: ControllerName::Lqr, lqr, ..ControlOptions::spacecraft() }
 }
 
 /// OQTAL with `Q = q I`, `R = r I`, as printed: with the Jacobian of Eqs. (45) and (46).
 #[must_use]
-pub fn oqtal_as_printed(weights: [f64; 2], cells: Cells) -> ControllerOptions {
+pub fn oqtal_as_printed(weights: [f64; 2], cells: Cells) -> ControlOptions {
     let mut options = oqtal(weights, cells);
     options.oqtal.jacobian = Jacobian::Printed45;
     options
@@ -72,7 +72,7 @@ pub fn oqtal_as_printed(weights: [f64; 2], cells: Cells) -> ControllerOptions {
 
 /// OQTAL with `Q = q I`, `R = r I`, with the decoupled Jacobian, which is not in the paper: erratum E-47.
 #[must_use]
-pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
+pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControlOptions {
     let oqtal = OqtalOptions {
         attitude_weight: q,
         rate_weight: q,
@@ -80,22 +80,14 @@ pub fn oqtal([q, r]: [f64; 2], cells: Cells) -> ControllerOptions {
         cells,
         ..OqtalOptions::spacecraft()
     };
-    ControllerOptions {
-        controller: ControllerName::Oqtal,
-        oqtal,
-        ..ControllerOptions::spacecraft()
-    }
+    ControlOptions { controller: ControllerName::Oqtal, oqtal, ..ControlOptions::spacecraft() }
 }
 
 /// `oqtal-dt` with these weights on attitude, rate and input.
 #[must_use]
-pub fn oqtal_dt([attitude_weight, rate_weight, input_weight]: [f64; 3]) -> ControllerOptions {
+pub fn oqtal_dt([attitude_weight, rate_weight, input_weight]: [f64; 3]) -> ControlOptions {
     let oqtal_dt = OqtalDtOptions { attitude_weight, rate_weight, input_weight };
-    ControllerOptions {
-        controller: ControllerName::OqtalDt,
-        oqtal_dt,
-        ..ControllerOptions::spacecraft()
-    }
+    ControlOptions { controller: ControllerName::OqtalDt, oqtal_dt, ..ControlOptions::spacecraft() }
 }
 
 /// The laws of Table IV.
@@ -110,7 +102,7 @@ fn entry(
     controller: &'static str,
     variant: Variant,
     settings: impl Into<String>,
-    options: ControllerOptions,
+    options: ControlOptions,
 ) -> Entry {
     let weights = match options.controller {
         ControllerName::Pid => [10.0, 1.0],
@@ -203,7 +195,7 @@ fn new_laws() -> Vec<Entry> {
     let others =
         ControllerName::ALL.into_iter().filter(|law| !matches!(law, Pid | Lqr | Oqtal | OqtalDt));
     let other = |controller: ControllerName| {
-        let options = ControllerOptions { controller, ..ControllerOptions::spacecraft() };
+        let options = ControlOptions { controller, ..ControlOptions::spacecraft() };
         let text = if controller == Geometric {
             "k_R 256, k_Omega 32"
         } else {
@@ -237,8 +229,7 @@ pub fn each() -> Vec<Entry> {
 #[must_use]
 pub fn shipped() -> Vec<Entry> {
     let shipped = |entry: Entry| {
-        let options =
-            ControllerOptions { controller: entry.options.controller, ..Default::default() };
+        let options = ControlOptions { controller: entry.options.controller, ..Default::default() };
         Entry { settings: "shipped gains".to_owned(), options, ..entry }
     };
     each().into_iter().map(shipped).collect()

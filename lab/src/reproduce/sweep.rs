@@ -1,6 +1,6 @@
 //! The sweep over the weights, Figs. 6 to 9: classic LQR and OQTAL in the gravity turn for q and r from 2^0 to 2^20.
 
-use oqtal_control::controller::ControllerOptions;
+use oqtal_control::controller::ControlOptions;
 use oqtal_control::metrics::TableTwo;
 use oqtal_control::schedule::Cells;
 use oqtal_runtime::process::Failure;
@@ -21,7 +21,7 @@ struct Law {
     name: &'static str,
     settings: &'static str,
     /// From `[q, r]` to its options.
-    options: fn([f64; 2]) -> ControllerOptions,
+    options: fn([f64; 2]) -> ControlOptions,
     descent: fn() -> Descent,
     variant: Variant,
 }

@@ -180,10 +180,12 @@ fn counts(context: &ExperimentContext) -> Result<Sheet, Failure> {
     let bar = context.progress.start("cells", cases.len());
     let fly = |(law, rule, (width, delta)): &(&'static str, &str, (&str, f64))| {
         let key = |name: &str| format!("control.{law}.{name}");
-        let settings = vec![
-            Setting::flag("cells", &key("cells"), *rule),
-            Setting::flag("cells", &key("delta-rad"), *delta),
-        ];
+        let mut settings = vec![Setting::flag("cells", &key("cells"), *rule)];
+        let names: &[&str] = match *law {
+            "lqr" => &["cell-rate-rad-s", "cell-angle-rad"],
+            _ => &["cell-rate-rad-s", "cell-eps", "cell-eps-ddot-per-s2"],
+        };
+        settings.extend(names.iter().map(|name| Setting::flag("cells", &key(name), *delta)));
         let contender = Contender { controller: law, settings };
         let flown = Prepared::new(&contender, Test::Path, &NOMINAL)?.fly(200)?;
         let solves = flown.and_then(|(flight, _)| {

@@ -4,8 +4,7 @@
 
 use nalgebra::{Complex, Vector3};
 use oqtal_control::controller::{
-    AttitudeLaw, AttitudeReference, AttitudeState, Controller, ControllerOptions, InputForm,
-    RateInput,
+    AttitudeLaw, AttitudeReference, AttitudeState, ControlOptions, Controller, InputForm, RateInput,
 };
 use oqtal_control::options::OptionError;
 use oqtal_control::quantity::BodyRate;
@@ -29,7 +28,7 @@ impl ImpulseResponse {
     /// # Errors
     /// An option of the law is not allowed.
     pub fn of(
-        options: &ControllerOptions,
+        options: &ControlOptions,
         input: RateInput,
         axis: usize,
     ) -> Result<[Self; 2], OptionError> {
@@ -89,15 +88,15 @@ mod tests {
     use super::*;
     use oqtal_control::controller::ControllerName;
 
-    fn responses(controller: ControllerName, options: ControllerOptions) -> [ImpulseResponse; 2] {
+    fn responses(controller: ControllerName, options: ControlOptions) -> [ImpulseResponse; 2] {
         let input =
             RateInput::new(Vector3::repeat(2.0)).unwrap().with_lag(0.05, 1.0 / 60.0).unwrap();
-        ImpulseResponse::of(&ControllerOptions { controller, ..options }, input, 1).unwrap()
+        ImpulseResponse::of(&ControlOptions { controller, ..options }, input, 1).unwrap()
     }
 
     #[test]
     fn a_proportional_law_is_a_number_at_every_frequency() {
-        let options = ControllerOptions::default();
+        let options = ControlOptions::default();
         let [attitude, rate] = responses(ControllerName::Px4, options);
         for turn in [0.01, 0.5, 3.0] {
             let z = Complex::from_polar(1.0, turn);
@@ -109,7 +108,7 @@ mod tests {
 
     #[test]
     fn an_integral_is_a_pole_at_one() {
-        let options = ControllerOptions::default();
+        let options = ControlOptions::default();
         let [attitude, _] = responses(ControllerName::Pid, options);
         let (k, t) = (options.pid.gain, options.pid.integral_time_s);
         let z = Complex::from_polar(1.0, 0.3);

@@ -72,7 +72,7 @@ impl LinearLoop {
         let predictor = is_predictive.then(|| (model, steady_gain(config, &model)));
         let input = RateInput::new(Vector3::from(vehicle.rate_authority_rad_s))?
             .with_lag(1e-3 * vehicle.rate_lag_ms, period_s)?;
-        let law = ImpulseResponse::of(&config.control.controller_options(), input, axis)?;
+        let law = ImpulseResponse::of(&config.control, input, axis)?;
         let rate_cutoff_hz = config.control.estimator.rate_cutoff_hz;
         Ok(Self { vehicle: plant, law, rate_cutoff_hz, predictor })
     }

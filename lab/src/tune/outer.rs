@@ -25,7 +25,7 @@ struct Loop {
     error: fn(&FlightSample) -> f64,
 }
 
-const LOOPS: [Loop; 4] = [
+static LOOPS: [Loop; 4] = [
     Loop {
         parameters: [
             SearchRange::new("position.vertical-velocity.kp", 0.5, 12.0),
@@ -65,7 +65,7 @@ pub fn tune(budget: &Budget, ground: &Ground, progress: &Progress) -> Result<Tun
     let bar = progress.start("tuning the outer loops", budget.points);
     let share = Budget { points: budget.points / LOOPS.len(), ..*budget };
     let config = Config::from_settings(&ground.settings)?;
-    let mut found: Vec<(&'static str, f64)> = Vec::new();
+    let mut found: Vec<(String, f64)> = Vec::new();
     let mut objective = 0.0;
     for tuned in &LOOPS {
         let reference = judged(tuned, &found, ground)?;
@@ -96,22 +96,18 @@ pub fn tune(budget: &Budget, ground: &Ground, progress: &Progress) -> Result<Tun
 
 /// The gains among `settings` that lie on a bound of the search, up to the rounding of written values.
 #[must_use]
-pub fn on_a_bound(settings: &[Setting]) -> Vec<&'static str> {
-    let parameters = LOOPS.iter().flat_map(|tuned| tuned.parameters);
-    let lies = |parameter: &SearchRange| {
+pub fn on_a_bound(settings: &[Setting]) -> Vec<String> {
+    let parameters = LOOPS.iter().flat_map(|tuned| &tuned.parameters);
+    let lies = |parameter: &&SearchRange| {
         let set = settings.iter().find(|setting| setting.key == parameter.key);
         let value = set.and_then(|setting| setting.value.as_float());
         value.is_some_and(|v| v <= parameter.low * 1.001 || v >= parameter.high * 0.999)
     };
-    parameters.filter(lies).map(|parameter| parameter.key).collect()
+    parameters.filter(lies).map(|parameter| parameter.key.to_string()).collect()
 }
 
 /// Mean error of the loop and jitter of the command, along paths from take-off on.
-fn judged(
-    tuned: &Loop,
-    gains: &[(&'static str, f64)],
-    ground: &Ground,
-) -> Result<[f64; 2], Failure> {
+fn judged(tuned: &Loop, gains: &[(String, f64)], ground: &Ground) -> Result<[f64; 2], Failure> {
     let gains: Vec<Setting> =
         gains.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect();
     let path = Prepared::new(&ground.contender("oqtal", &gains), Test::Path, &NOMINAL)?;

@@ -69,7 +69,7 @@ pub struct Tuned {
     /// Name of the law, or `outer`.
     pub what: String,
     /// Keys and values \[units of the keys\].
-    pub values: Vec<(&'static str, f64)>,
+    pub values: Vec<(String, f64)>,
     /// Objective at these gains \[-\]; 1 for `oqtal` with its configured gains, lower is better.
     pub objective: f64,
     /// Objective at the configured gains, where the search starts \[-\].
@@ -101,7 +101,7 @@ impl Tuned {
     pub fn to_toml(&self, common: &[&Setting]) -> String {
         let law = if self.what == "outer" { None } else { Some(&self.what) };
         let law = law.map(|law| ("control.controller", format!("\"{law}\"")));
-        let gains = self.values.iter().map(|(key, value)| (*key, format!("{value:?}")));
+        let gains = self.values.iter().map(|(key, value)| (key.as_str(), format!("{value:?}")));
         let own: Vec<_> = law.into_iter().chain(gains).collect();
         // Of a key that is set twice, the last counts.
         let mut lines: BTreeMap<&str, String> = BTreeMap::new();
@@ -138,7 +138,7 @@ impl fmt::Display for Tuned {
     }
 }
 
-fn settings(values: &[(&'static str, f64)]) -> Vec<Setting> {
+fn settings(values: &[(String, f64)]) -> Vec<Setting> {
     values.iter().map(|(key, value)| Setting::flag("tune", key, *value)).collect()
 }
 
@@ -149,21 +149,22 @@ fn readable(value: f64) -> f64 {
 
 /// The values of `parameters` at a point of their logarithms.
 #[must_use]
-pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(&'static str, f64)> {
-    parameters.iter().zip(point).map(|(p, log)| (p.key, readable(log.exp()))).collect()
+pub fn values(parameters: &[SearchRange], point: &[f64]) -> Vec<(String, f64)> {
+    parameters.iter().zip(point).map(|(p, log)| (p.key.to_string(), readable(log.exp()))).collect()
 }
 
 /// The values of `parameters` in `config`, within their bounds.
 #[must_use]
-pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(&'static str, f64)> {
-    let value = |p: &SearchRange| (p.key, value_of(config, p.key).clamp(p.low, p.high));
+pub fn configured(parameters: &[SearchRange], config: &Config) -> Vec<(String, f64)> {
+    let value =
+        |p: &SearchRange| (p.key.to_string(), value_of(config, &p.key).clamp(p.low, p.high));
     parameters.iter().map(value).collect()
 }
 
 /// Searches `parameters` in their logarithms, from the values `start`, for the least objective.
 pub fn search(
     parameters: &[SearchRange],
-    start: &[(&'static str, f64)],
+    start: &[(String, f64)],
     budget: &Budget,
     evaluate: impl FnMut(&[Vec<f64>]) -> Vec<f64>,
 ) -> Best {
@@ -184,7 +185,7 @@ pub fn law(
     progress: &Progress,
 ) -> Result<Tuned, Failure> {
     let config = Config::from_settings(&ground.settings)?;
-    let parameters = space.parameters_within(config.control.surroundings);
+    let parameters = space.parameters_within(config.control.stack);
     let bar = progress.start(&format!("tuning {}", space.controller), budget.points);
     let reference = reference(ground)?;
     let judge = |gains: &[Setting]| {
@@ -232,8 +233,7 @@ pub fn before_and_after(contender: &Contender) -> Result<[f64; 2], Failure> {
 
 /// The figures by which others are divided: those of `oqtal` with its configured gains, without those of the study.
 fn reference(ground: &Ground) -> Result<Figures, Failure> {
-    let contender =
-        ground.contender("oqtal", &[Setting::flag("tune", "control.surroundings", "own")]);
+    let contender = ground.contender("oqtal", &[Setting::flag("tune", "control.stack", "default")]);
     if ground.draws.is_empty() {
         return trained(&contender, ground);
     }
@@ -285,7 +285,7 @@ mod tests {
     fn a_tuned_configuration_loads_and_says_what_was_found() {
         let tuned = Tuned {
             what: "lqr".to_owned(),
-            values: vec![("control.lqr.attitude-weight", 12.34)],
+            values: vec![("control.lqr.attitude-weight".to_owned(), 12.34)],
             objective: 0.5,
             start: 0.9,
             budget: Budget::default(),

@@ -1,6 +1,6 @@
 //! What is tuned, as data: every registered law, with the gains around it.
 
-use oqtal_control::LawSurroundings;
+use oqtal_control::LawStack;
 use oqtal_control::controller::{ControllerName, SearchRange};
 
 /// An attitude law and its own gains. The gains around the law are tuned with them.
@@ -8,7 +8,7 @@ use oqtal_control::controller::{ControllerName, SearchRange};
 pub struct LawSpace {
     /// Name of the law in the configuration.
     pub controller: &'static str,
-    /// Gains of the law itself; the first is the one that `max_q` raises.
+    /// Gains of the law itself, with keys relative to its section; the first is the one that `max_q` raises.
     pub gains: &'static [SearchRange],
     /// Gains around the law: those of [`PREDICTOR`] for `oqtal-dt` and `mpc`, of [`SURROUNDINGS`] for every other law.
     pub around: &'static [SearchRange],
@@ -64,7 +64,7 @@ pub const NAMES: [&str; LAWS.len() + 2] = {
 };
 
 /// Estimation, prediction and the position law of `oqtal-dt`.
-pub const PREDICTOR: [SearchRange; 9] = [
+pub static PREDICTOR: [SearchRange; 9] = [
     SearchRange::new("control.predictive.position-gain-per-s", 0.3, 4.0),
     SearchRange::new("control.predictive.vertical-position-gain-per-s", 0.3, 6.0),
     SearchRange::new("control.predictive.velocity-gain-per-s", 2.0, 20.0),
@@ -77,7 +77,7 @@ pub const PREDICTOR: [SearchRange; 9] = [
 ];
 
 /// The estimator and the position loops, the same for every law of the paper.
-pub const SURROUNDINGS: [SearchRange; 8] = [
+pub static SURROUNDINGS: [SearchRange; 8] = [
     SearchRange::new("control.estimator.velocity-cutoff-hz", 2.0, 20.0),
     SearchRange::new("position.horizontal-position.kp", 0.5, 4.0),
     SearchRange::new("position.horizontal-position.ki", 1e-3, 0.3),
@@ -92,17 +92,19 @@ impl LawSpace {
     /// Every gain that is tuned with this law, its own first.
     #[must_use]
     pub fn parameters(&self) -> Vec<SearchRange> {
-        self.parameters_within(LawSurroundings::Own)
+        self.parameters_within(LawStack::Default)
     }
 
-    /// Every gain that is tuned with this law in these surroundings, its own first.
+    /// Every gain that is tuned with this law in this stack, its own first, with keys of the whole configuration.
     #[must_use]
-    pub fn parameters_within(&self, surroundings: LawSurroundings) -> Vec<SearchRange> {
-        let around = match surroundings {
-            LawSurroundings::Own => self.around,
-            LawSurroundings::Predictive => &PREDICTOR,
+    pub fn parameters_within(&self, stack: LawStack) -> Vec<SearchRange> {
+        let around = match stack {
+            LawStack::Default => self.around,
+            LawStack::Predictive => &PREDICTOR,
         };
-        self.gains.iter().chain(around).copied().collect()
+        let section = format!("control.{}", self.controller);
+        let own = self.gains.iter().map(|gain| gain.within(&section));
+        own.chain(around.iter().cloned()).collect()
     }
 }
 
@@ -115,9 +117,7 @@ mod tests {
     #[test]
     fn every_law_has_a_gain_of_its_own_to_tune() {
         for law in LAWS {
-            let prefix = format!("control.{}.", law.controller);
-            assert!(!law.gains.is_empty(), "{}: LawOptions::TUNED is empty", law.controller);
-            assert!(law.gains.iter().all(|gain| gain.key.starts_with(&prefix)), "{prefix}");
+            assert!(!law.gains.is_empty(), "{}: no gain to tune", law.controller);
         }
     }
 
@@ -125,7 +125,7 @@ mod tests {
     fn every_parameter_is_a_key_whose_shipped_value_is_within_its_bounds() {
         for law in LAWS {
             for parameter in law.parameters() {
-                let value = value_of(&Config::default(), parameter.key);
+                let value = value_of(&Config::default(), &parameter.key);
                 let SearchRange { key, low, high } = parameter;
                 assert!((low..=high).contains(&value), "{key} = {value}");
             }

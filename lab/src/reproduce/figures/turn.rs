@@ -1,7 +1,7 @@
 //! Figs. 10 to 14: the gravity turn under the best-tuned laws, beside the ideal.
 
 use maud::{Markup, html};
-use oqtal_control::controller::{ControllerOptions, RateFeedback};
+use oqtal_control::controller::{ControlOptions, RateFeedback};
 use oqtal_control::euler::EulerAngles;
 use oqtal_control::options::OptionError;
 use oqtal_control::schedule::Cells;
@@ -35,7 +35,7 @@ struct TurnPath {
 /// # Errors
 /// An option of a law is invalid.
 pub fn all(lander: &Lander) -> Result<Vec<Figure>, OptionError> {
-    let laws: [(&'static str, Ink, ControllerOptions); 3] = [
+    let laws: [(&'static str, Ink, ControlOptions); 3] = [
         ("PID", Ink::Third, roster::pid([50.0, 5.95, 1.15], RateFeedback::Omega)),
         ("classic LQR", Ink::Second, roster::lqr([128.0, 1.0], Cells::Centred)),
         ("OQTAL", Ink::Actual, roster::oqtal_as_printed([256.0, 1.0], Cells::Centred)),
@@ -91,7 +91,7 @@ fn down_range([x, y, z]: Point3) -> Point3 {
     [-x, y, z]
 }
 
-fn flown(lander: &Lander, options: &ControllerOptions) -> Result<Vec<TurnTick>, OptionError> {
+fn flown(lander: &Lander, options: &ControlOptions) -> Result<Vec<TurnTick>, OptionError> {
     let mut ticks = Vec::new();
     lander.fly(options, &Descent::default(), |moment| {
         let attitude = attitude_state(&moment.state).attitude;
