@@ -1,26 +1,21 @@
 //! Misuse of the program: each case gives a clear message and its exit code.
 
-mod common;
-
 use std::process::{Command, Stdio};
 
-use common::{Testbed, stderr};
+use crate::common::{Testbed, assert_refused, json, stderr};
 
 /// Runs `oqtal fly` with the given arguments; expects an exit code and parts of the error message.
-fn refused(words: &[&str], code: i32, says: &[&str]) {
+#[track_caller]
+fn refused(words: &[&str], code: i32, parts: &[&str]) {
     let testbed = Testbed::new("bad");
     let output = testbed.fly(words);
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(code), "{words:?}: {message}");
-    for word in says {
-        assert!(message.contains(word), "{words:?} says: {message}");
-    }
+    assert_refused(&output, code, parts);
     assert!(output.stdout.is_empty(), "results on standard output");
     assert!(testbed.remains().is_empty());
 }
 
 #[test]
-fn an_unknown_controller_names_those_there_are() {
+fn an_unknown_controller_is_refused_with_the_known_names() {
     refused(&["--controller", "magic"], 78, &["--controller", "magic", "pid", "lqr", "oqtal"]);
 }
 
@@ -41,14 +36,12 @@ fn an_instance_name_must_be_plain() {
     for words in [&["ctl", "status"][..], &["daemon", "run"], &["fly", "--clock", "in-process"]] {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         let output = command.args(words).args(["--instance", "a/b"]).output().unwrap();
-        let message = stderr(&output);
-        assert_eq!(output.status.code(), Some(64), "{message}");
-        assert!(message.contains("`a/b`") && message.contains("a-z, 0-9 and -"), "{message}");
+        assert_refused(&output, 64, &["`a/b`", "a-z, 0-9 and -"]);
     }
 }
 
 #[test]
-fn help_is_no_error_and_a_wrong_word_is_one_in_every_process() {
+fn help_succeeds_and_a_wrong_word_fails_in_every_process() {
     for process in ["daemon", "plant-sim", "mocap-emu", "bridge"] {
         let testbed = Testbed::new("words");
         let code = |word| testbed.oqtal(&[process, word]).output().unwrap().status.code();
@@ -57,29 +50,23 @@ fn help_is_no_error_and_a_wrong_word_is_one_in_every_process() {
 }
 
 #[test]
-fn a_root_that_cannot_be_made_is_a_fault_of_the_system() {
+fn a_root_that_cannot_be_created_is_a_system_error() {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
     let output = command.args(["ctl", "status", "--root", "/dev/null/oqtal"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(71), "{}", stderr(&output));
+    assert_refused(&output, 71, &[]);
 }
 
 #[test]
-fn a_process_checks_what_it_would_run_with() {
+fn a_process_checks_the_configuration_that_it_would_use() {
     let testbed = Testbed::new("check");
-    let check = |process: &str, setting: &str| {
-        let output = testbed.oqtal(&[process, "check", "--set", setting]).output().unwrap();
-        (output.status.code(), stderr(&output))
-    };
-    let (code, message) = check("daemon", "trajectory.kind=waypoints");
-    assert_eq!(code, Some(78));
-    assert!(message.contains("waypoints-file"), "{message}");
-    let (code, message) = check("mocap-emu", "mocap.replay=nowhere.csv");
-    assert_eq!(code, Some(65));
-    assert!(message.contains("nowhere.csv"), "{message}");
+    let waypoints = ["daemon", "check", "--set", "trajectory.kind=waypoints"];
+    testbed.refuses(&waypoints, 78, &["waypoints-file"]);
+    let replay = ["mocap-emu", "check", "--set", "mocap.replay=nowhere.csv"];
+    testbed.refuses(&replay, 65, &["nowhere.csv"]);
 }
 
 #[test]
-fn a_check_says_at_which_rate_the_loop_will_run() {
+fn a_check_reports_the_rate_of_the_loop() {
     let testbed = Testbed::new("rates");
     let file = testbed.write("fast.toml", "[mocap]\nrate-hz = 100.0\n");
     let output = testbed.oqtal(&["daemon", "check", "--config", file.to_str().unwrap()]).output();
@@ -90,7 +77,7 @@ fn a_check_says_at_which_rate_the_loop_will_run() {
 }
 
 #[test]
-fn what_a_flight_asks_for_and_will_not_get_is_told_before_it() {
+fn a_flight_warns_of_requests_that_cannot_be_met() {
     let testbed = Testbed::new("warned");
     let told = |words: &[&str]| {
         let brief = ["--clock", "in-process", "--duration", "1", "--json"];
@@ -120,7 +107,7 @@ fn what_a_flight_asks_for_and_will_not_get_is_told_before_it() {
 }
 
 #[test]
-fn the_setting_that_makes_another_value_impossible_is_blamed() {
+fn of_two_settings_in_conflict_the_one_that_was_changed_is_named() {
     let circle = ["--trajectory", "circle", "--set", "trajectory.circle.radius-m=9"];
     refused(&circle, 78, &["`trajectory.kind` = \"circle\"", "`fence.x-m` is [-8, 8]"]);
     let rate = ["--set", "control.rate-hz=200"];
@@ -128,7 +115,7 @@ fn the_setting_that_makes_another_value_impossible_is_blamed() {
 }
 
 #[test]
-fn a_reader_that_goes_away_is_no_error() {
+fn a_closed_output_pipe_is_not_an_error() {
     let testbed = Testbed::new("pipe");
     let short = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "1"];
     for words in [&short[..], &[&short[..], &["--json"]].concat(), &["daemon", "check"]] {
@@ -145,22 +132,17 @@ fn a_reader_that_goes_away_is_no_error() {
 fn a_child_whose_parent_is_gone_ends() {
     let testbed = Testbed::new("orphan");
     // The parent of the daemon is this test, not process 1.
-    let output = testbed.oqtal(&["daemon", "run", "--child", "1"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(75));
-    assert!(stderr(&output).contains("has ended"), "{}", stderr(&output));
+    testbed.refuses(&["daemon", "run", "--child", "1"], 75, &["has ended"]);
 }
 
 /// Expects that a configuration file is refused with the number of the bad line and the given parts of the message.
-fn bad_config(text: &str, line: usize, says: &[&str]) {
+#[track_caller]
+fn bad_config(text: &str, line: usize, parts: &[&str]) {
     let testbed = Testbed::new("bad-config");
     let file = testbed.write("bad.toml", text);
-    let output = testbed.fly(&["--config", file.to_str().unwrap()]);
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(78), "{message}");
-    assert!(message.contains(&format!("bad.toml:{line}: ")), "{message}");
-    for word in says {
-        assert!(message.contains(word), "{message}");
-    }
+    let place = format!("bad.toml:{line}: ");
+    let parts = [&[place.as_str()], parts].concat();
+    testbed.refuses(&["fly", "--config", file.to_str().unwrap()], 78, &parts);
 }
 
 #[test]
@@ -186,7 +168,7 @@ fn f30_a_bad_configuration_is_refused_with_file_and_line() {
 }
 
 #[test]
-fn a_flight_that_does_not_complete_says_why() {
+fn an_incomplete_flight_reports_the_reason() {
     let testbed = Testbed::new("incomplete");
     let base = ["--clock", "in-process", "--trajectory", "hover", "--duration", "2", "--json"];
     for (setting, outcome, says) in [
@@ -197,8 +179,7 @@ fn a_flight_that_does_not_complete_says_why() {
         let output = testbed.fly(&[&base[..], &["--set", setting]].concat());
         let message = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{setting}: {message}");
-        let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        assert_eq!(summary["outcome"], outcome, "{setting}: {message}");
+        assert_eq!(json(&output)["outcome"], outcome, "{setting}: {message}");
         assert!(message.contains(says), "{setting}: {message}");
     }
     let output = testbed.fly(&base);
@@ -206,7 +187,7 @@ fn a_flight_that_does_not_complete_says_why() {
 }
 
 #[test]
-fn a_limit_of_file_sizes_fails_as_a_full_disk_does_and_the_flight_goes_on() {
+fn a_limit_of_file_sizes_fails_as_a_full_disk_does_and_the_flight_lands() {
     let testbed = Testbed::new("file-size");
     let words = ["fly", "--clock", "in-process", "--trajectory", "hover", "--duration", "40"];
     let fly = testbed.oqtal(&[&words[..], &["--json"]].concat());
@@ -214,15 +195,12 @@ fn a_limit_of_file_sizes_fails_as_a_full_disk_does_and_the_flight_goes_on() {
     // In blocks of 512 bytes.
     shell.args(["-c", "ulimit -f 400; exec \"$0\" \"$@\""]).arg(fly.get_program());
     let output = shell.args(fly.get_args()).current_dir(testbed.path("")).output().unwrap();
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(71), "{message}");
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(summary["outcome"], "landed", "{message}");
-    assert!(message.contains("File too large"), "{message}");
+    assert_refused(&output, 71, &["File too large"]);
+    assert_eq!(json(&output)["outcome"], "landed");
 }
 
 #[test]
-fn files_without_end_are_refused() {
+fn endless_files_are_refused() {
     let words = ["--config", "/dev/zero"];
     refused(&words, 78, &["/dev/zero", "longer than 1 MiB"]);
     let waypoints = "trajectory.waypoints-file=\"/dev/zero\"";
@@ -230,7 +208,7 @@ fn files_without_end_are_refused() {
     refused(&words, 65, &["/dev/zero", "longer than"]);
 }
 
-/// Links and scales are read by the processes that use them, and say the line all the same.
+/// Links and scales are read by the processes that use them; their errors name the line too.
 #[test]
 fn a_check_names_the_line_of_a_value_that_only_a_process_reads() {
     for (text, says) in [
@@ -244,9 +222,7 @@ fn a_check_names_the_line_of_a_value_that_only_a_process_reads() {
         let file = testbed.write("bad.toml", text);
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         let output = command.arg("check").arg(&file).output().unwrap();
-        let message = stderr(&output);
-        assert_eq!(output.status.code(), Some(78), "{text}: {message}");
-        assert!(message.contains("bad.toml:2: ") && message.contains(says), "{text}: {message}");
+        assert_refused(&output, 78, &["bad.toml:2: ", says]);
     }
 }
 
@@ -260,19 +236,16 @@ fn the_interfaces_that_a_vehicle_can_have_are_named() {
 fn a_variable_is_named_when_it_is_wrong() {
     let testbed = Testbed::new("bad-variable");
     let output = testbed.oqtal(&["fly"]).env("OQTAL_VEHICLE__MASS_KG", "-1").output().unwrap();
-    assert_eq!(output.status.code(), Some(78));
-    assert!(stderr(&output).contains("OQTAL_VEHICLE__MASS_KG"), "{}", stderr(&output));
+    assert_refused(&output, 78, &["OQTAL_VEHICLE__MASS_KG"]);
 }
 
 /// Expects that a recording is refused with exit code 65 and the number of the bad line.
-fn bad_recording(text: &str, line: usize, says: &str) {
+#[track_caller]
+fn bad_recording(text: &str, line: usize, part: &str) {
     let testbed = Testbed::new("bad-recording");
-    let file = testbed.write("flight.csv", text);
-    let output = testbed.fly(&["--mocap", &format!("replay:{}", file.display())]);
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(65), "{message}");
-    assert!(message.contains(&format!("flight.csv:{line}: ")), "{message}");
-    assert!(message.contains(says), "{message}");
+    let file = format!("replay:{}", testbed.write("flight.csv", text).display());
+    let place = format!("flight.csv:{line}: ");
+    testbed.refuses(&["fly", "--mocap", &file], 65, &[&place, part]);
 }
 
 #[test]
@@ -283,8 +256,7 @@ fn a_broken_recording_is_refused_with_file_and_line() {
     bad_recording(&format!("{head}-1.0,0,0,1,0,0,0,1\n"), 3, "back");
     bad_recording("t,x,y,qx,qy,qz,qw\n0,0,0,0,0,0,1\n", 1, "z");
     bad_recording("", 1, "empty");
-    let missing = Testbed::new("bad-recording").fly(&["--mocap", "replay:nowhere.csv"]);
-    assert_eq!(missing.status.code(), Some(65));
+    Testbed::new("bad-recording").refuses(&["fly", "--mocap", "replay:nowhere.csv"], 65, &[]);
 }
 
 #[test]
@@ -294,8 +266,7 @@ fn a_flag_wins_over_a_variable_in_every_process() {
         ["fly", "--clock", "lockstep", "--trajectory", "hover", "--duration", "1", "--json"];
     let mut command = testbed.oqtal(&words);
     command.args(["--controller", "pid"]).env("OQTAL_CONTROL__CONTROLLER", "lqr");
-    let output = command.output().unwrap();
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let summary = json(&command.output().unwrap());
     assert_eq!(summary["controller"], "pid");
     assert_eq!(summary["riccati_solves"], 0, "the daemon flew with the variable's law");
 }

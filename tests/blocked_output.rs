@@ -1,7 +1,5 @@
 //! Processes whose log cannot be written: operators, loops and signals must not wait for it.
 
-mod common;
-
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, PipeReader, PipeWriter, Read, Write, pipe};
 use std::os::unix::fs::MetadataExt;
@@ -11,16 +9,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use common::obedience::{LandingWatch, MotorWatch};
-use common::{Running, Testbed, wait_for};
-use oqtal_bus::bus::Bus;
-use oqtal_bus::code::Mode;
-use oqtal_bus::topic::TELEMETRY;
-use oqtal_bus::transport::{Subscribe, Transport};
+use crate::common::obedience::{LandingWatch, MotorWatch};
+use crate::common::{Running, SERVICES, Testbed, stderr};
+use oqtal_bus::transport::Transport;
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Signal;
 
-/// A pipe that takes not one byte more.
+/// A pipe that is full to the last byte.
 fn full_pipe() -> (PipeReader, PipeWriter) {
     let (reader, mut writer) = pipe().unwrap();
     let flags = fcntl_getfl(&writer).unwrap();
@@ -38,42 +33,30 @@ fn full_pipe() -> (PipeReader, PipeWriter) {
     (reader, writer)
 }
 
-/// Arms until the vehicle is in the air. Refused or withdrawn while poses are late: the operator arms again.
-fn take_off(testbed: &Testbed, bus: &Bus) {
-    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
-    wait_for("flight", || {
-        let (_, tick) = telemetry.latest().unwrap()?;
-        if tick.mode == Mode::Disarmed.code() {
-            testbed.oqtal(&["ctl", "arm"]).output().unwrap();
-        }
-        (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
-    });
-}
-
-/// Flies with processes that `start` starts: an operator lands and stops them within three periods, as the vehicle sees it, and a
-/// signal to the daemon in flight stops the motors as soon and ends each process in good order.
+/// Flies with processes that `start` starts: an operator lands and stops them within three periods, as seen at the vehicle, and a
+/// signal to the daemon in flight stops the motors as quickly and ends each process with exit code 0.
 fn all_obey(name: &str, start: impl Fn(&mut Command) -> Running) {
     let testbed = Testbed::new(name);
     let bus = testbed.bus();
-    let processes = ["plant-sim", "mocap-emu", "daemon"].map(|process| {
+    let processes = SERVICES.map(|process| {
         let arguments = [process, "run", "--set", "log.level=trace"];
         start(&mut testbed.oqtal(&arguments))
     });
     let operator = |command| testbed.oqtal(&["ctl", command]).output().unwrap();
-    take_off(&testbed, &bus);
+    testbed.take_off(&bus);
     let mut landing = LandingWatch::open(&bus);
     let output = operator("land");
-    assert!(output.status.success(), "{}", common::stderr(&output));
+    assert!(output.status.success(), "{}", stderr(&output));
     landing.lands();
     let mut motors = MotorWatch::open(&bus);
     let switch = bus.stop_switch().unwrap();
-    // What `oqtal ctl stop` does first.
+    // The first step of `oqtal ctl stop`.
     motors.obeys(|| {
         switch.raise();
     });
     let output = operator("stop");
-    assert!(output.status.success(), "{}", common::stderr(&output));
-    take_off(&testbed, &bus);
+    assert!(output.status.success(), "{}", stderr(&output));
+    testbed.take_off(&bus);
     motors.obeys(|| processes[2].signal(Signal::TERM));
     for process in processes {
         process.signal(Signal::TERM);
@@ -89,7 +72,7 @@ fn f34_an_operator_is_obeyed_and_processes_end_although_nobody_reads_their_log()
     });
 }
 
-/// Another process floods the output, which is read slowly: the processes come to write now and then only.
+/// Another process floods the output, which is read slowly: the processes can write only rarely.
 #[test]
 fn f34_an_operator_is_obeyed_and_processes_end_although_their_log_is_flooded() {
     let (mut reader, mut flood) = pipe().unwrap();

@@ -1,14 +1,10 @@
 //! The bridge as a process on a pseudo-terminal: its frames, its safety without the daemon's help, its port.
 
-mod common;
-#[path = "bridge/flight.rs"]
 mod flight;
-#[path = "bridge/ports.rs"]
 mod ports;
-#[path = "bridge/vehicle.rs"]
 mod vehicle;
 
-use common::{signal, stderr, wait_for};
+use crate::common::{Running, signal, stderr, wait_for};
 use flight::{BridgeFlight, PERIOD, airborne, is_zero, stick};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::message::{CommandV1, PoseV1, Stamps};
@@ -33,17 +29,17 @@ fn a_flight_leaves_nothing_in_shared_memory_whatever_is_dropped_first() {
 }
 
 #[test]
-fn a_vehicle_that_answers_is_heard_and_one_that_falls_silent_is_missed() {
+fn a_vehicle_that_answers_has_a_link_and_one_that_falls_silent_has_none() {
     let mut flight = BridgeFlight::new("silence", Manner::Answering);
-    let heard = flight.until("an answer", |vehicle| vehicle.link == 1);
-    assert!((heard.air_ns, heard.armed, heard.starting) == (17_000_000, 0, 0), "{heard:?}");
+    let answer = flight.until("an answer", |vehicle| vehicle.link == 1);
+    assert!((answer.air_ns, answer.armed, answer.starting) == (17_000_000, 0, 0), "{answer:?}");
     let settled = flight.until("quality", |v| v.link_quality > 0.9 && v.battery_v > 0.0);
     assert!((settled.battery_v - 11.1).abs() < 1e-3);
     // 17 bytes of ten bits at 57600 baud; a frame may wait for a poll before it.
     assert!((2_900_000..5_000_000).contains(&settled.wire_ns), "{settled:?}");
     flight.vehicle.set_manner(Manner::Silent);
-    let missed = flight.until("silence", |vehicle| vehicle.link == 0);
-    assert!(missed.link_quality < 0.1, "{missed:?}");
+    let silent = flight.until("silence", |vehicle| vehicle.link == 0);
+    assert!(silent.link_quality < 0.1, "{silent:?}");
     let status = flight.testbed.oqtal(&["ctl", "status"]).output().unwrap();
     assert_eq!(status.status.code(), Some(75), "no daemon runs");
     flight.vehicle.set_manner(Manner::Answering);
@@ -51,7 +47,7 @@ fn a_vehicle_that_answers_is_heard_and_one_that_falls_silent_is_missed() {
 }
 
 #[test]
-fn f20_noise_in_place_of_telemetry_is_never_an_answer_and_frames_go_on() {
+fn f20_noise_in_place_of_telemetry_is_never_an_answer_and_frames_continue() {
     let mut flight = BridgeFlight::new("noise", Manner::Noise);
     let setpoints = flight.setpoints(240);
     assert!(setpoints.iter().all(is_zero));
@@ -106,11 +102,11 @@ fn assert_few_then_zero(setpoints: &[ControlInput]) {
 }
 
 #[test]
-fn f15_a_stop_passes_a_daemon_that_goes_on_commanding_flight() {
+fn f15_a_stop_bypasses_a_daemon_that_continues_to_command_flight() {
     let (mut flight, mut commander) = airborne("stop");
     flight.vehicle.clear_log();
     let stop = flight.testbed.oqtal(&["ctl", "stop", "--json"]);
-    let mut stop = common::Running::start(&mut { stop });
+    let mut stop = Running::start(&mut { stop });
     let vehicle = &flight.vehicle;
     commander.until("motors to stop", stick(0.2), || (!vehicle.log().motors_run).then_some(()));
     commander.until("the operator's answer", stick(0.2), || (!stop.runs()).then_some(()));
@@ -146,7 +142,7 @@ fn a_command_that_is_old_when_it_arrives_is_never_sent() {
     assert!(flight.vehicle.log().setpoints.iter().all(is_zero));
 }
 
-/// Publishes poses of a vehicle that stands, as a motion capture system would, until `stop`.
+/// Publishes poses of a vehicle on the floor, as a motion capture system would, until `stop`.
 fn publish_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
     let mut poses = bus.writer(&POSE).unwrap();
     let mut frame = 0;
@@ -163,8 +159,8 @@ fn publish_poses(bus: &Bus, stop: &std::sync::atomic::AtomicBool) {
     }
 }
 
-/// Sends the signal `blow` to a daemon in flight: the bridge must send zero set-points by itself.
-fn daemon_falls(name: &str, blow: Signal) {
+/// Sends a signal to a daemon in flight: the bridge must send zero set-points by itself.
+fn daemon_falls(name: &str, sent: Signal) {
     let mut flight = BridgeFlight::new(name, Manner::Answering);
     flight.until("an answer", |vehicle| vehicle.link == 1);
     let stop = std::sync::atomic::AtomicBool::new(false);
@@ -178,7 +174,7 @@ fn daemon_falls(name: &str, blow: Signal) {
         wait_for("thrust on the wire", || {
             flight.vehicle.log().setpoints.last().filter(|setpoint| setpoint.thrust > 0).map(drop)
         });
-        signal(daemon.id(), blow);
+        signal(daemon.id(), sent);
         flight.vehicle.clear_log();
         let setpoints = wait_for("setpoints", || {
             let setpoints = flight.vehicle.log().setpoints;
@@ -236,8 +232,9 @@ fn f33_asked_to_end_the_bridge_sends_zero_set_points_and_stops_motors_that_run()
     bridge.signal(Signal::TERM);
     let output = bridge.wait();
     assert!(output.status.success(), "{}", stderr(&output));
-    let log =
-        wait_for("the last words", || Some(vehicle.log()).filter(|log| log.emergency_stops > 0));
+    let log = wait_for("the emergency stop", || {
+        Some(vehicle.log()).filter(|log| log.emergency_stops > 0)
+    });
     let last = log.setpoints.iter().rev().take_while(|setpoint| is_zero(setpoint)).count();
     assert!((3..=4).contains(&last), "{last} zero set-points at last");
     assert!(!log.motors_run);

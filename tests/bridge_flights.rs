@@ -1,13 +1,6 @@
 //! Flights through the bridge: real processes, real frames on a pseudo-terminal, in real time.
 
-mod common;
-
-use std::time::{Duration, Instant};
-
-use common::{Running, Testbed, is_alive, number, stderr, wait_for};
-use oqtal_bus::message::{Header, VehicleV1};
-use oqtal_bus::topic::VEHICLE;
-use oqtal_bus::transport::{Subscribe, Transport};
+use crate::common::{Running, Testbed, assert_as_good_as, number, wait_for};
 use oqtal_config::Config;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -19,24 +12,15 @@ fn hover(seconds: &'static str) -> [&'static str; 6] {
     ["--trajectory", "hover", "--duration", seconds, "--seed", "7"]
 }
 
-fn landed(summary: &Value) {
-    assert_eq!(summary["outcome"], "landed", "{summary:#}");
-}
-
 /// The square over the wire is as accurate as without one, and its hops are reported.
 #[test]
 fn the_square_through_real_frames_is_as_good_as_without_them() {
     let testbed = Testbed::new("square");
-    let wired = testbed.summary(&[&WIRED[..], &["--seed", "7"]].concat());
-    landed(&wired);
+    let wired = testbed.lands(&[&WIRED[..], &["--seed", "7"]].concat());
     assert_eq!(wired["vehicle"], "bridge:asctec");
     assert_eq!(wired["error_source"], "truth");
     let direct = testbed.summary(&["--clock", "in-process", "--seed", "7"]);
-    for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
-        let path = format!("/{error}/mean");
-        let ratio = number(&wired, &path) / number(&direct, &path);
-        assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
-    }
+    assert_as_good_as(&wired, &direct);
     // 17 bytes of ten bits at 57600 baud.
     let on_wire = number(&wired, "/hops/wire/p50_ns");
     assert!((2.9e6..3.1e6).contains(&on_wire), "{on_wire} ns");
@@ -53,64 +37,6 @@ fn the_square_through_real_frames_is_as_good_as_without_them() {
     assert!(!testbed.paths().directory().exists());
 }
 
-/// A quarter of the commands and a fifteenth of the answers to a poll arrive intact. No poll delays a command by more than a frame.
-#[test]
-fn a_hover_goes_on_for_a_minute_through_one_wrong_bit_in_a_hundred() {
-    let testbed = Testbed::new("noisy");
-    let noise = ["--json", "--set", "plant.wire.bit-error-rate=0.01"];
-    let bus = testbed.bus();
-    let mut observer = bus.observer(&VEHICLE).unwrap();
-    let flight = testbed.start(&[&["fly"], &WIRED[..], &hover("60"), &noise].concat());
-    let mut reports = Vec::new();
-    let mut waits = 5;
-    // A wait times out before the flight ends.
-    while is_alive(flight.id()) {
-        let began = Instant::now();
-        assert!(waits > 0, "the flight does not end");
-        waits -= 1;
-        wait_for("the end of the flight", || {
-            while let Some(report) = observer.receive().unwrap() {
-                reports.push(report);
-            }
-            (!is_alive(flight.id()) || began.elapsed() > Duration::from_secs(40)).then_some(())
-        });
-    }
-    let output = flight.wait();
-    assert!(output.status.success(), "{output:?}");
-    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
-    landed(&summary);
-    // A full battery has 12.6 V; half a minute of hover takes little more than half a volt.
-    let voltages: Vec<f64> =
-        reports.iter().map(|(_, v)| v.battery_v).filter(|voltage| voltage.is_finite()).collect();
-    assert!(!voltages.is_empty());
-    // Running motors are never reported as stopped: once running, they are until they are stopped.
-    let mut motors: Vec<u8> = reports.iter().map(|(_, vehicle)| vehicle.armed).collect();
-    motors.dedup();
-    assert!(matches!(motors[..], [0, 1] | [0, 1, 0]), "{motors:?}");
-    assert_commands_are_in_time(&reports);
-    assert!(voltages.iter().all(|voltage| (11.8..=12.6).contains(voltage)), "{voltages:?}");
-    let error = number(&summary, "/position_error_m/mean");
-    assert!(error < 0.3, "{error} m");
-    let answered = number(&summary, "/wire/link_quality/mean");
-    assert!((0.1..0.25).contains(&answered), "{answered}");
-}
-
-/// Checks that the last byte of a command has left a period and a frame after its arrival, also behind a poll.
-fn assert_commands_are_in_time(reports: &[(Header, VehicleV1)]) {
-    let (period_ns, frame_ns) = (16_666_667, 2_951_389);
-    let applied: Vec<_> = reports.iter().filter(|(h, _)| h.stamps.applied_at.is_set()).collect();
-    assert!(applied.len() > 2000, "{} commands", applied.len());
-    let mut late = 0;
-    for (header, vehicle) in &applied {
-        // Occupancy of the line is computed, so it does not depend on the load of the machine.
-        assert!(vehicle.wire_ns <= 2 * frame_ns, "{vehicle:?}");
-        let waited = header.stamps.applied_at.since(header.stamps.received_at).nanos();
-        late += usize::from(waited + vehicle.wire_ns > period_ns + frame_ns);
-    }
-    // On a loaded machine the bridge may wait for a processor now and then; a poll could delay it eight times a second.
-    assert!(late * 100 < applied.len(), "{late} of {} commands", applied.len());
-}
-
 #[test]
 fn both_api_modes_of_the_xbee_fly() {
     for framing in ["api1", "api2"] {
@@ -118,8 +44,7 @@ fn both_api_modes_of_the_xbee_fly() {
         let vehicle = format!("bridge:asctec,xbee={framing}");
         let out = testbed.path("out");
         let words = ["--vehicle", &vehicle, "--out", out.to_str().unwrap()];
-        let summary = testbed.summary(&[&words, &hover("1")[..]].concat());
-        landed(&summary);
+        let summary = testbed.lands(&[&words, &hover("1")[..]].concat());
         let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
         assert!(log.contains("motors have stopped"), "without an emergency stop: {log}");
         assert_eq!(summary["vehicle"], vehicle.as_str());
@@ -134,8 +59,7 @@ fn a_vehicle_at_a_link_is_flown_with_its_own_truth_if_it_publishes_it() {
     let testbed = Testbed::new("link");
     let (vehicle, link) = waiting_vehicle(&testbed);
     let summary =
-        testbed.summary(&[&["--vehicle", &format!("link:{link}")], &hover("1")[..]].concat());
-    landed(&summary);
+        testbed.lands(&[&["--vehicle", &format!("link:{link}")], &hover("1")[..]].concat());
     assert_eq!(summary["error_source"], "truth");
     assert_eq!(summary["vehicle"], format!("link:{link}").as_str());
     vehicle.signal(Signal::TERM);
@@ -150,8 +74,7 @@ fn on_the_bench_a_shadow_stands_in_for_the_truth() {
     let (_vehicle, link) = waiting_vehicle(&elsewhere);
     let vehicle = format!("link:{link}");
     let words = ["--vehicle", &vehicle, "--set", "safety.allow-emulated-poses=true"];
-    let summary = bench.summary(&[&words, &hover("1")[..]].concat());
-    landed(&summary);
+    let summary = bench.lands(&[&words, &hover("1")[..]].concat());
     assert_eq!(summary["error_source"], "pose");
     assert!(summary["trajectory_hash"].is_null());
 }
@@ -165,20 +88,15 @@ fn a_silent_vehicle_ends_the_flight_with_a_remedy() {
     let near = near.unwrap();
     rustix::pty::unlockpt(&near).unwrap();
     let far = rustix::pty::ptsname(&near, Vec::new()).unwrap().into_string().unwrap();
-    let output = testbed.fly(&["--vehicle", &format!("link:asctec:{far}"), "--duration", "2"]);
-    assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
-    let said = stderr(&output);
-    assert!(said.contains("does not answer") && said.contains("channel 5"), "{said}");
+    let words = ["fly", "--vehicle", &format!("link:asctec:{far}"), "--duration", "2"];
+    testbed.refuses(&words, 75, &["does not answer", "channel 5"]);
 }
 
 #[test]
 fn bad_use_of_a_wire_has_its_exit_code_and_message() {
     let testbed = Testbed::new("wires");
-    let refused = |words: &[&str], code: i32, what: &str| {
-        let output = testbed.fly(words);
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
-        assert!(said.contains(what), "{words:?}: {said}");
+    let refused = |words: &[&str], code: i32, part: &str| {
+        testbed.refuses(&[&["fly"], words].concat(), code, &[part]);
     };
     for clock in ["lockstep", "in-process"] {
         refused(&["--vehicle", "bridge:asctec", "--clock", clock], 64, "leave out --clock");
@@ -192,7 +110,7 @@ fn bad_use_of_a_wire_has_its_exit_code_and_message() {
     refused(&["--vehicle", "link:asctec:/dev/nowhere"], 71, "/dev/nowhere");
 }
 
-/// Exit codes of the plant for what exists at the path of a link.
+/// Exit codes of the plant for an existing file at the path of its link.
 #[test]
 fn a_stale_link_is_replaced_and_anything_else_is_left_alone() {
     let testbed = Testbed::new("stale");
@@ -201,18 +119,13 @@ fn a_stale_link_is_replaced_and_anything_else_is_left_alone() {
     let words = ["plant-sim", "run", "--wire", &link];
 
     std::fs::write(&path, "not a link").unwrap();
-    let output = testbed.oqtal(&words).output().unwrap();
-    assert_eq!(output.status.code(), Some(78), "{}", stderr(&output));
-    assert!(stderr(&output).contains("remove it"), "{}", stderr(&output));
+    testbed.refuses(&words, 78, &["remove it"]);
     assert_eq!(std::fs::read_to_string(&path).unwrap(), "not a link");
     std::fs::remove_file(&path).unwrap();
 
     let (killed, _) = waiting_vehicle(&testbed);
     let terminal = std::fs::read_link(&path).unwrap();
-    let second = Testbed::new("second");
-    let output = second.oqtal(&words).output().unwrap();
-    assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
-    assert!(stderr(&output).contains(&killed.id().to_string()), "{}", stderr(&output));
+    Testbed::new("second").refuses(&words, 75, &[&killed.id().to_string()]);
     assert_eq!(std::fs::read_link(&path).unwrap(), terminal, "the first is undisturbed");
 
     killed.signal(Signal::KILL);

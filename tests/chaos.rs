@@ -1,18 +1,14 @@
-//! Chaos in virtual time: seeded flights with random laws, vehicles, wind, batteries, cameras and faults. Whatever happens, some
-//! things never do. OQTAL_TEST_CHAOS_FLIGHTS sets their number, OQTAL_TEST_CHAOS_SEED the first.
+//! Chaos in virtual time: seeded flights with random laws, vehicles, wind, batteries, cameras and faults must keep the invariants.
+//! OQTAL_TEST_CHAOS_FLIGHTS sets the number of flights, OQTAL_TEST_CHAOS_SEED the first seed.
 
-mod common;
-
-#[path = "chaos/draw.rs"]
 mod draw;
-#[path = "chaos/invariants.rs"]
 mod invariants;
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use common::random::length;
+use crate::common::random::length;
 use oqtal_bus::time::Span;
 use oqtal_config::{Config, Setting};
 use oqtal_control::controller::ControllerName;
@@ -54,11 +50,11 @@ fn on_all_processors(count: u64, work: impl Fn(u64) + Sync) {
     });
 }
 
-/// How the flights of each law ended, and what they were subjected to.
+/// Outcomes, safety states and faults of the flights of each law.
 #[derive(Default)]
 struct Tally(BTreeMap<&'static str, BTreeMap<String, u32>>);
 
-/// Least share of all flights of each kind, so that a study of flights that never begin, or never fail, does not pass.
+/// Least share of all flights of each kind, so that a study whose flights never begin, or never fail, does not pass.
 const LEAST: [(&str, f64); 7] = [
     ("landed", 0.15),
     ("stopped", 0.15),
@@ -68,7 +64,7 @@ const LEAST: [(&str, f64); 7] = [
     ("faults", 0.5),
     ("polygon", 0.15),
 ];
-/// Flights from which on the shares are judged.
+/// Number of flights from which on the shares are checked.
 const LEAST_FLIGHTS: u64 = 40;
 
 impl Tally {
@@ -109,7 +105,7 @@ impl Tally {
 }
 
 #[test]
-fn whatever_fails_no_flight_leaves_the_fence_goes_on_tipped_or_commands_nonsense() {
+fn whatever_fails_no_flight_leaves_the_fence_stays_powered_when_tipped_or_commands_nonsense() {
     let (count, first) =
         (length("OQTAL_TEST_CHAOS_FLIGHTS", 40), length("OQTAL_TEST_CHAOS_SEED", 1));
     let (tally, violations) = (Mutex::new(Tally::default()), Mutex::new(Vec::new()));

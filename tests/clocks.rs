@@ -1,8 +1,6 @@
 //! The same flight under each clock: real, lockstep, in-process.
 
-mod common;
-
-use common::{Testbed, number, signal, state_of, wait_for};
+use crate::common::{Testbed, json, number, signal, state_of, stderr, wait_for};
 use oqtal_bus::time::Span;
 use oqtal_bus::topic::{TELEMETRY, TRUTH};
 use oqtal_bus::transport::{Subscribe, Transport};
@@ -13,8 +11,7 @@ const SHORT: [&str; 4] = ["--trajectory", "hover", "--duration", "3"];
 
 fn hash(clock: &str, seed: &str, more: &[&str]) -> String {
     let words = [&["--clock", clock, "--seed", seed], more].concat();
-    let summary = Testbed::new("clocks").summary(&words);
-    assert_eq!(summary["outcome"], "landed");
+    let summary = Testbed::new("clocks").lands(&words);
     summary["trajectory_hash"].as_str().unwrap().to_owned()
 }
 
@@ -42,12 +39,8 @@ fn the_clocks_agree_with_every_law_camera_and_vehicle() {
 }
 
 #[test]
-fn lockstep_stands_still_while_the_daemon_is_stopped_and_goes_on_after() {
+fn lockstep_stands_still_while_the_daemon_is_stopped_and_continues_after() {
     let testbed = Testbed::new("standstill");
-    stands_still_while_the_daemon_is_stopped(&testbed);
-}
-
-fn stands_still_while_the_daemon_is_stopped(testbed: &Testbed) {
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     let mut truth = bus.observer(&TRUTH).unwrap();
@@ -71,11 +64,10 @@ fn stands_still_while_the_daemon_is_stopped(testbed: &Testbed) {
     assert!(limit.is_none_or(|limit| still <= Some(limit)), "{still:?} without the daemon");
     assert!(telemetry.latest().unwrap().is_none(), "a stopped daemon published telemetry");
     signal(daemon, Signal::CONT);
-    wait_for("time to go on", || {
+    wait_for("time to continue", || {
         truth.latest().unwrap().filter(|(_, truth)| Some(truth.time) > limit.max(still))
     });
-    let output = flight.wait();
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let summary = json(&flight.wait());
     assert_eq!(summary["outcome"], "landed");
     assert!(number(&summary, "/duration_s") > 600.0);
 }
@@ -83,8 +75,7 @@ fn stands_still_while_the_daemon_is_stopped(testbed: &Testbed) {
 #[test]
 fn a_real_time_flight_lands_and_accounts_for_every_hop() {
     let testbed = Testbed::new("real");
-    let summary = testbed.summary(&SHORT);
-    assert_eq!(summary["outcome"], "landed");
+    let summary = testbed.lands(&SHORT);
     let count = |hop| number(&summary, &format!("/hops/{hop}/count"));
     assert!(count("compute") > 300.0);
     assert_eq!(count("compute"), count("sensor_to_actuator"));
@@ -100,8 +91,7 @@ fn two_instances_fly_side_by_side() {
     let (first, second) = (a.start(&words), b.start(&words));
     for flight in [first, second] {
         let output = flight.wait();
-        assert!(output.status.success(), "{}", common::stderr(&output));
-        let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-        assert_eq!(number(&summary, "/lost/command"), 0.0);
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert_eq!(number(&json(&output), "/lost/command"), 0.0);
     }
 }

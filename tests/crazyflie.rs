@@ -1,14 +1,12 @@
 //! Crazyflies: several on one radio in virtual time, and as processes over UDP.
 
-#[path = "crazyflie/air.rs"]
 mod air;
-mod common;
-#[path = "crazyflie/laboratory.rs"]
 mod laboratory;
 
-use std::process::Command;
+use std::net::UdpSocket;
 
-use common::{Testbed, stderr, wait_for};
+use crate::common::network::free_port;
+use crate::common::{Testbed, assert_as_good_as, assert_refused, number, peers, stderr, wait_for};
 use laboratory::{Laboratory, configuration};
 use oqtal_bridge::Note;
 use oqtal_bus::code::VehicleRefusal;
@@ -45,7 +43,7 @@ fn two_crazyflies_on_one_radio_fly_at_sixty_hertz_within_its_budget() {
 }
 
 #[test]
-fn poses_of_two_crazyflies_in_one_packet_leave_the_radio_free_and_both_know_where_they_are() {
+fn poses_of_two_crazyflies_in_one_packet_leave_the_radio_free_and_both_estimate_their_positions() {
     let mut laboratory = Laboratory::new(&configuration(), 2, 0.0);
     laboratory.pack_poses();
     laboratory.pass(4000);
@@ -63,7 +61,7 @@ fn poses_of_two_crazyflies_in_one_packet_leave_the_radio_free_and_both_know_wher
         let estimated = laboratory.estimate(vehicle);
         assert!((estimated[2] - height).abs() < 0.01, "{estimated:?}, at {height} m");
     }
-    println!("{packed} poses went in the packet of another");
+    println!("{packed} poses shared a packet");
     assert!(packed > 400, "{packed} poses");
 }
 
@@ -87,7 +85,7 @@ fn two_crazyflies_fly_on_where_one_transmission_of_ten_is_lost_and_land() {
 }
 
 #[test]
-fn f66_a_locked_crazyflie_is_not_flown_and_says_that_it_must_be_restarted() {
+fn f66_a_locked_crazyflie_is_not_flown_and_a_restart_is_requested() {
     let mut laboratory = flown(1, 0.0);
     let stop = CrtpRequest::Supervisor(SupervisorCommand::EmergencyStop);
     let now = laboratory.air.borrow().now;
@@ -108,7 +106,7 @@ fn f67_a_crazyflie_that_restarts_is_set_up_again_before_it_flies() {
     let fresh = CrtpVehicle::new(&configuration(), start).unwrap();
     laboratory.air.borrow_mut().vehicles[0] = fresh;
     laboratory.pass(6000);
-    assert_eq!(laboratory.truth(0).position[2], 0.0, "the flight was not asked for again");
+    assert_eq!(laboratory.truth(0).position[2], 0.0, "no flight was requested since");
     laboratory.command(false);
     laboratory.pass(3000);
     laboratory.command(true);
@@ -121,28 +119,19 @@ fn f67_a_crazyflie_that_restarts_is_set_up_again_before_it_flies() {
 #[test]
 fn a_square_over_crtp_is_as_good_as_the_direct_simulation() {
     let testbed = Testbed::new("crtp");
-    let flown = testbed.summary(&["--vehicle", "bridge:crtp", "--seed", "7"]);
-    assert_eq!((&flown["outcome"], &flown["vehicle"]), (&"landed".into(), &"bridge:crtp".into()));
+    let flown = testbed.lands(&["--vehicle", "bridge:crtp", "--seed", "7"]);
+    assert_eq!(flown["vehicle"], "bridge:crtp");
     let vehicle = ["--vehicle", "sim:crazyflie-2.1"];
     let direct =
         testbed.summary(&[&vehicle[..], &["--clock", "in-process", "--seed", "7"]].concat());
-    for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
-        let path = format!("/{error}/mean");
-        let ratio = common::number(&flown, &path) / common::number(&direct, &path);
-        assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
-    }
-    assert!(common::number(&flown, "/wire/link_quality/mean") > 0.95);
+    assert_as_good_as(&flown, &direct);
+    assert!(number(&flown, "/wire/link_quality/mean") > 0.95);
 }
 
 #[test]
 fn bad_use_of_a_crazyflie_has_its_exit_code_and_message() {
     let testbed = Testbed::new("crtp-wrong");
-    let refused = |words: &[&str], code: i32, what: &str| {
-        let output = testbed.oqtal(words).output().unwrap();
-        let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{words:?}: {said}");
-        assert!(said.contains(what), "{words:?}: {said}");
-    };
+    let refused = |words: &[&str], code: i32, part: &str| testbed.refuses(words, code, &[part]);
     let preset = ["--set", "vehicle.preset=crazyflie-2.1"];
     let bridge = |link| [&["bridge", "run", "--link", link], &preset[..]].concat();
     refused(&bridge("crtp:radio:80/2M/E7E7E7E7E7"), 71, "no Crazyradio is plugged in");
@@ -157,44 +146,31 @@ fn bad_use_of_a_crazyflie_has_its_exit_code_and_message() {
         78,
         "--wire crtp:udp:HOST:PORT",
     );
-    let holder = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let holder = UdpSocket::bind("127.0.0.1:0").unwrap();
     let link = format!("crtp:udp:{}", holder.local_addr().unwrap());
     refused(&["plant-sim", "run", "--wire", &link], 75, "name another port");
-    // A radio belongs to no instance.
+    // A radio is not part of an instance.
     let shared = ["bridge", "radio", "--vehicle", "80/2M/E7E7E7E701@127.0.0.1:0"];
-    let output = Command::new(env!("CARGO_BIN_EXE_oqtal")).args(shared).output().unwrap();
-    assert_eq!(output.status.code(), Some(71), "{}", stderr(&output));
-    assert!(stderr(&output).contains("no Crazyradio is plugged in"), "{}", stderr(&output));
+    let output = testbed.study(&shared).output().unwrap();
+    assert_refused(&output, 71, &["no Crazyradio is plugged in"]);
 }
 
 /// cflib 0.1.34 connects to the emulated vehicle, reads both tables, sets parameters, reads log data, arms and flies it.
 #[test]
 fn cflib_flies_the_emulated_vehicle() {
-    let Some(python) = std::env::var_os("OQTAL_PEERS_PYTHON") else {
-        let reason = "crtp_client.py: skipped, OQTAL_PEERS_PYTHON names no interpreter; .ci/run installs one\n";
-        std::io::Write::write_all(&mut std::io::stderr(), reason.as_bytes()).unwrap();
-        return;
-    };
     for protocol in ["7", "12"] {
+        let Some(mut client) = peers::python("crtp_client.py") else { return };
         let testbed = Testbed::new(&format!("cflib-{protocol}"));
-        let address = {
-            let free = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
-            free.local_addr().unwrap().to_string()
-        };
+        let address = format!("127.0.0.1:{}", free_port());
         let link = format!("crtp:udp:{address}");
         let version = format!("plant.wire.crtp.protocol={protocol}");
         let preset = "vehicle.preset=crazyflie-2.1";
         let words = ["plant-sim", "run", "--wire", &link, "--set", preset, "--set", &version];
         let vehicle = testbed.start(&words);
-        wait_for("the vehicle", || std::net::UdpSocket::bind(&address).is_err().then_some(()));
-        let script =
-            std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/crtp_client.py");
-        let output = std::process::Command::new(&python)
-            .args([script.as_os_str(), address.as_ref(), protocol.as_ref()])
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{said}\n{}", String::from_utf8_lossy(&output.stdout));
+        wait_for("the vehicle", || UdpSocket::bind(&address).is_err().then_some(()));
+        let output = client.args([address.as_str(), protocol]).output().unwrap();
+        let printed = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{}\n{printed}", stderr(&output));
         vehicle.signal(Signal::TERM);
         vehicle.wait();
     }

@@ -1,7 +1,6 @@
 //! The dictionary of the data of a flight, docs/data.md, agrees with what is written.
 
-mod common;
-
+use crate::common::Testbed;
 use oqtal_lab::campaign::metric::METRIC;
 
 const DOCUMENT: &str = include_str!("../docs/data.md");
@@ -14,7 +13,7 @@ fn the_columns_of_telemetry_are_described_as_in_the_code() {
 
 #[test]
 fn every_entry_of_a_summary_and_every_figure_of_a_study_is_described() {
-    let testbed = common::Testbed::new("dictionary");
+    let testbed = Testbed::new("dictionary");
     let summary =
         testbed.summary(&["--clock", "in-process", "--trajectory", "hover", "--duration", "1"]);
     let entries = summary.as_object().unwrap().keys().map(String::as_str);

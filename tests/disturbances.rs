@@ -1,10 +1,6 @@
-//! `oqtal fly --disturb`: disturbances act in every clock, and stand in all that remains of a flight.
+//! `oqtal fly --disturb`: disturbances act under every clock, and are listed in all results of a flight.
 
-mod common;
-
-use std::process::Command;
-
-use common::{Testbed, stderr};
+use crate::common::{Testbed, json, stderr};
 use serde_json::Value;
 
 /// A hover with a push and a payload.
@@ -28,7 +24,7 @@ fn flown(testbed: &Testbed, clock: &str) -> Value {
     let out = testbed.path(clock);
     let output = command.args(["--clock", clock, "--out"]).arg(out).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));
-    serde_json::from_slice(&output.stdout).unwrap()
+    json(&output)
 }
 
 /// Distances of the vehicle along x \[m\] at the ticks before and after the push.
@@ -69,33 +65,23 @@ fn report_table_and_recording_name_them() {
     let page = std::fs::read_to_string(testbed.path("lockstep/report.html")).unwrap();
     assert!(page.contains("disturbance force@5+0.5=0.3,0,0N begins"));
     let recording = testbed.path("lockstep/flight.mcap").display().to_string();
-    let oqtal = || Command::new(env!("CARGO_BIN_EXE_oqtal"));
-    let output = oqtal().args(["report", &recording]).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(said.contains("disturbances: force@5+0.5=0.3,0,0N"), "{said}{}", stderr(&output));
-    // Recordings are not compressed: the words of an event stand in them.
+    let text = testbed.succeeds(&["report", &recording]);
+    assert!(text.contains("disturbances: force@5+0.5=0.3,0,0N"), "{text}");
+    // Recordings are not compressed: they contain the text of an event.
     let bytes = std::fs::read(&recording).unwrap();
-    let told = b"force@5+0.5=0.3,0,0N ends";
-    assert!(bytes.windows(told.len()).any(|window| window == told));
+    let event = b"force@5+0.5=0.3,0,0N ends";
+    assert!(bytes.windows(event.len()).any(|window| window == event));
 }
 
 #[test]
-fn a_wrong_one_is_told_the_grammar_and_a_real_vehicle_cannot_be_disturbed() {
+fn a_wrong_disturbance_is_refused_with_the_grammar_and_a_real_vehicle_cannot_be_disturbed() {
     let testbed = Testbed::new("disturbed-wrong");
-    let refused = |words: &[&str]| {
-        let output = testbed.fly(words);
-        (output.status.code(), stderr(&output))
-    };
-    let (code, message) = refused(&["--disturb", "wind@3=1"]);
-    assert_eq!(code, Some(64), "{message}");
-    for kind in ["force@5+1=0.3,0,0N", "torque@", "gust@", "mass@5=0.05kg"] {
-        assert!(message.contains(kind), "{message}");
-    }
-    let (code, message) = refused(&["--disturb", "mass@3=-0.6kg"]);
-    assert_eq!(code, Some(78), "{message}");
-    assert!(message.contains("--disturb") && message.contains("-0.450 kg"), "{message}");
-    let link = ["--vehicle", "link:asctec:/dev/null", "--set", "safety.allow-emulated-poses=true"];
-    let (code, message) = refused(&[&link[..], &["--disturb", "mass@3=0.1kg"]].concat());
-    assert_eq!(code, Some(64), "{message}");
-    assert!(message.contains("only a vehicle that this program simulates"), "{message}");
+    let kinds = ["force@5+1=0.3,0,0N", "torque@", "gust@", "mass@5=0.05kg"];
+    testbed.refuses(&["fly", "--disturb", "wind@3=1"], 64, &kinds);
+    let heavy = ["fly", "--disturb", "mass@3=-0.6kg"];
+    testbed.refuses(&heavy, 78, &["--disturb", "-0.450 kg"]);
+    let link = ["fly", "--vehicle", "link:asctec:/dev/null"];
+    let emulated = ["--set", "safety.allow-emulated-poses=true", "--disturb", "mass@3=0.1kg"];
+    let words = [&link[..], &emulated].concat();
+    testbed.refuses(&words, 64, &["only a vehicle that this program simulates"]);
 }

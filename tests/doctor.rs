@@ -1,19 +1,16 @@
 //! `oqtal doctor` on this machine: the form of its findings, and the files left by a killed daemon.
 
-mod common;
-
-use common::{Testbed, wait_for};
+use crate::common::{Testbed, json, wait_for};
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 use serde_json::Value;
 
 fn examine(testbed: &Testbed) -> Value {
-    let output = testbed.oqtal(&["doctor", "--json"]).output().unwrap();
-    serde_json::from_slice(&output.stdout).unwrap()
+    json(&testbed.oqtal(&["doctor", "--json"]).output().unwrap())
 }
 
 #[test]
-fn every_check_says_what_was_found_and_what_is_not_well_says_why() {
+fn every_check_reports_its_finding_and_every_problem_a_remedy() {
     let testbed = Testbed::new("doctor");
     let document = examine(&testbed);
     let checks = document["checks"].as_array().unwrap();

@@ -1,11 +1,10 @@
 //! Faults of processes: killed, stopped or started twice, and interrupts by an operator. Real processes and signals.
 
-mod common;
-
-use common::{Running, Testbed, is_alive, signal, stderr, wait_for};
+use crate::common::{
+    Running, Testbed, assert_refused, is_alive, json, number, signal, stderr, wait_for,
+};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
-use oqtal_bus::time::Span;
 use oqtal_bus::topic::{TELEMETRY, TRUTH};
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
@@ -35,10 +34,7 @@ fn f14_a_killed_daemon_ends_the_flight_with_a_clear_message_and_no_remains() {
     let (flight, bus, daemon, plant) = airborne(&testbed);
     drop(bus);
     signal(daemon, Signal::KILL);
-    let output = flight.wait();
-    assert_eq!(output.status.code(), Some(1));
-    let message = stderr(&output);
-    assert!(message.contains("daemon was killed by signal 9"), "{message}");
+    assert_refused(&flight.wait(), 1, &["daemon was killed by signal 9"]);
     assert!(!is_alive(plant), "an orphan");
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
@@ -49,10 +45,7 @@ fn f17_a_killed_plant_ends_the_flight_too() {
     let (flight, bus, daemon, plant) = airborne(&testbed);
     drop(bus);
     signal(plant, Signal::KILL);
-    let output = flight.wait();
-    assert_eq!(output.status.code(), Some(1));
-    let message = stderr(&output);
-    assert!(message.contains("plant-sim was killed by signal 9"), "{message}");
+    assert_refused(&flight.wait(), 1, &["plant-sim was killed by signal 9"]);
     assert!(!is_alive(daemon), "an orphan");
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
@@ -66,7 +59,7 @@ fn a_killed_front_door_leaves_no_orphans() {
 }
 
 #[test]
-fn killed_cameras_and_a_killed_daemon_are_replaced_under_running_peers() {
+fn f13_killed_cameras_and_a_killed_daemon_are_replaced_under_running_peers() {
     let testbed = Testbed::new("replace");
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
@@ -96,32 +89,15 @@ fn killed_cameras_and_a_killed_daemon_are_replaced_under_running_peers() {
 }
 
 #[test]
-fn a_daemon_that_was_stopped_for_some_periods_flies_on() {
-    let testbed = Testbed::new("pause");
-    let (flight, bus, daemon, _) = airborne(&testbed);
-    let mut truth = bus.observer(&TRUTH).unwrap();
-    signal(daemon, Signal::STOP);
-    let stopped = wait_for("the truth", || truth.latest().unwrap()).1.time;
-    wait_for("six periods", || {
-        truth.latest().unwrap().filter(|(_, t)| t.time > stopped + Span::from_millis(100))
-    });
-    signal(daemon, Signal::CONT);
-    flight.signal(Signal::INT);
-    let output = flight.wait();
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(summary["outcome"], "landed", "{}", stderr(&output));
-}
-
-#[test]
 fn one_interrupt_lands() {
     let testbed = Testbed::new("land");
     let (flight, _bus, ..) = airborne(&testbed);
     flight.signal(Signal::INT);
     let output = flight.wait();
     assert!(output.status.success(), "{}", stderr(&output));
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let summary = json(&output);
     assert_eq!(summary["outcome"], "landed");
-    assert!(common::number(&summary, "/duration_s") < 30.0);
+    assert!(number(&summary, "/duration_s") < 30.0);
 }
 
 #[test]
@@ -136,19 +112,15 @@ fn two_interrupts_stop() {
     flight.signal(Signal::INT);
     let output = flight.wait();
     assert_eq!(output.status.code(), Some(1));
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(summary["outcome"], "stopped");
+    assert_eq!(json(&output)["outcome"], "stopped");
 }
 
 #[test]
 fn f25_a_second_daemon_is_refused_and_the_first_flies_on() {
     let testbed = Testbed::new("second");
     let (flight, _bus, daemon, _) = airborne(&testbed);
-    let second = testbed.oqtal(&["daemon", "run"]).output().unwrap();
-    assert_eq!(second.status.code(), Some(75));
-    let message = stderr(&second);
-    assert!(message.contains("topic `command`"), "{message}");
-    assert!(message.contains(&format!("held by process {daemon}")), "{message}");
+    let held = format!("held by process {daemon}");
+    testbed.refuses(&["daemon", "run"], 75, &["topic `command`", &held]);
     assert!(is_alive(daemon));
     flight.signal(Signal::INT);
     assert!(flight.wait().status.success());
@@ -158,9 +130,7 @@ fn f25_a_second_daemon_is_refused_and_the_first_flies_on() {
 fn a_second_flight_leaves_the_first_alone() {
     let testbed = Testbed::new("company");
     let (flight, _bus, daemon, _) = airborne(&testbed);
-    let second = testbed.fly(&["--trajectory", "hover"]);
-    assert_eq!(second.status.code(), Some(75));
-    assert!(stderr(&second).contains("a daemon already runs"), "{}", stderr(&second));
+    testbed.refuses(&["fly", "--trajectory", "hover"], 75, &["a daemon already runs"]);
     assert!(is_alive(daemon));
     flight.signal(Signal::INT);
     assert!(flight.wait().status.success());
@@ -174,17 +144,14 @@ fn f33_a_daemon_asked_to_end_leaves_the_vehicle_disarmed() {
     let (_, flown) = wait_for("commands", || commands.latest().unwrap());
     assert_ne!(flown.actuation, 0);
     signal(daemon, Signal::TERM);
-    let output = flight.wait();
-    assert_eq!(output.status.code(), Some(1));
-    let message = stderr(&output);
-    assert!(message.contains("daemon ended with exit code 0"), "{message}");
+    assert_refused(&flight.wait(), 1, &["daemon ended with exit code 0"]);
     let (_, last) = commands.latest().unwrap().expect("a last command");
     assert_eq!(last.actuation, 0);
 }
 
 #[test]
-fn f34_a_daemon_whose_log_is_closed_goes_on() {
-    let testbed = Testbed::new("deaf");
+fn f34_a_daemon_whose_log_is_closed_continues() {
+    let testbed = Testbed::new("closed-log");
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     let mut command = testbed.oqtal(&["daemon", "run", "--set", "log.level=trace"]);
@@ -198,12 +165,12 @@ fn f34_a_daemon_whose_log_is_closed_goes_on() {
 }
 
 #[test]
-fn f31_status_tells_how_every_process_is_and_whether_they_agree() {
+fn f31_status_reports_every_process_and_whether_their_configurations_agree() {
     let testbed = Testbed::new("status");
     let status = || {
         let output = testbed.oqtal(&["ctl", "status", "--json"]).output().unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
-        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+        json(&output)
     };
     let daemon = testbed.start(&["daemon", "run"]);
     let alone = status();
@@ -216,8 +183,8 @@ fn f31_status_tells_how_every_process_is_and_whether_they_agree() {
     let mocap = testbed.start(&["mocap-emu", "run", "--set", "mocap.rate-hz=100"]);
     let all = wait_for("all processes", || {
         let all = status();
-        let heard = |k: usize| all["processes"][k]["heard"].is_object();
-        (heard(0) && heard(1) && heard(2)).then_some(all)
+        let reports = |k: usize| all["processes"][k]["heard"].is_object();
+        (reports(0) && reports(1) && reports(2)).then_some(all)
     });
     assert_eq!(all["processes"][1]["heard"]["pid"], mocap.id());
     assert_eq!(all["config_agrees"], false);
@@ -231,16 +198,12 @@ fn f31_status_tells_how_every_process_is_and_whether_they_agree() {
 }
 
 #[test]
-fn ctl_speaks_to_a_daemon_and_says_when_there_is_none() {
+fn ctl_reaches_a_daemon_and_reports_a_missing_one() {
     let testbed = Testbed::new("ctl");
-    let nobody = testbed.oqtal(&["ctl", "status"]).output().unwrap();
-    assert_eq!(nobody.status.code(), Some(75));
-    assert!(stderr(&nobody).contains("no daemon answers"), "{}", stderr(&nobody));
+    testbed.refuses(&["ctl", "status"], 75, &["no daemon answers"]);
     let _daemon = testbed.start(&["daemon", "run"]);
     let status = testbed.oqtal(&["ctl", "status"]).output().unwrap();
     assert!(status.status.success(), "{}", stderr(&status));
     assert!(String::from_utf8_lossy(&status.stdout).contains("disarmed"));
-    let arm = testbed.oqtal(&["ctl", "arm"]).output().unwrap();
-    assert_eq!(arm.status.code(), Some(1));
-    assert!(stderr(&arm).contains("no pose"), "{}", stderr(&arm));
+    testbed.refuses(&["ctl", "arm"], 1, &["no pose"]);
 }

@@ -1,16 +1,10 @@
-//! Flights of real firmware, which runs as programs at the paths in OQTAL_CRAZYFLIE, OQTAL_ARDUCOPTER and OQTAL_PX4; skipped where a
+//! Flights of real firmware, executed as the programs that OQTAL_CRAZYFLIE, OQTAL_ARDUCOPTER and OQTAL_PX4 name; skipped where a
 //! variable is not set. One flight after another: each needs a quiet machine, a network of its own and fixed ports.
 
-mod common;
-#[path = "firmware/faults.rs"]
 mod faults;
-#[path = "firmware/flight.rs"]
 mod flight;
-#[path = "firmware/program.rs"]
 mod program;
-#[path = "firmware/relay.rs"]
 mod relay;
-#[path = "firmware/vehicles.rs"]
 mod vehicles;
 
 use std::path::{Path, PathBuf};
@@ -22,8 +16,8 @@ use oqtal_bus::code::{OperatorCommand, SafetyState};
 use oqtal_bus::time::Span;
 use serde_json::Value;
 
-use common::Testbed;
-use common::random::length;
+use crate::common::random::length;
+use crate::common::{Testbed, number};
 use faults::{BATTERY, FAULTS, Fault, HEAD, TAKEN_OVER, observe, refuses_to_arm};
 use flight::FirmwareFlight;
 use program::Firmware;
@@ -33,9 +27,9 @@ use vehicles::{ALL, ARDUCOPTER, CRAZYFLIE, PX4};
 const HOVER_M: f64 = 0.03;
 /// Greatest mean position error on the square \[m\], whose corners are steps of 1.3 m.
 const SQUARE_M: f64 = 0.6;
-/// Greatest mean attitude error \[deg\]: more is a vehicle that swings.
+/// Greatest mean attitude error \[deg\]; a vehicle that oscillates exceeds it.
 const ATTITUDE_DEG: f64 = 5.0;
-/// Age of a command, since its publication, above which the bridge sends it to nobody.
+/// Age of a command, since its publication, above which the bridge does not send it.
 const OLD: Span = Span::from_millis(51);
 
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -60,7 +54,7 @@ fn fly(firmware: &Firmware, path: &Path, controller: &str, trajectory: &[&str]) 
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["outcome"], "landed", "{said}");
     assert_eq!(summary["error_source"], "truth");
-    let number = |path: &str| common::number(&summary, path);
+    let number = |path: &str| number(&summary, path);
     eprintln!(
         "| {}, `{controller}` | {trajectory:?} | position RMS {:.1} mm, mean {:.3} m | velocity {:.3} m/s | attitude {:.2} deg | {:.1}, {:.1} ms |",
         firmware.name,
@@ -81,13 +75,13 @@ fn flies_hover_and_square(firmware: &Firmware) {
     for controller in ["pid", "oqtal", "oqtal-dt"] {
         let hover =
             fly(firmware, &path, controller, &["--trajectory", "hover", "--duration", "10"]);
-        let rms = common::number(&hover, "/position_error_m/rms");
+        let rms = number(&hover, "/position_error_m/rms");
         assert!(rms <= HOVER_M, "{} hovers with {controller} within {rms} m", firmware.name);
         let square = fly(firmware, &path, controller, &["--trajectory", "square"]);
-        let mean = common::number(&square, "/position_error_m/mean");
+        let mean = number(&square, "/position_error_m/mean");
         assert!(mean <= SQUARE_M, "{}: a square with {controller} within {mean} m", firmware.name);
         for flight in [hover, square] {
-            let degrees = common::number(&flight, "/attitude_error_deg/mean");
+            let degrees = number(&flight, "/attitude_error_deg/mean");
             assert!(degrees <= ATTITUDE_DEG, "{} with {controller}: {degrees} deg", firmware.name);
         }
     }
@@ -130,12 +124,12 @@ fn has_modes(firmware: &Firmware) -> bool {
 }
 
 #[test]
-fn each_fault_in_a_hover_of_real_firmware_is_noticed_and_no_old_command_is_sent() {
+fn each_fault_in_a_hover_of_real_firmware_is_detected_and_no_old_command_is_sent() {
     shows(&FAULTS, |_| true);
 }
 
 #[test]
-fn f57_a_pilot_who_takes_over_real_firmware_is_sent_nothing() {
+fn f57_real_firmware_gets_no_set_point_after_a_pilot_takes_over() {
     shows(&[TAKEN_OVER], has_modes);
 }
 
@@ -147,7 +141,7 @@ fn f45_an_empty_battery_of_real_firmware_ends_in_a_landing() {
 
 /// PX4 refuses nothing once it has a position, for which the daemon waits, and the Crazyflie arms by itself.
 #[test]
-fn arming_that_arducopter_refuses_after_its_start_is_told_in_its_words() {
+fn a_refusal_to_arm_of_arducopter_is_reported_in_its_words() {
     let _alone = alone();
     if let Some(path) = ARDUCOPTER.path() {
         refuses_to_arm(&ARDUCOPTER, &path);
@@ -156,7 +150,7 @@ fn arming_that_arducopter_refuses_after_its_start_is_told_in_its_words() {
 
 /// One datagram of a hundred is lost, and each takes up to 5 ms longer, in both directions; seconds from OQTAL_TEST_LOSS_S.
 #[test]
-fn losses_and_jitter_are_flown_through_by_real_firmware_which_gets_nothing_old() {
+fn losses_and_jitter_are_flown_through_by_real_firmware_without_old_commands() {
     let seconds = length("OQTAL_TEST_LOSS_S", 10);
     let _alone = alone();
     for (firmware, path) in present() {
@@ -183,7 +177,7 @@ fn losses_and_jitter_are_flown_through_by_real_firmware_which_gets_nothing_old()
             "a set-point without thrust"
         );
         drop(relay);
-        // What the bridge says of every command: when it was published, and when it was handed to the port.
+        // Stamps of every command: its publication, and its hand-over to the port.
         for stamps in &seen.stamps {
             let age = stamps.applied_at.since(stamps.command_published_at);
             assert!(age <= OLD, "{}: a command of {} ms", firmware.name, age.seconds() * 1e3);

@@ -1,18 +1,14 @@
 //! Processes killed at random instants of their first half second, on one instance: the next start succeeds. The lengths of the
 //! study come from OQTAL_TEST_KILLS, the kills under each seed, and OQTAL_TEST_KILL_SEEDS.
 
-mod common;
-
 use std::time::{Duration, Instant};
 
-use common::random::{Random, length};
-use common::{Running, Testbed, wait_for};
+use crate::common::random::{Random, length};
+use crate::common::{Running, SERVICES, Testbed, children, is_alive, stderr, wait_for};
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
-
-const PROCESSES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];
 
 /// Waits for up to half a second.
 fn pause(random: &mut Random) {
@@ -25,7 +21,7 @@ fn start(testbed: &Testbed, process: &str) -> Running {
 
 /// Starts the processes that do not run, and waits until the running daemon is in the state Nominal.
 fn all_work(testbed: &Testbed, running: &mut [Option<Running>; 3]) {
-    for (slot, process) in running.iter_mut().zip(PROCESSES) {
+    for (slot, process) in running.iter_mut().zip(SERVICES) {
         slot.get_or_insert_with(|| start(testbed, process));
     }
     let daemon = running[2].as_ref().map(Running::id).unwrap();
@@ -42,15 +38,15 @@ fn kill(process: Option<Running>) {
     let Some(process) = process else { return };
     process.signal(Signal::KILL);
     let output = process.wait();
-    assert_eq!(output.status.code(), None, "ended by itself: {}", common::stderr(&output));
+    assert_eq!(output.status.code(), None, "ended by itself: {}", stderr(&output));
 }
 
-/// How many are killed under each seed, `short` unless the study of docs/faults.md is run, and under how many seeds.
+/// Number of kills under each seed, `short` unless the study of docs/faults.md is run, and number of seeds.
 fn study(short: u64) -> (u64, u64) {
     (length("OQTAL_TEST_KILLS", short), length("OQTAL_TEST_KILL_SEEDS", 1))
 }
 
-/// Starts everything again, and says how long it took; in the study of docs/faults.md it must not take more than 5 s.
+/// Starts everything again and prints the time that it took, in the study of docs/faults.md 5 s at most.
 fn starts_again(testbed: &Testbed, running: &mut [Option<Running>; 3], what: &str) {
     let began = Instant::now();
     all_work(testbed, running);
@@ -62,21 +58,15 @@ fn starts_again(testbed: &Testbed, running: &mut [Option<Running>; 3], what: &st
     );
 }
 
-/// Ends everything, and looks for what is left.
-fn nothing_is_left(testbed: &Testbed, running: [Option<Running>; 3]) {
+/// Ends everything, and checks that nothing remains.
+fn ends_without_remains(testbed: &Testbed, running: [Option<Running>; 3]) {
     for process in running.into_iter().flatten().rev() {
         process.signal(Signal::TERM);
         let output = process.wait();
-        assert!(output.status.success(), "{}", common::stderr(&output));
+        assert!(output.status.success(), "{}", stderr(&output));
     }
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
     assert!(!testbed.paths().directory().exists());
-}
-
-/// Process ids of the children of a process.
-fn children(pid: u32) -> Vec<u32> {
-    let list = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
-    list.unwrap_or_default().split_whitespace().map(|pid| pid.parse().unwrap()).collect()
 }
 
 /// Kills a flight: its front door, one of its children, all children, or everything; waits until all have ended.
@@ -90,17 +80,15 @@ fn kill_flight(flight: Running, random: &mut Random) {
         (_, false) => family.iter().copied().chain([door]).collect(),
     };
     for &victim in &victims {
-        // It may have ended with another one.
+        // It may already have ended with another one.
         let pid = rustix::process::Pid::from_raw(victim.cast_signed()).unwrap();
         let _ = rustix::process::kill_process(pid, Signal::KILL);
     }
     let output = flight.wait();
     let by_itself = output.status.code().is_some() && victims.contains(&door);
-    assert!(!by_itself, "ended by itself: {}", common::stderr(&output));
-    family.retain(|&pid| common::is_alive(pid));
-    wait_for("the end of the children", || {
-        family.iter().all(|&pid| !common::is_alive(pid)).then_some(())
-    });
+    assert!(!by_itself, "ended by itself: {}", stderr(&output));
+    family.retain(|&pid| is_alive(pid));
+    wait_for("the end of the children", || family.iter().all(|&pid| !is_alive(pid)).then_some(()));
 }
 
 #[test]
@@ -116,7 +104,7 @@ fn f29_flights_killed_while_they_start_do_not_hinder_the_next() {
         }
         let mut running = [None, None, None];
         starts_again(&testbed, &mut running, &format!("{kills} flights, seed {seed}"));
-        nothing_is_left(&testbed, running);
+        ends_without_remains(&testbed, running);
     }
 }
 
@@ -127,7 +115,7 @@ fn f29_processes_killed_while_they_start_do_not_hinder_the_next() {
         let testbed = Testbed::new("kills");
         let mut random = Random(seed + 28);
         for _ in 0..kills {
-            let started = PROCESSES.map(|process| start(&testbed, process));
+            let started = SERVICES.map(|process| start(&testbed, process));
             pause(&mut random);
             for process in started {
                 kill(Some(process));
@@ -135,7 +123,7 @@ fn f29_processes_killed_while_they_start_do_not_hinder_the_next() {
         }
         let mut running = [None, None, None];
         starts_again(&testbed, &mut running, &format!("{kills} times all processes, seed {seed}"));
-        nothing_is_left(&testbed, running);
+        ends_without_remains(&testbed, running);
     }
 }
 
@@ -150,19 +138,11 @@ fn f29_a_process_killed_while_it_starts_does_not_hinder_the_others() {
         for _ in 0..kills {
             let which = random.below(3) as usize;
             kill(running[which].take());
-            let started = start(&testbed, PROCESSES[which]);
+            let started = start(&testbed, SERVICES[which]);
             pause(&mut random);
             kill(Some(started));
         }
         starts_again(&testbed, &mut running, &format!("{kills} single processes, seed {seed}"));
-        nothing_is_left(&testbed, running);
+        ends_without_remains(&testbed, running);
     }
-}
-
-#[test]
-fn a_process_that_leaves_last_leaves_nothing() {
-    let testbed = Testbed::new("last");
-    let mut running = [None, None, None];
-    all_work(&testbed, &mut running);
-    nothing_is_left(&testbed, running);
 }

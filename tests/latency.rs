@@ -1,10 +1,10 @@
 //! `oqtal latency`: its figures, its effect on a running flight, and its cleanup.
 
-mod common;
-
 use std::path::Path;
 
-use common::{Running, Testbed, is_alive, number, stderr, wait_for};
+use crate::common::{
+    Running, Testbed, assert_refused, children, is_alive, json, number, stderr, wait_for,
+};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::Mode;
 use oqtal_bus::paths::InstancePaths;
@@ -34,7 +34,7 @@ fn measure(testbed: &Testbed, words: &[&str]) -> Running {
 
 fn figures(output: &std::process::Output) -> Value {
     assert!(output.status.success(), "{}", stderr(output));
-    serde_json::from_slice(&output.stdout).unwrap()
+    json(output)
 }
 
 /// Objects in shared memory left by a measurement of the process `pid`.
@@ -45,7 +45,7 @@ fn remains(pid: u32) -> Vec<String> {
     names.filter(|name| own.iter().any(|own| name.contains(own))).collect()
 }
 
-/// Name of the instance that the measurement of the process `pid` has made; it ends with a number that nobody can guess.
+/// Name of the instance of the measurement by the process `pid`; it ends with a random number.
 fn instance_of(testbed: &Testbed, pid: u32) -> String {
     let entries = std::fs::read_dir(testbed.path("run")).unwrap().flatten();
     let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
@@ -54,13 +54,6 @@ fn instance_of(testbed: &Testbed, pid: u32) -> String {
 
 fn paths_of(testbed: &Testbed, instance: &str) -> InstancePaths {
     InstancePaths::new(instance, Some(&testbed.path("run"))).unwrap()
-}
-
-/// The child processes of `pid`.
-fn children(pid: u32) -> Vec<u32> {
-    let file = format!("/proc/{pid}/task/{pid}/children");
-    let list = std::fs::read_to_string(file).unwrap_or_default();
-    list.split_whitespace().map(|child| child.parse().unwrap()).collect()
 }
 
 #[test]
@@ -108,16 +101,15 @@ fn the_chain_at_rest_is_measured_beside_the_bare_mechanisms_in_one_run() {
 }
 
 #[test]
-fn nothing_runs_to_be_attached_to() {
+fn attaching_without_an_instance_is_refused() {
     let testbed = Testbed::new("nobody");
     let output = measure(&testbed, &["--attach", "--seconds", "1"]).wait();
-    assert_eq!(output.status.code(), Some(75));
-    assert!(stderr(&output).contains(testbed.instance()), "{}", stderr(&output));
+    assert_refused(&output, 75, &[testbed.instance()]);
     assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
 }
 
 #[test]
-fn a_running_flight_is_observed_and_lands_as_if_alone() {
+fn an_observed_flight_lands_without_lost_commands() {
     let testbed = Testbed::new("observed");
     let bus: Bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
@@ -143,7 +135,7 @@ fn a_running_flight_is_observed_and_lands_as_if_alone() {
 }
 
 #[test]
-fn an_interrupted_measurement_says_what_it_has_and_leaves_nothing() {
+fn an_interrupted_measurement_prints_its_figures_and_leaves_nothing() {
     let testbed = Testbed::new("interrupted");
     let running = measure(&testbed, &["--seconds", "600"]);
     let pid = running.id();

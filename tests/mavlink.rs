@@ -1,6 +1,5 @@
-//! The bridge and an emulated autopilot over a network, in virtual time: starting, refusals, control that another takes, silence.
+//! The bridge and an emulated autopilot over a network, in virtual time: start, refusals, loss of control to a pilot, silence.
 
-#[path = "mavlink/air.rs"]
 mod air;
 
 use air::{Air, disarmed, flight};
@@ -16,15 +15,15 @@ use oqtal_wire::mavlink::{
 const BOTH: [AutopilotKind; 2] = [AutopilotKind::ArduPilot, AutopilotKind::Px4];
 
 #[test]
-fn a_vehicle_is_found_gets_poses_and_knows_where_it_is() {
+fn a_vehicle_is_found_gets_poses_and_estimates_its_position() {
     for kind in BOTH {
         let mut air = Air::new(kind, &[]);
-        assert_eq!((air.said.link, air.said.estimator), (0, EstimatorState::Unknown.code()));
+        assert_eq!((air.report.link, air.report.estimator), (0, EstimatorState::Unknown.code()));
         air.fly_for(4000, disarmed());
-        assert_eq!(air.said.link, 1, "{kind:?}");
-        assert_eq!(air.said.estimator, EstimatorState::Ready.code(), "{kind:?}");
-        assert!(air.said.estimate_position.iter().all(|number| number.abs() < 0.05), "{kind:?}");
-        assert!(air.said.battery_v > 11.0 && air.said.link_quality > 0.9, "{:?}", air.said);
+        assert_eq!(air.report.link, 1, "{kind:?}");
+        assert_eq!(air.report.estimator, EstimatorState::Ready.code(), "{kind:?}");
+        assert!(air.report.estimate_position.iter().all(|number| number.abs() < 0.05), "{kind:?}");
+        assert!(air.report.battery_v > 11.0 && air.report.link_quality > 0.9, "{:?}", air.report);
         let poses = air.sent.iter().filter(|content| match kind {
             AutopilotKind::Px4 => matches!(content, MavlinkContent::Odometry(_)),
             AutopilotKind::ArduPilot => matches!(content, MavlinkContent::VisionPosition(_)),
@@ -40,36 +39,36 @@ fn motors_start_fly_and_stop_by_mode_arming_and_disarming() {
         let mut air = Air::new(kind, &[]);
         air.fly_for(1000, disarmed());
         air.fly_for(3500, flight(0.3));
-        assert_eq!(air.said.armed, 1, "{kind:?}");
-        assert_eq!(air.said.control, ControlHolder::Bridge.code());
+        assert_eq!(air.report.armed, 1, "{kind:?}");
+        assert_eq!(air.report.control, ControlHolder::Bridge.code());
         air.fly_for(800, flight(0.3));
         assert!(air.height() > 0.2, "{kind:?}: {}", air.height());
         air.fly_for(2500, disarmed());
-        assert!(air.said.armed == 0 && !air.motors_run(), "{kind:?}");
+        assert!(air.report.armed == 0 && !air.motors_run(), "{kind:?}");
         let noted = |event| air.notes.contains(&Note::Motors(event));
         assert!(noted(MotorEvent::Running) && noted(MotorEvent::Stopped), "{:?}", air.notes);
     }
 }
 
 #[test]
-fn a_refusal_to_arm_is_told_in_words_and_forgotten_when_the_motors_run() {
+fn a_refusal_to_arm_is_reported_in_words_until_the_motors_run() {
     for kind in BOTH {
         let mut air = Air::new(kind, &["plant.wire.mavlink.refuses-arming-ms=7000"]);
         air.fly_for(3000, disarmed());
         air.fly_for(3500, flight(0.0));
-        assert_eq!(air.said.refusal, VehicleRefusal::Arming.code(), "{kind:?}");
-        assert_eq!(air.said.text.as_str(), "Arm: Gyros inconsistent");
+        assert_eq!(air.report.refusal, VehicleRefusal::Arming.code(), "{kind:?}");
+        assert_eq!(air.report.text.as_str(), "Arm: Gyros inconsistent");
         assert!(air.notes.contains(&Note::Refused(VehicleRefusal::Arming)));
         assert!(air.notes.contains(&Note::Motors(MotorEvent::StartFailed)));
         air.fly_for(1000, disarmed());
         air.fly_for(2500, flight(0.0));
-        assert_eq!((air.said.armed, air.said.refusal), (1, VehicleRefusal::None.code()));
-        assert!(air.said.text.is_empty());
+        assert_eq!((air.report.armed, air.report.refusal), (1, VehicleRefusal::None.code()));
+        assert!(air.report.text.is_empty());
     }
 }
 
 #[test]
-fn f57_a_pilot_who_takes_over_is_seen_within_a_fifth_of_a_second_and_is_sent_nothing() {
+fn f57_a_take_over_by_a_pilot_is_detected_within_a_fifth_of_a_second_and_ends_the_set_points() {
     for kind in BOTH {
         let mut air = Air::new(kind, &[]);
         air.fly_for(1000, disarmed());
@@ -77,7 +76,7 @@ fn f57_a_pilot_who_takes_over_is_seen_within_a_fifth_of_a_second_and_is_sent_not
         assert!(air.height() > 0.2, "{kind:?}");
         air.vehicle.autopilot().pilot_takes_over();
         let since = air.now;
-        while air.said.control != ControlHolder::Another.code() {
+        while air.report.control != ControlHolder::Another.code() {
             air.fly_for(1, flight(0.3));
             assert!(air.now.since(since) <= Span::from_millis(200), "{kind:?}");
         }
@@ -92,7 +91,7 @@ fn f57_a_pilot_who_takes_over_is_seen_within_a_fifth_of_a_second_and_is_sent_not
             _ => true,
         };
         assert!(air.sent.iter().all(is_quiet), "{kind:?}");
-        assert!(air.sent.len() > 50, "poses and heartbeats go on");
+        assert!(air.sent.len() > 50, "poses and heartbeats continue");
         assert!(air.motors_run(), "{kind:?}: the motors are the pilot's");
         assert!(!air.bridge.begin_final_emergency_stop(air.now));
     }
@@ -116,7 +115,7 @@ fn f14_a_daemon_that_falls_silent_leaves_zero_set_points_within_four_periods() {
 }
 
 /// A heartbeat of another autopilot.
-fn stranger(kind: AutopilotKind, is_armed: bool) -> Vec<u8> {
+fn other_vehicle(kind: AutopilotKind, is_armed: bool) -> Vec<u8> {
     let own = MavlinkAddress { system: 42, component: MavlinkAddress::AUTOPILOT };
     let heartbeat = MavlinkContent::Heartbeat(MavlinkHeartbeat {
         autopilot: AutopilotFirmware::Known(kind),
@@ -128,54 +127,54 @@ fn stranger(kind: AutopilotKind, is_armed: bool) -> Vec<u8> {
 }
 
 #[test]
-fn a_stranger_that_was_heard_first_does_not_keep_the_vehicle_out() {
+fn another_autopilot_that_answered_first_does_not_keep_the_vehicle_out() {
     for kind in BOTH {
         let mut air = Air::new(kind, &[]);
-        air.hear(&stranger(kind, true));
+        air.receive(&other_vehicle(kind, true));
         air.fly_for(2900, disarmed());
-        assert_eq!(air.said.link, 0, "{kind:?}: the stranger may come back");
+        assert_eq!(air.report.link, 0, "{kind:?}: the other autopilot may return");
         air.fly_for(2000, disarmed());
         assert!(air.notes.contains(&Note::Replaced), "{:?}", air.notes);
         air.fly_for(4500, flight(0.3));
-        assert_eq!((air.said.link, air.said.armed), (1, 1), "{kind:?}");
+        assert_eq!((air.report.link, air.report.armed), (1, 1), "{kind:?}");
         assert!(air.height() > 0.2, "{kind:?}: {}", air.height());
     }
 }
 
 #[test]
-fn a_stranger_is_not_taken_for_the_vehicle_while_that_answers_nor_with_running_motors() {
+fn another_autopilot_does_not_replace_a_vehicle_that_answers_nor_with_running_motors() {
     for kind in BOTH {
         let mut air = Air::new(kind, &[]);
         air.fly_for(1000, disarmed());
         air.fly_for(4500, flight(0.3));
-        air.hear(&stranger(kind, false));
+        air.receive(&other_vehicle(kind, false));
         air.fly_for(100, flight(0.3));
-        assert_eq!((air.said.link, air.said.armed), (1, 1), "{kind:?}");
+        assert_eq!((air.report.link, air.report.armed), (1, 1), "{kind:?}");
         air.fall_silent();
         for _ in 0..50 {
-            air.hear(&stranger(kind, true));
+            air.receive(&other_vehicle(kind, true));
             air.fly_for(100, disarmed());
         }
-        assert!(!air.notes.contains(&Note::Replaced) && air.said.link == 0, "{kind:?}");
-        air.hear(&stranger(kind, false));
+        assert!(!air.notes.contains(&Note::Replaced) && air.report.link == 0, "{kind:?}");
+        air.receive(&other_vehicle(kind, false));
         air.fly_for(100, flight(0.3));
         assert!(air.notes.contains(&Note::Replaced), "{kind:?}");
-        assert_eq!((air.said.link, air.said.armed, air.said.starting), (1, 0, 0), "{kind:?}");
+        assert_eq!((air.report.link, air.report.armed, air.report.starting), (1, 0, 0), "{kind:?}");
     }
 }
 
 #[test]
-fn f57_px4_leaves_offboard_without_set_points_and_the_bridge_does_not_fight_it() {
+fn f57_px4_leaves_offboard_without_set_points_and_the_bridge_does_not_change_the_mode_back() {
     let mut air = Air::new(AutopilotKind::Px4, &[]);
     air.fly_for(1000, disarmed());
     air.fly_for(4500, flight(0.3));
     air.cut_for(1500);
     air.fly_for(300, flight(0.3));
-    assert_eq!(air.said.control, ControlHolder::Another.code());
-    assert_eq!(air.said.text.as_str(), "Failsafe: offboard signal lost");
+    assert_eq!(air.report.control, ControlHolder::Another.code());
+    assert_eq!(air.report.text.as_str(), "Failsafe: offboard signal lost");
 }
 
-/// One datagram of a hundred is lost, and each comes up to 5 ms late, out of order too.
+/// One datagram of a hundred is lost, and each is delayed by up to 5 ms, some out of order.
 #[test]
 fn losses_and_jitter_are_flown_through_and_nothing_old_is_sent() {
     let noise = ["plant.wire.loss-probability=0.01", "plant.wire.jitter-ms=5"];
@@ -185,7 +184,7 @@ fn losses_and_jitter_are_flown_through_and_nothing_old_is_sent() {
         air.fly_for(4500, flight(0.2));
         for step in 0..100_u32 {
             air.fly_for(200, flight(0.4 + 0.001 * f64::from(step % 2)));
-            assert_eq!((air.said.armed, air.said.link), (1, 1), "{kind:?}");
+            assert_eq!((air.report.armed, air.report.link), (1, 1), "{kind:?}");
             let newest = air.sent.iter().rev().find_map(|content| match content {
                 MavlinkContent::AttitudeTarget(target) => Some(target.thrust),
                 _ => None,
@@ -196,7 +195,7 @@ fn losses_and_jitter_are_flown_through_and_nothing_old_is_sent() {
 }
 
 #[test]
-fn a_vehicle_that_does_not_sign_with_the_configured_key_is_not_believed() {
+fn a_vehicle_that_does_not_sign_with_the_configured_key_is_ignored() {
     let digits = "0f".repeat(32);
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), &digits).unwrap();
@@ -205,10 +204,10 @@ fn a_vehicle_that_does_not_sign_with_the_configured_key_is_not_believed() {
         // The emulated autopilot does not sign.
         let mut air = Air::new(kind, &[&setting]);
         air.fly_for(3000, disarmed());
-        assert_eq!(air.said.link, 0, "{kind:?}");
+        assert_eq!(air.report.link, 0, "{kind:?}");
         let refused = Note::Refused(VehicleRefusal::Unsigned);
         assert_eq!(air.notes.iter().filter(|note| **note == refused).count(), 1, "{kind:?}");
-        assert_eq!(air.said.refusal, VehicleRefusal::Unsigned.code());
+        assert_eq!(air.report.refusal, VehicleRefusal::Unsigned.code());
         let autopilot = MavlinkAddress { system: 1, component: MavlinkAddress::AUTOPILOT };
         let mut signer = MavlinkEncoder::new(autopilot);
         signer.sign(SigningKey::from_hex(&digits).unwrap(), 0);
@@ -219,12 +218,12 @@ fn a_vehicle_that_does_not_sign_with_the_configured_key_is_not_believed() {
             is_simulated: false,
         };
         let wire = signer.encode(&MavlinkContent::Heartbeat(heartbeat)).unwrap();
-        air.hear(wire.as_bytes());
+        air.receive(wire.as_bytes());
         air.fly_for(50, disarmed());
-        assert_eq!(air.said.link, 1, "{kind:?}: signed with the key");
+        assert_eq!(air.report.link, 1, "{kind:?}: signed with the key");
         air.fly_for(1100, disarmed());
-        air.hear(wire.as_bytes());
+        air.receive(wire.as_bytes());
         air.fly_for(50, disarmed());
-        assert_eq!(air.said.link, 0, "{kind:?}: the same packet again");
+        assert_eq!(air.report.link, 0, "{kind:?}: the same packet again");
     }
 }

@@ -1,23 +1,17 @@
 //! Flights through MAVLink: real processes, real datagrams on the loopback network, in real time.
 
-mod common;
-
 use std::net::UdpSocket;
 
-use common::{Testbed, number, stderr};
+use crate::common::network::free_port;
+use crate::common::{Testbed, assert_as_good_as, assert_refused, json, number, stderr};
 
-/// Flies the square with these words through an emulated autopilot; it is as accurate as the direct simulation of `vehicle` at the same
-/// delay. Returns the summary.
+/// Flies the square with these arguments through an emulated autopilot; it is as accurate as the direct simulation of `vehicle` at the
+/// same delay. Returns the summary.
 fn square_as_good_as(vehicle: &str, words: &[&str]) -> serde_json::Value {
     let testbed = Testbed::new("mav-square");
-    let wired = testbed.summary(&[words, &["--seed", "7"]].concat());
-    assert_eq!(wired["outcome"], "landed", "{wired:#}");
+    let wired = testbed.lands(&[words, &["--seed", "7"]].concat());
     let direct = testbed.summary(&["--vehicle", vehicle, "--clock", "in-process", "--seed", "7"]);
-    for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
-        let path = format!("/{error}/mean");
-        let ratio = number(&wired, &path) / number(&direct, &path);
-        assert!((0.85..1.15).contains(&ratio), "{vehicle}, {error}: {ratio} of the direct flight");
-    }
+    assert_as_good_as(&wired, &direct);
     wired
 }
 
@@ -26,7 +20,7 @@ fn the_square_over_mavlink_is_as_good_as_without_it() {
     let words = ["--vehicle", "bridge:mavlink", "--set", "plant.wire.latency-ms=19"];
     let wired = square_as_good_as("sim", &words);
     assert_eq!(wired["vehicle"], "bridge:mavlink");
-    // Measured by exchanges of clocks: half of a round trip, one way of which takes 19 ms.
+    // Half of a round trip, measured by exchanges of clocks; one direction takes 19 ms.
     let on_wire = number(&wired, "/hops/wire/p50_ns");
     assert!(on_wire >= 9.5e6, "{on_wire} ns");
     assert!(number(&wired, "/hops/wire/count") > 1000.0);
@@ -46,10 +40,10 @@ fn the_square_of_the_preset_px4_quad_is_as_good_as_without_mavlink() {
     square_as_good_as("sim:px4-quad", &["--vehicle", vehicle, "--set", preset]);
 }
 
-/// PX4 with 1 % of datagrams lost and 5 ms of jitter, and ArduCopter that is told attitudes.
+/// PX4 with 1 % of datagrams lost and 5 ms of jitter, and ArduCopter commanded by attitudes.
 #[test]
 fn a_hover_lands_through_losses_and_by_attitudes() {
-    // Time for a sequence of which something is lost, as in the preset.
+    // Time for a sequence with losses, as in the preset.
     let noise = [
         "plant.wire.loss-probability=0.01",
         "plant.wire.jitter-ms=5",
@@ -66,8 +60,7 @@ fn a_hover_lands_through_losses_and_by_attitudes() {
         let settings = settings.iter().flat_map(|setting| ["--set", setting]);
         let written = ["--out", out.to_str().unwrap()];
         let words: Vec<&str> = hover.into_iter().chain(settings).chain(written).collect();
-        let summary = testbed.summary(&words);
-        assert_eq!(summary["outcome"], "landed", "{vehicle}: {summary:#}");
+        let summary = testbed.lands(&words);
         let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
         assert!(log.contains("motors have stopped"), "{vehicle}: {log}");
         assert_eq!(summary["vehicle"], vehicle);
@@ -75,21 +68,20 @@ fn a_hover_lands_through_losses_and_by_attitudes() {
 }
 
 #[test]
-fn a_vehicle_that_refuses_to_arm_is_told_in_its_own_words() {
+fn a_refusal_to_arm_is_logged_in_the_words_of_the_vehicle() {
     let testbed = Testbed::new("mav-refuses");
     let out = testbed.path("out");
     let setting = "plant.wire.mavlink.refuses-arming-ms=60000";
     let words = ["--vehicle", "bridge:mavlink", "--set", setting, "--out", out.to_str().unwrap()];
-    let output = testbed.fly(&words);
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert_refused(&testbed.fly(&words), 1, &[]);
     let log = std::fs::read_to_string(out.join("bridge.log")).unwrap();
     assert!(log.contains("the vehicle refuses to arm"), "{log}");
     assert!(log.contains("the vehicle says: Arm: Gyros inconsistent"), "{log}");
 }
 
-/// An autopilot that refuses to arm for as long as some do after they were switched on: the time of the flight is over in the air.
+/// An autopilot that refuses to arm for some time after its start: the time-out of the flight passes in the air.
 #[test]
-fn a_flight_that_begins_late_is_landed_and_not_dropped() {
+fn a_flight_that_begins_late_is_landed_and_not_stopped_in_the_air() {
     let testbed = Testbed::new("mav-late");
     let out = testbed.path("out");
     let settings = [
@@ -102,9 +94,8 @@ fn a_flight_that_begins_late_is_landed_and_not_dropped() {
     let written = ["--json", "--out", out.to_str().unwrap()];
     let words: Vec<&str> = hover.into_iter().chain(settings).chain(written).collect();
     let output = testbed.fly(&words);
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stderr(&output).contains("the flight lasted too long"), "{}", stderr(&output));
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_refused(&output, 1, &["the flight lasted too long"]);
+    let summary = json(&output);
     // A fall from the hover would be a crash.
     assert_eq!(summary["outcome"], "timeout", "{summary:#}");
     let telemetry = std::fs::read_to_string(out.join("telemetry.csv")).unwrap();
@@ -116,7 +107,7 @@ fn a_flight_that_begins_late_is_landed_and_not_dropped() {
 }
 
 #[test]
-fn ports_vehicles_and_links_that_cannot_be_are_told_with_their_remedy() {
+fn impossible_ports_vehicles_and_links_are_refused_with_a_remedy() {
     let testbed = Testbed::new("mav-bad");
     let holder = UdpSocket::bind("127.0.0.1:0").unwrap();
     let used = holder.local_addr().unwrap();
@@ -128,29 +119,23 @@ fn ports_vehicles_and_links_that_cannot_be_are_told_with_their_remedy() {
         ("mavlink:serial:/dev/no-such-port".to_owned(), 71, "no serial port"),
         ("mavlink:udpin:14550".to_owned(), 78, "mavlink:udpin:HOST:PORT"),
     ] {
-        let output = testbed.oqtal(&["bridge", "run", "--link", &link]).output().unwrap();
-        let message = stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{link}: {message}");
-        assert!(message.contains(says), "{link}: {message}");
+        testbed.refuses(&["bridge", "run", "--link", &link], code, &[says]);
     }
     for (link, code, says) in [
         ("asctec:/dev/ttyUSB0", 64, "only vehicles of MAVLink"),
         ("mavlink:tcp:14550", 64, "mavlink:tcp:HOST:PORT"),
         (&format!("mavlink:udpin:{used}"), 75, "is used by another program"),
     ] {
-        let output = testbed.oqtal(&["bridge", "setup", link]).output().unwrap();
-        let message = stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{link}: {message}");
-        assert!(message.contains(says), "{link}: {message}");
+        testbed.refuses(&["bridge", "setup", link], code, &[says]);
     }
 }
 
-/// A vehicle fresh from the factory is told what is wrong, is set up, and is then right.
+/// A vehicle with factory settings is checked, set up, and checked again.
 #[test]
 fn a_vehicle_is_set_up_and_read_back() {
     for autopilot in ["ardupilot", "px4"] {
         let testbed = Testbed::new("mav-setup");
-        let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let free = format!("127.0.0.1:{}", free_port());
         let wire = format!("mavlink:udpin:{free},autopilot={autopilot}");
         let vehicle = testbed.start(&["plant-sim", "run", "--wire", &wire]);
         let link = format!("mavlink:udpout:{free}");

@@ -1,11 +1,8 @@
-//! `oqtal monitor` in a real terminal, of tmux: changes are seen, resizing works, the terminal is left as it was. Skipped without
-//! tmux.
-
-mod common;
+//! `oqtal monitor` in a real terminal, of tmux: changes are shown, resizing works, the terminal is restored. Skipped without tmux.
 
 use std::process::{Command, Stdio};
 
-use common::{Running, Testbed, stderr, wait_for};
+use crate::common::{Running, Testbed, assert_refused, is_alive, skipped, stderr, wait_for};
 use rustix::process::{Pid, Signal, kill_process};
 
 /// A terminal of tmux with a server of its own; ended when dropped.
@@ -17,7 +14,7 @@ impl<'a> Tmux<'a> {
     /// A shell in a terminal of this size; `None`, with a message, without tmux.
     fn start(testbed: &'a Testbed, size: (u16, u16)) -> Option<Self> {
         if Command::new("tmux").arg("-V").output().is_err() {
-            eprintln!("skipped: no tmux; install it with: sudo apt-get install tmux");
+            skipped("no tmux; install it with: sudo apt-get install tmux");
             return None;
         }
         let tmux = Self { testbed };
@@ -59,7 +56,7 @@ impl<'a> Tmux<'a> {
         self.run(&["display-message", "-p", "#{alternate_on}"]).trim() == "1"
     }
 
-    /// Starts `oqtal monitor` on the testbed; the shell then tells how it ended.
+    /// Starts `oqtal monitor` on the testbed; the shell then prints its exit code.
     fn monitor(&self, options: &str) {
         let [pid, root] = ["pid", "run"].map(|name| self.testbed.path(name).display().to_string());
         let (oqtal, instance) = (env!("CARGO_BIN_EXE_oqtal"), self.testbed.instance());
@@ -89,17 +86,14 @@ impl Drop for Tmux<'_> {
     }
 }
 
-fn services(testbed: &Testbed) -> Vec<Running> {
-    let start = |process: &&str| testbed.start(&[process, "run"]);
-    let running = ["daemon", "plant-sim", "mocap-emu"].iter().map(start).collect();
-    wait_for("a daemon that answers", || {
-        testbed.oqtal(&["ctl", "status"]).output().unwrap().status.success().then_some(())
-    });
+fn services(testbed: &Testbed) -> [Running; 3] {
+    let running = testbed.services();
+    testbed.wait_for_daemon();
     running
 }
 
 #[test]
-fn changes_are_seen_resizing_works_and_the_terminal_is_left_as_it_was() {
+fn changes_are_shown_resizing_works_and_the_terminal_is_restored() {
     let testbed = Testbed::new("monitor");
     let Some(tmux) = Tmux::start(&testbed, (80, 24)) else { return };
     let before = tmux.settings("before");
@@ -138,19 +132,17 @@ fn changes_are_seen_resizing_works_and_the_terminal_is_left_as_it_was() {
 }
 
 #[test]
-fn without_an_instance_or_a_terminal_the_remedy_is_told() {
+fn without_an_instance_or_a_terminal_the_remedy_is_reported() {
     let testbed = Testbed::new("monitor-none");
     let output = testbed.oqtal(&["monitor"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(64));
-    let message = stderr(&output);
-    assert!(message.contains("no terminal") && message.contains("ctl status --json"), "{message}");
+    assert_refused(&output, 64, &["no terminal", "ctl status --json"]);
     let Some(tmux) = Tmux::start(&testbed, (200, 24)) else { return };
     tmux.monitor("");
     tmux.shows(&["nothing runs on instance", "oqtal fly --instance", "ended 75"]);
     assert!(!tmux.is_on_other_screen());
 }
 
-/// A window that is closed takes no key: the monitor notices and does not turn round for ever.
+/// A closed window sends no key: the monitor detects it and ends.
 #[test]
 fn a_monitor_whose_terminal_is_closed_ends() {
     let testbed = Testbed::new("monitor-closed");
@@ -162,5 +154,5 @@ fn a_monitor_whose_terminal_is_closed_ends() {
     // The server of tmux outlives its only session.
     tmux.run(&["set-option", "-g", "exit-empty", "off"]);
     tmux.run(&["kill-session"]);
-    wait_for("the end of the monitor", || (!common::is_alive(pid)).then_some(()));
+    wait_for("the end of the monitor", || (!is_alive(pid)).then_some(()));
 }

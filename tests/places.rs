@@ -1,17 +1,12 @@
 //! The directory and shared memory of an instance: permissions, required space, cleanup, and start in any order.
 
-mod common;
-
-use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-use common::{Running, Testbed, stderr, wait_for};
+use crate::common::{Running, SERVICES, Testbed, assert_refused, stderr, wait_for};
 use oqtal_bus::code::SafetyState;
 use oqtal_bus::topic::TELEMETRY;
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
-
-const PROCESSES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];
 
 /// All orders in which three processes can be started.
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
@@ -21,8 +16,8 @@ fn all_find_each_other(testbed: &Testbed, order: [usize; 3]) -> Vec<Running> {
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
     let started: Vec<Running> =
-        order.iter().map(|&k| testbed.start(&[PROCESSES[k], "run"])).collect();
-    let daemon = order.iter().position(|&k| PROCESSES[k] == "daemon").unwrap();
+        order.iter().map(|&k| testbed.start(&[SERVICES[k], "run"])).collect();
+    let daemon = order.iter().position(|&k| SERVICES[k] == "daemon").unwrap();
     let daemon = started[daemon].id();
     wait_for(&format!("poses with the order {order:?}"), || {
         let (header, tick) = telemetry.latest().unwrap()?;
@@ -41,6 +36,7 @@ fn f32_processes_find_each_other_in_whatever_order_they_start() {
             assert!(process.wait().status.success());
         }
         assert!(testbed.remains().is_empty(), "{:?}", testbed.remains());
+        assert!(!testbed.paths().directory().exists(), "the last process leaves nothing");
     }
 }
 
@@ -61,7 +57,7 @@ fn orders_of_four() -> Vec<[usize; 4]> {
 fn f32_a_daemon_finds_cameras_vehicle_and_bridge_in_all_24_orders() {
     let orders = orders_of_four();
     assert_eq!(orders.len(), 24);
-    // Each pair in either order in the short version; `TEST_LONG=1` all.
+    // The short version has each pair in either order; `TEST_LONG=1` has all orders.
     let is_long = std::env::var_os("TEST_LONG").is_some();
     let step = if is_long { 1 } else { 7 };
     for order in orders.into_iter().step_by(step) {
@@ -92,7 +88,7 @@ fn f32_a_daemon_finds_cameras_vehicle_and_bridge_in_all_24_orders() {
 }
 
 #[test]
-fn f29_what_killed_processes_leave_behind_does_not_hinder_the_next() {
+fn f29_remains_of_killed_processes_do_not_hinder_the_next() {
     let testbed = Testbed::new("remains");
     for order in &ORDERS[..3] {
         let processes = all_find_each_other(&testbed, *order);
@@ -104,7 +100,7 @@ fn f29_what_killed_processes_leave_behind_does_not_hinder_the_next() {
 }
 
 #[test]
-fn f27_too_little_shared_memory_is_said_before_it_kills() {
+fn f27_too_little_shared_memory_is_reported_at_the_start() {
     let testbed = Testbed::new("full");
     let daemon = testbed.oqtal(&["daemon", "run"]);
     let words: Vec<_> = daemon.get_args().map(ToOwned::to_owned).collect();
@@ -112,14 +108,11 @@ fn f27_too_little_shared_memory_is_said_before_it_kills() {
     let script = "mount -t tmpfs -o size=64k tmpfs /dev/shm && exec \"$0\" \"$@\"";
     let mut small = Command::new("unshare");
     small.args(["--map-root-user", "--mount", "sh", "-c", script]).arg(daemon.get_program());
-    let output = small.args(words).output().unwrap();
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(71), "{message}");
-    assert!(message.contains("/dev/shm has 64 KiB free"), "{message}");
+    assert_refused(&small.args(words).output().unwrap(), 71, &["/dev/shm has 64 KiB free"]);
 }
 
 /// Runs in a private `/dev/shm` of the size `$1`: three processes and an observer that is stopped for two seconds while a file fills
-/// what is left. Prints the exit code of each process after it was asked to end.
+/// the rest. Prints the exit code of each process after it was asked to end.
 const FULL_MEMORY: &str = r#"
 set -e
 mount -t tmpfs -o size=$1 tmpfs /dev/shm
@@ -141,7 +134,7 @@ for pid in $pids; do kill $pid; code=0; wait $pid || code=$?; echo $code; done
 "#;
 
 #[test]
-fn f27_a_full_memory_and_an_observer_that_sleeps_kill_nobody() {
+fn f27_a_full_memory_and_a_stopped_observer_end_no_process() {
     let testbed = Testbed::new("filled");
     let mut private = Command::new("unshare");
     private.args(["--map-root-user", "--mount", "--pid", "--fork", "sh", "-c", FULL_MEMORY]);
@@ -153,66 +146,11 @@ fn f27_a_full_memory_and_an_observer_that_sleeps_kill_nobody() {
 }
 
 #[test]
-fn f28_another_user_is_refused_and_told_where() {
-    if !rustix::process::getuid().is_root() {
-        eprintln!("skipped: only root can become another user");
-        return;
-    }
-    let testbed = Testbed::new("stranger");
-    let _daemon = testbed.start(&["daemon", "run"]);
-    let root = testbed.path("run");
-    wait_for("the daemon's root", || root.exists().then_some(()));
-    let mut stranger = testbed.oqtal(&["ctl", "status"]);
-    stranger.uid(65534);
-    let output = stranger.output().unwrap();
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(77), "{message}");
-    assert!(message.contains(&root.display().to_string()), "{message}");
-}
-
-#[test]
-fn f28_names_that_another_user_plants_in_shared_memory_hinder_nobody() {
-    use std::os::unix::fs::PermissionsExt;
-    if !rustix::process::getuid().is_root() {
-        eprintln!("skipped: only root can become other users");
-        return;
-    }
-    let testbed = Testbed::new("planted");
-    let (owner, root) = (65_533, testbed.path("run"));
-    std::fs::set_permissions(testbed.path(""), PermissionsExt::from_mode(0o755)).unwrap();
-    std::fs::create_dir(&root).unwrap();
-    std::os::unix::fs::chown(&root, Some(owner), Some(owner)).unwrap();
-    // Directories of a third user, which the owner of the instance cannot remove.
-    let names = ["stop", "pose.count", "truth.count", "vehicle.count", "shared"];
-    let planted = names.map(|name| format!("/dev/shm/{}{name}", testbed.paths().prefix()));
-    let mut stranger = Command::new("mkdir");
-    assert!(stranger.args(&planted).uid(65_534).gid(65_534).status().unwrap().success());
-    let as_owner = |words: &[&str]| {
-        let mut command = testbed.oqtal(words);
-        command.uid(owner).gid(owner);
-        command
-    };
-    let plant = Running::start(&mut as_owner(&["plant-sim", "run"]));
-    wait_for("a stop that is obeyed", || {
-        as_owner(&["ctl", "stop"]).output().unwrap().status.success().then_some(())
-    });
-    plant.signal(Signal::TERM);
-    assert!(plant.wait().status.success());
-    let mut left = testbed.remains();
-    left.retain(|name| !planted.contains(&format!("/dev/shm/{name}")));
-    assert!(left.is_empty() && !root.join(testbed.instance()).exists(), "{left:?}");
-    planted.iter().for_each(|path| std::fs::remove_dir(path).unwrap());
-    std::os::unix::fs::chown(&root, Some(0), Some(0)).unwrap();
-}
-
-#[test]
-fn too_few_files_for_the_ports_are_said_with_the_remedy() {
+fn too_low_a_limit_of_open_files_is_reported_with_the_remedy() {
     let testbed = Testbed::new("few-files");
     let mut shell = Command::new("sh");
     let daemon = testbed.oqtal(&["daemon", "run"]);
     shell.args(["-c", "ulimit -n 32; exec \"$0\" \"$@\""]).arg(daemon.get_program());
     let output = shell.args(daemon.get_args()).output().unwrap();
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(71), "{message}");
-    assert!(message.contains("may open 32 files") && message.contains("ulimit -n"), "{message}");
+    assert_refused(&output, 71, &["may open 32 files", "ulimit -n"]);
 }

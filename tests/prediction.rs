@@ -1,4 +1,4 @@
-//! The predictor's model of the vehicle agrees with the simulator where both know the same parameters and biases.
+//! The predictor's model of the vehicle agrees with the simulator where both have the same parameters and biases.
 
 use nalgebra::{Quaternion, Vector3, Vector4};
 use oqtal_config::{Config, Interface, Setting};
@@ -60,7 +60,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn the_prediction_is_what_the_quadrotor_does(
+    fn the_prediction_agrees_with_the_quadrotor(
         (velocity, turn, rate) in (vector(2.0), vector(1.0), vector(2.0)),
         (sticks, thrust, thrust_n) in (vector(1.0), 0.0..1.0_f64, 0.0..20.0_f64),
         (drift, push) in (vector(0.1), vector(0.5)),
@@ -84,7 +84,7 @@ proptest! {
     }
 
     #[test]
-    fn the_prediction_is_what_a_vehicle_that_holds_an_attitude_does(
+    fn the_prediction_agrees_with_a_vehicle_that_holds_an_attitude(
         (velocity, turn, rate) in (vector(2.0), vector(1.0), vector(1.0)),
         // Within the rate authority, at whose limit the demand has a kink.
         (left, thrust, thrust_n) in (vector(0.25), 0.0..1.0_f64, 0.0..20.0_f64),
@@ -113,7 +113,7 @@ proptest! {
     }
 
     #[test]
-    fn the_prediction_is_what_the_spacecraft_does(
+    fn the_prediction_agrees_with_the_spacecraft(
         (velocity, turn, rate) in (vector(2.0), vector(1.0), vector(2.0)),
         (torque, push) in (vector(1.0), vector(0.5)),
     ) {

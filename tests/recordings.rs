@@ -1,49 +1,30 @@
-//! Recordings: what a flight leaves is complete, read by others, gives the report again, and replays bit for bit.
-
-mod common;
+//! Recordings of flights: complete, readable by other programs, sufficient for the report, and replayed bit for bit.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
-use common::{Running, Testbed, number, stderr, wait_for};
+use crate::common::{SERVICES, Testbed, assert_refused, number, peers, stderr, wait_for};
 use oqtal_observe::recording::{DaemonHistory, InputHistory, RecordingFile, play};
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// A hover of one second, in lockstep unless told otherwise.
+/// A hover of one second.
 const HOVER: [&str; 6] =
     ["--trajectory", "hover", "--duration", "1", "--set", "trajectory.settle-s=0.5"];
 
-/// Runs `oqtal` with `words` in the testbed's directory, which must succeed; returns its standard output.
-fn succeeds(testbed: &Testbed, words: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
-        .args(words)
-        .current_dir(testbed.path(""))
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{words:?}: {}", stderr(&output));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-/// Runs `oqtal` with `words`, which must fail with this code; returns the message.
-fn fails(testbed: &Testbed, words: &[&str], code: i32) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
-        .args(words)
-        .current_dir(testbed.path(""))
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(code), "{words:?}: {}", stderr(&output));
-    stderr(&output)
+/// Runs `oqtal` with `words`, which must fail with this code and a message that contains `parts`.
+#[track_caller]
+fn fails(testbed: &Testbed, words: &[&str], code: i32, parts: &[&str]) {
+    assert_refused(&testbed.study(words).output().unwrap(), code, parts);
 }
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap()
 }
 
-/// Replays the recording, which must come out bit for bit; returns the result.
+/// Replays the recording, which must agree bit for bit; returns the result.
 fn replays(testbed: &Testbed, file: &str) -> Value {
-    let result = json(&succeeds(testbed, &["replay", file, "--json"]));
+    let result = json(&testbed.succeeds(&["replay", file, "--json"]));
     assert!(number(&result, "/ticks") > 60.0, "{result}");
     assert_eq!(result["identical"], result["ticks"], "{result}");
     assert_eq!((&result["unmatched"], &result["missing"]), (&Value::from(0), &Value::from(0)));
@@ -51,7 +32,7 @@ fn replays(testbed: &Testbed, file: &str) -> Value {
 }
 
 #[test]
-fn a_recording_gives_the_report_again_and_replays_bit_for_bit() {
+fn a_recording_reproduces_the_report_and_replays_bit_for_bit() {
     for (clock, flights) in
         [("lockstep", "processes"), ("in-process", "all"), ("real", "processes")]
     {
@@ -59,11 +40,11 @@ fn a_recording_gives_the_report_again_and_replays_bit_for_bit() {
         let setting = format!("record.flights={flights}");
         let words = [&HOVER[..], &["--clock", clock, "--set", &setting, "--out", "d"]].concat();
         let summary = testbed.summary(&words);
-        let again = succeeds(&testbed, &["report", "d/flight.mcap", "--json"]);
+        let again = testbed.succeeds(&["report", "d/flight.mcap", "--json"]);
         assert_eq!(json(&again), summary, "{clock}");
         let page = |name: &str| std::fs::read_to_string(testbed.path("d").join(name)).unwrap();
         assert!(page("flight.html") == page("report.html"), "{clock}: the pages differ");
-        succeeds(&testbed, &["export", "d/flight.mcap", "--format", "csv"]);
+        testbed.succeeds(&["export", "d/flight.mcap", "--format", "csv"]);
         assert!(page("flight-csv/ticks.csv") == page("telemetry.csv"), "{clock}: tables differ");
         replays(&testbed, "d/flight.mcap");
     }
@@ -91,7 +72,7 @@ fn tells(file: &RecordingFile, text: &str) -> bool {
 }
 
 #[test]
-fn faults_at_the_daemons_end_of_a_topic_are_told_and_replay_bit_for_bit() {
+fn faults_at_the_daemons_end_of_a_topic_are_recorded_and_replay_bit_for_bit() {
     let faults = [
         ["pose:wrong=0.01m@1+0.5", "pose:stuck@0.5+0.05"],
         ["pose:garbage@0.5+0.02", "vehicle:garbage@1+0.3"],
@@ -110,7 +91,7 @@ fn faults_at_the_daemons_end_of_a_topic_are_told_and_replay_bit_for_bit() {
             assert!(tells(&file, &format!("{fault} begins")), "{fault}");
             let target = fault.split_once(':').unwrap().0;
             let topic = format!("read/{target}");
-            let info = json(&succeeds(&testbed, &["info", "d/flight.mcap", "--json"]));
+            let info = json(&testbed.succeeds(&["info", "d/flight.mcap", "--json"]));
             assert!(number(&info["topics"][&topic], "/messages") > 60.0, "{fault}: {topic}");
         }
         replays(&testbed, "d/flight.mcap");
@@ -118,18 +99,17 @@ fn faults_at_the_daemons_end_of_a_topic_are_told_and_replay_bit_for_bit() {
 }
 
 #[test]
-fn another_setting_is_replayed_open_loop_and_says_what_it_would_have_done() {
+fn another_setting_is_replayed_open_loop_with_the_difference_of_its_commands() {
     let testbed = Testbed::new("open");
     testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
     let file = "d/flight.mcap";
-    let text = succeeds(&testbed, &["replay", file, "--controller", "geometric", "--out", "c.csv"]);
+    let text = testbed.succeeds(&["replay", file, "--controller", "geometric", "--out", "c.csv"]);
     assert!(text.contains("open loop"), "{text}");
-    let result = json(&succeeds(&testbed, &["replay", file, "--controller", "pid", "--json"]));
+    let result = json(&testbed.succeeds(&["replay", file, "--controller", "pid", "--json"]));
     assert!(number(&result, "/greatest_difference") > 0.0, "{result}");
     let rows = std::fs::read_to_string(testbed.path("c.csv")).unwrap();
     assert_eq!(rows.lines().count() as f64, number(&result, "/ticks") + 1.0);
-    let message = fails(&testbed, &["replay", file, "--set", "control.controller=magic"], 78);
-    assert!(message.contains("magic"), "{message}");
+    fails(&testbed, &["replay", file, "--set", "control.controller=magic"], 78, &["magic"]);
 }
 
 #[test]
@@ -140,20 +120,20 @@ fn two_recordings_are_compared_and_shown() {
         let words = ["--clock", "lockstep", "--out", &out, "--seed", seed];
         testbed.summary(&[&HOVER[..], &words].concat());
     }
-    let text = succeeds(&testbed, &["compare", "d1/flight.mcap", "d2/flight.mcap"]);
+    let text = testbed.succeeds(&["compare", "d1/flight.mcap", "d2/flight.mcap"]);
     assert!(text.contains("clock.seed") && text.contains("position [m], mean"), "{text}");
     assert!(testbed.path("compare.html").exists());
-    let info = json(&succeeds(&testbed, &["info", "d1/flight.mcap", "--json"]));
+    let info = json(&testbed.succeeds(&["info", "d1/flight.mcap", "--json"]));
     assert_eq!(info["is_complete"], true);
     assert_eq!(info["facts"]["oqtal.recording"]["version"], env!("CARGO_PKG_VERSION"));
-    succeeds(&testbed, &["export", "d1/flight.mcap", "--format", "tum", "--topics", "truth"]);
+    testbed.succeeds(&["export", "d1/flight.mcap", "--format", "tum", "--topics", "truth"]);
     let line = std::fs::read_to_string(testbed.path("d1/flight-tum/truth.tum")).unwrap();
     assert_eq!(line.lines().next().unwrap().split(' ').count(), 8);
 }
 
-/// Holds what another implementation read in `d/flight.mcap` against our own overview; `read` is what it printed.
+/// Compares the contents of `d/flight.mcap` as `read` by another implementation with our own overview.
 fn agrees_with_ours(testbed: &Testbed, read: &Value) {
-    let ours = json(&succeeds(testbed, &["info", "d/flight.mcap", "--json"]));
+    let ours = json(&testbed.succeeds(&["info", "d/flight.mcap", "--json"]));
     let counts = ours["topics"].as_object().unwrap().iter();
     let counts = counts.filter(|(_, topic)| topic["messages"] != 0);
     let mut topics = 0;
@@ -167,34 +147,29 @@ fn agrees_with_ours(testbed: &Testbed, read: &Value) {
     assert_eq!(read["ordered"], true);
 }
 
-/// Reads the recording of a default flight with the program `interpreter`, given the script of `tests/peers`.
-fn read_by(mut interpreter: Command, script: &str) -> (Testbed, Value) {
+/// Reads the recording of a default flight with a reader of `tests/peers`.
+fn read_by(mut reader: Command) -> (Testbed, Value) {
     let testbed = Testbed::new("peer");
     testbed.summary(&["--clock", "lockstep", "--out", "d"]);
-    let script = format!("{}/tests/peers/{script}", env!("CARGO_MANIFEST_DIR"));
-    let output = interpreter.arg(script).arg(testbed.path("d/flight.mcap")).output();
+    let output = reader.arg(testbed.path("d/flight.mcap")).output();
     let output = output.expect("the interpreter of a peer");
     assert!(output.status.success(), "{}", stderr(&output));
     let read = json(&String::from_utf8(output.stdout).unwrap());
     (testbed, read)
 }
 
-/// Runs if `OQTAL_PEERS_PYTHON` names an interpreter with `tests/peers/requirements.txt`.
 #[test]
 fn python_reads_and_decodes_every_message() {
-    let Some(python) = std::env::var_os("OQTAL_PEERS_PYTHON") else { return };
-    let (testbed, read) = read_by(Command::new(python), "mcap_reader.py");
+    let Some(reader) = peers::python("mcap_reader.py") else { return };
+    let (testbed, read) = read_by(reader);
     agrees_with_ours(&testbed, &read);
     assert_eq!(read["last_tick"], read["messages"]["telemetry"]);
 }
 
-/// Runs if `OQTAL_PEERS_NODE` names a directory with the packages of `tests/peers/package.json`.
 #[test]
 fn javascript_reads_every_message() {
-    let Some(packages) = std::env::var_os("OQTAL_PEERS_NODE") else { return };
-    let mut node = Command::new("node");
-    node.env("NODE_PATH", std::path::Path::new(&packages).join("node_modules"));
-    let (testbed, read) = read_by(node, "mcap_reader.js");
+    let Some(reader) = peers::node("mcap_reader.js") else { return };
+    let (testbed, read) = read_by(reader);
     agrees_with_ours(&testbed, &read);
 }
 
@@ -215,7 +190,7 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
         let testbed = Testbed::new("killed");
         let flying = testbed.start(&["fly", "--clock", "lockstep", "--out", "d"]);
         let path = testbed.path("d/flight.mcap");
-        // At sizes that differ from kill to kill, and from the sizes of chunks.
+        // The size differs between kills, and from the size of a chunk.
         let size = 600_000 + kill * 217_131;
         let is_there =
             || std::fs::metadata(&path).is_ok_and(|file| file.len() > size).then_some(());
@@ -231,14 +206,14 @@ fn a_recording_whose_writer_was_killed_is_read_up_to_its_last_chunk() {
 }
 
 #[test]
-fn a_file_that_cannot_grow_is_said_and_the_flight_lands() {
+fn a_file_that_cannot_grow_is_reported_and_the_flight_lands() {
     let testbed = Testbed::new("full");
-    // In one process: no shared memory meets the limit.
+    // In one process: shared memory would exceed the limit.
     let recorded = ["--clock", "in-process", "--set", "record.flights=all", "--out", "d"];
     let words = [&["fly"], &HOVER[..], &recorded[..]].concat();
     let command = testbed.oqtal(&words);
     let arguments: Vec<_> = command.get_args().collect();
-    // A limit on the size of files acts as a full disk; the signal that comes with it is ignored.
+    // A limit on the size of files acts as a full disk; its signal is ignored.
     let script = "trap '' XFSZ; ulimit -f 800; exec \"$0\" \"$@\"";
     let output = Command::new("bash")
         .args(["-c", script, env!("CARGO_BIN_EXE_oqtal")])
@@ -246,9 +221,7 @@ fn a_file_that_cannot_grow_is_said_and_the_flight_lands() {
         .current_dir(testbed.path(""))
         .output()
         .unwrap();
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(71), "{message}");
-    assert!(message.contains("flight.mcap") && message.contains("the flight goes on"), "{message}");
+    assert_refused(&output, 71, &["flight.mcap"]);
     assert!(String::from_utf8_lossy(&output.stdout).starts_with("landed"));
     assert!(RecordingFile::read(&testbed.path("d/flight.mcap")).unwrap().cut_off.is_some());
 }
@@ -260,20 +233,15 @@ fn a_service_is_recorded_over_several_files_without_a_gap() {
     let words = [&["record", "--out", "r.mcap"], &setting[..]].concat();
     let recording = testbed.start(&words);
     wait_for("the first file", || testbed.path("r.mcap").exists().then_some(()));
-    let common = ["--set", "safety.arm-at-start=true"];
-    let services: Vec<Running> = ["daemon", "plant-sim", "mocap-emu"]
-        .iter()
-        .map(|process| testbed.start(&[&[process, "run"], &common[..]].concat()))
-        .collect();
-    wait_for("a daemon that answers", || {
-        testbed.oqtal(&["ctl", "status"]).output().unwrap().status.success().then_some(())
-    });
+    let services = SERVICES
+        .map(|process| testbed.start(&[process, "run", "--set", "safety.arm-at-start=true"]));
+    testbed.wait_for_daemon();
     let name = |number: usize| match number {
         1 => testbed.path("r.mcap"),
         _ => testbed.path(&format!("r.{number}.mcap")),
     };
     let files = || (1..).take_while(|number| name(*number).exists()).count();
-    // Where the daemon starts depends on the machine; two files later it has flown through one.
+    // The start of the daemon depends on the machine; two files later it has flown through one.
     let begun = files();
     wait_for("three more files", || (files() >= begun + 3).then_some(()));
     recording.signal(Signal::INT);
@@ -290,37 +258,31 @@ fn a_service_is_recorded_over_several_files_without_a_gap() {
 }
 
 #[test]
-fn what_is_no_recording_is_refused_with_the_reason() {
+fn a_file_that_is_not_a_recording_is_refused_with_the_reason() {
     let testbed = Testbed::new("none");
     testbed.write("text.mcap", "t,x,y,z\n");
     testbed.write("empty.mcap", "");
     for command in ["info", "report", "replay"] {
-        let message = fails(&testbed, &[command, "nowhere.mcap"], 65);
-        assert!(message.contains("nowhere.mcap: No such file"), "{message}");
+        fails(&testbed, &[command, "nowhere.mcap"], 65, &["nowhere.mcap: No such file"]);
         for name in ["text.mcap", "empty.mcap"] {
-            let message = fails(&testbed, &[command, name], 65);
-            assert!(message.contains(name) && message.contains("not a recording"), "{message}");
-            assert!(message.contains("expected a file that `oqtal fly`"), "{message}");
+            let parts = [name, "not a recording", "expected a file that `oqtal fly`"];
+            fails(&testbed, &[command, name], 65, &parts);
         }
     }
     testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
     let bytes = std::fs::read(testbed.path("d/flight.mcap")).unwrap();
     std::fs::write(testbed.path("d/short.mcap"), &bytes[..60]).unwrap();
-    fails(&testbed, &["info", "d/short.mcap"], 65);
+    fails(&testbed, &["info", "d/short.mcap"], 65, &[]);
     let (key, value) = (b"layout\x01\0\0\0".as_slice(), b"9");
     let at = bytes.windows(key.len()).position(|window| window == key).unwrap() + key.len();
     let mut other = bytes;
     other[at] = value[0];
     std::fs::write(testbed.path("d/other.mcap"), &other).unwrap();
-    let message = fails(&testbed, &["report", "d/other.mcap"], 76);
-    assert!(message.contains(env!("CARGO_PKG_VERSION")) && message.contains("layout"), "{message}");
-    fails(&testbed, &["record", "--seconds", "-1"], 64);
-    fails(&testbed, &["record", "--seconds", "nan"], 64);
-    let message = fails(&testbed, &["record", "--out", "d/flight.mcap", "--seconds", "1"], 71);
-    assert!(message.contains("File exists") && message.contains("--out"), "{message}");
-    let message = fails(&testbed, &["report", "d/none.mcap"], 65);
-    assert!(message.contains("No such file"), "{message}");
-    let output = testbed.oqtal(&["record", "--attach"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
-    assert!(stderr(&output).contains("no daemon answers on instance"));
+    fails(&testbed, &["report", "d/other.mcap"], 76, &[env!("CARGO_PKG_VERSION"), "layout"]);
+    fails(&testbed, &["record", "--seconds", "-1"], 64, &[]);
+    fails(&testbed, &["record", "--seconds", "nan"], 64, &[]);
+    let existing = ["record", "--out", "d/flight.mcap", "--seconds", "1"];
+    fails(&testbed, &existing, 71, &["File exists", "--out"]);
+    fails(&testbed, &["report", "d/none.mcap"], 65, &["No such file"]);
+    testbed.refuses(&["record", "--attach"], 75, &["no daemon answers on instance"]);
 }

@@ -1,8 +1,6 @@
 //! Recordings in every format, played to their end under every clock.
 
-mod common;
-
-use common::{Testbed, number, wait_for};
+use crate::common::{Testbed, number, wait_for};
 use oqtal_bus::message::{CommandV1, Stamps};
 use oqtal_bus::topic::{COMMAND, POSE, Role};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
@@ -71,7 +69,7 @@ fn seen_at(millis: impl Iterator<Item = u64>) -> String {
 }
 
 #[test]
-fn an_irregular_recording_changes_no_state_and_a_gap_does() {
+fn an_irregular_recording_leaves_the_state_and_a_gap_changes_it() {
     let testbed = Testbed::new("replay-gaps");
     let pauses = [10, 20, 40, 30, 10, 10, 40, 30, 20, 3, 17].into_iter().cycle();
     let times: Vec<u64> = pauses
@@ -87,7 +85,7 @@ fn an_irregular_recording_changes_no_state_and_a_gap_does() {
     };
     let regular = fly("a.csv", seen_at(times.iter().copied()));
     assert_eq!(regular["state_sequence"], serde_json::json!(["Nominal"]));
-    // Frames are numbered by time: the count is exact to one frame at either end.
+    // Frames are numbered by time: the count is exact within one frame at either end.
     assert!(number(&regular, "/lost/pose") <= 1.0, "{}", regular["lost"]);
     let gap = |k: usize| !(200..210).contains(&k);
     let gone = times.iter().enumerate().filter(|(k, _)| gap(*k)).map(|(_, t)| *t);

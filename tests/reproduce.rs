@@ -1,23 +1,11 @@
 //! Results that `oqtal reproduce`, `campaign` and `tune` must show, read from their JSON output.
 
-mod common;
-
-use std::process::Command;
-
-use common::Testbed;
+use crate::common::{Testbed, assert_refused, stderr};
 use serde_json::Value;
-
-fn oqtal(testbed: &Testbed, words: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
-    command.args(words).current_dir(testbed.path(""));
-    command
-}
 
 /// Runs `oqtal` with the given arguments and returns the document that it prints.
 fn printed(testbed: &Testbed, words: &[&str]) -> Value {
-    let output = oqtal(testbed, words).output().unwrap();
-    assert!(output.status.success(), "{}", common::stderr(&output));
-    serde_json::from_slice(&output.stdout).unwrap()
+    serde_json::from_str(&testbed.succeeds(words)).unwrap()
 }
 
 fn reproduced(what: &str) -> Value {
@@ -53,7 +41,7 @@ fn assert_near(row: &Value, key: &str, expected: f64, share: f64) {
 }
 
 #[test]
-fn table_4_reproduces_what_can_be_reproduced() {
+fn table_4_is_reproduced_where_possible() {
     let table = reproduced("table-4");
     assert_eq!(table["table"], "IV");
     let oqtal = row(&table, "oqtal", "as-printed", "60 Hz hold, centred cells");
@@ -123,9 +111,9 @@ fn the_claim_of_the_sweep_holds_for_errors_and_not_for_effort() {
 /// `oqtal-dt`, and the laws with tuned gains that fly without its prediction.
 const TUNED: [&str; 2] = ["--controllers", "pid,lqr,oqtal,geometric,px4,indi,oqtal-dt"];
 
-/// On plants that differ from the model, flown here and now: what feed-forward and prediction give must not hang on the model.
+/// Plants that differ from the model: the benefit of feed-forward and prediction must not depend on an exact model.
 #[test]
-fn on_mismatched_plants_prediction_still_pays_at_the_chirp() {
+fn on_mismatched_plants_prediction_still_improves_the_chirp() {
     let testbed = Testbed::new("mismatched");
     let plants = [
         "rate-authority-rad-s=[1.6,1.6,1.6]",
@@ -146,7 +134,7 @@ fn on_mismatched_plants_prediction_still_pays_at_the_chirp() {
 }
 
 #[test]
-fn every_law_recovers_or_is_shown_not_to_and_oqtal_always_does() {
+fn oqtal_recovers_always_and_every_law_with_finite_commands() {
     let table = reproduced("recovery");
     for row in rows(&table) {
         assert_eq!(row["commands_finite"], "yes", "{row:#}");
@@ -160,11 +148,9 @@ fn every_law_recovers_or_is_shown_not_to_and_oqtal_always_does() {
 fn the_result_does_not_depend_on_the_number_of_threads() {
     let testbed = Testbed::new("threads");
     let with = |threads: &str| {
-        let output = oqtal(&testbed, &["reproduce", "step", "options", "--json"])
-            .env("RAYON_NUM_THREADS", threads)
-            .output()
-            .unwrap();
-        assert!(output.status.success(), "{}", common::stderr(&output));
+        let mut command = testbed.study(&["reproduce", "step", "options", "--json"]);
+        let output = command.env("RAYON_NUM_THREADS", threads).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
         output.stdout
     };
     assert!(with("1") == with("3"));
@@ -173,8 +159,7 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
 #[test]
 fn a_page_a_document_and_the_rows_are_written() {
     let testbed = Testbed::new("page");
-    let output = oqtal(&testbed, &["reproduce", "figure-12", "--out", "here"]).output().unwrap();
-    assert!(output.status.success(), "{}", common::stderr(&output));
+    testbed.succeeds(&["reproduce", "figure-12", "--out", "here"]);
     let read = |name: &str| std::fs::read_to_string(testbed.path("here").join(name)).unwrap();
     let page = read("reproduction.html");
     assert!(page.contains("Fig. 12") && page.contains("<svg"));
@@ -184,7 +169,7 @@ fn a_page_a_document_and_the_rows_are_written() {
 }
 
 #[test]
-fn in_a_small_campaign_prediction_pays_where_no_command_of_its_own_can_help() {
+fn in_a_small_campaign_prediction_improves_every_figure_that_no_command_can() {
     let testbed = Testbed::new("campaign");
     let words = ["campaign", "--gains", "tuned", "--runs", "4", "--best", "2", "--json"];
     let table = printed(&testbed, &[&words[..], &TUNED].concat());
@@ -210,17 +195,18 @@ fn in_a_small_campaign_prediction_pays_where_no_command_of_its_own_can_help() {
 }
 
 #[test]
-fn a_campaign_in_lockstep_comes_to_the_same_as_in_one_process() {
+fn a_campaign_in_lockstep_gives_the_results_of_one_process() {
     let testbed = Testbed::new("campaign-clocks");
     let campaign = |clock: &str| {
         let words = ["campaign", "--controllers", "oqtal-dt", "--runs", "1", "--json"];
-        let output = oqtal(&testbed, &words)
+        let output = testbed
+            .study(&words)
             .args(["--clock", clock, "--out", clock])
             .env("OQTAL_INSTANCE__NAME", testbed.instance())
             .env("OQTAL_INSTANCE__ROOT", testbed.path("run"))
             .output()
             .unwrap();
-        assert!(output.status.success(), "{}", common::stderr(&output));
+        assert!(output.status.success(), "{}", stderr(&output));
         output.stdout
     };
     assert!(campaign("lockstep") == campaign("in-process"));
@@ -233,27 +219,24 @@ fn a_law_is_tuned_within_its_budget_and_the_configuration_loads() {
     // The result does not depend on the number of threads that evaluate a batch.
     let found = [("one.toml", "1"), ("three.toml", "3")].map(|(file, threads)| {
         let words = ["tune", "pid", "--budget", "12", "--out", file];
-        let output = oqtal(&testbed, &words).env("RAYON_NUM_THREADS", threads).output().unwrap();
-        assert!(output.status.success(), "{}", common::stderr(&output));
+        let output = testbed.study(&words).env("RAYON_NUM_THREADS", threads).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
         std::fs::read_to_string(testbed.path(file)).unwrap()
     });
     assert_eq!(found[0], found[1]);
-    let check = oqtal(&testbed, &["check", "one.toml"]).output().unwrap();
-    assert!(check.status.success(), "{}", common::stderr(&check));
-    assert!(String::from_utf8_lossy(&check.stdout).contains("controller = \"pid\""));
+    assert!(testbed.succeeds(&["check", "one.toml"]).contains("controller = \"pid\""));
 }
 
 #[test]
-fn what_is_unknown_is_a_usage_error() {
+fn unknown_arguments_are_usage_errors() {
     let testbed = Testbed::new("unknown");
     for words in [["reproduce", "table-6"], ["tune", "nothing"], ["campaign", "--runs=0"]] {
-        let output = oqtal(&testbed, &words).output().unwrap();
-        assert_eq!(output.status.code(), Some(64), "{words:?}");
+        assert_refused(&testbed.study(&words).output().unwrap(), 64, &[]);
     }
 }
 
 #[test]
-fn a_campaign_flies_the_gains_and_the_vehicle_that_fly_flies() {
+fn a_campaign_uses_the_gains_and_the_vehicle_of_fly() {
     let testbed = Testbed::new("campaign-own");
     let own = ["--plant", "rate-lag-ms=70", "--set", "vehicle.mass-kg=0.6"];
     let flight = ["fly", "--clock", "in-process", "--seed", "300", "--trajectory", "circle"];
@@ -273,27 +256,20 @@ fn laws_tuned_for_a_vehicle_are_compared_on_it() {
     let testbed = Testbed::new("tune-own");
     let own = ["--set", "vehicle.mass-kg=0.6"];
     let tune = ["tune", "pid", "oqtal", "--budget", "8", "--seeds", "101-101", "--out", "gains"];
-    let output = oqtal(&testbed, &[&tune[..], &own].concat()).output().unwrap();
-    assert!(output.status.success(), "{}", common::stderr(&output));
+    testbed.succeeds(&[&tune[..], &own].concat());
     let words = ["campaign", "--gains", "gains", "--controllers", "pid,oqtal", "--runs", "1"];
     let table = printed(&testbed, &[&words[..], &["--json"], &own].concat());
     assert!(rows(&table).iter().all(|row| row["settings"] == "gains of gains"), "{table:#}");
-    let missing =
-        oqtal(&testbed, &["campaign", "--gains", "gains", "--runs", "1"]).output().unwrap();
-    assert_eq!(missing.status.code(), Some(78));
-    assert!(common::stderr(&missing).contains("oqtal tune lqr --out gains"));
+    let missing = testbed.study(&["campaign", "--gains", "gains", "--runs", "1"]).output();
+    assert_refused(&missing.unwrap(), 78, &["oqtal tune lqr --out gains"]);
 }
 
 #[test]
 fn a_sweep_prints_a_document_for_each_combination_and_law() {
     let testbed = Testbed::new("sweep");
     let words = ["sweep", "plant.rate-lag-ms=40:60:2", "plant.mass-kg=0.5,0.55", "--laws", "pid"];
-    let sweep = |more: &[&str]| {
-        oqtal(&testbed, &[&words[..], &["--seeds", "200"], more].concat()).output().unwrap()
-    };
-    let output = sweep(&["--json", "--out", "sweep.csv"]);
-    assert!(output.status.success(), "{}", common::stderr(&output));
-    let text = String::from_utf8(output.stdout).unwrap();
+    let sweep = |more: &[&str]| testbed.succeeds(&[&words[..], &["--seeds", "200"], more].concat());
+    let text = sweep(&["--json", "--out", "sweep.csv"]);
     let documents: Vec<Value> =
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert_eq!(documents.len(), 4);
@@ -302,6 +278,6 @@ fn a_sweep_prints_a_document_for_each_combination_and_law() {
     let csv = std::fs::read_to_string(testbed.path("sweep.csv")).unwrap();
     assert!(csv.starts_with("plant.rate-lag-ms,plant.mass-kg,controller,landed,position_error_m"));
     assert_eq!(csv.lines().count(), 5);
-    let table = String::from_utf8(sweep(&[]).stdout).unwrap();
+    let table = sweep(&[]);
     assert!(table.lines().all(|line| line.chars().count() <= 80), "{table}");
 }

@@ -1,25 +1,16 @@
-//! `oqtal robustness`: draws that can be flown again, and results that depend on nothing but the arguments.
+//! `oqtal robustness`: draws can be flown again, and results depend only on the arguments.
 
-mod common;
-
-use std::process::Command;
-
-use common::Testbed;
+use crate::common::{Testbed, assert_refused, stderr};
 use serde_json::Value;
 
 fn study(testbed: &Testbed, threads: &str, words: &[&str]) -> Vec<u8> {
-    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
-        .arg("robustness")
-        .args(words)
-        .current_dir(testbed.path(""))
-        .env("RAYON_NUM_THREADS", threads)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", common::stderr(&output));
+    let mut command = testbed.study(&[&["robustness"], words].concat());
+    let output = command.env("RAYON_NUM_THREADS", threads).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
     output.stdout
 }
 
-/// The words of a line as a shell splits them that knows single quotes alone.
+/// The words of a line, split as by a shell; only single quotes are supported.
 fn words(line: &str) -> Vec<String> {
     let mut words = vec![String::new()];
     let mut is_quoted = false;
@@ -34,7 +25,7 @@ fn words(line: &str) -> Vec<String> {
 }
 
 #[test]
-fn draws_are_the_same_for_every_law_and_any_number_of_threads_and_fly_again() {
+fn draws_do_not_depend_on_law_or_threads_and_can_be_flown_again() {
     let testbed = Testbed::new("robustness");
     let asked = ["--laws", "pid,oqtal-dt", "--spread", "everything", "--runs", "2"];
     let asked = [&asked[..], &["--gains", "configured", "--json"]].concat();
@@ -84,27 +75,17 @@ fn a_spread_of_a_file_is_drawn_from_and_identified_and_a_wrong_one_is_refused_wi
     let found = known["vehicle.rate-lag-ms"].as_f64().unwrap();
     assert!((found - wide).abs() < 3.0, "{found} ms identified, {wide} ms true");
     testbed.write("wrong.toml", "[plant]\n\nrate-lag-ms = { betwen = [60, 61] }\n");
-    let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
-        .args(["robustness", "--spread", "wrong.toml"])
-        .current_dir(testbed.path(""))
-        .output()
-        .unwrap();
-    assert_eq!(output.status.code(), Some(78));
-    assert!(common::stderr(&output).contains("wrong.toml:3"), "{}", common::stderr(&output));
+    let output = testbed.study(&["robustness", "--spread", "wrong.toml"]).output().unwrap();
+    assert_refused(&output, 78, &["wrong.toml:3"]);
 }
 
 #[test]
 fn a_spread_given_twice_or_without_a_name_is_refused() {
     let testbed = Testbed::new("spreads");
-    for (others, said) in
+    for (others, part) in
         [("", "--other-spreads"), ("vehicle", "twice"), ("a.toml,a.toml", "twice")]
     {
-        let output = Command::new(env!("CARGO_BIN_EXE_oqtal"))
-            .args(["robustness", "--other-spreads", others])
-            .current_dir(testbed.path(""))
-            .output()
-            .unwrap();
-        assert_eq!(output.status.code(), Some(64), "{others}");
-        assert!(common::stderr(&output).contains(said), "{}", common::stderr(&output));
+        let output = testbed.study(&["robustness", "--other-spreads", others]).output().unwrap();
+        assert_refused(&output, 64, &[part]);
     }
 }

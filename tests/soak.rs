@@ -1,36 +1,32 @@
 //! Soak: all processes in real time, flown again and again while processes are stopped, killed and started again and topics
 //! fail, by a seed. OQTAL_TEST_SOAK_S sets the duration \[s\], OQTAL_TEST_SOAK_SEED the seed.
 
-mod common;
-
-#[path = "soak/laboratory.rs"]
 mod laboratory;
-#[path = "soak/resources.rs"]
 mod resources;
-#[path = "soak/watch.rs"]
 mod watch;
 
 use std::time::{Duration, Instant};
 
-use common::random::{Random, length};
+use crate::common::WAIT_TIMEOUT;
+use crate::common::random::{Random, length};
 use laboratory::{Laboratory, PROCESSES};
 use oqtal_bus::code::{Mode, OperatorCommand, SafetyState};
 use resources::ResourceRecord;
 use watch::Watch;
 
-/// Ticks that a flight waits for its take-off, and for its landing; after them it is ended as an operator would, by Stop.
-const PATIENCE_TICKS: u64 = 900;
-/// Flights of which a third is in the air, whatever fails.
+/// Time-out of a take-off and of a landing \[ticks\]; then the flight is stopped, as by an operator.
+const TIMEOUT_TICKS: u64 = 900;
+/// Number of flights from which on a third of them must get into the air.
 const FEW_FLIGHTS: u64 = 5;
-/// Flights in which everything happens that may.
+/// Number of flights from which on every kind of end and disturbance must occur.
 const MANY_FLIGHTS: u64 = 20;
-/// Ticks after which processes have let go of what belonged to a dead one.
+/// Ticks after which processes have released the resources of a dead one.
 const SETTLING_TICKS: u64 = 60;
 
-/// How the flights ended, and what was done to them.
+/// Outcomes of the flights, and disturbances.
 #[derive(Debug, Default)]
 struct Count {
-    /// Those that got off the floor.
+    /// Flights that took off.
     flown: u64,
     landed: u32,
     stopped: u32,
@@ -39,8 +35,8 @@ struct Count {
     stops: u32,
 }
 
-/// Waits by the ticks of the daemon, at most `ticks` of them, until `is_over`; false if it never was. A daemon that does not
-/// tick is waited for as long as any test waits.
+/// Waits until `is_over`, at most `ticks` ticks of the daemon; returns false after them. A daemon without ticks fails the test after
+/// its usual time-out.
 fn until(watch: &mut Watch, ticks: u64, mut is_over: impl FnMut(&Watch) -> bool) -> bool {
     let (began, first) = (Instant::now(), watch.ticks);
     loop {
@@ -51,12 +47,12 @@ fn until(watch: &mut Watch, ticks: u64, mut is_over: impl FnMut(&Watch) -> bool)
         if watch.ticks > first + ticks {
             return false;
         }
-        assert!(began.elapsed() < common::WAIT_TIMEOUT, "the daemon stands still");
+        assert!(began.elapsed() < WAIT_TIMEOUT, "the daemon stands still");
         std::thread::sleep(Duration::from_millis(5));
     }
 }
 
-/// Lets the flight go on for up to two seconds.
+/// Continues the flight for up to two seconds.
 fn fly_on(watch: &mut Watch, random: &mut Random) {
     let end = Instant::now() + Duration::from_millis(random.below(2000));
     while Instant::now() < end {
@@ -90,7 +86,7 @@ fn flight(laboratory: &mut Laboratory, watch: &mut Watch, random: &mut Random, c
         let was_ended = watch.mode == Mode::Disarmed.code();
         watch.height_m > 0.5 || was_ended && watch.ticks > asked_at + SETTLING_TICKS
     };
-    until(watch, PATIENCE_TICKS, in_the_air);
+    until(watch, TIMEOUT_TICKS, in_the_air);
     count.flown += u64::from(watch.height_m > 0.5);
     for _ in 0..random.below(4) {
         fly_on(watch, random);
@@ -100,7 +96,7 @@ fn flight(laboratory: &mut Laboratory, watch: &mut Watch, random: &mut Random, c
     let was_flying = watch.mode != Mode::Disarmed.code();
     laboratory.ask(OperatorCommand::Land);
     let is_down = |watch: &Watch| watch.mode == Mode::Disarmed.code();
-    let landed = until(watch, PATIENCE_TICKS, is_down) && was_flying;
+    let landed = until(watch, TIMEOUT_TICKS, is_down) && was_flying;
     if landed && watch.state != SafetyState::Stop.code() {
         count.landed += 1;
     } else {
@@ -121,7 +117,7 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
     while count.flown == 0 || began.elapsed() < Duration::from_secs(seconds) {
         laboratory.restart_plant();
         let is_ready = |watch: &Watch| watch.is_fresh && watch.mode == Mode::Disarmed.code();
-        assert!(until(&mut watch, PATIENCE_TICKS, is_ready), "the daemon gets no poses");
+        assert!(until(&mut watch, TIMEOUT_TICKS, is_ready), "the daemon gets no poses");
         until(&mut watch, SETTLING_TICKS, |_| false);
         laboratory.revive();
         settled.add(laboratory.resources(), flights);
@@ -144,7 +140,7 @@ fn processes_that_are_stopped_killed_and_fed_with_garbage_keep_the_invariants() 
         assert!(count.landed > 0 && count.stopped > 0 && count.kills > 0 && count.stops > 0);
         assert!(watch.refused > 0, "no fault of the poses was seen");
     }
-    // Its readers are a part of the instance, too.
+    // Its readers are part of the instance.
     drop(watch);
     laboratory.end();
 }

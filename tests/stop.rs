@@ -1,9 +1,7 @@
-//! An operator's stop past a daemon that cannot obey: real processes, real signals.
+//! An operator's stop that bypasses a daemon which cannot execute it: real processes, real signals.
 
-mod common;
-
-use common::obedience::MotorWatch;
-use common::{Running, Testbed, stderr, wait_for};
+use crate::common::obedience::MotorWatch;
+use crate::common::{Running, Testbed, assert_refused, json, signal, state_of, stderr, wait_for};
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{Actuation, Cause, Mode, SafetyState};
 use oqtal_bus::message::{CommandV1, Stamps, VehicleV1};
@@ -23,17 +21,8 @@ fn stop(testbed: &Testbed) -> (Option<i32>, Value, String) {
 
 /// Starts the three processes, arms, and waits until the vehicle is in the air.
 fn airborne(testbed: &Testbed, bus: &Bus) -> [Running; 3] {
-    let mut telemetry = bus.observer(&TELEMETRY).unwrap();
-    let processes =
-        ["plant-sim", "mocap-emu", "daemon"].map(|process| testbed.start(&[process, "run"]));
-    wait_for("flight", || {
-        let (_, tick) = telemetry.latest().unwrap()?;
-        // Refused or withdrawn while poses are late: the operator arms again.
-        if tick.mode == Mode::Disarmed.code() {
-            testbed.oqtal(&["ctl", "arm"]).output().unwrap();
-        }
-        (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
-    });
+    let processes = testbed.services();
+    testbed.take_off(bus);
     processes
 }
 
@@ -42,18 +31,18 @@ fn until(vehicles: &mut Reader<VehicleV1>, what: &str, holds: impl Fn(&VehicleV1
 }
 
 #[test]
-fn f15_a_stop_passes_a_daemon_that_stands_still_and_is_latched_when_it_goes_on() {
+fn f15_a_stop_bypasses_a_stopped_daemon_and_is_latched_when_it_continues() {
     let testbed = Testbed::new("stop-past");
     let bus = testbed.bus();
     let [_plant, _cameras, daemon] = airborne(&testbed, &bus);
     let mut vehicles = bus.observer(&VEHICLE).unwrap();
     let mut motors = MotorWatch::open(&bus);
-    let mut told = None;
+    let mut result = None;
     motors.obeys(|| {
         daemon.signal(Signal::STOP);
-        told = Some(stop(&testbed));
+        result = Some(stop(&testbed));
     });
-    let (code, answer, message) = told.unwrap();
+    let (code, answer, message) = result.unwrap();
     assert_eq!(code, Some(0), "{message}");
     assert_eq!(answer["motors_off"], true);
     assert_eq!(answer["daemon_obeys"], false);
@@ -76,8 +65,8 @@ fn f15_a_stop_passes_a_daemon_that_stands_still_and_is_latched_when_it_goes_on()
 }
 
 #[test]
-fn no_command_published_after_a_stop_acts_although_the_daemon_goes_on_commanding() {
-    let testbed = Testbed::new("stop-deaf");
+fn no_command_published_after_a_stop_acts_although_the_daemon_continues_to_command() {
+    let testbed = Testbed::new("stop-commands");
     let bus = testbed.bus();
     let mut vehicles = bus.observer(&VEHICLE).unwrap();
     let mut commands = bus.writer(&COMMAND).unwrap();
@@ -115,7 +104,7 @@ fn no_command_published_after_a_stop_acts_although_the_daemon_goes_on_commanding
 }
 
 #[test]
-fn a_stop_that_nobody_obeys_is_reported_and_waits_for_the_vehicle() {
+fn a_stop_without_a_vehicle_is_reported_and_waits_for_it() {
     let testbed = Testbed::new("stop-nobody");
     let (code, _, message) = stop(&testbed);
     assert_eq!(code, Some(75));
@@ -135,7 +124,7 @@ fn a_stop_that_nobody_obeys_is_reported_and_waits_for_the_vehicle() {
 }
 
 #[test]
-fn in_lockstep_a_stop_waits_for_virtual_time_to_go_on() {
+fn in_lockstep_a_stop_waits_for_virtual_time_to_advance() {
     let testbed = Testbed::new("stop-lockstep");
     let bus = testbed.bus();
     let mut telemetry = bus.observer(&TELEMETRY).unwrap();
@@ -145,16 +134,15 @@ fn in_lockstep_a_stop_waits_for_virtual_time_to_go_on() {
         let (header, tick) = telemetry.latest().unwrap()?;
         (tick.mode == Mode::Flying.code()).then_some(header.origin().process())
     });
-    common::signal(daemon, Signal::STOP);
+    signal(daemon, Signal::STOP);
     // The daemon stands still within its turn; the virtual time of the others ends there.
-    wait_for("the stand-still", || (common::state_of(daemon) == Some('T')).then_some(()));
+    wait_for("the stand-still", || (state_of(daemon) == Some('T')).then_some(()));
     let (code, _, message) = stop(&testbed);
-    common::signal(daemon, Signal::CONT);
+    signal(daemon, Signal::CONT);
     assert_eq!(code, Some(75), "{message}");
     assert!(message.contains("virtual time stands still"), "{message}");
     let output = flight.wait();
-    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(summary["outcome"], "stopped", "{}", stderr(&output));
+    assert_eq!(json(&output)["outcome"], "stopped", "{}", stderr(&output));
 }
 
 #[test]
@@ -181,17 +169,16 @@ fn stop_and_land_need_no_valid_configuration() {
         let (code, message) = run("stop");
         assert_eq!(code, Some(0), "{words:?} {variables:?}: {message}");
         assert!(message.contains("warning: ") && message.contains(testbed.instance()), "{message}");
-        // Nothing else is done under a configuration with errors.
+        // Every other command refuses a configuration with errors.
         assert_eq!(run("status").0, Some(78), "{words:?} {variables:?}");
     }
     let land = testbed.oqtal(&["ctl", "land", "--config", &half]).output().unwrap();
-    assert_eq!(land.status.code(), Some(75), "{}", stderr(&land));
-    assert!(stderr(&land).contains("no daemon answers"), "{}", stderr(&land));
+    assert_refused(&land, 75, &["no daemon answers"]);
 }
 
 #[test]
-fn an_operator_is_told_what_has_happened_and_may_arm_again_while_the_vehicle_falls() {
-    let testbed = Testbed::new("stop-told");
+fn answers_to_an_operator_state_the_result_and_arming_is_allowed_while_the_vehicle_falls() {
+    let testbed = Testbed::new("stop-answers");
     let bus = testbed.bus();
     let _processes = airborne(&testbed, &bus);
     let ctl = |command: &str| {
@@ -207,7 +194,7 @@ fn an_operator_is_told_what_has_happened_and_may_arm_again_while_the_vehicle_fal
     let (code, said) = ctl("stop");
     assert_eq!(code, Some(0), "{said}");
     assert!(said.starts_with("stopped: motors off"), "{said}");
-    // From its height the vehicle falls for a while: it is waited for.
+    // The vehicle falls from its height: arming waits for it.
     let (code, said) = ctl("arm");
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains("armed, the flight has begun; flying"), "{said}");

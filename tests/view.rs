@@ -1,18 +1,16 @@
-//! The page of `oqtal view`: in a browser, with ten pages open, and when it is used badly.
+//! The page of `oqtal view`: in a browser, with ten pages open, and with bad arguments.
 //!
 //! The browser is Chromium, driven by `tests/peers/view_page.js`: `OQTAL_PEERS_NODE` names a folder with the packages of
 //! `tests/peers/package.json`, `OQTAL_PEERS_CHROMIUM` the program if it is not in the search path. `.ci/run` installs both. Without
-//! them these tests are skipped with a message. `VIEW_STUDY_S` is the length of the flights beside which ten pages are open.
-
-mod common;
+//! them these tests are skipped with a message. `VIEW_STUDY_S` is the length of the flights with ten pages open.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::process::{Child, ChildStderr, Command, Stdio};
+use std::process::{Child, ChildStderr, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use common::{Running, Testbed, number, signal, stderr};
+use crate::common::{Running, SERVICES, Testbed, number, peers, signal, skipped, stderr};
 use oqtal_observe::latency::WHOLE;
 use rustix::process::Signal;
 use serde_json::Value;
@@ -69,24 +67,18 @@ impl Drop for View {
     }
 }
 
-/// What a browser sees of the page; `None` without a browser.
+/// Results of `view_page.js` in a browser; `None` without a browser.
 fn browser(view: &View, what: &str) -> Option<Value> {
-    let Some(folder) = std::env::var_os("OQTAL_PEERS_NODE") else {
-        println!("skipped: OQTAL_PEERS_NODE names no folder with playwright-core");
-        return None;
-    };
+    let mut command = peers::node("view_page.js")?;
     let named = std::env::var_os("OQTAL_PEERS_CHROMIUM");
     let paths = std::env::var_os("PATH").unwrap_or_default();
     let found = std::env::split_paths(&paths).map(|folder| folder.join("chromium"));
     let found = named.map(Into::into).or_else(|| found.into_iter().find(|path| path.exists()));
     let Some(chromium) = found else {
-        println!("skipped: no Chromium; install it with: sudo apt-get install chromium");
+        skipped("no Chromium; install it with: sudo apt-get install chromium");
         return None;
     };
-    let mut command = Command::new("node");
-    command.env("NODE_PATH", std::path::Path::new(&folder).join("node_modules"));
-    command.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/view_page.js")).arg(chromium);
-    let output = command.args([&view.url(), what, &view.token]).output().unwrap();
+    let output = command.arg(chromium).args([&view.url(), what, &view.token]).output().unwrap();
     assert!(output.status.success(), "{what}: {}", stderr(&output));
     let seen: Value = serde_json::from_slice(&output.stdout).unwrap();
     println!("{what}: {seen}");
@@ -97,8 +89,7 @@ fn browser(view: &View, what: &str) -> Option<Value> {
 
 fn processes(testbed: &Testbed) -> [Running; 3] {
     let hover = ["--set", "trajectory.kind=hover"];
-    ["plant-sim", "mocap-emu", "daemon"]
-        .map(|process| testbed.start(&[&[process, "run"], &hover[..]].concat()))
+    SERVICES.map(|process| testbed.start(&[&[process, "run"], &hover[..]].concat()))
 }
 
 #[test]
@@ -117,7 +108,7 @@ fn a_browser_follows_a_flight_that_it_arms_and_lands() {
 }
 
 #[test]
-fn a_browser_sees_numbers_change_and_nothing_to_command_without_control() {
+fn without_control_a_browser_shows_changing_numbers_and_no_commands() {
     let testbed = Testbed::new("view-live");
     let _processes = processes(&testbed);
     let view = View::start(&testbed, &["--wait"]);
@@ -142,33 +133,28 @@ fn a_recording_is_shown_and_played_and_turned() {
     assert_eq!(seen["turned"], true);
 }
 
-/// Runs `oqtal view` with `words`, which must fail with this code; returns the message.
-fn fails(testbed: &Testbed, words: &[&str], code: i32) -> String {
-    let output = testbed.oqtal(&[&["view"], words].concat()).output().unwrap();
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(code), "{words:?}: {message}");
-    message
+/// Checks that `oqtal view` with `words` fails with this code and a message that contains `parts`.
+#[track_caller]
+fn fails(testbed: &Testbed, words: &[&str], code: i32, parts: &[&str]) {
+    testbed.refuses(&[&["view"], words].concat(), code, parts);
 }
 
 #[test]
 fn bad_use_has_its_message_and_exit_code() {
     let testbed = Testbed::new("view-bad");
     testbed.write("a.mcap", "no recording");
-    assert!(fails(&testbed, &["a.mcap"], 65).contains("a.mcap is not a recording"));
-    assert!(fails(&testbed, &["none.mcap"], 65).contains("none.mcap"));
-    assert!(fails(&testbed, &["a.mcap", "--control"], 64).contains("--control"));
-    let outside = fails(&testbed, &["--listen", "0.0.0.0:0"], 64);
-    assert!(outside.contains("0.0.0.0:0") && outside.contains("--token"), "{outside}");
-    let none = fails(&testbed, &["--listen", "127.0.0.1:0"], 75);
-    assert!(none.contains("no daemon answers") && none.contains("--wait"), "{none}");
+    fails(&testbed, &["a.mcap"], 65, &["a.mcap is not a recording"]);
+    fails(&testbed, &["none.mcap"], 65, &["none.mcap"]);
+    fails(&testbed, &["a.mcap", "--control"], 64, &["--control"]);
+    fails(&testbed, &["--listen", "0.0.0.0:0"], 64, &["0.0.0.0:0", "--token"]);
+    fails(&testbed, &["--listen", "127.0.0.1:0"], 75, &["no daemon answers", "--wait"]);
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
-    let busy = fails(&testbed, &["--wait", "--listen", &address], 71);
-    assert!(busy.contains(&address) && busy.contains("--listen"), "{busy}");
+    fails(&testbed, &["--wait", "--listen", &address], 71, &[&address, "--listen"]);
 }
 
 #[test]
-fn a_recording_that_is_cut_off_is_shown_and_one_of_another_version_is_not() {
+fn a_truncated_recording_is_shown_and_one_of_another_version_is_refused() {
     let testbed = Testbed::new("view-cut");
     testbed.summary(&[&HOVER[..], &["--clock", "lockstep", "--out", "d"]].concat());
     let mut bytes = std::fs::read(testbed.path("d/flight.mcap")).unwrap();
@@ -185,8 +171,7 @@ fn a_recording_that_is_cut_off_is_shown_and_one_of_another_version_is_not() {
     let at = bytes.windows(key.len()).position(|part| part == key).unwrap() + key.len() + 4;
     bytes[at] = b'9';
     std::fs::write(testbed.path("other.mcap"), &bytes).unwrap();
-    let other = fails(&testbed, &["other.mcap"], 76);
-    assert!(other.contains(env!("CARGO_PKG_VERSION")) && other.contains("layout"), "{other}");
+    fails(&testbed, &["other.mcap"], 76, &[env!("CARGO_PKG_VERSION"), "layout"]);
 }
 
 /// A page that reads its updates until the server ends, and counts them.
@@ -205,7 +190,7 @@ fn reader(address: SocketAddr, updates: &Arc<AtomicU64>) {
 
 /// Two flights in real time, side by side: alone, and with ten pages open.
 #[test]
-fn ten_pages_cost_the_loop_nothing() {
+fn ten_pages_do_not_disturb_the_loop() {
     let study_s = std::env::var("VIEW_STUDY_S").ok();
     let duration = study_s.as_deref().unwrap_or("2");
     let flight = |pages: usize| {
@@ -232,7 +217,7 @@ fn ten_pages_cost_the_loop_nothing() {
     let seconds = number(&watched, "/duration_s");
     println!("updates of each page in {seconds:.1} s: {updates:?}");
     assert!(updates.iter().all(|count| *count > 0), "{updates:?}");
-    // Only a study is on a machine of its own.
+    // Only a study has the machine for itself.
     if study_s.is_some() {
         assert_eq!(misses(&watched), 0.0);
         assert!(hop(&watched, WHOLE) <= 1.1 * hop(&alone, WHOLE));

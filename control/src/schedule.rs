@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_deadband_moves_only_when_it_is_left() {
+    fn f24_a_deadband_moves_only_when_it_is_left() {
         assert_eq!(
             gains(Cells::Deadband, &[0.3, 0.7, -0.1, 0.9, 0.45, 1.5]),
             [0.3, 0.3, 0.3, 0.9, 0.9, 1.5]
@@ -192,7 +192,7 @@ mod tests {
 
     /// F23
     #[test]
-    fn a_failure_keeps_the_last_gain_and_is_not_repeated_in_the_same_cell() {
+    fn f23_a_failure_keeps_the_last_gain_and_is_not_repeated_in_the_same_cell() {
         let mut schedule = schedule(Cells::Truncated, Resolve::OnCellChange);
         assert_eq!(gain(&mut schedule, 0.6), 0.5);
         for _ in 0..3 {

@@ -200,7 +200,7 @@ fn an_operator_stop_acts_with_the_next_tick_and_latches() {
 }
 
 #[test]
-fn a_pose_after_its_deadline_is_acted_on_no_sooner_than_half_a_period_later() {
+fn f22_a_pose_after_its_deadline_is_used_no_sooner_than_half_a_period_later() {
     let mut bench = Bench::flying(&[]);
     bench.miss().unwrap();
     let deadline = bench.now;

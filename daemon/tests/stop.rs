@@ -12,7 +12,7 @@ use oqtal_daemon::{CacheWarmup, DaemonPorts, DaemonTurn, loop_handoff};
 use oqtal_runtime::turn::step;
 
 #[test]
-fn the_tick_after_a_stop_commands_disarmed_and_the_state_is_latched() {
+fn f15_the_tick_after_a_stop_commands_disarmed_and_the_state_is_latched() {
     let bench = Bench::flying(&[]);
     let bus = MemoryBus::new();
     let stop = bus.stop_switch().unwrap();

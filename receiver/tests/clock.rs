@@ -70,7 +70,7 @@ fn the_uncertainty_is_kept_by_99_frames_of_100() {
 }
 
 #[test]
-fn a_jump_of_one_second_is_learned_anew_within_two_and_no_frame_is_dated_wrong() {
+fn f53_a_jump_of_one_second_is_learned_within_two_and_no_frame_is_dated_wrong() {
     for (jump_ns, seed) in [(1_000_000_000_i64, 1), (-1_000_000_000, 2), (3_600_000_000_000, 3)] {
         let mut server = Server::new(seed, 50e-6, Jitter::Uniform);
         let mut clock = ServerClock::new(Span::ZERO);

@@ -77,7 +77,7 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn a_step_of_any_size_is_over_after_two_seconds(
+    fn f53_a_step_of_any_size_is_over_after_two_seconds(
         (exponent, back, seed) in (0.0..1.0_f64, any::<bool>(), any::<u64>()),
         (rate_hz, jitter) in (prop::sample::select(vec![60.0, 100.0, 240.0]), 0..3_usize),
     ) {

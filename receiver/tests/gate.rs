@@ -34,7 +34,7 @@ impl Feed {
 }
 
 #[test]
-fn lost_repeated_and_overtaken_frames_are_counted_and_do_not_go_on() {
+fn f50_lost_repeated_and_overtaken_frames_are_counted_and_dropped() {
     let mut feed = Feed::known();
     let before = feed.gate.counts();
     assert_eq!(feed.show(101, 1).unwrap().frame, 101);

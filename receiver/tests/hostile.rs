@@ -143,8 +143,7 @@ fn frame(bodies: &[BodySample]) -> Vec<u8> {
 }
 
 #[test]
-fn a_frame_with_more_or_fewer_bodies_than_are_defined_is_nobodys_and_the_names_are_asked_for_again()
-{
+fn f54_a_frame_with_more_or_fewer_bodies_than_defined_is_dropped_and_the_names_are_requested() {
     let pose = RigidPose::new([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0]);
     let seen = BodySample { pose, ..BodySample::LOST };
     for (bodies, is_ours) in [(&[seen][..], true), (&[seen, seen], false), (&[], false)] {

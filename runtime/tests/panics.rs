@@ -38,15 +38,15 @@ fn main() -> ExitCode {
         Ok("thread") => process(thread_panics),
         Ok(_) => program::run(|_: Cli| panic!("the program fell over")),
         Err(_) => {
-            ends_with_internal_error("loop", "the loop fell over");
-            ends_with_internal_error("thread", "the thread fell over");
-            ends_with_internal_error("program", "the program fell over");
+            f16_a_panic_ends_with_exit_code_70("loop", "the loop fell over");
+            f16_a_panic_ends_with_exit_code_70("thread", "the thread fell over");
+            f16_a_panic_ends_with_exit_code_70("program", "the program fell over");
             ExitCode::SUCCESS
         }
     }
 }
 
-fn ends_with_internal_error(job: &str, says: &str) {
+fn f16_a_panic_ends_with_exit_code_70(job: &str, says: &str) {
     let root = tempfile::tempdir().unwrap();
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args(["run", "--instance", "panics", "--root"]).arg(root.path()).env("TEST_JOB", job);

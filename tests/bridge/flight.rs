@@ -9,13 +9,13 @@ use oqtal_bus::topic::{COMMAND, VEHICLE};
 use oqtal_bus::transport::{Publish, Subscribe, Transport};
 use oqtal_wire::asctec::ControlInput;
 
+use super::vehicle::{Manner, PtyVehicle};
 use crate::common::{Running, Testbed, WAIT_TIMEOUT, wait_for};
-use crate::vehicle::{Manner, PtyVehicle};
 
 /// Control period at 60 Hz.
 pub const PERIOD: std::time::Duration = std::time::Duration::from_nanos(16_666_667);
 
-/// A bridge, the vehicle at its link, and the bus that both share with the test.
+/// A bridge, the vehicle at its link, and the bus of the test.
 pub struct BridgeFlight {
     pub testbed: Testbed,
     pub vehicle: PtyVehicle,
@@ -86,7 +86,7 @@ impl Commander {
             if let Some(found) = done() {
                 return found;
             }
-            assert!(began.elapsed() < WAIT_TIMEOUT, "commanded in vain for {what}");
+            assert!(began.elapsed() < WAIT_TIMEOUT, "timed out: {what}");
         }
     }
 }

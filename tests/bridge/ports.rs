@@ -3,14 +3,14 @@
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
 
-use crate::common::{Testbed, stderr};
-use crate::flight::{BridgeFlight, airborne, is_zero, stick};
-use crate::vehicle::{Manner, PtyVehicle};
+use super::flight::{BridgeFlight, airborne, is_zero, stick};
+use super::vehicle::{Manner, PtyVehicle};
+use crate::common::{Testbed, assert_refused, peers, skipped, stderr};
 use oqtal_wire::asctec::ControlInput;
 
 /// Starts the independent reader with `words`, by the interpreter `OQTAL_PEERS_PYTHON`, which must then exist, or by `python3`.
 fn independent_reader(words: &[&str]) -> Option<Child> {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/asctec_reader.py");
+    let script = peers::script_path("asctec_reader.py");
     let named = std::env::var_os("OQTAL_PEERS_PYTHON");
     let mut reader = Command::new(named.as_deref().unwrap_or("python3".as_ref()));
     reader.arg(script).args(words).stdin(Stdio::piped()).stdout(Stdio::piped());
@@ -18,14 +18,14 @@ fn independent_reader(words: &[&str]) -> Option<Child> {
         Ok(reader) => Some(reader),
         Err(error) => {
             assert!(named.is_none(), "OQTAL_PEERS_PYTHON names no interpreter: {error}");
-            eprintln!("skipped: there is no python3 to read the frames with");
+            skipped("there is no python3 to read the frames with");
             None
         }
     }
 }
 
 #[test]
-fn an_independent_reader_sees_in_a_flight_what_was_commanded_and_nothing_invalid() {
+fn an_independent_reader_sees_the_commands_of_a_flight_and_nothing_invalid() {
     let Some(mut reader) = independent_reader(&["-"]) else { return };
     let (flight, mut commander) = airborne("flown-reader");
     let vehicle = &flight.vehicle;
@@ -79,14 +79,10 @@ fn an_independent_reader_sees_valid_zero_set_points_at_sixty_hertz_without_a_dae
     assert!((gap - 16.667).abs() < 1.0, "{seen}");
 }
 
-/// Checks that the bridge, started with `words`, ends with exit code `code` and a message that contains `says`.
-fn refused(testbed: &Testbed, words: &[&str], code: i32, says: &[&str]) {
-    let output = testbed.oqtal(&[&["bridge"], words].concat()).output().unwrap();
-    let message = stderr(&output);
-    assert_eq!(output.status.code(), Some(code), "{words:?}: {message}");
-    for word in says {
-        assert!(message.contains(word), "{words:?} says: {message}");
-    }
+/// Checks that the bridge, started with `words`, ends with exit code `code` and a message that contains `parts`.
+#[track_caller]
+fn refused(testbed: &Testbed, words: &[&str], code: i32, parts: &[&str]) {
+    testbed.refuses(&[&["bridge"], words].concat(), code, parts);
 }
 
 #[test]
@@ -108,7 +104,7 @@ fn a_port_that_does_not_exist_is_named_with_a_remedy() {
 }
 
 #[test]
-fn a_port_without_permission_says_so() {
+fn a_port_without_permission_is_reported() {
     let testbed = Testbed::new("nobody");
     let vehicle = PtyVehicle::new(&testbed.path("port"), Manner::Answering);
     let device = testbed.path("port").canonicalize().unwrap();
@@ -124,18 +120,15 @@ fn a_port_without_permission_says_so() {
         command.args(["bridge", "run", "--link", &format!("asctec:{}", device.display())]);
         command.args(["--instance", testbed.instance(), "--root"]).arg(root.path());
         command.current_dir("/").uid(65534).gid(65534);
-        let output = command.output().unwrap();
-        assert_eq!(output.status.code(), Some(77), "{}", stderr(&output));
-        assert!(stderr(&output).contains("no permission for /dev/pts/"), "{}", stderr(&output));
+        assert_refused(&command.output().unwrap(), 77, &["no permission for /dev/pts/"]);
     } else {
-        let output = command.output().unwrap();
-        assert_eq!(output.status.code(), Some(77), "{}", stderr(&output));
+        assert_refused(&command.output().unwrap(), 77, &[]);
     }
     drop(vehicle);
 }
 
 #[test]
-fn f25_a_second_bridge_is_refused_and_the_first_goes_on() {
+fn f25_a_second_bridge_is_refused_and_the_first_continues() {
     let flight = BridgeFlight::new("second-bridge", Manner::Answering);
     let link = flight.vehicle.link();
     refused(&flight.testbed, &["run", "--link", &link], 75, &["vehicle", "already has a writer"]);

@@ -15,6 +15,8 @@ use oqtal_wire::asctec::{
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
+use crate::common::random::Random;
+
 /// Number of consecutive motor-switch frames after which the motors start or stop \[-\].
 const SWITCH_FRAMES: u32 = 10;
 
@@ -75,7 +77,7 @@ impl PtyVehicle {
             decoder: VehicleDecoder::new(),
             scales: Scales::default(),
             switched: 0,
-            noise: 1,
+            noise: Random(1),
         };
         let ended = stop.clone();
         let thread = std::thread::spawn(move || body.run(master, slave, &ended));
@@ -131,7 +133,7 @@ struct VehicleThread {
     decoder: VehicleDecoder,
     scales: Scales,
     switched: u32,
-    noise: u32,
+    noise: Random,
 }
 
 impl VehicleThread {
@@ -195,8 +197,7 @@ impl VehicleThread {
 
     /// Pseudo-random bytes, many of which begin a frame.
     fn noise(&mut self) -> u8 {
-        self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        let byte = (self.noise >> 24) as u8;
+        let byte = self.noise.below(256) as u8;
         if byte < 64 { b">*>a<"[usize::from(byte) % 5] } else { byte }
     }
 }

@@ -1,4 +1,4 @@
-//! Camera systems of one client, whose lists of bodies change while frames come.
+//! Camera systems for one client, whose lists of bodies change while frames are sent.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -16,7 +16,7 @@ use oqtal_wire::vrpn::{VrpnMessage, VrpnSession, write_message};
 
 /// Time between two frames.
 const INTERVAL: Duration = Duration::from_millis(1);
-/// The list of bodies changes after so many frames, to and fro.
+/// Number of frames after which the list of bodies changes \[-\].
 const CHANGE: u32 = 20;
 
 /// Starts a server of `kind` in a thread, which ends with its client; the address.
@@ -46,7 +46,7 @@ fn names(number: u32) -> Option<[&'static str; 2]> {
     }
 }
 
-/// Gives a frame with its number, and from time to time the bodies from then on.
+/// Calls `step` with each frame, and with the new list of bodies where it changes.
 fn play(mut step: impl FnMut(&MotionFrame<'_>, Option<[&str; 2]>) -> Option<()>) {
     let pose = RigidPose::new([0.1, 0.2, 1.0], [0.0, 0.0, 0.0, 1.0]);
     let bodies = [BodySample { pose, residual_m: 0.0 }; 2];
@@ -66,7 +66,7 @@ fn play(mut step: impl FnMut(&MotionFrame<'_>, Option<[&str; 2]>) -> Option<()>)
     }
 }
 
-/// Reads what the client sends within an interval; `None` when it is gone.
+/// Reads from the client for one interval; `None` after it has disconnected.
 fn read(stream: &mut TcpStream, buffer: &mut [u8]) -> Option<usize> {
     match stream.read(buffer) {
         Ok(0) => None,
@@ -166,7 +166,7 @@ fn serve_natnet(socket: &UdpSocket) {
         let mut datagrams = vec![out, Vec::new()];
         server.write_frame(frame, Some(to), &mut datagrams[1]);
         if let Some(names) = changed {
-            // Also an answer to a request that was repeated.
+            // Also the answer to a repeated request.
             datagrams.extend(info.clone());
             let mut definitions = Vec::new();
             let models = ModelDefinitions { bodies: bodies(names), incomplete: false };

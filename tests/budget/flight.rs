@@ -22,7 +22,7 @@ const LENGTH_S: f64 = 40.0;
 /// Flies the square under `law` and passes each turn of the daemon, telemetry included, to `count`; returns the armed ticks.
 pub fn fly(law: &str, resolve: &str, mut count: impl FnMut(&mut dyn FnMut())) -> u64 {
     let mut settings = vec![Setting::flag("test", "control.controller", law)];
-    // The others have no such key.
+    // The other laws lack this key.
     if ["lqr", "oqtal"].contains(&law) {
         settings.push(Setting::flag("test", &format!("control.{law}.resolve"), resolve));
     }
@@ -48,7 +48,7 @@ struct Flight {
     plant: PlantTurn<MemoryBus>,
     cameras: PoseTurn<MemoryBus, EmulatedCameras<MemoryBus>>,
     daemon: DaemonTurn<MemoryBus>,
-    /// Kept open: a closed hand-off takes no status.
+    /// Kept open: a closed hand-off accepts no status.
     _requests: OperatorRequests,
     telemetry: MemoryReader<TelemetryV1>,
     armed_ticks: u64,

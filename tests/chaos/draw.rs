@@ -1,4 +1,4 @@
-//! Random flights, by their seed alone.
+//! Random flights, determined by their seed.
 
 use oqtal_config::{FaultKind, FaultTarget};
 use oqtal_control::controller::ControllerName;
@@ -7,7 +7,7 @@ use crate::common::random::Random;
 
 /// The settings of the flight with this seed.
 pub fn flight(seed: u64) -> Vec<String> {
-    // Far from the states of its neighbours, which are apart by one step of the generator otherwise.
+    // Separates neighbouring seeds, whose states would otherwise be one step of the generator apart.
     let random = &mut Random(seed << 32);
     let mut settings = vec![
         format!("clock.seed={seed}"),
@@ -36,7 +36,7 @@ pub fn flight(seed: u64) -> Vec<String> {
     settings
 }
 
-/// A fence of five to nine corners around the room of every flight, near enough for wind to blow the vehicle there.
+/// A fence of five to nine corners around the path of every flight, within reach in the wind.
 fn polygon(random: &mut Random) -> String {
     let corners = 5 + random.below(5);
     let corner = |k: u64| {
@@ -67,7 +67,7 @@ fn weak_battery(random: &mut Random) -> Vec<String> {
     ]
 }
 
-/// A fault of any kind at any time of the flight.
+/// A random fault.
 fn fault(random: &mut Random) -> String {
     let targets = [
         FaultTarget::Pose,
@@ -91,7 +91,7 @@ fn fault(random: &mut Random) -> String {
     }
 }
 
-/// The kind, with a magnitude that it can have.
+/// The kind, with a valid magnitude.
 fn value(kind: FaultKind, target: FaultTarget, random: &mut Random) -> String {
     let magnitude = match (kind, target) {
         (FaultKind::Wrong, FaultTarget::Pose) if random.one_in(2) => {
@@ -110,8 +110,8 @@ fn value(kind: FaultKind, target: FaultTarget, random: &mut Random) -> String {
     format!("{}{magnitude}", kind.name())
 }
 
-/// Distances \[m\] and shares of outliers: all combinations in the study; in short one of them for each seed, and two that are
-/// hard on a gate: at its border, and small and frequent.
+/// Distances \[m\] and shares of outliers: all combinations in the study; otherwise one of them for each seed, and two difficult ones:
+/// at the border of the gate, and small and frequent.
 pub fn outliers(seed: u64) -> Vec<(f64, f64)> {
     let all = [0.05, 0.14, 0.3, 1.0].into_iter().flat_map(|d| [0.01, 0.05, 0.2].map(|p| (d, p)));
     let all: Vec<(f64, f64)> = all.collect();

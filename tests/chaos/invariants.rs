@@ -1,4 +1,4 @@
-//! What never happens in a flight, whatever fails.
+//! Invariants of every flight, whatever fails.
 
 use nalgebra::Vector3;
 use oqtal_bus::code::SafetyState;
@@ -6,7 +6,7 @@ use oqtal_bus::time::Span;
 use oqtal_daemon::Fence;
 use oqtal_observe::flight::{Flight, FlightSample};
 
-/// Time for which motors may run on after the vehicle has tipped.
+/// Greatest time of running motors after the vehicle has tipped.
 const TIPPED_LIMIT: Span = Span::from_millis(500);
 
 /// The invariants that `flight` breaks, one line for each.
@@ -52,7 +52,7 @@ fn nonsense(flight: &Flight) -> Option<String> {
     Some(format!("a command out of range at {:.3} s", at(flight, wrong)))
 }
 
-/// Motors that run on after the vehicle has tipped.
+/// Motors that still run after the vehicle has tipped.
 fn tipped(flight: &Flight) -> Option<String> {
     let is_tipped = |sample: &&FlightSample| {
         sample.truth.is_some() && sample.attitude().to_world(&Vector3::z()).z < 0.0
@@ -69,7 +69,7 @@ fn tipped(flight: &Flight) -> Option<String> {
     ))
 }
 
-/// A vehicle that flies under power beyond the hard border of the fence.
+/// A powered vehicle beyond the hard border of the fence.
 fn outside(flight: &Flight) -> Option<String> {
     let fence = Fence::new(&flight.config.fence);
     let away =

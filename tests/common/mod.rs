@@ -1,8 +1,9 @@
 //! Testbeds: each test has an instance, a root directory and an output directory of its own, so that tests run in parallel.
-#![allow(dead_code)]
-
+pub mod network;
 pub mod obedience;
+pub mod peers;
 pub mod random;
+pub mod sources;
 
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
@@ -10,12 +11,18 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use oqtal_bus::bus::Bus;
+use oqtal_bus::code::Mode;
 use oqtal_bus::paths::InstancePaths;
+use oqtal_bus::topic::TELEMETRY;
+use oqtal_bus::transport::{Subscribe, Transport};
 use serde_json::Value;
 use tempfile::TempDir;
 
 /// Time-out of every wait: a test that waits longer has failed.
 pub const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// Processes of a simulated flight.
+pub const SERVICES: [&str; 3] = ["plant-sim", "mocap-emu", "daemon"];
 
 /// An instance in a temporary directory; removed from shared memory when dropped.
 pub struct Testbed {
@@ -65,7 +72,7 @@ impl Testbed {
         command.args(words.iter().map(AsRef::as_ref));
         command.arg("--instance").arg(&self.instance).arg("--root").arg(self.path("run"));
         command.current_dir(self.directory.path()).stdin(Stdio::null());
-        // The lengths of studies are no settings of the configuration.
+        // The lengths of studies are not settings of the configuration.
         for (name, _) in std::env::vars_os() {
             if name.as_encoded_bytes().starts_with(b"OQTAL_TEST_") {
                 command.env_remove(name);
@@ -74,20 +81,74 @@ impl Testbed {
         command
     }
 
+    /// The command `oqtal` with the given arguments in the directory of this testbed, without its instance.
+    pub fn study(&self, words: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
+        command.args(words).current_dir(self.directory.path()).stdin(Stdio::null());
+        command
+    }
+
+    /// Runs [`Self::study`], which must succeed; returns its standard output.
+    #[track_caller]
+    pub fn succeeds(&self, words: &[&str]) -> String {
+        let output = self.study(words).output().unwrap();
+        assert!(output.status.success(), "{words:?}: {}", stderr(&output));
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Runs `oqtal` on this testbed, which must fail with this exit code and a message that contains `parts`.
+    #[track_caller]
+    pub fn refuses(&self, words: &[&str], code: i32, parts: &[&str]) {
+        assert_refused(&self.oqtal(words).output().unwrap(), code, parts);
+    }
+
     /// Runs `oqtal fly` with the given arguments to its end.
     pub fn fly(&self, words: &[&str]) -> Output {
         self.oqtal(&[&["fly"], words].concat()).output().unwrap()
     }
 
     /// Runs `oqtal fly --json` with the given arguments, which must succeed; returns its summary.
+    #[track_caller]
     pub fn summary(&self, words: &[&str]) -> Value {
         let output = self.fly(&[words, &["--json"]].concat());
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap()
+        assert!(output.status.success(), "{}", stderr(&output));
+        json(&output)
+    }
+
+    /// Runs a flight as [`Self::summary`] does, which must land.
+    #[track_caller]
+    pub fn lands(&self, words: &[&str]) -> Value {
+        let summary = self.summary(words);
+        assert_eq!(summary["outcome"], "landed", "{words:?}: {summary:#}");
+        summary
     }
 
     pub fn start(&self, words: &[&str]) -> Running {
         Running::start(&mut self.oqtal(words))
+    }
+
+    /// Starts simulator, cameras and daemon.
+    pub fn services(&self) -> [Running; 3] {
+        SERVICES.map(|process| self.start(&[process, "run"]))
+    }
+
+    /// Waits until a daemon answers `oqtal ctl status`.
+    pub fn wait_for_daemon(&self) {
+        wait_for("a daemon that answers", || {
+            self.oqtal(&["ctl", "status"]).output().unwrap().status.success().then_some(())
+        });
+    }
+
+    /// Arms until the vehicle is in the air. While poses are late the daemon refuses or withdraws a flight: the operator arms again.
+    pub fn take_off(&self, bus: &Bus) {
+        let mut telemetry = bus.observer(&TELEMETRY).unwrap();
+        wait_for("flight", || {
+            let (_, tick) = telemetry.latest().unwrap()?;
+            if tick.mode == Mode::Disarmed.code() {
+                self.oqtal(&["ctl", "arm"]).output().unwrap();
+            }
+            (tick.mode == Mode::Flying.code() && tick.position[2] > 0.3).then_some(())
+        });
     }
 
     /// Objects of this instance in shared memory.
@@ -166,6 +227,12 @@ pub fn is_alive(pid: u32) -> bool {
     state_of(pid).is_some_and(|state| state != 'Z' && state != 'X')
 }
 
+/// Process ids of the children of a process.
+pub fn children(pid: u32) -> Vec<u32> {
+    let list = std::fs::read_to_string(format!("/proc/{pid}/task/{pid}/children"));
+    list.unwrap_or_default().split_whitespace().map(|child| child.parse().unwrap()).collect()
+}
+
 /// Polls until `look` returns a value; fails after [`WAIT_TIMEOUT`].
 pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     let began = Instant::now();
@@ -178,18 +245,54 @@ pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-/// Says that this test cannot run here, and why. Written past the capture of the test's output: a test that did not run must not
-/// look like one that passed.
+/// Reports that this test cannot run here, and why. The message bypasses the capture of the test's output, so that a skipped test does
+/// not look like a passed one.
 pub fn skipped(reason: &str) {
     use std::io::Write as _;
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
     let _ = writeln!(std::io::stderr(), "test {test}: skipped: {reason}");
 }
 
+/// Whether this test runs as root; reports that it is skipped otherwise.
+pub fn is_root() -> bool {
+    let is_root = rustix::process::getuid().is_root();
+    if !is_root {
+        skipped("only root can become another user");
+    }
+    is_root
+}
+
 pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// The JSON document that a process printed.
+#[track_caller]
+pub fn json(output: &Output) -> Value {
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", stderr(output)))
+}
+
+/// Checks that a process failed with this exit code and a message that contains `parts`.
+#[track_caller]
+pub fn assert_refused(output: &Output, code: i32, parts: &[&str]) {
+    let message = stderr(output);
+    assert_eq!(output.status.code(), Some(code), "{message}");
+    for part in parts {
+        assert!(message.contains(part), "no `{part}` in: {message}");
+    }
+}
+
+/// Checks that the mean errors of a flight over a wire are those of the direct simulation, within 15 %.
+#[track_caller]
+pub fn assert_as_good_as(wired: &Value, direct: &Value) {
+    for error in ["position_error_m", "velocity_error_m_s", "attitude_error_deg"] {
+        let path = format!("/{error}/mean");
+        let ratio = number(wired, &path) / number(direct, &path);
+        assert!((0.85..1.15).contains(&ratio), "{error}: {ratio} of the direct simulation");
+    }
+}
+
+#[track_caller]
 pub fn number(summary: &Value, path: &str) -> f64 {
     summary.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {path}"))
 }

@@ -1,5 +1,5 @@
-//! Obedience as seen at the vehicle and in the daemon's ticks, counted in commands and ticks: no bound depends on how fast the
-//! machine is.
+//! Execution of an operator's orders, counted in commands at the vehicle and ticks of the daemon: no bound depends on the speed of
+//! the machine.
 
 use oqtal_bus::bus::Bus;
 use oqtal_bus::code::{InputKind, Mode, OperatorCommand};
@@ -26,7 +26,7 @@ impl MotorWatch {
         Self { commands, vehicles: bus.observer(&VEHICLE).unwrap() }
     }
 
-    /// Gives the order, and waits until the vehicle reports that its motors are off: no command that was published more than
+    /// Executes `order` and waits until the vehicle reports that its motors are off: no command that was published more than
     /// [`PERIODS`] after the order keeps them running.
     pub fn obeys(&mut self, order: impl FnOnce()) {
         let newest = wait_for("a command", || self.commands.latest().unwrap());
@@ -61,7 +61,7 @@ impl LandingWatch {
         Self { inputs: bus.observer(&INPUT).unwrap(), telemetry: bus.observer(&TELEMETRY).unwrap() }
     }
 
-    /// After a landing was requested: at most [`PERIODS`] ticks after the daemon took the request, the vehicle lands.
+    /// Waits for the landing that was requested: at most [`PERIODS`] ticks after the daemon received the request.
     pub fn lands(&mut self) {
         let taken_at: Time = wait_for("the request", || {
             let (_, input) = self.inputs.receive().unwrap()?;

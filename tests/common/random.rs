@@ -1,7 +1,7 @@
 //! Pseudo-random numbers for tests.
-#![allow(dead_code)]
 
 /// Generator of pseudo-random numbers (SplitMix64) with a seed, so that a failure can be repeated.
+#[derive(Clone, Debug)]
 pub struct Random(pub u64);
 
 impl Random {
@@ -30,7 +30,7 @@ impl Random {
 /// The length of a study from an environment variable; `short` without one.
 pub fn length(variable: &str, short: u64) -> u64 {
     match std::env::var(variable) {
-        Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable}={text} is no number")),
+        Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable}={text} is not a number")),
         Err(_) => short,
     }
 }

@@ -1,5 +1,4 @@
 //! The files of the workspace: its crates, and their Rust sources.
-#![allow(dead_code)]
 
 use std::path::{Path, PathBuf};
 
@@ -36,7 +35,7 @@ pub fn crates() -> Vec<String> {
 /// Every Rust file of the workspace.
 pub fn sources() -> Vec<Source> {
     let found: Vec<Source> = crates().iter().flat_map(|folder| sources_of(folder)).collect();
-    assert!(found.len() > 200, "the sources are not where they were");
+    assert!(found.len() > 200, "sources are missing");
     found
 }
 

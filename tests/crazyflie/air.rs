@@ -1,4 +1,4 @@
-//! Emulated Crazyradio: exchanges packets with emulated vehicles in virtual time, some of which are lost.
+//! Emulated Crazyradio: exchanges packets with emulated vehicles in virtual time and loses some of them.
 
 use std::cell::RefCell;
 use std::io;
@@ -11,13 +11,15 @@ use oqtal_plant_sim::wire::CrtpVehicle;
 use oqtal_wire::crtp::{CrtpPacket, CrtpRequest};
 use oqtal_wire::link::RadioSpec;
 
+use crate::common::random::Random;
+
 /// Time of an exchange: two USB transfers of a full-speed device, 32 bytes each way at 2 Mbit/s, and turning round.
 const EXCHANGE: Span = Span::from_nanos(1_200_000);
 /// Time of a packet that is not acknowledged, between two settings of the radio.
 const BROADCAST: Span = Span::from_nanos(1_200_000);
 /// Further time of each repetition.
 const REPETITION: Span = Span::from_nanos(500_000);
-/// Repetitions after which a packet is given up \[-\].
+/// Number of repetitions of a packet without an acknowledgement \[-\].
 const REPETITIONS: u32 = 3;
 
 /// Vehicles within reach of the radio, and the instant.
@@ -27,7 +29,7 @@ pub struct Air {
     pub vehicles: Vec<CrtpVehicle>,
     /// Probability that a transmission, or its acknowledgement, is lost \[0..1\].
     pub loss: f64,
-    seed: u64,
+    random: Random,
 }
 
 /// Radio on the [`Air`].
@@ -40,7 +42,7 @@ impl Air {
         let now = Time::VIRTUAL_START;
         let vehicle = || CrtpVehicle::new(config, now).unwrap();
         let vehicles = std::iter::repeat_with(vehicle).take(count).collect();
-        Rc::new(RefCell::new(Self { now, vehicles, loss, seed: 7 }))
+        Rc::new(RefCell::new(Self { now, vehicles, loss, random: Random(7) }))
     }
 
     /// Lets time pass.
@@ -51,9 +53,7 @@ impl Air {
     }
 
     fn is_lost(&mut self) -> bool {
-        // Numerical Recipes' generator: the same losses in every run.
-        self.seed = self.seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223) % (1 << 32);
-        (self.seed as f64) < self.loss * f64::from(u32::MAX)
+        self.random.between(0.0, 1.0) < self.loss
     }
 }
 
@@ -79,7 +79,7 @@ impl RadioDongle for EmulatedRadio {
         air.pass(BROADCAST);
         let now = air.now;
         let Some(CrtpRequest::Poses(poses)) = CrtpRequest::read(packet) else {
-            panic!("{packet:?}: only poses go to everybody")
+            panic!("{packet:?}: only poses are broadcast")
         };
         for pose in poses.poses() {
             let is_lost = air.is_lost();

@@ -33,7 +33,7 @@ pub struct Laboratory {
     stations: Vec<Station>,
     radio: RadioWorker<EmulatedRadio>,
     pub notes: Vec<Note>,
-    /// Position that each vehicle tells of itself \[m, world\].
+    /// Position that each vehicle reports \[m, world\].
     estimates: Vec<[f64; 3]>,
 }
 
@@ -68,12 +68,12 @@ impl Laboratory {
         Self { air, config: config.clone(), stations, radio, notes: Vec::new(), estimates }
     }
 
-    /// From now on poses of two vehicles go in one packet.
+    /// Sends the poses of two vehicles in one packet from now on.
     pub fn pack_poses(&mut self) {
         self.radio.pack_poses();
     }
 
-    /// From now on every vehicle is commanded to hover at a metre, or nothing but "disarmed".
+    /// Commands every vehicle from now on to hover at a metre, or "disarmed".
     pub fn command(&mut self, flies: bool) {
         self.stations.iter_mut().for_each(|station| station.is_commanded = flies);
     }
@@ -82,7 +82,7 @@ impl Laboratory {
         self.radio.counts(vehicle)
     }
 
-    /// Position that a vehicle tells of itself \[m, world\].
+    /// Position that a vehicle reports \[m, world\].
     pub fn estimate(&self, vehicle: usize) -> [f64; 3] {
         self.estimates[vehicle]
     }
@@ -95,32 +95,32 @@ impl Laboratory {
         self.air.borrow().vehicles[vehicle].board().motors_run()
     }
 
-    /// Lets so many milliseconds pass.
+    /// Advances the time by `millis` \[ms\].
     pub fn pass(&mut self, millis: i64) {
         let end = self.air.borrow().now + Span::from_millis(millis);
         while self.air.borrow().now < end {
             for index in 0..self.stations.len() {
-                self.serve(index);
+                self.turn(index);
             }
             let air = self.air.clone();
             let exchanged = self.radio.exchange(&mut || air.borrow().now).unwrap();
             match exchanged {
-                Some((vehicle, Some(reply))) => self.hear(vehicle, &reply),
+                Some((vehicle, Some(reply))) => self.receive(vehicle, &reply),
                 Some(_) => {}
                 None => self.air.borrow_mut().pass(Span::from_nanos(200_000)),
             }
         }
     }
 
-    fn hear(&mut self, vehicle: usize, reply: &CrtpPacket) {
+    fn receive(&mut self, vehicle: usize, reply: &CrtpPacket) {
         let now = self.air.borrow().now;
         let notes = &mut self.notes;
         let station = &mut self.stations[vehicle];
         station.bridge.receive_bytes(now, reply.as_bytes(), &mut |note| notes.push(note));
     }
 
-    /// Gives the bridge its command and pose, and the radio what the bridge sends.
-    fn serve(&mut self, index: usize) {
+    /// Passes command and pose to the bridge, and the packets of the bridge to the radio.
+    fn turn(&mut self, index: usize) {
         let now = self.air.borrow().now;
         if now.since(self.stations[index].commanded_at) >= PERIOD {
             self.give_command(now, index);
@@ -135,8 +135,8 @@ impl Laboratory {
             let bytes = bridge.outbox();
             if let Ok(packet) = CrtpPacket::parse(bytes) {
                 radio.push(now, index, packet);
-                if let Some((_, _, said)) = bridge.handed_over(now, packet.as_bytes().len()) {
-                    estimates[index] = said.estimate_position;
+                if let Some((_, _, report)) = bridge.handed_over(now, packet.as_bytes().len()) {
+                    estimates[index] = report.estimate_position;
                 }
             }
         };

@@ -1,4 +1,4 @@
-//! Faults in the hover of each firmware, as a table: what is done, for how long it is watched, and what must be seen.
+//! Faults in the hover of each firmware, as a table: action, time of observation, expected observation.
 
 use std::path::Path;
 use std::time::Duration;
@@ -12,29 +12,29 @@ use oqtal_wire::mavlink::{
 };
 use rustix::process::Signal;
 
+use super::flight::{BRIDGE, CAMERAS, DAEMON, FirmwareFlight, Seen};
+use super::program::Firmware;
 use crate::common::wait_for;
-use crate::flight::{BRIDGE, CAMERAS, DAEMON, FirmwareFlight, Seen};
-use crate::program::Firmware;
 
 /// Set-points with thrust that may reach a vehicle after its source of commands has ended \[-\].
 const MOST_OLD: usize = 4;
 /// The ground station of a pilot.
 const STATION: MavlinkAddress = MavlinkAddress { system: 250, component: 190 };
 
-/// What is done to a flight.
+/// Action on a flight.
 type Action = fn(&mut FirmwareFlight);
 
 /// A fault.
 pub struct Fault {
     pub name: &'static str,
     pub begin: Action,
-    /// What ends it, and when.
+    /// End of the fault: its time and action.
     pub end: Option<(Duration, Action)>,
     pub watch: Duration,
     pub shows: fn(&Observation),
 }
 
-/// What was seen of a fault that began at `since`.
+/// Observation of a fault that began at `since`.
 pub struct Observation {
     pub since: Time,
     pub seen: Seen,
@@ -62,7 +62,7 @@ pub const FAULTS: [Fault; 6] = [
         end: None,
         watch: Duration::from_secs(6),
         shows: |observed| {
-            assert!(observed.flying <= 1, "{} set-points of nobody", observed.flying);
+            assert!(observed.flying <= 1, "{} set-points without a sender", observed.flying);
             observed.stops(&[Cause::NoVehicle]);
         },
     },
@@ -176,7 +176,7 @@ impl Observation {
 /// Head of the table.
 pub const HEAD: &str = "| firmware | fault | set-points with thrust after it | last of them [s] | Stop [s] | reported off [s] | falls [s] | floor [s] | height in the end [m] |\n|---|---|---|---|---|---|---|---|---|";
 
-/// Flies `firmware` into the fault; prints the row of the table, and fails unless it is as it should be.
+/// Flies `firmware` into the fault, prints the row of the table, and checks the observation.
 pub fn observe(firmware: &'static Firmware, path: &Path, fault: &Fault) {
     let lines = if fault.name == BATTERY.name { firmware.battery } else { &[] };
     let mut flight = FirmwareFlight::start(firmware, path, lines);
@@ -194,7 +194,7 @@ pub fn observe(firmware: &'static Firmware, path: &Path, fault: &Fault) {
     seen.reports.extend(rest.reports);
     seen.ticks.extend(rest.ticks);
     let passed = flight.relay.state().setpoints.clone();
-    // What left before the fault may still have been on its way into the relay.
+    // Set-points sent before the fault may reach the relay after it.
     let flying: Vec<Time> =
         passed.iter().filter(|s| s.flies && s.sent_at > since).map(|s| s.passed_at).collect();
     let (count, last_flying) = (flying.len(), flying.last().copied());
@@ -204,7 +204,7 @@ pub fn observe(firmware: &'static Firmware, path: &Path, fault: &Fault) {
     (fault.shows)(&observed);
 }
 
-/// A vehicle that is not ready refuses to arm, and says why.
+/// Checks that a vehicle that is not ready refuses to arm, with a reason.
 pub fn refuses_to_arm(firmware: &'static Firmware, path: &Path) {
     let mut flight = FirmwareFlight::start(firmware, path, &[]);
     wait_for("a vehicle", || flight.newest_report().filter(|v| v.link == 1));

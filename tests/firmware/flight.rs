@@ -1,4 +1,4 @@
-//! A firmware in the air: the processes that fly it, the relay between them, and what is seen of both.
+//! A firmware in the air: the processes that fly it, the relay between them, and an observer of both.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -13,9 +13,9 @@ use oqtal_bus::topic::{TELEMETRY, TRUTH, VEHICLE};
 use oqtal_bus::transport::{Subscribe, Transport};
 use rustix::process::Signal;
 
+use super::program::{Firmware, FirmwareProcess};
+use super::relay::Relay;
 use crate::common::{Running, Testbed, wait_for};
-use crate::program::{Firmware, FirmwareProcess};
-use crate::relay::Relay;
 
 /// The processes, in the order in which they are started.
 pub const PROCESSES: [&str; 4] = ["plant-sim", "mocap-emu", "daemon", "bridge"];
@@ -24,7 +24,7 @@ pub const DAEMON: usize = 2;
 pub const BRIDGE: usize = 3;
 const POLL: Duration = Duration::from_millis(2);
 
-/// What was seen since the fault.
+/// Observations since the fault.
 #[derive(Default)]
 pub struct Seen {
     pub truths: Vec<TruthV1>,
@@ -85,7 +85,7 @@ impl FirmwareFlight {
         }
     }
 
-    /// Asks for a flight until it is granted, and waits until the vehicle hovers.
+    /// Requests a flight until it is granted, and waits until the vehicle hovers.
     pub fn take_off(&mut self) {
         wait_for("a vehicle", || self.newest_report().filter(|vehicle| vehicle.link == 1));
         std::thread::sleep(self.firmware.boot);
@@ -123,7 +123,7 @@ impl FirmwareFlight {
         self.running[process].as_ref().unwrap().signal(signal);
     }
 
-    /// Collects what is seen for so long.
+    /// Collects observations for `duration`.
     pub fn watch(&mut self, duration: Duration) -> Seen {
         let (began, mut seen) = (Instant::now(), Seen::default());
         while began.elapsed() < duration {

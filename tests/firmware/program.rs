@@ -1,13 +1,13 @@
-//! Firmware run as a program, in a network of its own: some listen on every address of the machine.
+//! Firmware executed as a program, in a network of its own, since some programs listen on every address of the machine.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use super::relay::RelayPorts;
 use crate::common::skipped;
-use crate::relay::RelayPorts;
 
-/// A firmware, and how it is started.
+/// A firmware and its start.
 pub struct Firmware {
     pub name: &'static str,
     /// Variable of the environment with the path of the program.
@@ -21,7 +21,7 @@ pub struct Firmware {
     pub ports: RelayPorts,
     /// Source of the truth, as the simulator follows it.
     pub truth: &'static str,
-    /// Time from its start to that from which it can be armed: it levels and checks its sensors.
+    /// Time from the start until it can be armed: it levels and checks its sensors.
     pub boot: Duration,
     /// Appends the arguments of the program, which starts in a directory of its own.
     pub arguments: fn(&Path, &mut Command),
@@ -39,7 +39,7 @@ pub struct FirmwareProcess {
 }
 
 impl Firmware {
-    /// The path of the program; `None` where the variable is not set, which is said.
+    /// The path of the program; `None`, with a message, where the variable is not set.
     pub fn path(&self) -> Option<PathBuf> {
         let path = std::env::var_os(self.variable).map(PathBuf::from);
         if path.is_none() {
@@ -79,7 +79,7 @@ impl FirmwareProcess {
         &self.network
     }
 
-    /// Starts the program; it begins anew if it runs.
+    /// Starts the program, or restarts it.
     pub fn run(&mut self) {
         self.end();
         self.child = Some(self.command.spawn().unwrap());
@@ -97,7 +97,7 @@ impl FirmwareProcess {
         let mut beside = Command::new("ip");
         beside.args(["netns", "exec", &self.network]).arg(command.get_program());
         beside.args(command.get_args()).stdin(Stdio::null());
-        // The paths of programs are no settings of the configuration.
+        // The paths of programs are not settings of the configuration.
         for name in ["OQTAL_CRAZYFLIE", "OQTAL_ARDUCOPTER", "OQTAL_PX4"] {
             beside.env_remove(name);
         }
@@ -123,5 +123,5 @@ impl Drop for FirmwareProcess {
 
 fn ip(words: &[&str]) {
     let done = Command::new("ip").args(words).status().expect("ip of iproute2");
-    assert!(done.success(), "ip {words:?}: networks are made by root alone");
+    assert!(done.success(), "ip {words:?}: only root may create networks");
 }

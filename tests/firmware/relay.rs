@@ -1,5 +1,5 @@
-//! Relay in the network of a firmware: passes datagrams on between bridge and vehicle, some of them late or not at all, notes what the
-//! vehicle gets, and sends it datagrams of another ground station.
+//! Relay in the network of a firmware: forwards datagrams between bridge and vehicle, with delays and losses, records the set-points
+//! that the vehicle gets, and sends it datagrams of another ground station.
 
 use std::fs::File;
 use std::net::{SocketAddr, UdpSocket};
@@ -41,7 +41,7 @@ pub struct PassedSetpoint {
     pub flies: bool,
 }
 
-/// What the relay does to datagrams, and what it saw.
+/// Treatment of datagrams by the relay, and its observations.
 pub struct RelayState {
     /// Probability that a datagram is lost \[0..1\].
     pub loss: f64,
@@ -175,7 +175,7 @@ impl Exchange {
 
     fn send(&self, to: usize, bytes: &[u8]) {
         if let Some(peer) = self.peers[to] {
-            // A firmware that has ended hears nothing.
+            // A firmware that has ended receives nothing.
             let _ = self.sockets[to].send_to(bytes, peer);
         }
     }

@@ -1,12 +1,12 @@
-//! The firmware that is flown, and how each program is started.
+//! The firmware that is flown, and the start of each program.
 
 use std::path::Path;
 use std::time::Duration;
 
-use crate::program::Firmware;
-use crate::relay::RelayPorts;
+use super::program::Firmware;
+use super::relay::RelayPorts;
 
-/// Its sensors and motors are those of the simulated vehicle.
+/// Uses the sensors and motors of the simulated vehicle.
 pub const CRAZYFLIE: Firmware = Firmware {
     name: "Crazyflie",
     variable: "OQTAL_CRAZYFLIE",

@@ -16,10 +16,10 @@ pub struct Air {
     pub bridge: Bridge,
     pub vehicle: MavlinkVehicle,
     pub now: Time,
-    /// What the bridge reported last.
-    pub said: VehicleV1,
+    /// Last report of the bridge.
+    pub report: VehicleV1,
     pub notes: Vec<Note>,
-    /// What the bridge sent.
+    /// Messages that the bridge sent.
     pub sent: Vec<MavlinkContent>,
     decoder: MavlinkDecoder,
     ticks: u64,
@@ -31,7 +31,7 @@ pub fn disarmed() -> CommandV1 {
     CommandV1::default()
 }
 
-/// Straight up with this share of greatest thrust.
+/// A level attitude with `thrust`, a share of the greatest.
 pub fn flight(thrust: f64) -> CommandV1 {
     CommandV1 { actuation: Actuation::Sticks.code(), thrust, ..CommandV1::default() }
 }
@@ -54,7 +54,7 @@ impl Air {
             bridge,
             vehicle: MavlinkVehicle::new(&config, &link, now).unwrap(),
             now,
-            said: VehicleV1::default(),
+            report: VehicleV1::default(),
             notes: Vec::new(),
             sent: Vec::new(),
             decoder: MavlinkDecoder::new(),
@@ -73,33 +73,33 @@ impl Air {
     }
 
     /// A datagram of another sender arrives.
-    pub fn hear(&mut self, datagram: &[u8]) {
+    pub fn receive(&mut self, datagram: &[u8]) {
         let Self { bridge, notes, now, .. } = self;
         bridge.receive_bytes(*now, datagram, &mut |note| notes.push(note));
     }
 
-    /// Commands this for so long \[ms\].
+    /// Commands `command` for `millis` \[ms\].
     pub fn fly_for(&mut self, millis: u64, command: CommandV1) {
         for _ in 0..millis {
             self.millisecond(Some(command));
         }
     }
 
-    /// Lets time pass without a command.
+    /// Advances the time without a command.
     pub fn wait(&mut self, millis: u64) {
         for _ in 0..millis {
             self.millisecond(None);
         }
     }
 
-    /// Lets time pass while nothing of the bridge arrives.
+    /// Advances the time while no datagram of the bridge arrives.
     pub fn cut_for(&mut self, millis: u64) {
         self.is_cut = true;
         self.wait(millis);
         self.is_cut = false;
     }
 
-    /// From now on nothing of the vehicle arrives.
+    /// Drops every datagram of the vehicle from now on.
     pub fn fall_silent(&mut self) {
         self.is_silent = true;
     }
@@ -119,8 +119,8 @@ impl Air {
             self.publish(command);
         }
         let Self { bridge, notes, now, .. } = self;
-        if let Some((_, _, said)) = bridge.turn(*now, &mut |note| notes.push(note)) {
-            self.said = said;
+        if let Some((_, _, report)) = bridge.turn(*now, &mut |note| notes.push(note)) {
+            self.report = report;
         }
         self.write();
         while self.bridge.follow_up(self.now) {
@@ -154,8 +154,8 @@ impl Air {
         if !self.is_cut {
             self.vehicle.host_writes(self.now, &bytes);
         }
-        if let Some((_, _, said)) = self.bridge.handed_over(self.now, bytes.len()) {
-            self.said = said;
+        if let Some((_, _, report)) = self.bridge.handed_over(self.now, bytes.len()) {
+            self.report = report;
         }
     }
 }

@@ -10,9 +10,9 @@ use oqtal_bus::message::ControlRequestV1;
 use oqtal_bus::time::Span;
 use rustix::process::Signal;
 
+use super::resources::{Resources, usage};
 use crate::common::random::Random;
 use crate::common::{Running, Testbed, is_alive, stderr, wait_for};
-use crate::resources::{Resources, usage};
 
 /// The processes, in the order in which they are started.
 pub const PROCESSES: [&str; 4] = ["plant-sim", "mocap-emu", "bridge", "daemon"];
@@ -107,7 +107,7 @@ impl Laboratory {
         }
     }
 
-    /// Passes an operator's command on; false if it is refused or nobody answers.
+    /// Sends an operator's command; false if it is refused or not answered.
     pub fn ask(&self, command: OperatorCommand) -> bool {
         let request = ControlRequestV1::of(command);
         let answer = self.client.ask(request, Span::from_millis(1000)).unwrap();
@@ -120,7 +120,7 @@ impl Laboratory {
         std::fs::read_to_string(log).unwrap_or_default()
     }
 
-    /// What the processes use at present; all of them must run.
+    /// Current use of resources by the processes, all of which must run.
     pub fn resources(&self) -> Resources {
         for (process, running) in self.running.iter().enumerate() {
             let is_alive = running.as_ref().is_some_and(|running| is_alive(running.id()));
@@ -130,7 +130,7 @@ impl Laboratory {
         Resources { shared: self.testbed.remains().len(), processes: pids.map(usage).collect() }
     }
 
-    /// Ends everything and looks for what is left.
+    /// Ends everything and checks that nothing remains.
     pub fn end(mut self) {
         for process in self.running.iter_mut().rev().filter_map(Option::take) {
             process.signal(Signal::TERM);

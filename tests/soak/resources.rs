@@ -1,12 +1,12 @@
-//! What the processes use: objects in shared memory, open files, memory. None of it grows.
+//! Resources of the processes: objects in shared memory, open files, memory. Their use must not grow.
 
-/// Flights in which the processes still come to their full size.
+/// Number of flights until the processes have reached their full size.
 const GROWING: u64 = 6;
-/// Growth of a process's memory after them that is no leak \[KiB\].
+/// Growth of a process's memory after them that is not a leak \[KiB\].
 const GROWTH_KIB: u64 = 2048;
-/// Objects in shared memory after them beyond their greatest number, for peers that have just been replaced.
+/// Further objects in shared memory after them, of peers that have just been replaced \[-\].
 const GROWTH_OBJECTS: usize = 12;
-/// Open files of a process after them beyond its greatest number, for peers that have just been replaced.
+/// Further open files of a process after them, of peers that have just been replaced \[-\].
 const GROWTH_FILES: usize = 8;
 
 /// Objects in shared memory, and open files and resident memory \[KiB\] of each process.
@@ -32,7 +32,7 @@ pub struct ResourceRecord {
 }
 
 impl ResourceRecord {
-    /// Adds the use before the flight with this number, which must not be more than in the first flights.
+    /// Adds the use before the flight with this number, which must not exceed that of the first flights.
     pub fn add(&mut self, now: Resources, flight: u64) {
         let Self { greatest, latest } = self;
         if flight < GROWING {

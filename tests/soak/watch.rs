@@ -1,4 +1,4 @@
-//! The observer of the soak: what it saw, and what must never be seen.
+//! The observer of the soak: its counts, and the violations of the invariants.
 
 use nalgebra::Vector3;
 use oqtal_bus::bus::Bus;
@@ -10,7 +10,7 @@ use oqtal_bus::transport::{Subscribe, Transport};
 use oqtal_config::Config;
 use oqtal_daemon::Fence;
 
-use crate::laboratory::Laboratory;
+use super::laboratory::Laboratory;
 
 /// Ticks in a row that may use new poses before the daemon no longer coasts: one second.
 const RECOVERY_TICKS: u64 = 60;
@@ -56,7 +56,7 @@ impl Watch {
         }
     }
 
-    /// Takes in what was published.
+    /// Reads the messages that were published.
     pub fn poll(&mut self) {
         while let Some((_, command)) = self.commands_in.receive().unwrap() {
             self.commands += 1;

@@ -6,7 +6,7 @@ use proc_macro2::{TokenStream, TokenTree};
 use syn::visit::Visit;
 use syn::{ItemMod, ItemUse};
 
-use crate::modules::{Module, Tree, leaves};
+use super::modules::{Module, Tree, leaves};
 
 /// The files that a file uses, each with one of the paths that say so.
 type Edges = BTreeMap<String, BTreeMap<String, String>>;
@@ -112,7 +112,7 @@ impl<'ast> Visit<'ast> for Uses<'_> {
     fn visit_item_mod(&mut self, _: &'ast ItemMod) {}
 
     fn visit_item_use(&mut self, item: &'ast ItemUse) {
-        // What is only re-exported is used by those who use it from here.
+        // An item that is only re-exported is used by the importers of the re-export.
         if matches!(item.vis, syn::Visibility::Inherited) {
             for (path, _) in leaves(&item.tree) {
                 self.add(&path);

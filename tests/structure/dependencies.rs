@@ -1,8 +1,6 @@
-//! Dependencies between the workspace's crates, from their manifests and the lock file.
+//! Dependencies between the crates of the workspace, from their manifests.
 
-use std::collections::{BTreeMap, BTreeSet};
-
-use crate::sources::{crates, read, read_toml, sources_of};
+use crate::common::sources::{crates, read_toml};
 
 /// The order of crates: each with the crates of the workspace that it may depend on.
 const ORDER: &[(&str, &[&str])] = &[
@@ -25,19 +23,11 @@ const ORDER: &[(&str, &[&str])] = &[
     ),
 ];
 
-/// Plotting, tables, tuning, parallel sweeps and serial ports: nothing that a real-time controller needs.
-const NOT_IN_THE_DAEMON: &[&str] = &[
-    "maud",
-    "comfy-table",
-    "ratatui",
-    "indicatif",
-    "hdrhistogram",
-    "csv",
-    "rayon",
-    "serialport",
-];
+/// Plotting, tables, tuning, parallel sweeps and serial ports, which a real-time controller does not need.
+const NOT_IN_THE_DAEMON: &[&str] =
+    &["maud", "comfy-table", "ratatui", "indicatif", "hdrhistogram", "csv", "rayon", "serialport"];
 
-/// Edges between crates that `ORDER` does not have, and crates that it does not know.
+/// Edges between crates that are missing in `ORDER`, and crates without a place in it.
 pub fn against_the_order() -> Vec<String> {
     let mut violations = Vec::new();
     for folder in crates().into_iter().filter(|folder| !folder.is_empty()) {
@@ -55,67 +45,18 @@ pub fn against_the_order() -> Vec<String> {
     violations
 }
 
-/// Dependencies whose name occurs in no source of the crate.
-pub fn unused() -> Vec<String> {
-    let mut violations = Vec::new();
-    for folder in crates() {
-        let (library, all): (Vec<_>, Vec<_>) =
-            sources_of(&folder).into_iter().partition(|file| file.path.contains("src/"));
-        for (section, files) in [("dependencies", &library), ("dev-dependencies", &all)] {
-            for name in dependencies(&folder, section) {
-                let ident = name.replace('-', "_");
-                let tested = section == "dev-dependencies";
-                let mut places = files.iter().chain(library.iter().filter(|_| tested));
-                if !places.any(|file| file.text.contains(&ident)) {
-                    violations.push(format!("{}Cargo.toml: {name} ({section})", prefix(&folder)));
-                }
-            }
-        }
-    }
-    violations
-}
-
-/// Crates of the daemon's tree that have no business there.
+/// Crates that the daemon must not link, in the manifests of the crates of its tree.
 pub fn forbidden_in_the_daemon() -> Vec<String> {
-    let locked = locked();
-    let mut tree = BTreeSet::new();
-    let mut todo = vec!["oqtal-daemon".to_owned()];
-    while let Some(name) = todo.pop() {
-        // The lock file does not tell dependencies of tests from others, manifests do.
-        let below = match name.strip_prefix("oqtal-") {
-            Some(folder) => dependencies(folder, "dependencies"),
-            None => locked.get(&name).cloned().unwrap_or_default(),
-        };
-        if tree.insert(name) {
-            todo.extend(below);
-        }
-    }
-    assert!(tree.contains("iceoryx2"), "the daemon's tree is not complete");
-    tree.into_iter().filter(|name| NOT_IN_THE_DAEMON.contains(&name.as_str())).collect()
-}
-
-fn prefix(folder: &str) -> String {
-    if folder.is_empty() { String::new() } else { format!("{folder}/") }
+    let (_, below) =
+        ORDER.iter().find(|(name, _)| *name == "daemon").expect("a place in the order");
+    let tree = below.iter().chain(&["daemon"]);
+    let names = tree.flat_map(|folder| dependencies(folder, "dependencies"));
+    names.filter(|name| NOT_IN_THE_DAEMON.contains(&name.as_str())).collect()
 }
 
 /// The names of a crate's dependencies in one section of its manifest.
 fn dependencies(folder: &str, section: &str) -> Vec<String> {
-    let manifest = read_toml(&format!("{}Cargo.toml", prefix(folder)));
+    let manifest = read_toml(&format!("{folder}/Cargo.toml"));
     let table = manifest.get(section).and_then(toml::Value::as_table);
     table.map(|table| table.keys().cloned().collect()).unwrap_or_default()
-}
-
-/// The dependencies of every package in the lock file.
-fn locked() -> BTreeMap<String, Vec<String>> {
-    let lock: toml::Table = read("Cargo.lock").parse().expect("Cargo.lock is TOML");
-    let mut found: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for package in lock["package"].as_array().expect("packages") {
-        let below = package.get("dependencies").and_then(toml::Value::as_array);
-        // `name`, or `name version` where there are several.
-        let names =
-            below.into_iter().flatten().filter_map(|below| below.as_str()?.split(' ').next());
-        let name = package["name"].as_str().expect("a name").to_owned();
-        found.entry(name).or_default().extend(names.map(str::to_owned));
-    }
-    found
 }

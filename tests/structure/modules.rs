@@ -1,10 +1,10 @@
-//! The modules of a crate, and which file defines what a path means.
+//! The modules of a crate, and the file that defines the item at a path.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use syn::{Expr, Item, ItemMod, ItemUse, Lit, Meta, UseTree};
 
-use crate::sources::{read, root};
+use crate::common::sources::{read, root};
 
 /// A module: a file, or a part of one.
 pub struct Module {
@@ -23,12 +23,17 @@ pub struct Module {
 /// The modules of a crate by path.
 pub struct Tree(BTreeMap<Vec<String>, Module>);
 
-/// Whether a file is the root of a library, program, test, benchmark or example of the crate in `folder`.
+/// Whether a file is the root of a library, program, test, benchmark or example of the crate in `folder`. The tests of the root package
+/// are modules of one program.
 pub fn is_root(folder: &str, path: &str) -> bool {
     let inner = path.strip_prefix(folder).unwrap_or(path).trim_start_matches('/');
     match inner.split_once('/') {
         Some(("src", file)) => file == "lib.rs" || file == "main.rs",
-        Some((_, file)) => !file.contains('/'),
+        Some(("tests", file)) if folder.is_empty() => ["main.rs", "loaded.rs"].contains(&file),
+        Some((_, file)) => match file.split_once('/') {
+            Some((_, file)) => file == "main.rs",
+            None => true,
+        },
         None => false,
     }
 }

@@ -5,28 +5,12 @@ use std::collections::BTreeMap;
 use syn::visit::Visit;
 use syn::{Attribute, Ident, ItemEnum, ItemMod, ItemStruct, ItemTrait, ItemType, Visibility};
 
-use crate::sources::{Source, sources};
+use crate::common::sources::{Source, sources};
 
-/// Names with more than one definition, each with the reason.
-const ALLOWED: &[(&str, &str)] = &[];
-
-/// Names with more than one definition that are not allowed to.
+/// Names with more than one definition.
 pub fn repeated() -> Vec<String> {
-    let all = definitions();
-    let wrong = all.iter().filter(|(name, paths)| paths.len() > 1 && !is_allowed(name));
-    wrong.map(|(name, paths)| format!("{name}: {}", paths.join(", "))).collect()
-}
-
-/// Allowed repetitions that do not occur.
-pub fn allowed_in_vain() -> Vec<String> {
-    let all = definitions();
-    let repeated = |name: &str| all.get(name).is_some_and(|paths| paths.len() > 1);
-    let vain = ALLOWED.iter().filter(|(name, _)| !repeated(name));
-    vain.map(|(name, reason)| format!("{name} ({reason})")).collect()
-}
-
-fn is_allowed(name: &str) -> bool {
-    ALLOWED.iter().any(|(allowed, _)| *allowed == name)
+    let repeated = definitions().into_iter().filter(|(_, paths)| paths.len() > 1);
+    repeated.map(|(name, paths)| format!("{name}: {}", paths.join(", "))).collect()
 }
 
 /// The places of definition by name.

@@ -1,13 +1,13 @@
 //! The table of files at the head of a crate's `lib.rs`.
 
-use crate::sources::{crates, read, sources_of};
+use crate::common::sources::{crates, read, sources_of};
 
 /// Crates without such a table: the front door, whose modules are its commands, and the library that leads from a problem to a type.
 const WITHOUT: [&str; 2] = ["", "control"];
 /// The row for all files that the others do not name.
 const THE_OTHERS: &str = "//! | the others |";
 
-/// Files at the top of a crate that its table does not name, and files in the table that do not exist.
+/// Files at the top of a crate that are missing in its table, and files in the table that do not exist.
 pub fn wrong() -> Vec<String> {
     let folders = crates().into_iter().filter(|folder| !WITHOUT.contains(&folder.as_str()));
     folders.flat_map(|folder| wrong_in(&folder)).collect()
@@ -23,9 +23,7 @@ fn wrong_in(folder: &str) -> Vec<String> {
     let missing = files.iter().filter(|file| !has_others && !named.contains(file));
     let absent = named.iter().filter(|name| !files.contains(name) && !name.contains('/'));
     let missing = missing.map(|file| format!("{lib}: no row for {file}"));
-    missing
-        .chain(absent.map(|name| format!("{lib}: a row for {name}, which is not there")))
-        .collect()
+    missing.chain(absent.map(|name| format!("{lib}: a row for the missing file {name}"))).collect()
 }
 
 /// The files named in the first column of a row, as `` `name.rs` `` or ``[`name`]``.

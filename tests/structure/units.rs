@@ -6,8 +6,8 @@ use syn::{
     Visibility,
 };
 
-use crate::names::{in_a_library, is_test};
-use crate::sources::{Source, sources};
+use super::names::{in_a_library, is_test};
+use crate::common::sources::{Source, sources};
 
 /// Units that end a name. A name may also say that its number has no dimension.
 const ENDINGS: &[&str] = &[
@@ -119,7 +119,7 @@ fn is_float(ty: &Type) -> bool {
         fn visit_ident(&mut self, ident: &'ast Ident) {
             self.0 |= ident == "f64" || ident == "f32";
         }
-        // A function of numbers is no number.
+        // A function of numbers is not a number.
         fn visit_type_fn_ptr(&mut self, _: &'ast syn::TypeFnPtr) {}
         fn visit_parenthesized_generic_arguments(
             &mut self,
@@ -136,7 +136,7 @@ fn ends_in_unit(name: &str) -> bool {
     name.rsplit_once('_').is_some_and(|(_, end)| ENDINGS.contains(&end))
 }
 
-/// Whether the documentation has escaped brackets, as rustdoc wants them around what is no link.
+/// Whether the documentation has escaped brackets, which rustdoc requires around text that is not a link.
 fn has_unit_in_doc(attributes: &[Attribute]) -> bool {
     let text: String = attributes.iter().filter_map(doc_line).collect();
     text.split_once("\\[").is_some_and(|(_, rest)| rest.contains(']'))

@@ -153,7 +153,7 @@ proptest! {
 }
 
 #[test]
-fn every_wrong_bit_of_a_status_is_refused() {
+fn f20_every_wrong_bit_of_a_status_is_refused() {
     let frame = telemetry(Descriptor::LlStatus, &[0x5C; LlStatus::LEN]);
     for bit in 0..frame.len() * 8 {
         let mut damaged = frame.clone();
@@ -164,7 +164,7 @@ fn every_wrong_bit_of_a_status_is_refused() {
 }
 
 #[test]
-fn a_frame_cut_short_costs_only_itself() {
+fn f20_a_frame_cut_short_costs_only_itself() {
     let status = telemetry(Descriptor::LlStatus, &[1; LlStatus::LEN]);
     let wanted = HostEvent::LlStatus(LlStatus::parse(&[1; LlStatus::LEN]).unwrap());
     for cut in 1..status.len() {

@@ -153,7 +153,7 @@ fn check_windup<I: Form>(input: I, options: &ControlOptions) {
 }
 
 #[test]
-fn integral_action_does_not_wind_up_while_the_command_is_saturated() {
+fn f21_integral_action_does_not_wind_up_while_the_command_is_saturated() {
     check_windup(sticks(), &ControlOptions::default());
     check_windup(TorqueInput::new(isotropic_inertia(), 0.1).unwrap(), &ControlOptions::default());
 }

@@ -55,7 +55,7 @@ impl Bench {
 }
 
 #[test]
-fn no_command_reaches_the_motors_from_the_turn_after_a_stop_until_disarmed_is_commanded() {
+fn f15_no_command_reaches_the_motors_from_the_turn_after_a_stop_until_disarmed_is_commanded() {
     let mut bench = Bench::new(false);
     for _ in 0..4 {
         bench.period(Actuation::Sticks);

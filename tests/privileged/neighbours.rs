@@ -1,26 +1,16 @@
-//! Another user of the machine beside a running instance: what he may write, read, end or take the name of.
-
-mod common;
+//! Another user of the machine beside a running instance: files, requests, links and names are protected from them.
 
 use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::{Testbed, skipped, stderr, wait_for};
+use crate::common::{Running, Testbed, assert_refused, is_root, stderr, wait_for};
 use oqtal_bus::topic::{TELEMETRY, VEHICLE};
 use oqtal_bus::transport::{Subscribe, Transport};
 
 /// The user `nobody`.
 const NOBODY: u32 = 65_534;
-
-fn is_root() -> bool {
-    let is_root = rustix::process::getuid().is_root();
-    if !is_root {
-        skipped("only root can become another user");
-    }
-    is_root
-}
 
 /// Runs `script` as nobody, with `paths` as its arguments.
 fn as_nobody(script: &str, paths: &[PathBuf]) -> std::process::Output {
@@ -41,21 +31,21 @@ fn files_below(directory: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn nobody_can_write_read_or_remove_a_file_of_a_running_instance() {
+fn another_user_cannot_write_read_or_remove_a_file_of_a_running_instance() {
     if !is_root() {
         return;
     }
     let testbed = Testbed::new("neighbour");
     let bus = testbed.bus();
     let mut vehicles = bus.observer(&VEHICLE).unwrap();
-    let _processes = ["plant-sim", "mocap-emu", "daemon"].map(|p| testbed.start(&[p, "run"]));
+    let _processes = testbed.services();
     wait_for("the vehicle", || vehicles.latest().unwrap());
     let shared = testbed.remains().into_iter().map(|name| Path::new("/dev/shm").join(name));
     let shared: Vec<PathBuf> = shared.collect();
     assert!(shared.len() > 10);
     let files: Vec<PathBuf> =
         shared.into_iter().chain(files_below(&testbed.paths().directory())).collect();
-    // What is below the directory of the instance is out of reach with it.
+    // The permissions of the directory of the instance protect everything below it.
     let directory = testbed.paths().directory();
     for file in files.iter().filter(|file| **file == directory || !file.starts_with(&directory)) {
         let mode = std::fs::symlink_metadata(file).unwrap().mode();
@@ -73,7 +63,7 @@ fn nobody_can_write_read_or_remove_a_file_of_a_running_instance() {
 }
 
 #[test]
-fn nobody_can_neither_stop_nor_ask_an_instance() {
+fn another_user_can_neither_stop_nor_query_an_instance() {
     if !is_root() {
         return;
     }
@@ -85,14 +75,14 @@ fn nobody_can_neither_stop_nor_ask_an_instance() {
     for command in ["stop", "status", "arm"] {
         let mut ctl = testbed.oqtal(&["ctl", command]);
         let output = ctl.uid(NOBODY).gid(NOBODY).current_dir("/").output().unwrap();
-        assert_eq!(output.status.code(), Some(77), "{command}: {}", stderr(&output));
+        assert_refused(&output, 77, &[]);
     }
     let (_, tick) = wait_for("a tick", || telemetry.latest().unwrap());
     assert_ne!(tick.state, oqtal_bus::code::SafetyState::Stop.code());
 }
 
 #[test]
-fn no_link_of_another_user_is_followed() {
+fn links_of_another_user_are_not_followed() {
     if !is_root() {
         return;
     }
@@ -101,7 +91,7 @@ fn no_link_of_another_user_is_followed() {
     rustix::fs::chmod(place.path(), 0o1777.into()).unwrap();
     let kept = testbed.write("kept", "kept");
     let path = |name: &str| place.path().join(name);
-    // Links from places that he may write to, to files and directories of root.
+    // Links from directories that anyone may write to, to files and directories of root.
     let links = [(path("root"), testbed.path("")), (path("flights"), testbed.path(""))];
     for (link, target) in &links {
         let made = as_nobody("ln -s \"$1\" \"$2\"", &[target.clone(), link.clone()]);
@@ -112,17 +102,16 @@ fn no_link_of_another_user_is_followed() {
         .args(["daemon", "run", "--root", &root, "--instance", testbed.instance()])
         .output()
         .unwrap();
-    assert_eq!(daemon.status.code(), Some(77), "{}", stderr(&daemon));
+    assert_refused(&daemon, 77, &[]);
     let mut fly = testbed.oqtal(&["fly", "--clock", "in-process", "--trajectory", "hover"]);
     let fly = fly.current_dir(place.path()).output().unwrap();
-    assert_eq!(fly.status.code(), Some(71), "{}", stderr(&fly));
-    assert!(stderr(&fly).contains("flights"), "{}", stderr(&fly));
-    // In shared memory: a link with a name that begins as those of the instance do.
+    assert_refused(&fly, 71, &["flights"]);
+    // In shared memory: a link with the name prefix of the instance.
     let words = Path::new("/dev/shm").join(format!("{}command.count", testbed.paths().prefix()));
     std::os::unix::fs::symlink(&kept, &words).unwrap();
     let mut daemon = testbed.oqtal(&["plant-sim", "run"]);
-    let mut plant = common::Running::start(&mut daemon);
-    // Joined alone, root removes it; nothing is written through it.
+    let mut plant = Running::start(&mut daemon);
+    // The first process to join removes it; nothing is written through it.
     wait_for("the start or the refusal", || {
         (std::fs::symlink_metadata(&words).is_err() || !plant.runs()).then_some(())
     });
@@ -132,7 +121,7 @@ fn no_link_of_another_user_is_followed() {
 }
 
 #[test]
-fn results_of_root_go_through_no_link_and_into_no_directory_of_another_user() {
+fn results_of_root_are_written_neither_through_links_nor_into_directories_of_another_user() {
     if !is_root() {
         return;
     }
@@ -153,11 +142,8 @@ fn results_of_root_go_through_no_link_and_into_no_directory_of_another_user() {
         (&tune[..], theirs.join("tuned.toml"), "a link, which is not followed"),
         (&fly[..], theirs.clone(), "belongs to another user"),
     ] {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
-        command.args(words).arg("--out").arg(&out).current_dir(testbed.path(""));
-        let output = command.output().unwrap();
-        assert_eq!(output.status.code(), Some(71), "{words:?}: {}", stderr(&output));
-        assert!(stderr(&output).contains(says), "{words:?}: {}", stderr(&output));
+        let output = testbed.study(words).arg("--out").arg(&out).output().unwrap();
+        assert_refused(&output, 71, &[says]);
     }
     assert_eq!(std::fs::read_to_string(&kept).unwrap(), "kept");
     assert!(!theirs.join("config.toml").exists());

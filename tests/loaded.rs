@@ -1,20 +1,21 @@
-//! Flights in real time on a machine that is busy with other work, replayed: every command must come out bit for bit.
-//! `REPLAYED_FLIGHTS` sets the number of flights.
+//! Flights in real time on a loaded machine, replayed: every command must agree bit for bit. A test program of its own, since its load
+//! would disturb other tests. `REPLAYED_FLIGHTS` sets the number of flights.
+#![allow(clippy::disallowed_methods, reason = "tests have time-outs")]
 
+#[allow(dead_code, reason = "this program uses a part")]
 mod common;
 
-use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use common::{Testbed, number, stderr};
 use serde_json::Value;
 
 const LAWS: [&str; 5] = ["oqtal", "oqtal-dt", "pid", "lqr", "geometric"];
-/// Poses that are missing, and poses that are wrong.
+/// Missing and wrong poses.
 const ROUGH: [&str; 4] =
     ["--set", "mocap.dropout-probability=0.05", "--set", "mocap.outlier-probability=0.02"];
 
-/// The kinds of flight: slow turns, deadlines missed and poses altered at the daemon's end; through the bridge; as it is.
+/// The kinds of flight: slow turns, missed deadlines and poses altered at the daemon's end; through the bridge; unchanged.
 fn kind(number: usize) -> &'static [&'static str] {
     match number % 4 {
         0 => &[
@@ -22,7 +23,7 @@ fn kind(number: usize) -> &'static [&'static str] {
             "daemon:slow=25ms@1+1",
             "--fault",
             "pose:wrong=0.01m@2.5+0.3",
-            // A pose that is read later than a period after it was published: its deadline is missed whatever the load.
+            // A pose that is read later than a period after its publication: its deadline is missed under any load.
             "--fault",
             "pose:delayed=20ms@3+0.2",
         ],
@@ -57,14 +58,7 @@ fn fly_and_replay(number: usize) -> Value {
     let law = ["--controller", LAWS[number % LAWS.len()]];
     let output = testbed.fly(&[&flight, &law[..], &ROUGH[..], kind(number)].concat());
     assert!(testbed.path("d/flight.mcap").exists(), "{}", stderr(&output));
-    let replay = Command::new(env!("CARGO_BIN_EXE_oqtal"))
-        .args(["replay", "--json"])
-        .arg(testbed.path("d/flight.mcap"))
-        .output()
-        .unwrap();
-    let text = String::from_utf8_lossy(&replay.stdout).into_owned();
-    assert!(replay.status.success(), "flight {number}: {text}{}", stderr(&replay));
-    serde_json::from_str(&text).unwrap()
+    serde_json::from_str(&testbed.succeeds(&["replay", "--json", "d/flight.mcap"])).unwrap()
 }
 
 #[test]

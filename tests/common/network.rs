@@ -1,9 +1,9 @@
-//! Emulated camera systems, and networks of their own for them.
-#![allow(dead_code, reason = "each test uses its part")]
+//! Emulated camera systems, their ports, and network namespaces for them.
 
 use std::io::{BufRead, BufReader};
 use std::net::{Ipv4Addr, TcpListener, UdpSocket};
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU16, Ordering};
 
 /// An emulated camera system of one protocol; killed when dropped.
 pub struct Server {
@@ -16,16 +16,20 @@ impl Server {
     pub fn start(kind: &'static str, port: u16, words: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_oqtal"));
         command.args(["mocap-emu", "serve", "--protocol", &format!("{kind}:{port}")]).args(words);
+        Self::spawn(&mut command, port, kind)
+    }
+
+    /// Starts `command`, whose first line is printed when the ports are open.
+    fn spawn(command: &mut Command, port: u16, kind: &'static str) -> Self {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().unwrap();
-        // The first line is printed when the ports are open.
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         assert!(line.contains(&port.to_string()), "{line}");
         Self { child, port, kind }
     }
 
-    /// The link to the server; `rest` is what follows the address.
+    /// The link to the server; `rest` follows the address.
     pub fn link(&self, rest: &str) -> String {
         format!("{}:127.0.0.1:{}{rest}", self.kind, self.port)
     }
@@ -38,23 +42,25 @@ impl Drop for Server {
     }
 }
 
-/// A port that is free with the three after it.
+/// A port that is free with the three after it. No test program gets the same one twice, and none is in the range from which the
+/// kernel takes the ports of sockets that ask for none.
 pub fn free_port() -> u16 {
-    for _ in 0..100 {
-        let port =
-            TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap().local_addr().unwrap().port();
-        let is_free = |port| {
-            TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
-                && UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
-        };
-        if port < 65_000 && (port..port + 4).all(is_free) {
-            return port;
-        }
-    }
-    panic!("no free ports");
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    const FIRST: u16 = 12_000;
+    const BLOCKS: u16 = 4_000;
+    let offset = (std::process::id() % u32::from(BLOCKS)) as u16;
+    let is_free = |port| {
+        TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
+            && UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
+    };
+    let blocks = || NEXT.fetch_add(1, Ordering::Relaxed);
+    let mut ports = std::iter::repeat_with(blocks)
+        .take(usize::from(BLOCKS))
+        .map(|block| FIRST + 4 * ((offset.wrapping_mul(97).wrapping_add(block)) % BLOCKS));
+    ports.find(|&port| (port..port + 4).all(is_free)).expect("free ports")
 }
 
-/// A network of its own for a server, behind a cable of two virtual ends; removed when dropped.
+/// A network namespace for a server, behind a cable of two virtual ends; removed when dropped.
 pub struct Network {
     name: String,
     pub cable: String,
@@ -64,9 +70,9 @@ impl Network {
     const HERE: &str = "10.213.77.1/24";
     pub const THERE: &str = "10.213.77.2";
 
-    /// `None` where networks cannot be made, which is said.
+    /// `None`, with a message, where network namespaces cannot be created.
     pub fn new() -> Option<Self> {
-        if !Self::can_be_made() {
+        if !Self::is_allowed() {
             return None;
         }
         let id = std::process::id();
@@ -85,23 +91,23 @@ impl Network {
         Some(network)
     }
 
-    /// Whether this user may make networks. Where he may, a test that cannot make one fails.
-    fn can_be_made() -> bool {
+    /// Whether this user may create network namespaces; a test fails if that is allowed and impossible.
+    fn is_allowed() -> bool {
         const NET_ADMIN: u64 = 1 << 12;
         const SYS_ADMIN: u64 = 1 << 21;
         let status = std::fs::read_to_string("/proc/self/status").unwrap();
         let held = status.lines().find_map(|line| line.strip_prefix("CapEff:")).unwrap().trim();
         let held = u64::from_str_radix(held, 16).unwrap();
         if held & (NET_ADMIN | SYS_ADMIN) != NET_ADMIN | SYS_ADMIN {
-            super::common::skipped("only root may make a network namespace");
+            super::skipped("only root may create a network namespace");
             return false;
         }
         true
     }
 
-    /// A network without a cable: whatever is started there hears itself alone. `None` where networks cannot be made, which is said.
+    /// A network namespace without a cable: its processes reach only each other. `None`, with a message, where it cannot be created.
     pub fn alone() -> Option<Self> {
-        if !Self::can_be_made() {
+        if !Self::is_allowed() {
             return None;
         }
         let name = format!("oqtal-alone-{}", std::process::id());
@@ -120,31 +126,16 @@ impl Network {
 
     pub fn server(&self, port: u16) -> Server {
         let mut command = Command::new("ip");
-        command.args([
-            "netns",
-            "exec",
-            &self.name,
-            env!("CARGO_BIN_EXE_oqtal"),
-            "mocap-emu",
-            "serve",
-        ]);
+        let oqtal = env!("CARGO_BIN_EXE_oqtal");
+        command.args(["netns", "exec", &self.name, oqtal, "mocap-emu", "serve"]);
         command.args(["--listen", Self::THERE, "--protocol", &format!("qtm:{port}")]);
-        let mut child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        assert!(line.contains(Self::THERE), "{line}");
-        Server { child, port, kind: "qtm" }
+        Server::spawn(&mut command, port, "qtm")
     }
 }
 
 impl Drop for Network {
     fn drop(&mut self) {
-        // The cable goes with one of its ends.
+        // Removing one end removes the cable.
         ip(&["link", "delete", &self.cable]);
         ip(&["netns", "delete", &self.name]);
     }

@@ -1,0 +1,43 @@
+//! System tests of the program: flights in virtual time, real processes, faults, recordings, documents. One program, since each of its
+//! modules would link the whole workspace otherwise: `cargo test --test system chaos::` executes one module.
+#![allow(clippy::disallowed_methods, reason = "tests have time-outs")]
+
+mod common;
+
+mod bad_use;
+mod blocked_output;
+mod bridge;
+mod bridge_flights;
+mod bridge_noise;
+mod budget;
+mod camera_trouble;
+mod chaos;
+mod clocks;
+mod crazyflie;
+mod data;
+mod disturbances;
+mod doctor;
+mod documents;
+mod faults;
+mod faults_injected;
+mod firmware;
+mod flights;
+mod identify;
+mod kills;
+mod latency;
+mod mavlink;
+mod mavlink_flights;
+mod monitor;
+mod notebook;
+mod places;
+mod prediction;
+mod privileged;
+mod receiver;
+mod recordings;
+mod replays;
+mod reproduce;
+mod robustness;
+mod soak;
+mod stop;
+mod structure;
+mod view;
