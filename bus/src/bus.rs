@@ -16,10 +16,10 @@ use crate::topic::Topic;
 use crate::transport::Transport;
 use crate::wake::{EventPorts, Listener};
 
-/// Shared memory that the ports of one process take at most \[KiB\], rounded up; the daemon takes most.
+/// Shared memory for the ports of one process, at most \[KiB\], rounded up; the daemon needs most.
 const NEEDED_KIB: u64 = 7 * 1024;
 
-/// Files that a process has open at most \[-\]; the daemon has about a hundred.
+/// Open files of a process, at most \[-\]; the daemon has about a hundred.
 const NEEDED_FILES: u64 = 160;
 
 /// Access of a process (or a thread) to one instance. Ports stay with the thread that opened them; the instance is left when the
@@ -28,29 +28,29 @@ const NEEDED_FILES: u64 = 160;
 pub struct Bus {
     node: Box<dyn OpenPorts>,
     events: EventPorts,
-    place: InstancePaths,
+    paths: InstancePaths,
     membership: Rc<Membership>,
 }
 
 impl Bus {
-    /// Joins the instance at `place`; what dead processes left there is removed.
+    /// Joins the instance at `paths`; files that dead processes left there are removed.
     ///
     /// # Errors
     /// The instance belongs to another user, shared memory is full, or the operating system refuses.
-    pub fn open(place: &InstancePaths) -> Result<Self, BusError> {
+    pub fn open(paths: &InstancePaths) -> Result<Self, BusError> {
         check_descriptors()?;
-        place.prepare()?;
+        paths.prepare()?;
         check_free_memory()?;
-        let membership = Membership::join(place)?;
-        let node = Box::new(InstanceNode::join(place, &membership)?);
+        let membership = Membership::join(paths)?;
+        let node = Box::new(InstanceNode::join(paths, &membership)?);
         let events = EventPorts::new(Rc::clone(&membership));
-        Ok(Self { node, events, place: place.clone(), membership })
+        Ok(Self { node, events, paths: paths.clone(), membership })
     }
 
     /// Paths and names of the instance.
     #[must_use]
     pub fn paths(&self) -> &InstancePaths {
-        &self.place
+        &self.paths
     }
 
     /// Opens the waiting end of a topic's notifications.
@@ -93,7 +93,7 @@ impl Transport for Bus {
 
     fn stop_switch(&self) -> Result<StopSwitch, BusError> {
         let _lock = self.membership.lock()?;
-        StopSwitch::open(&self.place)
+        StopSwitch::open(&self.paths)
     }
 
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Reader<M>, BusError> {
@@ -114,7 +114,7 @@ fn check_descriptors() -> Result<(), BusError> {
 /// Checks that the ports of a process fit into shared memory, before iceoryx2 maps files that have no memory behind them.
 fn check_free_memory() -> Result<(), BusError> {
     let Ok(space) = rustix::fs::statvfs("/dev/shm") else {
-        // Opening the first file there says what is missing.
+        // Opening the first file there reports the error.
         return Ok(());
     };
     let free_kib = space.f_bavail.saturating_mul(space.f_frsize) / 1024;

@@ -16,7 +16,7 @@ macro_rules! code {
                 self as u8
             }
 
-            /// The value of a byte; `None` for a byte that stands for no value.
+            /// The value of a byte; `None` for a byte that has no meaning.
             #[must_use]
             pub const fn from_code(code: u8) -> Option<Self> {
                 match code {
@@ -67,7 +67,7 @@ code! {
     SafetyState {
         /// Poses are fresh and plausible, and the vehicle answers.
         Nominal = 0 => "Nominal",
-        /// Something is worse than it should be; the flight goes on.
+        /// A condition is worse than it should be; the flight continues.
         Degraded = 1 => "Degraded",
         /// In flight: the vehicle is flown on the predicted motion, then the last command is held, until poses come back. On the
         /// ground: no take-off until poses and the vehicle are there.
@@ -108,9 +108,9 @@ code! {
         NotUnit = 5 => "quaternion not of unit norm",
         /// Sequence or capture time went back or stood still.
         Order = 6 => "pose out of order",
-        /// The pose is where the commands sent cannot have brought the vehicle.
+        /// The pose is where the sent commands cannot have brought the vehicle.
         Jump = 7 => "pose jumped",
-        /// The same pose came again under new sequence numbers.
+        /// The same pose was repeated under new sequence numbers.
         Frozen = 8 => "pose frozen",
         /// Requested by an operator.
         Operator = 9 => "operator",
@@ -151,11 +151,11 @@ code! {
         Setpoint = 26 => "set-point refused",
         /// The position was held for too long.
         HeldTooLong = 27 => "held for too long",
-        /// Something keeps a flight from beginning: the reply lists it.
+        /// Obstacles prevent a flight: the reply lists them.
         NotReady = 28 => "not ready",
         /// A pilot or the vehicle itself took control: a flight ends, nothing is commanded.
         ControlTaken = 29 => "another has control",
-        /// The request was read after the operator had given up waiting for the answer.
+        /// The request was read after the operator's time-out for the answer.
         Expired = 40 => "request came too late",
         /// The operator expects the daemon to run with another configuration.
         OtherConfig = 41 => "another configuration expected",
@@ -163,9 +163,9 @@ code! {
 }
 
 code! {
-    /// Who has control of a vehicle.
+    /// Holder of control over a vehicle.
     ControlHolder {
-        /// Nobody: its motors are off. Or the vehicle does not tell.
+        /// Nobody: its motors are off. Or the vehicle does not report the holder.
         Nobody = 0 => "nobody",
         /// The bridge: the vehicle follows its set-points.
         Bridge = 1 => "the bridge",
@@ -175,7 +175,7 @@ code! {
 }
 
 code! {
-    /// Why a vehicle did not do what was asked.
+    /// Reason for which a vehicle did not execute a request.
     VehicleRefusal {
         /// No refusal since motors ran last.
         None = 0 => "",
@@ -187,25 +187,25 @@ code! {
         Mode = 3 => "the vehicle refuses the mode for set-points",
         /// A command that starting needs was not answered.
         NoAnswer = 4 => "the vehicle does not answer commands",
-        /// The autopilot is of another kind than the link says.
-        OtherAutopilot = 5 => "the autopilot is of another kind than the link says",
-        /// Only vehicles of another system id than the link says are heard.
-        OtherSystem = 6 => "a vehicle of another system id is heard",
+        /// The autopilot is of another kind than configured in the link.
+        OtherAutopilot = 5 => "the autopilot is of another kind than the link configures",
+        /// Only vehicles of another system id than configured in the link answer.
+        OtherSystem = 6 => "a vehicle of another system id answers",
         /// The vehicle is locked until it is restarted.
         Locked = 7 => "the vehicle is locked until it is restarted",
-        /// The vehicle speaks a version of its language that the bridge does not.
-        OtherVersion = 8 => "the vehicle speaks another protocol version",
-        /// Packets of the vehicle are not signed with the key that is configured, so that they are not believed.
+        /// The vehicle uses a protocol version that the bridge does not have.
+        OtherVersion = 8 => "the vehicle uses another protocol version",
+        /// Packets of the vehicle are not signed with the configured key, and are ignored.
         Unsigned = 9 => "the vehicle does not sign with the key of bridge.mavlink.signing-key-file",
     }
 }
 
 code! {
-    /// What a vehicle knows of its own motion.
+    /// State of a vehicle's own estimator.
     EstimatorState {
-        /// It does not tell.
+        /// The vehicle does not report it.
         Unknown = 0 => "unknown",
-        /// It has no position, or does not trust it.
+        /// It has no valid position.
         NotReady = 1 => "not ready",
         /// It has attitude and position.
         Ready = 2 => "ready",

@@ -11,15 +11,15 @@ use crate::topic::CONTROL;
 /// Answers a request, both encoded: reads the first, fills the second.
 pub(crate) type Answerer<'a> = &'a mut dyn FnMut(&[u8], &mut [u8]);
 
-/// Serving end of a request-response service that carries bytes.
+/// Serving end of a request-response service for bytes.
 pub(crate) trait RawServer: fmt::Debug {
     /// Answers every waiting request by `answer`.
     fn serve(&self, answer: Answerer<'_>) -> Result<(), BusError>;
 }
 
-/// Asking end of a request-response service that carries bytes.
+/// Requesting end of a request-response service for bytes.
 pub(crate) trait RawClient: fmt::Debug {
-    /// Sends `request`, and polls until an answer is there or nobody serves or `give_up` has come.
+    /// Sends `request` and polls until an answer arrives, the server is gone, or `give_up` is reached; returns whether an answer arrived.
     fn ask(&self, request: &[u8], response: &mut [u8], give_up: Time) -> Result<bool, BusError>;
 }
 
@@ -41,7 +41,7 @@ impl ControlServer {
     /// Answers every waiting request by `answer`.
     ///
     /// # Errors
-    /// The connection broke; an operator who left before the answer is no error.
+    /// The connection broke; an operator who left before the answer is not an error.
     pub fn serve(
         &self,
         mut answer: impl FnMut(ControlRequestV1) -> ControlResponseV1,

@@ -5,7 +5,7 @@
 //! | `topic.rs` | every topic of the system |
 //! | `message.rs` | the messages, plain data in SI units |
 //! | `code.rs` | enumerations in messages |
-//! | `obstacle.rs` | what keeps a flight from beginning |
+//! | `obstacle.rs` | obstacles to a flight |
 //! | `text.rs` | short text in a message |
 //! | `origin.rs` | the process that a message comes from |
 //! | `time.rs` | instants and spans of time |
@@ -19,7 +19,7 @@
 //! | `stop.rs` | the operator's stop, in shared memory |
 //! | `wake.rs` | wake-up of processes that sleep |
 //! | `shared.rs` | words in a mapped file |
-//! | `membership.rs` | who takes part in an instance |
+//! | `membership.rs` | processes that take part in an instance |
 //! | `paths.rs` | directories and names of an instance |
 //! | `private.rs` | the part of shared memory that other users cannot reach |
 //! | `remains.rs` | files that ended processes left behind |

@@ -1,6 +1,6 @@
 //! Membership of an instance: the processes that take part in it, and the lock for changes to its files.
 //!
-//! It consists of two locks (`flock`). The kernel releases them when the process that holds them ends, however it ends:
+//! It consists of two locks (`flock`). The kernel releases them when the process that holds them ends, for whatever reason:
 //! - the directory of the instance, exclusive, for the short time in which a process joins, opens or closes ports, or leaves.
 //!   Incomplete files that the holder finds are those of a process that died.
 //! - the file `members` in it, shared, as long as the process takes part. A process that gets it exclusively is the only one.
@@ -23,7 +23,7 @@ use crate::{private, remains};
 
 /// The lock is held for milliseconds by processes that run: one that holds it longer was stopped or hangs.
 const LOCK_TIMEOUT: Span = Span::from_millis(3000);
-/// Closing waits less: what cannot be removed now is removed by the next process that joins.
+/// Closing waits less: files that cannot be removed now are removed by the next process that joins.
 const CLOSE_TIMEOUT: Span = Span::from_millis(300);
 
 /// One participation in an instance, until it is dropped.
@@ -33,7 +33,7 @@ pub(crate) struct Membership {
     directory: PathBuf,
     lock: File,
     members: File,
-    /// How many [`InstanceLock`]s of this membership exist.
+    /// Number of [`InstanceLock`]s of this membership \[-\].
     depth: Cell<u32>,
     /// Whether the lock was not free when a port was last closed.
     closes_unlocked: Cell<bool>,
@@ -44,7 +44,7 @@ pub(crate) struct Membership {
 pub(crate) struct InstanceLock<'a>(&'a Membership);
 
 impl Membership {
-    /// Joins the instance at `paths`. If nobody else is there, whatever dead processes left is removed.
+    /// Joins the instance at `paths`. If no other process takes part, files that dead processes left are removed.
     ///
     /// # Errors
     /// The instance belongs to another user, or a stopped process holds its lock.
@@ -112,7 +112,7 @@ impl Membership {
         private::prefix(&self.directory)
     }
 
-    /// Removes what dead processes left half-made; the lock is held.
+    /// Removes incomplete files of dead processes; the lock is held.
     pub(crate) fn remove_half_made(&self, _lock: &InstanceLock<'_>) {
         remains::remove_half_made(&self.prefix, &self.directory);
     }
@@ -125,7 +125,7 @@ impl Membership {
         remains::reserve_memory(&self.prefix).map_err(|size| BusError::full(size.div_ceil(1024)))
     }
 
-    /// Takes other users' rights to files in shared memory away; the lock is held.
+    /// Revokes other users' rights to files in shared memory; the lock is held.
     pub(crate) fn make_private(&self, _lock: &InstanceLock<'_>) {
         remains::make_private(&self.prefix);
     }
@@ -146,14 +146,14 @@ impl Drop for Membership {
         let Some(_lock) = self.lock_to_close() else { return };
         if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_ok() {
             remains::remove_all(&self.prefix, &self.directory);
-            // Only an empty directory goes; one who waits for its lock notices.
+            // Only an empty directory is removed; a process that waits for its lock checks this.
             remove(&self.directory, &[WIRE, private::LINK, MEMBERS]);
             let _ = std::fs::remove_dir(&self.directory);
         }
     }
 }
 
-/// The file whose lock says who takes part.
+/// File whose lock marks the processes that take part.
 const MEMBERS: &str = "members";
 
 /// Removes files, if they are there.

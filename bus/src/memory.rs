@@ -46,7 +46,7 @@ impl<M> History<M> {
         self.discarded + self.samples.len() as u64
     }
 
-    /// Adds a sample. Those that no reader can receive any more are discarded only where there is no room: seldom, and then many.
+    /// Adds a sample. Samples that every reader has received or lost are discarded in bulk, when the memory is full.
     fn push(&mut self, header: Header, body: M) {
         if self.samples.len() == self.samples.capacity() {
             let sent = self.sent() + 1;
@@ -63,7 +63,7 @@ impl<M> History<M> {
 /// The history of a topic behind the ports that share it.
 type SharedHistory<M> = Rc<RefCell<History<M>>>;
 
-/// The topics of one simulated instance. Ports may be opened in any order; a reader sees what is sent after it was opened.
+/// The topics of one simulated instance. Ports may be opened in any order; a reader receives samples that are sent after it was opened.
 #[derive(Default)]
 pub struct MemoryBus {
     topics: RefCell<HashMap<&'static str, Rc<dyn Any>>>,

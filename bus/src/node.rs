@@ -27,7 +27,7 @@ use crate::topic::{CONTROL, TopicSpec};
 const MAX_NODES: usize = 24;
 /// Operators at once.
 const MAX_CLIENTS: usize = 8;
-/// Cleaning up after a dead process ends within this time, or is left to the next process that joins.
+/// Time-out of the clean-up after a dead process; the next process that joins completes it.
 const CLEANUP_TIMEOUT: Duration = Duration::from_millis(500);
 
 type TopicService = publish_subscribe::PortFactory<ipc::Service, [u8], Header>;
@@ -51,7 +51,7 @@ pub(crate) struct InstanceNode {
 }
 
 impl InstanceNode {
-    /// Adds a node to the instance; what dead ones left there is cleaned up.
+    /// Adds a node to the instance; files of dead nodes are removed.
     ///
     /// # Errors
     /// The instance belongs to another user, or the operating system refuses.
@@ -87,7 +87,7 @@ impl InstanceNode {
         self.node.as_ref().expect("a node exists until it is dropped")
     }
 
-    /// Opens the service `name` by `open`. What is half-made under the lock was left by a process that died: it is removed, and
+    /// Opens the service `name` by `open`. Incomplete files under the lock were left by a process that died: they are removed, and
     /// `open` is tried again.
     fn open<S, E: OpenError>(
         &self,
@@ -200,7 +200,7 @@ fn service_name(name: &str) -> Result<ServiceName, BusError> {
     ServiceName::new(name).map_err(|e| system(format!("naming `{name}`"), &e))
 }
 
-/// The attribute by which both ends of a service know that they were built from the same definitions.
+/// The attribute by which both ends of a service verify that they were built from the same definitions.
 fn schema_attribute(schema: u64) -> Result<AttributeVerifier, BusError> {
     let failed = |e: &dyn fmt::Debug| system("naming a schema", e);
     let key = AttributeKey::try_from("schema").map_err(|e| failed(&e))?;

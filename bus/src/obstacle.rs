@@ -1,4 +1,4 @@
-//! What keeps a flight from beginning: all reasons at once, as a set in a message.
+//! Obstacles to a flight: all reasons against arming at once, as a set in a message.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ macro_rules! obstacles {
         pub enum ArmingObstacle { $($(#[$meta])* $name,)* }
 
         impl ArmingObstacle {
-            /// All of them.
+            /// All reasons.
             pub const ALL: &[Self] = &[$(Self::$name,)*];
 
             const fn bit(self) -> u32 {
@@ -78,7 +78,7 @@ impl ArmingObstacles {
         if present { Self(self.0 | obstacle.bit()) } else { self }
     }
 
-    /// Whether nothing keeps a flight from beginning.
+    /// Whether there is no obstacle to a flight.
     #[must_use]
     pub fn is_empty(self) -> bool {
         self.0 == 0

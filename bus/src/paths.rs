@@ -1,4 +1,4 @@
-//! Places of an instance on this machine: directories, and the prefix of its names in shared memory.
+//! Paths of an instance on this machine: directories, and the prefix of its names in shared memory.
 
 use std::path::{Path, PathBuf};
 
@@ -59,7 +59,7 @@ impl InstancePaths {
         self.root.join(&self.instance)
     }
 
-    /// Path of the link to an emulated vehicle of this instance. It goes when nobody takes part any more.
+    /// Path of the link to an emulated vehicle of this instance. It is removed when the last process leaves.
     #[must_use]
     pub fn wire(&self) -> PathBuf {
         self.directory().join(WIRE)
@@ -70,7 +70,7 @@ impl InstancePaths {
     /// needs both.
     ///
     /// # Errors
-    /// The directory cannot be made, or its name is no absolute path of plain characters.
+    /// The directory cannot be made, or its name is not an absolute path of plain characters.
     pub fn prepare(&self) -> Result<Config, BusError> {
         let mut root = self.directory().to_string_lossy().into_owned();
         root.push('/');

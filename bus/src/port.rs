@@ -11,7 +11,7 @@ use crate::origin::Origin;
 use crate::transport::{Publish, Subscribe};
 use crate::wake::Notifier;
 
-/// Writing end of a topic that carries bytes.
+/// Writing end of a topic for bytes.
 pub(crate) trait RawWriter: fmt::Debug {
     /// Publishes `header` and a body of `size` bytes, which `fill` writes in place.
     fn send(
@@ -25,7 +25,7 @@ pub(crate) trait RawWriter: fmt::Debug {
     fn warm_up(&self, size: usize);
 }
 
-/// Reading end of a topic that carries bytes.
+/// Reading end of a topic for bytes.
 pub(crate) trait RawReader: fmt::Debug {
     /// Shows the next message to `take`; false if there is none.
     fn receive(&self, take: &mut dyn FnMut(&Header, &[u8])) -> Result<bool, BusError>;
@@ -83,7 +83,7 @@ impl<M: Message> Reader<M> {
     }
 
     fn count(&mut self, sequence: u64) {
-        // A writer that restarted counts from 1 again; that is not a loss.
+        // A writer that restarted counts from 1 again, which is not a loss.
         if self.last_sequence > 0 && sequence > self.last_sequence {
             self.lost += sequence - self.last_sequence - 1;
         }

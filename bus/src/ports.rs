@@ -86,7 +86,7 @@ impl RawServer for Port<IceServer> {
             let size = self.get().initial_max_slice_len();
             if let Ok(mut loan) = request.loan_slice(size) {
                 answer(request.payload(), loan.payload_mut());
-                // An error here means that the operator has left: nobody waits for the answer.
+                // An error here means that the operator has left.
                 let _ = loan.send();
             }
         }

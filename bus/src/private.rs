@@ -1,5 +1,5 @@
-//! The private part of shared memory of an instance. Everybody may make files in `/dev/shm`: a name that another user can guess is a
-//! name that he can take before the instance does.
+//! The private part of shared memory of an instance. All users may make files in `/dev/shm`: another user could take a name that can be
+//! guessed before the instance does.
 //!
 //! The first process of an instance draws a random number. Names of this run of the instance begin with it and [`SEPARATOR`]; a
 //! directory of its owner alone, with the words that processes share, has it as its name. A link in the directory of the instance

@@ -9,7 +9,7 @@ use rustix::fs::{FallocateFlags, Mode, OFlags, fallocate};
 use rustix::io::Errno;
 use rustix::process::geteuid;
 
-/// Where shared memory has its names.
+/// Directory of the names in shared memory.
 const SHARED_MEMORY: &str = "/dev/shm";
 
 /// Path of the file or directory `name` in shared memory.
@@ -23,8 +23,8 @@ const LONGEST_DESCRIPTION: u64 = 1 << 16;
 /// Directories of iceoryx2 in an instance's directory.
 const DIRECTORIES: [&str; 2] = ["nodes", "services"];
 
-/// Removes everything that belongs to an instance in which no process takes part. What cannot be removed is left: whoever opens
-/// it says why.
+/// Removes everything that belongs to an instance in which no process takes part. A file that cannot be removed stays: the
+/// process that opens it reports the error.
 pub(crate) fn remove_all(prefix: &str, directory: &Path) {
     for file in files(Path::new(SHARED_MEMORY), prefix) {
         // Not followed, if it is a link.
@@ -87,7 +87,7 @@ fn service_id(description: &Path) -> Option<u128> {
     Some(half("unique_value")? << 64 | half("payload_value")?)
 }
 
-/// Takes the rights of other users away from iceoryx2's counter of nodes, which it makes writable for all.
+/// Revokes other users' rights to iceoryx2's counter of nodes, which is made writable for all.
 pub(crate) fn make_private(prefix: &str) {
     for file in files(Path::new(SHARED_MEMORY), prefix) {
         if file.extension().is_some_and(|extension| extension == "global_mgmt") {
@@ -119,8 +119,8 @@ pub(crate) fn reserve_memory(prefix: &str) -> Result<(), u64> {
     Ok(())
 }
 
-/// Opens a regular file of this user and of one name. Everybody sees the names in shared memory: what another user planted there, a
-/// link above all, is not opened.
+/// Opens a regular file of this user and of one name. All users see the names in shared memory: a file or link that another user
+/// planted there is not opened.
 fn open_own(path: &Path, access: OFlags) -> Option<File> {
     let flags = access | OFlags::NOFOLLOW | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let file = File::from(rustix::fs::open(path, flags, Mode::empty()).ok()?);

@@ -51,7 +51,7 @@ impl Deref for StopWords {
     }
 }
 
-/// The operator's stop of an instance: words that the process of the vehicle and the daemon share with those who raise it.
+/// The operator's stop of an instance: words that the process of the vehicle and the daemon share with the operators who raise it.
 #[derive(Clone, Debug)]
 pub struct StopSwitch(StopWords);
 
@@ -93,12 +93,12 @@ impl StopSwitch {
         }
     }
 
-    /// Raises a stop and returns its number. Takes effect in the next turn of whoever obeys.
+    /// Raises a stop and returns its number. Takes effect in the next turn of the processes that obey it.
     pub fn raise(&self) -> u32 {
         self.0[RAISED].fetch_add(1, Ordering::AcqRel).wrapping_add(1)
     }
 
-    /// Who obeys the stop `number`, or a later one.
+    /// Processes that obey the stop `number`, or a later one.
     #[must_use]
     pub fn report(&self, number: u32) -> StopReport {
         // Numbers wrap: the later of two is the one less than half of all numbers ahead.
@@ -127,7 +127,7 @@ const UNREPORTED: Span = Span::from_millis(3000);
 #[derive(Clone, Copy, Debug)]
 struct StopInForce {
     number: u32,
-    /// When it was first seen.
+    /// Instant at which it was first seen.
     since: Time,
     is_confirmed: bool,
     motors_off: bool,
@@ -163,7 +163,7 @@ impl VehicleStop {
         self.in_force.is_some()
     }
 
-    /// When the stop in force was first seen; `None` without one.
+    /// Instant at which the stop in force was first seen; `None` without one.
     #[must_use]
     pub fn since(&self) -> Option<Time> {
         self.in_force.map(|stop| stop.since)
@@ -203,7 +203,7 @@ pub struct ControllerStop {
 }
 
 impl ControllerStop {
-    /// The end of a daemon that starts: a stop that no vehicle has lifted is seen as a new one.
+    /// The end of a daemon that starts: a stop that no vehicle has lifted counts as a new one.
     #[must_use]
     pub fn new(switch: StopSwitch) -> Self {
         let seen = switch.word(LIFTED);

@@ -5,7 +5,7 @@ use rustix::time::{ClockId, Timespec, clock_gettime};
 
 use crate::time::{Span, Time};
 
-/// Shortest suspension that is reported; a processor that is taken away between two readings of the clocks looks like a shorter
+/// Shortest suspension that is reported; losing the processor between two readings of the clocks looks like a shorter
 /// one.
 const SHORTEST: Span = Span::from_millis(10);
 
@@ -59,7 +59,7 @@ impl SuspendWatch {
     pub fn observe(&mut self, readings: &ClockReadings) -> Option<Span> {
         let suspended = readings.boot.since(readings.monotonic);
         let longer = suspended - self.suspended;
-        // The readings are apart by chance: a later pair tells more.
+        // Time passed between the two readings: a later pair is more exact.
         if longer <= SHORTEST + readings.apart {
             self.suspended = self.suspended.min(suspended);
             return None;
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn f12_a_suspension_is_noticed_once_and_time_that_passes_is_none() {
+    fn f12_a_suspension_is_reported_once_and_passing_time_is_not() {
         let mut watch = SuspendWatch::new(&readings(0, 5000));
         assert_eq!(watch.observe(&readings(3_600_000, 5000)), None);
         assert_eq!(watch.observe(&readings(3_600_001, 5009)), None);
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn f12_a_processor_taken_away_between_two_readings_is_no_suspension() {
+    fn f12_losing_the_processor_between_two_readings_is_not_a_suspension() {
         let mut watch = SuspendWatch::new(&readings(0, 0));
         let torn = ClockReadings { apart: Span::from_millis(300), ..readings(50, 299) };
         assert_eq!(watch.observe(&torn), None);
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn f12_a_suspension_after_torn_first_readings_is_noticed() {
+    fn f12_a_suspension_after_torn_first_readings_is_reported() {
         let torn = ClockReadings { apart: Span::from_millis(300), ..readings(0, 299) };
         let mut watch = SuspendWatch::new(&torn);
         assert_eq!(watch.observe(&readings(500, 0)), None);

@@ -28,7 +28,7 @@ impl ShortText {
         Self(bytes)
     }
 
-    /// Text of arbitrary bytes up to the first zero; bytes that are no printable ASCII become `?`.
+    /// Text of arbitrary bytes up to the first zero; bytes other than printable ASCII become `?`.
     #[must_use]
     pub fn from_ascii(bytes: &[u8]) -> Self {
         let mut text = Self::EMPTY;
@@ -39,7 +39,7 @@ impl ShortText {
         text
     }
 
-    /// The text; bytes of another process that are no text count as none.
+    /// The text; empty for bytes of another process that are not UTF-8.
     #[must_use]
     pub fn as_str(&self) -> &str {
         let length = self.0.iter().position(|byte| *byte == 0).unwrap_or(CAPACITY);
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_is_cut_between_characters_and_arbitrary_bytes_are_no_text() {
+    fn text_is_cut_between_characters_and_invalid_bytes_are_empty_text() {
         assert_eq!(ShortText::new("PreArm: \nGyros").as_str(), "PreArm: Gyros");
         let long = ShortText::new(&"\u{e9}".repeat(40));
         assert_eq!(long.as_str().chars().count(), 28);

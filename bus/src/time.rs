@@ -1,9 +1,9 @@
 //! Instants and spans of time in all processes: nanoseconds of `CLOCK_BOOTTIME`, or of virtual time.
 //!
 //! The boot-time clock is monotonic, is common to all processes of the machine, and counts the time in which the machine is
-//! suspended: what was young before a suspension is old after it.
+//! suspended: a stamp from before a suspension is old after it.
 //!
-//! Only [`Time::now`] reads a clock, and only the process context and the pacers call it; everything below takes `now` as an
+//! Only [`Time::now`] reads a clock, and only the process context and the loop clocks call it; everything below takes `now` as an
 //! argument. `dt` becomes an `f64` once, by [`Span::seconds`], on its way into a law.
 
 use std::ops::{Add, Sub};
@@ -43,7 +43,7 @@ impl Time {
     /// No stamp.
     pub const UNSET: Self = Self(0);
 
-    /// Where virtual time starts: one second, so that a virtual stamp is never [`Time::UNSET`].
+    /// Start of virtual time: one second, so that a virtual stamp is never [`Time::UNSET`].
     pub const VIRTUAL_START: Self = Self(NANOS_PER_SECOND);
 
     /// The instant `nanos` after the clock's origin.

@@ -19,7 +19,7 @@ pub const OBSERVER_BUFFER: usize = 1024;
 pub struct Quality {
     /// Samples that a late reader gets: 1, or 0 where an old sample must not act \[-\].
     pub history: usize,
-    /// Longest buffer that a reader may ask for \[samples\].
+    /// Longest buffer of a reader \[samples\].
     pub buffer: usize,
     /// Readers at most \[-\].
     pub readers: usize,
@@ -31,7 +31,7 @@ const STREAM: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER, readers: 
 const COMMANDS: Quality = Quality { history: 0, ..STREAM };
 /// Samples for observers alone.
 const RECORDED: Quality = Quality { history: 1, buffer: OBSERVER_BUFFER / 4, readers: 8 };
-/// A state of which the newest sample says everything; observers miss none.
+/// A state that the newest sample describes completely; observers miss none.
 const STATE: Quality = Quality { history: 1, buffer: 16, readers: 8 };
 /// A question or an answer between two processes.
 const EXCHANGE: Quality = Quality { history: 1, buffer: 1, readers: 1 };
@@ -117,55 +117,56 @@ impl Role {
     /// Name of the process.
     #[must_use]
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Plant => "plant-sim",
-            Self::Mocap => "mocap-emu",
-            Self::Daemon => "daemon",
-            Self::Recorder => "recorder",
-            Self::Bridge => "bridge",
-            Self::Receiver => "receiver",
-        }
+        self.names().process
     }
 
     /// Topic of this process's health.
     #[must_use]
     pub const fn health(self) -> Topic<HealthV1> {
-        let name = match self {
-            Self::Plant => "health/plant-sim",
-            Self::Mocap => "health/mocap-emu",
-            Self::Daemon => "health/daemon",
-            Self::Recorder => "health/recorder",
-            Self::Bridge => "health/bridge",
-            Self::Receiver => "health/receiver",
-        };
-        Topic::new(name, STATE)
+        Topic::new(self.names().health, STATE)
     }
 
     /// The topic on which the leader advances the virtual time of this process.
     #[must_use]
     pub const fn time_advance(self) -> Topic<TimeAdvanceV1> {
-        let name = match self {
-            Self::Plant => "clock/plant-sim/advance",
-            Self::Mocap => "clock/mocap-emu/advance",
-            Self::Daemon => "clock/daemon/advance",
-            Self::Recorder => "clock/recorder/advance",
-            Self::Bridge => "clock/bridge/advance",
-            Self::Receiver => "clock/receiver/advance",
-        };
-        Topic::new(name, EXCHANGE)
+        Topic::new(self.names().advance, EXCHANGE)
     }
 
     /// The topic on which this process reports the end of a turn.
     #[must_use]
     pub const fn turn_done(self) -> Topic<TurnDoneV1> {
-        let name = match self {
-            Self::Plant => "clock/plant-sim/done",
-            Self::Mocap => "clock/mocap-emu/done",
-            Self::Daemon => "clock/daemon/done",
-            Self::Recorder => "clock/recorder/done",
-            Self::Bridge => "clock/bridge/done",
-            Self::Receiver => "clock/receiver/done",
-        };
-        Topic::new(name, EXCHANGE)
+        Topic::new(self.names().done, EXCHANGE)
+    }
+
+    const fn names(self) -> RoleNames {
+        match self {
+            Self::Plant => role_names!("plant-sim"),
+            Self::Mocap => role_names!("mocap-emu"),
+            Self::Daemon => role_names!("daemon"),
+            Self::Recorder => role_names!("recorder"),
+            Self::Bridge => role_names!("bridge"),
+            Self::Receiver => role_names!("receiver"),
+        }
     }
 }
+
+/// Names of a process and of its topics.
+struct RoleNames {
+    process: &'static str,
+    health: &'static str,
+    advance: &'static str,
+    done: &'static str,
+}
+
+/// The [`RoleNames`] of the process with this name.
+macro_rules! role_names {
+    ($name:literal) => {
+        RoleNames {
+            process: $name,
+            health: concat!("health/", $name),
+            advance: concat!("clock/", $name, "/advance"),
+            done: concat!("clock/", $name, "/done"),
+        }
+    };
+}
+use role_names;

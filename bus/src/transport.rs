@@ -8,7 +8,7 @@ use crate::topic::Topic;
 
 /// The writing end of a topic.
 pub trait Publish<M: Message> {
-    /// Publishes `body` about the pose `pose_sequence` and returns the sequence number it got. Wakes nobody.
+    /// Publishes `body` about the pose `pose_sequence` and returns the sequence number it got. Wakes no process.
     ///
     /// # Errors
     /// The transport failed.

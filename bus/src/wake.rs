@@ -37,7 +37,7 @@ impl EventPorts {
     /// Opens the notifying end of the event of `topic`.
     ///
     /// # Errors
-    /// The event belongs to another user or another version, or there is no memory.
+    /// The event belongs to another user or another version, or shared memory is full.
     pub(crate) fn notifier(&self, topic: &'static str) -> Result<Notifier, BusError> {
         Ok(Notifier { waker: FutexWaker(self.open(topic)?), topic, _membership: self.member() })
     }

@@ -100,7 +100,7 @@ impl Cameras {
         }
     }
 
-    /// What a pose says of its capture.
+    /// Stamp of a pose's capture.
     fn stamp(&self, captured_at: Time, deliver_at: Time) -> Time {
         match self.mocap.stamp {
             CaptureStamp::Exact => captured_at,

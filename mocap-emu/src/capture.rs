@@ -1,6 +1,6 @@
 //! Captures of recorded poses, estimated from their arrivals and from the motion.
 //!
-//! A recording says when a pose arrived. Poses that a stall held back arrive together after it, and even without stalls the
+//! A recording contains the arrival of each pose. Poses that a stall held back arrive together after it, and even without stalls the
 //! time from capture to arrival varies by milliseconds: velocities over intervals between arrivals are wrong by as much. Two
 //! things are known besides. Poses cannot have been captured faster than the cameras' rate allows, which spreads those behind a
 //! stall. And the body moves smoothly: a pose that is ahead of the curve through its neighbours, along their velocity, was
@@ -14,18 +14,18 @@ use crate::recording::Recording;
 const PASSES: u32 = 10;
 /// Share of a correction that a pass applies \[-\]: the neighbours are corrected at the same time.
 const STEP: f64 = 0.6;
-/// Poses on each side of a pose whose curve it is held against.
+/// Poses on each side of a pose through which the curve is fitted.
 const NEIGHBOURS: usize = 8;
 /// Time by which the curve's argument is scaled, so that its equations are well conditioned \[s\].
 const SCALE_S: f64 = 0.1;
-/// Speed at which a pose says as much of its time as its arrival does \[m/s\]: noise of a tenth of a millimetre, and the
-/// curve's own errors, against some milliseconds.
-const TELLING_M_S: f64 = 0.15;
+/// Speed at which position and arrival of a pose determine its capture equally well \[m/s\]: noise of a tenth of a millimetre and
+/// the errors of the curve correspond to some milliseconds.
+const EQUAL_WEIGHT_M_S: f64 = 0.15;
 /// Greatest correction in one pass \[s\].
 const GREATEST_S: f64 = 0.01;
-/// Share by which a pass draws captures back to arrivals \[-\]: the motion says nothing of slow drifts.
+/// Share by which a pass draws captures back to arrivals \[-\]: the motion does not show slow drifts.
 const RETURN: f64 = 0.02;
-/// Least time between two captures \[s\].
+/// Shortest time between two captures \[s\].
 const LEAST_S: f64 = 1e-6;
 
 /// Estimated captures of the poses of a recording.
@@ -91,8 +91,8 @@ fn spread(arrivals: &[f64], rate_hz: f64) -> Vec<f64> {
     times
 }
 
-/// How much later pose `k` was captured than `times` says, by its place on the cubic through its neighbours \[s\], and the
-/// speed there \[m/s\].
+/// Correction of the capture of pose `k` in `times` \[s\], by its place on the cubic through its neighbours, and the speed there
+/// \[m/s\].
 fn correction(times: &[f64], positions: &[Vector3<f64>], k: usize) -> (f64, f64) {
     let first = k.saturating_sub(NEIGHBOURS);
     let last = (k + NEIGHBOURS + 1).min(times.len());
@@ -109,7 +109,7 @@ fn correction(times: &[f64], positions: &[Vector3<f64>], k: usize) -> (f64, f64)
     let offset: Vector3<f64> = -curve.row(0).transpose();
     let velocity: Vector3<f64> = curve.row(1).transpose() / SCALE_S;
     let squared = velocity.norm_squared();
-    let by_s = offset.dot(&velocity) / (squared + TELLING_M_S * TELLING_M_S);
+    let by_s = offset.dot(&velocity) / (squared + EQUAL_WEIGHT_M_S * EQUAL_WEIGHT_M_S);
     if !by_s.is_finite() {
         return (0.0, 0.0);
     }

@@ -8,12 +8,12 @@ use oqtal_control::quaternion::Attitude;
 use crate::cameras::Cameras;
 use crate::recording::{RecordedPose, Recording};
 
-/// What the emulated cameras made of a motion.
+/// Recording of a motion by the emulated cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EmulatedRecording {
     /// Poses with their arrivals.
     pub recording: Recording,
-    /// What each pose says of its capture, after the first arrival \[s\].
+    /// Stamp of each pose's capture, after the first arrival \[s\].
     pub stamped_s: Vec<f64>,
     /// Number of each pose's frame among those sent, from 1 \[-\].
     pub frames: Vec<u64>,

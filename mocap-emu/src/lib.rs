@@ -34,7 +34,6 @@ mod source;
 pub mod statistics;
 mod transit;
 
-use std::path::Path;
 use std::process::ExitCode;
 use std::rc::Rc;
 
@@ -53,17 +52,9 @@ use serve::{ServeArgs, ServeSpec, ServeTurn, ServedPoses};
 
 pub use cameras::Cameras;
 pub use oqtal_runtime::pose_source::Delivery;
-pub use recording::Recording;
+pub use recording::{Recording, read_recording};
 pub use replay::Replay;
 pub use source::{EmulatedCameras, Playback, Start, is_frame};
-
-/// Reads the recording that a configuration names.
-///
-/// # Errors
-/// `FILE:LINE: what is wrong`, exit code 65.
-pub fn read_recording(file: &str) -> Result<Recording, Failure> {
-    Recording::read(Path::new(file)).map_err(|error| Failure::new(Exit::Data, error.to_string()))
-}
 
 /// Commands of the motion capture's command line.
 #[derive(Subcommand, Clone, Debug)]
@@ -87,7 +78,7 @@ pub struct MocapArgs {
 }
 
 impl MocapCommand {
-    /// Does it, and says how it ended.
+    /// Executes the command and returns its exit code.
     #[must_use]
     pub fn execute(self) -> ExitCode {
         let command = match self {
@@ -105,7 +96,7 @@ impl MocapCommand {
 }
 
 impl MocapArgs {
-    /// The same for any process: what is served is a setting.
+    /// The arguments of any process; the served protocols become a setting.
     fn common(self) -> CommonArgs {
         let Self { serve, mut common } = self;
         common.settings.extend(serve.map(|text| format!("mocap.serve.protocols={text}")));
@@ -113,10 +104,10 @@ impl MocapArgs {
     }
 }
 
-/// Whether the cameras could work with `config`.
+/// Checks that the cameras could work with `config`.
 ///
 /// # Errors
-/// The recording that it names is bad (exit code 65), or what is to be served.
+/// The recording that it names is bad (exit code 65), or the served protocols are.
 pub fn check(config: &Config) -> Result<(), Failure> {
     serves(config)?;
     if config.is_replay() { read_recording(&config.mocap.replay).map(drop) } else { Ok(()) }
@@ -131,7 +122,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
     if context.config.is_replay() {
         let recording = read_recording(&context.config.mocap.replay)?;
         let clock = context.loop_clock(&bus, &COMMAND)?;
-        // In virtual time nobody acts before everybody is there. In real time the first command shows that a daemon listens.
+        // Virtual time begins once all processes have joined. In real time the first command shows that a daemon reads poses.
         let start = if clock.is_virtual() { Start::At(clock.now()) } else { Start::FirstCommand };
         context.health.set_status("playing a recording");
         publish_from(context, &bus, (Playback::open(bus.as_ref(), recording, start)?, clock))
@@ -148,7 +139,7 @@ pub fn run(context: &ProcessContext) -> Result<(), Failure> {
 fn serves(config: &Config) -> Result<bool, Failure> {
     let serves = !config.mocap.serve.protocols.parse::<ServeSpec>()?.is_empty();
     if serves && config.clock.kind != ClockKind::Real {
-        let reason = "mocap.serve.protocols: clients live in real time; set clock.kind = \"real\"";
+        let reason = "mocap.serve.protocols: clients need real time; set clock.kind = \"real\"";
         return Err(Failure::new(Exit::Usage, reason));
     }
     Ok(serves)

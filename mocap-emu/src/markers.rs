@@ -30,7 +30,7 @@ pub use triangulation::{MarkerPoint, Sighting, triangulate};
 /// Random words reserved for each frame: sixteen cameras times sixteen markers need about 1100.
 const WORDS_PER_FRAME: u128 = 8192;
 
-/// What the cameras made of one frame.
+/// Markers and body that the cameras reconstruct from one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct MarkerFrame {
     /// The markers by their numbers on the body, as labelled by the camera system; `None` for a marker that was not triangulated.
@@ -86,27 +86,17 @@ impl MarkerCameras {
         MarkerFrame { markers, body: self.fit(&markers) }
     }
 
-    /// The pose of a frame as it is published.
+    /// The pose of a frame, as a message.
     pub fn pose(&mut self, truth: &TruthV1) -> PoseV1 {
-        match self.observe(truth).body {
-            Some(fit) => PoseV1 {
-                position: fit.position.into(),
-                attitude: fit.attitude.xyzw(),
-                residual_m: fit.residual_m,
-                body: BODY,
-                tracked: 1,
-                simulated: 1,
-                ..PoseV1::default()
-            },
-            None => PoseV1 {
-                position: [f64::NAN; 3],
-                attitude: [f64::NAN; 4],
-                residual_m: f64::NAN,
-                body: BODY,
-                tracked: 0,
-                simulated: 1,
-                ..PoseV1::default()
-            },
+        let body = self.observe(truth).body;
+        PoseV1 {
+            position: body.map_or([f64::NAN; 3], |fit| fit.position.into()),
+            attitude: body.map_or([f64::NAN; 4], |fit| fit.attitude.xyzw()),
+            residual_m: body.map_or(f64::NAN, |fit| fit.residual_m),
+            body: BODY,
+            tracked: u8::from(body.is_some()),
+            simulated: 1,
+            ..PoseV1::default()
         }
     }
 
@@ -120,7 +110,7 @@ impl MarkerCameras {
         let count = self.cameras.len();
         for (k, image) in self.images.iter_mut().enumerate() {
             let (marker, camera) = (k / count, k % count);
-            // Drawn in any case, so that what is hidden does not change the noise of what is seen.
+            // Drawn in any case, so that hidden markers do not change the noise of visible ones.
             let [x, y] =
                 [(); 2].map(|()| Distribution::<f64>::sample(&StandardNormal, &mut self.generator));
             let is_hidden = self.marker_options.hidden.contains(&(marker + 1))

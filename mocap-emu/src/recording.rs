@@ -21,6 +21,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use oqtal_control::quaternion::Attitude;
+use oqtal_runtime::process::{Exit, Failure};
 
 pub use error::{ErrorKind, MAX_BYTES, RecordingError};
 use format::{Layout, PoseRow};
@@ -125,6 +126,14 @@ impl Recording {
             gaps: intervals.iter().filter(|&&interval| interval > GAP_NS).count(),
         }
     }
+}
+
+/// Reads the recording at `path`.
+///
+/// # Errors
+/// `FILE:LINE: kind of fault`, exit code 65.
+pub fn read_recording(path: impl AsRef<Path>) -> Result<Recording, Failure> {
+    Recording::read(path.as_ref()).map_err(|error| Failure::new(Exit::Data, error.to_string()))
 }
 
 /// Statistics of the intervals between the poses of a recording.

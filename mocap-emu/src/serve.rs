@@ -2,22 +2,25 @@
 //!
 //! | file | subject |
 //! |---|---|
-//! | `spec.rs` | what is served, as text |
+//! | `spec.rs` | protocols to serve, as text |
+//! | `opening.rs` | servers from their options |
 //! | `model.rs` | names and markers of the bodies |
 //! | `feed.rs` | bounded queue from the loop to the network thread |
 //! | `network.rs` | the network thread |
 //! | `trouble.rs` | frames that the network loses, repeats or reorders |
-//! | `qtm_server.rs`, `vrpn_server.rs`, `natnet_server.rs` | the sockets of each protocol |
-//! | `connection.rs` | a client's connection, whose queue is bounded |
+//! | `server.rs` | interface of the servers |
+//! | `address.rs` | sockets at the addresses of a server |
+//! | `clients.rs` | the loop of clients over TCP, for every protocol |
+//! | `qtm_server.rs`, `vrpn_server.rs`, `natnet_server.rs` | sessions and frames of each protocol |
 //! | `source.rs` | poses of a process, served as they are delivered |
-//! | `script.rs` | what the command `serve` shows |
+//! | `script.rs` | motion that the command `serve` shows |
 //! | `program.rs` | the command `serve`: a camera system alone |
 //!
-//! Nothing blocks: sockets are non-blocking, a client that does not read is cut off once its queue is full, and every step reads a
-//! bounded number of bytes and requests of each client.
+//! Nothing blocks: sockets are non-blocking, a client that does not read is disconnected once its queue is full, and every step reads
+//! a bounded number of bytes and requests of each client.
 
 mod address;
-mod connection;
+mod clients;
 mod feed;
 mod model;
 mod natnet_server;

@@ -76,7 +76,7 @@ pub enum Start {
 #[derive(Debug)]
 pub struct Playback<T: Transport> {
     commands: T::Reader<CommandV1>,
-    /// What is played once a daemon listens; made beforehand, because it takes its time.
+    /// Playback that starts once a daemon listens; prepared beforehand, because preparing it takes time.
     waiting: Option<Replay>,
     replay: Option<Replay>,
 }

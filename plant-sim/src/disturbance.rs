@@ -1,15 +1,15 @@
-//! Disturbances in time, `plant.disturb`: what acts on the vehicle at an instant of the flight.
+//! Disturbances in time, `plant.disturb`: loads on the vehicle at an instant of the flight.
 
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 use oqtal_bus::error::BusError;
-use oqtal_bus::time::{Span, Time};
+use oqtal_bus::time::Time;
 use oqtal_bus::transport::Transport;
 use oqtal_config::{Config, DisturbanceKind, PlantOptions, TimedDisturbance};
-use oqtal_runtime::faults::{ArmingClock, RadioDisturbance, RadioFaults};
+use oqtal_runtime::faults::{ArmingWatch, RadioDisturbance, RadioFaults, interval, is_within};
 
-/// What disturbs vehicle and radio, as the faults and disturbances of a configuration have it.
+/// Disturbance of vehicle and radio at an instant, by the faults and disturbances of a configuration.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SceneDisturbance {
     /// The radio.
@@ -18,11 +18,11 @@ pub struct SceneDisturbance {
     pub armed_at: Option<Time>,
 }
 
-/// Source of what disturbs vehicle and radio.
+/// Source of the disturbances of vehicle and radio.
 #[derive(Debug)]
 pub struct DisturbanceClock<T: Transport> {
     radio: RadioFaults<T>,
-    arming: ArmingClock<T>,
+    arming: ArmingWatch<T>,
 }
 
 impl<T: Transport> DisturbanceClock<T> {
@@ -32,10 +32,10 @@ impl<T: Transport> DisturbanceClock<T> {
     /// The transport failed.
     pub fn open(bus: &T, config: &Config) -> Result<Self, BusError> {
         let radio = RadioFaults::open(bus, config)?;
-        Ok(Self { radio, arming: ArmingClock::open(bus, !config.plant.disturb.is_empty())? })
+        Ok(Self { radio, arming: ArmingWatch::open(bus, !config.plant.disturb.is_empty())? })
     }
 
-    /// What disturbs at `now`.
+    /// The disturbance at `now`.
     ///
     /// # Errors
     /// The transport failed.
@@ -72,19 +72,19 @@ impl LoadSchedule {
         Self { loads: plant.disturb.clone(), armed_at: None }
     }
 
-    /// The times count from `armed_at`, unless they count already; `None` changes nothing.
+    /// Sets the instant from which the times count to `armed_at`, unless it is set; `None` changes nothing.
     pub fn begin(&mut self, armed_at: Option<Time>) {
         self.armed_at = self.armed_at.or(armed_at);
     }
 
-    /// What acts at `now`; `None` if nothing does.
+    /// The load at `now`; `None` without disturbances.
     #[must_use]
     pub fn at(&self, now: Time) -> Option<AppliedLoad> {
         let armed_at = self.armed_at.filter(|_| !self.loads.is_empty())?;
         let mut sum = AppliedLoad::default();
         for load in &self.loads {
-            let (from, until) = instants(load, armed_at);
-            if now < from || until.is_some_and(|until| now >= until) {
+            let (from, until) = interval(load.at_s, load.duration_s, armed_at);
+            if !is_within((from, until), now) {
                 continue;
             }
             match load.kind {
@@ -105,17 +105,11 @@ impl LoadSchedule {
     pub fn next_change(&self, now: Time) -> Option<Time> {
         let armed_at = self.armed_at?;
         let instants = self.loads.iter().flat_map(|load| {
-            let (from, until) = instants(load, armed_at);
+            let (from, until) = interval(load.at_s, load.duration_s, armed_at);
             [Some(from), until]
         });
         instants.flatten().filter(|instant| *instant > now).min()
     }
-}
-
-/// Beginning and end of `load` in a flight that was armed at `armed_at`.
-fn instants(load: &TimedDisturbance, armed_at: Time) -> (Time, Option<Time>) {
-    let from = armed_at + Span::from_seconds(load.at_s);
-    (from, load.duration_s.map(|duration_s| from + Span::from_seconds(duration_s)))
 }
 
 /// The part of the time from `from` to `until` that is over at `now` \[0..1\].
@@ -125,6 +119,8 @@ fn part(from: Time, now: Time, until: Time) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use oqtal_bus::time::Span;
+
     use super::*;
 
     fn schedule(disturb: &[&str]) -> LoadSchedule {

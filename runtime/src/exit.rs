@@ -23,7 +23,7 @@ pub enum Exit {
     System = 71,
     /// Another controller holds the topic, or a peer never answered.
     Peer = 75,
-    /// The running processes speak another version.
+    /// The running processes are of another version.
     Version = 76,
     /// No permission.
     Permission = 77,
@@ -37,7 +37,7 @@ impl From<Exit> for ExitCode {
     }
 }
 
-/// The reason why a process cannot do its job: a message for the operator and a code for the service manager.
+/// Failure of a process: a message for the operator and an exit code for the service manager.
 #[derive(Debug, thiserror::Error)]
 #[error("{message}")]
 pub struct Failure {

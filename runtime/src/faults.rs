@@ -11,9 +11,9 @@
 //! | `outage.rs` | processes that do not act in virtual time |
 //!
 //! A process wires its ports through a [`FaultyTransport`] and its turn through [`FaultyTransport::turn`]. A fault of a topic acts
-//! at its reading end: observers see what was sent. Without faults a port passes everything through. Processes, lockstep and a
+//! at its reading end: observers receive the messages as they were sent. Without faults a port passes everything through. Processes, lockstep and a
 //! flight in one process run the same lines; the random numbers depend on seed, fault and sample alone. Faults that kill or stop
-//! a process are the work of the one who started it, or in virtual time of the turn scheduler ([`outage`]).
+//! a process are injected by the process that started it, or in virtual time by the turn scheduler ([`outage`]).
 
 mod clock;
 mod corrupt;
@@ -23,7 +23,7 @@ mod reader;
 mod transport;
 mod turn;
 
-pub use clock::{ArmingClock, ArmingWatch};
+pub use clock::{ArmingWatch, interval, is_within};
 pub use radio::{RadioDisturbance, RadioFaults};
 pub use reader::FaultyReader;
 pub use transport::FaultyTransport;

@@ -1,5 +1,4 @@
-//! Files that a process makes, so that no other user can choose what it writes: links are not followed, and directories of its own
-//! are new.
+//! Files that a process makes, protected against other users: links are not followed, and its directories are new.
 
 use std::fs::{DirBuilder, File, OpenOptions};
 use std::io::{self, Read};
@@ -56,8 +55,8 @@ fn open_unlinked(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
     })
 }
 
-/// Makes sure that [`create`] will be able to write a file; what is in it is kept. A pipe is left alone: whoever reads it would take
-/// the end of the check for the end of the file.
+/// Checks that [`create`] will be able to write a file; its content is kept. A pipe is not opened: its reader would take the end of
+/// the check for the end of the file.
 ///
 /// # Errors
 /// As [`create`].
@@ -79,7 +78,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
 /// Reads the text of a file that only its owner, this user or root, may read.
 ///
 /// # Errors
-/// Others may read or write the file, it is none, it is long, or it cannot be read.
+/// Others may read or write it, it is not a file, it is too long, or it cannot be read.
 pub fn read_secret(path: &Path) -> io::Result<String> {
     let flags = (OFlags::NONBLOCK | OFlags::CLOEXEC).bits().cast_signed();
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;

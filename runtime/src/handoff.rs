@@ -56,7 +56,7 @@ impl<Note, Request, Reply> RtHandle<Note, Request, Reply> {
         self.requests.try_recv().ok()
     }
 
-    /// Sends a reply. One that finds the queue full has nobody waiting for it any more and is dropped.
+    /// Sends a reply, or drops it if the queue is full: the requester has then stopped waiting.
     pub fn reply(&self, reply: Reply) {
         let _ = self.replies.try_send(reply);
     }
@@ -68,7 +68,7 @@ impl<Note, Request, Reply> BackgroundHandle<Note, Request, Reply> {
         self.notes.try_iter()
     }
 
-    /// Sends a request to the real-time thread; gives it back if the queue is full.
+    /// Sends a request to the real-time thread; returns it if the queue is full.
     ///
     /// # Errors
     /// The queue is full: the real-time thread stands still.
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_that_finds_the_queue_full_is_given_back() {
+    fn a_request_that_finds_the_queue_full_is_returned() {
         let (rt, background) = handoff::<(), usize, ()>();
         for request in 0..CAPACITY {
             assert_eq!(background.send(request), Ok(()));

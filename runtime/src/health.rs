@@ -51,12 +51,12 @@ impl Health {
         self.0.turns.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts an input: what the process waits for has arrived.
+    /// Counts an input that the process waits for.
     pub fn count_input(&self) {
         self.0.inputs.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts an output: what the process is there for was published.
+    /// Counts an output that is the purpose of the process.
     pub fn count_output(&self) {
         self.0.outputs.fetch_add(1, Ordering::Relaxed);
     }
@@ -145,7 +145,7 @@ impl Heartbeat {
             runs_late: u8::from(record.runs_late.load(Ordering::Relaxed)),
             ..health
         };
-        // A late turn more is no change worth a message.
+        // A further late turn is not a change that needs a message.
         let HealthV1 { time, late_turns, .. } = self.last;
         let changed = self.last != HealthV1 { time, late_turns, ..health };
         if changed || health.time.since(time) >= HEALTH_PERIOD {

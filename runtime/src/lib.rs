@@ -1,20 +1,20 @@
-//! What every process of oqtal has: context, real-time set-up, loop clock, virtual clock, health, logs, signals, exit codes.
+//! Common parts of all processes of oqtal: context, real-time set-up, loop clock, virtual clock, health, logs, signals, exit codes.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `process.rs` | a process from its command line to its exit code |
 //! | `args.rs` | the command line that all processes share |
-//! | `context.rs` | what a running process has: configuration, role, stop flag, health |
+//! | `context.rs` | context of a running process: configuration, role, stop flag, health |
 //! | `exit.rs` | exit codes, and the failures that lead to them |
 //! | `program.rs` | a program around its work: panics, output to a closed pipe |
 //! | `process_loop.rs` | the loop: wait, turn, heartbeat, a safe output at the end |
 //! | `turn.rs` | one turn of a process, and the clock during it |
-//! | `loop_clock.rs` | how a process waits for its next event |
+//! | `loop_clock.rs` | wait for the next event of a process |
 //! | `virtual_clock.rs` | the scheduler of virtual time |
 //! | `lockstep.rs` | virtual time between processes |
 //! | `realtime.rs` | scheduling, processors, locked memory |
 //! | `overrun.rs` | turns that end too late |
-//! | `background.rs` | the thread for what may block |
+//! | `background.rs` | the thread for work that may block |
 //! | `handoff.rs` | bounded queues between both threads |
 //! | `health.rs` | health record and heartbeat |
 //! | `log.rs` | the log, written by a thread of its own |
@@ -22,8 +22,8 @@
 //! | `stop.rs` | the flag that asks a process to end |
 //! | `faults.rs` | faults by hand, as decorators of ports and turns |
 //! | `random.rs` | repeatable random numbers |
-//! | `pose_source.rs` | where poses come from |
-//! | `actuation.rs` | the kind of command that a vehicle takes |
+//! | `pose_source.rs` | sources of poses |
+//! | `actuation.rs` | kind of command by the interface of a vehicle |
 //! | `files.rs` | files and directories that no other user can redirect |
 #![forbid(unsafe_code)]
 

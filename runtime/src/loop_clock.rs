@@ -1,5 +1,4 @@
-//! How a process waits for its next event: on the real clock and a listener or a descriptor, or for a time advance in virtual
-//! time.
+//! Wait for the next event of a process: on the real clock and a listener or a descriptor, or for a time advance in virtual time.
 //!
 //! Under either clock a process is one loop: `while let Some(now) = clock.wait(next_event)? { act(now) }`.
 
@@ -112,8 +111,8 @@ impl LoopClock {
         !matches!(self.clock, Clock::Real(_) | Clock::Polled(_))
     }
 
-    /// Looks whether the turn that has just ended was late. Virtual time waits for every turn.
-    fn watch_overruns(&mut self) {
+    /// Records whether the turn that has just ended was late. Virtual time waits for every turn.
+    fn record_overrun(&mut self) {
         if let (false, Some(due)) = (self.is_virtual(), self.due) {
             self.overruns.turn_ended(due, Time::now());
             self.health.set_overruns(&self.overruns);
@@ -127,7 +126,7 @@ impl LoopClock {
     /// The bus broke.
     pub fn wait(&mut self, next: Option<Time>) -> Result<Option<Time>, BusError> {
         self.health.count_turn();
-        self.watch_overruns();
+        self.record_overrun();
         if self.stop.is_set() {
             return Ok(None);
         }

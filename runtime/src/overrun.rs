@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn f22_three_late_turns_in_a_row_are_a_state_and_two_are_none() {
+    fn f22_three_late_turns_in_a_row_are_an_overrun_and_two_are_not() {
         let (monitor, _) = after(&[BRIEF, BUSY, BUSY]);
         assert!(!monitor.runs_late());
         assert_eq!(monitor.late_turns(), 2);
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn f22_it_ends_a_second_after_the_last_late_turn() {
+    fn f22_an_overrun_ends_a_second_after_the_last_late_turn() {
         let (mut monitor, ended) = after(&[BUSY, BUSY, BUSY]);
         let almost = ended + RECOVERY - BRIEF;
         monitor.turn_ended(almost - BRIEF, almost);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn one_turn_however_long_is_no_state() {
+    fn a_single_late_turn_is_not_an_overrun() {
         let (monitor, _) = after(&[BRIEF, Span::from_millis(10)]);
         assert_eq!(monitor.late_turns(), 0);
         let mut stopped = OverrunMonitor::new(PERIOD);

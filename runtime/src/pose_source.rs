@@ -1,4 +1,4 @@
-//! Where the poses of topic `pose` come from: emulated cameras, a recording, a receiver of a real camera system.
+//! Sources of the poses of topic `pose`: emulated cameras, a recording, a receiver of a real camera system.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::{PoseV1, Stamps};
@@ -32,7 +32,7 @@ pub trait PoseSource {
     /// The instant at which the next pose is due; `None` while only an arrival can bring one.
     fn next_event(&self) -> Option<Time>;
 
-    /// Takes in what has arrived from the cameras, the plant or the network.
+    /// Takes the inputs that have arrived from the cameras, the plant or the network.
     ///
     /// # Errors
     /// The transport failed.

@@ -75,12 +75,12 @@ fn run(role: Role, args: &CommonArgs, job: Job) -> Result<(), Failure> {
     result
 }
 
-/// Arranges that this process ends when `parent`, which started it, dies, so that no orphan remains.
+/// Ends this process when `parent`, which started it, dies, so that no orphan remains.
 fn die_with(parent: i32) -> Result<(), Failure> {
     rustix::process::set_parent_process_death_signal(Some(Signal::TERM)).map_err(|e| {
-        Failure::new(Exit::System, format!("binding to the parent's life failed: {e}"))
+        Failure::new(Exit::System, format!("setting the parent-death signal failed: {e}"))
     })?;
-    // If the parent died before, the signal never comes.
+    // If the parent died before, the signal is never sent.
     if rustix::process::getppid() == Pid::from_raw(parent) {
         Ok(())
     } else {
@@ -89,7 +89,7 @@ fn die_with(parent: i32) -> Result<(), Failure> {
     }
 }
 
-/// Sets `stop` on a panic of any thread: the process must not go on with a part of its threads.
+/// Sets `stop` on a panic of any thread: the process must not continue with a part of its threads.
 fn stop_on_panics(stop: &StopFlag) {
     let stop = stop.clone();
     std::panic::set_hook(Box::new(move |panic| {

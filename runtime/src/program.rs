@@ -26,9 +26,9 @@ pub fn run<C: Parser>(execute: impl FnOnce(C) -> ExitCode) -> ExitCode {
     }
 }
 
-/// Arranges that a write beyond a limit of file sizes (`ulimit -f`) fails, as on a full disk, and ends no process in flight.
+/// Makes a write beyond a limit of file sizes (`ulimit -f`) fail, as on a full disk, instead of ending the process.
 fn survive_size_limits() {
-    // Nobody reads the flag: with a handler the write returns an error. Refused, the signal acts as before.
+    // The flag is not read: with a handler the write returns an error. If registering fails, the signal ends the process.
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
@@ -51,7 +51,7 @@ pub fn conclude(program: &str, failure: &Failure) -> ExitCode {
     failure.exit.into()
 }
 
-/// Prints a line of results on standard output. A closed pipe is no error: its reader has read enough.
+/// Prints a line of results on standard output. A closed pipe is not an error: its reader has read enough.
 ///
 /// # Errors
 /// The output cannot be written, as on a full disk.

@@ -41,8 +41,8 @@ pub struct GrantedSettings {
     pub refused: Vec<String>,
 }
 
-/// Priority of the loop of `role` under SCHED_FIFO, in the order of what must not wait: what keeps a real vehicle safe, what
-/// computes its commands, what sees it, what only simulates it. `daemon` is `realtime.priority`.
+/// Priority of the loop of `role` under SCHED_FIFO, in the order of urgency: safety of a real vehicle, its commands, its poses,
+/// simulation. `daemon` is `realtime.priority`.
 #[must_use]
 pub const fn priority_of(role: Role, daemon: u8) -> u8 {
     match role {
@@ -190,7 +190,7 @@ mod tests {
                         18446744073709551615 1 1 0 0 0 0 0 0 0 0 0 0 17 1 7 1 0 0 0 0 0 0 0 0 0 0 0";
 
     #[test]
-    fn what_must_not_wait_has_the_higher_priority() {
+    fn urgent_roles_have_the_higher_priority() {
         let order = [Role::Plant, Role::Mocap, Role::Daemon, Role::Bridge];
         let priorities = order.map(|role| priority_of(role, 50));
         assert_eq!(priorities, [48, 49, 50, 51]);

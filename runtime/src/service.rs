@@ -2,9 +2,9 @@
 //!
 //! A thread of its own sends them, never the loop. Without a service manager the thread is not started.
 //!
-//! The watchdog is fed while the process is healthy: its loop turns, its background thread polls, and it does what it is there for
+//! The watchdog is triggered while the process is healthy: its loop turns, its background thread polls, and it has output
 //! (the daemon commands, the simulator publishes the truth to the cameras, the cameras publish poses while they see the vehicle,
-//! the bridge writes set-points). A loop that runs late is no reason to end a process in flight: that is a safety state.
+//! the bridge writes set-points). A loop that runs late does not end a process in flight: it is a safety state.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
@@ -22,16 +22,16 @@ const STARTUP_SAMPLING: Duration = Duration::from_millis(20);
 const SAMPLING: Duration = Duration::from_millis(250);
 /// Watchdog notifications per watchdog period \[-\].
 const WATCHDOG_NOTIFICATIONS: u32 = 4;
-/// A loop without input for so many samples counts as waiting for its peers \[-\].
+/// Samples without input after which a loop counts as waiting for its peers \[-\].
 const SAMPLES_WITHOUT_INPUT: u32 = 4;
 
-/// Executes `job` and meanwhile keeps the service manager informed, if there is one.
+/// Executes `job` and notifies the service manager, if there is one, while it runs.
 pub(crate) fn notified<T>(context: &ProcessContext, job: impl FnOnce() -> T) -> T {
     if std::env::var_os("NOTIFY_SOCKET").is_none() {
         return job();
     }
     std::thread::scope(|threads| {
-        // Closes when the job ends, be it by a panic.
+        // Closes when the job ends, also by a panic.
         let (_job_runs, over) = channel::<()>();
         threads.spawn(move || notify_until(context, &over));
         job()
@@ -51,7 +51,7 @@ fn notify_until(context: &ProcessContext, over: &Receiver<()>) {
     send(&notifier.notices(context.health.sample(), true));
 }
 
-/// Sends notices. An error means that the service manager is gone; nobody is left to report it to.
+/// Sends notices. An error means that the service manager is gone; no receiver is left to report it to.
 fn send(notices: &[Notice]) {
     for notice in notices {
         let state = match notice {
@@ -123,21 +123,21 @@ impl ServiceNotifier {
         notices
     }
 
-    /// Whether loop, background thread and outputs went on since the last sample.
+    /// Whether loop, background thread and outputs have progressed since the last sample.
     fn is_healthy(&self, sample: &HealthSample) -> bool {
         let HealthSample { turns, inputs, outputs, polls, .. } = &self.last;
         let loop_turns = sample.turns != *turns;
         let background_polls = sample.polls == 0 || sample.polls != *polls;
         // Without a vehicle in view, or with a recording, the cameras need not publish.
-        let may_rest = match self.role {
+        let may_be_idle = match self.role {
             Role::Mocap | Role::Receiver => sample.inputs == *inputs,
             Role::Recorder => true,
             Role::Daemon | Role::Plant | Role::Bridge => false,
         };
-        loop_turns && background_polls && (may_rest || sample.outputs != *outputs)
+        loop_turns && background_polls && (may_be_idle || sample.outputs != *outputs)
     }
 
-    /// The status that the process set itself, or whether it receives input from its peers.
+    /// The status text of the process, or whether it receives input from its peers.
     fn status(&self, own: String) -> String {
         if self.stopping {
             return "ending".to_owned();
@@ -170,27 +170,27 @@ mod tests {
         HealthSample { turns, inputs, outputs: turns, ..HealthSample::default() }
     }
 
-    /// Whether a process of `role` feeds its watchdog with `second` after `first`.
-    fn feeds(role: Role, first: &HealthSample, second: &HealthSample) -> bool {
+    /// Whether a process of `role` triggers its watchdog with `second` after `first`.
+    fn triggers(role: Role, first: &HealthSample, second: &HealthSample) -> bool {
         let mut notifier = ServiceNotifier::new(role);
         notifier.notices(first.clone(), false);
         notifier.notices(second.clone(), false).contains(&Notice::Alive)
     }
 
     #[test]
-    fn f15_a_loop_that_turns_without_doing_its_work_does_not_feed_its_watchdog() {
+    fn f15_a_loop_that_turns_without_output_does_not_trigger_its_watchdog() {
         let first = HealthSample { polls: 5, ..sample(10, 3) };
         let well = HealthSample { polls: 6, ..sample(11, 4) };
         let idle = HealthSample { outputs: first.outputs, ..well.clone() };
         let hung_background = HealthSample { polls: first.polls, ..well.clone() };
         for role in [Role::Daemon, Role::Plant, Role::Mocap, Role::Bridge] {
-            assert!(feeds(role, &first, &well), "{role:?}");
-            assert!(!feeds(role, &first, &idle), "{role:?}");
-            assert!(!feeds(role, &first, &hung_background), "{role:?}");
+            assert!(triggers(role, &first, &well), "{role:?}");
+            assert!(!triggers(role, &first, &idle), "{role:?}");
+            assert!(!triggers(role, &first, &hung_background), "{role:?}");
         }
         let unseen = HealthSample { inputs: first.inputs, ..idle };
-        assert!(feeds(Role::Mocap, &first, &unseen), "cameras without a vehicle in view");
-        assert!(!feeds(Role::Daemon, &first, &unseen));
+        assert!(triggers(Role::Mocap, &first, &unseen), "cameras without a vehicle in view");
+        assert!(!triggers(Role::Daemon, &first, &unseen));
     }
 
     fn statuses(notices: Vec<Notice>) -> Vec<String> {
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_before_the_loop_turns_and_readiness_once() {
+    fn readiness_is_notified_once_after_the_first_turn() {
         let mut notifier = ServiceNotifier::new(Role::Plant);
         assert_eq!(notifier.notices(sample(0, 0), false), []);
         assert!(notifier.notices(sample(1, 0), false).contains(&Notice::Ready));
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn f15_a_loop_that_stands_still_does_not_feed_its_watchdog() {
+    fn f15_a_loop_that_stands_still_does_not_trigger_its_watchdog() {
         let mut notifier = ServiceNotifier::new(Role::Daemon);
         for turns in [3, 4, 90] {
             assert!(notifier.notices(sample(turns, 0), false).contains(&Notice::Alive));
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_status_is_said_when_it_changes() {
+    fn a_status_is_notified_when_it_changes() {
         let mut notifier = ServiceNotifier::new(Role::Plant);
         let first = statuses(notifier.notices(sample(1, 0), false));
         assert_eq!(first, ["waiting for commands of a daemon"]);
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_is_told_once() {
+    fn the_end_is_notified_once() {
         let mut notifier = ServiceNotifier::new(Role::Bridge);
         notifier.notices(sample(1, 0), false);
         let notices = notifier.notices(sample(2, 0), true);

@@ -12,7 +12,7 @@ use crate::virtual_clock::TurnResult;
 
 /// The clock during a turn.
 pub trait TurnClock {
-    /// The present instant: in virtual time the instant of the turn, in real time read anew at every call.
+    /// The present instant: in virtual time the instant of the turn, in real time read at every call.
     fn now(&self) -> Time;
 
     /// Whether the loop runs late, as [`crate::overrun::OverrunMonitor::runs_late`]; never in virtual time.
@@ -20,14 +20,14 @@ pub trait TurnClock {
         false
     }
 
-    /// Lets the reader of what was just published act on it.
+    /// Wakes the reader of the message that was just published.
     ///
     /// # Errors
     /// The transport failed.
     fn announce<M: Message>(&mut self, writer: &impl Publish<M>) -> Result<(), BusError>;
 }
 
-/// What a process does between two waits.
+/// Work of a process between two waits.
 pub trait Turn {
     /// The instant at which the process acts without an arrival; `None` for never.
     fn next_event(&self, now: Time) -> Option<Time>;
@@ -52,7 +52,7 @@ pub trait Turn {
     }
 }
 
-/// Executes one turn at the virtual instant `now`, as [`crate::virtual_clock::VirtualClock`] asks for it.
+/// Executes one turn at the virtual instant `now`, as [`crate::virtual_clock::VirtualClock`] schedules it.
 ///
 /// # Errors
 /// The transport failed.

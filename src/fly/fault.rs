@@ -81,8 +81,7 @@ pub enum ProcessAction {
 pub struct ProcessFaults {
     /// Later actions first \[time after arming\].
     actions: Vec<(Span, Role, ProcessAction)>,
-    /// `None` without faults.
-    arming: Option<ArmingWatch<Bus>>,
+    arming: ArmingWatch<Bus>,
     armed_at: Option<Time>,
 }
 
@@ -96,7 +95,7 @@ impl ProcessFaults {
         let all = config.fault.inject.iter().filter(|_| is_real);
         let mut actions: Vec<_> = all.flat_map(actions_of).collect();
         actions.sort_by_key(|(at, ..)| std::cmp::Reverse(*at));
-        let arming = (!actions.is_empty()).then(|| ArmingWatch::open(bus)).transpose()?;
+        let arming = ArmingWatch::open(bus, !actions.is_empty())?;
         Ok(Self { actions, arming, armed_at: None })
     }
 
@@ -105,9 +104,7 @@ impl ProcessFaults {
     /// # Errors
     /// The bus failed.
     pub fn due(&mut self, now: Time) -> Result<Option<(Role, ProcessAction)>, BusError> {
-        if let (None, Some(arming)) = (self.armed_at, &mut self.arming) {
-            self.armed_at = arming.armed_at()?;
-        }
+        self.armed_at = self.arming.armed_at()?;
         let is_due = self.next().is_some_and(|next| next <= now);
         let action = if is_due { self.actions.pop() } else { None };
         Ok(action.map(|(_, role, action)| (role, action)))

@@ -30,7 +30,7 @@ fn the_last_to_leave_removes_the_counter_of_its_own_root_only() {
 }
 
 #[test]
-fn a_root_is_the_same_by_whichever_path_it_is_named() {
+fn a_root_is_the_same_by_every_path_to_it() {
     let root = tempfile::tempdir().unwrap();
     let link = root.path().join("link");
     std::os::unix::fs::symlink(root.path(), &link).unwrap();
@@ -38,7 +38,7 @@ fn a_root_is_the_same_by_whichever_path_it_is_named() {
     assert_eq!(prefix(root.path()), prefix(&link));
 }
 
-/// What the instance has in shared memory and in its root.
+/// Files of the instance in shared memory and in its root.
 fn files(place: &InstancePaths) -> Vec<std::path::PathBuf> {
     let shared = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().path());
     let named = |path: &std::path::PathBuf| {
@@ -72,7 +72,7 @@ fn description(place: &InstancePaths, name: &str) -> Option<std::path::PathBuf> 
 }
 
 #[test]
-fn f29_half_made_services_are_made_anew_and_whole_ones_kept() {
+fn f29_half_made_services_are_replaced_and_complete_ones_kept() {
     let root = tempfile::tempdir().unwrap();
     let place = place(root.path());
     let bus = Bus::open(&place).unwrap();
@@ -125,14 +125,14 @@ fn files_of_an_instance_are_private() {
     }
 }
 
-/// Names in shared memory of an instance, without the number that is drawn anew for each run of it.
+/// Names in shared memory of an instance, without the number that is drawn for each run of it.
 fn guessable(place: &InstancePaths) -> Vec<String> {
     let names = files(place).into_iter().filter(|file| file.starts_with("/dev/shm"));
     names.map(|file| file.file_name().unwrap().to_string_lossy().into_owned()).collect()
 }
 
 #[test]
-fn f28_no_name_in_shared_memory_can_be_guessed_and_planted_ones_hinder_nobody() {
+fn f28_names_in_shared_memory_cannot_be_guessed_and_planted_files_do_no_harm() {
     let root = tempfile::tempdir().unwrap();
     let place = place(root.path());
     let bus = Bus::open(&place).unwrap();
@@ -160,7 +160,7 @@ fn f28_no_name_in_shared_memory_can_be_guessed_and_planted_ones_hinder_nobody() 
 }
 
 #[test]
-fn f26_a_service_built_otherwise_is_another_version_not_a_fault_of_the_system() {
+fn f26_a_service_of_other_definitions_is_another_version_not_a_fault_of_the_system() {
     let root = tempfile::tempdir().unwrap();
     let place = place(root.path());
     let bus = Bus::open(&place).unwrap();

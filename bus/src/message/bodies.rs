@@ -37,9 +37,9 @@ message! {
         /// Error of `captured_at` that 99 poses of 100 do not exceed, where it is estimated from a camera system's own clock; 0
         /// where it is exact.
         capture_uncertainty_s: f64 ["s"],
-        /// Number of the rigid body, from 1, as the camera system counts.
+        /// Number of the rigid body in the camera system, from 1.
         body: u32 ["-"],
-        /// 1 if the cameras see the body, 0 if they lost it: position and attitude then mean nothing.
+        /// 1 if the cameras see the body, 0 if they lost it: position and attitude are then invalid.
         tracked: u8 ["flag"],
         /// 1 if the pose is emulated or from a recording, 0 if cameras measured it.
         simulated: u8 ["flag"],
@@ -79,11 +79,11 @@ message! {
         /// Time of a command on the wire once its last byte was handed to it: computed from the rate of a line, measured by round trips
         /// over a network; 0 without a wire.
         wire_ns: i64 ["ns"],
-        /// Time from a command's last byte on the wire to its effect, as far as it is known; 0 if `applied_at` is the effect.
+        /// Known part of the time from a command's last byte on the wire to its effect; 0 if `applied_at` is the effect.
         air_ns: i64 ["ns"],
-        /// Position as the vehicle itself estimates it; NaN if it does not tell, or has none.
+        /// Position by the vehicle's own estimator; NaN if it has none or does not report it.
         estimate_position: [f64; 3] ["m, world"],
-        /// Attitude as the vehicle itself estimates it, scalar last; zeros if it does not tell.
+        /// Attitude by the vehicle's own estimator, scalar last; zeros if it does not report it.
         estimate_attitude: [f64; 4] ["body to world"],
         /// 1 if the motors run.
         armed: u8 ["flag"],
@@ -95,13 +95,13 @@ message! {
         stopped: u8 ["flag"],
         /// 1 if the vehicle is simulated: only such a vehicle may take off without an operator.
         simulated: u8 ["flag"],
-        /// [`crate::code::ControlHolder`]: who has control of the vehicle.
+        /// [`crate::code::ControlHolder`]: holder of control over the vehicle.
         control: u8 ["code"],
-        /// [`crate::code::VehicleRefusal`]: why it did not do what was asked last.
+        /// [`crate::code::VehicleRefusal`]: reason for which the last request was not executed.
         refusal: u8 ["code"],
         /// [`crate::code::EstimatorState`] of the vehicle itself.
         estimator: u8 ["code"],
-        /// What the vehicle last said of a trouble, since its motors ran last; zeros behind it.
+        /// Last error text of the vehicle since its motors ran; padded with zeros.
         text: ShortText ["text"],
     }
 }
@@ -161,7 +161,7 @@ message! {
         poses_superseded: u64 ["-"],
         /// Poses refused by the guard, in total.
         poses_refused: u64 ["-"],
-        /// Capture of the newest accepted pose, as the pose says; [`Time::UNSET`] before the first.
+        /// Capture of the newest accepted pose, by its stamp; [`Time::UNSET`] before the first.
         pose_captured_at: Time ["ns"],
         /// Publication of that pose.
         pose_published_at: Time ["ns"],
@@ -185,7 +185,7 @@ message! {
         innovation_position: [f64; 3] ["m, world"],
         /// Rotation from the attitude that filter expected to the measured one.
         innovation_attitude: [f64; 3] ["rad, body"],
-        /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter that knows its noise.
+        /// Squares of both innovations over their expected variances, mean of the axes: 1 for a filter with a correct noise model.
         nis: [f64; 2] ["-"],
         /// Rate over the commanded one by the model adapted in flight; NaN if none is, as the next three.
         adapted_rate_gain: f64 ["-"],
@@ -195,7 +195,7 @@ message! {
         adapted_delay_s: f64 ["s"],
         /// Thrust over the mass by that model, relative to the configured one.
         adapted_thrust_gain: f64 ["-"],
-        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning; 0 in flight.
+        /// [`crate::obstacle::ArmingObstacles`]: conditions that prevent a flight; 0 in flight.
         obstacles: u32 ["-"],
         /// [`crate::code::Mode`]: activity of the daemon.
         mode: u8 ["code"],
@@ -217,7 +217,7 @@ message! {
 }
 
 message! {
-    /// Topic `input`: what the daemon's loop took in, in the order in which it acted on it: enough to execute the same turns again
+    /// Topic `input`: inputs of the daemon's loop, in the order in which it acted on them: enough to execute the same turns again
     /// from a recording of the other topics. Once for the start of the daemon, for each turn in which a sample was taken or a tick
     /// made, and for each request of an operator.
     InputV1 = "oqtal.Input.v1" {
@@ -237,7 +237,7 @@ message! {
         vehicle_read: u64 ["-"],
         /// Sequence of the command published in this turn; 0 if no tick was made.
         command_sequence: u64 ["-"],
-        /// [`crate::code::InputKind`]: what this message records.
+        /// [`crate::code::InputKind`] of this record.
         kind: u8 ["code"],
         /// [`crate::code::OperatorCommand`] of a request.
         request: u8 ["code"],

@@ -12,8 +12,8 @@ message! {
     ControlRequestV1 = "oqtal.ControlRequest.v1" {
         /// [`crate::code::OperatorCommand`].
         command: u8 ["code"],
-        /// Instant until which a request that begins a flight may be executed, by the clock of the machine: the operator has given
-        /// up waiting by then. [`Time::UNSET`] for no limit.
+        /// Instant until which a request that begins a flight may be executed, by the clock of the machine: the operator's
+        /// time-out. [`Time::UNSET`] for no limit.
         valid_until: Time ["ns"],
         /// Hash of the configuration that a flight is to begin with; 0 for any.
         config_hash: u64 ["-"],
@@ -41,7 +41,7 @@ message! {
         cause: u8 ["code"],
         /// Hash of the daemon's configuration.
         config_hash: u64 ["-"],
-        /// [`crate::obstacle::ArmingObstacles`]: what keeps a flight from beginning.
+        /// [`crate::obstacle::ArmingObstacles`]: conditions that prevent a flight.
         obstacles: u32 ["-"],
     }
 }

@@ -2,7 +2,7 @@
 
 use super::field::Field;
 
-/// Body of a message: the data that a topic carries behind its [`super::Header`].
+/// Body of a message: the data of a topic, behind the [`super::Header`].
 pub trait Message: Copy + std::fmt::Debug + Default + 'static {
     /// Hash of the wire name and of name, type and unit of every field, those of the header included.
     const SCHEMA: u64;

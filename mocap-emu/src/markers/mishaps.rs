@@ -1,4 +1,4 @@
-//! Markers that vanish for a while, and two that are taken for each other.
+//! Markers that vanish for a while, and two that are swapped.
 
 use oqtal_config::MarkerOptions;
 use oqtal_runtime::random::Generator;
@@ -11,8 +11,8 @@ pub const MOST_MARKERS: usize = 16;
 /// State of the mishaps, advanced once a frame.
 #[derive(Clone, Debug, Default)]
 pub struct Mishaps {
-    /// Frames for which each marker stays away \[-\].
-    away: [u64; MOST_MARKERS],
+    /// Frames for which each marker is still missing \[frames\].
+    missing: [u64; MOST_MARKERS],
     /// The markers that are swapped, and for how many frames.
     swapped: Option<(usize, usize)>,
     swapped_frames: u64,
@@ -21,12 +21,12 @@ pub struct Mishaps {
 impl Mishaps {
     /// Draws the mishaps of a frame with `markers` markers. The number of draws does not depend on the outcome of earlier frames.
     pub fn advance(&mut self, options: &MarkerOptions, markers: usize, random: &mut Generator) {
-        for away in &mut self.away[..markers] {
+        for missing in &mut self.missing[..markers] {
             let begins: f64 = random.random();
             let frames = frames(options.vanish_frames, random);
-            *away = away.saturating_sub(1);
-            if *away == 0 && begins < options.vanish_probability {
-                *away = frames;
+            *missing = missing.saturating_sub(1);
+            if *missing == 0 && begins < options.vanish_probability {
+                *missing = frames;
             }
         }
         let begins: f64 = random.random();
@@ -41,10 +41,10 @@ impl Mishaps {
         }
     }
 
-    /// Whether `marker` is there.
+    /// Whether `marker` is visible.
     #[must_use]
     pub fn shows(&self, marker: usize) -> bool {
-        self.away[marker] == 0
+        self.missing[marker] == 0
     }
 
     /// The marker that `marker` is taken for.

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use oqtal_control::quaternion::Attitude;
 
-/// Iterations of the decomposition after which it is given up; it takes fewer than ten.
+/// Iterations of the decomposition, at most; it takes fewer than ten.
 const MOST_ITERATIONS: usize = 100;
 
 /// Least ratio of the second singular value to the first \[-\]; below it the markers are on a line, about which the body could

@@ -1,4 +1,4 @@
-//! Triangulation: the point whose images in several cameras are nearest to the image points seen.
+//! Triangulation: the point whose images in several cameras are nearest to the observed image points.
 //!
 //! The point nearest to all rays, in closed form, is the start of two Gauss-Newton steps on the image points, which are the
 //! maximum-likelihood estimate for equal noise in every image (Hartley and Zisserman, *Multiple View Geometry*, 2nd ed.,

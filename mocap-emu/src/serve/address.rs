@@ -43,6 +43,22 @@ pub fn listen_both(
     }
 }
 
+/// Datagrams that are read at a time from one socket, at most \[-\].
+const MAX_DATAGRAMS: usize = 64;
+
+/// Passes the datagrams that wait at `socket` to `use_datagram`, with their senders; a limited number, so that a sender that floods
+/// does not delay the others.
+pub fn for_each_datagram(
+    socket: &UdpSocket,
+    buffer: &mut [u8],
+    mut use_datagram: impl FnMut(&[u8], SocketAddr),
+) {
+    for _ in 0..MAX_DATAGRAMS {
+        let Ok((length, from)) = socket.recv_from(buffer) else { break };
+        use_datagram(&buffer[..length], from);
+    }
+}
+
 /// Port of a listener, which the system chose if 0 was asked for.
 pub fn port_of(listener: &TcpListener) -> u16 {
     listener.local_addr().map_or(0, |address| address.port())
@@ -56,7 +72,7 @@ pub fn port_after(port: u16, distance: u16) -> u16 {
 /// Parses an address of this host.
 pub fn local_address(text: &str) -> Result<IpAddr, Failure> {
     text.parse().map_err(|_| {
-        let reason = format!("`{text}` is no address to listen at; write 127.0.0.1 or 0.0.0.0");
+        let reason = format!("`{text}` is not an address to listen at; write 127.0.0.1 or 0.0.0.0");
         Failure::new(Exit::Config, reason)
     })
 }
@@ -74,7 +90,7 @@ fn refused(protocol: &str, transport: &str, address: SocketAddr, error: &io::Err
             (Exit::Permission, "is not permitted; choose a port from 1024 on".to_owned())
         }
         io::ErrorKind::AddrNotAvailable => {
-            (Exit::System, "is no address of this machine; `ip address` lists them".to_owned())
+            (Exit::System, "is not an address of this machine; `ip address` lists them".to_owned())
         }
         _ => (Exit::System, format!("cannot be opened: {error}")),
     };

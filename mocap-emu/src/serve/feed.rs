@@ -12,10 +12,10 @@ use rustix::event::{EventfdFlags, eventfd};
 
 use super::model::MAX_BODIES;
 
-/// Frames that wait at most; further ones are dropped and counted.
+/// Capacity of the queue \[frames\]; further frames are dropped and counted.
 const CAPACITY: usize = 256;
 
-/// A frame without memory of its own.
+/// A frame of fixed size, which is passed on without allocation.
 #[derive(Clone, Copy, Debug)]
 pub struct ServedFrame {
     /// Number \[-\].
@@ -50,7 +50,7 @@ impl ServedFrame {
 #[derive(Clone, Debug)]
 pub struct FrameFeed {
     frames: Sender<ServedFrame>,
-    bell: Arc<OwnedFd>,
+    event: Arc<OwnedFd>,
     dropped: Arc<AtomicU64>,
 }
 
@@ -60,29 +60,29 @@ pub struct FrameQueue {
     /// Frames.
     pub frames: Receiver<ServedFrame>,
     /// Readable when there are frames.
-    pub bell: Arc<OwnedFd>,
-    /// Frames for which there was no place \[-\].
+    pub event: Arc<OwnedFd>,
+    /// Frames that found the queue full \[-\].
     pub dropped: Arc<AtomicU64>,
 }
 
 /// A queue of frames.
 pub fn frame_queue() -> Result<(FrameFeed, FrameQueue), Failure> {
-    let bell = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(|error| {
+    let event = eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC).map_err(|error| {
         Failure::new(Exit::System, format!("creating an eventfd failed: {error}"))
     })?;
-    let (bell, dropped) = (Arc::new(bell), Arc::new(AtomicU64::new(0)));
+    let (event, dropped) = (Arc::new(event), Arc::new(AtomicU64::new(0)));
     let (sender, receiver) = crossbeam_channel::bounded(CAPACITY);
-    let feed = FrameFeed { frames: sender, bell: bell.clone(), dropped: dropped.clone() };
-    Ok((feed, FrameQueue { frames: receiver, bell, dropped }))
+    let feed = FrameFeed { frames: sender, event: event.clone(), dropped: dropped.clone() };
+    Ok((feed, FrameQueue { frames: receiver, event, dropped }))
 }
 
 impl FrameFeed {
-    /// Hands a frame on; drops it if the queue is full. Neither blocks nor allocates.
+    /// Queues a frame, or drops it if the queue is full. Neither blocks nor allocates.
     pub fn send(&self, frame: ServedFrame) {
         if self.frames.try_send(frame).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
-        // Fails only when the counter is full: then the bell rings already.
-        let _ = rustix::io::write(&*self.bell, &1_u64.to_ne_bytes());
+        // Fails only if the counter is full: the network thread is then awake.
+        let _ = rustix::io::write(&*self.event, &1_u64.to_ne_bytes());
     }
 }

@@ -63,7 +63,7 @@ impl BodyModels {
         (1..).zip(&self.names).map(definition).collect()
     }
 
-    /// The markers of a frame: those of a body that is not seen are not seen either.
+    /// The markers of a frame; markers of an untracked body are untracked.
     pub fn markers(&self, bodies: &[BodySample], markers: &mut Vec<MarkerSample>) {
         markers.clear();
         for BodySample { pose, residual_m } in bodies {

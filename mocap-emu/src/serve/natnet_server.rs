@@ -8,14 +8,11 @@ use oqtal_wire::motion::MotionFrame;
 use oqtal_wire::natnet::{NatNetServer, NatNetServerOptions, NatNetVersion};
 use rustix::event::{PollFd, PollFlags};
 
-use super::address::datagrams;
+use super::address::{datagrams, for_each_datagram};
 use super::model::BodyModels;
 use super::server::{Endpoint, FrameServer};
 
-/// Requests answered at a time.
-const MAX_REQUESTS: usize = 64;
-
-/// How NatNet is served.
+/// Settings of the NatNet server.
 #[derive(Clone, Copy, Debug)]
 pub struct NatNetSettings {
     /// Version of the protocol.
@@ -68,11 +65,13 @@ impl NatNetSocket {
 
 impl FrameServer for NatNetSocket {
     fn endpoints(&self) -> Vec<Endpoint> {
-        let endpoint =
-            |what, address| Endpoint { protocol: "natnet", what, transport: "udp", address };
-        let requests = self.socket.local_addr().map_or(String::new(), |at| at.to_string());
-        let frames = self.group.map(|group| endpoint("frames", group.to_string()));
-        std::iter::once(endpoint("requests", requests)).chain(frames).collect()
+        let requests = Endpoint::of(("natnet", "requests"), "udp", self.socket.local_addr());
+        let frames = self.group.map(|group| Endpoint {
+            service: "frames",
+            address: group.to_string(),
+            ..requests.clone()
+        });
+        std::iter::once(requests).chain(frames).collect()
     }
 
     fn add_sockets<'a>(&'a self, sockets: &mut Vec<PollFd<'a>>) {
@@ -80,14 +79,14 @@ impl FrameServer for NatNetSocket {
     }
 
     fn serve(&mut self, now: Time) {
-        for _ in 0..MAX_REQUESTS {
-            let Ok((length, from)) = self.socket.recv_from(&mut self.input) else { break };
-            self.answer.clear();
-            self.server.receive(&self.input[..length], from, now.nanos(), &mut self.answer);
-            if !self.answer.is_empty() {
-                let _ = self.socket.send_to(&self.answer, from);
+        let Self { socket, server, answer, input, .. } = self;
+        for_each_datagram(socket, input, |request, from| {
+            answer.clear();
+            server.receive(request, from, now.nanos(), answer);
+            if !answer.is_empty() {
+                let _ = socket.send_to(answer, from);
             }
-        }
+        });
         self.clients.clear();
         self.clients.extend(self.server.unicast_clients(now.nanos()));
     }
@@ -98,7 +97,7 @@ impl FrameServer for NatNetSocket {
         for (to, client) in multicast.into_iter().chain(unicast) {
             self.answer.clear();
             self.server.write_frame(frame, client, &mut self.answer);
-            // A datagram that finds no place is lost, as on any network.
+            // A datagram that finds no room is lost, as on any network.
             let _ = self.socket.send_to(&self.answer, to);
         }
     }

@@ -44,7 +44,7 @@ impl NetworkThread {
         Self { servers, trouble, queue, models, counters: Arc::default(), markers: Vec::new() }
     }
 
-    /// What is served, and where.
+    /// Endpoints of all servers.
     #[must_use]
     pub fn endpoints(&self) -> Vec<Endpoint> {
         self.servers.iter().flat_map(|server| server.endpoints()).collect()
@@ -56,18 +56,18 @@ impl NetworkThread {
         self.counters.clone()
     }
 
-    /// Serves until asked to stop. What a client does ends at most its own connection.
+    /// Serves until asked to stop. An error of a client ends at most its own connection.
     pub fn run(mut self, stop: &StopFlag) {
         let mut clients = 0;
         while !stop.is_set() {
             self.wait();
             let mut count = [0; 8];
-            // Resets the counter; nothing to read is no error.
-            let _ = rustix::io::read(&*self.queue.bell, &mut count);
+            // Resets the counter; an empty counter is not an error.
+            let _ = rustix::io::read(&*self.queue.event, &mut count);
             let now = Time::now();
             self.servers.iter_mut().for_each(|server| server.serve(now));
             while let Ok(frame) = self.queue.frames.try_recv() {
-                self.pass(frame);
+                self.forward(frame);
             }
             let connected = self.servers.iter().map(|server| server.clients()).sum();
             if connected != clients {
@@ -83,16 +83,16 @@ impl NetworkThread {
     }
 
     fn wait(&self) {
-        let mut sockets = vec![PollFd::new(&*self.queue.bell, PollFlags::IN)];
+        let mut sockets = vec![PollFd::new(&*self.queue.event, PollFlags::IN)];
         self.servers.iter().for_each(|server| server.add_sockets(&mut sockets));
         // An interrupted wait is a short one.
         let _ = poll(&mut sockets, Some(&WAIT));
     }
 
-    /// Broadcasts a frame as the trouble of the network has it.
-    fn pass(&mut self, frame: ServedFrame) {
+    /// Broadcasts a frame through the trouble of the network.
+    fn forward(&mut self, frame: ServedFrame) {
         let Self { trouble, servers, models, markers, counters, .. } = self;
-        trouble.pass(frame, &mut |frame| {
+        trouble.forward(frame, &mut |frame| {
             broadcast(frame, servers, (models, &mut *markers));
             counters.frames.fetch_add(1, Ordering::Relaxed);
         });

@@ -17,7 +17,7 @@ use super::trouble::NetworkTrouble;
 /// Opens the servers of `options` for these bodies, at this rate \[Hz\]; `seed` is that of the network's trouble.
 ///
 /// # Errors
-/// The options have no meaning, or a port cannot be opened.
+/// The options are invalid, or a port cannot be opened.
 pub fn open(
     options: &ServeOptions,
     bodies: &[String],
@@ -40,7 +40,7 @@ pub fn open(
 fn natnet_version(text: &str) -> Result<NatNetVersion, Failure> {
     let version = text.parse().ok().filter(|version: &NatNetVersion| version.is_supported());
     version.ok_or_else(|| {
-        wrong(&format!("`{text}` is no version of NatNet that is served; write 3.1 or 4.1"))
+        invalid(&format!("`{text}` is not a version of NatNet that is served; write 3.1 or 4.1"))
     })
 }
 
@@ -49,25 +49,26 @@ fn multicast(text: &str) -> Result<Option<Ipv4Addr>, Failure> {
         return Ok(None);
     }
     let group = text.parse().ok().filter(Ipv4Addr::is_multicast);
-    let reason =
-        || format!("`{text}` is no multicast group; write 239.255.42.99, or nothing for unicast");
-    group.map(Some).ok_or_else(|| wrong(&reason()))
+    let reason = || {
+        format!("`{text}` is not a multicast group; write 239.255.42.99, or nothing for unicast")
+    };
+    group.map(Some).ok_or_else(|| invalid(&reason()))
 }
 
 fn check_bodies(bodies: &[String]) -> Result<(), Failure> {
     if !(1..=MAX_BODIES).contains(&bodies.len()) {
-        return Err(wrong(&format!("{} bodies; name 1 to {MAX_BODIES}", bodies.len())));
+        return Err(invalid(&format!("{} bodies; name 1 to {MAX_BODIES}", bodies.len())));
     }
     for (index, name) in bodies.iter().enumerate() {
-        let sound = (1..=64).contains(&name.len()) && !name.chars().any(char::is_control);
-        if !sound {
+        let is_valid = (1..=64).contains(&name.len()) && !name.chars().any(char::is_control);
+        if !is_valid {
             let reason = format!(
-                "`{name}` is no name of a body; write 1 to 64 bytes without control characters"
+                "`{name}` is not a name of a body; write 1 to 64 bytes without control characters"
             );
-            return Err(wrong(&reason));
+            return Err(invalid(&reason));
         }
         if bodies[..index].contains(name) {
-            return Err(wrong(&format!(
+            return Err(invalid(&format!(
                 "two bodies are named `{name}`; give each a name of its own"
             )));
         }
@@ -75,6 +76,6 @@ fn check_bodies(bodies: &[String]) -> Result<(), Failure> {
     Ok(())
 }
 
-fn wrong(reason: &str) -> Failure {
+fn invalid(reason: &str) -> Failure {
     Failure::new(Exit::Config, format!("serving poses: {reason}"))
 }

@@ -1,4 +1,4 @@
-//! The command `serve`: a camera system alone, for whoever writes software for one.
+//! The command `serve`: a camera system alone, for tests of software for one.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -17,7 +17,7 @@ use super::opening::open;
 use super::script::Script;
 use super::server::Endpoint;
 use super::spec::ServeSpec;
-use crate::recording::Recording;
+use crate::recording::{Recording, read_recording};
 use crate::scene::SceneName;
 
 /// Interval between lines of status.
@@ -74,7 +74,7 @@ pub struct ServeArgs {
     json: bool,
 }
 
-/// What is served, as JSON.
+/// Endpoints, bodies and rate, as JSON.
 #[derive(Debug, serde::Serialize)]
 struct ServeReport {
     endpoints: Vec<Endpoint>,
@@ -105,11 +105,10 @@ impl ServeArgs {
     /// Serves until SIGINT or SIGTERM.
     ///
     /// # Errors
-    /// The recording is bad, an option has no meaning, or a port cannot be opened.
+    /// The recording is bad, an option is invalid, or a port cannot be opened.
     pub fn execute(self) -> Result<Exit, Failure> {
         let options = self.options()?;
-        let recording = self.replay.as_deref().map(Recording::read).transpose();
-        let recording = recording.map_err(|error| Failure::new(Exit::Data, error.to_string()))?;
+        let recording = self.replay.as_deref().map(read_recording).transpose()?;
         let rate_hz = recording.as_ref().map_or(self.rate, Recording::nominal_rate_hz);
         let bodies = match &self.bodies[..] {
             [] => vec![options.body.clone()],
@@ -171,7 +170,7 @@ impl ServeArgs {
     }
 }
 
-/// Feeds the frames at their instants until asked to stop, and tells how it goes.
+/// Feeds the frames at their instants until asked to stop, and prints the number of clients and frames.
 fn play(
     mut script: Script,
     (bodies, feed): (usize, &FrameFeed),

@@ -1,4 +1,4 @@
-//! What the command `serve` shows its clients: a scene, or a recording.
+//! Motion that the command `serve` shows its clients: a scene, or a recording.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::motion::{BodySample, RigidPose};
@@ -12,7 +12,7 @@ use crate::scene::SceneName;
 /// Distance between two bodies, along y \[m\].
 const BODY_DISTANCE_M: f64 = 1.0;
 
-/// Where the poses come from.
+/// Source of the poses.
 pub enum Script {
     /// A scene at a constant rate.
     Scene {
@@ -25,7 +25,7 @@ pub enum Script {
         /// Instant of the first frame.
         start: Time,
     },
-    /// A recording, again and again.
+    /// A recording, repeated endlessly.
     Recording {
         /// The recording.
         recording: Recording,

@@ -1,4 +1,4 @@
-//! Poses of a process, served as they are delivered.
+//! Poses of a process, served at their delivery.
 
 use oqtal_bus::error::BusError;
 use oqtal_bus::message::PoseV1;
@@ -58,9 +58,9 @@ impl<S: PoseSource> Turn for ServeTurn<S> {
     }
 }
 
-/// A pose as it is served. The residual of a recording is unknown, and served as zero.
+/// A pose in the terms of `oqtal-wire`. The residual of a recording is unknown, and served as zero.
 pub(super) fn sample(pose: &PoseV1) -> BodySample {
     let residual_m = if pose.residual_m.is_finite() { pose.residual_m } else { 0.0 };
-    let seen = RigidPose::new(pose.position, pose.attitude).filter(|_| pose.tracked != 0);
-    BodySample { pose: seen, residual_m }
+    let tracked = RigidPose::new(pose.position, pose.attitude).filter(|_| pose.tracked != 0);
+    BodySample { pose: tracked, residual_m }
 }

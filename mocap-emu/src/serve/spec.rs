@@ -1,4 +1,4 @@
-//! What is served, as text: `qtm[:PORT],vrpn[:PORT],natnet[:PORT]`.
+//! Protocols to serve, as text: `qtm[:PORT],vrpn[:PORT],natnet[:PORT]`.
 
 use std::net::IpAddr;
 use std::str::FromStr;
@@ -58,8 +58,8 @@ pub enum InvalidServeSpec {
         "unknown protocol `{0}`; write qtm[:PORT], vrpn[:PORT] and natnet[:PORT], separated by commas"
     )]
     Protocol(String),
-    /// Port that is no number up to 65535.
-    #[error("`{0}` is no port of {1}; write a number up to 65535, or 0 for any free port")]
+    /// Port that is not a number up to 65535.
+    #[error("`{0}` is not a port of {1}; write a number up to 65535, or 0 for any free port")]
     Port(String, String),
     /// Protocol that is named twice.
     #[error("{0} is named twice")]

@@ -30,8 +30,8 @@ impl NetworkTrouble {
         }
     }
 
-    /// Sends `frame` on: once, twice, after the next one, or never.
-    pub fn pass(&mut self, frame: ServedFrame, send: &mut dyn FnMut(&ServedFrame)) {
+    /// Forwards `frame`: once, twice, after the next one, or never.
+    pub fn forward(&mut self, frame: ServedFrame, send: &mut dyn FnMut(&ServedFrame)) {
         let [loss, repeat, swap] = [(); 3].map(|()| self.generator.random::<f64>());
         if loss < self.loss_probability {
             return;
@@ -56,7 +56,7 @@ mod tests {
     use oqtal_bus::time::Time;
     use oqtal_config::Config;
 
-    /// Numbers of the frames that come of 10 000.
+    /// Numbers of the forwarded frames of 10 000.
     fn sent(probabilities: [f64; 3]) -> Vec<u64> {
         let mut options = Config::default().mocap.serve;
         [options.loss_probability, options.repeat_probability, options.swap_probability] =
@@ -64,13 +64,13 @@ mod tests {
         let (mut trouble, mut sent) = (NetworkTrouble::new(&options, 1), Vec::new());
         for number in 1..=10_000 {
             let frame = ServedFrame::new(number, Time::VIRTUAL_START);
-            trouble.pass(frame, &mut |frame| sent.push(frame.number));
+            trouble.forward(frame, &mut |frame| sent.push(frame.number));
         }
         sent
     }
 
     #[test]
-    fn frames_meet_the_trouble_that_was_asked_for_and_no_other() {
+    fn frames_are_lost_repeated_and_swapped_as_configured_only() {
         assert_eq!(sent([0.0; 3]), (1..=10_000).collect::<Vec<_>>());
         let lost = 10_000 - sent([0.01, 0.0, 0.0]).len();
         let repeated = sent([0.0, 0.01, 0.0]).len() - 10_000;

@@ -1,4 +1,4 @@
-//! Sockets of the VRPN server: clients that connect, and clients that want to be called back.
+//! Sockets of the VRPN server: clients that connect, and clients that request to be called back.
 
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 
@@ -10,69 +10,58 @@ use rustix::event::{PollFd, PollFlags};
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, SocketFlags, SocketType, connect, socket_with};
 
-use super::address::listen_both;
-use super::connection::Connection;
+use super::address::{for_each_datagram, listen_both};
+use super::clients::{ClientSession, ClientTable};
 use super::model::BodyModels;
 use super::server::{Endpoint, FrameServer};
 
-/// Greatest number of clients \[-\].
-const MAX_CLIENTS: usize = 10;
-/// Requests for a call back that are answered at a time.
-const MAX_REQUESTS: usize = 16;
-/// A client that has not sent its cookie after this time is cut off.
+/// A client that has not sent its cookie after this time is disconnected.
 const GREETING_TIMEOUT: Span = Span::from_millis(5000);
 
 #[derive(Debug)]
 struct Client {
-    connection: Connection,
     session: VrpnSession,
     address: SocketAddr,
     since: Time,
 }
+
+impl ClientSession for Client {}
 
 /// The VRPN server.
 #[derive(Debug)]
 pub struct VrpnServer {
     listener: TcpListener,
     callbacks: UdpSocket,
-    clients: Vec<Client>,
+    clients: ClientTable<Client>,
     bodies: Vec<String>,
-    input: Vec<u8>,
 }
 
 impl VrpnServer {
     /// Opens the server at `port`, TCP and UDP.
     pub fn open(ip: IpAddr, port: u16, models: &BodyModels) -> Result<Self, Failure> {
         let (listener, callbacks) = listen_both("vrpn", SocketAddr::new(ip, port))?;
-        let (bodies, input) = (models.names().to_vec(), vec![0; 1 << 14]);
-        Ok(Self { listener, callbacks, clients: Vec::new(), bodies, input })
+        let bodies = models.names().to_vec();
+        Ok(Self { listener, callbacks, clients: ClientTable::new(), bodies })
     }
 
-    fn accept(&mut self, now: Time) {
-        while let Ok((stream, from)) = self.listener.accept() {
-            self.add(stream, from, now);
-        }
-        let mut buffer = [0; 256];
-        for _ in 0..MAX_REQUESTS {
-            let Ok((length, from)) = self.callbacks.recv_from(&mut buffer) else { break };
-            let Some(request) = CallbackRequest::parse(&buffer[..length]) else { continue };
-            // Only the sender is called back: nobody is made to connect to another machine.
+    fn accept(&mut self, since: Time) {
+        let Self { listener, callbacks, clients, bodies } = self;
+        let open = |address, has_room: bool, queue: &mut Vec<u8>| {
+            has_room.then(|| Client { session: VrpnSession::open(bodies, queue), address, since })
+        };
+        clients.accept(listener, open);
+        for_each_datagram(callbacks, &mut [0; 256], |request, from| {
+            let Some(request) = CallbackRequest::parse(request) else { return };
+            // Only the sender is called back: the server never connects to a third machine.
             let to = SocketAddr::new(from.ip(), request.address.port());
             // A client repeats its request until it is called.
-            if self.clients.iter().any(|client| client.address == to) {
-                continue;
+            if clients.sessions().any(|client| client.address == to) {
+                return;
             }
             if let Some(stream) = call_back(to) {
-                self.add(stream, to, now);
+                clients.add(stream, |has_room, queue| open(to, has_room, queue));
             }
-        }
-    }
-
-    fn add(&mut self, stream: TcpStream, address: SocketAddr, since: Time) {
-        let connection = Connection::new(stream).filter(|_| self.clients.len() < MAX_CLIENTS);
-        let Some(mut connection) = connection else { return };
-        let session = VrpnSession::open(&self.bodies, connection.queue());
-        self.clients.push(Client { connection, session, address, since });
+        });
     }
 }
 
@@ -89,44 +78,33 @@ fn call_back(to: SocketAddr) -> Option<TcpStream> {
 
 impl FrameServer for VrpnServer {
     fn endpoints(&self) -> Vec<Endpoint> {
-        let address = self.listener.local_addr().map_or(String::new(), |at| at.to_string());
-        let endpoint = |what, transport| Endpoint {
-            protocol: "vrpn",
-            what,
-            transport,
-            address: address.clone(),
-        };
-        vec![endpoint("direct", "tcp"), endpoint("called back", "udp")]
+        let direct = Endpoint::of(("vrpn", "direct"), "tcp", self.listener.local_addr());
+        let called_back = Endpoint { service: "called back", transport: "udp", ..direct.clone() };
+        vec![direct, called_back]
     }
 
     fn add_sockets<'a>(&'a self, sockets: &mut Vec<PollFd<'a>>) {
         sockets.push(PollFd::new(&self.listener, PollFlags::IN));
         sockets.push(PollFd::new(&self.callbacks, PollFlags::IN));
-        sockets.extend(self.clients.iter().map(|client| client.connection.poll_fd(true)));
+        self.clients.add_sockets(sockets);
     }
 
     fn serve(&mut self, now: Time) {
         self.accept(now);
-        for Client { connection, session, since, .. } in &mut self.clients {
-            let bytes = connection.read(&mut self.input);
-            if session.receive(bytes, connection.queue()) != Ok(true) {
-                connection.close();
-            }
-            if !session.is_greeted() && now.since(*since) > GREETING_TIMEOUT {
-                connection.close();
-            }
-            connection.flush();
-        }
-        self.clients.retain(|client| !client.connection.is_broken());
+        self.clients.read(|Client { session, since, .. }, bytes, queue| {
+            session.receive(bytes, queue) == Ok(true)
+                && (session.is_greeted() || now.since(*since) <= GREETING_TIMEOUT)
+        });
+        self.clients.send(|_, _| {});
+        self.clients.remove_broken(drop);
     }
 
     fn broadcast(&mut self, frame: &MotionFrame<'_>) {
-        for Client { connection, session, .. } in &mut self.clients {
+        self.clients.send(|Client { session, .. }, queue| {
             if session.is_greeted() {
-                session.write_frame(frame, connection.queue());
-                connection.flush();
+                session.write_frame(frame, queue);
             }
-        }
+        });
     }
 
     fn clients(&self) -> usize {

@@ -23,7 +23,7 @@ const RATES_HZ: std::ops::RangeInclusive<u32> = 90..=400;
 pub struct GridStatistics {
     /// Rate of the cameras whose period divides the intervals best \[Hz\].
     pub rate_hz: f64,
-    /// How well it does: 1 for intervals that are multiples of the period, 0 for any \[-\].
+    /// Agreement of the intervals with that period: 1 for intervals that are multiples of the period, 0 for any \[-\].
     pub coherence_ratio: f64,
     /// Standard deviation of the intervals between captures \[ms\].
     pub interval_ms: f64,
@@ -73,7 +73,7 @@ impl GridStatistics {
     }
 }
 
-/// How well `intervals` \[s\] are multiples of a period \[-\]: the length of the mean of their phases as unit vectors.
+/// Agreement of `intervals` \[s\] with multiples of a period \[-\]: the length of the mean of their phases as unit vectors.
 fn coherence(intervals: &[f64], rate_hz: f64) -> f64 {
     let phases = intervals.iter().map(|interval| (interval * rate_hz * TAU).sin_cos());
     let (y, x) = phases.fold((0.0, 0.0), |sum, (sin, cos)| (sum.0 + sin, sum.1 + cos));

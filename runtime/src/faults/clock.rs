@@ -13,54 +13,35 @@ use oqtal_config::Fault;
 /// Watches topic `command` for the first command that arms.
 #[derive(Debug)]
 pub struct ArmingWatch<T: Transport> {
-    commands: T::Reader<CommandV1>,
+    /// `None` if no time counts from arming.
+    commands: Option<T::Reader<CommandV1>>,
     armed_at: Option<Time>,
 }
 
 impl<T: Transport> ArmingWatch<T> {
-    /// Opens a reader of topic `command`.
+    /// Opens a reader of topic `command`, if it is needed.
     ///
     /// # Errors
     /// The transport failed.
-    pub fn open(bus: &T) -> Result<Self, BusError> {
-        Ok(Self { commands: bus.observer(&COMMAND)?, armed_at: None })
+    pub fn open(bus: &T, is_needed: bool) -> Result<Self, BusError> {
+        let commands = is_needed.then(|| bus.observer(&COMMAND)).transpose()?;
+        Ok(Self { commands, armed_at: None })
     }
 
-    /// The instant at which the daemon published its first command that arms; `None` before. The stamp is the daemon's, so that
-    /// all processes agree on it.
+    /// The instant at which the daemon published its first command that arms; `None` before, or if it is not needed. The stamp is
+    /// the daemon's, so that all processes agree on it.
     ///
     /// # Errors
     /// The transport failed.
     pub fn armed_at(&mut self) -> Result<Option<Time>, BusError> {
+        let Some(commands) = &mut self.commands else { return Ok(None) };
         while self.armed_at.is_none() {
-            let Some((header, command)) = self.commands.receive()? else { break };
+            let Some((header, command)) = commands.receive()? else { break };
             if command.actuation != Actuation::Disarmed.code() {
                 self.armed_at = Some(header.stamps.command_published_at);
             }
         }
         Ok(self.armed_at)
-    }
-}
-
-/// The instant of arming for a process in which something may count from it.
-#[derive(Debug)]
-pub struct ArmingClock<T: Transport>(Option<ArmingWatch<T>>);
-
-impl<T: Transport> ArmingClock<T> {
-    /// Watches for the instant of arming if `is_needed`.
-    ///
-    /// # Errors
-    /// The transport failed.
-    pub fn open(bus: &T, is_needed: bool) -> Result<Self, BusError> {
-        Ok(Self(is_needed.then(|| ArmingWatch::open(bus)).transpose()?))
-    }
-
-    /// As [`ArmingWatch::armed_at`]; `None` if it is not needed.
-    ///
-    /// # Errors
-    /// The transport failed.
-    pub fn armed_at(&mut self) -> Result<Option<Time>, BusError> {
-        self.0.as_mut().map_or(Ok(None), ArmingWatch::armed_at)
     }
 }
 
@@ -85,7 +66,7 @@ impl<T: Transport> FaultClock<T> {
         Ok(Self {
             now: Cell::new(Time::UNSET),
             armed_at: Cell::new(None),
-            arming: RefCell::new(ArmingWatch::open(bus)?),
+            arming: RefCell::new(ArmingWatch::open(bus, true)?),
             vehicles: RefCell::new(vehicles),
             is_refused: Cell::new(false),
             due: RefCell::new(Vec::new()),
@@ -116,7 +97,7 @@ impl<T: Transport> FaultClock<T> {
         let Some(armed_at) = self.armed_at.get().filter(|_| !self.is_refused.get()) else {
             return false;
         };
-        is_within(fault, armed_at, self.now())
+        is_within(interval(fault.at_s, fault.duration_s, armed_at), self.now())
     }
 
     /// A new port, whose delayed samples [`FaultClock::set_due`] reports.
@@ -136,9 +117,16 @@ impl<T: Transport> FaultClock<T> {
     }
 }
 
-/// Whether `fault` acts at `now` in a flight that was armed at `armed_at`.
-pub(super) fn is_within(fault: &Fault, armed_at: Time, now: Time) -> bool {
-    let from = armed_at + Span::from_seconds(fault.at_s);
-    let until = fault.duration_s.map(|duration| from + Span::from_seconds(duration));
+/// Beginning and end of the interval from `at_s` on, of length `duration_s` \[s\], in a flight that was armed at `armed_at`; the end
+/// is `None` for never.
+#[must_use]
+pub fn interval(at_s: f64, duration_s: Option<f64>, armed_at: Time) -> (Time, Option<Time>) {
+    let from = armed_at + Span::from_seconds(at_s);
+    (from, duration_s.map(|duration_s| from + Span::from_seconds(duration_s)))
+}
+
+/// Whether `now` is in the interval with this beginning and end.
+#[must_use]
+pub fn is_within((from, until): (Time, Option<Time>), now: Time) -> bool {
     from <= now && until.is_none_or(|until| now < until)
 }

@@ -9,7 +9,7 @@ use rand::{Rng, RngExt};
 
 use crate::random::{Generator, normal3};
 
-/// Numbers that no sensor sends, one of which stands for every fourth number of garbage.
+/// Numbers that no sensor sends: a quarter of the numbers of garbage.
 const ABSURD: [f64; 6] =
     [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, f64::MIN_POSITIVE / 2.0, -0.0];
 

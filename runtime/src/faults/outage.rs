@@ -6,7 +6,7 @@ use oqtal_bus::topic::Role;
 use oqtal_bus::transport::Transport;
 use oqtal_config::{Config, Fault, FaultKind, FaultTarget};
 
-use super::clock::ArmingWatch;
+use super::clock::{ArmingWatch, interval, is_within};
 
 /// The time in which a process does not act, or acts late.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,19 +19,19 @@ pub struct Outage {
     pub until: Option<Time>,
     /// `None` while the process does not act at all, otherwise by how much it acts late.
     pub lateness: Option<Span>,
-    /// Whether the process is killed and has to be started anew at the end.
+    /// Whether the process is killed and has to be restarted at the end.
     pub is_kill: bool,
 }
 
 impl Outage {
-    /// The outage by `fault` in a flight that was armed at `armed_at`; `None` if the target is no process.
+    /// The outage by `fault` in a flight that was armed at `armed_at`; `None` if the target is not a process.
     #[must_use]
     pub fn of(fault: &Fault, armed_at: Time) -> Option<Self> {
-        let from = armed_at + Span::from_seconds(fault.at_s);
+        let (from, until) = interval(fault.at_s, fault.duration_s, armed_at);
         Some(Self {
             role: role_of(fault.target)?,
             from,
-            until: fault.duration_s.map(|duration| from + Span::from_seconds(duration)),
+            until,
             lateness: (fault.kind == FaultKind::Slow)
                 .then(|| Span::from_seconds(fault.value() * 1e-3)),
             is_kill: fault.kind == FaultKind::Kill,
@@ -41,8 +41,7 @@ impl Outage {
     /// The instant at which a turn of the role that is due `at` is executed; `None` for never.
     #[must_use]
     pub fn postpone(&self, at: Time) -> Option<Time> {
-        let acts = self.from <= at && self.until.is_none_or(|until| at < until);
-        match (acts, self.lateness) {
+        match (is_within((self.from, self.until), at), self.lateness) {
             (false, _) => Some(at),
             (true, Some(lateness)) => Some(at + lateness),
             (true, None) => self.until,
@@ -50,7 +49,7 @@ impl Outage {
     }
 }
 
-/// The process that is the target of a fault; `None` if the target is none.
+/// The process that is the target of a fault; `None` if the target is not a process.
 #[must_use]
 pub const fn role_of(target: FaultTarget) -> Option<Role> {
     match target {
@@ -68,7 +67,7 @@ pub const fn role_of(target: FaultTarget) -> Option<Role> {
 /// The faults of processes in one flight in virtual time.
 #[derive(Debug)]
 pub struct TurnFaults<T: Transport> {
-    /// `None` without faults, and once armed.
+    /// `None` once armed.
     arming: Option<ArmingWatch<T>>,
     faults: Vec<Fault>,
 }
@@ -81,11 +80,10 @@ impl<T: Transport> TurnFaults<T> {
     pub fn open(bus: &T, config: &Config) -> Result<Self, BusError> {
         let all = config.fault.inject.iter();
         let faults: Vec<Fault> = all.filter(|fault| fault.target.is_process()).cloned().collect();
-        let arming = (!faults.is_empty()).then(|| ArmingWatch::open(bus)).transpose()?;
-        Ok(Self { arming, faults })
+        Ok(Self { arming: Some(ArmingWatch::open(bus, !faults.is_empty())?), faults })
     }
 
-    /// The outages of the flight, once, as soon as it is armed; to be asked for after each turn of the daemon.
+    /// The outages of the flight, once, as soon as it is armed; to be called after each turn of the daemon.
     ///
     /// # Errors
     /// The transport failed.

@@ -5,9 +5,9 @@ use oqtal_bus::time::{Span, Time};
 use oqtal_bus::transport::Transport;
 use oqtal_config::{Config, Fault, FaultKind, FaultTarget};
 
-use super::clock::{ArmingClock, is_within};
+use super::clock::{ArmingWatch, interval, is_within};
 
-/// How the radio is disturbed at an instant.
+/// Disturbance of the radio at an instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RadioDisturbance {
     /// Addition to the latency.
@@ -19,7 +19,7 @@ pub struct RadioDisturbance {
 /// The faults of the radio in one flight.
 #[derive(Debug)]
 pub struct RadioFaults<T: Transport> {
-    arming: ArmingClock<T>,
+    arming: ArmingWatch<T>,
     faults: Vec<Fault>,
 }
 
@@ -32,7 +32,7 @@ impl<T: Transport> RadioFaults<T> {
         let all = config.fault.inject.iter();
         let faults: Vec<Fault> =
             all.filter(|fault| fault.target == FaultTarget::Radio).cloned().collect();
-        Ok(Self { arming: ArmingClock::open(bus, !faults.is_empty())?, faults })
+        Ok(Self { arming: ArmingWatch::open(bus, !faults.is_empty())?, faults })
     }
 
     /// The disturbance at `now`.
@@ -42,7 +42,9 @@ impl<T: Transport> RadioFaults<T> {
     pub fn at(&mut self, now: Time) -> Result<RadioDisturbance, BusError> {
         let mut disturbance = RadioDisturbance::default();
         let Some(armed_at) = self.arming.armed_at()? else { return Ok(disturbance) };
-        for fault in self.faults.iter().filter(|fault| is_within(fault, armed_at, now)) {
+        let acts =
+            |fault: &&Fault| is_within(interval(fault.at_s, fault.duration_s, armed_at), now);
+        for fault in self.faults.iter().filter(acts) {
             let RadioDisturbance { delay, loss_probability } = &mut disturbance;
             match fault.kind {
                 FaultKind::Delayed => *delay = *delay + Span::from_seconds(fault.value() * 1e-3),

@@ -36,7 +36,7 @@ impl<T: Transport> FaultyTransport<T> {
     /// The transport failed.
     pub fn new(bus: &Rc<T>, config: &Config) -> Result<Self, BusError> {
         let options = &config.fault;
-        // An emulated vehicle behind a bridge is simulated, but the bridge does not know.
+        // An emulated vehicle behind a bridge is simulated, although the bridge reports a real one.
         let any_vehicle = options.with_real_vehicle || !config.plant.wire.link.is_empty();
         let faults = match options.inject.is_empty() {
             true => None,
@@ -89,7 +89,7 @@ impl<T: Transport + std::fmt::Debug> Transport for FaultyTransport<T> {
         self.bus.stop_switch()
     }
 
-    /// An observer: it sees what was sent.
+    /// An observer, which receives the messages as they were sent.
     fn observer<M: Message>(&self, topic: &Topic<M>) -> Result<Self::Reader<M>, BusError> {
         Ok(FaultyReader { inner: self.bus.observer(topic)?, injector: None })
     }

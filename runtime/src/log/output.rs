@@ -1,4 +1,4 @@
-//! Where the log thread writes: the journal, or standard error.
+//! Output of the log thread: the journal, or standard error.
 
 use std::io::Write;
 
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_of_the_journal_carry_the_prefix() {
+    fn fields_of_the_journal_have_the_prefix() {
         let fields = journal_fields(&coasting());
         let names: Vec<&str> = fields.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["OQTAL_CAUSE", "OQTAL_SEQUENCE"]);

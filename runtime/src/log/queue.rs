@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_output_that_does_not_drain_blocks_nobody_and_drops_are_reported() {
+    fn an_output_that_does_not_drain_blocks_no_thread_and_drops_are_reported() {
         let (queue, records) = log_queue();
         let subscriber = tracing_subscriber::registry().with(queue.clone());
         tracing::subscriber::with_default(subscriber, || {

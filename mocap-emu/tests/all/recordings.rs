@@ -102,7 +102,7 @@ fn line_ends_marks_comments_and_blank_lines_change_nothing() {
 }
 
 #[test]
-fn a_comment_that_names_the_columns_of_tum_text_is_no_header() {
+fn a_comment_that_names_the_columns_of_tum_text_is_not_a_header() {
     let rows = "0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n";
     assert_eq!(parse(&format!("# timestamp, tx, ty, tz, qx, qy, qz, qw\n{rows}")), parse(rows));
 }
@@ -165,7 +165,7 @@ fn lines_cut_short_are_refused() {
 }
 
 #[test]
-fn fields_that_are_no_finite_number_are_refused() {
+fn fields_that_are_not_finite_numbers_are_refused() {
     let good = "0.1,0,0,0,0,0,0,1";
     assert_eq!(error_of_rows(good, "0.2,0,0,0,0,0,0,one"), "a.csv:3: qw is not a number: \"one\"");
     assert_eq!(error_of_rows(good, "0.2,,0,0,0,0,0,1"), "a.csv:3: x is not a number: \"\"");
@@ -197,7 +197,7 @@ fn time_going_back_is_refused_with_both_times() {
 }
 
 #[test]
-fn quaternions_that_are_no_rotation_are_refused() {
+fn quaternions_that_are_not_of_unit_norm_are_refused() {
     assert_eq!(
         error_of_rows("0,0,0,0,0,0,0,1", "1,0,0,0,0,0,0.6,0.7"),
         "a.csv:3: norm of the quaternion is 0.9220, not 1"

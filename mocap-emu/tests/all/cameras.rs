@@ -1,8 +1,5 @@
 //! Emulated cameras: noise, latency, dropouts and outliers are as configured.
 
-mod common;
-
-use common::mocap;
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
 use oqtal_bus::time::{Span, Time};
@@ -10,16 +7,12 @@ use oqtal_config::MocapOptions;
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::{Cameras, Delivery};
 
+use crate::{at_rest, mocap};
+
 const FRAMES: u64 = 4000;
 
 fn truth(frame: u64) -> TruthV1 {
-    TruthV1 {
-        time: Time::VIRTUAL_START + Span::from_seconds(frame as f64 / 60.0),
-        capture: frame,
-        position: [1.0, 2.0, 3.0],
-        attitude: Attitude::from_rotation_vector(Vector3::new(0.2, -0.1, 0.4)).xyzw(),
-        ..TruthV1::default()
-    }
+    at_rest(frame, [1.0, 2.0, 3.0], [0.2, -0.1, 0.4])
 }
 
 /// The poses of many frames, each with its arrival.
@@ -46,7 +39,7 @@ fn attitude_noise(delivery: &Delivery) -> Vector3<f64> {
 }
 
 #[test]
-fn ideal_cameras_say_the_truth_at_once() {
+fn ideal_cameras_publish_the_truth_at_once() {
     for (at, delivery) in watch(&mocap(&[("preset", "ideal".into())]), 1) {
         assert_eq!(delivery.pose.position, [1.0, 2.0, 3.0]);
         assert!(attitude_noise(&delivery).norm() < 1e-15);
@@ -106,7 +99,7 @@ fn gaps_come_as_often_and_last_as_long_as_configured() {
 }
 
 #[test]
-fn what_befalls_a_frame_does_not_change_the_noise_of_another() {
+fn a_lost_frame_does_not_change_the_noise_of_another() {
     let plain = watch(&mocap(&[]), 9);
     let gappy = watch(&mocap(&[("dropout-probability", 0.3.into())]), 9);
     assert!(gappy.len() < plain.len());

@@ -1,5 +1,4 @@
 //! A camera system of its own process for the tests: `oqtal-mocap-emu serve`.
-#![allow(dead_code, reason = "each test uses its part")]
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
@@ -13,7 +12,7 @@ pub struct Served {
 }
 
 impl Served {
-    /// Starts the server and waits until it says what it serves.
+    /// Starts the server and waits until it prints its endpoints.
     pub fn start(arguments: &[&str]) -> Self {
         let mut child = command(arguments).stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
@@ -23,16 +22,16 @@ impl Served {
         Self { child, report }
     }
 
-    /// Address of what is served, as `127.0.0.1:4000`.
-    pub fn address(&self, protocol: &str, what: &str) -> String {
+    /// Address of a service, as `127.0.0.1:4000`.
+    pub fn address(&self, protocol: &str, service: &str) -> String {
         let endpoints = self.report["endpoints"].as_array().unwrap();
-        let found = endpoints.iter().find(|at| at["protocol"] == protocol && at["what"] == what);
+        let found = endpoints.iter().find(|at| at["protocol"] == protocol && at["what"] == service);
         found.expect("an endpoint")["address"].as_str().unwrap().to_owned()
     }
 
-    /// Port of what is served.
-    pub fn port(&self, protocol: &str, what: &str) -> u16 {
-        self.address(protocol, what).rsplit_once(':').unwrap().1.parse().unwrap()
+    /// Port of a service.
+    pub fn port(&self, protocol: &str, service: &str) -> u16 {
+        self.address(protocol, service).rsplit_once(':').unwrap().1.parse().unwrap()
     }
 
     /// Whether the process runs.

@@ -1,11 +1,7 @@
 //! Poses from the markers up: triangulation, the fitted body, visibility, swapped markers.
 
-mod common;
-
-use common::mocap;
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
-use oqtal_bus::time::{Span, Time};
 use oqtal_config::MocapOptions;
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::markers::{
@@ -13,18 +9,14 @@ use oqtal_mocap_emu::markers::{
 };
 use proptest::prelude::*;
 
+use crate::{at_rest, mocap};
+
 fn places(mocap: &MocapOptions) -> Vec<Vector3<f64>> {
     mocap.markers.positions_m.iter().map(|place| Vector3::from(*place)).collect()
 }
 
 fn truth(frame: u64) -> TruthV1 {
-    TruthV1 {
-        time: Time::VIRTUAL_START + Span::from_seconds(frame as f64 / 60.0),
-        capture: frame,
-        position: [0.2, -0.1, 0.9],
-        attitude: Attitude::from_rotation_vector(Vector3::new(0.1, -0.1, 0.4)).xyzw(),
-        ..TruthV1::default()
-    }
+    at_rest(frame, [0.2, -0.1, 0.9], [0.1, -0.1, 0.4])
 }
 
 fn frames(mocap: &MocapOptions, count: u64) -> Vec<MarkerFrame> {
@@ -82,7 +74,7 @@ fn a_moving_body_is_seen_in_the_middle_of_the_exposure() {
 }
 
 #[test]
-fn what_is_covered_hidden_or_behind_the_hull_is_not_seen() {
+fn markers_that_are_covered_hidden_or_behind_the_hull_are_not_seen() {
     let seen = |settings: &[(&str, toml::Value)]| {
         let frame = frames(&mocap(settings), 1)[0];
         frame.markers.map(|point| point.map_or(0, |point| point.cameras))
@@ -100,7 +92,7 @@ fn what_is_covered_hidden_or_behind_the_hull_is_not_seen() {
 }
 
 #[test]
-fn what_is_hidden_does_not_change_the_noise_of_the_rest() {
+fn hidden_markers_do_not_change_the_noise_of_the_rest() {
     let all = frames(&mocap(&[]), 20);
     let some = frames(&mocap(&[("markers.hidden", vec![3].into())]), 20);
     for (all, some) in all.iter().zip(&some) {
@@ -130,14 +122,10 @@ fn a_swap_of_two_markers_is_lost_in_every_subset_that_is_tracked() {
             continue;
         }
         for (a, b) in seen.iter().flat_map(|a| seen.iter().map(move |b| (*a, *b))) {
-            let taken = |k: usize| {
-                if k == a {
-                    b
-                } else if k == b {
-                    a
-                } else {
-                    k
-                }
+            let taken = |k: usize| match k {
+                _ if k == a => b,
+                _ if k == b => a,
+                _ => k,
             };
             let pairs = seen.iter().map(|k| (places[*k], places[taken(*k)]));
             if a < b {
@@ -196,6 +184,8 @@ fn parallel_rays_and_single_cameras_find_no_point() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
     #[test]
     fn any_turn_and_shift_of_any_markers_is_found(
         places in prop::collection::vec(vector3(0.3), 3..12),

@@ -2,20 +2,18 @@
 
 use nalgebra::Vector3;
 use oqtal_bus::message::TruthV1;
-use oqtal_config::{Config, MocapOptions, Setting};
+use oqtal_config::MocapOptions;
 use oqtal_control::quaternion::Attitude;
 use oqtal_mocap_emu::capture::Captures;
 use oqtal_mocap_emu::emulation::{EmulatedRecording, record};
 use oqtal_mocap_emu::recording::{RecordedPose, Recording};
 use oqtal_mocap_emu::statistics::{RoomStatistics, allan_deviation};
 
+use crate::mocap;
+
+/// `[mocap]` with the preset `room` and these values.
 fn room(settings: &[(&str, toml::Value)]) -> MocapOptions {
-    let preset = Setting::flag("test", "mocap.preset", "room");
-    let further = settings
-        .iter()
-        .map(|(key, value)| Setting::flag("test", &format!("mocap.{key}"), value.clone()));
-    let settings: Vec<Setting> = std::iter::once(preset).chain(further).collect();
-    Config::from_settings(&settings).unwrap().mocap
+    mocap(&[&[("preset", "room".into())], settings].concat())
 }
 
 fn at_rest(_: f64) -> TruthV1 {
@@ -111,7 +109,7 @@ fn stamps_are_the_capture_the_arrival_or_a_foreign_clock() {
     }
 }
 
-/// Deviation of the captures from the truth without the constant part, which nobody can see \[s\].
+/// Deviation of the captures from the truth without the constant part, which cannot be observed \[s\].
 fn scatter(estimated: &[f64], actual: &[f64]) -> f64 {
     let errors: Vec<f64> = estimated.iter().zip(actual).map(|(a, b)| a - b).collect();
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
@@ -169,7 +167,7 @@ fn allan_deviation_of_a_ramp_is_known() {
     assert_eq!(allan_deviation(&ramp, 50), None);
 }
 
-/// Whether recordings given in `OQTAL_RECORDINGS`, files separated by colons, show what the preset says of them.
+/// Recordings given in `OQTAL_RECORDINGS`, files separated by colons, lie on the grid of the preset.
 #[test]
 fn real_recordings_lie_on_the_grid_of_the_preset() {
     let Ok(files) = std::env::var("OQTAL_RECORDINGS") else { return };

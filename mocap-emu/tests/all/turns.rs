@@ -18,14 +18,14 @@ const TURN_RAD: f64 = 0.7;
 /// Error of numbers of 32 bits, positions in m and cosines.
 const TOLERANCE: f64 = 5e-6;
 
-/// A frame as a client saw it.
+/// A frame as a client received it.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenFrame {
-    /// Number that the client tells.
+    /// Number of the frame, if the client reports it.
     pub number: Option<u64>,
     /// Position \[m\].
     pub position: [f64; 3],
-    /// Where the axes x, y and z of the body point, one after the other.
+    /// Directions of the axes x, y and z of the body, one after the other.
     pub axes: [f64; 9],
 }
 
@@ -84,7 +84,7 @@ pub fn check(seen: &[SeenFrame]) -> usize {
     assert_eq!(
         if numbers.is_empty() { wrong } else { gaps },
         wrong,
-        "numbers do not tell the gaps"
+        "numbers do not show the gaps"
     );
     wrong
 }

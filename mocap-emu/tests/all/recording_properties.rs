@@ -64,7 +64,7 @@ fn check_total(bytes: &[u8]) {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read_back(flight in flights(), start in 0..2_000_000_000_000_000_000u64) {
+    fn written_poses_are_read_back(flight in flights(), start in 0..2_000_000_000_000_000_000u64) {
         for text in written(&flight, start) {
             let recording = parse(&text).unwrap();
             prop_assert_eq!(recording.poses().len(), flight.len());

@@ -1,13 +1,8 @@
-//! Clients of camera systems that others wrote, against `serve`: each names the body and receives every frame, and the poses agree.
+//! Clients of camera systems by other authors, against `serve`: each names the body and receives every frame, and the poses agree.
 //!
 //! The clients in Python need an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; the one in
 //! JavaScript a folder with the packages of `tests/peers/package.json`, named by `OQTAL_PEERS_NODE`. `.ci/run` installs both. Without
 //! the variable a test is skipped with a message. `OQTAL_PEERS_SECONDS` is the time for which frames are received, 2 by default.
-
-#[path = "common/served.rs"]
-mod served;
-#[path = "common/turns.rs"]
-mod turns;
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -16,8 +11,9 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use serde::Deserialize;
-use served::Served;
-use turns::SeenFrame;
+
+use crate::served::Served;
+use crate::turns::{self, SeenFrame};
 
 const BODY: &str = "cf1";
 const OTHER_BODY: &str = "quad & two";
@@ -42,7 +38,7 @@ fn serve(arguments: &[&str]) -> (Served, tempfile::NamedTempFile) {
     (Served::start(&[arguments, &bodies].concat()), recording)
 }
 
-/// The value of a variable; says that `peer` is skipped if it is not set.
+/// The value of a variable; prints that `peer` is skipped if it is not set.
 fn variable(name: &str, peer: &str) -> Option<OsString> {
     let value = std::env::var_os(name);
     if value.is_none() {
@@ -57,7 +53,7 @@ fn script(name: &str) -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/peers").join(name)
 }
 
-/// What a client that must succeed has seen.
+/// Frames that a client has received, which must succeed.
 fn seen(command: &mut Command) -> Vec<SeenFrame> {
     let output = command.stdin(Stdio::null()).output();
     let output = output.unwrap_or_else(|error| panic!("{command:?}: {error}"));
@@ -72,7 +68,7 @@ fn seen(command: &mut Command) -> Vec<SeenFrame> {
     printed.frames.into_iter().map(frame).collect()
 }
 
-/// What a client in Python has seen; `None` if there is no interpreter.
+/// Frames that a client in Python has received; `None` if there is no interpreter.
 fn python(client: &str, port: u16) -> Option<Vec<SeenFrame>> {
     let python = variable("OQTAL_PEERS_PYTHON", client)?;
     let mut command = Command::new(python);
@@ -97,7 +93,9 @@ fn receives_the_newest(client: &str, port: u16) {
 
 /// Holds a port that a client cannot be told to change, against other tests on this machine.
 fn locked(port: u16) -> File {
-    let file = File::create(std::env::temp_dir().join(format!("oqtal-test-port-{port}"))).unwrap();
+    let path = std::env::temp_dir().join(format!("oqtal-test-port-{port}"));
+    // A file of another user can be locked, but not written.
+    let file = File::open(&path).or_else(|_| File::create(&path)).unwrap();
     file.lock().unwrap();
     file
 }
@@ -170,7 +168,7 @@ fn vrpn_client_in_libmotioncapture() {
 
 #[test]
 fn optitrack_client_in_libmotioncapture() {
-    // The client speaks to this port.
+    // The client sends to this port.
     let _port = locked(1510);
     for version in ["3.1", "4.1"] {
         let (_server, _recording) = serve(&["--protocol", "natnet", "--natnet-version", version]);

@@ -1,7 +1,4 @@
-//! The command `serve`: what its clients get, whatever other clients do, and how it fails.
-
-#[path = "common/served.rs"]
-mod served;
+//! The command `serve`: frames of its clients beside other clients that misbehave, and its errors.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -14,7 +11,8 @@ use oqtal_wire::qtm::{
 };
 use oqtal_wire::vrpn::{VrpnClient, VrpnEvent, VrpnVersion};
 use rustix::process::{Pid, Signal, kill_process};
-use served::{Served, command};
+
+use crate::served::{Served, command};
 
 /// Time-out of every wait: a test that waits longer has failed.
 const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
@@ -38,12 +36,12 @@ impl Qtm {
         Self { stream: connect(address), client: QtmClient::new(QtmClientOptions::default()) }
     }
 
-    /// Receives until `wanted` returns a value for an event.
-    fn wait<T>(&mut self, mut wanted: impl FnMut(&QtmClientEvent<'_>) -> Option<T>) -> T {
+    /// Receives until `matches` returns a value for an event.
+    fn wait<T>(&mut self, mut matches: impl FnMut(&QtmClientEvent<'_>) -> Option<T>) -> T {
         let mut buffer = [0; 65536];
         loop {
             while let Some(event) = self.client.poll().unwrap() {
-                if let Some(found) = wanted(&event) {
+                if let Some(found) = matches(&event) {
                     return found;
                 }
             }
@@ -90,7 +88,7 @@ fn vrpn_times(address: &str, name: &str) -> Vec<u64> {
     times
 }
 
-/// Clients that hang, send rubbish, flood, or ask for frames that they do not read.
+/// Clients that hang, send garbage, flood, or ask for frames that they do not read.
 fn bad_clients(qtm: &str, vrpn: &str) -> Vec<TcpStream> {
     let mut stream_request = Vec::new();
     let mut writer = QtmWriter::new(&mut stream_request, ByteOrder::Little);
@@ -99,14 +97,14 @@ fn bad_clients(qtm: &str, vrpn: &str) -> Vec<TcpStream> {
     (0..500)
         .for_each(|_| QtmWriter::new(&mut flood, ByteOrder::Little).command("GetParameters All"));
     let cookie = VrpnVersion::OURS.to_cookie();
-    let rubbish = [0xA5; 5000];
+    let garbage = [0xA5; 5000];
     let sent: [(&str, &[u8]); 7] = [
         (qtm, &[]),
-        (qtm, &rubbish),
+        (qtm, &garbage),
         (qtm, &stream_request),
         (qtm, &flood),
         (vrpn, &[]),
-        (vrpn, &rubbish),
+        (vrpn, &garbage),
         (vrpn, &cookie),
     ];
     let open = |(address, bytes)| {
@@ -119,7 +117,7 @@ fn bad_clients(qtm: &str, vrpn: &str) -> Vec<TcpStream> {
 }
 
 #[test]
-fn clients_that_hang_send_rubbish_or_never_read_cost_nobody_a_frame() {
+fn clients_that_hang_send_garbage_or_never_read_cost_no_other_client_a_frame() {
     let names: Vec<String> = (0..32).flat_map(|n| ["--body".to_owned(), format!("b{n}")]).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let mut server = Served::start(&[&["--protocol", "qtm:0,vrpn:0"], &names[..]].concat());
@@ -152,7 +150,7 @@ fn an_eleventh_client_is_refused_until_one_leaves() {
 }
 
 #[test]
-fn every_client_is_told_what_the_one_in_control_does() {
+fn every_client_receives_the_events_of_the_one_in_control() {
     let server = Served::start(&["--protocol", "qtm:0"]);
     let address = server.address("qtm", "little endian");
     let (mut master, mut other) = (Qtm::connect(&address), Qtm::connect(&address));
@@ -165,10 +163,10 @@ fn every_client_is_told_what_the_one_in_control_does() {
         ("New", QtmEvent::Connected),
     ] {
         master.send(order);
-        let told =
-            |heard: &QtmClientEvent<'_>| (*heard == QtmClientEvent::Event(event)).then_some(());
-        other.wait(told);
-        master.wait(told);
+        let matches =
+            |seen: &QtmClientEvent<'_>| (*seen == QtmClientEvent::Event(event)).then_some(());
+        other.wait(matches);
+        master.wait(matches);
     }
     // The client has asked for the stream again.
     assert!(other.next_frame() > 0);
@@ -189,7 +187,7 @@ fn a_server_is_discovered() {
 }
 
 #[test]
-fn a_signal_ends_it_in_good_order() {
+fn a_signal_ends_the_server_with_exit_code_0() {
     let mut child =
         command(&["--protocol", "vrpn:0"]).stdout(std::process::Stdio::piped()).spawn().unwrap();
     let mut first = [0; 1];
@@ -205,7 +203,7 @@ fn failure(arguments: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn what_cannot_be_served_is_said_with_a_remedy() {
+fn a_server_that_cannot_start_names_the_remedy() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     let taken = format!("vrpn:{port}");
@@ -215,7 +213,11 @@ fn what_cannot_be_served_is_said_with_a_remedy() {
         (&["--protocol", "vicon"], 64, "write qtm[:PORT], vrpn[:PORT] and natnet[:PORT]"),
         (&["--replay", "nowhere.csv"], 65, "nowhere.csv"),
         (&["--listen", "lab"], 78, "write 127.0.0.1 or 0.0.0.0"),
-        (&["--protocol", "qtm:0", "--listen", "192.0.2.1"], 71, "is no address of this machine"),
+        (
+            &["--protocol", "qtm:0", "--listen", "192.0.2.1"],
+            71,
+            "is not an address of this machine",
+        ),
         (&["--body", "a", "--body", "a"], 78, "two bodies are named `a`"),
         (&["--rate", "0"], 64, "from 1 to 1000"),
         (&["--protocol", "natnet:0", "--natnet-version", "2.9"], 78, "write 3.1 or 4.1"),
