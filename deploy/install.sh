@@ -59,6 +59,7 @@ esac
 bin=$root$prefix/bin
 lib=$root$prefix/lib
 share=$root$prefix/share/oqtal
+man=$root$prefix/share/man/man1
 etc=$root/etc/oqtal
 units=$lib/systemd/system
 # Exists if an installation created the user, who is then removed with it.
@@ -67,6 +68,15 @@ made_user=$share/made-user
 # Whether this installs into the running system, not into the directory of a package.
 live() {
     [ -z "$root" ] && [ -d /run/systemd/system ]
+}
+
+# File of the completions of a shell, where the shell looks for it.
+completions() { # SHELL
+    case $1 in
+        bash) echo "$root$prefix/share/bash-completion/completions/oqtal" ;;
+        zsh) echo "$root$prefix/share/zsh/site-functions/_oqtal" ;;
+        fish) echo "$root$prefix/share/fish/vendor_completions.d/oqtal.fish" ;;
+    esac
 }
 
 is_installed() { # PREFIX
@@ -114,6 +124,17 @@ install_files() {
     for drop_in in "$here"/drop-ins/*; do put "$drop_in" "$share"; done
     put "$here/oqtal.toml" "$share"
     install_configuration
+    install_manual
+}
+
+# The program writes its own manual pages and completions, so that they are always those of its commands.
+install_manual() {
+    "$bin/oqtal" man "$man"
+    for shell in bash zsh fish; do
+        install -d -m 755 "$(dirname "$(completions $shell)")"
+        "$bin/oqtal" completions $shell >"$(completions $shell)"
+    done
+    chmod 644 "$man"/oqtal*.1 "$(completions bash)" "$(completions zsh)" "$(completions fish)"
 }
 
 # An edited configuration is kept; the new defaults are then written beside it.
@@ -160,9 +181,10 @@ remove_files() {
         "$units"/oqtal-flight.target "$lib/sysusers.d/oqtal.conf" "$lib/tmpfiles.d/oqtal.conf" \
         "$lib/udev/rules.d/70-oqtal-radio.rules" "$lib/udev/rules.d/71-oqtal-crazyradio.rules" \
         "$share"/oqtal-bridge-network.conf "$share"/oqtal-bridge-radio.conf "$etc/oqtal.toml" "$share/oqtal.toml" "$share/etc-oqtal.toml" \
-        "$made_user"
+        "$made_user" "$man/oqtal.1" "$man"/oqtal-*.1 "$(completions bash)" "$(completions zsh)" "$(completions fish)"
     # Directories that are not empty are kept.
-    for directory in "$etc" "$share" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" \
+    for directory in "$etc" "$share" "$man" "$(dirname "$(completions bash)")" "$(dirname "$(completions zsh)")" \
+        "$(dirname "$(completions fish)")" "$units" "$lib/systemd" "$lib/sysusers.d" "$lib/tmpfiles.d" \
         "$lib/udev/rules.d" "$lib/udev"; do
         rmdir "$directory" 2>/dev/null || true
     done

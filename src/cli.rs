@@ -2,9 +2,9 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use oqtal_bus::topic::Role;
-use oqtal_runtime::process::{Exit, Failure, ProcessCommand, execute};
+use oqtal_runtime::process::{ProcessCommand, execute};
 use oqtal_runtime::program::conclude;
 
 use crate::check::CheckArgs;
@@ -15,6 +15,7 @@ use crate::export::ExportArgs;
 use crate::fly::{BusFlightSeries, FlyArgs};
 use crate::info::InfoArgs;
 use crate::latency::{LatencyArgs, Part};
+use crate::manual::{CompletionsArgs, ManArgs};
 use crate::record::RecordArgs;
 use crate::recordings;
 use crate::replay::ReplayArgs;
@@ -33,7 +34,7 @@ use oqtal_screen::MonitorArgs;
 ///
 /// Without a command: flies the square with the law `oqtal` through three processes in real time.
 #[derive(Parser, Debug)]
-#[command(name = "oqtal", version, args_conflicts_with_subcommands = true)]
+#[command(name = "oqtal", version, args_conflicts_with_subcommands = true, max_term_width = 80)]
 pub struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -99,6 +100,12 @@ enum Command {
     /// Run the receiver process: poses of a real camera system; find and examine camera systems
     #[command(subcommand)]
     Receiver(oqtal_receiver::ReceiverCommand),
+    /// Print the completions of a shell
+    #[command(hide = true)]
+    Completions(CompletionsArgs),
+    /// Write the manual pages
+    #[command(hide = true)]
+    Man(ManArgs),
     /// Run a measuring process of `latency`
     #[command(subcommand, hide = true)]
     LatencyPart(Part),
@@ -132,6 +139,8 @@ impl Cli {
             Some(Command::Latency(args)) => args.execute(),
             Some(Command::Doctor(args)) => args.execute(),
             Some(Command::Check(args)) => args.execute(),
+            Some(Command::Completions(args)) => args.execute(Self::command()),
+            Some(Command::Man(args)) => args.execute(Self::command()),
             Some(Command::LatencyPart(part)) => return part.execute(),
             Some(Command::Daemon(command)) => {
                 return execute(Role::Daemon, &command, oqtal_daemon::run, oqtal_daemon::check);
@@ -141,13 +150,27 @@ impl Cli {
             Some(Command::Receiver(command)) => return command.execute(),
             Some(Command::MocapEmu(command)) => return command.execute(),
         };
-        finish(result)
+        result.map_or_else(|failure| conclude("oqtal", &failure), Into::into)
     }
 }
 
-fn finish(result: Result<Exit, Failure>) -> ExitCode {
-    match result {
-        Ok(exit) => exit.into(),
-        Err(failure) => conclude("oqtal", &failure),
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn assert_fits(command: &mut clap::Command) {
+        for help in [command.render_help(), command.render_long_help()] {
+            let help = help.to_string();
+            let long = help.lines().find(|line| line.chars().count() > 80);
+            assert_eq!(long, None, "{}", command.get_name());
+        }
+        command.get_subcommands_mut().for_each(assert_fits);
+    }
+
+    #[test]
+    fn every_help_fits_80_columns() {
+        let mut command = Cli::command();
+        command.build();
+        assert_fits(&mut command);
     }
 }

@@ -11,6 +11,7 @@ pub mod export;
 pub mod fly;
 pub mod info;
 pub mod latency;
+mod manual;
 mod provenance;
 pub mod record;
 mod recordings;

@@ -7,7 +7,8 @@
 //! | `sink.rs` | interface of what uses the samples |
 //! | `recorder.rs` | sink: joins every tick with the truth |
 //! | `loop_monitor.rs` | sink: latencies and counters of a running instance |
-//! | `status.rs` | sink: newest health, vehicle and tick |
+//! | `instance.rs` | sink: model of a running instance |
+//! | `status.rs` | status of an instance, as text and as JSON |
 //! | `recording.rs` | recordings as MCAP files |
 //! | `event.rs` | events in words |
 //! | `flight.rs` | a recorded flight |
@@ -39,6 +40,7 @@ pub mod explain;
 pub mod fault;
 pub mod flight;
 pub mod flight_sample;
+pub mod instance;
 pub mod kernel;
 pub mod latency;
 pub mod loop_monitor;

@@ -1,4 +1,4 @@
-//! `oqtal monitor`: the command and its loop.
+//! The command `oqtal monitor` and its loop.
 
 use std::io::{self, IsTerminal};
 use std::time::Duration;
@@ -7,6 +7,7 @@ use clap::Args;
 use oqtal_bus::bus::Bus;
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::Config;
+use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::observer::BusObserver;
 use oqtal_runtime::health::SILENCE;
 use oqtal_runtime::process::{CommonArgs, Exit, Failure, instance_paths, stop_on_signals};
@@ -23,7 +24,7 @@ const PICTURE_PERIOD: Duration = Duration::from_millis(100);
 /// Arguments of `oqtal monitor`.
 #[derive(Args, Debug)]
 pub struct MonitorArgs {
-    /// Words and bold letters alone, as the variable NO_COLOR does
+    /// Use words and bold letters instead of colours, as the variable NO_COLOR does
     #[arg(long)]
     no_color: bool,
     #[command(flatten)]
@@ -34,7 +35,7 @@ impl MonitorArgs {
     /// Shows the instance until q, Ctrl-C or SIGTERM.
     ///
     /// # Errors
-    /// The output is no terminal (exit code 64), nothing runs on the instance (75), or the terminal or the bus failed.
+    /// The output is not a terminal (exit code 64), nothing runs on the instance (75), or the terminal or the bus failed.
     pub fn execute(&self) -> Result<Exit, Failure> {
         require_terminal()?;
         let config = Config::load(self.common.config.as_deref(), &self.common.settings()?)?;
@@ -42,7 +43,7 @@ impl MonitorArgs {
         paths.become_owner()?;
         let stop = stop_on_signals()?;
         let bus = Bus::open(&paths)?;
-        let observer = BusObserver::open(&bus, &MonitorModel::topics())?;
+        let observer = BusObserver::open(&bus, &InstanceModel::topics())?;
         let model = MonitorModel::new(&config.instance.name, Time::now());
         let mut watch = Watch { observer, model, look: self.look(), stop };
         watch.find()?;
@@ -57,14 +58,14 @@ impl MonitorArgs {
     }
 }
 
-/// Fails unless standard output is a terminal that can show a picture.
+/// Fails unless standard output is a terminal that can place text.
 fn require_terminal() -> Result<(), Failure> {
     let remedy = "run it in a terminal; in scripts use `oqtal ctl status --json` or `oqtal record`";
     let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
     let what = match (io::stdout().is_terminal(), is_dumb) {
         (true, false) => return Ok(()),
         (true, true) => "the terminal cannot place text (TERM=dumb)",
-        (false, _) => "standard output is no terminal",
+        (false, _) => "standard output is not a terminal",
     };
     Err(Failure::new(Exit::Usage, format!("{what}; {remedy}")))
 }
@@ -78,16 +79,16 @@ struct Watch {
 }
 
 impl Watch {
-    /// Waits until a process of the instance is heard.
+    /// Waits until a process of the instance publishes its health.
     fn find(&mut self) -> Result<(), Failure> {
         let give_up = Time::now() + SILENCE;
         while !self.stop.is_set() {
             self.poll()?;
-            if self.model.processes.is_alive() {
+            if self.model.instance.is_alive() {
                 return Ok(());
             }
             if Time::now() > give_up {
-                let name = &self.model.instance;
+                let name = &self.model.name;
                 let message = format!(
                     "nothing runs on instance `{name}`; start `oqtal fly --instance {name}` or its services, or name another with --instance"
                 );
@@ -98,17 +99,18 @@ impl Watch {
         Ok(())
     }
 
-    /// Shows the instance until asked to end.
+    /// Shows the instance until a key or a signal ends it.
     fn run(&mut self) -> Result<(), Failure> {
         let failed =
             |error: io::Error| Failure::new(Exit::System, format!("the terminal failed: {error}"));
         let mut terminal = OpenTerminal::enter().map_err(failed)?;
         while !self.stop.is_set() {
             self.poll()?;
-            terminal.show(|buffer| draw(&self.model, self.look, buffer)).map_err(failed)?;
+            let picture = draw(&self.model, self.look, terminal.size().map_err(failed)?);
+            terminal.show(picture, self.look).map_err(failed)?;
             match terminal.key(PICTURE_PERIOD).map_err(failed)? {
                 Some(Key::Quit) => break,
-                Some(Key::Restart) => self.model.restart_figures(),
+                Some(Key::Restart) => self.model.instance.restart_figures(),
                 None => {}
             }
         }

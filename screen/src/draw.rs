@@ -1,35 +1,31 @@
-//! The picture of the model, in the cells of a buffer.
-
-use ratatui::buffer::Buffer;
-use ratatui::layout::Rect;
-use ratatui::widgets::{RenderDirection, Sparkline, Widget};
+//! The picture of the model.
 
 use crate::layout::{CHART_LINES, COMPLETE, ScreenParts};
 use crate::lines::{self, StatusLine};
 use crate::look::{ScreenLook, Weight};
 use crate::model::{MonitorModel, Trends};
+use crate::picture::{Picture, Rect};
 use crate::trend::{STEP, Trend};
 
 /// Width of labels of the status, and of charts \[cells\].
 const LABEL_WIDTH: u16 = 10;
 const CHART_LABEL_WIDTH: u16 = 14;
-/// Levels into which the height of a chart is divided \[-\].
-const LEVELS: f64 = 1000.0;
 
-/// A quantity over time: name, curve, least end of the scale, digits.
+/// A quantity over time: name, curve, least upper end of the scale, digits.
 struct Chart<'a>(&'static str, &'a Trend, f64, usize);
 
-/// Draws `model` into the whole of `buffer`.
-pub fn draw(model: &MonitorModel, look: ScreenLook, buffer: &mut Buffer) {
-    let parts = ScreenParts::of(buffer.area);
-    let mut canvas = Canvas { look, buffer };
+/// Draws `model` in a terminal of this many columns and rows.
+#[must_use]
+pub fn draw(model: &MonitorModel, look: ScreenLook, size: (u16, u16)) -> Picture {
+    let mut canvas = Canvas { look, picture: Picture::new(size) };
+    let parts = ScreenParts::of(canvas.picture.area());
     canvas.title(model, parts.title);
     canvas.status(model, parts.status);
     if let Some(area) = parts.charts {
         canvas.charts(&model.trends, area);
     }
     if let Some(area) = parts.hops {
-        canvas.table(&lines::hop_table(model), area);
+        canvas.table(&lines::hop_table(&model.instance), area);
     }
     if let Some(area) = parts.events {
         canvas.events(model, area);
@@ -37,39 +33,30 @@ pub fn draw(model: &MonitorModel, look: ScreenLook, buffer: &mut Buffer) {
     if let Some(area) = parts.footer {
         canvas.footer(&parts, area);
     }
+    canvas.picture
 }
 
-struct Canvas<'a> {
+struct Canvas {
     look: ScreenLook,
-    buffer: &'a mut Buffer,
+    picture: Picture,
 }
 
-impl Canvas<'_> {
-    /// Writes a line of text; one that is too long ends in dots.
+impl Canvas {
     fn text(&mut self, area: Rect, text: &str, weight: Weight) {
-        if area.is_empty() {
-            return;
-        }
-        let width = usize::from(area.width);
-        let style = self.look.style(weight);
-        if text.chars().count() <= width {
-            self.buffer.set_stringn(area.x, area.y, text, width, style);
-            return;
-        }
-        let kept: String = text.chars().take(width.saturating_sub(2)).collect();
-        self.buffer.set_stringn(area.x, area.y, format!("{kept}.."), width, style);
+        self.picture.text(area, text, weight);
     }
 
     fn title(&mut self, model: &MonitorModel, area: Rect) {
-        let age = model.journal.age(model.now).seconds();
-        let text = format!("oqtal monitor: {}, observed for {age:.0} s", model.instance);
+        let age = model.instance.age().seconds();
+        let text = format!("oqtal monitor: {}, observed for {age:.0} s", model.name);
         self.text(area, &text, Weight::Label);
     }
 
     fn status(&mut self, model: &MonitorModel, area: Rect) {
-        for (row, StatusLine { label, text, weight }) in rows(area).zip(lines::status(model)) {
+        let lines = lines::status(&model.instance);
+        for (row, StatusLine { label, text, weight }) in area.rows().zip(lines) {
             self.text(Rect { width: row.width.min(LABEL_WIDTH), ..row }, label, Weight::Label);
-            self.text(right_of(row, LABEL_WIDTH), &text, weight);
+            self.text(row.right_of(LABEL_WIDTH), &text, weight);
         }
     }
 
@@ -86,10 +73,10 @@ impl Canvas<'_> {
         }
     }
 
-    /// Draws a chart whose scale begins at zero, the newest step at the right end.
+    /// Draws a chart whose scale begins at zero, with the newest step at the right end.
     fn chart(&mut self, chart: &Chart<'_>, area: Rect) {
         let Chart(name, trend, least, digits) = chart;
-        let plot = right_of(area, CHART_LABEL_WIDTH);
+        let plot = area.right_of(CHART_LABEL_WIDTH);
         let values: Vec<_> = trend.newest_first(usize::from(plot.width)).collect();
         let most = values.iter().flatten().copied().fold(*least, f64::max);
         let latest =
@@ -98,22 +85,22 @@ impl Canvas<'_> {
         self.text(Rect { height: 1, ..label }, name, Weight::Label);
         let text = format!("{latest} /{most:.digits$}");
         self.text(Rect { y: area.y + 1, height: 1, ..label }, &text, Weight::Plain);
-        let levels = values
-            .iter()
-            .map(|value| value.map(|value| (value.max(0.0) / most * LEVELS).round() as u64));
-        Sparkline::default()
-            .data(levels)
-            .max(LEVELS as u64)
-            .direction(RenderDirection::RightToLeft)
-            .bar_set(self.look.bars())
-            .absent_value_symbol(" ")
-            .render(plot, self.buffer);
+        // The height of a chart is divided into eighths of a cell.
+        let eighths = f64::from(8 * plot.height);
+        for (x, value) in (plot.x..plot.x + plot.width).rev().zip(values) {
+            let Some(value) = value else { continue };
+            let mut level = (value.max(0.0) / most * eighths).round() as usize;
+            for row in (plot.y..plot.y + plot.height).rev() {
+                self.picture.put((x, row), self.look.bar(level.min(8)), Weight::Plain);
+                level = level.saturating_sub(8);
+            }
+        }
     }
 
-    /// Draws a head and rows, and says how many rows have no room.
+    /// Draws a head and rows; the last line tells how many rows do not fit.
     fn table(&mut self, lines: &[String], area: Rect) {
         let height = usize::from(area.height);
-        for (number, (row, line)) in rows(area).zip(lines).enumerate() {
+        for (number, (row, line)) in area.rows().zip(lines).enumerate() {
             let is_cut = number + 1 == height && lines.len() > height;
             let weight = if number == 0 { Weight::Label } else { Weight::Plain };
             match is_cut {
@@ -129,7 +116,8 @@ impl Canvas<'_> {
     fn events(&mut self, model: &MonitorModel, area: Rect) {
         let count = usize::from(area.height.saturating_sub(1));
         self.text(area, "      s event", Weight::Label);
-        for (row, line) in rows(area).skip(1).zip(lines::events(model, count)) {
+        let lines = lines::events(&model.instance, count);
+        for (row, line) in area.rows().skip(1).zip(lines) {
             self.text(row, &line, Weight::Plain);
         }
     }
@@ -145,15 +133,4 @@ impl Canvas<'_> {
         };
         self.text(area, &text, Weight::Label);
     }
-}
-
-/// The rows of an area.
-fn rows(area: Rect) -> impl Iterator<Item = Rect> {
-    (0..area.height).map(move |row| Rect { y: area.y + row, height: 1, ..area })
-}
-
-/// What is right of the first `width` cells of an area.
-fn right_of(area: Rect, width: u16) -> Rect {
-    let width = width.min(area.width);
-    Rect { x: area.x + width, width: area.width - width, ..area }
 }

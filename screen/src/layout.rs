@@ -1,6 +1,6 @@
-//! What is shown in a terminal of a given size. Parts that do not fit are left out, the least important first, and named.
+//! Layout of the parts in a terminal of a given size. Parts that do not fit are left out, the least important first, and named.
 
-use ratatui::layout::Rect;
+use crate::picture::Rect;
 
 /// Size at which everything is shown: columns and rows \[cells\].
 pub const COMPLETE: (u16, u16) = (80, 24);
@@ -47,7 +47,7 @@ impl ScreenParts {
         let mut parts = Self { title, status, footer, ..Self::default() };
         let is_wide = area.width > HOPS_WIDTH + EVENTS_WIDTH;
         let charts = CHARTS * CHART_LINES;
-        // Events say most in few lines; charts are the first to be left out.
+        // Events are the most important in few lines; charts are the first to be left out.
         let (least, has_hops) = match rest.0.height {
             height if is_wide && height >= HOPS_LINES => (HOPS_LINES, true),
             height
@@ -62,8 +62,8 @@ impl ScreenParts {
             parts.charts = Some(rest.take(charts));
         }
         if has_hops && is_wide {
-            let (left, right) = columns(rest.0);
-            (parts.hops, parts.events) = (Some(left), Some(right));
+            parts.hops = Some(Rect { width: HOPS_WIDTH, ..rest.0 });
+            parts.events = Some(rest.0.right_of(HOPS_WIDTH + 1));
         } else if has_hops {
             parts.hops = Some(rest.take(HOPS_LINES));
             parts.events = Some(rest.0);
@@ -86,11 +86,11 @@ impl ScreenParts {
     }
 }
 
-/// Rows that are not taken yet.
+/// Rows without a part.
 struct Rows(Rect);
 
 impl Rows {
-    /// Takes rows at the top, as many as there are.
+    /// Removes and returns rows at the top, at most `rows`.
     fn take(&mut self, rows: u16) -> Rect {
         let rows = rows.min(self.0.height);
         let taken = Rect { height: rows, ..self.0 };
@@ -98,19 +98,12 @@ impl Rows {
         taken
     }
 
-    /// Takes rows at the bottom, as many as there are.
+    /// Removes and returns rows at the bottom, at most `rows`.
     fn take_last(&mut self, rows: u16) -> Rect {
         let rows = rows.min(self.0.height);
         self.0.height -= rows;
         Rect { y: self.0.y + self.0.height, height: rows, ..self.0 }
     }
-}
-
-/// The column of hops, and the rest of the width.
-fn columns(area: Rect) -> (Rect, Rect) {
-    let left = Rect { width: HOPS_WIDTH, ..area };
-    let x = HOPS_WIDTH + 1;
-    (left, Rect { x: area.x + x, width: area.width - x, ..area })
 }
 
 #[cfg(test)]
@@ -119,7 +112,8 @@ mod tests {
 
     #[test]
     fn everything_fits_into_80_by_24() {
-        let parts = ScreenParts::of(Rect::new(0, 0, COMPLETE.0, COMPLETE.1));
+        let parts =
+            ScreenParts::of(Rect { width: COMPLETE.0, height: COMPLETE.1, ..Rect::default() });
         assert!(parts.left_out().is_empty(), "{parts:?}");
         assert!(parts.footer.is_some());
     }
@@ -127,15 +121,20 @@ mod tests {
     #[test]
     fn parts_lie_inside_the_terminal_and_do_not_overlap() {
         for (width, height) in (1..130).flat_map(|w| (0..45).map(move |h| (w, h))) {
-            let area = Rect::new(0, 0, width, height);
+            let area = Rect { width, height, ..Rect::default() };
             let parts = ScreenParts::of(area);
             let ScreenParts { title, status, charts, hops, events, footer } = parts;
             let optional = [charts, hops, events, footer].into_iter().flatten();
             let all: Vec<Rect> = [title, status].into_iter().chain(optional).collect();
-            assert!(all.iter().all(|part| area.union(*part) == area), "{width} x {height}");
+            let ends = |part: &Rect| (part.x + part.width, part.y + part.height);
+            let is_inside = |part: &Rect| ends(part).0 <= width && ends(part).1 <= height;
+            assert!(all.iter().all(is_inside), "{width} x {height}");
             for (number, part) in all.iter().enumerate() {
                 let others = all.iter().skip(number + 1).filter(|other| !other.is_empty());
-                let overlaps = others.filter(|other| part.intersects(**other)).count();
+                let overlaps = others
+                    .filter(|other| part.x < ends(other).0 && other.x < ends(part).0)
+                    .filter(|other| part.y < ends(other).1 && other.y < ends(part).1)
+                    .count();
                 assert_eq!((overlaps, part.is_empty() && number > 1), (0, false), "{parts:?}");
             }
         }

@@ -1,28 +1,28 @@
 //! A running instance in a terminal: `oqtal monitor`.
 //!
-//! Samples of the one observer become a model, the model is drawn into a buffer of cells, and a thin loop shows the buffer. Nothing
-//! but the loop knows a clock, a bus or a terminal.
+//! Samples of the observer become a model, the model is drawn into cells, and a loop shows the cells. Only the loop uses a clock, a
+//! bus or a terminal.
 //!
 //! | file | subject |
 //! |---|---|
-//! | `model.rs` | what is known of the instance: a sink |
-//! | `processes.rs`, `trend.rs`, `journal.rs` | its parts: processes, curves over time, events |
+//! | `model.rs` | a sink: the model of the instance, and quantities over time |
+//! | `trend.rs` | a quantity over time |
 //! | `lines.rs` | the model as lines of text |
-//! | `layout.rs` | what is shown in a terminal of a given size |
+//! | `layout.rs` | layout of the parts in a terminal of a given size |
 //! | `look.rs` | colours and symbols, or words and letters alone |
-//! | `draw.rs` | the picture |
-//! | `terminal.rs` | the terminal, and how it is left as it was |
+//! | `picture.rs` | cells of a terminal |
+//! | `draw.rs` | the picture of the model |
+//! | `terminal.rs` | the terminal, and its restoration |
 //! | `command.rs` | the command and its loop |
 #![forbid(unsafe_code)]
 
 mod command;
 mod draw;
-mod journal;
 mod layout;
 mod lines;
 mod look;
 mod model;
-mod processes;
+mod picture;
 mod terminal;
 #[cfg(test)]
 mod tests;

@@ -1,26 +1,27 @@
-//! The model as lines of text: a label, words, and how much they matter.
+//! The model as lines of text: a label, words, and their importance.
 
 use oqtal_bus::code::{ControlHolder, Mode, SafetyState};
-use oqtal_bus::message::{TelemetryV1, VehicleV1};
+use oqtal_bus::message::TelemetryV1;
 use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::Span;
 use oqtal_observe::event::DaemonCondition;
+use oqtal_observe::instance::{InstanceModel, Newest, tracking_error_m};
 use oqtal_observe::latency::{DistributionSummary, WHOLE};
+use oqtal_observe::status::VehicleStatus;
 
 use crate::look::Weight;
-use crate::model::{MonitorModel, Newest, tracking_error_m};
 
-/// A tick older than this does not describe the present: the loop stands still.
+/// Ticks and messages older than this are not shown as the present state.
 const STALE: Span = Span::from_millis(1000);
 
 /// A line of the status.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StatusLine {
-    /// What it is about.
+    /// Subject.
     pub label: &'static str,
-    /// What is said.
+    /// Text.
     pub text: String,
-    /// How much it matters.
+    /// Importance.
     pub weight: Weight,
 }
 
@@ -30,7 +31,7 @@ fn line(label: &'static str, text: impl Into<String>, weight: Weight) -> StatusL
 
 /// The status of the instance, the most important lines first.
 #[must_use]
-pub fn status(model: &MonitorModel) -> Vec<StatusLine> {
+pub fn status(model: &InstanceModel) -> Vec<StatusLine> {
     vec![
         state(model),
         faults(model),
@@ -44,13 +45,13 @@ pub fn status(model: &MonitorModel) -> Vec<StatusLine> {
     ]
 }
 
-/// The tick if it describes the present.
-fn present(model: &MonitorModel) -> Option<TelemetryV1> {
+/// The newest tick, unless it is stale.
+fn present(model: &InstanceModel) -> Option<TelemetryV1> {
     let is_present = model.tick_age().is_some_and(|age| age <= STALE);
     model.tick.filter(|_| is_present).map(|tick| tick.body)
 }
 
-fn state(model: &MonitorModel) -> StatusLine {
+fn state(model: &InstanceModel) -> StatusLine {
     let label = "state";
     if let Some(tick) = present(model) {
         let condition = DaemonCondition::of(&tick);
@@ -64,14 +65,14 @@ fn state(model: &MonitorModel) -> StatusLine {
     let seen = model
         .tick_age()
         .map_or_else(String::new, |age| format!(", last tick {:.0} s ago", age.seconds()));
-    let text = match model.processes.is_alive() {
+    let text = match model.is_alive() {
         true => format!("no daemon ticks{seen}"),
         false => format!("nothing runs{seen}: waiting for it to come back"),
     };
     line(label, text, Weight::Alarm)
 }
 
-fn mode(model: &MonitorModel) -> StatusLine {
+fn mode(model: &InstanceModel) -> StatusLine {
     let label = "mode";
     let Some(tick) = present(model) else { return line(label, "-", Weight::Plain) };
     let mode = DaemonCondition::of(&tick).mode_text();
@@ -85,37 +86,21 @@ fn mode(model: &MonitorModel) -> StatusLine {
     line(label, format!("{mode}; no take-off: {obstacles}"), Weight::Warning)
 }
 
-fn vehicle(model: &MonitorModel) -> StatusLine {
+fn vehicle(model: &InstanceModel) -> StatusLine {
     let label = "vehicle";
     let Some(Newest { received_at, body }) = model.vehicle else {
-        return line(label, "nothing was heard of a vehicle", Weight::Warning);
+        return line(label, "no message of a vehicle was received", Weight::Warning);
     };
-    let VehicleV1 { battery_v, link_quality, .. } = body;
-    let kind = if body.simulated == 1 { "simulated" } else { "real" };
-    let motors = match (body.stopped, body.starting, body.armed) {
-        (1.., ..) => "STOPPED by an operator",
-        (_, 1.., _) => "motors starting",
-        (_, _, 1..) => "motors running",
-        _ => "motors off",
+    let (age, state) = (model.now.since(received_at), VehicleStatus::new(&body));
+    let text = match age > STALE {
+        true => format!("{:.0} s ago: {state}", age.seconds()),
+        false => state.to_string(),
     };
-    let link = if body.link == 1 { "answers" } else { "SILENT" };
-    let age = model.now.since(received_at);
-    let mut text = match age > STALE {
-        true => format!("{:.0} s ago: {kind}, {motors}, {link}", age.seconds()),
-        false => format!("{kind}, {motors}, {link}"),
-    };
-    if link_quality.is_finite() {
-        text += &format!(", link {:.0} %", link_quality * 100.0);
-    }
-    match battery_v.is_finite() {
-        true => text += &format!(", battery {battery_v:.2} V"),
-        false => text += ", battery unknown",
-    }
     let is_well = body.link == 1 && body.stopped == 0 && age <= STALE;
     line(label, text, if is_well { Weight::Plain } else { Weight::Warning })
 }
 
-fn poses(model: &MonitorModel) -> StatusLine {
+fn poses(model: &InstanceModel) -> StatusLine {
     let label = "poses";
     let Some(tick) = present(model) else { return line(label, "-", Weight::Plain) };
     let counters = model.figures.counters();
@@ -127,7 +112,7 @@ fn poses(model: &MonitorModel) -> StatusLine {
     line(label, text, if tick.fresh == 1 { Weight::Plain } else { Weight::Warning })
 }
 
-fn tracking(model: &MonitorModel) -> StatusLine {
+fn tracking(model: &InstanceModel) -> StatusLine {
     let label = "position";
     let Some(tick) = present(model).filter(|tick| tick.pose_age_s.is_finite()) else {
         return line(label, "-", Weight::Plain);
@@ -135,13 +120,13 @@ fn tracking(model: &MonitorModel) -> StatusLine {
     let [x, y, z] = tick.position;
     let error = tracking_error_m(&tick).map_or_else(
         || "no reference".to_owned(),
-        |error| format!("error {error:.3} m, max {:.3} m", model.greatest_error_m),
+        |error| format!("error {error:.3} m, max {:.3} m", model.max_error_m),
     );
     line(label, format!("{x:.2} {y:.2} {z:.2} m; {error}"), Weight::Plain)
 }
 
-/// What the model that is flown says of the vehicle.
-fn adaptation(model: &MonitorModel) -> StatusLine {
+/// Parameters of the vehicle in the adapted model.
+fn adaptation(model: &InstanceModel) -> StatusLine {
     let label = "model";
     let flown = present(model).filter(|tick| tick.adapted_rate_gain.is_finite());
     let Some(tick) = flown else { return line(label, "as configured", Weight::Plain) };
@@ -159,7 +144,7 @@ fn adaptation(model: &MonitorModel) -> StatusLine {
     line(label, text, Weight::Plain)
 }
 
-fn loop_figures(model: &MonitorModel) -> StatusLine {
+fn loop_figures(model: &InstanceModel) -> StatusLine {
     let counters = model.figures.counters();
     let text = format!(
         "{} ticks, deadlines missed {}, commands lost {}",
@@ -168,21 +153,21 @@ fn loop_figures(model: &MonitorModel) -> StatusLine {
     line("loop", text, Weight::Plain)
 }
 
-fn processes(model: &MonitorModel) -> StatusLine {
-    let names = model.processes.iter().map(|process| {
-        let state = if process.is_silent { "SILENT".to_owned() } else { process.pid.to_string() };
+fn processes(model: &InstanceModel) -> StatusLine {
+    let names = model.processes().map(|process| {
+        let state = if process.is_silent { "SILENT".to_owned() } else { process.pid().to_string() };
         format!("{} {state}", process.role.name())
     });
     let names: Vec<String> = names.collect();
-    let text = if names.is_empty() { "none heard".to_owned() } else { names.join(", ") };
-    let all_heard = model.processes.iter().all(|process| !process.is_silent);
-    line("process", text, if all_heard { Weight::Plain } else { Weight::Warning })
+    let text = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+    let any_silent = model.processes().any(|process| process.is_silent);
+    line("process", text, if any_silent { Weight::Warning } else { Weight::Plain })
 }
 
-/// What is wrong at present.
-fn faults(model: &MonitorModel) -> StatusLine {
+/// Present faults of processes, vehicle and observation.
+fn faults(model: &InstanceModel) -> StatusLine {
     let mut found = Vec::new();
-    for process in model.processes.iter() {
+    for process in model.processes() {
         let name = process.role.name();
         if process.is_silent {
             found.push(format!("{name} silent"));
@@ -190,7 +175,7 @@ fn faults(model: &MonitorModel) -> StatusLine {
             found.push(format!("{name} runs late"));
         }
     }
-    if model.processes.configs_differ() {
+    if model.configs_differ() {
         found.push("configurations differ".to_owned());
     }
     if let Some(Newest { body, .. }) = model.vehicle {
@@ -213,7 +198,7 @@ fn faults(model: &MonitorModel) -> StatusLine {
 
 /// The table of latencies: a head, the sum of all hops, then every hop.
 #[must_use]
-pub fn hop_table(model: &MonitorModel) -> Vec<String> {
+pub fn hop_table(model: &InstanceModel) -> Vec<String> {
     let head = format!("{:<20}{:>8}{:>8}{:>8}", "hop [ms]", "p50", "p99", "max");
     let rows = model.figures.hops().iter().map(|(name, distribution)| {
         let DistributionSummary { count, p50_ns, p99_ns, max_ns, .. } = distribution.summary();
@@ -228,9 +213,9 @@ pub fn hop_table(model: &MonitorModel) -> Vec<String> {
     std::iter::once(head).chain(rows).collect()
 }
 
-/// The newest `count` events, a line each.
+/// The newest `count` events, a line each, the oldest of them first.
 #[must_use]
-pub fn events(model: &MonitorModel, count: usize) -> Vec<String> {
-    let newest = model.journal.newest(count);
-    newest.map(|entry| format!("{:>7.1} {}", entry.at.seconds(), entry.text)).collect()
+pub fn events(model: &InstanceModel, count: usize) -> Vec<String> {
+    let newest = model.events.iter().skip(model.events.len().saturating_sub(count));
+    newest.map(|(at, text)| format!("{:>7.1} {text}", at.seconds())).collect()
 }

@@ -1,11 +1,9 @@
-//! Colours and symbols of the picture. Without colour every state is still said in words, and what matters is bold or inverse.
+//! Colours and symbols of the picture. Every state is also written in words, and important texts are bold or inverse, so that nothing
+//! depends on colour.
 
 use std::ffi::OsStr;
 
-use ratatui::style::{Color, Modifier, Style};
-use ratatui::symbols::bar;
-
-/// How much a text matters.
+/// Importance of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weight {
     /// As expected, and worth seeing.
@@ -20,20 +18,11 @@ pub enum Weight {
     Label,
 }
 
-/// Bars of letters, for terminals without block characters.
-const LETTERS: bar::Set<'static> = bar::Set {
-    full: "#",
-    seven_eighths: "#",
-    three_quarters: "*",
-    five_eighths: "+",
-    half: "=",
-    three_eighths: "-",
-    one_quarter: ":",
-    one_eighth: ".",
-    empty: " ",
-};
+/// Bars of a chart by their height \[eighths of a cell\]: of block characters, and of letters for terminals without them.
+const BLOCKS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+const LETTERS: [char; 9] = [' ', '.', ':', '-', '=', '+', '*', '#', '#'];
 
-/// How the picture looks.
+/// Look of the picture.
 #[derive(Clone, Copy, Debug)]
 pub struct ScreenLook {
     /// Whether colours are used.
@@ -43,10 +32,10 @@ pub struct ScreenLook {
 }
 
 impl ScreenLook {
-    /// The look that the environment asks for: `variable` returns the value of a variable if it is set and not empty.
+    /// The look for an environment whose `variable` returns the value of a variable if it is set and not empty.
     #[must_use]
     pub fn of_environment(variable: impl Fn(&str) -> Option<std::ffi::OsString>) -> Self {
-        // The first of them that is set rules, locale(7).
+        // The first one that is set takes precedence, locale(7).
         let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(&variable);
         let is_utf8 = |locale: &OsStr| {
             let name = locale.to_string_lossy().to_lowercase();
@@ -58,27 +47,24 @@ impl ScreenLook {
         }
     }
 
-    /// Style of a text.
+    /// Control sequence before a text: SGR of ECMA-48.
     #[must_use]
-    pub fn style(self, weight: Weight) -> Style {
-        let style = match weight {
-            Weight::Good | Weight::Plain => Style::new(),
-            Weight::Warning | Weight::Label => Style::new().add_modifier(Modifier::BOLD),
-            Weight::Alarm => Style::new().add_modifier(Modifier::BOLD | Modifier::REVERSED),
-        };
-        match (self.has_colour, weight) {
-            (true, Weight::Good) => style.fg(Color::Green),
-            (true, Weight::Warning) => style.fg(Color::Yellow),
-            (true, Weight::Alarm) => style.fg(Color::Red),
-            (true, Weight::Label) => style.fg(Color::Cyan),
-            _ => style,
+    pub fn sequence(self, weight: Weight) -> &'static str {
+        match (weight, self.has_colour) {
+            (Weight::Plain, _) | (Weight::Good, false) => "\x1b[0m",
+            (Weight::Good, true) => "\x1b[0;32m",
+            (Weight::Warning | Weight::Label, false) => "\x1b[0;1m",
+            (Weight::Warning, true) => "\x1b[0;1;33m",
+            (Weight::Label, true) => "\x1b[0;1;36m",
+            (Weight::Alarm, false) => "\x1b[0;1;7m",
+            (Weight::Alarm, true) => "\x1b[0;1;7;31m",
         }
     }
 
-    /// Symbols of a chart.
+    /// Character of a bar of this height \[eighths of a cell\].
     #[must_use]
-    pub fn bars(self) -> bar::Set<'static> {
-        if self.has_blocks { bar::NINE_LEVELS } else { LETTERS }
+    pub fn bar(self, eighths: usize) -> char {
+        if self.has_blocks { BLOCKS[eighths] } else { LETTERS[eighths] }
     }
 }
 
@@ -99,7 +85,7 @@ mod tests {
         assert!(modern.has_colour && modern.has_blocks);
         let plain = look(&[("LANG", "C.utf8"), ("LC_ALL", "C"), ("NO_COLOR", "1")]);
         assert!(!plain.has_colour && !plain.has_blocks);
-        assert!(plain.style(Weight::Alarm).fg.is_none());
+        assert_eq!(plain.sequence(Weight::Alarm), "\x1b[0;1;7m");
         assert!(!look(&[]).has_blocks);
     }
 }

@@ -1,128 +1,171 @@
-//! The terminal while it is in use, and how it is left as it was: whatever ends the program, but a signal that cannot be caught.
+//! The terminal while the monitor uses it. It is restored whatever ends the program, except a signal that cannot be caught.
 
-use std::io::{self, IsTerminal, Stdout, Write, stdin, stdout};
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, IsTerminal, Read, Write, stdin, stdout};
+use std::os::fd::AsFd;
 use std::time::Duration;
 
-use ratatui::Terminal;
-use ratatui::backend::CrosstermBackend;
-use ratatui::crossterm::cursor::Show;
-use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-use ratatui::crossterm::execute;
-use ratatui::crossterm::terminal::{
-    EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
-};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
+use rustix::termios::{OptionalActions, Termios, tcgetattr, tcgetwinsize, tcsetattr};
 
-/// What the operator asks for by a key.
+use crate::look::{ScreenLook, Weight};
+use crate::picture::{Cell, Picture};
+
+/// Control sequences of xterm: alternate screen and hidden cursor, and back.
+const ENTER: &[u8] = b"\x1b[?1049h\x1b[?25l";
+const LEAVE: &[u8] = b"\x1b[?1049l\x1b[?25h";
+const CLEAR: &str = "\x1b[0m\x1b[2J";
+
+/// Request of the operator by a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Key {
     /// End.
     Quit,
-    /// Begin new latencies and counters.
+    /// Restart latencies and counters.
     Restart,
 }
 
 /// The terminal in use. When dropped, it is as it was before.
+#[derive(Debug)]
 pub struct OpenTerminal {
-    terminal: Terminal<CrosstermBackend<Stdout>>,
-    _left_on_drop: LeaveOnDrop,
+    /// Source of the keys.
+    keys: File,
+    shown: Picture,
+    _restored_on_drop: SavedTerminal,
 }
 
-struct LeaveOnDrop;
+/// Settings of the terminal before its use, restored when dropped.
+#[derive(Debug)]
+struct SavedTerminal {
+    keys: File,
+    settings: Termios,
+}
 
 impl OpenTerminal {
-    /// Takes the terminal: its other screen, and every key as it is typed.
+    /// Switches the terminal to its alternate screen, and to passing on every key as it is typed.
     ///
     /// # Errors
     /// The terminal refuses.
     pub fn enter() -> io::Result<Self> {
-        leave_on_panic();
-        enable_raw_mode()?;
-        let left_on_drop = LeaveOnDrop;
-        execute!(stdout(), EnterAlternateScreen)?;
-        let terminal = Terminal::new(CrosstermBackend::new(stdout()))?;
-        Ok(Self { terminal, _left_on_drop: left_on_drop })
+        let keys = match stdin().is_terminal() {
+            true => File::from(stdin().as_fd().try_clone_to_owned()?),
+            false => File::open("/dev/tty")?,
+        };
+        let settings = tcgetattr(&keys)?;
+        restore_on_panic(SavedTerminal { keys: keys.try_clone()?, settings: settings.clone() });
+        let mut raw = settings.clone();
+        raw.make_raw();
+        let restored_on_drop = SavedTerminal { keys: keys.try_clone()?, settings };
+        tcsetattr(&keys, OptionalActions::Now, &raw)?;
+        stdout().write_all(ENTER)?;
+        Ok(Self { keys, shown: Picture::new((0, 0)), _restored_on_drop: restored_on_drop })
     }
 
-    /// Shows what `draw` draws, at the terminal's present size.
+    /// Number of columns and rows \[cells\].
     ///
     /// # Errors
     /// The terminal is gone.
-    pub fn show(&mut self, draw: impl FnOnce(&mut ratatui::buffer::Buffer)) -> io::Result<()> {
-        self.terminal.draw(|frame| draw(frame.buffer_mut())).map(drop)
+    pub fn size(&self) -> io::Result<(u16, u16)> {
+        let size = tcgetwinsize(stdout())?;
+        Ok((size.ws_col, size.ws_row))
     }
 
-    /// Waits at most `timeout` for a key; returns at once on a change of the terminal's size. A terminal that was closed counts as
-    /// the key that ends.
+    /// Shows `picture`; writes only the rows that have changed.
+    ///
+    /// # Errors
+    /// The terminal is gone.
+    pub fn show(&mut self, picture: Picture, look: ScreenLook) -> io::Result<()> {
+        let is_resized = picture.size != self.shown.size;
+        let mut text = if is_resized { CLEAR.to_owned() } else { String::new() };
+        let before = self.shown.rows().map(Some).chain(std::iter::repeat(None));
+        for (number, (row, before)) in picture.rows().zip(before).enumerate() {
+            if is_resized || before != Some(row) {
+                // Writing to a string does not fail.
+                let _ = write!(text, "\x1b[{};1H{}", number + 1, sequences(row, look));
+            }
+        }
+        self.shown = picture;
+        let mut output = stdout().lock();
+        output.write_all(text.as_bytes())?;
+        output.flush()
+    }
+
+    /// Waits at most `timeout` for a key; `None` if none was pressed. A terminal that was closed counts as the key that ends.
     ///
     /// # Errors
     /// The terminal fails.
     pub fn key(&mut self, timeout: Duration) -> io::Result<Option<Key>> {
-        if is_closed(Duration::ZERO)? {
+        let output = stdout();
+        let mut ends =
+            [PollFd::new(&self.keys, PollFlags::IN), PollFd::new(&output, PollFlags::empty())];
+        let timeout = Timespec::try_from(timeout).map_err(io::Error::other)?;
+        match poll(&mut ends, Some(&timeout)) {
+            // A signal, as of a change of size.
+            Err(Errno::INTR) => return Ok(None),
+            other => other?,
+        };
+        let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
+        if ends.iter().any(|end| end.revents().intersects(gone)) {
             return Ok(Some(Key::Quit));
         }
-        if !event::poll(Duration::ZERO)? {
-            if is_closed(timeout)? {
-                return Ok(Some(Key::Quit));
-            }
-            if !event::poll(Duration::ZERO)? {
-                return Ok(None);
-            }
+        if !ends[0].revents().contains(PollFlags::IN) {
+            return Ok(None);
         }
-        match event::read()? {
-            Event::Key(key) if key.kind != KeyEventKind::Release => Ok(meaning(key)),
-            _ => Ok(None),
-        }
+        let mut bytes = [0; 64];
+        let length = self.keys.read(&mut bytes)?;
+        Ok(meaning(&bytes[..length]))
     }
 }
 
-impl Drop for LeaveOnDrop {
+/// A row as text with control sequences.
+fn sequences(row: &[Cell], look: ScreenLook) -> String {
+    let mut text = look.sequence(Weight::Plain).to_owned();
+    for cells in row.chunk_by(|(_, a), (_, b)| a == b) {
+        text.push_str(look.sequence(cells[0].1));
+        text.extend(cells.iter().map(|(character, _)| character));
+    }
+    text
+}
+
+/// Request for the bytes of one or more keys; no bytes are the end of the input.
+fn meaning(bytes: &[u8]) -> Option<Key> {
+    const CTRL_C: u8 = 3;
+    const CTRL_D: u8 = 4;
+    const ESCAPE: u8 = 0x1b;
+    match bytes {
+        [] | [ESCAPE] => Some(Key::Quit),
+        // A key that sends several bytes, as an arrow.
+        [ESCAPE, ..] => None,
+        keys if keys.iter().any(|key| matches!(key, b'q' | b'Q' | &CTRL_C | &CTRL_D)) => {
+            Some(Key::Quit)
+        }
+        keys => keys.contains(&b'r').then_some(Key::Restart),
+    }
+}
+
+impl SavedTerminal {
+    /// Restores the terminal. An error is ignored: the terminal is gone.
+    fn restore(&self) {
+        let _ = tcsetattr(&self.keys, OptionalActions::Now, &self.settings);
+        let _ = stdout().write_all(LEAVE);
+        let _ = stdout().flush();
+    }
+}
+
+impl Drop for SavedTerminal {
     fn drop(&mut self) {
-        leave(&mut stdout());
+        self.restore();
     }
 }
 
-/// Waits at most `timeout` for input, and returns whether the terminal was closed: nobody looks any more.
-fn is_closed(timeout: Duration) -> io::Result<bool> {
-    let (input, output) = (stdin(), stdout());
-    // An input that is no terminal may be ready for ever.
-    let wanted = if input.is_terminal() { PollFlags::IN } else { PollFlags::empty() };
-    let mut ends = [PollFd::new(&input, wanted), PollFd::new(&output, PollFlags::empty())];
-    let timeout = Timespec::try_from(timeout).map_err(io::Error::other)?;
-    match poll(&mut ends, Some(&timeout)) {
-        // A signal, as of a change of size.
-        Err(Errno::INTR) => return Ok(false),
-        other => other?,
-    };
-    let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
-    Ok(ends[1].revents().intersects(gone)
-        || (!wanted.is_empty() && ends[0].revents().intersects(gone)))
-}
-
-/// What a key asks for.
-fn meaning(key: KeyEvent) -> Option<Key> {
-    match (key.code, key.modifiers) {
-        (KeyCode::Char('q' | 'Q') | KeyCode::Esc, _) => Some(Key::Quit),
-        // In raw mode the terminal makes no signal of it.
-        (KeyCode::Char('c' | 'd'), KeyModifiers::CONTROL) => Some(Key::Quit),
-        (KeyCode::Char('r'), _) => Some(Key::Restart),
-        _ => None,
-    }
-}
-
-/// Gives the terminal back. An error is ignored: the terminal is gone.
-fn leave(output: &mut impl Write) {
-    let _ = disable_raw_mode();
-    let _ = execute!(output, LeaveAlternateScreen, Show);
-}
-
-/// Gives the terminal back before a panic is told, so that it can be read.
-fn leave_on_panic() {
-    let tell = std::panic::take_hook();
+/// Restores the terminal before the message of a panic is printed, so that it can be read.
+fn restore_on_panic(saved: SavedTerminal) {
+    let print = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        leave(&mut stdout());
-        tell(panic);
+        saved.restore();
+        print(panic);
     }));
 }
 
@@ -132,23 +175,18 @@ mod tests {
 
     #[test]
     fn keys_that_end_and_keys_that_do_not() {
-        let key = |code, modifiers| meaning(KeyEvent::new(code, modifiers));
-        for (code, modifiers) in [
-            (KeyCode::Char('q'), KeyModifiers::NONE),
-            (KeyCode::Char('Q'), KeyModifiers::SHIFT),
-            (KeyCode::Char('c'), KeyModifiers::CONTROL),
-            (KeyCode::Esc, KeyModifiers::NONE),
-        ] {
-            assert_eq!(key(code, modifiers), Some(Key::Quit));
+        for end in [&b"q"[..], b"Q", b"\x03", b"\x04", b"\x1b", b""] {
+            assert_eq!(meaning(end), Some(Key::Quit), "{end:?}");
         }
-        assert_eq!(key(KeyCode::Char('c'), KeyModifiers::NONE), None);
-        assert_eq!(key(KeyCode::Char('r'), KeyModifiers::NONE), Some(Key::Restart));
+        assert_eq!(meaning(b"c"), None);
+        assert_eq!(meaning(b"\x1b[A"), None, "an arrow");
+        assert_eq!(meaning(b"r"), Some(Key::Restart));
     }
 
     #[test]
-    fn leaving_shows_the_first_screen_and_the_cursor() {
-        let mut written = Vec::new();
-        leave(&mut written);
-        assert_eq!(written, b"\x1b[?1049l\x1b[?25h");
+    fn a_row_changes_its_look_where_the_weight_changes() {
+        let row = [('a', Weight::Plain), ('b', Weight::Alarm), ('c', Weight::Alarm)];
+        let look = ScreenLook { has_colour: false, has_blocks: false };
+        assert_eq!(sequences(&row, look), "\x1b[0m\x1b[0ma\x1b[0;1;7mbc");
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures of instances: what is seen in terminals of several sizes, with and without colour.
+//! Pictures of instances in terminals of several sizes, with and without colour.
 
 use oqtal_bus::code::{Cause, Mode, SafetyState};
 use oqtal_bus::message::{Header, HealthV1, Stamps, TelemetryV1, VehicleV1};
@@ -6,14 +6,11 @@ use oqtal_bus::obstacle::{ArmingObstacle, ArmingObstacles};
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, POSE, Role, Sample};
 use oqtal_observe::sink::{Reception, Sink};
-use ratatui::Terminal;
-use ratatui::backend::TestBackend;
-use ratatui::buffer::Buffer;
-use ratatui::style::Color;
 
 use crate::draw::draw;
 use crate::look::ScreenLook;
 use crate::model::MonitorModel;
+use crate::picture::Picture;
 
 const PLAIN: ScreenLook = ScreenLook { has_colour: false, has_blocks: false };
 const COLOURED: ScreenLook = ScreenLook { has_colour: true, has_blocks: true };
@@ -72,7 +69,7 @@ fn stamps(now: Time) -> Stamps {
     }
 }
 
-fn hear(model: &mut MonitorModel, role: Role, now: Time) {
+fn receive_health(model: &mut MonitorModel, role: Role, now: Time) {
     let health = HealthV1 { time: now, config_hash: 7, ..HealthV1::default() };
     model.sample(&reception(now, Stamps::default()), Sample::Health(role, &health));
 }
@@ -84,7 +81,7 @@ fn in_flight() -> MonitorModel {
         let now = at(tick * 1000 / 60);
         model.advance(now);
         for role in [Role::Daemon, Role::Plant, Role::Mocap] {
-            hear(&mut model, role, now);
+            receive_health(&mut model, role, now);
         }
         model.sample(&reception(now, Stamps::default()), Sample::Telemetry(&flying(now)));
         model.sample(&reception(now, stamps(now)), Sample::Vehicle(&vehicle()));
@@ -92,24 +89,15 @@ fn in_flight() -> MonitorModel {
     model
 }
 
-/// The picture of `model` in a terminal of this size.
-fn picture(model: &MonitorModel, look: ScreenLook, size: (u16, u16)) -> Buffer {
-    let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
-    terminal.draw(|frame| draw(model, look, frame.buffer_mut())).unwrap();
-    terminal.backend().buffer().clone()
-}
-
-fn text(buffer: &Buffer) -> String {
-    let width = usize::from(buffer.area.width).max(1);
-    let rows = buffer.content.chunks(width);
-    let row = |cells: &[ratatui::buffer::Cell]| {
-        cells.iter().map(ratatui::buffer::Cell::symbol).collect::<String>()
+fn text(picture: &Picture) -> String {
+    let row = |cells: &[crate::picture::Cell]| {
+        cells.iter().map(|(character, _)| character).collect::<String>().trim_end().to_owned()
     };
-    rows.map(|cells| row(cells).trim_end().to_owned() + "\n").collect()
+    picture.rows().map(|cells| row(cells) + "\n").collect()
 }
 
 fn seen(model: &MonitorModel, size: (u16, u16)) -> String {
-    text(&picture(model, PLAIN, size))
+    text(&draw(model, PLAIN, size))
 }
 
 #[test]
@@ -120,12 +108,12 @@ fn a_flight_is_seen_whole_in_80_by_24() {
         "state     Nominal",
         "faults    none",
         "mode      flying, mission 12.3 s",
-        "simulated, motors running, answers, link 98 %, battery 11.43 V",
+        "simulated, answers, motors running, battery 11.4 V, link quality 98 %",
         "age 15.2 ms; lost 0, refused 0",
         "0.50 0.00 1.00 m; error 0.500 m, max 0.500 m",
         "model     rate x 0.93, lag 61 ms, hidden delay 7 ms, thrust x 1.04",
         "180 ticks, deadlines missed 0",
-        "daemon 4711, plant-sim 4711, mocap-emu 4711",
+        "plant-sim 4711, mocap-emu 4711, daemon 4711",
         "error [m]",
         "0.500 /0.500",
         "45.0 /100.0",
@@ -161,7 +149,7 @@ fn every_size_is_drawn_and_says_what_it_leaves_out() {
 #[test]
 fn states_are_told_in_words_and_without_colour_no_cell_has_one() {
     let mut model = in_flight();
-    let now = model.now + Span::from_millis(10);
+    let now = model.instance.now + Span::from_millis(10);
     model.advance(now);
     let lost = TelemetryV1 {
         state: SafetyState::Coast.code(),
@@ -173,42 +161,43 @@ fn states_are_told_in_words_and_without_colour_no_cell_has_one() {
     let seen = seen(&model, (80, 24));
     assert!(seen.contains("state     Coast: no pose"), "{seen}");
     assert!(seen.contains("3.0 flying, Coast: no pose"), "the event is missing\n{seen}");
-    let has_colour = |look| {
-        let buffer = picture(&model, look, (80, 24));
-        buffer.content.iter().any(|cell| cell.fg != Color::Reset || cell.bg != Color::Reset)
+    let has_colour = |look: ScreenLook| {
+        let picture = draw(&model, look, (80, 24));
+        let mut weights = picture.rows().flatten().map(|(_, weight)| look.sequence(*weight));
+        weights.any(|sequence| sequence.contains(";3") || sequence.contains(";4"))
     };
     assert!(has_colour(COLOURED) && !has_colour(PLAIN));
 }
 
 #[test]
-fn what_keeps_a_flight_from_beginning_is_told() {
+fn obstacles_to_a_take_off_are_shown() {
     let mut model = in_flight();
     let obstacles = ArmingObstacles::default().with(ArmingObstacle::Tilted, true).bits();
     let (mode, mission_s) = (Mode::Disarmed.code(), f64::NAN);
-    let tick = TelemetryV1 { obstacles, mode, mission_s, ..flying(model.now) };
-    model.sample(&reception(model.now, Stamps::default()), Sample::Telemetry(&tick));
+    let tick = TelemetryV1 { obstacles, mode, mission_s, ..flying(model.instance.now) };
+    model.sample(&reception(model.instance.now, Stamps::default()), Sample::Telemetry(&tick));
     let seen = seen(&model, (80, 24));
     assert!(seen.contains("disarmed; no take-off: the vehicle is tilted"), "{seen}");
     assert!(seen.contains("no reference"), "{seen}");
 }
 
 #[test]
-fn an_instance_that_ends_is_told_and_one_that_comes_back_begins_anew() {
+fn an_instance_that_ends_is_told_and_one_that_comes_back_is_shown_again() {
     let mut model = in_flight();
-    let gone = model.now + Span::from_millis(2000);
+    let gone = model.instance.now + Span::from_millis(2000);
     model.advance(gone);
     let picture = seen(&model, (80, 24));
     for expected in [
         "nothing runs, last tick 2 s ago: waiting for it to come back",
         "daemon SILENT",
         "the instance has ended",
-        "daemon silent, plant-sim silent, mocap-emu silent",
+        "plant-sim silent, mocap-emu silent, daemon silent",
     ] {
         assert!(picture.contains(expected), "`{expected}` is missing in\n{picture}");
     }
     let back = gone + Span::from_millis(5000);
     model.advance(back);
-    hear(&mut model, Role::Daemon, back);
+    receive_health(&mut model, Role::Daemon, back);
     let other =
         Reception { header: Header { source: 4712, ..Header::default() }, received_at: back };
     model.sample(&other, Sample::Telemetry(&flying(back)));
@@ -223,6 +212,6 @@ fn an_observer_that_was_too_slow_says_so() {
     model.lost(ObservedTopic::Telemetry, POSE.quality.buffer as u64);
     let seen = seen(&model, (80, 24));
     assert!(seen.contains("1024 samples not observed"), "{seen}");
-    model.restart_figures();
-    assert!(model.figures.counters().unobserved == 0 && model.greatest_error_m == 0.0);
+    model.instance.restart_figures();
+    assert!(model.instance.figures.counters().unobserved == 0 && model.instance.max_error_m == 0.0);
 }

@@ -4,8 +4,9 @@ use oqtal_bus::obstacle::ArmingObstacles;
 use oqtal_bus::time::{Span, Time};
 use oqtal_bus::topic::{ObservedTopic, Sample};
 use oqtal_config::Config;
+use oqtal_observe::instance::InstanceModel;
 use oqtal_observe::sink::{Reception, Sink, Tee};
-use oqtal_observe::status::{ProcessHealth, StatusMonitor, VehicleStatus};
+use oqtal_observe::status::{ProcessHealth, VehicleStatus};
 use serde::Serialize;
 
 use crate::collect::{Collected, Collector};
@@ -19,10 +20,9 @@ const STATUS_PERIOD: Span = Span::from_millis(250);
 #[derive(Debug)]
 pub struct LiveView {
     collector: Collector,
-    status: StatusMonitor,
+    instance: InstanceModel,
     config_hash: String,
     last_status: Time,
-    last_tick: Time,
 }
 
 /// Status of the processes of an instance.
@@ -30,11 +30,11 @@ pub struct LiveView {
 pub struct LiveStatus {
     processes: Vec<ProcessHealth>,
     vehicle: Option<VehicleStatus>,
-    /// Whether all processes run with one configuration; `None` if none was heard.
+    /// Whether all processes run with one configuration; `None` if none was observed.
     config_agrees: Option<bool>,
     /// Hash of the configuration that the page describes.
     config_hash: String,
-    /// What keeps a flight from beginning.
+    /// Conditions that prevent a flight from starting.
     obstacles: Vec<String>,
     /// Time since the newest tick was received \[s\]; `None` before the first.
     silence_s: Option<f64>,
@@ -61,7 +61,7 @@ impl LiveView {
     #[must_use]
     pub fn topics() -> Vec<ObservedTopic> {
         let others = [ObservedTopic::Truth, ObservedTopic::Input];
-        StatusMonitor::TOPICS.into_iter().chain(others).collect()
+        InstanceModel::status_topics().into_iter().chain(others).collect()
     }
 
     /// A view of an instance that runs with `config`; health messages older than `timeout` are ignored.
@@ -69,10 +69,9 @@ impl LiveView {
     pub fn new(config: &Config, timeout: Span) -> Self {
         Self {
             collector: Collector::new(config),
-            status: StatusMonitor::new(timeout),
+            instance: InstanceModel::new(Time::UNSET, timeout),
             config_hash: format!("{:016x}", config.hash()),
             last_status: Time::UNSET,
-            last_tick: Time::UNSET,
         }
     }
 
@@ -89,19 +88,17 @@ impl LiveView {
     }
 
     fn status_at(&self, now: Time) -> LiveStatus {
-        let status = self.status.status(now);
+        let status = self.instance.status(now);
         let config_agrees = status.config_agrees();
-        let obstacles = self.collector.latest().map_or(0, |tick| tick.obstacles);
+        let tick = self.instance.tick;
+        let obstacles = ArmingObstacles::from_bits(tick.map_or(0, |tick| tick.body.obstacles));
         LiveStatus {
             config_agrees,
             config_hash: self.config_hash.clone(),
             processes: status.processes,
             vehicle: status.vehicle,
-            obstacles: ArmingObstacles::from_bits(obstacles)
-                .iter()
-                .map(|o| o.to_string())
-                .collect(),
-            silence_s: self.last_tick.is_set().then(|| now.since(self.last_tick).seconds()),
+            obstacles: obstacles.iter().map(|obstacle| obstacle.to_string()).collect(),
+            silence_s: tick.map(|tick| now.since(tick.received_at).seconds()),
         }
     }
 }
@@ -116,14 +113,11 @@ fn thin<T: Copy>(rows: &mut Vec<T>) {
 
 impl Sink for LiveView {
     fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
-        if let Sample::Telemetry(_) = sample {
-            self.last_tick = reception.received_at;
-        }
-        Tee(&mut self.collector, &mut self.status).sample(reception, sample);
+        Tee(&mut self.collector, &mut self.instance).sample(reception, sample);
     }
 
     fn lost(&mut self, topic: ObservedTopic, count: u64) {
-        Tee(&mut self.collector, &mut self.status).lost(topic, count);
+        Tee(&mut self.collector, &mut self.instance).lost(topic, count);
     }
 }
 

@@ -1,0 +1,341 @@
+//! Model of a running instance: its processes, vehicle, newest tick, latencies, counters and events. `oqtal ctl status`,
+//! `oqtal monitor` and `oqtal view` show it.
+
+use std::collections::VecDeque;
+
+use oqtal_bus::message::{Header, HealthV1, TelemetryV1, VehicleV1};
+use oqtal_bus::time::{Span, Time};
+use oqtal_bus::topic::{ObservedTopic, Role, Sample};
+
+use crate::event::{self, DaemonCondition};
+use crate::loop_monitor::LoopMonitor;
+use crate::sink::{Reception, Sink};
+use crate::status::{InstanceStatus, ProcessHealth, VehicleStatus};
+
+/// Events kept at most \[-\]: more than a terminal is high.
+const MAX_EVENTS: usize = 200;
+
+/// The newest sample of a topic.
+#[derive(Clone, Copy, Debug)]
+pub struct Newest<M> {
+    /// Instant of reception.
+    pub received_at: Time,
+    /// The sample.
+    pub body: M,
+}
+
+/// A process of the instance.
+#[derive(Clone, Copy, Debug)]
+pub struct ObservedProcess {
+    /// Role of the process.
+    pub role: Role,
+    /// Header of its newest health message.
+    pub header: Header,
+    /// Its newest health message.
+    pub health: HealthV1,
+    /// Whether its newest health message is older than the time-out.
+    pub is_silent: bool,
+}
+
+impl ObservedProcess {
+    /// Process id \[-\].
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.header.origin().process()
+    }
+}
+
+/// Model of one instance.
+#[derive(Debug)]
+pub struct InstanceModel {
+    /// Latest instant of the observation.
+    pub now: Time,
+    /// Newest tick of the daemon.
+    pub tick: Option<Newest<TelemetryV1>>,
+    /// Newest message of the vehicle.
+    pub vehicle: Option<Newest<VehicleV1>>,
+    /// Latencies and counters since the observation began, since the daemon was replaced, or since [`Self::restart_figures`].
+    pub figures: LoopMonitor,
+    /// Greatest tracking error since the same instant \[m\].
+    pub max_error_m: f64,
+    /// Events with the time since the observation began, oldest first.
+    pub events: VecDeque<(Span, String)>,
+    began: Time,
+    /// Age of a health message above which its process counts as silent.
+    timeout: Span,
+    processes: [Option<ObservedProcess>; Role::PROCESSES.len()],
+    /// Writer of the newest tick.
+    daemon: Option<u64>,
+    condition: Option<DaemonCondition>,
+}
+
+impl InstanceModel {
+    /// An empty model of an observation that begins at `now`; a process is silent after `timeout` without a health message.
+    #[must_use]
+    pub fn new(now: Time, timeout: Span) -> Self {
+        Self {
+            now,
+            tick: None,
+            vehicle: None,
+            figures: LoopMonitor::new(Time::UNSET),
+            max_error_m: 0.0,
+            events: VecDeque::new(),
+            began: now,
+            timeout,
+            processes: [None; _],
+            daemon: None,
+            condition: None,
+        }
+    }
+
+    /// The topics from which [`Self::status`] is made.
+    #[must_use]
+    pub fn status_topics() -> Vec<ObservedTopic> {
+        let topics = [ObservedTopic::Telemetry, ObservedTopic::Vehicle];
+        topics.into_iter().chain(Role::PROCESSES.map(ObservedTopic::Health)).collect()
+    }
+
+    /// The topics from which the whole model is made.
+    #[must_use]
+    pub fn topics() -> Vec<ObservedTopic> {
+        [Self::status_topics(), vec![ObservedTopic::Command, ObservedTopic::Input]].concat()
+    }
+
+    /// Sets the instant of the samples that follow, and adds the events of processes that are silent since.
+    pub fn advance(&mut self, now: Time) {
+        self.now = now;
+        let (timeout, was_alive) = (self.timeout, self.is_alive());
+        let known = self.processes.iter_mut().flatten();
+        let silent = known.filter(|p| !p.is_silent && now.since(p.health.time) > timeout);
+        let mut texts = Vec::new();
+        for process in silent {
+            process.is_silent = true;
+            texts.push(format!("{} is silent", process.role.name()));
+        }
+        texts.into_iter().for_each(|text| self.add_event(text));
+        if was_alive && !self.is_alive() {
+            self.add_event("the instance has ended");
+        }
+    }
+
+    /// Time since the observation began.
+    #[must_use]
+    pub fn age(&self) -> Span {
+        self.now.since(self.began)
+    }
+
+    /// Time since the newest tick was received; `None` before the first.
+    #[must_use]
+    pub fn tick_age(&self) -> Option<Span> {
+        self.tick.map(|tick| self.now.since(tick.received_at))
+    }
+
+    /// The processes that have published their health.
+    pub fn processes(&self) -> impl Iterator<Item = &ObservedProcess> {
+        self.processes.iter().flatten()
+    }
+
+    /// Whether a process publishes its health.
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
+        self.processes().any(|process| !process.is_silent)
+    }
+
+    /// Whether every process that is expected to run, and the vehicle, have been received.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        let known = |role| self.has(role) || self.is_replaced(role);
+        self.vehicle.is_some() && Role::PROCESSES.into_iter().all(known)
+    }
+
+    /// Whether processes that are not silent run with different configurations.
+    #[must_use]
+    pub fn configs_differ(&self) -> bool {
+        let running = self.processes().filter(|process| !process.is_silent);
+        let mut hashes = running.filter_map(|process| process.health.compared_config());
+        let first = hashes.next();
+        hashes.any(|hash| Some(hash) != first)
+    }
+
+    /// Status at `now`.
+    #[must_use]
+    pub fn status(&self, now: Time) -> InstanceStatus {
+        let processes = Role::PROCESSES.into_iter().zip(&self.processes).map(|(role, process)| {
+            ProcessHealth::new(role, process.as_ref(), (self.is_replaced(role), now))
+        });
+        let tick = self.tick.filter(|tick| tick.body.pose_age_s.is_finite());
+        InstanceStatus {
+            processes: processes.collect(),
+            vehicle: self.vehicle.map(|vehicle| VehicleStatus::new(&vehicle.body)),
+            position_m: tick.map(|tick| tick.body.position),
+        }
+    }
+
+    /// Discards latencies and counters, and begins new ones.
+    pub fn restart_figures(&mut self) {
+        self.figures.restart(Time::UNSET);
+        self.max_error_m = 0.0;
+    }
+
+    fn has(&self, role: Role) -> bool {
+        self.processes().any(|process| process.role == role)
+    }
+
+    /// Whether the process that runs in place of `role` was received: vehicle and cameras are either simulated or real.
+    fn is_replaced(&self, role: Role) -> bool {
+        match role {
+            Role::Plant => self.has(Role::Bridge),
+            Role::Bridge => self.has(Role::Plant),
+            Role::Mocap => self.has(Role::Receiver),
+            Role::Receiver => self.has(Role::Mocap),
+            _ => false,
+        }
+    }
+
+    fn add_event(&mut self, text: impl Into<String>) {
+        if self.events.len() == MAX_EVENTS {
+            self.events.pop_front();
+        }
+        self.events.push_back((self.age(), text.into()));
+    }
+
+    fn telemetry(&mut self, reception: &Reception, telemetry: &TelemetryV1) {
+        let source = reception.header.source;
+        if self.daemon.replace(source).is_some_and(|before| before != source) {
+            self.restart_figures();
+            self.condition = None;
+        }
+        self.tick = Some(Newest { received_at: reception.received_at, body: *telemetry });
+        self.max_error_m = self.max_error_m.max(tracking_error_m(telemetry).unwrap_or(0.0));
+        let condition = DaemonCondition::of(telemetry);
+        if self.condition.replace(condition) != Some(condition) {
+            self.add_event(condition.to_string());
+        }
+    }
+
+    fn vehicle(&mut self, reception: &Reception, vehicle: &VehicleV1) {
+        let newest = Newest { received_at: reception.received_at, body: *vehicle };
+        let Some(Newest { body: before, .. }) = self.vehicle.replace(newest) else { return };
+        let changes = [
+            (before.armed, vehicle.armed, ["motors off", "motors run"]),
+            (before.link, vehicle.link, ["vehicle silent", "vehicle answers"]),
+            (before.stopped, vehicle.stopped, ["stop lifted", "vehicle stopped by an operator"]),
+        ];
+        for (_, now, texts) in changes.into_iter().filter(|(before, now, _)| before != now) {
+            self.add_event(texts[usize::from(now == 1)]);
+        }
+    }
+
+    /// Adds a health message; one that is older than the time-out is ignored.
+    fn health(&mut self, reception: &Reception, role: Role, health: &HealthV1) {
+        let entry = Role::PROCESSES.iter().position(|other| *other == role);
+        let is_old = reception.received_at.since(health.time) > self.timeout;
+        let Some(entry) = entry.filter(|_| !is_old) else { return };
+        let header = reception.header;
+        let process = ObservedProcess { role, header, health: *health, is_silent: false };
+        let before = self.processes[entry].replace(process);
+        if before.is_none_or(|before| before.is_silent || before.pid() != process.pid()) {
+            self.add_event(format!("{} came, pid {}", role.name(), process.pid()));
+        }
+    }
+}
+
+/// Distance of the estimated position from the reference \[m\]; `None` when not flying.
+#[must_use]
+pub fn tracking_error_m(tick: &TelemetryV1) -> Option<f64> {
+    let pairs = tick.position.iter().zip(tick.reference_position);
+    let distance = pairs.map(|(is, reference)| (is - reference).powi(2)).sum::<f64>().sqrt();
+    (distance.is_finite() && tick.mission_s.is_finite()).then_some(distance)
+}
+
+impl Sink for InstanceModel {
+    fn sample(&mut self, reception: &Reception, sample: Sample<'_>) {
+        match sample {
+            Sample::Telemetry(telemetry) => self.telemetry(reception, telemetry),
+            Sample::Vehicle(vehicle) => self.vehicle(reception, vehicle),
+            Sample::Input(input) => {
+                event::of_input(input).into_iter().for_each(|text| self.add_event(text));
+            }
+            Sample::Health(role, health) => self.health(reception, role, health),
+            _ => {}
+        }
+        self.figures.sample(reception, sample);
+    }
+
+    fn lost(&mut self, topic: ObservedTopic, count: u64) {
+        self.figures.lost(topic, count);
+        self.add_event(format!("{count} samples of `{topic}` were not observed"));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A model at 1 s that received a health message of each of `roles`, `age` old.
+    fn model(roles: &[Role], age: Span) -> InstanceModel {
+        let mut model = InstanceModel::new(Time::VIRTUAL_START, Span::from_millis(100));
+        for role in roles {
+            let time = Time::VIRTUAL_START - age;
+            receive(&mut model, *role, HealthV1 { time, ..HealthV1::default() });
+        }
+        model
+    }
+
+    fn receive(model: &mut InstanceModel, role: Role, health: HealthV1) {
+        let reception = Reception { received_at: Time::VIRTUAL_START, ..Reception::default() };
+        model.sample(&reception, Sample::Health(role, &health));
+    }
+
+    #[test]
+    fn a_bridge_stands_in_for_a_plant_and_old_messages_do_not_count() {
+        let roles = [Role::Mocap, Role::Daemon, Role::Bridge];
+        let mut fresh = model(&roles, Span::from_millis(20));
+        assert!(!fresh.is_complete());
+        fresh.sample(&Reception::default(), Sample::Vehicle(&VehicleV1::default()));
+        assert!(fresh.is_complete());
+        let lines = fresh.status(Time::VIRTUAL_START).lines();
+        assert_eq!(lines[0], "plant-sim  not started");
+        assert!(lines[1].contains("20 ms ago"), "{lines:?}");
+        let late = HealthV1 { time: Time::VIRTUAL_START, runs_late: 1, ..HealthV1::default() };
+        receive(&mut fresh, Role::Mocap, late);
+        assert!(fresh.status(Time::VIRTUAL_START).lines()[1].ends_with("runs late"));
+        let stale = model(&roles, Span::from_millis(101));
+        assert_eq!(
+            stale.status(Time::VIRTUAL_START).lines()[1],
+            "mocap-emu  silent: not running, or hung"
+        );
+    }
+
+    #[test]
+    fn processes_with_different_configurations_are_reported() {
+        let mut model = model(&[Role::Mocap, Role::Daemon], Span::ZERO);
+        let runs_with = |config_hash| HealthV1 {
+            time: Time::VIRTUAL_START,
+            config_hash,
+            ..HealthV1::default()
+        };
+        receive(&mut model, Role::Daemon, runs_with(5));
+        receive(&mut model, Role::Mocap, runs_with(5));
+        assert_eq!(model.status(Time::VIRTUAL_START).config_agrees(), Some(true));
+        receive(&mut model, Role::Mocap, runs_with(HealthV1::OWN_CONFIG));
+        assert_eq!(model.status(Time::VIRTUAL_START).config_agrees(), Some(true));
+        receive(&mut model, Role::Mocap, runs_with(7));
+        let status = model.status(Time::VIRTUAL_START);
+        assert_eq!(status.config_agrees(), Some(false));
+        assert!(status.lines().last().unwrap().contains("configurations differ"));
+        assert!(model.configs_differ());
+    }
+
+    #[test]
+    fn the_number_of_events_is_bounded() {
+        let mut model = model(&[], Span::ZERO);
+        for number in 0..MAX_EVENTS + 5 {
+            model.now = Time::VIRTUAL_START + Span::from_millis(number as i64);
+            model.add_event(format!("event {number}"));
+        }
+        assert_eq!(model.events.len(), MAX_EVENTS);
+        let (at, text) = model.events.back().unwrap();
+        assert_eq!((*at, &**text), (Span::from_millis(204), "event 204"));
+    }
+}

@@ -1,0 +1,86 @@
+//! `oqtal completions SHELL` and `oqtal man DIR`: shell completions and manual pages from the definitions of the commands. The
+//! installer runs both, so that what is installed is that of the program.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Command};
+use clap_complete::Shell;
+use oqtal_runtime::process::{Exit, Failure};
+use oqtal_runtime::program::print;
+
+/// Arguments of `oqtal completions`.
+#[derive(Args, Debug)]
+pub struct CompletionsArgs {
+    /// The shell
+    shell: Shell,
+}
+
+impl CompletionsArgs {
+    /// Prints the completions of `command`.
+    ///
+    /// # Errors
+    /// Standard output cannot be written.
+    pub fn execute(&self, mut command: Command) -> Result<Exit, Failure> {
+        let mut script = Vec::new();
+        clap_complete::generate(self.shell, &mut command, "oqtal", &mut script);
+        print(String::from_utf8_lossy(&script).trim_end())?;
+        Ok(Exit::Ok)
+    }
+}
+
+/// Arguments of `oqtal man`.
+#[derive(Args, Debug)]
+pub struct ManArgs {
+    /// Directory of the pages
+    directory: PathBuf,
+}
+
+impl ManArgs {
+    /// Writes a page for `command` and for each of its subcommands.
+    ///
+    /// # Errors
+    /// The directory cannot be created or written (exit code 71).
+    pub fn execute(&self, command: Command) -> Result<Exit, Failure> {
+        let failed = |error: std::io::Error| {
+            Failure::new(Exit::System, format!("{}: {error}", self.directory.display()))
+        };
+        std::fs::create_dir_all(&self.directory).map_err(failed)?;
+        write_pages(command, &self.directory).map_err(failed)?;
+        Ok(Exit::Ok)
+    }
+}
+
+fn write_pages(command: Command, directory: &Path) -> std::io::Result<()> {
+    clap_mangen::generate_to(command.disable_help_subcommand(true), directory)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::Cli;
+    use clap::CommandFactory;
+
+    #[test]
+    fn every_command_has_a_page_and_hidden_ones_have_none() {
+        let directory = tempfile::tempdir().unwrap();
+        write_pages(Cli::command(), directory.path()).unwrap();
+        let exists = |page: &str| directory.path().join(page).exists();
+        for command in Cli::command().get_subcommands() {
+            let page = format!("oqtal-{}.1", command.get_name());
+            assert_eq!(exists(&page), !command.is_hide_set(), "{page}");
+        }
+        assert!(exists("oqtal.1") && exists("oqtal-daemon-run.1"));
+        let page = std::fs::read_to_string(directory.path().join("oqtal-monitor.1")).unwrap();
+        assert!(page.contains("no\\-color"), "{page}");
+    }
+
+    #[test]
+    fn every_shell_completes_commands_and_options() {
+        for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Cli::command(), "oqtal", &mut script);
+            let script = String::from_utf8(script).unwrap();
+            assert!(script.contains("monitor") && script.contains("no-color"), "{shell}");
+        }
+    }
+}
