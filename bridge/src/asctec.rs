@@ -3,7 +3,7 @@
 //! The zero set-point commands all four axes, centred and without thrust: the remote control is then ignored, except that its
 //! channel 5 disables the serial interface (manual, p. 17), which is the pilot's last resort.
 //!
-//! The status request is the protocol's one periodic word, sent at `bridge.status-rate-hz`.
+//! The status request is the protocol's one periodic frame, sent at `bridge.status-rate-hz`.
 //!
 //! | `vehicle.interface` | roll and pitch stick | yaw stick |
 //! |---|---|---|
@@ -26,7 +26,7 @@ use oqtal_wire::asctec::{
 
 use crate::options;
 use crate::protocol::{
-    FrameSizes, PeriodicTimer, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply,
+    FrameSizes, PeriodicFrame, PeriodicTimer, VehicleFrame, VehicleProtocol, VehicleReply,
 };
 use crate::setpoint::VehicleSetpoint;
 
@@ -98,10 +98,10 @@ impl VehicleProtocol for Asctec {
         VehicleFrame::of(&input.frame())
     }
 
-    fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicWord> {
+    fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicFrame> {
         let request = || VehicleFrame::of(&poll_frame(Poll::LL_STATUS));
         let is_due = self.status_timer.is_due(now, is_status_urgent);
-        is_due.then(|| PeriodicWord { frame: request(), is_answered: true })
+        is_due.then(|| PeriodicFrame { frame: request(), is_answered: true })
     }
 
     fn emergency_stop(&mut self) -> VehicleFrame {

@@ -13,11 +13,11 @@ use crate::motors::MotorEvent;
 use crate::note::Note;
 use crate::outbox::{FrameKind, Outbox};
 use crate::poses::PoseRelay;
-use crate::protocol::{FrameSizes, PeriodicWord, VehicleFrame, VehicleProtocol, VehicleReply};
+use crate::protocol::{FrameSizes, PeriodicFrame, VehicleFrame, VehicleProtocol, VehicleReply};
 use crate::safety::{CommandGate, MotorStatus};
 use crate::schedule::Schedule;
 use crate::setpoint::VehicleSetpoint;
-use crate::timing::{limits, millis, word_spacing};
+use crate::timing::{limits, millis, periodic_spacing};
 use crate::transport::VehicleTransport;
 
 /// Time between rejected commands above which they are logged separately.
@@ -74,8 +74,9 @@ impl Bridge {
         let period = Span::period_of(config.control.rate_hz);
         let line = LineOccupancy::new(transport.byte_rate());
         let sizes = protocol.sizes().with_overhead(transport.overhead());
-        // A configuration without room for any word was rejected at start.
-        let spacing = word_spacing(&line, period, sizes, protocol.words()).unwrap_or(period);
+        // A configuration without room for periodic frames was rejected at start.
+        let spacing =
+            periodic_spacing(&line, period, sizes, protocol.periodic_count()).unwrap_or(period);
         let limits = limits(config, spacing);
         Self {
             poses: PoseRelay::new(limits.command_age),
@@ -165,7 +166,7 @@ impl Bridge {
         changed
     }
 
-    /// Who obeys the stop that is in force: whether a set-point without flight was sent since, and whether the vehicle has reported
+    /// Effect of the stop that is in force: whether a set-point without flight was sent since, and whether the vehicle has reported
     /// since that its motors are off.
     #[must_use]
     pub fn stop_state(&self) -> (bool, bool) {
@@ -211,14 +212,14 @@ impl Bridge {
                 return None;
             }
         }
-        let (setpoint, forwarded, event) = self.gate.decide(now);
+        let (setpoint, forwarded, event) = self.gate.select_command(now);
         if let Some(event) = event {
             note(Note::Motors(event));
             self.emergency_stop_waits |= event == MotorEvent::StopFailed && self.has_emergency_stop;
         }
         let with_command = std::mem::take(&mut self.command_waits);
         self.schedule.add_setpoint(now, with_command);
-        self.words_left = self.protocol.words();
+        self.words_left = self.protocol.periodic_count();
         let frame = match setpoint {
             _ if !self.is_open => VehicleFrame::EMPTY,
             VehicleSetpoint::Released => VehicleFrame::EMPTY,
@@ -235,7 +236,7 @@ impl Bridge {
         None
     }
 
-    /// Begins a frame that goes directly behind a set-point: the emergency stop, or a pose or a periodic word if there is room for
+    /// Begins a frame that goes directly behind a set-point: the emergency stop, or a pose or a periodic frame if there is room for
     /// it. Returns whether it does; called until it does not.
     pub fn follow_up(&mut self, now: Time) -> bool {
         if !self.is_open || !self.outbox.is_empty() {
@@ -250,20 +251,20 @@ impl Bridge {
         if self.words_left == 0 || !self.schedule.has_room(now, self.outbox.ahead(now), sending) {
             return false;
         }
-        let Some(word) = self.next_word(now) else { return false };
+        let Some(word) = self.next_periodic(now) else { return false };
         self.words_left -= 1;
-        self.schedule.add_word(now);
+        self.schedule.add_periodic(now);
         let kind = FrameKind::Periodic { is_answered: word.is_answered };
         self.begin(now, kind, &word.frame);
         true
     }
 
-    /// The pose that is due, or else the periodic word.
-    fn next_word(&mut self, now: Time) -> Option<PeriodicWord> {
+    /// The pose that is due, or else the periodic frame.
+    fn next_periodic(&mut self, now: Time) -> Option<PeriodicFrame> {
         let pose = self.protocol.pose_period().and_then(|period| self.poses.take(now, period));
         let frame = pose.map(|pose| self.protocol.pose(now, &pose));
         match frame.filter(|frame| !frame.bytes().is_empty()) {
-            Some(frame) => Some(PeriodicWord { frame, is_answered: false }),
+            Some(frame) => Some(PeriodicFrame { frame, is_answered: false }),
             None => self.protocol.periodic(now, self.gate.is_in_sequence()),
         }
     }

@@ -41,14 +41,14 @@ use oqtal_wire::crtp::{
 };
 
 use crate::protocol::{
-    FrameSizes, PeriodicTimer, PeriodicWord, VehicleEstimate, VehicleFrame, VehiclePose,
+    FrameSizes, PeriodicFrame, PeriodicTimer, VehicleEstimate, VehicleFrame, VehiclePose,
     VehicleProtocol, VehicleReply, VehicleText,
 };
 use crate::setpoint::VehicleSetpoint;
 use arming::Arming;
-use connection::{CrtpConnection, CrtpWishes};
+use connection::{ConnectionOptions, CrtpConnection};
 use console::ConsoleLine;
-use status::{CrazyflieStatus, ReportNews};
+use status::{CrazyflieStatus, StatusUpdate};
 
 pub use cache::{TableKeeper, TableStore};
 
@@ -116,8 +116,8 @@ pub struct Crtp {
     status: CrazyflieStatus,
     arming: Arming,
     console: ConsoleLine,
-    /// What keeps the vehicle from flying, as it was told last.
-    told: Option<ShortText>,
+    /// Last reported reason why the vehicle cannot fly.
+    last_reported: Option<ShortText>,
     /// Time without a report after which the connection begins again.
     silence: Span,
     pose_period: Option<Span>,
@@ -142,7 +142,7 @@ impl Crtp {
         let scales = CrtpScales::new(config)?;
         let pose_period =
             (options.pose_rate_hz > 0.0).then(|| Span::period_of(options.pose_rate_hz));
-        let wishes = CrtpWishes {
+        let connection = ConnectionOptions {
             holds_attitude: scales.holds_attitude,
             sends_poses: pose_period.is_some(),
             report_period: Span::period_of(options.log_rate_hz),
@@ -150,11 +150,11 @@ impl Crtp {
         let keep_alive = options.keep_alive.then(|| PeriodicTimer::new(KEEP_ALIVE_PERIOD));
         Ok(Self {
             scales,
-            connection: CrtpConnection::new(wishes, tables),
+            connection: CrtpConnection::new(connection, tables),
             status: CrazyflieStatus::UNKNOWN,
             arming: Arming::new(),
             console: ConsoleLine::new(),
-            told: None,
+            last_reported: None,
             silence: Span::from_seconds(config.bridge.silence_ms * 1e-3),
             pose_period,
             radio_id,
@@ -204,9 +204,9 @@ impl Crtp {
         }
     }
 
-    fn report(&mut self, news: ReportNews, reply: &mut dyn FnMut(VehicleReply)) {
-        match news {
-            ReportNews::Status => {
+    fn report(&mut self, update: StatusUpdate, reply: &mut dyn FnMut(VehicleReply)) {
+        match update {
+            StatusUpdate::Status => {
                 let state = self.status.supervision();
                 reply(VehicleReply::Battery(self.status.battery_v()));
                 reply(VehicleReply::Motors(self.arming.motors_run(state)));
@@ -214,14 +214,14 @@ impl Crtp {
                     self.refuse(reply);
                 }
             }
-            ReportNews::Estimate => {
+            StatusUpdate::Estimate => {
                 if let Some((position, attitude)) = self.status.estimate() {
                     let state = EstimatorState::Unknown;
                     let estimate = VehicleEstimate { state, position, attitude };
                     reply(VehicleReply::Estimate(estimate));
                 }
             }
-            ReportNews::Nothing => reply(VehicleReply::Other),
+            StatusUpdate::Nothing => reply(VehicleReply::Other),
         }
     }
 
@@ -232,7 +232,7 @@ impl Crtp {
         let refusal = if is_locked { VehicleRefusal::Locked } else { VehicleRefusal::Arming };
         reply(VehicleReply::Refused(refusal));
         let obstacle = arming::obstacle(state);
-        if std::mem::replace(&mut self.told, obstacle) != obstacle
+        if std::mem::replace(&mut self.last_reported, obstacle) != obstacle
             && let Some(text) = obstacle
         {
             reply(VehicleReply::Text(VehicleText { is_trouble: true, text }));
@@ -293,7 +293,7 @@ impl VehicleProtocol for Crtp {
         }
     }
 
-    fn words(&self) -> usize {
+    fn periodic_count(&self) -> usize {
         WORDS
     }
 
@@ -301,11 +301,11 @@ impl VehicleProtocol for Crtp {
         Some(READ_PERIOD)
     }
 
-    fn periodic(&mut self, now: Time, _is_status_urgent: bool) -> Option<PeriodicWord> {
+    fn periodic(&mut self, now: Time, _is_status_urgent: bool) -> Option<PeriodicFrame> {
         if self.status.is_silent(now, self.silence) {
             self.restart();
         }
-        let word = |frame| Some(PeriodicWord { frame, is_answered: false });
+        let word = |frame| Some(PeriodicFrame { frame, is_answered: false });
         if let Some(request) = self.connection.request(now) {
             return word(frame(&request));
         }
@@ -314,14 +314,14 @@ impl VehicleProtocol for Crtp {
             return word(self.supervisor(SupervisorCommand::KeepAlive));
         }
         let echo = || frame(&CrtpRequest::Echo(now.since(Time::UNSET).nanos().cast_unsigned()));
-        self.echo.is_due(now, false).then(|| PeriodicWord { frame: echo(), is_answered: true })
+        self.echo.is_due(now, false).then(|| PeriodicFrame { frame: echo(), is_answered: true })
     }
 
     fn emergency_stop(&mut self) -> VehicleFrame {
         self.supervisor(SupervisorCommand::EmergencyStop)
     }
 
-    /// The end of the set-points: the vehicle goes on without thrust, and counts as landed. The emergency stop would lock it.
+    /// The end of the set-points: the vehicle continues without thrust, and counts as landed. The emergency stop would lock it.
     fn final_stop(&mut self) -> VehicleFrame {
         frame(&CrtpRequest::EndOfSetpoints(0))
     }
@@ -340,7 +340,7 @@ impl VehicleProtocol for Crtp {
 
     fn reset(&mut self) {
         self.restart();
-        (self.console, self.told) = (ConsoleLine::new(), None);
+        (self.console, self.last_reported) = (ConsoleLine::new(), None);
         self.echo.restart();
     }
 }

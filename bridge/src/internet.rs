@@ -1,4 +1,4 @@
-//! Hosts of the internet protocols: their addresses, and why one is no port.
+//! Hosts of the internet protocols: their addresses, and errors of opening a port there.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, ToSocketAddrs};

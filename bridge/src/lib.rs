@@ -79,8 +79,8 @@ pub use note::Note;
 pub use options::{check as check_options, link};
 pub use poses::PoseRelay;
 pub use protocol::{
-    FrameSizes, MAX_FRAME, PeriodicTimer, PeriodicWord, VehicleEstimate, VehicleFrame, VehiclePose,
-    VehicleProtocol, VehicleReply, VehicleText,
+    FrameSizes, MAX_FRAME, PeriodicFrame, PeriodicTimer, VehicleEstimate, VehicleFrame,
+    VehiclePose, VehicleProtocol, VehicleReply, VehicleText,
 };
 pub use radio::{
     MAX_AGE, RadioAck, RadioCounts, RadioDongle, RadioPortOptions, RadioSchedule,

@@ -1,4 +1,4 @@
-//! Protocol of PX4 and ArduPilot over MAVLink 2: set-points, poses and errands to messages, messages to replies. Bytes and axes are
+//! Protocol of PX4 and ArduPilot over MAVLink 2: set-points, poses and requests to messages, messages to replies. Bytes and axes are
 //! `oqtal-wire`'s.
 //!
 //! | file | subject |
@@ -6,7 +6,7 @@
 //! | `vehicle.rs` | the autopilot at the other end: who it is, its mode, what it says of itself |
 //! | `starting.rs` | the commands that start and stop the motors |
 //! | `wanted.rs` | parameters that the autopilot needs |
-//! | `errands.rs` | heartbeat, message rates, origin of the world, exchanges of clocks |
+//! | `requests.rs` | heartbeat, message rates, origin of the world, exchanges of clocks |
 //!
 //! | set-point | SET_ATTITUDE_TARGET |
 //! |---|---|
@@ -18,7 +18,7 @@
 //! The autopilot is in the bridge's hands while it is armed in the mode for set-points, Offboard or Guided_NoGPS. Armed in any other
 //! mode, it is in those of a pilot, of another ground station, or of its own failsafe.
 
-mod errands;
+mod requests;
 mod starting;
 mod vehicle;
 mod wanted;
@@ -36,14 +36,14 @@ use oqtal_wire::mavlink::{
 
 use crate::options;
 use crate::protocol::{
-    FrameSizes, PeriodicWord, VehicleFrame, VehiclePose, VehicleProtocol, VehicleReply,
+    FrameSizes, PeriodicFrame, VehicleFrame, VehiclePose, VehicleProtocol, VehicleReply,
 };
 use crate::setpoint::VehicleSetpoint;
-use errands::Errands;
+use requests::PeriodicRequests;
 use starting::StartSequence;
 use vehicle::AutopilotState;
 
-pub(crate) use errands::OWN_HEARTBEAT;
+pub(crate) use requests::OWN_HEARTBEAT;
 pub use wanted::{WantedParameter, WantedValue, wanted_parameters};
 
 /// Frame lengths \[bytes\]: header and checksum around the greatest payload.
@@ -66,7 +66,7 @@ pub struct Mavlink {
     check: Option<SignatureCheck>,
     vehicle: AutopilotState,
     starting: StartSequence,
-    errands: Errands,
+    requests: PeriodicRequests,
     holds_attitude: bool,
     /// Body rates of full sticks \[rad/s\].
     authority: [f64; 3],
@@ -93,7 +93,7 @@ impl Mavlink {
             check: signature_check(config, unix_us)?,
             vehicle: AutopilotState::new(link.autopilot, link.system),
             starting: StartSequence::default(),
-            errands: Errands::new(Span::period_of(config.bridge.status_rate_hz)),
+            requests: PeriodicRequests::new(Span::period_of(config.bridge.status_rate_hz)),
             holds_attitude: config.vehicle.interface.holds_attitude(),
             authority: config.vehicle.rate_authority_rad_s,
             thrust,
@@ -124,7 +124,7 @@ impl Mavlink {
             SetpointKind::Rates(rates)
         };
         let since = if self.opened.is_set() { now.since(self.opened) } else { Span::ZERO };
-        // `as` keeps the number in range: the count begins anew after 49 days.
+        // Wraps around after 49 days.
         let time_ms = (since.nanos() / 1_000_000) as u32;
         AttitudeTarget { target, time_ms, kind, thrust: self.thrust.thrust(thrust) }
     }
@@ -230,7 +230,7 @@ impl VehicleProtocol for Mavlink {
         })
     }
 
-    fn words(&self) -> usize {
+    fn periodic_count(&self) -> usize {
         WORDS
     }
 
@@ -238,10 +238,10 @@ impl VehicleProtocol for Mavlink {
         Some(READ_PERIOD)
     }
 
-    fn periodic(&mut self, now: Time, _: bool) -> Option<PeriodicWord> {
-        let (content, is_answered) = self.errands.next(now, &self.vehicle)?;
+    fn periodic(&mut self, now: Time, _: bool) -> Option<PeriodicFrame> {
+        let (content, is_answered) = self.requests.next(now, &self.vehicle)?;
         let frame = self.frame(&content);
-        (!frame.bytes().is_empty()).then_some(PeriodicWord { frame, is_answered })
+        (!frame.bytes().is_empty()).then_some(PeriodicFrame { frame, is_answered })
     }
 
     fn emergency_stop(&mut self) -> VehicleFrame {
@@ -252,19 +252,19 @@ impl VehicleProtocol for Mavlink {
     }
 
     fn decode(&mut self, now: Time, bytes: &[u8], reply: &mut dyn FnMut(VehicleReply)) {
-        let Self { encoder, decoder, check, vehicle, starting, errands, .. } = self;
+        let Self { encoder, decoder, check, vehicle, starting, requests, .. } = self;
         for packet in decoder.push(bytes) {
             if !is_believed(check, encoder, &packet) {
-                vehicle.hear_unsigned(&packet, reply);
+                vehicle.receive_unsigned(&packet, reply);
                 continue;
             }
             if !vehicle.takes(now, &packet, reply) {
                 continue;
             }
             match packet.content {
-                MavlinkContent::Timesync(sync) => errands.receive(now, sync, reply),
+                MavlinkContent::Timesync(sync) => requests.receive(now, sync, reply),
                 MavlinkContent::Acknowledged { command, result } => {
-                    errands.acknowledged(command);
+                    requests.acknowledged(command);
                     starting.acknowledged(now, command, result, reply);
                 }
                 content => vehicle.receive(now, &content, reply),
@@ -274,7 +274,7 @@ impl VehicleProtocol for Mavlink {
             reply(VehicleReply::Refused(VehicleRefusal::NoAnswer));
         }
         if vehicle.was_restarted() {
-            errands.restart();
+            requests.restart();
             starting.reset();
         }
     }
@@ -287,7 +287,7 @@ impl VehicleProtocol for Mavlink {
         self.decoder.reset();
         self.vehicle.reset();
         self.starting.reset();
-        self.errands.restart();
+        self.requests.restart();
         self.opened = Time::UNSET;
     }
 }

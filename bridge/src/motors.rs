@@ -18,7 +18,7 @@
 //!   therefore does not start motors.
 //! - Ours: motors are stopped only after the daemon has commanded "disarmed" for `bridge.rest-ms`. A daemon that died commands
 //!   nothing: the zero set-point is sent, and the rotors idle until a daemon is back or the pilot stops them.
-//! - Ours: where another takes control, the state is `Inhibited` and the motors are his: nothing is sent, not even a zero set-point,
+//! - Ours: where another takes control, the state is `Inhibited` and the motors belong to that pilot or program: nothing is sent, not even a zero set-point,
 //!   which would drop a vehicle in a pilot's hands.
 //! - Ours: motors that the bridge did not start are left alone, so that a pilot can fly by hand while a bridge is connected.
 //! - The emergency stop is known from `asctec_drivers` alone; no source states how to fly again after it. It is sent only where

@@ -32,14 +32,14 @@ pub fn link(config: &Config) -> Result<Option<LinkSpec>, OptionError> {
 /// The vehicle's XBee.
 ///
 /// # Errors
-/// `bridge.xbee-address` is no address.
+/// `bridge.xbee-address` is not an address.
 pub fn address(config: &Config) -> Result<Address, OptionError> {
     let text = &config.bridge.xbee_address;
     let form = "4 or 16 hexadecimal digits";
     text.parse().map_err(|_| OptionError::new("bridge.xbee-address", format!("`{text}`"), form))
 }
 
-/// What counts mean to the vehicle.
+/// Scales of the vehicle's counts.
 ///
 /// # Errors
 /// A scale of `[bridge.asctec]` cannot be used.
@@ -55,10 +55,10 @@ pub fn scales(config: &Config) -> Result<Scales, OptionError> {
     checked.map(|()| scales).map_err(refused)
 }
 
-/// What the thrust of a MAVLink set-point means.
+/// Curve of the thrust of a MAVLink set-point.
 ///
 /// # Errors
-/// `bridge.mavlink.thrust-table` is no thrust curve.
+/// `bridge.mavlink.thrust-table` is not a thrust curve.
 pub fn thrust_curve(config: &Config) -> Result<ThrustCurve, OptionError> {
     let curve = ThrustCurve::new(&config.bridge.mavlink.thrust_table);
     let key = "bridge.mavlink.thrust-table";
@@ -68,7 +68,7 @@ pub fn thrust_curve(config: &Config) -> Result<ThrustCurve, OptionError> {
 /// The key by which MAVLink packets are signed, from its file; `None` for packets without a signature.
 ///
 /// # Errors
-/// `bridge.mavlink.signing-key-file` is no file for this user alone, or holds no key.
+/// `bridge.mavlink.signing-key-file` is not a file for this user alone, or contains no key.
 pub fn signing_key(config: &Config) -> Result<Option<SigningKey>, OptionError> {
     let path = &config.bridge.mavlink.signing_key_file;
     if path.is_empty() {
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_key_is_read_from_a_file_that_nobody_else_can_read_and_is_in_no_message() {
+    fn a_key_is_read_from_a_private_file_and_appears_in_no_message() {
         let path = std::env::temp_dir().join(format!("oqtal-key-{}", std::process::id()));
         let shown = path.display().to_string();
         let key = || {

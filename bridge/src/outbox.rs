@@ -24,7 +24,7 @@ const BACKLOG_SETPOINTS: f64 = 0.5;
 pub enum FrameKind {
     /// Set-point, and the command that it forwards for the first time.
     Setpoint(Option<ForwardedCommand>),
-    /// Periodic word of the protocol.
+    /// Periodic frame of the protocol.
     Periodic {
         /// Whether the vehicle answers it.
         is_answered: bool,

@@ -45,21 +45,21 @@ impl VehicleFrame {
 /// Content of a valid message of the vehicle; a message may have several.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum VehicleReply {
-    /// Answer to a request: to a set-point that is acknowledged, or to a periodic word that is answered.
+    /// Answer to a request: to a set-point that is acknowledged, or to a periodic frame that is answered.
     Answer,
-    /// Answer to a periodic word at once, so long after the word was sent.
+    /// Answer to a periodic frame, this time after the frame was sent.
     RoundTrip(Span),
     /// Whether the motors run.
     Motors(bool),
     /// Battery voltage \[V\].
     Battery(f64),
-    /// Who has control. A vehicle that never tells is the bridge's.
+    /// Holder of the control. Without a report, the bridge has control.
     Control(ControlHolder),
     /// Another vehicle, whose motors stand, answers in place of one that fell silent: nothing that was known holds for it.
     Replaced,
     /// The vehicle refuses what was asked last.
     Refused(VehicleRefusal),
-    /// What the vehicle knows of its own motion.
+    /// Motion by the vehicle's own estimate.
     Estimate(VehicleEstimate),
     /// Line of text for people.
     Text(VehicleText),
@@ -79,7 +79,7 @@ pub struct VehicleEstimate {
 }
 
 impl VehicleEstimate {
-    /// Estimate of a vehicle that has told nothing yet.
+    /// Estimate of a vehicle before its first report.
     pub const UNKNOWN: Self =
         Self { state: EstimatorState::Unknown, position: [f64::NAN; 3], attitude: [0.0; 4] };
 }
@@ -106,7 +106,7 @@ pub struct VehiclePose {
 
 /// Frame that a protocol sends at its own rate: a status request, a heartbeat, a keep-alive.
 #[derive(Clone, Copy, Debug)]
-pub struct PeriodicWord {
+pub struct PeriodicFrame {
     /// The frame.
     pub frame: VehicleFrame,
     /// Whether the vehicle answers it; unanswered ones lower the link quality.
@@ -120,9 +120,9 @@ pub struct FrameSizes {
     pub setpoint: usize,
     /// Answer to a set-point; 0 for none.
     pub acknowledgement: usize,
-    /// Longest periodic word; 0 for none.
+    /// Longest periodic frame; 0 without periodic frames.
     pub periodic: usize,
-    /// Longest answer to a periodic word; 0 for none.
+    /// Longest answer to a periodic frame; 0 for none.
     pub periodic_reply: usize,
 }
 
@@ -164,8 +164,8 @@ pub trait VehicleProtocol: Debug + Send {
         VehicleFrame::EMPTY
     }
 
-    /// Most periodic words and poses behind one set-point \[-\].
-    fn words(&self) -> usize {
+    /// Most periodic frames and poses behind one set-point \[-\].
+    fn periodic_count(&self) -> usize {
         1
     }
 
@@ -174,10 +174,10 @@ pub trait VehicleProtocol: Debug + Send {
         None
     }
 
-    /// Returns the periodic word that is due at `now`, if any. Called after a set-point whenever the transport has room for one
+    /// Returns the periodic frame that is due at `now`, if any. Called after a set-point whenever the transport has room for one
     /// more frame. While `is_status_urgent`, a motor sequence waits for the vehicle's state: a status request is then due
     /// whatever its period.
-    fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicWord>;
+    fn periodic(&mut self, now: Time, is_status_urgent: bool) -> Option<PeriodicFrame>;
 
     /// Encodes the command that stops the motors at once.
     fn emergency_stop(&mut self) -> VehicleFrame;
@@ -194,11 +194,11 @@ pub trait VehicleProtocol: Debug + Send {
     /// Number of damaged frames received since the start.
     fn damaged(&self) -> u64;
 
-    /// Discards partly received frames and restarts the periodic words: a port was opened.
+    /// Discards partly received frames and restarts the periodic frames: a port was opened.
     fn reset(&mut self);
 }
 
-/// Timer of one periodic word.
+/// Timer of one periodic frame.
 #[derive(Clone, Copy, Debug)]
 pub struct PeriodicTimer {
     period: Span,
@@ -212,7 +212,7 @@ impl PeriodicTimer {
         Self { period, last: Time::UNSET }
     }
 
-    /// Whether the word is due at `now`: a period has passed since it was last due, or `is_urgent`. Restarts the period if so.
+    /// Whether the frame is due at `now`: a period has passed since it was last due, or `is_urgent`. Restarts the period if so.
     pub fn is_due(&mut self, now: Time, is_urgent: bool) -> bool {
         let due = is_urgent || now >= self.last + self.period;
         if due {

@@ -13,7 +13,7 @@ pub(crate) struct RoundTrips {
 }
 
 impl RoundTrips {
-    /// Records a round trip; a negative one is none.
+    /// Records a round trip; a negative one is ignored.
     pub(crate) fn record(&mut self, span: Span) {
         if span >= Span::ZERO {
             self.latest[self.next] = Some(span);

@@ -55,7 +55,7 @@ struct Newest {
     is_forwarded: bool,
 }
 
-/// Chooses the content of each set-point frame.
+/// Selects the content of each set-point frame.
 #[derive(Clone, Debug)]
 pub struct CommandGate {
     limits: SafetyLimits,
@@ -63,7 +63,7 @@ pub struct CommandGate {
     newest: Option<Newest>,
     status: Option<MotorStatus>,
     control: ControlHolder,
-    /// Whether no flight had been requested for a command timeout since the port was opened, and so a request could be obeyed.
+    /// Whether no flight had been requested for a command timeout since the port was opened, so that a request could be executed.
     is_ready: bool,
     /// Instant of the last flight request.
     last_request: Time,
@@ -145,19 +145,19 @@ impl CommandGate {
         self.status = Some(status);
     }
 
-    /// Takes who has control of the vehicle.
+    /// Takes the holder of the control of the vehicle.
     pub fn update_control(&mut self, control: ControlHolder) {
         self.control = control;
     }
 
-    /// Who has control of the vehicle.
+    /// Holder of the control of the vehicle.
     #[must_use]
     pub fn control(&self) -> ControlHolder {
         self.control
     }
 
-    /// Whether a flight could have begun since the port was opened. A request that was there before is not obeyed, however long it
-    /// lasts, so that nobody may be told that the vehicle waits for one.
+    /// Whether a flight could have begun since the port was opened. An earlier request has no effect, however long it lasts, so the
+    /// vehicle must not be reported as waiting for one.
     #[must_use]
     pub fn is_ready(&self) -> bool {
         self.is_ready
@@ -169,9 +169,9 @@ impl CommandGate {
         self.control == ControlHolder::Another
     }
 
-    /// Chooses the set-point of a frame that begins at `now`; returns it, the command that it forwards for the first time, and
+    /// Selects the set-point of a frame that begins at `now`; returns it, the command that it forwards for the first time, and
     /// the event of the motors.
-    pub fn decide(
+    pub fn select_command(
         &mut self,
         now: Time,
     ) -> (VehicleSetpoint, Option<ForwardedCommand>, Option<MotorEvent>) {
@@ -256,21 +256,21 @@ impl CommandGate {
         }
     }
 
-    /// The newest command, if `setpoint` is the first that carries it out.
+    /// The newest command, if `setpoint` is the first that executes it.
     fn forward(&mut self, now: Time, setpoint: &VehicleSetpoint) -> Option<ForwardedCommand> {
         let mut newest = self.newest.filter(|newest| !newest.is_forwarded)?;
         let published_at = newest.forwarded.stamps.command_published_at;
         let within = is_within(now, published_at, self.limits.command_age);
-        let carries_it_out = match setpoint {
+        let executes = match setpoint {
             VehicleSetpoint::Fly(_) => true,
             VehicleSetpoint::Zero => !self.is_flight(&newest.command) && within,
             VehicleSetpoint::StartMotors
             | VehicleSetpoint::StopMotors
             | VehicleSetpoint::Released => false,
         };
-        newest.is_forwarded = carries_it_out;
+        newest.is_forwarded = executes;
         self.newest = Some(newest);
-        carries_it_out.then_some(newest.forwarded)
+        executes.then_some(newest.forwarded)
     }
 
     /// Whether `command` is a flight command: of the vehicle's actuation, all numbers finite. Every other command counts as

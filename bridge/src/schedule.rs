@@ -1,7 +1,7 @@
-//! Instants at which frames are sent: a set-point with each command, or by the bridge's own clock without one; periodic words
+//! Instants at which frames are sent: a set-point with each command, or by the bridge's own clock without one; periodic frames
 //! where the line has room.
 //!
-//! Behind a half-duplex radio, the vehicle's answers take the time that set-points could take. A periodic word is therefore sent
+//! Behind a half-duplex radio, the vehicle's answers take the time that set-points could take. A periodic frame is therefore sent
 //! directly behind a set-point, only if it has left before the next one is due, and words are spaced so that the whole exchange,
 //! every set-point and every answer, fits on the line. An answer that is longer than the rest of its period may delay the next
 //! set-point by less than a frame, and does not delay the one after.
@@ -10,10 +10,10 @@ use oqtal_bus::time::{Span, Time};
 
 /// Time without a command after which a set-point is sent by the bridge's own clock \[control periods\].
 const OWN_CLOCK_PERIODS: f64 = 1.5;
-/// Widest spacing of periodic words \[control periods\]: the state of a vehicle that is polled less often is not supervised.
+/// Widest spacing of periodic frames \[control periods\]: the state of a vehicle that is polled less often is not supervised.
 const WIDEST_SPACING: u32 = 12;
 /// Number of set-points by the bridge's own clock after which no command is expected \[-\]. Below it a late command may still
-/// arrive, so that no periodic word is sent in its way.
+/// arrive, so that no periodic frame is sent in its way.
 const ALONE_AFTER: u32 = 3;
 /// Time that a radio and the vehicle's own loop need to turn a request into an answer.
 const TURNAROUND: Span = Span::from_millis(2);
@@ -22,18 +22,18 @@ const TURNAROUND: Span = Span::from_millis(2);
 #[derive(Clone, Debug)]
 pub struct Schedule {
     period: Span,
-    /// Shortest time between two periodic words.
+    /// Shortest time between two periodic frames.
     spacing: Span,
     last_setpoint: Time,
     /// Set-points sent by the bridge's own clock since the last one that carried a command.
     own_setpoints: u32,
-    last_word: Time,
-    /// Set-point behind which the last word was sent.
-    word_slot: Time,
+    last_periodic: Time,
+    /// Set-point after which the last periodic frame was sent.
+    periodic_slot: Time,
 }
 
 impl Schedule {
-    /// Schedule with a set-point at least every `period`, and periodic words `spacing` apart, as [`spacing`] computes it.
+    /// Schedule with a set-point at least every `period`, and periodic frames `spacing` apart, as [`spacing`] computes it.
     #[must_use]
     pub fn new(period: Span, spacing: Span) -> Self {
         Self {
@@ -42,15 +42,16 @@ impl Schedule {
             spacing: spacing - period.scaled(0.5),
             last_setpoint: Time::UNSET,
             own_setpoints: 0,
-            last_word: Time::UNSET,
-            word_slot: Time::UNSET,
+            last_periodic: Time::UNSET,
+            periodic_slot: Time::UNSET,
         }
     }
 
     /// Makes a set-point due at once: a port was opened.
     pub fn restart(&mut self) {
-        (self.last_setpoint, self.last_word, self.own_setpoints) = (Time::UNSET, Time::UNSET, 0);
-        self.word_slot = Time::UNSET;
+        (self.last_setpoint, self.last_periodic, self.own_setpoints) =
+            (Time::UNSET, Time::UNSET, 0);
+        self.periodic_slot = Time::UNSET;
     }
 
     /// Instant of the next set-point if no command arrives.
@@ -69,25 +70,25 @@ impl Schedule {
         self.own_setpoints = if with_command { 0 } else { self.own_setpoints.saturating_add(1) };
     }
 
-    /// Whether a periodic word has room behind the set-point that went at `now`: no word behind another set-point went too recently,
+    /// Whether a periodic frame has room behind the set-point that went at `now`: no periodic frame behind another set-point went too recently,
     /// and it leaves before the next set-point, after `ahead` is off the line and `sending` for itself.
     #[must_use]
     pub fn has_room(&self, now: Time, ahead: Span, sending: Span) -> bool {
         // The next command comes a period after this set-point, also where the own clock would wait longer.
         let room = (self.last_setpoint + self.period).since(now);
         let command_is_late = (1..ALONE_AFTER).contains(&self.own_setpoints);
-        let is_spaced = now >= self.last_word + self.spacing
-            || self.word_slot.is_set() && self.word_slot == self.last_setpoint;
+        let is_spaced = now >= self.last_periodic + self.spacing
+            || self.periodic_slot.is_set() && self.periodic_slot == self.last_setpoint;
         is_spaced && !command_is_late && ahead + sending + TURNAROUND <= room
     }
 
-    /// Records a periodic word that begins at `now`.
-    pub fn add_word(&mut self, now: Time) {
-        (self.last_word, self.word_slot) = (now, self.last_setpoint);
+    /// Records a periodic frame that begins at `now`.
+    pub fn add_periodic(&mut self, now: Time) {
+        (self.last_periodic, self.periodic_slot) = (now, self.last_setpoint);
     }
 }
 
-/// Spacing of periodic words, where a set-point and its acknowledgement take `setpoint` of every `period`, and a word and its
+/// Spacing of periodic frames, where a set-point and its acknowledgement take `setpoint` of every `period`, and a word and its
 /// answer `exchange`; `None` if there is no room for any.
 #[must_use]
 pub fn spacing(period: Span, setpoint: Span, exchange: Span) -> Option<Span> {
@@ -113,11 +114,11 @@ mod tests {
         Time::VIRTUAL_START + Span::from_millis(millis)
     }
 
-    /// Sends a word if there is room.
+    /// Sends a periodic frame if there is room.
     fn word(schedule: &mut Schedule, now: Time, ahead: Span) -> bool {
         let goes = schedule.has_room(now, ahead, SENDING);
         if goes {
-            schedule.add_word(now);
+            schedule.add_periodic(now);
         }
         goes
     }

@@ -1,4 +1,4 @@
-//! What the configuration asks of the bridge: the link, the protocol that is spoken there, the transport that carries it.
+//! Set-up of the bridge from the configuration: link, protocol and transport.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ClockKind, Config, Interface};
@@ -18,7 +18,7 @@ use crate::protocol::VehicleProtocol;
 use crate::radio::RadioPortOptions;
 use crate::serial::SerialPortOptions;
 use crate::tcp::TcpPortOptions;
-use crate::timing::word_spacing;
+use crate::timing::periodic_spacing;
 use crate::transport::{BareTransport, VehicleTransport};
 use crate::udp::UdpPortOptions;
 use crate::xbee::XbeeTransport;
@@ -26,22 +26,22 @@ use crate::xbee::XbeeTransport;
 /// Greatest share of the line's time that set-points may take \[-\].
 const MAX_OCCUPANCY: f64 = 0.8;
 
-/// Time that an autopilot of MAVLink may take from the request to the first thrust that it obeys \[ms\]: 1.5 s of set-points, mode and
+/// Time that an autopilot of MAVLink may take from the request to the first thrust that it applies \[ms\]: 1.5 s of set-points, mode and
 /// arming, each refused once, and 1 to 2 s of spooling up.
 const AUTOPILOT_START_MS: f64 = 5000.0;
 
-/// The way to the vehicle.
+/// Path to the vehicle.
 #[derive(Debug)]
 pub struct VehicleSetup {
-    /// The link as it is configured.
+    /// The configured link.
     pub spec: LinkSpec,
     /// The vehicle's wire format.
     pub protocol: Box<dyn VehicleProtocol>,
-    /// The carrier of its frames.
+    /// Transport of its frames.
     pub transport: Box<dyn VehicleTransport>,
-    /// The port that carries the bytes.
+    /// Port of the bytes.
     pub port: Box<dyn PortOptions>,
-    /// What the protocol leaves to the background thread.
+    /// Work of the protocol for the background thread.
     pub chore: Option<Box<dyn Chore>>,
 }
 
@@ -51,7 +51,7 @@ pub(crate) fn unix_us() -> u64 {
 }
 
 impl VehicleSetup {
-    /// The way to the vehicle that `config` describes.
+    /// Path to the vehicle that `config` describes.
     ///
     /// # Errors
     /// There is no link, or it is malformed or too slow (exit code 78), or the clock is virtual (64).
@@ -114,7 +114,7 @@ impl VehicleSetup {
         }
     }
 
-    /// Checks that every frame fits into a packet, and that set-points, periodic words and answers fit on the line.
+    /// Checks that every frame fits into a packet, and that set-points, periodic frames and answers fit on the line.
     fn check_room(&self, config: &Config) -> Result<(), OptionError> {
         let wrong = |rule: String| {
             let link = format!("`{}`", self.spec);
@@ -138,7 +138,7 @@ impl VehicleSetup {
                 MAX_OCCUPANCY * 100.0
             ));
         }
-        match word_spacing(&line, period, sizes, self.protocol.words()) {
+        match periodic_spacing(&line, period, sizes, self.protocol.periodic_count()) {
             Some(_) => Ok(()),
             None => wrong(format!(
                 "is too slow: between two of {rate} set-points a second, {baud} baud leave no room to request the vehicle's status; lower `control.rate-hz`, or use a faster line"

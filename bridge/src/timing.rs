@@ -1,4 +1,4 @@
-//! Times that follow from the configuration and from the line: limits of the command gate, spacing of periodic words.
+//! Times that follow from the configuration and from the line: limits of the command gate, spacing of periodic frames.
 
 use oqtal_bus::time::Span;
 use oqtal_config::Config;
@@ -12,15 +12,16 @@ use crate::schedule::spacing;
 /// Age up to which a status counts for a motor sequence \[status periods\].
 const STATUS_PERIODS: f64 = 3.0;
 
-/// Spacing of periodic words on `line`, for frames of `sizes` on the port, `words` together; `None` if there is no room for any.
-pub(crate) fn word_spacing(
+/// Spacing of periodic frames on `line`, for frames of `sizes` on the port and `count` periodic frames together; `None` if there is
+/// no room for any.
+pub(crate) fn periodic_spacing(
     line: &LineOccupancy,
     period: Span,
     sizes: FrameSizes,
-    words: usize,
+    count: usize,
 ) -> Option<Span> {
     let FrameSizes { setpoint, acknowledgement, periodic, periodic_reply } = sizes;
-    let exchange = line.time_for(words * (periodic + periodic_reply));
+    let exchange = line.time_for(count * (periodic + periodic_reply));
     spacing(period, line.time_for(setpoint + acknowledgement), exchange)
 }
 
@@ -29,7 +30,7 @@ pub(crate) fn millis(millis: f64) -> Span {
     Span::from_seconds(millis * 1e-3)
 }
 
-/// Limits of `config`, where periodic words are `spacing` apart.
+/// Limits of `config`, where periodic frames are `spacing` apart.
 pub(crate) fn limits(config: &Config, spacing: Span) -> SafetyLimits {
     let options = &config.bridge;
     let period = Span::period_of(config.control.rate_hz);

@@ -40,7 +40,7 @@ pub fn serial_byte_rate(baud: u32) -> f64 {
     f64::from(baud) / BITS_PER_BYTE
 }
 
-/// Frames as they are: over a cable, a radio in transparent mode, or a network.
+/// Frames without any wrapping: over a cable, a radio in transparent mode, or a network.
 #[derive(Clone, Copy, Debug)]
 pub struct BareTransport {
     byte_rate: Option<f64>,

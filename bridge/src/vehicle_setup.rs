@@ -164,7 +164,7 @@ impl ParameterSession {
         if let (true, false, Some(value), Some(number)) = (apply, report.is_right(), value, found) {
             let value = value.with(wanted.value.in_place_of(number), as_bits);
             self.exchange(&MavlinkContent::ParameterSet { target, name, value }, name)?;
-            // What the vehicle says of its own accord may be what it was told: it is asked again.
+            // An unsolicited value may repeat the value that was set: the parameter is requested again.
             let read = self.exchange(&request, name)?;
             report.set = read.map(|value| value.number(as_bits));
         }

@@ -2,15 +2,10 @@
 //! the port fails, nothing old is ever sent, nothing but a zero set-point first, nothing at all while another has control; the
 //! vehicle gets zero set-points soon after the last command, and a flight is not resumed after a loss.
 
-#[path = "languages/asctec.rs"]
 mod asctec;
-#[path = "languages/crtp.rs"]
 mod crtp;
-#[path = "languages/exchange.rs"]
 mod exchange;
-#[path = "languages/language.rs"]
 mod language;
-#[path = "languages/mavlink.rs"]
 mod mavlink;
 
 use exchange::{Exchange, Happening};
@@ -74,7 +69,7 @@ proptest! {
     fn after_the_last_command_at_most_four_frames_are_not_zero(happenings in happenings(0..60)) {
         for language in &LANGUAGES {
             let mut exchange = flown(language, &happenings)?;
-            exchange.vehicle.meddle(exchange.vehicle.motors_on(), false);
+            exchange.vehicle.manual_override(exchange.vehicle.motors_on(), false);
             let before = exchange.flights();
             exchange.happen(&Happening::Nothing, 120)?;
             let after = exchange.flights() - before;

@@ -1,8 +1,6 @@
 //! From when on a flight may be asked for.
 
-mod common;
-
-use common::{START, bridge, flight, header, status, turn};
+use crate::common::{START, bridge, flight, header, status, turn};
 use oqtal_bridge::Bridge;
 use oqtal_bus::time::Span;
 

@@ -109,7 +109,7 @@ impl Player {
                 (self.status, self.is_first) = (None, true);
             }
             Stimulus::Frame => {
-                let (setpoint, forwarded, _) = self.gate.decide(self.now);
+                let (setpoint, forwarded, _) = self.gate.select_command(self.now);
                 return Some((setpoint, forwarded));
             }
         }
@@ -187,7 +187,7 @@ impl Flying {
     /// Decides the next frame, a period later.
     fn frame(&mut self) -> VehicleSetpoint {
         self.now = self.now + PERIOD;
-        self.gate.decide(self.now).0
+        self.gate.select_command(self.now).0
     }
 
     fn command(&mut self, command: CommandV1) -> VehicleSetpoint {
@@ -319,7 +319,7 @@ fn f57_nothing_is_sent_once_another_has_control_until_it_is_given_back_and_fligh
     flying.status(true);
     assert!(matches!(flying.command(flight(0.1)), VehicleSetpoint::Fly(_)));
     flying.gate.update_control(ControlHolder::Another);
-    let (setpoint, forwarded, event) = flying.gate.decide(flying.now);
+    let (setpoint, forwarded, event) = flying.gate.select_command(flying.now);
     assert_eq!((setpoint, forwarded), (VehicleSetpoint::Released, None));
     assert_eq!(event, Some(MotorEvent::ControlTaken));
     assert!(!flying.gate.may_run(), "no emergency stop at the end of the bridge either");

@@ -1,8 +1,6 @@
 //! Whole turns of the bridge before a line of finite speed, and before ports that take bytes in any pieces.
 
-mod common;
-
-use common::{
+use crate::common::{
     FRAME, PERIOD, START, bridge, flight, header, over, serial, sizes, status, through_radio, turn,
 };
 use oqtal_bridge::{Bridge, LineOccupancy, MAX_FRAME, Note, VehicleFrame, VehicleTransport};

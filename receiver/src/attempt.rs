@@ -1,4 +1,4 @@
-//! An attempt to connect: what every protocol needs for it, and what it leads to.
+//! Attempt to connect: its parameters for every protocol, and its result.
 
 use std::io;
 use std::net::{SocketAddr, TcpStream};
@@ -10,17 +10,17 @@ use crate::routes::{CameraBody, RouteTable};
 use crate::stream::CameraStream;
 use oqtal_wire::link::CameraLink;
 
-/// Time within which a server must have answered all that is asked of it.
+/// Time within which a server must have answered all requests.
 pub const CONNECT_TIMEOUT: Span = Span::from_millis(2500);
 
-/// An open connection, and what the server said of itself.
+/// Open connection, with the server's description of itself.
 #[derive(Debug)]
 pub struct CameraConnection {
     /// The stream of frames.
     pub stream: Box<dyn CameraStream>,
-    /// The server in its own words: program and version.
+    /// Program and version of the server.
     pub server: String,
-    /// The bodies that it knows.
+    /// Its bodies.
     pub bodies: Vec<CameraBody>,
     /// Wanted bodies in the order of their routes; all if none was wanted.
     pub wanted: Vec<String>,
@@ -39,7 +39,7 @@ pub enum ConnectError {
         /// Message of the resolver.
         reason: String,
     },
-    /// Nothing accepts connections there.
+    /// No server accepts connections at the address.
     #[error(
         "no {kind} server at {address}: {reason}; is it started, is its {kind} output switched on, is the port right, does a firewall allow it?"
     )]
@@ -51,17 +51,17 @@ pub enum ConnectError {
         /// Message of the operating system.
         reason: String,
     },
-    /// What is there does not speak the protocol.
+    /// The server uses another protocol.
     #[error("{address} does not speak {kind}: {reason}; check the port in `receiver.link`")]
     NotSpoken {
         /// Protocol.
         kind: &'static str,
         /// Address and port.
         address: String,
-        /// What was received instead.
+        /// Received data.
         reason: String,
     },
-    /// The server speaks another version.
+    /// The server supports other versions only.
     #[error("{address}: {reason}; update the camera software, or name a version that it speaks")]
     Version {
         /// Address and port.
@@ -69,14 +69,14 @@ pub enum ConnectError {
         /// Versions.
         reason: String,
     },
-    /// The server has no place for another client, or no answer.
+    /// The server accepts no further client, or does not answer.
     #[error(
         "the server at {address} refuses: {reason}; see its messages, end clients that are not needed"
     )]
     Refused {
         /// Address and port.
         address: String,
-        /// The server's words.
+        /// The server's message.
         reason: String,
     },
     /// The server measures nothing.
@@ -92,7 +92,7 @@ pub enum ConnectError {
         name: String,
         /// Address and port.
         address: String,
-        /// The bodies that are there, in words.
+        /// Text that lists the existing bodies.
         known: String,
     },
     /// Several bodies have the wanted name.
@@ -116,7 +116,7 @@ pub enum ConnectError {
     /// The operating system does not permit it.
     #[error("no permission for {what}: {reason}; run as a user who may use the network")]
     Permission {
-        /// What was refused.
+        /// Object of the refused operation.
         what: String,
         /// Message of the operating system.
         reason: String,
@@ -126,7 +126,7 @@ pub enum ConnectError {
 impl From<ConnectError> for Failure {
     fn from(error: ConnectError) -> Self {
         let exit = match error {
-            // What may be otherwise in a moment: a service manager starts the receiver again.
+            // Possibly temporary: a service manager restarts the receiver.
             ConnectError::Host { .. }
             | ConnectError::NoServer { .. }
             | ConnectError::Refused { .. }
@@ -142,7 +142,7 @@ impl From<ConnectError> for Failure {
     }
 }
 
-/// An attempt to connect: to whom, and until when.
+/// Attempt to connect: link, address and deadline.
 #[derive(Clone, Debug)]
 pub struct Attempt {
     /// The link.
@@ -154,7 +154,7 @@ pub struct Attempt {
 }
 
 impl Attempt {
-    /// Time that is left; at least a millisecond, since zero means "for ever" to a socket.
+    /// Time until the deadline; at least a millisecond, since a socket treats zero as no time-out.
     #[must_use]
     pub fn left(&self) -> std::time::Duration {
         self.deadline.since(Time::now()).max(Span::from_millis(1)).to_duration()
@@ -193,7 +193,7 @@ impl Attempt {
         ConnectError::NoServer { kind, address, reason: reason.to_owned() }
     }
 
-    /// The failure of a server that speaks otherwise.
+    /// The failure of a server that uses another protocol.
     #[must_use]
     pub fn not_spoken(&self, reason: impl ToString) -> ConnectError {
         let (kind, address) = (self.link.protocol.name(), self.address.to_string());
@@ -203,7 +203,7 @@ impl Attempt {
     /// Opens a connection without delay of small packets.
     ///
     /// # Errors
-    /// Nobody accepts it.
+    /// No server accepts it.
     pub fn tcp(&self) -> Result<TcpStream, ConnectError> {
         let stream = TcpStream::connect_timeout(&self.address, self.left());
         let stream = stream.map_err(|error| self.refused(&error))?;

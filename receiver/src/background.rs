@@ -1,4 +1,4 @@
-//! The background thread of the receiver: writes the log, reads definitions of bodies, connects again to a server that was lost.
+//! The background thread of the receiver: writes the log, reads definitions of bodies, reconnects to a lost server.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_runtime::background::BackgroundWorker;
@@ -16,10 +16,10 @@ use oqtal_wire::link::CameraLink;
 const SHORTEST_PAUSE: Span = Span::from_millis(100);
 /// Longest pause between two tries.
 const LONGEST_PAUSE: Span = Span::from_millis(2000);
-/// A connection that lasted so long was good: the next search begins with the shortest pause.
+/// Duration of a good connection: after one, the next search begins with the shortest pause.
 const GOOD_TIME: Span = Span::from_millis(5000);
 
-/// What goes between the threads, in either direction. Definitions that were sent before a stream are not for it.
+/// Messages between the threads, in either direction. Definitions sent before a stream do not belong to it.
 #[derive(Debug)]
 pub enum StreamPart {
     /// A stream: one that was lost, or one that was opened.
@@ -56,7 +56,7 @@ impl Connector {
     /// Reads definitions and sends them back.
     fn read(&self, mut definitions: Box<BodyDefinitions>) {
         if !definitions.is_unread() {
-            // They came back: their stream is no more.
+            // Returned by the real-time thread: their stream is closed.
             return;
         }
         if let Err(reason) = definitions.read() {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_server_that_hangs_up_at_once_is_not_called_without_a_pause() {
+    fn a_server_that_closes_at_once_is_retried_after_a_growing_pause() {
         let now = Time::VIRTUAL_START;
         let mut search =
             ServerSearch { found_at: now, pause: SHORTEST_PAUSE, ..Default::default() };

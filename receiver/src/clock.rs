@@ -1,15 +1,15 @@
-//! The clock of a camera server against ours: when a frame was captured, on the monotonic clock of this machine.
+//! Estimate of a camera server's clock: converts its stamps to instants of capture on the monotonic clock of this machine.
 //!
 //! A server stamps its frames with a clock of its own, which differs from ours by an unknown offset and a drift of some parts per
-//! million. All that can be seen of it is when stamped frames arrive, each late by an unknown delay. [`ServerClock`] takes the
+//! million. Observable are only the arrivals of stamped frames, each late by an unknown delay. [`ServerClock`] takes the
 //! line below all recent arrivals, [`LowerEnvelope`]: the frames that travelled fastest. The least delay itself cannot be seen
 //! from this end; it is part of `receiver.camera-latency-ms`, which is configured.
 //!
-//! A frame whose stamp contradicts the line is *suspect*: it arrived before it was captured, or its stamp is not after the last
-//! one. Suspects are held back. If they persist the server's clock was set, and it is learned anew. A delay that grew is no
-//! contradiction, however long it stays: such frames are old. A step back looks alike but for the stamps themselves, by which
-//! [`StepWatch`] tells it. [`LoweringWatch`] sees a small step forward. Behind a small step, forward or back, only the pairs from
-//! before it are forgotten, so that poses go on.
+//! A frame whose stamp *contradicts* the line (it arrived before it was captured, or its stamp is not after the last one) is
+//! rejected. If contradictions persist, the server's clock was set, and it is learned again. A longer delay is not a contradiction,
+//! however long it lasts: such frames are old. A step back of the clock differs from it only in the stamps; [`StepWatch`] detects it.
+//! [`LoweringWatch`] detects a small step forward. After a small step in either direction, only the pairs before it are discarded,
+//! so that poses continue.
 
 mod envelope;
 mod lowering;
@@ -19,23 +19,23 @@ use oqtal_bus::time::{Span, Time};
 
 pub use envelope::{EnvelopeLine, LowerEnvelope, MAX_DRIFT, StampPair};
 pub use lowering::LoweringWatch;
-pub use step::{StepWatch, SuspectedStep};
+pub use step::{StepHypothesis, StepWatch};
 
 /// Shortest time over which a clock is learned.
 const LEARNING_TIME: Span = Span::from_millis(500);
 /// Least number of frames from which a clock is learned \[-\].
 const LEARNING_FRAMES: u32 = 12;
-/// A frame that arrives so much before the line, or a contraction of stamps by so much, says that the server's clock was set; less
-/// only corrects the line.
+/// Least arrival before the line, or contraction of stamps, by which the server's clock counts as set; a smaller one corrects the
+/// line.
 const IMPOSSIBLE: Span = Span::from_millis(25);
-/// A line that is lowered by so much within a second makes all pairs from before worthless.
+/// Least lowering of the line within a second by which all earlier pairs are discarded.
 const SMALL_STEP: Span = Span::from_millis(1);
 /// Time after learning began, or a step, in which lowerings of the line are not counted: few fast frames were seen yet.
 const SETTLING_TIME: Span = Span::from_millis(2000);
-/// Suspects in a row, and the time that they span, after which the server's clock counts as set anew.
-const SUSPECTS: u32 = 5;
-const SUSPECT_TIME: Span = Span::from_millis(100);
-/// After so long a silence nothing is known any more: a server may have been restarted.
+/// Contradictions in a row, and the time that they span, after which the server's clock counts as set.
+const CONTRADICTIONS: u32 = 5;
+const CONTRADICTION_TIME: Span = Span::from_millis(100);
+/// Silence after which the clock is unknown: the server may have been restarted.
 const SILENCE: Span = Span::from_millis(1000);
 /// The error of the line, 99 times of 100, is below this many mean delays over the number of frames \[-\]. Found by simulation, for
 /// uniform and exponential delays; the tests hold it.
@@ -52,15 +52,15 @@ pub struct CaptureTime {
     pub delay: Span,
 }
 
-/// What is known of a frame's instant of capture.
+/// Result for a frame's instant of capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StampVerdict {
-    /// It is known.
+    /// The instant is known.
     Known(CaptureTime),
     /// The server's clock is not yet known.
     Learning,
-    /// The stamp contradicts the clock as it is known.
-    Suspect,
+    /// The stamp contradicts the known clock.
+    Contradiction,
 }
 
 /// State of the clock, for log and status.
@@ -68,7 +68,7 @@ pub enum StampVerdict {
 pub struct ClockState {
     /// Whether instants of capture are known.
     pub is_known: bool,
-    /// How often the clock had to be learned anew, the first time excluded \[-\].
+    /// Number of times the clock was learned again, the first time excluded \[-\].
     pub relearned: u64,
     /// Our clock minus the server's at the last frame \[ns\], the least delay included.
     pub offset_ns: i64,
@@ -87,15 +87,15 @@ pub struct ServerClock {
     /// The first pair since learning began: all others are relative to it, stamp and arrival \[ns\].
     origin: Option<(u64, Time)>,
     last: (u64, Time),
-    suspects: u32,
-    suspect_since: Time,
-    /// The last suspect's stamp \[ns\].
-    suspect_ns: u64,
+    contradictions: u32,
+    contradicted_since: Time,
+    /// Stamp of the last contradicting frame \[ns\].
+    contradicting_ns: u64,
     steps: StepWatch,
     lowerings: LoweringWatch,
-    /// When learning began, or the last small step was noticed.
+    /// Instant at which learning began, or the last small step was detected.
     settling_since: Time,
-    /// Mean delay of the pairs that were forgotten behind a step \[ns\]: few pairs do not tell how they scatter.
+    /// Mean delay of the pairs that were discarded after a step \[ns\]: few pairs do not show the scatter.
     scatter_ns: f64,
     known: bool,
     relearned: u64,
@@ -110,9 +110,9 @@ impl ServerClock {
             envelope: LowerEnvelope::default(),
             origin: None,
             last: (0, Time::UNSET),
-            suspects: 0,
-            suspect_since: Time::UNSET,
-            suspect_ns: 0,
+            contradictions: 0,
+            contradicted_since: Time::UNSET,
+            contradicting_ns: 0,
             steps: StepWatch::default(),
             lowerings: LoweringWatch::default(),
             settling_since: Time::UNSET,
@@ -131,7 +131,7 @@ impl ServerClock {
         self.lowerings = LoweringWatch::default();
         self.scatter_ns = 0.0;
         self.known = false;
-        self.suspects = 0;
+        self.contradictions = 0;
     }
 
     /// The instant of capture of a frame with the server's stamp `stamp_ns` \[ns, server clock\] that arrived at `arrival`. Frames
@@ -144,9 +144,9 @@ impl ServerClock {
         let is_great = step.is_some_and(|step| step.contraction_ns > IMPOSSIBLE.nanos());
         let contradicts = is_great || self.contradicts(stamp_ns, arrival);
         if contradicts && !self.is_set_anew(stamp_ns, arrival) {
-            return StampVerdict::Suspect;
+            return StampVerdict::Contradiction;
         }
-        self.suspects = 0;
+        self.contradictions = 0;
         let before_ns = std::mem::replace(&mut self.last, (stamp_ns, arrival)).0;
         if self.origin.is_none() {
             self.settling_since = arrival;
@@ -156,7 +156,7 @@ impl ServerClock {
         let ahead_ns = self.envelope.line().offset_ns(pair.stamp_ns) - pair.offset_ns;
         self.envelope.add(pair);
         self.watch_for_lowering(before_ns, arrival, ahead_ns);
-        let lasting = |step: &SuspectedStep| {
+        let lasting = |step: &StepHypothesis| {
             !is_great && step.has_lasted(arrival, LEARNING_TIME, LEARNING_FRAMES)
         };
         if let Some(step) = step.filter(lasting) {
@@ -200,8 +200,8 @@ impl ServerClock {
         Span::from_nanos(bound_ns.round() as i64)
     }
 
-    /// The step back that is suspected with this frame.
-    fn watch_for_step(&mut self, stamp_ns: u64, arrival: Time) -> Option<SuspectedStep> {
+    /// Hypothesis of a step back after this frame.
+    fn watch_for_step(&mut self, stamp_ns: u64, arrival: Time) -> Option<StepHypothesis> {
         let delay_ns = self.origin.map_or(0.0, |origin| {
             let pair = relative(origin, (stamp_ns, arrival));
             pair.offset_ns - self.envelope.line().offset_ns(pair.stamp_ns)
@@ -221,7 +221,7 @@ impl ServerClock {
         }
     }
 
-    /// Forgets the pairs up to this stamp, those from before a small step: poses go on with what is left.
+    /// Discards the pairs up to this stamp, from before a small step: poses continue with the others.
     fn forget_through(&mut self, stamp_ns: u64) {
         let Some(origin) = self.origin else { return };
         let stamp_ns = stamp_ns.wrapping_sub(origin.0).cast_signed();
@@ -233,7 +233,7 @@ impl ServerClock {
         self.relearned += 1;
     }
 
-    /// Whether a stamp cannot be true if the clock is as it was.
+    /// Whether a stamp is impossible if the clock was not set.
     fn contradicts(&self, stamp_ns: u64, arrival: Time) -> bool {
         let Some(origin) = self.origin else { return false };
         let pair = relative(origin, (stamp_ns, arrival));
@@ -241,16 +241,16 @@ impl ServerClock {
         stamp_ns <= self.last.0 || ahead_ns > IMPOSSIBLE.nanos() as f64
     }
 
-    /// Counts a suspect. Once enough of them, each after the one before, contradict the clock, it is forgotten.
+    /// Counts a contradiction. After enough of them in rising order, the clock is discarded.
     fn is_set_anew(&mut self, stamp_ns: u64, arrival: Time) -> bool {
-        if self.suspects == 0 || stamp_ns <= self.suspect_ns {
-            self.suspects = 0;
-            self.suspect_since = arrival;
+        if self.contradictions == 0 || stamp_ns <= self.contradicting_ns {
+            self.contradictions = 0;
+            self.contradicted_since = arrival;
         }
-        self.suspects += 1;
-        self.suspect_ns = stamp_ns;
-        let lasting = arrival.since(self.suspect_since) >= SUSPECT_TIME;
-        let is_set = self.suspects >= SUSPECTS && lasting;
+        self.contradictions += 1;
+        self.contradicting_ns = stamp_ns;
+        let lasting = arrival.since(self.contradicted_since) >= CONTRADICTION_TIME;
+        let is_set = self.contradictions >= CONTRADICTIONS && lasting;
         if is_set {
             self.forget();
         }

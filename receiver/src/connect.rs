@@ -16,7 +16,7 @@ const MAX_LISTED: usize = 32;
 /// Opens the connection of `link`.
 ///
 /// # Errors
-/// There is no server, or none that can be used. A wanted body that is not there is no error.
+/// There is no server, or none that can be used. A missing body is not an error.
 pub fn connect(link: &CameraLink) -> Result<CameraConnection, ConnectError> {
     let deadline = Time::now() + CONNECT_TIMEOUT;
     let address = resolve(link)?;
@@ -50,7 +50,7 @@ pub fn connect_to_all(link: &CameraLink) -> Result<CameraConnection, ConnectErro
     }
 }
 
-/// The bodies in words.
+/// Text that lists the bodies.
 fn known(bodies: &[CameraBody]) -> String {
     if bodies.is_empty() {
         return "it has none: define the vehicle as a rigid body there".to_owned();
@@ -64,7 +64,7 @@ fn known(bodies: &[CameraBody]) -> String {
     }
 }
 
-/// The address of the host. A resolver may hang for longer than anybody waits: it is asked on a thread of its own.
+/// The address of the host. A resolver may block for longer than the time-out: it runs on a thread of its own.
 fn resolve(link: &CameraLink) -> Result<SocketAddr, ConnectError> {
     let (host, port) = (link.host.clone(), link.port);
     let (answer, is_answered) = channel();

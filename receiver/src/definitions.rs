@@ -113,7 +113,7 @@ impl DefinitionSlot {
     }
 
     /// Puts read definitions into force. Returns whether others have come meanwhile, which have to be asked for again.
-    pub fn give_back(
+    pub fn apply_definitions(
         &mut self,
         mut definitions: Box<BodyDefinitions>,
         routes: &mut RouteTable,
@@ -147,7 +147,7 @@ mod tests {
             let mut taken = slot.take().unwrap();
             assert!(slot.take().is_none());
             assert_eq!(taken.read().is_ok(), is_good, "{text}");
-            assert!(!slot.give_back(taken, &mut routes));
+            assert!(!slot.apply_definitions(taken, &mut routes));
             assert_eq!(routes.has(0), text != named("c"), "{text}");
         }
     }
@@ -160,7 +160,7 @@ mod tests {
         let taken = slot.take().unwrap();
         slot.receive(named("b").as_bytes());
         assert!(slot.take().is_none());
-        assert!(slot.give_back(taken, &mut routes));
+        assert!(slot.apply_definitions(taken, &mut routes));
         slot.receive(&vec![b' '; CAPACITY + 1]);
         assert!(slot.take().is_none(), "more than there is room for");
     }

@@ -16,15 +16,15 @@ use oqtal_wire::link::CameraLink;
 
 /// Port of NatNet's commands \[-\].
 const NATNET_PORT: u16 = 1510;
-/// Longest time between two looks at a socket.
-const LOOK: Span = Span::from_millis(20);
+/// Period of polling the socket.
+const POLL_PERIOD: Span = Span::from_millis(20);
 
 /// A camera system that was found.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FoundServer {
     /// Link to it, without a body.
     pub link: String,
-    /// The server in its own words.
+    /// The server's description of itself.
     pub server: String,
     /// Names of its bodies.
     pub bodies: Vec<String>,
@@ -61,13 +61,13 @@ pub fn discover(hosts: &[String], duration: Span) -> Result<Vec<FoundServer>, Fa
         // VRPN has no broadcast: a host of cameras may serve it beside what answered.
         links.insert(format!("vrpn:{ip}"));
     }
-    // Each host is asked on a thread of its own: those that are silent take their time.
+    // Each host is asked on a thread of its own: silent ones take until the time-out.
     let asked = links.into_iter().map(|link| std::thread::spawn(move || ask(&link)));
     let asked: Vec<_> = asked.collect();
     Ok(asked.into_iter().filter_map(|thread| thread.join().ok().flatten()).collect())
 }
 
-/// What the server at a link says of itself; `None` if there is none.
+/// Description of the server at a link; `None` if there is no server.
 fn ask(text: &str) -> Option<FoundServer> {
     let link: CameraLink = text.parse().ok()?;
     let connection = connect(&link).ok()?;
@@ -75,14 +75,14 @@ fn ask(text: &str) -> Option<FoundServer> {
     Some(FoundServer { link: link.to_string(), server: connection.server, bodies })
 }
 
-/// Asks everybody, and collects the links of those who answer.
+/// Broadcasts requests, and collects the links of the servers that answer.
 fn broadcast(duration: Span) -> io::Result<BTreeSet<(String, IpAddr)>> {
     let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
     socket.set_broadcast(true)?;
-    socket.set_read_timeout(Some(LOOK.to_duration()))?;
+    socket.set_read_timeout(Some(POLL_PERIOD.to_duration()))?;
     let request = DiscoveryRequest { reply_port: socket.local_addr()?.port() }.to_datagram();
     let mut natnet = NatNetClient::new(false);
-    // A machine without a network has nobody to ask.
+    // Send errors are ignored: a machine without a network finds no servers.
     let _ = socket.send_to(&request, (Ipv4Addr::BROADCAST, DISCOVERY_PORT));
     if let Some(ping) = natnet.poll_output(1) {
         let _ = socket.send_to(ping, (Ipv4Addr::BROADCAST, NATNET_PORT));
@@ -98,7 +98,7 @@ fn broadcast(duration: Span) -> io::Result<BTreeSet<(String, IpAddr)>> {
     Ok(found)
 }
 
-/// The link of a server that answered so.
+/// Link of the server that sent this answer.
 fn answer(datagram: &[u8], from: SocketAddr) -> Option<String> {
     if from.port() == NATNET_PORT {
         return Some(format!("natnet:{}", from.ip()));
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_is_printed_as_links_to_copy() {
+    fn found_servers_are_printed_as_links() {
         let server = FoundServer {
             link: "qtm:10.0.0.7".to_owned(),
             server: "QTM".to_owned(),

@@ -1,26 +1,26 @@
-//! The gate of frames: numbers them without repetition, counts those that are lost, repeated, out of order or late, and dates
-//! those that go on. Pure.
+//! The gate of frames: numbers them without repetition, counts lost, repeated, out-of-order and late ones, and dates the
+//! accepted ones. Pure.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::{ReceiverOptions, StampSource};
 
 use crate::clock::{CaptureTime, ClockState, ServerClock, StampVerdict};
 
-/// Frames in a row that are numbered anew, each after the one before, after which the server counts as restarted.
+/// Frames in a row with a restarted, rising count, after which the server counts as restarted.
 const RENUMBERED: u32 = 5;
-/// A number that is further ahead than this is no loss but a new count \[frames\].
+/// Greatest loss; a number further ahead belongs to a new count \[frames\].
 const MAX_LOSS: u64 = 1000;
 
-/// What a camera system says of a frame.
+/// Number and stamp of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameStamp {
-    /// Number of the frame as the server counts; `None` if it does not.
+    /// Number of the frame by the server's count; `None` without a count.
     pub number: Option<u32>,
-    /// Instant of capture on the server's clock \[ns\]; `None` if it says none.
+    /// Instant of capture on the server's clock \[ns\]; `None` without a stamp.
     pub stamp_ns: Option<u64>,
 }
 
-/// A frame that goes on.
+/// Accepted frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DatedFrame {
     /// Number, from 1: a gap is a loss \[-\].
@@ -29,22 +29,22 @@ pub struct DatedFrame {
     pub captured: CaptureTime,
 }
 
-/// Why a frame does not go on.
+/// Reason why a frame is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameRefusal {
-    /// It was here before.
+    /// The frame was received before.
     Repeated,
-    /// A later one was here before.
+    /// A later frame was received before.
     OutOfOrder,
     /// The server's clock is not yet known.
     Learning,
     /// Its stamp contradicts the server's clock.
-    Suspect,
-    /// It waited too long on its way.
+    Contradiction,
+    /// The frame was delayed for too long.
     Late,
 }
 
-/// Frames by what became of them \[-\].
+/// Numbers of frames by outcome \[-\].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameCounts {
     /// Frames that arrived.
@@ -58,10 +58,10 @@ pub struct FrameCounts {
     /// Frames without a date, their server's clock not being known.
     pub undated: u64,
     /// Frames whose stamp contradicts the server's clock.
-    pub suspect: u64,
-    /// Frames that waited too long on their way.
+    pub contradicting: u64,
+    /// Frames that were delayed for too long.
     pub late: u64,
-    /// How often the server began to count anew.
+    /// Number of restarts of the server's count.
     pub restarts: u64,
 }
 
@@ -75,7 +75,7 @@ impl FrameCounts {
             repeated: self.repeated + other.repeated,
             out_of_order: self.out_of_order + other.out_of_order,
             undated: self.undated + other.undated,
-            suspect: self.suspect + other.suspect,
+            contradicting: self.contradicting + other.contradicting,
             late: self.late + other.late,
             restarts: self.restarts + other.restarts,
         }
@@ -114,18 +114,18 @@ impl FrameGate {
         }
     }
 
-    /// Forgets the server's clock and its count. The frames that go on are numbered as before.
+    /// Discards the server's clock and its count. The numbering of accepted frames continues.
     pub fn forget(&mut self) {
         self.clock.forget();
         self.last = None;
         self.renumbered = (0, 0);
     }
 
-    /// Judges a frame that arrived at `arrival`. Frames are given in the order of their arrival.
+    /// Checks a frame that arrived at `arrival`. Frames are given in the order of their arrival.
     ///
     /// # Errors
-    /// The frame does not go on.
-    pub fn judge(&mut self, stamp: FrameStamp, arrival: Time) -> Result<DatedFrame, FrameRefusal> {
+    /// The frame is rejected.
+    pub fn check(&mut self, stamp: FrameStamp, arrival: Time) -> Result<DatedFrame, FrameRefusal> {
         self.counts.arrived += 1;
         let result = self.number(stamp.number).and_then(|()| self.date(stamp.stamp_ns, arrival));
         let counted = match result {
@@ -138,7 +138,7 @@ impl FrameGate {
                 (&mut self.counts.out_of_order, FrameRefusal::OutOfOrder)
             }
             Err(FrameRefusal::Learning) => (&mut self.counts.undated, FrameRefusal::Learning),
-            Err(refusal) => (&mut self.counts.suspect, refusal),
+            Err(refusal) => (&mut self.counts.contradicting, refusal),
         };
         *counted.0 += 1;
         Err(counted.1)
@@ -159,14 +159,14 @@ impl FrameGate {
         }
     }
 
-    /// Gives the frame its number. One that does not count is numbered as it comes.
+    /// Numbers the frame. Without a count of the server, frames are numbered by arrival.
     fn number(&mut self, number: Option<u32>) -> Result<(), FrameRefusal> {
         let (Some(number), Some(last)) = (number, self.last) else {
             self.last = number;
             self.frame += 1;
             return Ok(());
         };
-        // Numbers of 32 bits begin anew some day: the difference tells what is after what.
+        // Handles 32-bit wrap-around.
         let step = i64::from(number.wrapping_sub(last).cast_signed());
         let step = if step > 0 { step.unsigned_abs() } else { self.restart(number, step)? };
         self.counts.lost += if step <= MAX_LOSS { step - 1 } else { 0 };
@@ -176,7 +176,7 @@ impl FrameGate {
         Ok(())
     }
 
-    /// A number that is not after the last one: of a frame that is repeated or late, or of a server that counts anew.
+    /// Handles a number that is not after the last one: of a repeated or late frame, or of a restarted count.
     fn restart(&mut self, number: u32, step: i64) -> Result<u64, FrameRefusal> {
         let (count, before) = self.renumbered;
         self.renumbered =
@@ -191,8 +191,8 @@ impl FrameGate {
     fn date(&mut self, stamp_ns: Option<u64>, arrival: Time) -> Result<CaptureTime, FrameRefusal> {
         let stamp_ns = match (self.stamps, stamp_ns) {
             (StampSource::Server, Some(stamp_ns)) => stamp_ns,
-            // A server that says nothing would be suspect for ever: what is configured says otherwise.
-            (StampSource::Server, None) => return Err(FrameRefusal::Suspect),
+            // The configuration requires server stamps; an unstamped frame is rejected.
+            (StampSource::Server, None) => return Err(FrameRefusal::Contradiction),
             (StampSource::Arrival, _) => {
                 let captured_at = arrival - self.latency;
                 let uncertainty = Span::ZERO;
@@ -202,7 +202,7 @@ impl FrameGate {
         match self.clock.observe(stamp_ns, arrival) {
             StampVerdict::Known(captured) => Ok(captured),
             StampVerdict::Learning => Err(FrameRefusal::Learning),
-            StampVerdict::Suspect => Err(FrameRefusal::Suspect),
+            StampVerdict::Contradiction => Err(FrameRefusal::Contradiction),
         }
     }
 }

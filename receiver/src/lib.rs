@@ -9,8 +9,8 @@
 //! | `gate.rs` | numbers and dates frames, pure |
 //! | `clock.rs` | the clock of a camera server against this machine's |
 //! | `transform.rs` | axes of cameras to those of world and body |
-//! | `routes.rs` | which body goes where |
-//! | `stream.rs` | interface of a connection that carries frames |
+//! | `routes.rs` | routes of bodies |
+//! | `stream.rs` | interface of a connection that delivers frames |
 //! | `qtm.rs` | Qualisys Track Manager |
 //! | `natnet.rs` | OptiTrack Motive |
 //! | `vrpn.rs` | VRPN |
@@ -20,7 +20,7 @@
 //! | `definitions.rs` | definitions of bodies that arrive between frames |
 //! | `background.rs` | the background thread: log, definitions, reconnection |
 //! | `note.rs` | events for the log |
-//! | `watch.rs` | changes since the last look, for the log |
+//! | `watch.rs` | changes since the last call, for the log |
 //! | `discover.rs` | search for camera systems in the network |
 //! | `probe.rs` | `oqtal receiver probe`: whether cameras are fit to fly with |
 #![forbid(unsafe_code)]

@@ -21,8 +21,8 @@ use oqtal_wire::link::{CameraProtocol, NatnetDelivery};
 
 /// Size of the read buffer \[bytes\]: the longest datagram.
 const BUFFER: usize = 65_536;
-/// Frames in a row that are numbered anew, after which the server counts as restarted \[-\]: fewer than the gate lets through.
-const COUNTED_ANEW: u32 = 4;
+/// Frames in a row with a restarted count, after which the server counts as restarted \[-\]: fewer than the gate needs.
+const RESTART_FRAMES: u32 = 4;
 /// Time between two requests for the names of the bodies.
 const MODELS_PERIOD: Span = Span::from_millis(1000);
 /// Most datagrams of one turn and socket \[-\].
@@ -40,32 +40,32 @@ pub struct NatnetConnection {
     routes: RouteTable,
     definitions: DefinitionSlot,
     count: FrameCount,
-    /// Instant of the next request for the names of the bodies, which may change without a word.
+    /// Instant of the next request for the names of the bodies, which may change without notice.
     next_models: Time,
     buffer: Vec<u8>,
 }
 
-/// Watch for a server that counts its frames anew: it was restarted, so that its bodies may be others.
+/// Detects a restarted count of frames: the server was restarted, and its bodies may have changed.
 #[derive(Clone, Copy, Debug, Default)]
 struct FrameCount {
     last: Option<i32>,
     /// Numbers before the last one in a row, each after the one before, and the last of them.
-    anew: (u32, i32),
+    restart_run: (u32, i32),
 }
 
 impl FrameCount {
-    /// Takes the number of a frame. Returns whether the server has begun to count anew.
-    fn begins_anew(&mut self, number: i32) -> bool {
+    /// Takes the number of a frame. Returns whether the count has restarted.
+    fn has_restarted(&mut self, number: i32) -> bool {
         let Some(last) = self.last.filter(|last| number.wrapping_sub(*last) <= 0) else {
-            *self = Self { last: Some(number), anew: (0, number) };
+            *self = Self { last: Some(number), restart_run: (0, number) };
             return false;
         };
-        let (count, before) = self.anew;
-        // A repeated frame is none of a new count.
+        let (count, before) = self.restart_run;
+        // A repeated frame does not belong to a new count.
         if number != last {
-            self.anew = (if count > 0 && number > before { count + 1 } else { 1 }, number);
+            self.restart_run = (if count > 0 && number > before { count + 1 } else { 1 }, number);
         }
-        self.anew.0 >= COUNTED_ANEW
+        self.restart_run.0 >= RESTART_FRAMES
     }
 }
 
@@ -90,7 +90,7 @@ pub fn connect(attempt: &Attempt) -> Result<CameraConnection, ConnectError> {
             connection.frames = Some(frames);
         }
         None if delivery == NatnetDelivery::Announced => {
-            // A unicast server: we say that we want its frames.
+            // A unicast server: its frames must be requested.
             connection.client = NatNetClient::new(true);
             info = connection.shake_hands(attempt)?;
         }
@@ -162,7 +162,7 @@ impl NatnetConnection {
     fn shake_hands(&mut self, attempt: &Attempt) -> Result<ServerInfo, ConnectError> {
         while !attempt.is_over() {
             if let Some(datagram) = self.client.poll_output(Time::now().nanos()) {
-                // Nobody may listen yet, or again: requests are repeated.
+                // Send errors are ignored; the request is repeated.
                 let _ = self.commands.send(datagram);
             }
             let count = match self.commands.recv(&mut self.buffer) {
@@ -214,7 +214,7 @@ impl NatnetConnection {
                 break;
             }
             match client.receive(&buffer[..bytes]) {
-                Ok(NatNetEvent::Frame(frame)) if count.begins_anew(frame.number()) => {
+                Ok(NatNetEvent::Frame(frame)) if count.has_restarted(frame.number()) => {
                     return Err(lost("the server was restarted"));
                 }
                 Ok(NatNetEvent::Frame(frame)) => {
@@ -256,7 +256,7 @@ impl CameraStream for NatnetConnection {
             self.client.request_models();
         }
         if let Some(datagram) = self.client.poll_output(now.nanos()) {
-            // A server that does not listen now may do so again; silence ends the connection.
+            // Send errors are ignored; silence ends the connection.
             let _ = self.commands.send(datagram);
         }
         Ok(())
@@ -266,8 +266,8 @@ impl CameraStream for NatnetConnection {
         self.definitions.take()
     }
 
-    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
-        if self.definitions.give_back(definitions, &mut self.routes) {
+    fn apply_definitions(&mut self, definitions: Box<BodyDefinitions>) {
+        if self.definitions.apply_definitions(definitions, &mut self.routes) {
             self.client.request_models();
         }
     }
@@ -281,7 +281,7 @@ impl CameraStream for NatnetConnection {
     }
 }
 
-/// Passes on the wanted bodies of a frame.
+/// Passes the requested bodies of a frame on.
 fn pass_on(
     frame: &NatNetFrame<'_>,
     (routes, clock_hz): (&RouteTable, u64),
@@ -324,10 +324,10 @@ mod tests {
     fn a_new_count_is_told_from_frames_that_are_lost_repeated_or_late() {
         let mut count = FrameCount::default();
         let numbers = [100, 101, 103, 103, 102, 104, 102, 103, 105, 110, 109, 109, 109, 109, 111];
-        assert!(!numbers.into_iter().any(|number| count.begins_anew(number)));
-        let restarted: Vec<bool> = (1..=5).map(|number| count.begins_anew(number)).collect();
+        assert!(!numbers.into_iter().any(|number| count.has_restarted(number)));
+        let restarted: Vec<bool> = (1..=5).map(|number| count.has_restarted(number)).collect();
         assert_eq!(restarted, [false, false, false, true, true]);
         let mut young = FrameCount::default();
-        assert!(![i32::MAX, i32::MIN, i32::MIN + 1].into_iter().any(|n| young.begins_anew(n)));
+        assert!(![i32::MAX, i32::MIN, i32::MIN + 1].into_iter().any(|n| young.has_restarted(n)));
     }
 }

@@ -16,7 +16,7 @@ pub enum ReceiverNote {
     },
     /// The server's clock is not known: no poses until it is.
     ClockUnknown,
-    /// The server's clock was set by so little that poses went on.
+    /// The server's clock was set by a small step; poses continue.
     ClockStepped,
     /// The cameras see a body.
     BodySeen {

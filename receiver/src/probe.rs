@@ -45,9 +45,9 @@ pub fn probe(
         wait(&*stream)?;
         stream.receive(&Time::now, &mut listener).map_err(lost)?;
         if let Some(mut definitions) = stream.take_definitions() {
-            // What cannot be read changes nothing.
+            // Unreadable definitions change nothing.
             let _ = definitions.read();
-            stream.give_back(definitions);
+            stream.apply_definitions(definitions);
         }
         stream.maintain(Time::now()).map_err(lost)?;
     }

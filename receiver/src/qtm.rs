@@ -242,8 +242,8 @@ impl CameraStream for QtmConnection {
         self.definitions.take()
     }
 
-    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
-        if self.definitions.give_back(definitions, &mut self.routes) {
+    fn apply_definitions(&mut self, definitions: Box<BodyDefinitions>) {
+        if self.definitions.apply_definitions(definitions, &mut self.routes) {
             self.client.request_parameters();
         }
     }

@@ -1,6 +1,6 @@
 //! The receiver between network and bus: from frames to the poses that are published. Pure.
 //!
-//! Of each body only the newest pose is kept until it is taken: however many frames arrive at once, one pose goes on.
+//! Of each body only the newest pose is kept until it is taken: one pose is published however many frames arrive at once.
 
 use oqtal_bus::message::{PoseV1, Stamps};
 use oqtal_bus::time::Time;
@@ -12,14 +12,14 @@ use crate::gate::{DatedFrame, FrameCounts, FrameGate, FrameStamp};
 use crate::stream::{FrameSink, MeasuredBody};
 use crate::transform::PoseTransform;
 
-/// A gate with the frame that arrived last; `None` if it does not go on.
+/// A gate, and the frame that arrived last, if it was accepted.
 #[derive(Clone, Debug)]
-struct Entrance {
+struct GateState {
     gate: FrameGate,
     current: Option<(DatedFrame, Time)>,
 }
 
-/// What is known of one body.
+/// State of one body.
 #[derive(Clone, Copy, Debug, Default)]
 struct BodyTrack {
     /// The newest pose that was not taken yet.
@@ -33,7 +33,7 @@ struct BodyTrack {
 /// From frames to poses.
 #[derive(Clone, Debug)]
 pub struct PoseReceiver {
-    entrances: Vec<Entrance>,
+    gates: Vec<GateState>,
     bodies: Vec<BodyTrack>,
     transform: PoseTransform,
     damaged: u64,
@@ -41,13 +41,13 @@ pub struct PoseReceiver {
 }
 
 impl PoseReceiver {
-    /// A receiver of so many bodies.
+    /// Receiver of this number of bodies.
     #[must_use]
     pub fn new(options: &ReceiverOptions, bodies: usize) -> Self {
         // A protocol has one gate, or one for each body.
-        let entrance = Entrance { gate: FrameGate::new(options), current: None };
+        let state = GateState { gate: FrameGate::new(options), current: None };
         Self {
-            entrances: vec![entrance; bodies.max(1)],
+            gates: vec![state; bodies.max(1)],
             bodies: vec![BodyTrack::default(); bodies],
             transform: PoseTransform::new(options),
             damaged: 0,
@@ -57,9 +57,9 @@ impl PoseReceiver {
 
     /// Forgets what is known of the server, as for a new connection: its clock, its count of frames, the bodies it sees.
     pub fn forget(&mut self) {
-        for entrance in &mut self.entrances {
-            entrance.gate.forget();
-            entrance.current = None;
+        for state in &mut self.gates {
+            state.gate.forget();
+            state.current = None;
         }
         for body in &mut self.bodies {
             body.tracked = false;
@@ -92,13 +92,13 @@ impl PoseReceiver {
     /// The frames at a gate, by what became of them.
     #[must_use]
     pub fn counts(&self, gate: usize) -> FrameCounts {
-        self.entrances[gate].gate.counts()
+        self.gates[gate].gate.counts()
     }
 
-    /// The server's clock, as it is known at a gate.
+    /// State of the server's clock at a gate.
     #[must_use]
     pub fn clock(&self, gate: usize) -> ClockState {
-        self.entrances[gate].gate.clock()
+        self.gates[gate].gate.clock()
     }
 
     /// Datagrams and messages that could not be read \[-\].
@@ -117,20 +117,19 @@ impl PoseReceiver {
 impl FrameSink for PoseReceiver {
     fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time) {
         self.arrived_at = arrival;
-        if let Some(entrance) = self.entrances.get_mut(gate) {
-            let judged = entrance.gate.judge(stamp, arrival);
-            entrance.current = judged.ok().map(|dated| (dated, arrival));
+        if let Some(state) = self.gates.get_mut(gate) {
+            let checked = state.gate.check(stamp, arrival);
+            state.current = checked.ok().map(|dated| (dated, arrival));
         }
     }
 
     fn body(&mut self, gate: usize, route: usize, body: MeasuredBody) {
-        let (Some(entrance), Some(track)) = (self.entrances.get(gate), self.bodies.get_mut(route))
-        else {
+        let (Some(state), Some(track)) = (self.gates.get(gate), self.bodies.get_mut(route)) else {
             return;
         };
         track.tracked = body.pose.is_some();
         track.seen_at = self.arrived_at;
-        let Some((DatedFrame { frame, captured }, arrival)) = entrance.current else { return };
+        let Some((DatedFrame { frame, captured }, arrival)) = state.current else { return };
         let (position, attitude) = match &body.pose {
             Some(pose) => self.transform.apply(pose),
             None => ([0.0; 3], [0.0, 0.0, 0.0, 1.0]),

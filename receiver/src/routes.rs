@@ -1,4 +1,4 @@
-//! Which body of the camera system goes where.
+//! Routes from the bodies of the camera system to instances.
 
 use oqtal_wire::text::printable;
 
@@ -11,7 +11,7 @@ pub struct CameraBody {
     pub name: String,
 }
 
-/// Most bodies of a camera system that are kept \[-\]; a list without an end is none of bodies.
+/// Most bodies of a camera system that are kept \[-\]; a longer list is cut off.
 const MAX_KNOWN: usize = 2048;
 
 /// A body that has the name of a route, which another body has already.
@@ -38,8 +38,8 @@ pub struct RouteTable {
     refused: Option<RefusedBody>,
     /// The body that has the name of a route, and gets the route when the one that has it is renamed.
     waiting: Option<RefusedBody>,
-    /// The refused body that was told last.
-    told: Option<RefusedBody>,
+    /// The refused body that was last reported.
+    last_reported: Option<RefusedBody>,
 }
 
 impl RouteTable {
@@ -90,7 +90,7 @@ impl RouteTable {
         }
     }
 
-    /// Names a body, or names it anew, for its route alone: nothing is allocated. Of two bodies of one name the first has the route
+    /// Names or renames a body, for its route alone: nothing is allocated. Of two bodies of one name the first has the route
     /// until it is renamed.
     pub fn rename(&mut self, key: i64, name: &str) {
         let route = self.wanted.iter().position(|wanted| wanted == name);
@@ -112,11 +112,11 @@ impl RouteTable {
         }
     }
 
-    /// The body that was refused last, unless it was the last one told.
+    /// The body that was refused last, unless it was already reported.
     pub fn take_refused(&mut self) -> Option<RefusedBody> {
-        let refused = self.refused.take().filter(|refused| self.told != Some(*refused))?;
-        self.told = Some(refused);
-        self.told
+        let refused = self.refused.take().filter(|refused| self.last_reported != Some(*refused))?;
+        self.last_reported = Some(refused);
+        self.last_reported
     }
 
     /// The route of a body; `None` if it is not wanted.

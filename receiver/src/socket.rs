@@ -21,7 +21,7 @@ pub fn read_some(stream: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize>
     }
 }
 
-/// Receives one datagram of `server`; 0 if there is none now. Datagrams of others are discarded: anybody in the network can send
+/// Receives one datagram of `server`; 0 if there is none now. Datagrams of other senders are discarded: any host in the network can send
 /// them, and none of them is a pose.
 ///
 /// # Errors

@@ -22,7 +22,7 @@ pub struct MeasuredBody {
     pub residual_m: f64,
 }
 
-/// What takes the frames of a stream.
+/// Consumer of the frames of a stream.
 pub trait FrameSink {
     /// A frame has arrived. Frames that one counter numbers and one clock stamps have one gate: all frames of a server, or those
     /// of one body.
@@ -61,14 +61,14 @@ pub trait CameraStream: Debug + Send {
     }
 
     /// Puts definitions that were read into force. A protocol without definitions never hands any out.
-    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
+    fn apply_definitions(&mut self, definitions: Box<BodyDefinitions>) {
         drop(definitions);
     }
 
     /// Whether the body of a route is known to the server.
     fn has(&self, route: usize) -> bool;
 
-    /// A body that was refused because another has its name; each is told once.
+    /// A body that was refused because another has its name; each is reported once.
     fn take_refused(&mut self) -> Option<RefusedBody>;
 
     /// Whether every body has a gate of its own; otherwise there is one gate for all.

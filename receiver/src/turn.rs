@@ -82,7 +82,7 @@ pub struct ReceiverTurn<T: Transport> {
     next_upkeep: Time,
 }
 
-/// What a [`ReceiverTurn`] is made of.
+/// Parts of a [`ReceiverTurn`].
 #[derive(Debug)]
 pub struct ReceiverParts {
     /// From frames to poses.
@@ -155,10 +155,10 @@ impl<T: Transport> ReceiverTurn<T> {
         }
     }
 
-    /// Puts definitions that were read into force. Those of a stream that is no more go back: memory is not given back here.
-    fn give_back(&mut self, definitions: Box<BodyDefinitions>) {
+    /// Applies definitions that were read. Definitions of a closed stream are freed on the background thread.
+    fn apply_definitions(&mut self, definitions: Box<BodyDefinitions>) {
         match &mut self.stream {
-            Some(stream) => stream.give_back(definitions),
+            Some(stream) => stream.apply_definitions(definitions),
             None => self.handle.reply(StreamPart::Definitions(definitions)),
         }
     }
@@ -192,7 +192,7 @@ impl<T: Transport> Turn for ReceiverTurn<T> {
     fn turn<C: TurnClock>(&mut self, clock: &mut C) -> Result<(), BusError> {
         match self.handle.request() {
             Some(StreamPart::Stream(stream)) => self.set_stream(stream, clock.now()),
-            Some(StreamPart::Definitions(definitions)) => self.give_back(definitions),
+            Some(StreamPart::Definitions(definitions)) => self.apply_definitions(definitions),
             None => {}
         }
         let Self { stream, receiver, .. } = self;

@@ -1,4 +1,4 @@
-//! What has changed since the last look, for the log: clock, bodies, frames. Pure.
+//! Changes since the last call, for the log: clock, bodies, frames. Pure.
 
 use oqtal_bus::time::{Span, Time};
 
@@ -10,7 +10,7 @@ use crate::receiver::PoseReceiver;
 const LOOK_PERIOD: Span = Span::from_millis(100);
 /// Time between two notes of troubled frames.
 const TROUBLE_PERIOD: Span = Span::from_millis(5000);
-/// A body without a frame for so long is lost, where lost bodies have no frames.
+/// Time without a frame after which a body is lost, where lost bodies have no frames.
 const BODY_SILENCE: Span = Span::from_millis(200);
 
 /// The state at the last look.
@@ -28,7 +28,7 @@ pub struct ReceiverWatch {
 }
 
 impl ReceiverWatch {
-    /// Nothing was seen yet of so many bodies.
+    /// Watch of this number of bodies, before the first frame.
     #[must_use]
     pub fn new(bodies: usize) -> Self {
         Self {

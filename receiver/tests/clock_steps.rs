@@ -1,12 +1,9 @@
 //! Steps of a server's clock of any size, forward and back, against delays that grow by as much.
 
-#[path = "clock/server.rs"]
-mod server;
-
+use crate::clock::server::{self, Jitter, LEAST_DELAY, Server};
 use oqtal_bus::time::{Span, Time};
 use oqtal_receiver::clock::{ServerClock, StampVerdict};
 use proptest::prelude::*;
-use server::{Jitter, LEAST_DELAY, Server};
 
 /// Frames that are dated around a change: errors \[ns\] of those in the first two seconds behind it, and of those later.
 #[derive(Default)]

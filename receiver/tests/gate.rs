@@ -19,7 +19,7 @@ impl Feed {
         let captured_ms = i64::from(number) * 10;
         let arrival = Time::VIRTUAL_START + Span::from_millis(captured_ms + late_ms);
         let stamp_ns = Some((captured_ms + 5000).unsigned_abs() * 1_000_000);
-        self.gate.judge(FrameStamp { number: Some(number), stamp_ns }, arrival)
+        self.gate.check(FrameStamp { number: Some(number), stamp_ns }, arrival)
     }
 
     /// A feed whose clock is known, after frame 100.
@@ -68,7 +68,7 @@ fn a_server_that_counts_anew_goes_on_and_its_numbers_do_not_go_back() {
         // The same clock, another count.
         let arrival = Time::VIRTUAL_START + Span::from_millis(i64::from(100 + k) * 10 + 1);
         let stamp_ns = Some(u64::from(100 + k) * 10_000_000 + 5_000_000_000);
-        if let Ok(dated) = feed.gate.judge(FrameStamp { number: Some(k), stamp_ns }, arrival) {
+        if let Ok(dated) = feed.gate.check(FrameStamp { number: Some(k), stamp_ns }, arrival) {
             gone_on.push(dated.frame);
         }
     }
@@ -86,7 +86,7 @@ fn numbers_of_32_bits_go_round_without_a_loss() {
     let mut at = Time::VIRTUAL_START;
     for number in [u32::MAX - 1, u32::MAX, 0, 1] {
         at = at + Span::from_millis(10);
-        let dated = gate.judge(FrameStamp { number: Some(number), stamp_ns: None }, at).unwrap();
+        let dated = gate.check(FrameStamp { number: Some(number), stamp_ns: None }, at).unwrap();
         assert_eq!(at.since(dated.captured.captured_at), Span::from_millis(5));
     }
     assert_eq!((gate.counts().lost, gate.counts().restarts), (0, 0));
@@ -96,5 +96,5 @@ fn numbers_of_32_bits_go_round_without_a_loss() {
 fn frames_without_stamps_are_refused_unless_arrivals_are_asked_for() {
     let mut feed = Feed::new(&Config::default().receiver);
     let bare = FrameStamp { number: None, stamp_ns: None };
-    assert_eq!(feed.gate.judge(bare, Time::VIRTUAL_START), Err(FrameRefusal::Suspect));
+    assert_eq!(feed.gate.check(bare, Time::VIRTUAL_START), Err(FrameRefusal::Contradiction));
 }

@@ -97,7 +97,7 @@ fn a_list_of_bodies_that_is_rubbish_or_never_ends_changes_no_route_for_long() {
         let taken = |stream: &mut dyn CameraStream, _: &PoseReceiver| {
             stream.take_definitions().is_some_and(|mut definitions| {
                 let _ = definitions.read();
-                stream.give_back(definitions);
+                stream.apply_definitions(definitions);
                 true
             })
         };

@@ -121,9 +121,9 @@ impl<'a> ByteWriter<'a> {
         self.bytes(text.split('\0').next().unwrap_or_default().as_bytes()).bytes(&[0])
     }
 
-    /// Writes what `text` displays, and a NUL. Nothing but the buffer is allocated.
+    /// Writes a displayed value and a NUL. Only the buffer allocates.
     pub(crate) fn display(&mut self, text: impl std::fmt::Display) -> &mut Self {
-        // A buffer takes everything.
+        // Writing to a buffer cannot fail.
         let _ = std::fmt::Write::write_fmt(self, format_args!("{text}"));
         self.bytes(&[0])
     }
@@ -133,7 +133,7 @@ impl<'a> ByteWriter<'a> {
         self.out.len()
     }
 
-    /// Replaces the 32 bits at `place`, which were written before.
+    /// Replaces 32 bits at `place` that were written before.
     pub(crate) fn set_u32(&mut self, place: usize, number: u32) {
         let bytes = match self.order {
             ByteOrder::Little => number.to_le_bytes(),
@@ -152,10 +152,10 @@ impl std::fmt::Write for ByteWriter<'_> {
     }
 }
 
-/// Memory that a client holds for its output \[bytes\]: more than it sends at once.
+/// Capacity of a client's output buffer \[bytes\]: more than it sends at once.
 pub(crate) const OUTPUT_BYTES: usize = 4096;
 
-/// Gives the bytes of an output to `send`, if there are any, and empties it.
+/// Passes the bytes of a non-empty output to `send`, and empties it.
 pub(crate) fn flush<E>(
     output: &mut Vec<u8>,
     send: impl FnOnce(&[u8]) -> Result<(), E>,
@@ -165,7 +165,7 @@ pub(crate) fn flush<E>(
     sent
 }
 
-/// Length as the 32-bit field of a format; no message of this crate comes near the limit.
+/// Length as the 32-bit field of a format; every message of this crate is far below the limit.
 pub(crate) fn count_u32(length: usize) -> u32 {
     u32::try_from(length).unwrap_or(u32::MAX)
 }

@@ -1,8 +1,8 @@
 //! Datagrams between the Crazyflie's firmware, run as a program (software in the loop), and the simulator of its body.
 //!
 //! Each datagram is one CRTP packet: a header, port in the upper and channel in the lower four bits, and up to 30 bytes. Port 9
-//! carries sensors to the firmware and motor values from it; all other ports are traffic with a client, which the simulator passes
-//! on. The firmware introduces itself by a packet of the header alone and waits for the same in answer.
+//! transfers sensors to the firmware and motor values from it; all other ports are traffic with a client, which the simulator
+//! forwards. The firmware introduces itself by a packet of the header alone and waits for the same in answer.
 
 use crate::bytes::{ByteOrder, ByteReader};
 

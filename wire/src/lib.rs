@@ -3,29 +3,29 @@
 //!
 //! Pure: no I/O, clock or thread. A format has two layers:
 //!
-//! - *packet*: checked views of bytes. Length, type and checksum are checked once; accessors then return the fields as they are on
-//!   the wire, in counts.
+//! - *packet*: checked views of bytes. Length, type and checksum are checked once; accessors then return the fields
+//!   in the units of the wire.
 //! - *meaning*: SI units and radians, body axes x forward, y left, z up. Where sources disagree, the meaning is configured.
 //!
-//! The formats of vehicles do not allocate. A [`stream::Decoder`] finds their frames in a stream of bytes, whatever else the stream
-//! carries. Those of camera systems come over reliable streams and in datagrams: their frames are decoded in place, what names the
-//! bodies allocates, and every size is checked against the bytes that are there.
+//! The formats of vehicles do not allocate. A [`stream::Decoder`] finds their frames in a stream of bytes,
+//! among other data. The formats of camera systems use reliable streams and datagrams: frames are decoded in place, names of bodies
+//! allocate, and every size is checked against the received bytes.
 //!
-//! | module | what |
+//! | module | subject |
 //! |---|---|
 //! | [`asctec`] | the serial interface of AscTec's X-3D-BL and Hummingbird |
 //! | [`crazyflie_sitl`] | the Crazyflie's firmware as a program, and the simulator of its body |
 //! | [`crtp`] | CRTP, the protocol of the Crazyflie |
 //! | [`xbee`] | XBee radios: transparent, API mode 1, API mode 2 |
-//! | [`mavlink`] | MAVLink 2, as PX4 and ArduPilot speak it |
+//! | [`mavlink`] | MAVLink 2, for PX4 and ArduPilot |
 //! | [`link`] | text forms of links: `asctec:/dev/ttyUSB0,baud=57600,xbee=api2` |
 //! | [`stream`] | frames from arbitrary bytes, with bounded work |
-//! | [`text`] | text of another machine, made fit for a log |
+//! | [`text`] | text of another machine, escaped for a log |
 //! | `interpolation` | straight lines between the points of a table |
-//! | `bytes` | numbers at places of a packet |
-//! | [`motion`] | what a camera system measures: poses of bodies, positions of markers |
+//! | `bytes` | numbers in packets |
+//! | [`motion`] | measurements of a camera system: poses of bodies, positions of markers |
 //! | [`qtm`] | the RT protocol of Qualisys Track Manager |
-//! | [`vrpn`] | VRPN, as Vicon Tracker, Motive and others serve it |
+//! | [`vrpn`] | VRPN, of Vicon Tracker, Motive and others |
 //! | [`natnet`] | OptiTrack's NatNet |
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! What a motion-capture system measures, whatever protocol carries it: poses of rigid bodies and positions of markers.
+//! Measurements of a motion-capture system, independent of its protocol: poses of rigid bodies and positions of markers.
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
@@ -24,7 +24,7 @@ impl RigidPose {
         sound.then(|| Self { position_m, attitude: attitude.map(|x| x / norm) })
     }
 
-    /// The pose of a rotation matrix, column by column; `None` if the matrix is no rotation.
+    /// The pose of a rotation matrix, column by column; `None` if the matrix is not a rotation.
     #[must_use]
     pub fn from_columns(position_m: [f64; 3], columns: [f64; 9]) -> Option<Self> {
         let matrix = Matrix3::from_column_slice(&columns);

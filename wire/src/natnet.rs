@@ -1,6 +1,6 @@
-//! OptiTrack's NatNet, versions 3.0 to 4.x, as Motive serves it.
+//! OptiTrack's NatNet, versions 3.0 to 4.x, of Motive.
 //!
-//! | address | what |
+//! | address | use |
 //! |---|---|
 //! | UDP 1510 | requests of clients and their answers; frames to unicast clients come from here too |
 //! | UDP 1511 on 239.255.42.99 | frames by multicast |

@@ -19,7 +19,7 @@ const CAPACITY: usize = 2 * MAX_FRAME;
 pub enum Verdict<E> {
     /// Possible frame: inspect again with this many bytes, more than there are and at most [`MAX_FRAME`].
     Wait(usize),
-    /// Frame of this many bytes, at least one; without an event if it is of no interest.
+    /// Frame of this many bytes, at least one; without an event if it is not used.
     Accept(usize, Option<E>),
     /// Not a frame.
     Noise,
@@ -117,7 +117,7 @@ impl<G: Grammar> Decoder<G> {
                         return event;
                     }
                 }
-                // A wait for bytes that are there, or for more than fit, would never end.
+                // A wait for present bytes, or for more than fit, would never end.
                 Verdict::Wait(_) | Verdict::Noise => self.skip(1),
                 Verdict::Damaged => {
                     self.counters.damaged += 1;

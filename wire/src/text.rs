@@ -1,9 +1,9 @@
-//! Text of another machine, made fit for a log.
+//! Text of another machine, escaped for a log.
 
-/// Most characters that are kept \[-\]: more than any name or reason of a sane server.
+/// Most characters that are kept \[-\]: more than any regular name or message.
 const MAX_CHARS: usize = 256;
 
-/// The text as one short line: control characters and those that turn or hide others are escaped, what is too long is cut off.
+/// The text as one short line: control characters and invisible ones are escaped, longer text is cut off.
 #[must_use]
 pub fn printable(text: &str) -> String {
     let mut line = String::with_capacity(text.len().min(MAX_CHARS));
@@ -31,7 +31,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_stays_as_it_is() {
+    fn printable_text_is_unchanged() {
         assert_eq!(printable("Größe `7` \"x\""), "Größe `7` \"x\"");
     }
 

@@ -1,10 +1,8 @@
 //! Arbitrary bytes into every decoder.
 
-mod common;
-
-use common::any_bytes::{any_bytes, any_radio_bytes};
-use common::any_crtp_bytes::any_crtp_bytes;
-use common::noise;
+use crate::common::any_bytes::{any_bytes, any_radio_bytes};
+use crate::common::any_crtp_bytes::any_crtp_bytes;
+use crate::common::noise;
 use oqtal_wire::asctec::{HostGrammar, VehicleGrammar};
 use oqtal_wire::xbee::{ApiFrame, Payload};
 use proptest::prelude::*;

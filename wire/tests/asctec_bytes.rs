@@ -3,9 +3,7 @@
 //! The telemetry frame was accepted by the parser of nmichael/asctec_quadrotor, and refused by it with one bit of the CRC
 //! changed; the command is worked out from the manual by hand.
 
-mod common;
-
-use common::hex;
+use crate::common::hex;
 use oqtal_wire::asctec::{
     AcknowledgementPacket, CommandError, CommandPacket, ControlInput, Descriptor, EMERGENCY_STOP,
     HostCommand, HostDecoder, HostEvent, ImuCalc, LlStatus, MAX_TELEMETRY, Poll, PollPacket,

@@ -1,8 +1,6 @@
 //! AscTec's decoders on streams that hold more than good frames.
 
-mod common;
-
-use common::{decode, decode_in_pieces, in_order, noise};
+use crate::common::{decode, decode_in_pieces, in_order, noise};
 use oqtal_wire::asctec::{
     ControlInput, Descriptor, EMERGENCY_STOP, FULL_STICK, FULL_THRUST, HostCommand, HostEvent,
     HostGrammar, ImuCalc, LlStatus, MAX_TELEMETRY, Poll, VehicleGrammar, acknowledgement_frame,

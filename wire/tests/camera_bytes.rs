@@ -1,12 +1,7 @@
 //! Arbitrary bytes into the decoders of camera systems.
 
-#[path = "common/any_camera_bytes.rs"]
-mod any_camera_bytes;
-#[path = "common/scene.rs"]
-#[allow(dead_code, reason = "each test uses its part")]
-mod scene;
-
-use any_camera_bytes::{any_natnet_bytes, any_qtm_bytes, any_vrpn_bytes};
+use crate::common::any_camera_bytes::{any_natnet_bytes, any_qtm_bytes, any_vrpn_bytes};
+use crate::common::scene;
 use oqtal_wire::ByteOrder;
 use oqtal_wire::natnet::{NatNetServer, NatNetServerOptions, NatNetVersion};
 use oqtal_wire::qtm::{ComponentKind, ComponentSet, QtmEvent, QtmWriter};

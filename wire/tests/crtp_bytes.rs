@@ -1,9 +1,7 @@
 //! CRTP's packets against bytes of cflib 0.1.34, which `tests/peers/crtp_packets.py` printed, and the vehicle's end against the
 //! host's.
 
-mod common;
-
-use common::{crtp_examples, hex};
+use crate::common::{crtp_examples, hex};
 use oqtal_wire::crtp::{
     CrtpPacket, CrtpPose, CrtpReply, CrtpRequest, CrtpValue, LegacySetpoint, LogCommand, LogType,
     PackedPose, PackedPoses, ParameterType, Supervision, SupervisorAnswer, SupervisorCommand,

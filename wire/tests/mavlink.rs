@@ -1,8 +1,6 @@
 //! MAVLink: what is encoded is decoded, whatever stands around it, with the masks, frames and signs that autopilots need.
 
-mod common;
-
-use common::{any_bytes, hex};
+use crate::common::{any_bytes, hex};
 use oqtal_wire::link::AutopilotKind;
 use oqtal_wire::mavlink::{
     AckResult, AttitudeTarget, AutopilotFirmware, CommandKind, MAX_PACKET, MavlinkAddress,

@@ -1,17 +1,13 @@
 //! Both ends of NatNet against each other.
 
-#[path = "common/scene.rs"]
-#[allow(dead_code, reason = "each test uses its part")]
-mod scene;
-
 use std::net::SocketAddr;
 
+use crate::common::scene::{agree, frame};
 use oqtal_wire::natnet::{
     BodyDefinition, ModelDefinitions, NatNetClient, NatNetClientError, NatNetEvent, NatNetServer,
     NatNetServerOptions, NatNetStage, NatNetVersion, ServerInfo,
 };
 use proptest::prelude::*;
-use scene::{agree, frame};
 
 const VERSIONS: [NatNetVersion; 4] = [
     NatNetVersion::new(3, 0),

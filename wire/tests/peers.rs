@@ -3,13 +3,11 @@
 //! Needs an interpreter with `tests/peers/requirements.txt` installed, named by `OQTAL_PEERS_PYTHON`; `.ci/run` installs one.
 //! Without the variable the test is skipped with a message. With it, a peer that does not answer is a failure.
 
-mod common;
-
 use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-use common::{crtp_examples, decode, hex};
+use crate::common::{crtp_examples, decode, hex};
 use oqtal_wire::xbee::{Api1Grammar, Api2Grammar, ApiFrame, Payload};
 use serde::Deserialize;
 

@@ -1,9 +1,6 @@
 //! Both ends of Qualisys's RT protocol against each other.
 
-#[path = "common/scene.rs"]
-#[allow(dead_code, reason = "each test uses its part")]
-mod scene;
-
+use crate::common::scene::{agree, frame};
 use oqtal_wire::ByteOrder;
 use oqtal_wire::motion::MotionFrame;
 use oqtal_wire::qtm::{
@@ -13,7 +10,6 @@ use oqtal_wire::qtm::{
     QtmVersion, QtmWriter, StreamRate, StreamRequest, StreamTarget,
 };
 use proptest::prelude::*;
-use scene::{agree, frame};
 
 fn parameters() -> QtmParameters {
     let points = (1..=4)

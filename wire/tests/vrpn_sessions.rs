@@ -1,15 +1,11 @@
 //! Both ends of VRPN against each other.
 
-#[path = "common/scene.rs"]
-#[allow(dead_code, reason = "each test uses its part")]
-mod scene;
-
+use crate::common::scene::{agree, frame};
 use oqtal_wire::vrpn::{
     CallbackRequest, CookieError, PING_TYPE, VrpnClient, VrpnClientError, VrpnEvent, VrpnMessage,
     VrpnSession, VrpnVersion, write_message,
 };
 use proptest::prelude::*;
-use scene::frame;
 
 /// A connection whose names are exchanged.
 fn connected(bodies: &[&str]) -> (VrpnClient, VrpnSession) {
@@ -101,7 +97,7 @@ proptest! {
         let seen = (1..).zip(&frame.bodies).filter_map(|(sender, body)| Some((sender, body.pose?)));
         for ((sender, pose), (expected, exact)) in poses.iter().zip(seen.clone()) {
             prop_assert_eq!(*sender, expected);
-            prop_assert!(scene::agree(pose, &exact, (0.0, 1e-12)));
+            prop_assert!(agree(pose, &exact, (0.0, 1e-12)));
         }
         prop_assert_eq!(poses.len(), seen.count());
     }

@@ -1,8 +1,6 @@
 //! XBee's frames against bytes of digi-xbee 1.5.0.
 
-mod common;
-
-use common::{decode, hex};
+use crate::common::{decode, hex};
 use oqtal_wire::xbee::{
     Api1Grammar, Api2Grammar, ApiFrame, ApiPacket, MAX_PAYLOAD, MAX_WIRE, Payload, UNKNOWN_NETWORK,
 };

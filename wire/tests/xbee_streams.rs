@@ -1,8 +1,6 @@
 //! XBee's decoders and carriers on streams that hold more than good frames.
 
-mod common;
-
-use common::{decode, decode_in_pieces, in_order, noise};
+use crate::common::{decode, decode_in_pieces, in_order, noise};
 use oqtal_wire::stream::Grammar;
 use oqtal_wire::xbee::{
     Address, Api1Grammar, Api2Grammar, ApiFrame, Carrier, Framing, MAX_PAYLOAD, MAX_WIRE, Payload,

@@ -1,4 +1,4 @@
-//! What starts and stops the motors of a Crazyflie.
+//! Starting and stopping the motors of a Crazyflie.
 //!
 //! A vehicle that arms by itself is never disarmed: its motors stand while no thrust is commanded, and whether they run is the
 //! bridge's own account. Another one is armed and disarmed. Firmware takes disarming within two seconds after the last thrust for
@@ -77,7 +77,7 @@ pub fn request(protocol: u8, command: SupervisorCommand) -> CrtpRequest {
     }
 }
 
-/// What keeps a vehicle in this state from flying, for people.
+/// Reason why a vehicle in this state cannot fly, for display.
 #[must_use]
 pub fn obstacle(state: Supervision) -> Option<ShortText> {
     let text = match state {

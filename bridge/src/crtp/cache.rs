@@ -17,7 +17,7 @@ const MAX_BYTES: u64 = 64 * 1024;
 /// Tables that learned ones may wait for the background thread \[-\]: both of a vehicle, and those of the next connection.
 const MAX_LEARNED: usize = 4;
 
-/// What is known of tables, and where newly learned ones go.
+/// Known tables, and the destination of newly learned ones.
 #[derive(Clone, Debug)]
 pub struct TableStore {
     tables: KnownTables,

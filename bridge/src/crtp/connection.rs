@@ -48,9 +48,9 @@ enum Step {
     Unusable,
 }
 
-/// What the connection asks of the vehicle.
+/// Options of the connection.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CrtpWishes {
+pub struct ConnectionOptions {
     /// Whether roll and pitch are angles, and not rates.
     pub holds_attitude: bool,
     /// Whether poses are sent to the vehicle's estimator.
@@ -62,7 +62,7 @@ pub struct CrtpWishes {
 /// Connection to one vehicle.
 #[derive(Debug)]
 pub struct CrtpConnection {
-    wishes: CrtpWishes,
+    options: ConnectionOptions,
     tables: TableStore,
     step: Step,
     asked_at: Time,
@@ -75,9 +75,9 @@ pub struct CrtpConnection {
 impl CrtpConnection {
     /// Connection that has not begun; `tables` holds those of earlier connections.
     #[must_use]
-    pub fn new(wishes: CrtpWishes, tables: TableStore) -> Self {
+    pub fn new(options: ConnectionOptions, tables: TableStore) -> Self {
         Self {
-            wishes,
+            options,
             tables,
             step: Step::Greeting,
             asked_at: Time::UNSET,
@@ -132,7 +132,7 @@ impl CrtpConnection {
             }
             Step::CreateBlock(block) => Some(CrtpRequest::CreateBlock(self.block(block))),
             Step::StartBlock(block) => {
-                let period = self.wishes.report_period.nanos() / 10_000_000;
+                let period = self.options.report_period.nanos() / 10_000_000;
                 let period = u8::try_from(period.clamp(1, 254)).unwrap_or(u8::MAX);
                 Some(CrtpRequest::StartBlock { id: block_id(block), period })
             }
@@ -228,12 +228,12 @@ impl CrtpConnection {
         self.go_to(next.map_or(Step::Ready, Step::CreateBlock));
     }
 
-    /// Number of a parameter, and the value that it is to have; `None` if the firmware lacks it, or it may stay as it is.
+    /// Number of a parameter and its required value; `None` if the firmware lacks it, or it needs no change.
     fn parameter(&self, place: usize) -> Option<(u16, CrtpValue)> {
         let KnownElement { id, kind } = self.parameters.elements[place]?;
         let wanted = match place {
-            0 | 1 => f64::from(u8::from(self.wishes.holds_attitude)),
-            ESTIMATOR if self.wishes.sends_poses => KALMAN,
+            0 | 1 => f64::from(u8::from(self.options.holds_attitude)),
+            ESTIMATOR if self.options.sends_poses => KALMAN,
             ESTIMATOR => return None,
             _ => 0.0,
         };

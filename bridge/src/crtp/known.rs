@@ -1,4 +1,4 @@
-//! What tables of contents say about the names that the bridge uses, by the CRC of each table; and their text, one table a line:
+//! Entries of tables of contents for the names that the bridge uses, by the CRC of each table; and their text, one table per line:
 //! `logging 8a3f01c2 pm.vbat=12:7 supervisor.info=-`, with number and type of each name, or a dash where the table lacks it.
 
 use oqtal_wire::crtp::TableKind;
@@ -17,7 +17,7 @@ pub struct KnownElement {
     pub kind: u8,
 }
 
-/// What one table says.
+/// Entries of one table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KnownTable {
     /// Which of the vehicle's tables.
@@ -44,7 +44,7 @@ impl KnownTable {
     /// The line of this table.
     #[must_use]
     pub fn line(&self) -> String {
-        let mut line = format!("{} {:08x}", word(self.table), self.crc);
+        let mut line = format!("{} {:08x}", table_name(self.table), self.crc);
         for ((group, name), element) in names(self.table).iter().zip(self.elements) {
             let value = match element {
                 Some(KnownElement { id, kind }) => format!("{id}:{kind}"),
@@ -55,13 +55,14 @@ impl KnownTable {
         line
     }
 
-    /// Reads a line; `None` if it is none, or has other names.
+    /// Reads a line; `None` if it is invalid, or has other names.
     #[must_use]
     pub fn from_line(line: &str) -> Option<Self> {
         let mut words = line.split(' ');
         let kind = words.next()?;
-        let table =
-            [TableKind::Logging, TableKind::Parameters].into_iter().find(|t| word(*t) == kind)?;
+        let table = [TableKind::Logging, TableKind::Parameters]
+            .into_iter()
+            .find(|t| table_name(*t) == kind)?;
         let mut known = Self::new(table, u32::from_str_radix(words.next()?, 16).ok()?);
         for ((group, name), element) in names(table).iter().zip(&mut known.elements) {
             let (key, value) = words.next()?.split_once('=')?;
@@ -79,7 +80,7 @@ impl KnownTable {
     }
 }
 
-fn word(table: TableKind) -> &'static str {
+fn table_name(table: TableKind) -> &'static str {
     match table {
         TableKind::Logging => "logging",
         TableKind::Parameters => "parameters",
@@ -93,7 +94,7 @@ pub struct KnownTables {
 }
 
 impl KnownTables {
-    /// Reads lines; those that are none are left out.
+    /// Reads lines; invalid ones are left out.
     #[must_use]
     pub fn from_text(text: &str) -> Self {
         let mut known = Self { tables: Vec::with_capacity(MAX_TABLES) };

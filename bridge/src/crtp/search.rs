@@ -20,9 +20,9 @@ pub struct TableSearch {
     info: Option<TableInfo>,
     info_asked_at: Time,
     is_done: bool,
-    /// Number of the first element that is not here yet \[-\].
+    /// Number of the first element that has not arrived yet \[-\].
     first: u16,
-    /// For that element and those behind it: when it was asked for, and whether it is here.
+    /// For that element and those behind it: instant of the request, and whether it has arrived.
     slots: [(Time, bool); WINDOW],
 }
 
@@ -40,7 +40,7 @@ impl TableSearch {
         }
     }
 
-    /// What was found; `None` while the search lasts.
+    /// Table that was found; `None` during the search.
     #[must_use]
     pub fn found(&self) -> Option<&KnownTable> {
         self.is_done.then_some(&self.known)
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn every_name_is_found_also_where_answers_are_lost_and_no_more_is_asked_than_needed() {
+    fn every_name_is_found_despite_lost_answers_with_no_unneeded_requests() {
         for lost in [u32::MAX, 10, 3, 2] {
             let mut tables = TableStore::without_file();
             let (found, requests) = search(&mut tables, lost);

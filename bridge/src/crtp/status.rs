@@ -1,4 +1,4 @@
-//! State of a Crazyflie as its reports show it: battery, supervisor, its own estimate of its motion.
+//! State of a Crazyflie from its reports: battery, supervisor, its own estimate of its motion.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_control::euler::EulerAngles;
@@ -10,24 +10,24 @@ use super::names::{BATTERY, ESTIMATE, MAX_NAMES, SUPERVISOR};
 /// State of the vehicle.
 #[derive(Clone, Copy, Debug)]
 pub struct CrazyflieStatus {
-    /// When the last report arrived; unset before the first.
+    /// Arrival of the last report; unset before the first.
     pub reported_at: Time,
     values: [f64; MAX_NAMES],
 }
 
-/// News of a report.
+/// Part of the state that a report updated.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ReportNews {
+pub enum StatusUpdate {
     /// Battery and supervisor were reported.
     Status,
     /// The vehicle's estimate was reported.
     Estimate,
-    /// The report is not one that was asked for.
+    /// No part: the report was not requested.
     Nothing,
 }
 
 impl CrazyflieStatus {
-    /// State of a vehicle that has reported nothing.
+    /// State before the first report.
     pub const UNKNOWN: Self = Self { reported_at: Time::UNSET, values: [f64::NAN; MAX_NAMES] };
 
     /// Takes a report of log block `block`.
@@ -36,27 +36,27 @@ impl CrazyflieStatus {
         now: Time,
         (block, mut values): (u8, LogFields),
         connection: &CrtpConnection,
-    ) -> ReportNews {
+    ) -> StatusUpdate {
         let mut read = self.values;
         for (place, kind) in connection.fields(block) {
-            let Some(value) = values.next(kind) else { return ReportNews::Nothing };
+            let Some(value) = values.next(kind) else { return StatusUpdate::Nothing };
             read[place] = value;
         }
         (self.values, self.reported_at) = (read, now);
         match block {
-            STATUS_BLOCK => ReportNews::Status,
-            ESTIMATE_BLOCK => ReportNews::Estimate,
-            _ => ReportNews::Nothing,
+            STATUS_BLOCK => StatusUpdate::Status,
+            ESTIMATE_BLOCK => StatusUpdate::Estimate,
+            _ => StatusUpdate::Nothing,
         }
     }
 
-    /// Whether reports have come, and then stayed away for longer than `silence`.
+    /// Whether reports have arrived, and none for longer than `silence`.
     #[must_use]
     pub fn is_silent(&self, now: Time, silence: Span) -> bool {
         self.reported_at.is_set() && now.since(self.reported_at) > silence
     }
 
-    /// Battery voltage \[V\]; NaN if it is not reported, or not measured: a vehicle that reports has more than none.
+    /// Battery voltage \[V\]; NaN if it is not reported, or reported as 0, which means not measured.
     #[must_use]
     pub fn battery_v(&self) -> f64 {
         let volts = self.values[BATTERY];
@@ -66,12 +66,12 @@ impl CrazyflieStatus {
     /// Bits of the supervisor; none before the first report.
     #[must_use]
     pub fn supervision(&self) -> Supervision {
-        // A number that is none, and one out of range, become bits that are: the value is 16 bits wide.
+        // `as` maps NaN to 0 and saturates numbers out of range.
         Supervision::from_wire(self.values[SUPERVISOR] as u16)
     }
 
     /// Position \[m, world\] and attitude \[body to world\], scalar last, as the vehicle estimates them; `None` if it does not report
-    /// them, or reports what is none.
+    /// them, or they are not finite.
     #[must_use]
     pub fn estimate(&self) -> Option<([f64; 3], [f64; 4])> {
         let values = &self.values[ESTIMATE..];

@@ -58,7 +58,7 @@ impl StartSequence {
         *self = Self::default();
     }
 
-    /// Ends a sequence; the stream of set-points goes on.
+    /// Ends a sequence; set-points continue.
     pub(super) fn rest(&mut self) {
         (self.not_before, self.unanswered) = (None, 0);
         (self.is_stopping, self.is_forced) = (false, false);
@@ -101,7 +101,7 @@ impl StartSequence {
         if !self.is_due(now) {
             return None;
         }
-        // The daemon says that the motors are off: a vehicle that believes to fly is told again, by force.
+        // The daemon requires motors off: a vehicle that reports flight is disarmed by force.
         let is_forced = self.is_forced || self.unanswered > 0;
         Some(self.send(now, CommandKind::Arm { run: false, is_forced }))
     }
@@ -130,7 +130,7 @@ impl StartSequence {
             AckResult::Accepted => self.not_before = Some(now + ANSWER_WITHIN),
             AckResult::InProgress => {}
             _ if self.is_stopping => {
-                // Without delay: the daemon wants the motors off.
+                // Without delay: the daemon requires motors off.
                 (self.is_forced, self.not_before) = (true, Some(now));
                 reply(VehicleReply::Refused(refusal));
             }

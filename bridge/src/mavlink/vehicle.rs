@@ -1,4 +1,4 @@
-//! The autopilot at the other end: who it is, in which mode, and what it says of itself.
+//! State of the autopilot at the other end: address, firmware, mode, motors, estimate.
 
 use oqtal_bus::code::{ControlHolder, EstimatorState, VehicleRefusal};
 use oqtal_bus::text::ShortText;
@@ -13,26 +13,26 @@ use crate::protocol::{VehicleEstimate, VehicleReply, VehicleText};
 
 /// Time without an estimator's flags after which the estimator is unknown.
 const FLAGS_AGE: Span = Span::from_millis(3000);
-/// Time without a heartbeat after which another autopilot may take the vehicle's place: a stranger that was heard once does not keep
-/// the vehicle out.
+/// Time without a heartbeat after which another autopilot may take the vehicle's place: an autopilot that sent one heartbeat does not
+/// exclude the vehicle.
 const ABSENT: Span = Span::from_millis(3000);
 /// Step back of the vehicle's clock by which a restart is noticed \[ms\].
 const RESTART_MS: u32 = 2000;
 
-/// AutopilotFirmware that was chosen from those that are heard.
+/// Autopilot that was selected by its heartbeat.
 #[derive(Clone, Copy, Debug)]
-struct Chosen {
+struct SelectedAutopilot {
     address: MavlinkAddress,
     kind: AutopilotKind,
     custom_mode: u32,
     is_armed: bool,
-    /// When it armed, if that was seen.
+    /// Instant of arming, if it was observed.
     armed_at: Option<Time>,
-    heard_at: Time,
+    heartbeat_at: Time,
 }
 
-impl Chosen {
-    /// Autopilot of which no heartbeat was read.
+impl SelectedAutopilot {
+    /// Autopilot before its heartbeat is read.
     fn new(address: MavlinkAddress, kind: AutopilotKind) -> Self {
         Self {
             address,
@@ -40,7 +40,7 @@ impl Chosen {
             custom_mode: 0,
             is_armed: false,
             armed_at: None,
-            heard_at: Time::UNSET,
+            heartbeat_at: Time::UNSET,
         }
     }
 }
@@ -48,23 +48,23 @@ impl Chosen {
 /// State of the autopilot.
 #[derive(Clone, Debug)]
 pub(super) struct AutopilotState {
-    wanted_kind: Option<AutopilotKind>,
-    wanted_system: Option<u8>,
-    chosen: Option<Chosen>,
+    required_kind: Option<AutopilotKind>,
+    required_system: Option<u8>,
+    selected: Option<SelectedAutopilot>,
     estimate: VehicleEstimate,
     flags_at: Time,
-    /// The vehicle's clock as last heard \[ms\].
+    /// The vehicle's clock in its last message \[ms\].
     time_ms: u32,
     is_restarted: bool,
 }
 
 impl AutopilotState {
-    /// An autopilot of this kind and system that has not been heard; any, where they are `None`.
-    pub(super) fn new(wanted_kind: Option<AutopilotKind>, wanted_system: Option<u8>) -> Self {
+    /// State before the first heartbeat of an autopilot of this kind and system; any, where they are `None`.
+    pub(super) fn new(required_kind: Option<AutopilotKind>, required_system: Option<u8>) -> Self {
         Self {
-            wanted_kind,
-            wanted_system,
-            chosen: None,
+            required_kind,
+            required_system,
+            selected: None,
             estimate: VehicleEstimate::UNKNOWN,
             flags_at: Time::UNSET,
             time_ms: 0,
@@ -74,35 +74,35 @@ impl AutopilotState {
 
     /// Forgets the autopilot.
     pub(super) fn reset(&mut self) {
-        *self = Self::new(self.wanted_kind, self.wanted_system);
+        *self = Self::new(self.required_kind, self.required_system);
     }
 
-    /// Address and kind of the autopilot; `None` before it is heard.
+    /// Address and kind of the autopilot; `None` before its first heartbeat.
     pub(super) fn known(&self) -> Option<(MavlinkAddress, AutopilotKind)> {
-        self.chosen.map(|chosen| (chosen.address, chosen.kind))
+        self.selected.map(|selected| (selected.address, selected.kind))
     }
 
     /// Whether the autopilot is in the mode in which it follows set-points.
     pub(super) fn follows_setpoints(&self) -> bool {
-        self.chosen.is_some_and(|chosen| chosen.kind.follows_setpoints(chosen.custom_mode))
+        self.selected.is_some_and(|selected| selected.kind.follows_setpoints(selected.custom_mode))
     }
 
     /// Instant of the last heartbeat.
-    pub(super) fn heard_at(&self) -> Option<Time> {
-        self.chosen.map(|chosen| chosen.heard_at)
+    pub(super) fn heartbeat_at(&self) -> Option<Time> {
+        self.selected.map(|selected| selected.heartbeat_at)
     }
 
-    /// Whether the estimator has a position, or is not known.
+    /// Whether the estimator has a position.
     pub(super) fn has_position(&self) -> bool {
         self.estimate.state == EstimatorState::Ready
     }
 
-    /// Whether the vehicle was restarted since this was asked last.
+    /// Whether the vehicle was restarted since the last call.
     pub(super) fn was_restarted(&mut self) -> bool {
         std::mem::take(&mut self.is_restarted)
     }
 
-    /// Whether `packet`, which arrived at `now`, is of the autopilot. Chooses it by its first heartbeat; tells of one that is of another
+    /// Whether `packet`, which arrived at `now`, is of the autopilot. Selects the autopilot by its first heartbeat; reports one of another
     /// kind or system.
     pub(super) fn takes(
         &mut self,
@@ -110,7 +110,7 @@ impl AutopilotState {
         packet: &MavlinkPacket,
         reply: &mut dyn FnMut(VehicleReply),
     ) -> bool {
-        if self.chosen.is_some_and(|chosen| chosen.address == packet.from) {
+        if self.selected.is_some_and(|selected| selected.address == packet.from) {
             return true;
         }
         let MavlinkContent::Heartbeat(heartbeat) = packet.content else { return false };
@@ -118,18 +118,18 @@ impl AutopilotState {
             return false;
         }
         let refusal = match heartbeat.autopilot {
-            _ if self.wanted_system.is_some_and(|wanted| wanted != packet.from.system) => {
+            _ if self.required_system.is_some_and(|wanted| wanted != packet.from.system) => {
                 VehicleRefusal::OtherSystem
             }
             AutopilotFirmware::Known(kind)
-                if self.wanted_kind.is_none_or(|wanted| wanted == kind) =>
+                if self.required_kind.is_none_or(|wanted| wanted == kind) =>
             {
-                if self.chosen.is_some() {
+                if self.selected.is_some() {
                     self.reset();
                     self.is_restarted = true;
                     reply(VehicleReply::Replaced);
                 }
-                self.chosen = Some(Chosen::new(packet.from, kind));
+                self.selected = Some(SelectedAutopilot::new(packet.from, kind));
                 return true;
             }
             _ => VehicleRefusal::OtherAutopilot,
@@ -138,22 +138,22 @@ impl AutopilotState {
         false
     }
 
-    /// Takes a packet that is not believed: tells of it if it is the heartbeat of an autopilot, and none is known.
-    pub(super) fn hear_unsigned(
+    /// Takes a packet without a valid signature: reports the heartbeat of an autopilot while none is selected.
+    pub(super) fn receive_unsigned(
         &self,
         packet: &MavlinkPacket,
         reply: &mut dyn FnMut(VehicleReply),
     ) {
         let MavlinkContent::Heartbeat(heartbeat) = packet.content else { return };
-        if self.chosen.is_none() && heartbeat.autopilot != AutopilotFirmware::None {
+        if self.selected.is_none() && heartbeat.autopilot != AutopilotFirmware::None {
             reply(VehicleReply::Refused(VehicleRefusal::Unsigned));
         }
     }
 
-    /// Whether the sender of `heartbeat` may be chosen: there is no autopilot yet, or it is [`ABSENT`] and the motors of this one stand.
+    /// Whether the sender of `heartbeat` may be selected: none is selected yet, or it is [`ABSENT`] and the sender's motors are off.
     fn is_vacant(&self, now: Time, heartbeat: &MavlinkHeartbeat) -> bool {
-        let is_absent = |chosen: Chosen| now.since(chosen.heard_at) > ABSENT;
-        self.chosen.is_none_or(|chosen| is_absent(chosen) && !heartbeat.is_armed)
+        let is_absent = |selected: SelectedAutopilot| now.since(selected.heartbeat_at) > ABSENT;
+        self.selected.is_none_or(|selected| is_absent(selected) && !heartbeat.is_armed)
     }
 
     /// Takes a message of the autopilot.
@@ -196,16 +196,16 @@ impl AutopilotState {
         heartbeat: &MavlinkHeartbeat,
         reply: &mut dyn FnMut(VehicleReply),
     ) {
-        let Some(chosen) = &mut self.chosen else { return };
-        chosen.custom_mode = heartbeat.custom_mode;
-        if heartbeat.is_armed && !chosen.is_armed {
-            // Armed when first heard, it has been for longer.
-            chosen.armed_at = chosen.heard_at.is_set().then_some(now);
+        let Some(selected) = &mut self.selected else { return };
+        selected.custom_mode = heartbeat.custom_mode;
+        if heartbeat.is_armed && !selected.is_armed {
+            // Armed in the first heartbeat: the instant of arming is unknown and earlier.
+            selected.armed_at = selected.heartbeat_at.is_set().then_some(now);
         }
-        chosen.is_armed = heartbeat.is_armed;
-        chosen.heard_at = now;
-        let turns = chosen.armed_at.is_none_or(|at| now.since(at) >= spool_up(chosen.kind));
-        let follows = chosen.kind.follows_setpoints(heartbeat.custom_mode);
+        selected.is_armed = heartbeat.is_armed;
+        selected.heartbeat_at = now;
+        let turns = selected.armed_at.is_none_or(|at| now.since(at) >= spool_up(selected.kind));
+        let follows = selected.kind.follows_setpoints(heartbeat.custom_mode);
         reply(VehicleReply::Motors(heartbeat.is_armed && turns));
         reply(VehicleReply::Control(match (heartbeat.is_armed, follows) {
             (false, _) => ControlHolder::Nobody,
@@ -224,7 +224,7 @@ impl AutopilotState {
     }
 }
 
-/// Time from arming to the first thrust that is obeyed: ArduCopter waits for two seconds, PX4 for `COM_SPOOLUP_TIME`, one.
+/// Time from arming to the first thrust that is applied: ArduCopter waits for two seconds, PX4 for `COM_SPOOLUP_TIME`, one.
 fn spool_up(kind: AutopilotKind) -> Span {
     match kind {
         AutopilotKind::ArduPilot => Span::from_millis(2100),

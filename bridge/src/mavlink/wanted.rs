@@ -1,4 +1,4 @@
-//! Parameters that an autopilot needs for flights by set-points and external poses, and why.
+//! Parameters that an autopilot needs for flights by set-points and external poses, with reasons.
 
 use oqtal_wire::link::AutopilotKind;
 
@@ -13,14 +13,14 @@ pub enum WantedValue {
     AtMost(f64),
 }
 
-/// Parameter that matters.
+/// Parameter with a rule for its value.
 #[derive(Clone, Copy, Debug)]
 pub struct WantedParameter {
-    /// Its name.
+    /// Name of the parameter.
     pub name: &'static str,
-    /// What it should be.
+    /// Rule for its value.
     pub value: WantedValue,
-    /// Why.
+    /// Reason for the rule.
     pub reason: &'static str,
 }
 
@@ -77,7 +77,7 @@ const PX4: [WantedParameter; 8] = [
     },
 ];
 
-/// The parameters that matter to this autopilot.
+/// Parameters with rules, for this autopilot.
 #[must_use]
 pub fn wanted_parameters(kind: AutopilotKind) -> &'static [WantedParameter] {
     match kind {
@@ -87,7 +87,7 @@ pub fn wanted_parameters(kind: AutopilotKind) -> &'static [WantedParameter] {
 }
 
 impl WantedValue {
-    /// Whether `value` \[-\] will do.
+    /// Whether `value` \[-\] satisfies the rule.
     #[must_use]
     pub fn is_met_by(self, value: f64) -> bool {
         match self {
@@ -115,7 +115,7 @@ mod tests {
     use oqtal_wire::mavlink::ParameterName;
 
     #[test]
-    fn what_is_set_is_what_is_wanted_and_keeps_other_bits() {
+    fn set_values_satisfy_the_rule_and_keep_other_bits() {
         for kind in [AutopilotKind::ArduPilot, AutopilotKind::Px4] {
             for wanted in wanted_parameters(kind) {
                 assert!(ParameterName::new(wanted.name).is_some(), "{}", wanted.name);

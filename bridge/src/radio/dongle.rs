@@ -6,14 +6,14 @@ use std::io;
 use oqtal_wire::crtp::CrtpPacket;
 use oqtal_wire::link::RadioSpec;
 
-/// What became of a packet.
+/// Outcome of a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RadioAck {
     /// Whether the vehicle acknowledged it.
     pub is_acknowledged: bool,
     /// How often the radio repeated it \[-\].
     pub repeated: u32,
-    /// What the vehicle said in the acknowledgement.
+    /// Payload of the vehicle's acknowledgement.
     pub reply: Option<CrtpPacket>,
 }
 

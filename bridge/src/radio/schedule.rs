@@ -45,7 +45,7 @@ pub struct RadioCounts {
     pub packed: u64,
 }
 
-/// What waits for one vehicle.
+/// Packets that wait for one vehicle.
 #[derive(Clone, Debug)]
 struct RadioVehicle {
     setpoint: Option<Waiting>,
@@ -67,7 +67,7 @@ pub struct RadioSchedule {
 }
 
 impl RadioSchedule {
-    /// Schedule for so many vehicles, each of which gets up to `packets_per_s` packets other than set-points \[1/s\].
+    /// Schedule for this number of vehicles, each of which gets up to `packets_per_s` packets other than set-points \[1/s\].
     #[must_use]
     pub fn new(vehicles: usize, packets_per_s: f64) -> Self {
         let vehicle = RadioVehicle {
@@ -157,7 +157,7 @@ impl RadioSchedule {
         let Some(vehicle) = self.vehicles.get_mut(vehicle) else { return };
         vehicle.counts.repeated += u64::from(repeated);
         vehicle.counts.acknowledged += u64::from(ack.is_some());
-        // Who spoke may have more to say.
+        // A vehicle that sent data may have more.
         vehicle.poll_at = if ack == Some(true) { now } else { now + IDLE_POLL };
         let again = vehicle.on_air.take().filter(|waiting| {
             let is_other = !is_setpoint(&waiting.packet) && !waiting.packet.is_null();

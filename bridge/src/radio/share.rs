@@ -115,7 +115,7 @@ fn wait(bridges: &[BridgeSocket], left: Span) -> Result<(), Failure> {
     }
 }
 
-/// What was read from a socket.
+/// Result of a read from a socket.
 #[derive(Debug, PartialEq)]
 enum Received {
     /// A packet of the vehicle's bridge.
@@ -153,8 +153,8 @@ impl BridgeSocket {
         let Ok((length, sender)) = self.socket.recv_from(&mut buffer) else {
             return Received::Nothing;
         };
-        let is_held = |(bridge, heard_at): (SocketAddr, Time)| {
-            bridge != sender && now.since(heard_at) <= BRIDGE_SILENCE
+        let is_held = |(bridge, heartbeat_at): (SocketAddr, Time)| {
+            bridge != sender && now.since(heartbeat_at) <= BRIDGE_SILENCE
         };
         if self.bridge.is_some_and(is_held) {
             return Received::OfAnother;
@@ -168,7 +168,7 @@ impl BridgeSocket {
 
     fn write(&self, packet: &CrtpPacket) {
         if let Some((bridge, _)) = self.bridge {
-            // A bridge that has gone is told nothing.
+            // Send errors of a bridge that has ended are ignored.
             let _ = self.socket.send_to(packet.as_bytes(), bridge);
         }
     }

@@ -47,7 +47,7 @@ pub struct UsbDongle {
     interface: Interface,
     output: Endpoint<Bulk, Out>,
     input: Endpoint<Bulk, In>,
-    /// What it is set to; `None` where that is not known.
+    /// Its settings; `None` if unknown.
     target: Option<RadioSpec>,
 }
 
@@ -61,7 +61,7 @@ impl UsbDongle {
     /// Opens the first Crazyradio.
     ///
     /// # Errors
-    /// There is none, another program uses it, the user may not, or its firmware is too old.
+    /// No radio is plugged in, another program uses it, permission is missing, or its firmware is too old.
     pub fn open() -> Result<Self, PortOpenError> {
         // A machine without USB has no list of devices either.
         let devices = list_devices().wait().map_err(|error| match error.os_error() {

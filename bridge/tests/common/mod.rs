@@ -1,5 +1,4 @@
 //! A bridge to an AscTec vehicle on a serial line, and its turns.
-#![allow(dead_code)]
 
 use oqtal_bridge::{
     Asctec, Bridge, FrameSizes, Note, VehicleProtocol, VehicleReport, VehicleTransport, transport,

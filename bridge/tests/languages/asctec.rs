@@ -70,7 +70,7 @@ impl LanguageVehicle for Hummingbird {
 
     fn tick(&mut self, _: Time, _: &mut Vec<Vec<u8>>) {}
 
-    fn meddle(&mut self, motors_on: bool, _: bool) {
+    fn manual_override(&mut self, motors_on: bool, _: bool) {
         self.motors_on = motors_on;
     }
 

@@ -94,7 +94,7 @@ impl LanguageVehicle for Crazyflie {
         answers.push(CrtpReply::log_data(block.id, 0, values).as_bytes().to_vec());
     }
 
-    fn meddle(&mut self, motors_on: bool, _: bool) {
+    fn manual_override(&mut self, motors_on: bool, _: bool) {
         self.is_armed = motors_on;
     }
 

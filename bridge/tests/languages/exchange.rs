@@ -88,7 +88,7 @@ impl Exchange {
             Happening::Command { flies, age_us } => self.command(*flies, *age_us),
             Happening::Pose { age_us } => self.pose(*age_us),
             Happening::Somebody { motors_on, is_piloted } => {
-                self.vehicle.meddle(*motors_on, *is_piloted);
+                self.vehicle.manual_override(*motors_on, *is_piloted);
             }
             Happening::Noise(bytes) => {
                 // A false beginning takes what follows for its frame: the quiet that ends the longest one follows at once, so that

@@ -34,7 +34,7 @@ pub trait LanguageVehicle {
     fn tick(&mut self, now: Time, answers: &mut Vec<Vec<u8>>);
 
     /// Somebody beside it starts or stops its motors, and flies it by hand.
-    fn meddle(&mut self, motors_on: bool, is_piloted: bool);
+    fn manual_override(&mut self, motors_on: bool, is_piloted: bool);
 
     /// Whether motors run.
     fn motors_on(&self) -> bool;

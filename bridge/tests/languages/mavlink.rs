@@ -138,7 +138,7 @@ impl LanguageVehicle for Autopilot {
         answers.push(self.encode(&MavlinkContent::Heartbeat(heartbeat)));
     }
 
-    fn meddle(&mut self, motors_on: bool, is_piloted: bool) {
+    fn manual_override(&mut self, motors_on: bool, is_piloted: bool) {
         (self.is_armed, self.follows) = (motors_on, motors_on && !is_piloted);
     }
 

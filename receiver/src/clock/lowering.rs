@@ -1,4 +1,4 @@
-//! Lowerings of the line below the arrivals, by which a small step forward of a server's clock is told.
+//! Lowerings of the line below the arrivals, which indicate a small step forward of a server's clock.
 //!
 //! Nothing arrives before it was captured: the line falls with the first frames behind a step forward, by the step and within a few
 //! frames. As more and more fast frames are seen it falls too, but slowly.

@@ -1,4 +1,4 @@
-//! Steps back of a server's clock, told apart from delays that grew.
+//! Detection of steps back of a server's clock, as opposed to longer delays.
 //!
 //! Either makes the delays of all frames greater by the same amount, for good. The stamps tell which it was: a clock that is set
 //! back brings the stamps of two frames closer together than any before, a network that becomes slower does not touch them. A
@@ -16,9 +16,9 @@ const LEAST_CONTRACTION_NS: i64 = 1_000_000;
 /// Part of the contraction by which every delay behind a step is greater at least \[-\]; the rest is error of the line.
 const LEAST_RISE: f64 = 0.75;
 
-/// A step back that is suspected.
+/// Hypothesis of a step back.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SuspectedStep {
+pub struct StepHypothesis {
     /// Arrival of the first frame behind it.
     pub since: Time,
     /// Greatest stamp then: no later stamp is from before it \[ns, server clock\].
@@ -29,8 +29,8 @@ pub struct SuspectedStep {
     pub contraction_ns: i64,
 }
 
-impl SuspectedStep {
-    /// Whether it has lasted for `time` and so many frames \[-\].
+impl StepHypothesis {
+    /// Whether it has lasted for `time` and `frames` \[-\].
     #[must_use]
     pub fn has_lasted(&self, now: Time, time: Span, frames: u32) -> bool {
         now.since(self.since) >= time && self.frames >= frames
@@ -46,17 +46,17 @@ pub struct StepWatch {
     count: usize,
     /// Stamp of the last frame \[ns, server clock\].
     last_ns: Option<u64>,
-    suspected: Option<SuspectedStep>,
+    hypothesis: Option<StepHypothesis>,
 }
 
 impl StepWatch {
-    /// Takes a frame with its stamp \[ns, server clock\] and its delay behind the line \[ns\]. Returns the step that is suspected.
+    /// Takes a frame with its stamp \[ns, server clock\] and its delay behind the line \[ns\]. Returns the hypothesis of a step.
     pub fn observe(
         &mut self,
         stamp_ns: u64,
         arrival: Time,
         delay_ns: f64,
-    ) -> Option<SuspectedStep> {
+    ) -> Option<StepHypothesis> {
         let last_ns = self.last_ns.replace(stamp_ns);
         let interval = last_ns.map(|last| stamp_ns.wrapping_sub(last).cast_signed());
         let contraction_ns = interval.and_then(|interval| self.contraction(interval)).unwrap_or(0);
@@ -65,22 +65,22 @@ impl StepWatch {
             self.count += 1;
         }
         let rises_by = |contraction_ns: i64| delay_ns >= LEAST_RISE * contraction_ns as f64;
-        self.suspected = match self.suspected {
+        self.hypothesis = match self.hypothesis {
             Some(step) if rises_by(step.contraction_ns) => {
-                Some(SuspectedStep { frames: step.frames + 1, ..step })
+                Some(StepHypothesis { frames: step.frames + 1, ..step })
             }
             _ if contraction_ns >= LEAST_CONTRACTION_NS && rises_by(contraction_ns) => {
                 let stamp_ns = stamp_ns.max(last_ns.unwrap_or(0));
-                Some(SuspectedStep { since: arrival, stamp_ns, frames: 1, contraction_ns })
+                Some(StepHypothesis { since: arrival, stamp_ns, frames: 1, contraction_ns })
             }
             _ => None,
         };
-        self.suspected
+        self.hypothesis
     }
 
     /// Ends a suspicion: the step is known.
     pub fn settle(&mut self) {
-        self.suspected = None;
+        self.hypothesis = None;
     }
 
     /// By how much the interval is shorter than any before \[ns\]; `None` while too few are known.
@@ -105,16 +105,16 @@ mod tests {
     }
 
     #[test]
-    fn a_step_back_is_suspected_and_a_delay_that_grew_is_not() {
+    fn a_step_back_is_distinguished_from_a_longer_delay() {
         let mut steady = StepWatch::default();
         show(&mut steady, 0..20, (0, 0));
         let mut stepped = steady.clone();
         show(&mut stepped, 20..30, (-4, 4));
-        let step = stepped.suspected.expect("a step");
+        let step = stepped.hypothesis.expect("a step");
         assert_eq!((step.frames, step.contraction_ns), (10, 4_000_000));
         let mut slowed = steady.clone();
         show(&mut slowed, 20..30, (0, 4));
-        assert_eq!(slowed.suspected, None);
+        assert_eq!(slowed.hypothesis, None);
     }
 
     #[test]
@@ -122,8 +122,8 @@ mod tests {
         let mut watch = StepWatch::default();
         show(&mut watch, 0..20, (0, 0));
         show(&mut watch, 20..21, (-4, 4));
-        assert!(watch.suspected.is_some());
+        assert!(watch.hypothesis.is_some());
         show(&mut watch, 21..22, (0, 0));
-        assert_eq!(watch.suspected, None);
+        assert_eq!(watch.hypothesis, None);
     }
 }

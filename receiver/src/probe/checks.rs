@@ -112,7 +112,7 @@ const CHECKS: &[ProbeCheck] = &[
     ),
 ];
 
-/// What stands against flying with these figures.
+/// Findings against flying with these figures.
 pub fn findings(figures: &ProbeFigures) -> Vec<ProbeFinding> {
     let found = CHECKS.iter().filter_map(|(name, severity, remedy, check)| {
         let found = check(figures)?;

@@ -30,7 +30,7 @@ pub struct ProbeFigures {
     pub bodies: Vec<BodyFigures>,
     /// Whether the camera system is fit to fly with.
     pub verdict: FitnessVerdict,
-    /// What stands against it.
+    /// Findings against it.
     pub findings: Vec<ProbeFinding>,
     /// All frames, by what became of them.
     #[serde(skip)]

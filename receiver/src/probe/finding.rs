@@ -23,7 +23,7 @@ pub struct ProbeFinding {
     pub severity: Severity,
     /// Fact found.
     pub found: String,
-    /// What to do.
+    /// Remedy.
     pub remedy: &'static str,
 }
 

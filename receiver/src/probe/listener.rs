@@ -1,4 +1,4 @@
-//! What a probe hears, frame by frame.
+//! Frames that a probe receives, one by one.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_config::ReceiverOptions;
@@ -17,9 +17,9 @@ const GAP_NS: i64 = 50_000_000;
 /// Delays that are kept \[-\].
 const MAX_DELAYS: usize = 1 << 20;
 
-/// A body as it was heard.
+/// Observations of one body.
 #[derive(Clone, Debug, Default)]
-struct HeardBody {
+struct ObservedBody {
     id: u32,
     frames: u64,
     tracked: u64,
@@ -32,7 +32,7 @@ struct HeardBody {
 #[derive(Debug)]
 pub struct ProbeListener {
     gates: Vec<FrameGate>,
-    bodies: Vec<HeardBody>,
+    bodies: Vec<ObservedBody>,
     last_arrival: Time,
     arrival: Time,
     intervals: Vec<i64>,
@@ -41,11 +41,11 @@ pub struct ProbeListener {
 }
 
 impl ProbeListener {
-    /// A listener with so many gates and bodies.
+    /// Listener with this number of gates and bodies.
     pub fn new(options: &ReceiverOptions, (gates, bodies): (usize, usize)) -> Self {
         Self {
             gates: vec![FrameGate::new(options); gates.max(1)],
-            bodies: vec![HeardBody::default(); bodies],
+            bodies: vec![ObservedBody::default(); bodies],
             last_arrival: Time::UNSET,
             arrival: Time::UNSET,
             intervals: Vec::new(),
@@ -91,13 +91,13 @@ impl ProbeListener {
                 relearned: clock.relearned,
             },
             noise,
-            bodies: self.bodies.iter().map(HeardBody::figures).collect(),
+            bodies: self.bodies.iter().map(ObservedBody::figures).collect(),
             ..ProbeFigures::default()
         }
     }
 }
 
-impl HeardBody {
+impl ObservedBody {
     fn figures(&self) -> BodyFigures {
         let tracked = self.tracked as f64 / self.frames.max(1) as f64;
         BodyFigures { name: String::new(), id: i64::from(self.id), tracked }
@@ -106,11 +106,11 @@ impl HeardBody {
 
 impl FrameSink for ProbeListener {
     fn frame(&mut self, gate: usize, stamp: FrameStamp, arrival: Time) {
-        let Some(entrance) = self.gates.get_mut(gate) else { return };
-        let judged = entrance.judge(stamp, arrival);
+        let Some(frame_gate) = self.gates.get_mut(gate) else { return };
+        let checked = frame_gate.check(stamp, arrival);
         self.arrival = arrival;
         // Where each body has stamps of its own, the first one's intervals are those of the cameras.
-        let repeated = matches!(judged, Err(FrameRefusal::Repeated | FrameRefusal::OutOfOrder));
+        let repeated = matches!(checked, Err(FrameRefusal::Repeated | FrameRefusal::OutOfOrder));
         if gate > 0 || repeated {
             return;
         }
@@ -118,7 +118,7 @@ impl FrameSink for ProbeListener {
             self.intervals.push(arrival.since(self.last_arrival).nanos());
         }
         self.last_arrival = arrival;
-        if let Ok(dated) = judged
+        if let Ok(dated) = checked
             && self.delays.len() < MAX_DELAYS
         {
             self.delays.push(dated.captured.delay.nanos());

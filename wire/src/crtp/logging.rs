@@ -27,7 +27,7 @@ impl LogBlock {
         Self { id, variables: [(LogType::U8, 0); MAX_LOG_VARIABLES], count: 0 }
     }
 
-    /// The block with one more variable, sent as it is stored; unchanged if it has [`MAX_LOG_VARIABLES`] already.
+    /// The block with one more variable, sent in its stored type; unchanged if it has [`MAX_LOG_VARIABLES`] already.
     #[must_use]
     pub fn with(mut self, kind: LogType, id: u16) -> Self {
         if let Some(place) = self.variables.get_mut(self.count) {

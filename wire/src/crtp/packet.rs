@@ -71,7 +71,7 @@ pub struct CrtpPacket {
 }
 
 impl CrtpPacket {
-    /// Packet that carries nothing; a radio sends it to receive what a vehicle has to say.
+    /// Packet without data; a radio sends it to fetch data of a vehicle.
     pub const NULL: Self = {
         let mut bytes = [0; MAX_CRTP_PACKET];
         bytes[0] = 0xFF;
@@ -90,7 +90,7 @@ impl CrtpPacket {
     /// Takes one packet from `bytes`, a datagram or a radio's acknowledgement.
     ///
     /// # Errors
-    /// There is no byte, or there are too many.
+    /// The bytes are empty or too many.
     pub fn parse(bytes: &[u8]) -> Result<Self, CrtpError> {
         let ([header, payload @ ..], true) = (bytes, bytes.len() <= MAX_CRTP_PACKET) else {
             return Err(CrtpError::Length(bytes.len()));
@@ -125,7 +125,7 @@ impl CrtpPacket {
         &self.bytes[1..self.length]
     }
 
-    /// Whether the packet carries nothing.
+    /// Whether the packet has no data.
     #[must_use]
     pub fn is_null(&self) -> bool {
         self.port() == CrtpPort::LinkService as u8 && self.channel() == 3

@@ -55,7 +55,7 @@ pub enum CrtpReply<'a> {
     Parameter(u16, CrtpValue),
     /// Value of a parameter that was written.
     Written(u16, CrtpValue),
-    /// There is no parameter of this number.
+    /// Unknown parameter.
     NoParameter(u16),
     /// Number of memories \[-\].
     MemoryCount(u8),
@@ -115,7 +115,7 @@ impl<'a> CrtpReply<'a> {
         }
     }
 
-    /// The packet by which a vehicle says this. Log data are [`CrtpReply::log_data`]'s.
+    /// Packet of this reply. Packets of log data are made by [`CrtpReply::log_data`].
     #[must_use]
     pub fn packet(&self) -> CrtpPacket {
         let of = CrtpPacket::new;

@@ -37,7 +37,7 @@ pub enum CrtpRequest {
     Setpoint(LegacySetpoint),
     /// Stops the motors; not latched.
     Stop,
-    /// No further set-points follow; the last one remains valid for so long \[ms\].
+    /// No further set-points follow; the last one remains valid for this time \[ms\].
     EndOfSetpoints(u32),
     /// Pose of the vehicle that receives it.
     Pose(CrtpPose),

@@ -9,7 +9,7 @@ pub const MAX_CRTP_THRUST: u16 = 60_000;
 /// Set-point of the commander port, x forward, y left, z up. On the wire pitch and yaw rate have the other sign, and all three are
 /// in degrees.
 ///
-/// What roll and pitch mean is the vehicle's setting `flightmode.stabModeRoll`, `…Pitch`: 0 for rates, 1 for angles; yaw is a rate
+/// The meaning of roll and pitch depends on the vehicle's parameters `flightmode.stabModeRoll`, `…Pitch`: 0 for rates, 1 for angles; yaw is a rate
 /// while `flightmode.stabModeYaw` is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LegacySetpoint {

@@ -1,4 +1,4 @@
-//! Tables of contents: the vehicle numbers its parameters and its log variables, and a CRC tells whether a table is known already.
+//! Tables of contents: the vehicle numbers its parameters and its log variables, and a CRC identifies known tables.
 
 use super::packet::{CrtpPacket, CrtpPort};
 use crate::bytes::{ByteOrder, ByteReader};
@@ -78,7 +78,7 @@ pub struct TableElement<'a> {
     pub name: &'a str,
 }
 
-/// What a vehicle or a host says about a table.
+/// Message of a vehicle or a host about a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TableWord<'a> {
     /// Request for size and CRC.
@@ -89,7 +89,7 @@ pub(super) enum TableWord<'a> {
     Info(TableInfo),
     /// An element.
     Element(TableElement<'a>),
-    /// There is no element of the number that was asked for.
+    /// The requested element does not exist.
     NoElement,
 }
 

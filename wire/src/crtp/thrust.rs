@@ -27,7 +27,7 @@ impl CrtpThrustCurve {
         duty * (self.linear + self.quadratic * duty)
     }
 
-    /// Counts of a collective thrust `force` \[N\], within 0..60000; 0 for what is no number.
+    /// Counts of a collective thrust `force` \[N\], within 0..60000; 0 for NaN.
     #[must_use]
     pub fn counts(&self, force: f64) -> u16 {
         if force.is_nan() || force <= 0.0 {

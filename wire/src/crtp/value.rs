@@ -23,7 +23,7 @@ pub enum ParameterType {
 impl ParameterType {
     const ALL: [Self; 7] =
         [Self::I8, Self::I16, Self::I32, Self::F32, Self::U8, Self::U16, Self::U32];
-    /// Bits of the table's byte that state the type; the others say that it is read only, or stored.
+    /// Bits of the table's byte that state the type; the others mark it as read only, or stored.
     const MASK: u8 = 0x0F;
 
     /// The type that the byte of a table states; `None` if it has no name here.
@@ -68,7 +68,7 @@ impl CrtpValue {
         Self { bytes, length }
     }
 
-    /// The value of `bytes`; `None` if there are none or more than four.
+    /// The value of `bytes`; `None` for no bytes or more than four.
     #[must_use]
     pub fn from_wire(bytes: &[u8]) -> Option<Self> {
         let mut value = Self { bytes: [0; 4], length: bytes.len() };

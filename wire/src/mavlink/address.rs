@@ -10,11 +10,11 @@ pub struct MavlinkAddress {
 }
 
 impl MavlinkAddress {
-    /// Everybody.
+    /// All systems and components.
     pub const ALL: Self = Self { system: 0, component: 0 };
     /// Component of an autopilot \[-\].
     pub const AUTOPILOT: u8 = 1;
-    /// Component of a computer on board, or of one that stands for it \[-\].
+    /// Component of a companion computer, or of a program in its place \[-\].
     pub const COMPUTER: u8 = 191;
 
     /// Whether a message to `target` is for this address.

@@ -18,7 +18,7 @@ pub struct MavlinkHeartbeat {
     pub is_simulated: bool,
 }
 
-/// What a set-point sets besides thrust.
+/// Quantity that a set-point sets besides thrust.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SetpointKind {
     /// Body rates \[rad/s, body\].
@@ -39,7 +39,7 @@ pub struct AttitudeTarget {
     pub target: MavlinkAddress,
     /// Time since the sender's start \[ms\].
     pub time_ms: u32,
-    /// What is set.
+    /// Quantity that is set.
     pub kind: SetpointKind,
     /// Thrust \[0..1\].
     pub thrust: f64,
@@ -48,7 +48,7 @@ pub struct AttitudeTarget {
 /// Pose of a motion-capture system, ODOMETRY or VISION_POSITION_ESTIMATE.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MavlinkPose {
-    /// Instant at which cameras saw it, by the sender's clock \[us\].
+    /// Instant of capture by the cameras, on the sender's clock \[us\].
     pub time_us: u64,
     /// Position \[m, world\].
     pub position: [f64; 3],
@@ -63,9 +63,9 @@ pub struct MavlinkPose {
 /// Exchange of clocks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timesync {
-    /// 0 in a request; in an answer the clock of the one who answers \[ns\].
+    /// 0 in a request; in an answer the clock of the answering end \[ns\].
     pub answered: i64,
-    /// Clock of the one who asked \[ns\].
+    /// Clock of the requesting end \[ns\].
     pub asked: i64,
 }
 
@@ -132,7 +132,7 @@ pub struct MavlinkTruth {
     pub rate: [f64; 3],
 }
 
-/// Message that is understood.
+/// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MavlinkContent {
     /// HEARTBEAT.
@@ -147,7 +147,7 @@ pub enum MavlinkContent {
     Odometry(MavlinkPose),
     /// VISION_POSITION_ESTIMATE.
     VisionPosition(MavlinkPose),
-    /// SET_GPS_GLOBAL_ORIGIN: the place on earth of the world's origin is arbitrary, and has to be somewhere.
+    /// SET_GPS_GLOBAL_ORIGIN: the place on earth of the world's origin, which is arbitrary.
     GlobalOrigin {
         /// The vehicle's system \[-\].
         system: u8,
@@ -176,7 +176,7 @@ pub enum MavlinkContent {
         target: MavlinkAddress,
         /// The parameter.
         name: ParameterName,
-        /// Its value to be.
+        /// New value.
         value: ParameterValue,
     },
     /// PARAM_VALUE.
@@ -194,7 +194,7 @@ pub enum MavlinkContent {
     Estimator(u16),
     /// SIM_STATE, HIL_STATE_QUATERNION.
     Truth(MavlinkTruth),
-    /// A valid message that is of no interest.
+    /// A valid message that is not used.
     Other,
 }
 

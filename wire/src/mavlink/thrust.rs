@@ -5,11 +5,11 @@ use crate::interpolation::interpolate;
 /// Greatest number of points \[-\].
 const MAX_POINTS: usize = 64;
 
-/// Points `[delta_c, thrust]`, both rising from 0 to 1: thrust as a fraction of maximum, and the number that gives it \[-\].
+/// Points `[delta_c, thrust]`, both rising from 0 to 1: thrust as a fraction of maximum, and the number that yields it \[-\].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThrustCurve(Vec<[f64; 2]>);
 
-/// Points that are no thrust curve.
+/// Error: the points are not a thrust curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("must be 2 to 64 points [delta_c, thrust] that rise within 0..1")]
 pub struct InvalidThrustCurve;
@@ -26,7 +26,7 @@ impl ThrustCurve {
         if fits { Ok(Self(points.to_vec())) } else { Err(InvalidThrustCurve) }
     }
 
-    /// Thrust of SET_ATTITUDE_TARGET \[0..1\] for the share `delta` of greatest thrust; 0 for none, or for what is no number.
+    /// Thrust of SET_ATTITUDE_TARGET \[0..1\] for the share `delta` of greatest thrust; 0 for zero, negative numbers and NaN.
     #[must_use]
     pub fn thrust(&self, delta: f64) -> f64 {
         // Zero is the zero set-point, wherever the curve begins.
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_goes_both_ways_and_zero_is_zero() {
+    fn the_curve_is_inverted_and_zero_is_zero() {
         let curve = ThrustCurve::new(&[[0.0, 0.05], [0.25, 0.4], [1.0, 0.9]]).unwrap();
         for delta in [0.01, 0.25, 0.5, 1.0] {
             assert!((curve.delta(curve.thrust(delta)) - delta).abs() < 1e-12);

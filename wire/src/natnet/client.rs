@@ -5,7 +5,7 @@ use super::message::{MessageId, NatNetError, NatNetMessage, NatNetVersion, write
 use super::server_info::ServerInfo;
 use crate::bytes::OUTPUT_BYTES;
 
-/// What the client waits for.
+/// Next message that the client waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NatNetStage {
     /// The server info.
@@ -16,10 +16,10 @@ pub enum NatNetStage {
     Streaming,
 }
 
-/// What a datagram of the server means to the client.
+/// Meaning of a datagram of the server.
 #[derive(Clone, Debug)]
 pub enum NatNetEvent<'a> {
-    /// The server has answered, or answers otherwise than before; the definitions are asked for.
+    /// The server has answered, or answers otherwise than before; the definitions are requested.
     Connected(ServerInfo),
     /// The definitions, for [`ModelDefinitions::parse`](super::ModelDefinitions::parse): names and numbers of the bodies.
     Models(&'a [u8], NatNetVersion),
@@ -55,7 +55,7 @@ pub struct NatNetClient {
     output: Vec<u8>,
 }
 
-/// Interval between requests that are repeated, and between signs of life \[ns\].
+/// Interval between requests that are repeated, and between keep-alive messages \[ns\].
 const INTERVAL_NS: u64 = 500_000_000;
 
 impl NatNetClient {
@@ -66,7 +66,7 @@ impl NatNetClient {
         Self { unicast, info: None, stage: NatNetStage::Connecting, due_ns: 0, output }
     }
 
-    /// What the client waits for.
+    /// Next message that the client waits for.
     #[must_use]
     pub fn stage(&self) -> NatNetStage {
         self.stage
@@ -78,7 +78,7 @@ impl NatNetClient {
         self.info.as_ref()
     }
 
-    /// Begins anew, as after a server that went silent: it may have been restarted with other bodies.
+    /// Reconnects, for instance to a server that was silent: it may have been restarted with other bodies.
     pub fn reconnect(&mut self) {
         *self = Self::new(self.unicast);
     }
@@ -117,7 +117,7 @@ impl NatNetClient {
     /// Takes a datagram of the server.
     ///
     /// # Errors
-    /// The datagram cannot be read, or the server speaks another version.
+    /// The datagram cannot be read, or the server uses another version.
     pub fn receive<'a>(
         &mut self,
         datagram: &'a [u8],

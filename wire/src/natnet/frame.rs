@@ -30,7 +30,7 @@ pub struct NatNetBody {
 }
 
 impl NatNetBody {
-    /// Pose in the volume; `None` if the body is not tracked or the numbers are none.
+    /// Pose in the volume; `None` if the body is not tracked or its numbers are not finite.
     #[must_use]
     pub fn pose(&self) -> Option<RigidPose> {
         let pose = RigidPose::new(self.position_m.map(f64::from), self.attitude.map(f64::from));

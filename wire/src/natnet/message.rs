@@ -15,11 +15,11 @@ pub struct NatNetVersion {
 }
 
 impl NatNetVersion {
-    /// Oldest version that is spoken here.
+    /// Oldest supported version.
     pub const OLDEST: Self = Self::new(3, 0);
     /// First version with names of markers in the models.
     pub const MARKER_NAMES: Self = Self::new(4, 0);
-    /// First version in which every section of a frame tells its length.
+    /// First version in which every section of a frame states its length.
     pub const SIZED: Self = Self::new(4, 1);
     /// First version with attitudes in the models.
     pub const MODEL_ATTITUDES: Self = Self::new(4, 2);
@@ -30,7 +30,7 @@ impl NatNetVersion {
         Self { major, minor }
     }
 
-    /// Whether the version is spoken here.
+    /// Whether the version is supported.
     #[must_use]
     pub fn is_supported(self) -> bool {
         self >= Self::OLDEST && self.major <= 4
@@ -86,7 +86,7 @@ pub enum MessageId {
     Disconnect,
     /// 10, of a unicast client.
     KeepAlive,
-    /// 100, of a server: a request that it does not know.
+    /// 100, of a server: an unknown request.
     Unrecognized,
     /// Any other.
     Other(u16),

@@ -1,4 +1,4 @@
-//! The server's end: answers to requests, and the clients that want frames by unicast.
+//! The server's end: answers to requests, and the clients that get frames by unicast.
 
 use std::net::{Ipv4Addr, SocketAddr};
 
@@ -16,7 +16,7 @@ const SILENCE_NS: u64 = 10_000_000_000;
 /// Rate of the clock in the frames \[Hz\].
 const CLOCK_HZ: u64 = 10_000_000;
 
-/// What a server serves.
+/// Options of a server.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NatNetServerOptions {
     /// Version of the protocol.
@@ -76,7 +76,7 @@ impl NatNetServer {
         Self { info, rate_hz: options.rate_hz, models, clients: Vec::new() }
     }
 
-    /// Takes a datagram of a client and appends the answer to `out`, which goes back to its sender; nothing for what is no request.
+    /// Takes a datagram of a client and appends the answer to `out`, which goes back to its sender; nothing for invalid requests.
     pub fn receive(&mut self, datagram: &[u8], from: SocketAddr, now_ns: u64, out: &mut Vec<u8>) {
         let Ok(message) = NatNetMessage::parse(datagram) else { return };
         let version = self.version_of(from);

@@ -1,4 +1,4 @@
-//! What a server says about itself.
+//! Description of a server.
 
 use std::net::Ipv4Addr;
 
@@ -34,7 +34,7 @@ impl ServerInfo {
         Self::read(content).ok_or(NatNetError::Content("the server info"))
     }
 
-    /// Whether a message says the same. The name does not count: it is no part of the protocol.
+    /// Whether a message has the same content. The name is ignored: it is not part of the protocol.
     #[must_use]
     pub fn is_in(&self, content: &[u8]) -> bool {
         let numbers = |info: &Self| {
@@ -50,7 +50,7 @@ impl ServerInfo {
         Some(Self { name, ..Self::numbers(content)? })
     }
 
-    /// What stands behind the name, with an empty name.
+    /// Reads the part after the name, with an empty name.
     fn numbers(content: &[u8]) -> Option<Self> {
         let mut reader = ByteReader::new(content.get(NAME_BYTES..)?, ByteOrder::Little);
         let (app_version, [major, minor, _, _]) = (reader.take()?, reader.take()?);

@@ -15,7 +15,7 @@ use crate::text::printable;
 /// Longest command of a client \[bytes\].
 const MAX_COMMAND_BYTES: usize = 256;
 
-/// What a client wants.
+/// Options of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct QtmClientOptions {
     /// Byte order, that of the port.
@@ -43,10 +43,10 @@ impl Default for QtmClientOptions {
     }
 }
 
-/// What a packet of the server means to the client.
+/// Meaning of a packet of the server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum QtmClientEvent<'a> {
-    /// The handshake goes on; there may be bytes to send.
+    /// The handshake continues; there may be bytes to send.
     Handshake,
     /// Parameters as XML, for [`QtmParameters::from_xml`](super::QtmParameters::from_xml): names of the bodies, rate. The stream has
     /// been asked for.
@@ -62,10 +62,10 @@ pub enum QtmClientEvent<'a> {
 /// Error that ends a connection.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum QtmClientError {
-    /// Bytes that are no packets.
+    /// Bytes that are not packets.
     #[error(transparent)]
     Packet(#[from] QtmPacketError),
-    /// Server of another kind, with what it said first, made printable.
+    /// Server of another kind, with its first text, made printable.
     #[error("the server is no QTM: it says `{0}`")]
     NotQtm(String),
     /// Server that is too old or too new.
@@ -81,7 +81,7 @@ pub enum QtmClientError {
     Refused(String),
 }
 
-/// What the client waits for.
+/// Next message that the client waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Greeting,
@@ -169,7 +169,7 @@ impl Dialogue {
         (self.stage == Stage::Established).then_some(self.options.newest)
     }
 
-    /// Appends a command. A server that makes us say more than there is room for before anything can be sent gets no more of it.
+    /// Appends a command. Commands that exceed the output buffer are dropped.
     fn send(&mut self, command: &QtmCommand) {
         if self.output.len() > OUTPUT_BYTES - MAX_COMMAND_BYTES {
             return;

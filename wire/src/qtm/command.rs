@@ -53,7 +53,7 @@ pub enum QtmCommand {
     SetEvent(String),
 }
 
-/// Error: text that is no command.
+/// Error: the text is not a command.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no command of the RT protocol")]
 pub struct InvalidQtmCommand(String);

@@ -16,7 +16,7 @@ pub struct DiscoveryRequest {
 }
 
 impl DiscoveryRequest {
-    /// Parses a datagram; `None` if it is no request.
+    /// Parses a datagram; `None` if it is not a request.
     #[must_use]
     pub fn parse(datagram: &[u8]) -> Option<Self> {
         let mut reader = ByteReader::new(datagram, ByteOrder::Little);
@@ -45,7 +45,7 @@ pub struct DiscoveryReply {
 }
 
 impl DiscoveryReply {
-    /// Parses a datagram; `None` if it is no reply.
+    /// Parses a datagram; `None` if it is not a reply.
     #[must_use]
     pub fn parse(datagram: &[u8]) -> Option<Self> {
         let mut reader = ByteReader::new(datagram, ByteOrder::Little);

@@ -25,7 +25,7 @@ pub enum QtmEvent {
     Other(u8),
 }
 
-/// Events of which the server does more than tell.
+/// Events that also change the state of the server.
 const NAMED: [(u8, QtmEvent); 9] = [
     (1, QtmEvent::Connected),
     (2, QtmEvent::ConnectionClosed),
@@ -55,7 +55,7 @@ impl QtmEvent {
         }
     }
 
-    /// Whether the event changes the state of the measurement, as `GetState` tells it.
+    /// Whether the event changes the state of the measurement, as reported by `GetState`.
     #[must_use]
     pub fn is_state(self) -> bool {
         !matches!(self.number(), 11 | 12 | 13 | 16)

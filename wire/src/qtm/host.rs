@@ -1,4 +1,4 @@
-//! What all connections of a server share: parameters, the state of the measurement, who is in control.
+//! State shared by all connections of a server: parameters, state of the measurement, holder of control.
 
 use super::event::QtmEvent;
 use super::parameters::QtmParameters;
@@ -10,7 +10,7 @@ pub struct QtmHost {
     state: QtmEvent,
     /// The client in control, and how it is named to others.
     master: Option<(u64, String)>,
-    /// Events that every client is to be told.
+    /// Events for every client.
     events: Vec<QtmEvent>,
 }
 
@@ -39,7 +39,7 @@ impl QtmHost {
         self.state != QtmEvent::ConnectionClosed
     }
 
-    /// Takes the events since the last call, which every client is to be told.
+    /// Takes the events for every client since the last call.
     pub fn take_events(&mut self) -> Vec<QtmEvent> {
         std::mem::take(&mut self.events)
     }

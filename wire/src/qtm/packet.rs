@@ -106,7 +106,7 @@ impl QtmStream {
     /// The next complete packet; `None` if more bytes are needed.
     ///
     /// # Errors
-    /// The stream is no stream of packets.
+    /// The stream does not consist of packets.
     pub fn take(&mut self) -> Result<Option<QtmPacket<'_>>, QtmPacketError> {
         let held = &self.buffer[self.taken..];
         let Some(size) = ByteReader::new(held, self.order).u32() else { return Ok(None) };

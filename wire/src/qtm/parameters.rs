@@ -34,7 +34,7 @@ pub struct QtmParameters {
 /// Error in parameters.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum QtmParametersError {
-    /// Text that is no XML.
+    /// Text that is not XML.
     #[error("the server's parameters are no XML: {0}")]
     Xml(String),
     /// Elements within elements beyond any that a server writes.

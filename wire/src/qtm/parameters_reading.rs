@@ -15,7 +15,7 @@ impl QtmParameters {
     /// Reads parameters of either generation.
     ///
     /// # Errors
-    /// The text is no XML, or a body has no name.
+    /// The text is not XML, or a body has no name.
     pub fn from_xml(text: &str) -> Result<Self, QtmParametersError> {
         let mut reader = Reader::from_str(text);
         let mut reading = Reading::default();
@@ -55,7 +55,7 @@ fn resolved(reference: &BytesRef<'_>) -> Result<String, QtmParametersError> {
     text.map(str::to_owned).ok_or_else(|| not_xml("an entity that is not predefined"))
 }
 
-/// What is read so far.
+/// Content read so far.
 #[derive(Default)]
 struct Reading {
     /// Names of the open elements below the root, a `/` before each.
@@ -153,7 +153,7 @@ fn last_body(parameters: &mut QtmParameters) -> Option<&mut QtmBody> {
     parameters.bodies.as_mut()?.last_mut()
 }
 
-/// Sets what an element inside a body says.
+/// Sets the value of an element inside a body.
 fn set(body: &mut QtmBody, place: &str, text: &str) {
     let point = body.points.last_mut();
     match (place, point) {
@@ -172,7 +172,7 @@ fn set_color(body: &mut QtmBody, part: usize, text: &str) {
     body.color = u32::from_le_bytes(parts);
 }
 
-/// A number of the parameters; zero for what is none, which a definition of markers survives.
+/// Number in the parameters; zero for invalid text, which does not invalidate the definition of markers.
 fn number(text: &str) -> f64 {
     text.trim().parse().unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Bodies and markers as they are on the wire, and their meaning.
+//! Bodies and markers on the wire, and their meaning.
 
 use super::component::ComponentKind;
 use crate::bytes::{ByteReader, ByteWriter};
@@ -30,10 +30,10 @@ pub enum NoPose {
     /// The cameras do not see the body.
     #[error("the body is not tracked")]
     Lost,
-    /// Numbers that are no pose.
+    /// The numbers are not a pose.
     #[error("the numbers are no pose")]
     Unsound,
-    /// Euler angles, whose axes only the server knows.
+    /// Euler angles about axes that are configured in the server.
     #[error("Euler angles have no meaning without the server's settings; ask for 6D or 6DRes")]
     Euler,
 }

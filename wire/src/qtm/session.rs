@@ -21,7 +21,7 @@ const MAX_ANSWERS: usize = 1 << 17;
 #[derive(Clone, Debug)]
 pub struct QtmSession {
     client: u64,
-    /// Address as other clients are told it: `ip (port)`.
+    /// Address in messages to other clients: `ip (port)`.
     name: String,
     order: ByteOrder,
     stream: QtmStream,
@@ -30,7 +30,7 @@ pub struct QtmSession {
 }
 
 impl QtmSession {
-    /// Refuses a connection for which there is no place.
+    /// Refuses a connection beyond the greatest number.
     pub fn refuse(order: ByteOrder, out: &mut Vec<u8>) {
         QtmWriter::new(out, order).error("Connection refused. Max number of clients reached.");
     }
@@ -72,7 +72,7 @@ impl QtmSession {
     /// `out` has place for, the others in later calls, also with no bytes.
     ///
     /// # Errors
-    /// The bytes are no stream of packets: close the connection.
+    /// The bytes are not packets: close the connection.
     pub fn receive(
         &mut self,
         bytes: &[u8],

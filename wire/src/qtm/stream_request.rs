@@ -34,7 +34,7 @@ pub enum StreamRate {
     AllFrames,
     /// So many frames a second, at most every frame \[Hz\].
     Frequency(u32),
-    /// Every so many frames \[-\].
+    /// Every n-th frame \[-\].
     Divisor(u32),
 }
 
@@ -113,7 +113,7 @@ pub struct StreamRequest {
     pub rate: StreamRate,
     /// Where they go.
     pub target: StreamTarget,
-    /// What they have.
+    /// Components of the frames.
     pub components: ComponentSet,
 }
 

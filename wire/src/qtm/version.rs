@@ -15,11 +15,11 @@ pub struct QtmVersion {
 impl QtmVersion {
     /// Version of a connection whose client sends none.
     pub const INITIAL: Self = Self::new(1, 1);
-    /// Oldest version whose data are of 32 bits, and so the oldest that is spoken here.
+    /// Oldest version whose data are of 32 bits, and therefore the oldest supported one.
     pub const OLDEST: Self = Self::new(1, 8);
     /// First version with parameters of the second generation.
     pub const NEW_PARAMETERS: Self = Self::new(1, 21);
-    /// Newest version that is spoken here.
+    /// Newest supported version.
     pub const NEWEST: Self = Self::new(1, 28);
 
     /// The version `major.minor`.
@@ -28,7 +28,7 @@ impl QtmVersion {
         Self { major, minor }
     }
 
-    /// Whether both ends of this crate speak the version.
+    /// Whether both ends of this crate support the version.
     #[must_use]
     pub fn is_supported(self) -> bool {
         (Self::OLDEST..=Self::NEWEST).contains(&self)

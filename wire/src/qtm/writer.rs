@@ -39,7 +39,7 @@ impl<'a> QtmWriter<'a> {
         });
     }
 
-    /// Writes that there are no data.
+    /// Writes the packet for missing data.
     pub fn no_more_data(&mut self) {
         self.content(4, |_| ());
     }

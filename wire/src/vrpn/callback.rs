@@ -1,8 +1,8 @@
-//! Requests of clients that want to be called back.
+//! Requests of clients for a connection from the server.
 
 use std::net::{IpAddr, SocketAddr};
 
-/// Request of a client that listens on TCP and wants the server to connect.
+/// Request of a client that listens on TCP: the server shall connect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CallbackRequest {
     /// Address at which the client listens.
@@ -10,7 +10,7 @@ pub struct CallbackRequest {
 }
 
 impl CallbackRequest {
-    /// Parses a datagram; `None` if it is no request with a numeric address.
+    /// Parses a datagram; `None` if it is not a request with a numeric address.
     #[must_use]
     pub fn parse(datagram: &[u8]) -> Option<Self> {
         let end = datagram.iter().position(|byte| *byte == 0).unwrap_or(datagram.len());

@@ -14,10 +14,10 @@ const DESCRIPTION_BYTES: usize = 40;
 const PING: i32 = 1;
 const PONG: i32 = 2;
 
-/// What a message of the server means to the client.
+/// Meaning of a message of the server.
 #[derive(Clone, Debug, PartialEq)]
 pub enum VrpnEvent<'a> {
-    /// The server speaks VRPN of this version; the connection is open.
+    /// The server uses this version of VRPN; the connection is open.
     Greeted(VrpnVersion),
     /// Name of a sender: a tracker, or the server itself. A new name for a known number is a renamed tracker.
     Sender {
@@ -49,7 +49,7 @@ pub enum VrpnClientError {
     /// Error in the server's cookie.
     #[error(transparent)]
     Cookie(#[from] CookieError),
-    /// Bytes that are no messages.
+    /// Bytes that are not messages.
     #[error(transparent)]
     Message(#[from] VrpnMessageError),
 }
@@ -197,7 +197,7 @@ impl ClientState {
         }
     }
 
-    /// Whether so many bytes and a message go into the output as it is. A server that asks more often than anything can be sent gets
+    /// Whether this number of bytes and a message fit into the output. A server that asks more often than anything can be sent gets
     /// no more answers.
     fn has_room(&self, bytes: usize) -> bool {
         self.output.len() + bytes + MESSAGE_BYTES <= OUTPUT_BYTES

@@ -3,7 +3,7 @@
 /// Length of the cookie \[bytes\].
 pub const COOKIE_BYTES: usize = 24;
 
-/// What every cookie begins with.
+/// Beginning of every cookie.
 const MAGIC: &[u8] = b"vrpn: ver. ";
 
 /// Version of VRPN.
@@ -18,7 +18,7 @@ pub struct VrpnVersion {
 /// Error in a cookie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CookieError {
-    /// Bytes that are no cookie.
+    /// Bytes that are not a cookie.
     #[error("the other end does not speak VRPN")]
     Magic,
     /// Major version other than ours.
@@ -27,7 +27,7 @@ pub enum CookieError {
 }
 
 impl VrpnVersion {
-    /// The version that is spoken here.
+    /// The supported version.
     pub const OURS: Self = Self { major: 7, minor: 38 };
 
     /// The cookie of this version, without a log of the connection.
@@ -44,7 +44,7 @@ impl VrpnVersion {
     /// Reads the cookie of the other end.
     ///
     /// # Errors
-    /// It is none, or its major version is not ours.
+    /// The bytes are not a cookie, or of another major version.
     pub fn from_cookie(cookie: &[u8; COOKIE_BYTES]) -> Result<Self, CookieError> {
         let numbers = cookie.strip_prefix(MAGIC).and_then(|rest| match rest {
             [a, b, b'.', c, d, ..] => Some((two_digits(*a, *b)?, two_digits(*c, *d)?)),

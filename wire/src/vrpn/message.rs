@@ -53,7 +53,7 @@ impl<'a> VrpnMessage<'a> {
         u64::from(self.seconds) * 1_000_000 + u64::from(self.micros)
     }
 
-    /// The name in a description; `None` if the payload is no name.
+    /// The name in a description; `None` if the payload is not a name.
     #[must_use]
     pub fn described_name(&self) -> Option<&'a str> {
         let mut reader = ByteReader::new(self.payload, ByteOrder::Big);
@@ -131,7 +131,7 @@ impl VrpnStream {
         self.buffer.extend_from_slice(bytes);
     }
 
-    /// Takes `N` bytes that are no message: the cookie.
+    /// Takes `N` bytes outside messages: the cookie.
     pub fn take_bytes<const N: usize>(&mut self) -> Option<[u8; N]> {
         let bytes = self.buffer[self.taken..].first_chunk::<N>().copied();
         self.taken += bytes.map_or(0, |_| N);
@@ -141,7 +141,7 @@ impl VrpnStream {
     /// The next complete message; `None` if more bytes are needed.
     ///
     /// # Errors
-    /// The stream is no stream of messages.
+    /// The stream does not consist of messages.
     pub fn take(&mut self) -> Result<Option<VrpnMessage<'_>>, VrpnMessageError> {
         let held = &self.buffer[self.taken..];
         let Some(length) = ByteReader::new(held, ByteOrder::Big).u32() else { return Ok(None) };

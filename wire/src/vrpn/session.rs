@@ -14,7 +14,7 @@ const TYPES: [&str; 3] = [POSE_TYPE, PONG_TYPE, PING_TYPE];
 const POSE: i32 = 0;
 const PONG: i32 = 1;
 
-/// Error: the bytes of a client are no VRPN. Close the connection.
+/// Error: the bytes of a client are not VRPN. Close the connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the client does not speak VRPN")]
 pub struct NotVrpn;
@@ -51,10 +51,10 @@ impl VrpnSession {
         self.greeted
     }
 
-    /// Takes bytes of the client and appends the answers to `out`; whether the connection goes on.
+    /// Takes bytes of the client and appends the answers to `out`; returns whether the connection continues.
     ///
     /// # Errors
-    /// The client does not speak VRPN.
+    /// The client does not use VRPN.
     pub fn receive(&mut self, bytes: &[u8], out: &mut Vec<u8>) -> Result<bool, NotVrpn> {
         self.stream.push(bytes);
         if !self.greeted {

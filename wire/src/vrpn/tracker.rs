@@ -45,7 +45,7 @@ impl TrackerPose {
         bytes
     }
 
-    /// Pose in the volume; `None` if the numbers are none.
+    /// Pose in the volume; `None` if the numbers are not a pose.
     #[must_use]
     pub fn pose(&self) -> Option<RigidPose> {
         RigidPose::new(self.position_m, self.attitude)

@@ -112,7 +112,7 @@ impl Carrier {
         let payload = Payload::try_from(payload)?;
         Ok(match self.escapes() {
             None => WireBytes::plain(&payload),
-            Some(escaped) => self.carry(id, payload).to_wire(escaped),
+            Some(escaped) => self.frame_of(id, payload).to_wire(escaped),
         })
     }
 
@@ -187,7 +187,7 @@ impl Carrier {
         }
     }
 
-    fn carry(&self, id: u8, payload: Payload) -> ApiFrame {
+    fn frame_of(&self, id: u8, payload: Payload) -> ApiFrame {
         let (network, options, rssi) = (UNKNOWN_NETWORK, 0, 0);
         match (self.side, self.peer) {
             (Side::Host, Address::Short(to)) => ApiFrame::TxRequest16 { id, to, options, payload },
@@ -250,9 +250,9 @@ fn arrival(side: Side, peer: Address, frame: ApiFrame) -> Option<RadioEvent> {
         (
             Side::Host,
             ApiFrame::RxPacket { from, payload, .. } | ApiFrame::RxPacket64 { from, payload, .. },
-        ) => heard(peer, Address::Long(from), payload),
+        ) => received_from(peer, Address::Long(from), payload),
         (Side::Host, ApiFrame::RxPacket16 { from, payload, .. }) => {
-            heard(peer, Address::Short(from), payload)
+            received_from(peer, Address::Short(from), payload)
         }
         (
             Side::Host,
@@ -264,6 +264,6 @@ fn arrival(side: Side, peer: Address, frame: ApiFrame) -> Option<RadioEvent> {
     }
 }
 
-fn heard(peer: Address, from: Address, payload: Payload) -> Option<RadioEvent> {
+fn received_from(peer: Address, from: Address, payload: Payload) -> Option<RadioEvent> {
     (peer.is_broadcast() || peer == from).then_some(RadioEvent::Payload { id: 0, payload })
 }

@@ -33,7 +33,7 @@ impl Grammar for Api1Grammar {
         let Some(total) = total(high, low) else { return Verdict::Noise };
         match bytes.get(..total) {
             None => Verdict::Wait(total),
-            Some(frame) => judge(frame, total),
+            Some(frame) => check(frame, total),
         }
     }
 }
@@ -52,7 +52,7 @@ impl Grammar for Api2Grammar {
         let Ok(frame) = Unescaped::read(bytes, total) else { return Verdict::Damaged };
         // Every missing byte takes at least one on the wire, so the wait is never too long; each inspection leaves half at most.
         match total - frame.as_bytes().len() {
-            0 => judge(frame.as_bytes(), frame.read),
+            0 => check(frame.as_bytes(), frame.read),
             missing => Verdict::Wait(bytes.len() + missing),
         }
     }
@@ -65,7 +65,7 @@ fn total(high: u8, low: u8) -> Option<usize> {
 }
 
 /// Checks a frame without escapes that took `taken` bytes on the wire.
-fn judge(frame: &[u8], taken: usize) -> Verdict<ApiFrame> {
+fn check(frame: &[u8], taken: usize) -> Verdict<ApiFrame> {
     let Ok(packet) = ApiPacket::new_checked(frame) else { return Verdict::Damaged };
     match ApiFrame::parse(&packet) {
         Ok(frame) => Verdict::Accept(taken, Some(frame)),

@@ -52,7 +52,7 @@ impl std::fmt::Debug for Payload {
     }
 }
 
-/// API frames that carry payload or report its delivery.
+/// API frames with payload, or with reports of its delivery.
 ///
 /// `id` numbers a request \[-\]; a radio reports its delivery by a TX status, unless it is 0. `rssi` is in -dBm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

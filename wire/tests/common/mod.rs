@@ -1,9 +1,10 @@
 //! Helpers of the tests of this crate.
-#![allow(dead_code, reason = "each test uses its part")]
 
 pub mod any_bytes;
+pub mod any_camera_bytes;
 pub mod any_crtp_bytes;
 pub mod crtp_examples;
+pub mod scene;
 
 use oqtal_wire::stream::{Decoder, DecoderCounters, Grammar};
 use proptest::prelude::*;

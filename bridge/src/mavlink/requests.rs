@@ -1,4 +1,4 @@
-//! What is sent besides set-points and poses: heartbeats, message rates, the origin of the world, exchanges of clocks.
+//! Messages besides set-points and poses: heartbeats, message rates, the origin of the world, exchanges of clocks.
 
 use oqtal_bus::time::{Span, Time};
 use oqtal_wire::link::AutopilotKind;
@@ -9,34 +9,34 @@ use oqtal_wire::mavlink::{
 use super::vehicle::AutopilotState;
 use crate::protocol::{PeriodicTimer, VehicleReply};
 
-/// Own heartbeat, by which autopilots know that a computer is there.
+/// Period of the bridge's own heartbeat, by which autopilots detect a companion computer.
 const HEARTBEAT: Span = Span::from_millis(500);
-/// The origin of the world is sent so often until the vehicle has a position.
+/// Period of the world's origin, which is sent until the vehicle has a position.
 const ORIGIN: Span = Span::from_millis(1000);
-/// Time within which a message rate is acknowledged.
+/// Time-out of the acknowledgement of a message rate.
 const RATE_WITHIN: Span = Span::from_millis(200);
-/// Tries of each message rate \[-\].
+/// Number of requests for each message rate \[-\].
 const RATE_TRIES: u8 = 3;
-/// Time without a heartbeat after which the rates are asked for again: the vehicle sends them by itself only once a second.
+/// Time without a heartbeat after which the rates are requested again: unrequested heartbeats come once a second.
 const HEARTBEATS_RARE: Span = Span::from_millis(400);
-/// Pause before the rates are asked for again.
+/// Pause before the rates are requested again.
 const RATES_AGAIN: Span = Span::from_millis(3000);
-/// Age of a heartbeat at which one is asked for by itself: PX4 refuses any other rate than one a second.
+/// Age of a heartbeat at which a single one is requested: PX4 refuses every rate except one a second.
 const HEARTBEAT_AGE: Span = Span::from_millis(60);
 const HEARTBEAT_MESSAGE: u32 = 0;
 const MESSAGE_INTERVAL: u16 = 511;
 /// Longest time between a request and its answer.
 const SYNC_WITHIN: Span = Span::from_millis(100);
 
-/// Messages that are asked for, and the time between two \[us\]. The heartbeat carries mode and motors: what a pilot does is known as
-/// soon as it comes.
+/// Messages whose rates are requested, and their period \[us\]. The heartbeat reports mode and motors, and therefore the actions of
+/// a pilot.
 const RATES: [(u32, u32); 4] = [(0, 50_000), (1, 500_000), (32, 50_000), (31, 50_000)];
 /// Flags of the estimator: EKF_STATUS_REPORT and ESTIMATOR_STATUS.
 const ESTIMATOR: [(AutopilotKind, u32); 2] =
     [(AutopilotKind::ArduPilot, 193), (AutopilotKind::Px4, 230)];
 const ESTIMATOR_US: u32 = 200_000;
 
-/// Requests of message rates, one after another.
+/// Requests for message rates, one at a time.
 #[derive(Clone, Debug, Default)]
 struct RateRequests {
     next: usize,
@@ -45,22 +45,22 @@ struct RateRequests {
     done_at: Option<Time>,
 }
 
-/// Errands.
+/// Messages that are due besides set-points and poses.
 #[derive(Clone, Debug)]
-pub(super) struct Errands {
+pub(super) struct PeriodicRequests {
     heartbeat: PeriodicTimer,
     origin: PeriodicTimer,
     sync: PeriodicTimer,
     poll: PeriodicTimer,
     rates: RateRequests,
-    /// Request of the vehicle that waits for its answer.
+    /// Request of the vehicle that has not been answered yet.
     answer: Option<Timesync>,
-    /// Own request that was sent last.
+    /// Instant of the bridge's last request.
     asked: Option<Time>,
 }
 
-impl Errands {
-    /// Errands with an exchange of clocks every `sync`.
+impl PeriodicRequests {
+    /// Requests with an exchange of clocks every `sync`.
     pub(super) fn new(sync: Span) -> Self {
         Self {
             heartbeat: PeriodicTimer::new(HEARTBEAT),
@@ -73,7 +73,7 @@ impl Errands {
         }
     }
 
-    /// Begins all over: a port was opened, or the vehicle was restarted.
+    /// Restarts all timers: a port was opened, or the vehicle was restarted.
     pub(super) fn restart(&mut self) {
         self.heartbeat.restart();
         self.origin.restart();
@@ -102,15 +102,16 @@ impl Errands {
         }
         let command =
             |kind| MavlinkContent::Command(VehicleCommandLong { target, kind, confirmation: 0 });
-        let is_old = vehicle.heard_at().is_none_or(|at| now.since(at) >= HEARTBEAT_AGE);
+        let is_old = vehicle.heartbeat_at().is_none_or(|at| now.since(at) >= HEARTBEAT_AGE);
         if is_old && self.poll.is_due(now, false) {
             return Some((
                 command(CommandKind::RequestMessage { message: HEARTBEAT_MESSAGE }),
                 false,
             ));
         }
-        let heard_lately = vehicle.heard_at().is_some_and(|at| now.since(at) <= HEARTBEATS_RARE);
-        if let Some(kind) = self.rates.next(now, kind, heard_lately) {
+        let is_heartbeat_recent =
+            vehicle.heartbeat_at().is_some_and(|at| now.since(at) <= HEARTBEATS_RARE);
+        if let Some(kind) = self.rates.next(now, kind, is_heartbeat_recent) {
             return Some((command(kind), false));
         }
         let needs_origin = kind == AutopilotKind::ArduPilot && !vehicle.has_position();
@@ -120,7 +121,7 @@ impl Errands {
         None
     }
 
-    /// Takes an exchange of clocks: a request is answered with the next word, an answer is one.
+    /// Takes an exchange of clocks: a request is answered with the next message.
     pub(super) fn receive(
         &mut self,
         now: Time,
@@ -160,7 +161,12 @@ fn own_clock(now: Time) -> i64 {
 }
 
 impl RateRequests {
-    fn next(&mut self, now: Time, kind: AutopilotKind, heard_lately: bool) -> Option<CommandKind> {
+    fn next(
+        &mut self,
+        now: Time,
+        kind: AutopilotKind,
+        is_heartbeat_recent: bool,
+    ) -> Option<CommandKind> {
         let (message, interval_us) = match RATES.get(self.next) {
             Some(rate) => *rate,
             None if self.next == RATES.len() => {
@@ -169,7 +175,7 @@ impl RateRequests {
             }
             None => {
                 let done_at = *self.done_at.get_or_insert(now);
-                if !heard_lately && now.since(done_at) > RATES_AGAIN {
+                if !is_heartbeat_recent && now.since(done_at) > RATES_AGAIN {
                     *self = Self::default();
                 }
                 return None;
